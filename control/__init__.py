@@ -1,1 +1,24 @@
-"""control."""
+"""What the gripper does: from a force field to a grip force, F = u + Kp·e + Ki·Σe (thesis Eq. 6)."""
+
+from .controllers import (
+    ConservativeControl,
+    ConservativeSettings,
+    Controller,
+    ReactToSlip,
+    ReactToSlipSettings,
+    SafetyMarginControl,
+    SafetyMarginGains,
+)
+from .values import GripCommand, GripObservation
+
+__all__ = [
+    "ConservativeControl",
+    "ConservativeSettings",
+    "Controller",
+    "GripCommand",
+    "GripObservation",
+    "ReactToSlip",
+    "ReactToSlipSettings",
+    "SafetyMarginControl",
+    "SafetyMarginGains",
+]

@@ -1,0 +1,6 @@
+# Only forwards to ./run, e.g. make test ARGS='-k marker'
+help demo test lint lock:
+	@./run $@ $(ARGS)
+
+.PHONY: help demo test lint lock
+.NOTPARALLEL:

@@ -1,0 +1,37 @@
+"""What a controller is given and what it answers."""
+
+from dataclasses import dataclass
+
+from ..model import ForceField
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripObservation:
+    """What is known of the grip when a frame has been read.
+
+    Attributes
+    ----------
+    time: instant of the frame [s]
+    field: contact forces
+    friction: friction coefficient µ in use; NaN while nothing was in contact
+    friction_interval: 90 % interval of µ
+    margin: safety margin Γ; NaN with nothing in contact
+    margin_interval: 90 % interval of Γ
+    lateral_displacement: of the object over the fingertip [m]; NaN on the camera path, where the
+        object's motion is not in the image
+    """
+
+    time: float
+    field: ForceField
+    friction: float
+    friction_interval: tuple[float, float]
+    margin: float
+    margin_interval: tuple[float, float]
+    lateral_displacement: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripCommand:
+    """Grip force to apply from now on [N]."""
+
+    force: float

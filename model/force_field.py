@@ -1,0 +1,66 @@
+"""Contact forces on the chain's nodes: one type for the truth and for every estimate."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fingertip import Fingertip
+from .kernels import contact_frames
+from .objects import ContactObject
+from .plant import coefficients
+from .state import State
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceField:
+    """Normal and friction force of each node, along the object's normal and tangent there.
+
+    Attributes
+    ----------
+    position: deformed node positions (x, z) in the sensor frame [m], shape (N, 2)
+    normal: normal force, positive in compression [N], shape (N,)
+    friction: friction on the node, signed along the object's tangent, +x on a flat one [N], (N,)
+    contact: nodes in contact, shape (N,)
+    totals_covariance: covariance of (ΣFn, ΣFf) of an estimate [N²], shape (2, 2); zero for truth
+    """
+
+    position: Array
+    normal: Array
+    friction: Array
+    contact: NDArray[np.bool_]
+    totals_covariance: Array
+
+    @property
+    def total_normal(self) -> float:
+        """ΣFn over the nodes in contact [N]."""
+        return float(self.normal[self.contact].sum())
+
+    @property
+    def total_friction(self) -> float:
+        """ΣFf = |ΣFf,i| over the nodes in contact [N], so that a pure press has none."""
+        return float(abs(self.friction[self.contact].sum()))
+
+    def safety_margin(self, mu: float) -> float:
+        """Γ = 1 − ΣFf/(µ ΣFn) (thesis Eq. 7); NaN with nothing in contact."""
+        normal = self.total_normal
+        if not normal > 0.0:
+            return float("nan")
+        return 1.0 - self.total_friction / (mu * normal)
+
+
+def contact_forces(fingertip: Fingertip, obj: ContactObject, state: State) -> ForceField:
+    """Contact forces of a state of the node model: the truth that estimates are scored against."""
+    deformation = state.deformation
+    ground = fingertip.rest_positions() + deformation.nodes
+    gap, _ = contact_frames(coefficients(fingertip, obj), ground, deformation.object_position)
+    normal = obj.stiffness * fingertip.spacing_ratio * np.maximum(0.0, -gap)
+    return ForceField(
+        position=ground - np.array([0.0, deformation.rigid_part]),
+        normal=normal,
+        friction=state.friction,
+        contact=normal > fingertip.contact_threshold,
+        totals_covariance=np.zeros((2, 2)),
+    )

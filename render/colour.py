@@ -1,0 +1,29 @@
+"""sRGB and linear light: one pair of tables for every renderer and tracker."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Steps of the encoding table over linear light 0…1; its coarsest step is 0.8 grey levels.
+ENCODE_STEPS = 4096
+
+
+def decode_srgb(level: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Linear light 0…1 of sRGB levels 0…255 (IEC 61966-2-1)."""
+    v = np.asarray(level, dtype=float) / 255.0
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+def encode_srgb(linear: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """SRGB levels 0…255, not rounded, of linear light 0…1."""
+    v = np.clip(np.asarray(linear, dtype=float), 0.0, 1.0)
+    return 255.0 * np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
+
+
+def decoding_table() -> NDArray[np.float64]:
+    """Linear light of each 8-bit level, shape (256,)."""
+    return decode_srgb(np.arange(256.0))
+
+
+def encoding_table() -> NDArray[np.uint8]:
+    """8-bit level of linear light in steps of 1/(ENCODE_STEPS − 1), shape (ENCODE_STEPS,)."""
+    return np.rint(encode_srgb(np.linspace(0.0, 1.0, ENCODE_STEPS))).astype(np.uint8)

@@ -1,0 +1,51 @@
+"""Camera noise: seeded by run and frame, so that the same seed gives the same bytes."""
+
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+_TABLE_BITS = 12
+
+
+@lru_cache(maxsize=8)
+def _levels(sigma: float) -> NDArray[np.int16]:
+    """Whole-level offsets whose histogram is the normal distribution, by equal probability."""
+    share = (np.arange(1 << _TABLE_BITS) + 0.5) / (1 << _TABLE_BITS)
+    return np.rint(sigma * ndtri(share)).astype(np.int16)
+
+
+@njit(cache=True)
+def _add(image: NDArray[np.uint8], levels: NDArray[np.int16], seed: np.uint64) -> None:
+    flat = image.reshape(-1)
+    mask = np.uint64(levels.shape[0] - 1)
+    state = seed
+    bits = np.uint64(0)
+    for i in range(flat.shape[0]):
+        if i % 5 == 0:
+            # splitmix64: a counter through a mixer; 60 of its 64 bits serve five pixels.
+            state += np.uint64(0x9E3779B97F4A7C15)
+            z = state
+            z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            bits = z ^ (z >> np.uint64(31))
+        value = np.int64(flat[i]) + levels[bits & mask]
+        bits >>= np.uint64(12)
+        flat[i] = min(max(value, 0), 255)
+
+
+def add_noise(image: NDArray[np.uint8], sigma: float, seed: int, index: int) -> None:
+    """Add white noise to an image in place.
+
+    Parameters
+    ----------
+    image: sRGB, uint8, shape (H, W, 3)
+    sigma: standard deviation [grey levels]; 0 leaves the image alone
+    seed, index: run and frame; each pair gives its own, reproducible noise
+    """
+    if sigma == 0.0:
+        return
+    start = np.random.SeedSequence([seed, index]).generate_state(1, np.uint64)[0]
+    _add(image, _levels(sigma), start)

@@ -1,0 +1,13 @@
+"""Errors a user can cause: one sentence each, exit code 2 on the command line."""
+
+
+class UserError(ValueError):
+    """What was asked for cannot be done; the message says what, where, and what is allowed."""
+
+
+class SceneError(UserError):
+    """A scene that is not valid."""
+
+
+class FolderError(UserError):
+    """A folder that cannot be written to."""

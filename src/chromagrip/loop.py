@@ -1,0 +1,148 @@
+"""The closed loop: model → camera → tracking → control → model, one sample a frame."""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from .camera import SimulatedCamera
+from .control import Controller, GripCommand, GripObservation
+from .errors import UserError
+from .model import (
+    ForceField,
+    SlipRecord,
+    State,
+    contact_forces,
+    follow_slip,
+    no_slip,
+    pressure,
+    rest_state,
+    step,
+)
+from .observers import CameraObserver, TruthObserver
+from .render import Frame, load_sensor, open_renderer
+from .scene import Scene
+from .tracking import Tracks
+
+
+class ControllerError(UserError):
+    """A controller that answered something no gripper can do."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """One frame of a run, truth beside estimate.
+
+    Attributes
+    ----------
+    index: of the frame
+    state, field, slip: truth
+    load: lateral load on the object [N]
+    grip: force applied from now on [N]
+    pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
+    observation: what the controller will be told of this frame, after the latency
+    frame, tracks, rest: image, markers in it and at rest; None on the truth path
+    """
+
+    index: int
+    state: State
+    field: ForceField
+    slip: SlipRecord
+    load: float
+    grip: float
+    pressure: float
+    pressure_pitch: float
+    observation: GripObservation
+    frame: Frame | None
+    tracks: Tracks | None
+    rest: Tracks | None
+
+
+def open_camera(scene: Scene) -> SimulatedCamera:
+    """Camera of a scene; close it after the run.
+
+    Raises
+    ------
+    UserError
+        When the renderer cannot run on this machine.
+    """
+    sensor = load_sensor(scene.sensor)
+    return SimulatedCamera(
+        sensor,
+        open_renderer(scene.renderer, sensor),
+        scene.fingertip.nodes,
+        scene.camera.noise_levels,
+        scene.seed,
+    )
+
+
+def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
+    """Samples of a grasp, as they happen.
+
+    With a latency of L frames the command of frame k rests on frame k − L; until then the grip
+    holds the controller's answer to the first frame.
+
+    Raises
+    ------
+    ControllerError
+        When a controller answers NaN or a negative force.
+    """
+    tip, obj, controller = scene.build_fingertip(), scene.build_object(), scene.build_controller()
+    state, slip = rest_state(tip), no_slip(tip.nodes)
+    window = scene.safety_margin.friction_window_s
+    seen: CameraObserver | None = None
+    truth = TruthObserver(window)
+    if scene.path == "camera":
+        rest = camera.expose_rest(state, scene.camera.rest_frames)
+        noise = scene.camera.noise_levels
+        seen = CameraObserver(load_sensor(scene.sensor), tip, noise, window, rest)
+    substeps = max(1, math.ceil(scene.period * 1e3 / scene.fingertip.step_ms - 1e-9))
+    dt = scene.period / substeps
+    waiting: deque[GripObservation] = deque()
+    grip = math.nan
+    controller.reset()
+    for index in range(scene.frames):
+        field = contact_forces(tip, obj, state)
+        frame, tracks = None, None
+        if seen is None:
+            observation = truth.observe(state.time, field, slip.current)
+        else:
+            frame = camera.expose(state, index)
+            observation, tracks = seen.observe(frame)
+        if index == 0:
+            grip = _checked(controller, observation, scene.controller)
+            controller.reset()
+        waiting.append(observation)
+        if index >= scene.camera.latency_frames:
+            grip = _checked(controller, waiting.popleft(), scene.controller)
+        yield Sample(
+            index=index,
+            state=state,
+            field=field,
+            slip=slip,
+            load=scene.load.force(state.time + 1e-9),
+            grip=grip,
+            pressure=pressure(field),
+            pressure_pitch=pressure(field, tip.pitch),
+            observation=observation,
+            frame=frame,
+            tracks=tracks,
+            rest=None if seen is None else seen.rest,
+        )
+        start = index * scene.period
+        for k in range(substeps):
+            load = scene.load.force(start + (k + 0.5) * dt)
+            state = step(tip, obj, state, dt, grip, load)
+            slip = follow_slip(slip, state, contact_forces(tip, obj, state), dt)
+        # Sums of steps round; frames are counted.
+        state = replace(state, time=(index + 1) * scene.period)
+
+
+def _checked(controller: Controller, observation: GripObservation, name: str) -> float:
+    command: GripCommand = controller.command(observation)
+    if math.isfinite(command.force) and command.force >= 0.0:
+        return command.force
+    raise ControllerError(
+        f"controller {name} commanded {command.force!r} N at t = {observation.time:.4g} s; "
+        "a grip force is finite and not negative"
+    )

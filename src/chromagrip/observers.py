@@ -1,0 +1,115 @@
+"""From a frame (camera path) or from the model itself (truth path) to a GripObservation."""
+
+import math
+
+import numpy as np
+
+from .control import GripObservation
+from .model import Fingertip, ForceField
+from .render import Frame, SensorDesign
+from .tracking import (
+    OBSERVABLE_MARGIN,
+    Z90,
+    ForceEstimator,
+    FrictionEstimate,
+    MarkerTracker,
+    TooFewMarkersError,
+    Tracks,
+    core_quantile,
+    max_ratio,
+)
+
+
+class TruthObserver:
+    """Reads forces and displacement off the model; µ by the thesis's own estimator (Eq. 8).
+
+    Parameters
+    ----------
+    window: moving average of the friction estimate [s]
+    """
+
+    def __init__(self, window: float) -> None:
+        self._friction = FrictionEstimate(max_ratio, window, observable_below=math.inf)
+
+    def observe(
+        self, time: float, field: ForceField, lateral_displacement: float
+    ) -> GripObservation:
+        """Observation of the true contact forces."""
+        return _observation(time, field, self._friction, lateral_displacement)
+
+
+class CameraObserver:
+    """Reads forces and friction off camera frames; knows only pixels and the calibration.
+
+    Parameters
+    ----------
+    sensor, fingertip: calibration of image and mechanics
+    noise: camera noise, from its data sheet [grey levels]
+    window: moving average of the friction estimate [s]
+    rest: frames of the unloaded sensor
+    """
+
+    def __init__(
+        self,
+        sensor: SensorDesign,
+        fingertip: Fingertip,
+        noise: float,
+        window: float,
+        rest: list[Frame],
+    ) -> None:
+        self._tracker = MarkerTracker(sensor, noise)
+        #: Tracks of the rest frames, from which displacements are counted.
+        self.rest: Tracks = self._tracker.reset(rest)
+        self._forces = ForceEstimator(sensor, fingertip, self._tracker.directions, self.rest)
+        self._friction = FrictionEstimate(core_quantile, window, OBSERVABLE_MARGIN)
+        self._fingertip = fingertip
+
+    def observe(self, frame: Frame) -> tuple[GripObservation, Tracks]:
+        """Observation of a frame, and the tracks it rests on.
+
+        With too few markers left the observation says so: an empty field and a margin of NaN.
+        """
+        tracks = self._tracker.update(frame)
+        try:
+            field = self._forces.update(tracks)
+        except TooFewMarkersError:
+            field = _empty_field(self._fingertip)
+        return _observation(frame.time, field, self._friction, math.nan), tracks
+
+
+def _observation(
+    time: float, field: ForceField, friction: FrictionEstimate, lateral_displacement: float
+) -> GripObservation:
+    mu, interval = friction.update(time, field)
+    margin = field.safety_margin(mu)
+    spread = Z90 * margin_deviation(field, mu, (interval[1] - interval[0]) / (2 * Z90))
+    return GripObservation(
+        time=time,
+        field=field,
+        friction=mu,
+        friction_interval=interval,
+        margin=margin,
+        margin_interval=(margin - spread, margin + spread),
+        lateral_displacement=lateral_displacement,
+    )
+
+
+def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float:
+    """Standard deviation of Γ from those of ΣFn, ΣFf and µ, to first order."""
+    normal, friction = field.total_normal, field.total_friction
+    if not normal > 0.0:
+        return math.nan
+    slope = np.array([friction / (mu * normal**2), -1.0 / (mu * normal)])
+    forces = float(slope @ field.totals_covariance @ slope)
+    return math.sqrt(forces + (friction / (mu**2 * normal) * mu_deviation) ** 2)
+
+
+def _empty_field(fingertip: Fingertip) -> ForceField:
+    n = fingertip.nodes
+    return ForceField(
+        position=fingertip.rest_positions(),
+        normal=np.zeros(n),
+        friction=np.zeros(n),
+        contact=np.zeros(n, dtype=bool),
+        totals_covariance=np.full((2, 2), np.inf),
+    )

@@ -1,0 +1,152 @@
+"""Running a scene: in memory, or into a run folder that an interruption leaves readable."""
+
+import json
+import platform
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from .errors import FolderError
+from .figure import draw_figure
+from .loop import grasp, open_camera
+from .render import load_sensor
+from .scene import Scene, dump_scene, load_scene
+from .trace import COLUMNS, Trace, make_trace, row, summarise
+from .video import FPS, SLOWDOWN, TactileVideo
+
+#: What a run folder holds.
+FILES = ("summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml")
+
+#: Told after each frame: frames done and frames in all.
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """What a run left.
+
+    Attributes
+    ----------
+    scene: that was run
+    summary: see `trace.summarise`
+    trace: time series, truth beside estimate
+    folder: where the files are; None when nothing was written
+    """
+
+    scene: Scene
+    summary: dict[str, Any]
+    trace: Trace
+    folder: Path | None
+
+
+def run(
+    scene: Scene | str,
+    out: Path | str | None = None,
+    *,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Result:
+    """Run a scene; with `out`, leave summary, trace, figure, video and scene in that folder.
+
+    Interrupted by Ctrl-C it keeps what it had, marked as not complete, and raises
+    KeyboardInterrupt.
+
+    Parameters
+    ----------
+    scene: a Scene, or what `load_scene` takes
+    out: run folder, made if missing
+    force: write into a folder that is not empty, over an earlier run's files
+    progress: called after every frame
+
+    Raises
+    ------
+    UserError
+        For a scene, a folder or a renderer that will not do.
+    """
+    if isinstance(scene, str):
+        scene = load_scene(scene)
+    # One thread unless asked: frames are small, and runs are made side by side.
+    cv2.setNumThreads(1)
+    camera = open_camera(scene)
+    folder = None if out is None else _prepare_folder(Path(out), force)
+    rows: list[tuple[float, ...]] = []
+    seconds = 0.0
+    try:
+        with ExitStack() as open_files:
+            video = None
+            if folder is not None:
+                (folder / "scene.toml").write_text(_scene_text(scene), encoding="utf-8")
+                video = open_files.enter_context(
+                    TactileVideo(folder / "tactile.mp4", load_sensor(scene.sensor))
+                )
+            samples = grasp(scene, camera)
+            shown = -1
+            while True:
+                begin = time.perf_counter()
+                sample = next(samples, None)
+                seconds += time.perf_counter() - begin
+                if sample is None:
+                    break
+                rows.append(row(sample, scene.object.friction))
+                slot = int(sample.state.time * FPS * SLOWDOWN + 1e-6)
+                if video is not None and slot > shown:
+                    shown = slot
+                    frame = sample.frame or camera.expose(sample.state, sample.index)
+                    video.add(frame.image, sample)
+                if progress is not None:
+                    progress(len(rows), scene.frames)
+    finally:
+        camera.close()
+        # Also after Ctrl-C or a failing controller: what was seen up to there is kept.
+        trace = make_trace(rows)
+        summary = summarise(scene, trace, seconds)
+        if folder is not None and rows:
+            _write_results(folder, scene, trace, summary)
+    return Result(scene=scene, summary=summary, trace=trace, folder=folder)
+
+
+def _prepare_folder(folder: Path, force: bool) -> Path:
+    """Make a run folder ready to be written into, without an earlier run's files."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()) and not force:
+            raise FolderError(f"folder {folder} is not empty; choose another or give --force")
+        for name in FILES:
+            (folder / name).unlink(missing_ok=True)
+        probe = folder / "scene.toml"
+        probe.touch()
+    except FileExistsError:
+        raise FolderError(f"{folder} is a file, not a folder") from None
+    except OSError as error:
+        raise FolderError(f"folder {folder} cannot be written: {error.strerror}") from None
+    return folder
+
+
+def _write_results(folder: Path, scene: Scene, trace: Trace, summary: dict[str, Any]) -> None:
+    table = pa.table({name: pa.array(column) for name, column in trace.columns.items()})
+    meaning = {name: text.encode() for name, text in COLUMNS.items()}
+    pq.write_table(table.replace_schema_metadata(meaning), folder / "trace.parquet")
+    draw_figure(scene, trace, folder / "figure.png")
+    text = json.dumps({**summary, "versions": versions()}, indent=2)
+    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+
+
+def versions() -> dict[str, str]:
+    """Versions that decide what a run computes."""
+    names = ("chromagrip", "numpy", "scipy", "numba", "opencv-contrib-python-headless", "av")
+    return {"python": platform.python_version()} | {name: version(name) for name in names}
+
+
+def _scene_text(scene: Scene) -> str:
+    listed = ", ".join(f"{name} {number}" for name, number in versions().items())
+    return f"# Everything this run was made from; run it again with --scene.\n# {listed}\n" + dump_scene(
+        scene
+    )

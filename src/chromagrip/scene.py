@@ -1,0 +1,322 @@
+"""Scenes: everything that defines a run, read strictly from TOML (units in the key names)."""
+
+import math
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_type_hints
+
+import msgspec
+import tomli_w
+from msgspec import Meta
+
+from .control import (
+    ConservativeControl,
+    ConservativeSettings,
+    Controller,
+    ReactToSlip,
+    ReactToSlipSettings,
+    SafetyMarginControl,
+    SafetyMarginGains,
+)
+from .errors import SceneError
+from .model import ContactObject, Fingertip, stiffness_from_young
+from .render import sensor_names
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
+NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
+Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
+
+ControllerName = Literal["safety-margin", "react-to-slip", "conservative"]
+PathName = Literal["camera", "truth"]
+RendererName = Literal["painter", "pyrender"]
+
+#: Name and one line about each controller.
+CONTROLLERS: dict[ControllerName, str] = {
+    "safety-margin": "PI control of the safety margin around its desired value",
+    "react-to-slip": "constant force, raised by a step each time slip is seen",
+    "conservative": "constant force, more than is needed",
+}
+
+
+class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A TOML table that refuses unknown keys."""
+
+
+class ObjectSettings(Table):
+    """The object that is gripped; `radius_mm = inf` is flat."""
+
+    stiffness_kpa: Positive = 200.0
+    friction: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.5
+    radius_mm: Annotated[float, Meta(ge=1.0)] = math.inf
+    dahl_stiffness_n_per_m: Positive = 5000.0
+    dahl_exponent: Annotated[float, Meta(ge=0.1, le=2.0)] = 0.7
+    drag_n_s_per_m: Positive = 120.0
+
+
+class LoadSettings(Table):
+    """Lateral load: each force holds from its time on; before the first there is none."""
+
+    times_s: tuple[NotNegative, ...] = (0.04, 1.0)
+    forces_n: tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], ...] = (0.25, 0.65)
+
+    def __post_init__(self) -> None:
+        if len(self.times_s) != len(self.forces_n):
+            raise ValueError(
+                f"times_s has {len(self.times_s)} entries and forces_n {len(self.forces_n)}; "
+                "they must be as many"
+            )
+        if tuple(sorted(set(self.times_s))) != self.times_s:
+            raise ValueError(f"times_s must increase, got {list(self.times_s)}")
+
+    def force(self, time: float) -> float:
+        """Load at `time` [N]."""
+        past = [f for t, f in zip(self.times_s, self.forces_n, strict=True) if t <= time]
+        return past[-1] if past else 0.0
+
+
+class FingertipSettings(Table):
+    """The chain of the node model."""
+
+    nodes: Annotated[int, Meta(ge=11, le=20001)] = 251
+    step_ms: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
+
+
+class CameraSettings(Table):
+    """When frames come, and how noisy they are."""
+
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0
+    latency_frames: Annotated[int, Meta(ge=0, le=1000)] = 1
+    noise_levels: Annotated[float, Meta(ge=0.0, le=50.0)] = 2.0
+    rest_frames: Annotated[int, Meta(ge=1, le=1000)] = 16
+
+
+class SafetyMarginSettings(Table):
+    """Safety Margin Control and the average of its friction estimate."""
+
+    desired_margin: Share = 0.30
+    feedforward_n: Positive = 0.5
+    proportional_n: NotNegative = 0.25
+    integral_n_per_s: NotNegative = 30.0
+    friction_window_s: Positive = 0.3
+    floor_n: Positive = 0.1
+    start_s: NotNegative = 0.04
+
+
+class ReactToSlipTable(Table):
+    """React To Slip."""
+
+    start_n: Positive = 0.5
+    step_n: Positive = 2.0
+    displacement_mm: Positive = 1.3
+    margin: Share = 0.05
+    hold_s: NotNegative = 0.1
+
+
+class ConservativeTable(Table):
+    """Conservative Control."""
+
+    force_n: Positive = 5.0
+
+
+class Scene(Table):
+    """A whole experiment."""
+
+    description: str = ""
+    duration_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 2.0
+    seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
+    controller: ControllerName = "safety-margin"
+    path: PathName = "camera"
+    renderer: RendererName = "painter"
+    sensor: str = "thesis"
+    object: ObjectSettings = ObjectSettings()
+    load: LoadSettings = LoadSettings()
+    fingertip: FingertipSettings = FingertipSettings()
+    camera: CameraSettings = CameraSettings()
+    safety_margin: SafetyMarginSettings = SafetyMarginSettings()
+    react_to_slip: ReactToSlipTable = ReactToSlipTable()
+    conservative: ConservativeTable = ConservativeTable()
+
+    def __post_init__(self) -> None:
+        if self.fingertip.nodes % 2 == 0:
+            raise ValueError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
+        if self.sensor not in sensor_names():
+            raise ValueError(
+                f"sensor = {self.sensor!r} is not known; allowed: {', '.join(sensor_names())}"
+            )
+
+    @property
+    def period(self) -> float:
+        """Time between frames [s]."""
+        return 1.0 / self.camera.rate_hz
+
+    @property
+    def frames(self) -> int:
+        """Frames of the run, the first at time 0."""
+        return math.floor(self.duration_s * self.camera.rate_hz + 1e-9) + 1
+
+    def build_fingertip(self) -> Fingertip:
+        """The model's fingertip."""
+        return Fingertip(nodes=self.fingertip.nodes)
+
+    def build_object(self) -> ContactObject:
+        """The model's object."""
+        return ContactObject(
+            stiffness=stiffness_from_young(self.object.stiffness_kpa * 1e3),
+            friction=self.object.friction,
+            curvature=1e3 / self.object.radius_mm,
+            dahl_stiffness=self.object.dahl_stiffness_n_per_m,
+            dahl_exponent=self.object.dahl_exponent,
+            drag=self.object.drag_n_s_per_m,
+        )
+
+    def build_controller(self) -> Controller:
+        """The controller the scene names."""
+        if self.controller == "safety-margin":
+            margin = self.safety_margin
+            return SafetyMarginControl(
+                SafetyMarginGains(
+                    desired_margin=margin.desired_margin,
+                    feedforward=margin.feedforward_n,
+                    proportional=margin.proportional_n,
+                    integral=margin.integral_n_per_s,
+                    floor=margin.floor_n,
+                    start=margin.start_s,
+                )
+            )
+        if self.controller == "react-to-slip":
+            slip = self.react_to_slip
+            return ReactToSlip(
+                ReactToSlipSettings(
+                    start_force=slip.start_n,
+                    step_force=slip.step_n,
+                    displacement=slip.displacement_mm * 1e-3,
+                    margin=slip.margin,
+                    hold=slip.hold_s,
+                )
+            )
+        return ConservativeControl(ConservativeSettings(force=self.conservative.force_n))
+
+
+DEFAULT_SCENE = "camera-100hz"
+
+
+def scene_names() -> list[str]:
+    """Names of the shipped scenes."""
+    folder = files(__package__) / "scenes"
+    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
+
+
+def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None) -> Scene:
+    """Scene of that name, or from a TOML file, with some values changed.
+
+    Parameters
+    ----------
+    name: a shipped scene, or the path of a file that ends in `.toml`
+    changes: dotted key → new value, `{"object.friction": 0.3}`
+
+    Raises
+    ------
+    SceneError
+        With the key, the value and what is allowed.
+    """
+    if name in scene_names():
+        text = (files(__package__) / "scenes" / f"{name}.toml").read_text(encoding="utf-8")
+    elif name.endswith(".toml"):
+        try:
+            text = Path(name).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "not UTF-8 text"
+            raise SceneError(f"scene file {name} cannot be read: {reason}") from None
+    else:
+        raise SceneError(
+            f"no scene {name!r}; there is {', '.join(scene_names())}, or give a .toml file"
+        )
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"scene {name} is not valid TOML: {error}") from None
+    for key, value in (changes or {}).items():
+        _put(values, key, value)
+    return parse_scene(values, name)
+
+
+def parse_scene(values: dict[str, Any], name: str) -> Scene:
+    """Scene from plain values; `name` is used in messages."""
+    _refuse_unknown(values, Scene, name, "")
+    try:
+        return msgspec.convert(values, Scene)
+    except msgspec.ValidationError as error:
+        message, _, place = str(error).partition(" - at `$")
+        key = place.rstrip("`").lstrip(".")
+        found = _get(values, key) if key else None
+        at = f"{key}: " if isinstance(found, dict) else f"{key} = {found!r}: " if key else ""
+        raise SceneError(f"scene {name}: {at}{_plain(message, key)}") from None
+
+
+def _plain(message: str, key: str) -> str:
+    """A validator's message in the words of a scene's author."""
+    if message.startswith("Invalid enum value"):
+        return f"allowed: {', '.join(get_args(get_type_hints(Scene)[key]))}"
+    for type_name, word in _WORDS.items():
+        message = message.replace(f"`{type_name}`", word)
+    return message[0].lower() + message[1:]
+
+
+_WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text",
+    "object": "a table",
+    "array": "a list",
+    "bool": "true or false",
+}
+
+
+def dump_scene(scene: Scene) -> str:
+    """TOML text of a scene, every default written out."""
+    return tomli_w.dumps(msgspec.to_builtins(scene))
+
+
+def parse_change(text: str) -> tuple[str, Any]:
+    """Key and value of `key=value`, the value in TOML, bare words taken as strings."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise SceneError(f"--set {text}: expected key=value, such as object.friction=0.3")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()
+
+
+def _put(values: dict[str, Any], key: str, value: Any) -> None:
+    *tables, last = key.split(".")
+    for table in tables:
+        values = values.setdefault(table, {})
+        if not isinstance(values, dict):
+            raise SceneError(f"{key}: {table} is a value, not a table")
+    values[last] = value
+
+
+def _get(values: Any, key: str) -> Any:
+    for part in key.replace("[", ".[").split("."):
+        if part.startswith("["):
+            index = part.strip("[]")
+            values = values[int(index)] if index.isdigit() else None
+        else:
+            values = values.get(part) if isinstance(values, dict) else None
+    return values
+
+
+def _refuse_unknown(values: Any, table: type[Table], name: str, prefix: str) -> None:
+    if not isinstance(values, dict):
+        return  # of the wrong type; the conversion says so
+    fields = {f.name: f.type for f in msgspec.structs.fields(table)}
+    for key, value in values.items():
+        if key not in fields:
+            raise SceneError(
+                f"scene {name}: unknown key {prefix}{key}; allowed here: {', '.join(fields)}"
+            )
+        kind = fields[key]
+        if isinstance(kind, type) and issubclass(kind, Table):
+            _refuse_unknown(value, kind, name, f"{prefix}{key}.")

@@ -1,0 +1,209 @@
+"""Compiled fit of a pair of overlapping markers to the image. `tracker.py` documents the use.
+
+Model of a pixel, in linear light: ground · Π over layers of (1 − coverage·(1 − transmittance)),
+with the coverage of a blurred ellipse of known shape. Free, for both layers: centre (x, y),
+logarithmic size e and the strain (p, q) that turns the shape S into eᵉ·[[1+p, q], [q, 1−p]]·S.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ..render.coverage import EDGE_RANGE, edge, signed_distance
+
+Array = NDArray[np.float64]
+
+#: A fit has converged when its last step moved no edge by more than this [px].
+CONVERGED = 2e-2
+#: Markers do not shrink, grow or stretch by more than this.
+MAX_STRAIN = 0.4
+
+_GAUSS = 1.0 / math.sqrt(2.0 * math.pi)
+
+
+@njit(cache=True)
+def fit_pairs(
+    image: NDArray[np.uint8],
+    linear: Array,
+    weight: Array,
+    ground: Array,
+    absorbed: Array,
+    shapes: Array,
+    width: float,
+    table: Array,
+    fits: Array,
+    covariance: Array,
+    misfit: Array,
+    iterations: int,
+) -> None:
+    """Gauss–Newton on all pairs, in place.
+
+    Parameters
+    ----------
+    image: sRGB, shape (H, W, 3)
+    linear, weight: linear light and 1/variance of it for each level, shape (256,)
+    ground: linear light of the unmarked skin, shape (H, W, 3)
+    absorbed: 1 − transmittance of the dyes, shape (2, 3)
+    shapes: semi-axes of each marker at nominal size [px], shape (2, M, 2, 2)
+    width: standard deviation of the edge [px]
+    table: `coverage.edge_table()`
+    fits: start and result, (x, y, e, p, q) of each layer, shape (M, 2, 5)
+    covariance: result, of all ten numbers of a pair, shape (M, 10, 10)
+    misfit: result, mean squared residual over noise variance on the edges, shape (M,); infinite
+        where the fit left the image or ran away
+    iterations: at most this many
+    """
+    height, breadth = image.shape[0], image.shape[1]
+    inverse = np.empty((2, 2, 2))
+    shape = np.empty((2, 2))
+    normal = np.empty((10, 10))
+    gradient = np.empty(10)
+    jac = np.zeros((2, 5))
+    covered = np.zeros(2)
+    reach = EDGE_RANGE * width
+    for m in range(fits.shape[0]):
+        misfit[m] = np.inf
+        for _ in range(iterations):
+            x0, x1, y0, y1 = 1e9, -1e9, 1e9, -1e9
+            for k in range(2):
+                _stretch(shapes[k, m], fits[m, k], shape)
+                _invert(shape, inverse[k])
+                half_x = math.sqrt(shape[0, 0] ** 2 + shape[0, 1] ** 2) + reach
+                half_y = math.sqrt(shape[1, 0] ** 2 + shape[1, 1] ** 2) + reach
+                x0 = min(x0, fits[m, k, 0] - half_x)
+                x1 = max(x1, fits[m, k, 0] + half_x)
+                y0 = min(y0, fits[m, k, 1] - half_y)
+                y1 = max(y1, fits[m, k, 1] + half_y)
+            if not (x0 >= 0 and y0 >= 0 and x1 < breadth - 1 and y1 < height - 1):
+                misfit[m] = np.inf
+                break
+            normal[:] = 0.0
+            gradient[:] = 0.0
+            squares, count = 0.0, 0
+            for row in range(int(y0), int(y1) + 2):
+                for col in range(int(x0), int(x1) + 2):
+                    informative = False
+                    for k in range(2):
+                        dx, dy = col - fits[m, k, 0], row - fits[m, k, 1]
+                        distance, gx, gy = signed_distance(
+                            dx, dy, inverse[k], 0.5 * width * width
+                        )
+                        covered[k] = edge(table, distance / width)
+                        slope = 0.0
+                        if abs(distance) < reach:
+                            informative = True
+                            slope = _GAUSS / width * math.exp(-0.5 * (distance / width) ** 2)
+                        # The edge moves outwards, against the gradient of the distance inside.
+                        jac[k, 0] = -slope * gx
+                        jac[k, 1] = -slope * gy
+                        jac[k, 2] = -slope * (gx * dx + gy * dy)
+                        jac[k, 3] = -slope * (gx * dx - gy * dy)
+                        jac[k, 4] = -slope * (gx * dy + gy * dx)
+                    if not informative:
+                        continue
+                    count += 1
+                    w00 = w01 = w11 = b0 = b1 = 0.0
+                    for ch in range(3):
+                        level = image[row, col, ch]
+                        light0 = 1.0 - covered[0] * absorbed[0, ch]
+                        light1 = 1.0 - covered[1] * absorbed[1, ch]
+                        base = ground[row, col, ch]
+                        residual = linear[level] - base * light0 * light1
+                        d0 = -base * absorbed[0, ch] * light1
+                        d1 = -base * absorbed[1, ch] * light0
+                        w = weight[level]
+                        w00 += w * d0 * d0
+                        w01 += w * d0 * d1
+                        w11 += w * d1 * d1
+                        b0 += w * d0 * residual
+                        b1 += w * d1 * residual
+                        squares += w * residual * residual
+                    for i in range(5):
+                        gradient[i] += b0 * jac[0, i]
+                        gradient[5 + i] += b1 * jac[1, i]
+                        for j in range(i, 5):
+                            normal[i, j] += w00 * jac[0, i] * jac[0, j]
+                            normal[5 + i, 5 + j] += w11 * jac[1, i] * jac[1, j]
+                        for j in range(5):
+                            normal[i, 5 + j] += w01 * jac[0, i] * jac[1, j]
+            for i in range(10):
+                for j in range(i):
+                    normal[i, j] = normal[j, i]
+                # Keeps the matrix invertible where one layer is not there to be seen.
+                normal[i, i] += 1e-6
+            covariance[m] = np.linalg.inv(normal)
+            step = covariance[m] @ gradient
+            misfit[m] = squares / max(3 * count, 1)
+            largest = 0.0
+            for i in range(10):
+                # A strain moves the edge by about a marker radius of 5 px.
+                scale = 1.0 if i % 5 < 2 else 5.0
+                limit = 2.0 / scale if i % 5 < 2 else 0.1
+                step[i] = min(max(step[i], -limit), limit)
+                largest = max(largest, scale * abs(step[i]))
+                fits[m, i // 5, i % 5] += step[i]
+            if not _plausible(fits[m]):
+                misfit[m] = np.inf
+                break
+            if largest < CONVERGED:
+                break
+
+
+@njit(cache=True)
+def _stretch(nominal: Array, fit: Array, out: Array) -> None:
+    size = math.exp(fit[2])
+    for j in range(2):
+        a, b = nominal[0, j], nominal[1, j]
+        out[0, j] = size * ((1.0 + fit[3]) * a + fit[4] * b)
+        out[1, j] = size * (fit[4] * a + (1.0 - fit[3]) * b)
+
+
+@njit(cache=True)
+def _invert(a: Array, out: Array) -> None:
+    det = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+    out[0, 0], out[0, 1] = a[1, 1] / det, -a[0, 1] / det
+    out[1, 0], out[1, 1] = -a[1, 0] / det, a[0, 0] / det
+
+
+@njit(cache=True)
+def _plausible(fit: Array) -> bool:
+    for k in range(2):
+        for i in range(2, 5):
+            if not abs(fit[k, i]) < MAX_STRAIN:
+                return False
+    return True
+
+
+@njit(cache=True)
+def mean_hues(image: NDArray[np.uint8], shapes: Array, fits: Array) -> Array:
+    """Hue [°], −180…180, of the mean colour inside each magenta marker; NaN where it is lost.
+
+    Computed in float: 8-bit hue has steps of 2°, coarser than the noise.
+    """
+    height, breadth = image.shape[0], image.shape[1]
+    hues = np.full(fits.shape[0], np.nan)
+    shape, inverse = np.empty((2, 2)), np.empty((2, 2))
+    for m in range(fits.shape[0]):
+        x, y = fits[m, 0, 0], fits[m, 0, 1]
+        if not math.isfinite(x + y):
+            continue
+        _stretch(shapes[0, m], fits[m, 0], shape)
+        _invert(shape, inverse)
+        half_x = math.sqrt(shape[0, 0] ** 2 + shape[0, 1] ** 2)
+        half_y = math.sqrt(shape[1, 0] ** 2 + shape[1, 1] ** 2)
+        red = green = blue = 0.0
+        for row in range(max(0, int(y - half_y)), min(height, int(y + half_y) + 2)):
+            for col in range(max(0, int(x - half_x)), min(breadth, int(x + half_x) + 2)):
+                dx, dy = col - x, row - y
+                qx = inverse[0, 0] * dx + inverse[0, 1] * dy
+                qy = inverse[1, 0] * dx + inverse[1, 1] * dy
+                if qx * qx + qy * qy < 1.0:
+                    red += image[row, col, 0]
+                    green += image[row, col, 1]
+                    blue += image[row, col, 2]
+        hues[m] = math.degrees(
+            math.atan2(math.sqrt(3.0) * (green - blue), 2.0 * red - green - blue)
+        )
+    return hues

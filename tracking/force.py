@@ -1,0 +1,229 @@
+"""Force field from tracks: nodal forces with a smoothness prior, through the chain's own stiffness.
+
+The unknowns are forces, not displacements: u = K(u)⁻¹·f is smooth by itself, and sums of f are well
+determined where sums of a differentiated u are not. A Gaussian-process prior on f in a compact zone,
+whose extent is chosen by its evidence, does the regularising. Solved in sensor axes; the result is
+rotated into the contact's own normal, read off the deformed skin.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from ..model import Fingertip, ForceField, chain_compliance, chain_forces
+from ..render import SensorDesign
+from .sensitivity import MEASURED, MarkerResponse
+from .tracks import Tracks
+
+Array = NDArray[np.float64]
+
+#: Fewer visible pairs than this say too little about the contact.
+MIN_MARKERS = 40
+
+
+class TooFewMarkersError(ValueError):
+    """Too few markers are visible to say anything about the forces."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForcePrior:
+    """What is assumed of contact forces before the first pixel, the same for every object.
+
+    Attributes
+    ----------
+    reach_deg: forces are looked for up to this angle from the apex [°]
+    knots: places along that arc where forces are free, linear in between
+    length: correlation length of the forces along the skin [m]
+    amplitude: smallest prior standard deviation of a node's force at 251 nodes [N]
+    position_floor: model error on a marker's position, added to its noise [px]
+    size_floor: model error on a marker's logarithmic size
+    """
+
+    reach_deg: float = 38.0
+    knots: int = 41
+    length: float = 0.6e-3
+    amplitude: float = 5e-3
+    position_floor: float = 0.02
+    size_floor: float = 3e-4
+
+
+class ForceEstimator:
+    """Reconstructs the chain's contact forces from the tracks of one sensor.
+
+    Parameters
+    ----------
+    sensor: calibration of the image
+    fingertip: calibration of the mechanics
+    directions: of the markers at rest, from the tracker [rad], shape (2, M, 2)
+    rest: tracks of the unloaded sensor
+    prior: see ForcePrior
+    """
+
+    def __init__(
+        self,
+        sensor: SensorDesign,
+        fingertip: Fingertip,
+        directions: Array,
+        rest: Tracks,
+        prior: ForcePrior | None = None,
+    ) -> None:
+        self._prior = prior or ForcePrior()
+        self._fingertip = fingertip
+        self._rest = rest
+        self._response = MarkerResponse(sensor, directions, fingertip.nodes)
+        self._hats, self._correlation = self._force_basis()
+        unloaded = np.zeros((fingertip.nodes, 2))
+        self._at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last frame: the next one is linearised about rest."""
+        self._seen = np.zeros((self._fingertip.nodes, 2))
+        self._amplitude = 10 * self._prior.amplitude
+        middle = self._prior.knots // 2
+        self._zone = (middle - 4, middle + 4)
+
+    def update(self, tracks: Tracks) -> ForceField:
+        """Force field of a frame.
+
+        Raises
+        ------
+        TooFewMarkersError
+            When fewer than MIN_MARKERS pairs are visible.
+        """
+        visible = tracks.visible.all(axis=0) & self._rest.visible.all(axis=0)
+        if visible.sum() < MIN_MARKERS:
+            raise TooFewMarkersError(
+                f"{visible.sum()} marker pairs visible, at least {MIN_MARKERS} are needed"
+            )
+        observed = (_measured(tracks) - _measured(self._rest))[visible]
+        prior = self._prior
+        floor = np.tile([prior.position_floor, prior.position_floor, prior.size_floor], 2)
+        noise = tracks.covariance[visible] + self._rest.covariance[visible] + np.diag(floor**2)
+        whiten = np.linalg.inv(np.linalg.cholesky(noise))
+        # The angles follow from the last displacement; a second pass only after a large change.
+        for _ in range(2):
+            before = self._seen
+            forces, covariance = self._solve(observed, whiten, visible)
+            if abs(self._seen - before).max() < 20e-6:
+                break
+        return self._field(forces, covariance)
+
+    def _solve(
+        self, observed: Array, whiten: Array, visible: NDArray[np.bool_]
+    ) -> tuple[Array, Array]:
+        """Nodal forces (N, 2) [N] and covariance of (ΣFx, ΣFz); moves the linearisation point."""
+        held = chain_forces(self._fingertip, self._seen)
+        loads = np.concatenate([held[:, :, None], self._hats], axis=2)
+        moves = chain_compliance(self._fingertip, self._seen, loads)
+        predicted, derivative = self._response(self._seen, moves)
+        # Newton about the last displacement u₀ with C = ∂u/∂f: y = h(u₀) − h(0) + J·C·(f − F(u₀)).
+        residual = observed - (predicted - self._at_rest - derivative[:, :, 0])[visible]
+        target = (whiten @ residual[:, :, None]).ravel()
+        jacobian = (whiten @ derivative[visible, :, 1:]).reshape(len(target), -1)
+        information, moment = jacobian.T @ jacobian, jacobian.T @ target
+        prior = self._amplitude**2 * self._correlation
+        zone = self._best_zone(information, moment, prior)
+        block = np.ix_(zone, zone)
+        factor = cho_factor(information[block] + np.linalg.inv(prior[block]))
+        mean = cho_solve(factor, moment[zone])
+        hats = self._hats[:, :, zone]
+        forces = hats @ mean
+        self._seen = self._seen - moves[:, :, 0] + moves[:, :, 1 + zone] @ mean
+        self._amplitude = max(self._prior.amplitude, float(abs(forces).max()))
+        sums = hats.sum(axis=0)
+        return forces, sums @ cho_solve(factor, sums.T)
+
+    def _best_zone(self, information: Array, moment: Array, prior: Array) -> NDArray[np.intp]:
+        """Unknowns of the contact zone with the highest evidence near the last one."""
+        knots = self._prior.knots
+        evidence: dict[tuple[int, int], float] = {}
+
+        def score(zone: tuple[int, int]) -> float:
+            low, high = zone
+            if not (low >= 0 and high < knots and high - low >= 2):
+                return -np.inf
+            if zone not in evidence:
+                evidence[zone] = _log_evidence(information, moment, prior, self._unknowns(zone))
+            return evidence[zone]
+
+        zone, stride = self._zone, 4
+        while stride:
+            steps = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, -1), (1, 1), (-1, -1))
+            moved = [(zone[0] + a * stride, zone[1] + b * stride) for a, b in steps]
+            best = max(moved, key=score)
+            if score(best) > score(zone):
+                zone = best
+            else:
+                stride //= 2
+        self._zone = zone
+        return self._unknowns(zone)
+
+    def _unknowns(self, zone: tuple[int, int]) -> NDArray[np.intp]:
+        span = np.arange(zone[0], zone[1] + 1)
+        return np.concatenate([span, self._prior.knots + span])
+
+    def _field(self, forces: Array, covariance: Array) -> ForceField:
+        """Rotate sensor-axis forces into the contact's normal and tangent."""
+        position = self._fingertip.rest_positions() + self._seen
+        pressing = -forces[:, 1]
+        slope = _surface_slope(position, np.maximum(pressing, 0.0))
+        length = np.sqrt(1.0 + slope**2)
+        normal = (slope * forces[:, 0] - forces[:, 1]) / length
+        friction = (forces[:, 0] + slope * forces[:, 1]) / length
+        contact = normal > self._fingertip.contact_threshold
+        flip = np.array([1, 0])  # (x, z) of the sensor are (friction, normal) of the field
+        return ForceField(
+            position=position,
+            normal=np.maximum(normal, 0.0),
+            friction=friction,
+            contact=contact,
+            totals_covariance=covariance[np.ix_(flip, flip)],
+        )
+
+    def _force_basis(self) -> tuple[Array, Array]:
+        """Nodal forces per unit unknown (N, 2, 2·knots) and the unknowns' prior correlation."""
+        prior, tip = self._prior, self._fingertip
+        reach = np.deg2rad(prior.reach_deg)
+        knots = np.linspace(-reach, reach, prior.knots)
+        angles = tip.angles()
+        hats = np.stack([np.interp(angles, knots, row) for row in np.eye(prior.knots)], axis=1)
+        hats[np.abs(angles) > reach] = 0.0
+        # Unknowns are node forces at 251 nodes; finer chains share them among more nodes.
+        hats *= tip.spacing_ratio
+        basis = np.zeros((tip.nodes, 2, 2 * prior.knots))
+        basis[:, 0, : prior.knots] = hats
+        basis[:, 1, prior.knots :] = hats
+        distance = (knots[:, None] - knots) * tip.radius / prior.length
+        smooth = np.exp(-0.5 * distance**2) + 1e-6 * np.eye(prior.knots)
+        correlation = np.kron(np.eye(2), smooth)
+        return basis, correlation
+
+
+def _measured(tracks: Tracks) -> Array:
+    """(x, y, log size) of both layers, shape (M, 6)."""
+    both = np.concatenate([tracks.position, tracks.log_size[..., None]], axis=-1)
+    return np.swapaxes(both, 0, 1).reshape(-1, MEASURED)
+
+
+def _log_evidence(
+    information: Array, moment: Array, prior: Array, zone: NDArray[np.intp]
+) -> float:
+    """Log evidence of a zone up to a constant: ½ bᵀ(1 + LᵀGL)⁻¹b − ½ log det(1 + LᵀGL), b = Lᵀm."""
+    block = np.ix_(zone, zone)
+    root = np.linalg.cholesky(prior[block])
+    factor = np.linalg.cholesky(np.eye(len(zone)) + root.T @ information[block] @ root)
+    half = np.linalg.solve(factor, root.T @ moment[zone])
+    return float(0.5 * half @ half - np.log(np.diag(factor)).sum())
+
+
+def _surface_slope(position: Array, weight: Array) -> Array:
+    """Slope dz/dx of a parabola through the loaded skin, at every node, shape (N,)."""
+    if not (weight > 0).sum() >= 3:
+        return np.zeros(len(position))
+    x, z = position.T
+    centre = np.average(x, weights=weight)
+    _, slope, bend = np.polynomial.polynomial.polyfit(x - centre, z, 2, w=np.sqrt(weight))
+    return np.where(weight > 0, slope + 2 * bend * (x - centre), 0.0)

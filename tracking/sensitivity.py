@@ -1,0 +1,99 @@
+"""What the markers of a sensor do when the chain moves: prediction and its exact derivative."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..render import SensorDesign
+from ..render.dome import dome_map
+from ..render.layout import unit_vectors
+from ..render.membrane import tangents
+
+Array = NDArray[np.float64]
+
+#: What is measured of a pair, in order: (x, y, log size) of magenta, then of yellow.
+MEASURED = 6
+
+
+class MarkerResponse:
+    """Predicted (x, y, log size) of both layers of every marker pair of one calibrated sensor.
+
+    Parameters
+    ----------
+    sensor: calibration
+    directions: of the markers at rest, as read off the rest frame [rad], shape (2, M, 2)
+    nodes: of the chain
+    """
+
+    def __init__(self, sensor: SensorDesign, directions: Array, nodes: int) -> None:
+        self._lens = sensor.lens()
+        self._layers = [
+            (
+                dome_map(d, nodes),
+                radius * unit_vectors(d),
+                tangents(d),
+                float(radius),
+                float(follow),
+            )
+            for d, radius, follow in zip(
+                directions, sensor.layer_radii, sensor.follow, strict=True
+            )
+        ]
+
+    def __call__(self, seen: Array, cases: Array) -> tuple[Array, Array]:
+        """Prediction at displacements `seen`, and how it changes along several load cases.
+
+        Parameters
+        ----------
+        seen: node displacements relative to the rigid part [m], shape (N, 2)
+        cases: directions to differentiate along [m], shape (N, 2, C)
+
+        Returns
+        -------
+        prediction: [px, px, 1] per layer, shape (M, 6)
+        derivative: along each case, shape (M, 6, C)
+        """
+        predictions, derivatives = [], []
+        # The displacement itself rides along as the first case.
+        stacked = np.concatenate([seen[:, :, None], cases], axis=2)
+        for dome, rest, (along_theta, along_phi), radius, follow in self._layers:
+            moved = follow * dome.displacement(stacked)
+            d_theta, d_phi = (follow / radius * g for g in dome.gradient(stacked))
+            centre = rest + moved[:, :, 0]
+            side_theta = along_theta + d_theta[:, :, 0]
+            side_phi = along_phi + d_phi[:, :, 0]
+            # A disc of normal n seen by a lens of Jacobian rows J₁, J₂ has the area (J₁ × J₂)·n.
+            upright = np.cross(side_theta, side_phi)
+            face = self._face(centre)
+            seen_area = _dot(face, upright)
+            length2 = _dot(upright, upright)
+            to_upright = 0.5 * (face / seen_area[:, None] - upright / length2[:, None])
+            to_centre = 0.5 * self._face_gradient(centre, upright) / seen_area[:, None]
+            d_log = (
+                np.einsum("mk,mkc->mc", to_centre, moved[:, :, 1:])
+                + np.einsum("mk,mkc->mc", np.cross(side_phi, to_upright), d_theta[:, :, 1:])
+                + np.einsum("mk,mkc->mc", np.cross(to_upright, side_theta), d_phi[:, :, 1:])
+            )
+            log_size = 0.5 * np.log(seen_area / np.sqrt(length2))
+            predictions += [self._lens.project(centre), log_size[:, None]]
+            derivatives += [self._lens.jacobian(centre) @ moved[:, :, 1:], d_log[:, None]]
+        return np.concatenate(predictions, axis=1), np.concatenate(derivatives, axis=1)
+
+    def _face(self, centre: Array) -> Array:
+        """J₁ × J₂ of the lens' Jacobian rows [px²/m²], shape (M, 3)."""
+        jacobian = self._lens.jacobian(centre)
+        return np.cross(jacobian[:, 0], jacobian[:, 1])
+
+    def _face_gradient(self, centre: Array, upright: Array) -> Array:
+        """Gradient of `face`·`upright` in the centre, by central differences: any lens will do."""
+        nudge = 1e-6 * np.eye(3)
+        return np.stack(
+            [
+                _dot(self._face(centre + h) - self._face(centre - h), upright) / 2e-6
+                for h in nudge
+            ],
+            axis=1,
+        )
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("mk,mk->m", a, b)
