@@ -1,7 +1,8 @@
 """Compiled fit of a pair of overlapping markers to the image. `tracker.py` documents the use.
 
 Model of a pixel, in linear light: ground · Π over layers of (1 − coverage·(1 − transmittance)),
-with the coverage of a blurred ellipse of known shape. Free, for both layers: centre (x, y),
+with the coverage of a blurred ellipse of known shape. Markers of other pairs that reach into the
+window darken the ground by where they were last seen. Free, for both layers: centre (x, y),
 logarithmic size e and the strain (p, q) that turns the shape S into eᵉ·[[1+p, q], [q, 1−p]]·S.
 """
 
@@ -11,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ..render.coverage import EDGE_RANGE, edge, signed_distance
+from ..render.coverage import edge, signed_distance
 
 Array = NDArray[np.float64]
 
@@ -20,10 +21,13 @@ CONVERGED = 2e-2
 #: Markers do not shrink, grow or stretch by more than this.
 MAX_STRAIN = 0.4
 
+#: Pixels further than this many standard deviations from an edge say nothing about it.
+FIT_RANGE = 3.0
+
 _GAUSS = 1.0 / math.sqrt(2.0 * math.pi)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fit_pairs(
     image: NDArray[np.uint8],
     linear: Array,
@@ -36,9 +40,10 @@ def fit_pairs(
     fits: Array,
     covariance: Array,
     misfit: Array,
+    neighbours: NDArray[np.int64],
     iterations: int,
 ) -> None:
-    """Gauss–Newton on all pairs, in place.
+    """Gauss–Newton on all pairs, in place, and once more on those that touch others.
 
     Parameters
     ----------
@@ -53,6 +58,7 @@ def fit_pairs(
     covariance: result, of all ten numbers of a pair, shape (M, 10, 10)
     misfit: result, mean squared residual over noise variance on the edges, shape (M,); infinite
         where the fit left the image or ran away
+    neighbours: pairs near each pair, nearest first, shape (M, K)
     iterations: at most this many
     """
     height, breadth = image.shape[0], image.shape[1]
@@ -62,8 +68,16 @@ def fit_pairs(
     gradient = np.empty(10)
     jac = np.zeros((2, 5))
     covered = np.zeros(2)
-    reach = EDGE_RANGE * width
-    for m in range(fits.shape[0]):
+    light = np.empty(3)
+    touching = np.zeros(fits.shape[0], dtype=np.bool_)
+    reach = FIT_RANGE * width
+    places = np.empty((2 * neighbours.shape[1], 4))
+    inverses = np.empty((2 * neighbours.shape[1], 2, 2))
+    for visit in range(2 * fits.shape[0]):
+        m = visit % fits.shape[0]
+        again = visit >= fits.shape[0]
+        if again and not (touching[m] and np.isfinite(misfit[m])):
+            continue
         misfit[m] = np.inf
         for _ in range(iterations):
             x0, x1, y0, y1 = 1e9, -1e9, 1e9, -1e9
@@ -79,6 +93,10 @@ def fit_pairs(
             if not (x0 >= 0 and y0 >= 0 and x1 < breadth - 1 and y1 < height - 1):
                 misfit[m] = np.inf
                 break
+            others = _reaching_in(
+                neighbours[m], shapes, fits, 0.8 * reach, (x0, x1, y0, y1), places, inverses
+            )
+            touching[m] = others > 0
             normal[:] = 0.0
             gradient[:] = 0.0
             squares, count = 0.0, 0
@@ -104,12 +122,22 @@ def fit_pairs(
                     if not informative:
                         continue
                     count += 1
+                    light[:] = ground[row, col]
+                    for o in range(others):
+                        dx, dy = col - places[o, 0], row - places[o, 1]
+                        if dx * dx + dy * dy < places[o, 2]:
+                            distance, _, _ = signed_distance(
+                                dx, dy, inverses[o], 0.5 * width * width
+                            )
+                            shade = edge(table, distance / width)
+                            for ch in range(3):
+                                light[ch] *= 1.0 - shade * absorbed[int(places[o, 3]), ch]
                     w00 = w01 = w11 = b0 = b1 = 0.0
                     for ch in range(3):
                         level = image[row, col, ch]
                         light0 = 1.0 - covered[0] * absorbed[0, ch]
                         light1 = 1.0 - covered[1] * absorbed[1, ch]
-                        base = ground[row, col, ch]
+                        base = light[ch]
                         residual = linear[level] - base * light0 * light1
                         d0 = -base * absorbed[0, ch] * light1
                         d1 = -base * absorbed[1, ch] * light0
@@ -151,7 +179,7 @@ def fit_pairs(
                 break
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _stretch(nominal: Array, fit: Array, out: Array) -> None:
     size = math.exp(fit[2])
     for j in range(2):
@@ -160,14 +188,47 @@ def _stretch(nominal: Array, fit: Array, out: Array) -> None:
         out[1, j] = size * (fit[4] * a + (1.0 - fit[3]) * b)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _invert(a: Array, out: Array) -> None:
     det = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
     out[0, 0], out[0, 1] = a[1, 1] / det, -a[0, 1] / det
     out[1, 0], out[1, 1] = -a[1, 0] / det, a[0, 0] / det
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _reaching_in(
+    candidates: NDArray[np.int64],
+    shapes: Array,
+    fits: Array,
+    reach: float,
+    window: tuple[float, float, float, float],
+    places: Array,
+    inverses: Array,
+) -> int:
+    """Markers of other pairs that reach into a window (x0, x1, y0, y1), and how many.
+
+    `places` receives (x, y, squared radius of influence, layer), `inverses` the inverse shapes.
+    """
+    shape = np.empty((2, 2))
+    count = 0
+    for other in candidates:
+        for k in range(2):
+            x, y = fits[other, k, 0], fits[other, k, 1]
+            _stretch(shapes[k, other], fits[other, k], shape)
+            radius = reach + max(
+                math.hypot(shape[0, 0], shape[1, 0]), math.hypot(shape[0, 1], shape[1, 1])
+            )
+            dx = max(window[0] - x, 0.0, x - window[1])
+            dy = max(window[2] - y, 0.0, y - window[3])
+            if dx * dx + dy * dy < radius * radius:
+                _invert(shape, inverses[count])
+                places[count, 0], places[count, 1] = x, y
+                places[count, 2], places[count, 3] = radius * radius, k
+                count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
 def _plausible(fit: Array) -> bool:
     for k in range(2):
         for i in range(2, 5):
@@ -176,7 +237,7 @@ def _plausible(fit: Array) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def mean_hues(image: NDArray[np.uint8], shapes: Array, fits: Array) -> Array:
     """Hue [°], −180…180, of the mean colour inside each magenta marker; NaN where it is lost.
 

@@ -19,8 +19,10 @@ from .tracks import Tracks
 
 Array = NDArray[np.float64]
 
-#: Fewer visible pairs than this say too little about the contact.
-MIN_MARKERS = 40
+#: Fewer visible pairs than this near the contact say too little about it.
+MIN_MARKERS = 20
+#: Markers further than this outside the prior's reach do not feel the contact [rad].
+_MARGIN = np.deg2rad(20.0)
 
 
 class TooFewMarkersError(ValueError):
@@ -71,8 +73,13 @@ class ForceEstimator:
     ) -> None:
         self._prior = prior or ForcePrior()
         self._fingertip = fingertip
-        self._rest = rest
-        self._response = MarkerResponse(sensor, directions, fingertip.nodes)
+        near = directions[0, :, 0] < np.deg2rad(self._prior.reach_deg) + _MARGIN
+        self._usable = np.flatnonzero(near & rest.visible.all(axis=0))
+        self._at_start = _measured(rest)[self._usable]
+        self._rest_covariance = rest.covariance[self._usable]
+        self._response = MarkerResponse(
+            sensor, directions[:, self._usable], fingertip.nodes
+        )
         self._hats, self._correlation = self._force_basis()
         unloaded = np.zeros((fingertip.nodes, 2))
         self._at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))
@@ -93,15 +100,16 @@ class ForceEstimator:
         TooFewMarkersError
             When fewer than MIN_MARKERS pairs are visible.
         """
-        visible = tracks.visible.all(axis=0) & self._rest.visible.all(axis=0)
+        visible = tracks.visible.all(axis=0)[self._usable]
         if visible.sum() < MIN_MARKERS:
             raise TooFewMarkersError(
-                f"{visible.sum()} marker pairs visible, at least {MIN_MARKERS} are needed"
+                f"{visible.sum()} marker pairs visible near the contact, at least {MIN_MARKERS} "
+                "are needed"
             )
-        observed = (_measured(tracks) - _measured(self._rest))[visible]
+        observed = (_measured(tracks)[self._usable] - self._at_start)[visible]
         prior = self._prior
         floor = np.tile([prior.position_floor, prior.position_floor, prior.size_floor], 2)
-        noise = tracks.covariance[visible] + self._rest.covariance[visible] + np.diag(floor**2)
+        noise = (tracks.covariance[self._usable] + self._rest_covariance)[visible] + np.diag(floor**2)
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
         # The angles follow from the last displacement; a second pass only after a large change.
         for _ in range(2):

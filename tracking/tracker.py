@@ -63,7 +63,8 @@ class MarkerTracker:
         self.directions = self._lens.directions(pairs)
         self._shapes = self._nominal_shapes()
         count = pairs.shape[1]
-        _, self._neighbours = KDTree(pairs[0]).query(pairs[0], k=min(_NEIGHBOURS + 1, count))
+        _, near = KDTree(pairs[0]).query(pairs[0], k=_NEIGHBOURS + 1)
+        self._neighbours = near[:, 1:].astype(np.int64)
         start = np.zeros((count, 2, 5))
         start[:, :, :2] = np.swapaxes(pairs, 0, 1)
         seen = [self._fit(frame, start, iterations=8) for frame in rest]
@@ -120,6 +121,7 @@ class MarkerTracker:
             fits,
             covariance,
             misfit,
+            self._neighbours,
             iterations,
         )
         jump = np.abs(fits[:, :, :2] - predicted[:, :, :2]).max(axis=(1, 2))

@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import pyarrow as pa
 import pyarrow.parquet as pq
+from threadpoolctl import threadpool_limits
 
 from .errors import FolderError
 from .figure import draw_figure
@@ -73,14 +74,14 @@ def run(
     """
     if isinstance(scene, str):
         scene = load_scene(scene)
-    # One thread unless asked: frames are small, and runs are made side by side.
-    cv2.setNumThreads(1)
     camera = open_camera(scene)
     folder = None if out is None else _prepare_folder(Path(out), force)
     rows: list[tuple[float, ...]] = []
     seconds = 0.0
     try:
-        with ExitStack() as open_files:
+        # One thread: frames are small, and runs are made side by side.
+        with ExitStack() as open_files, threadpool_limits(1):
+            cv2.setNumThreads(1)
             video = None
             if folder is not None:
                 (folder / "scene.toml").write_text(_scene_text(scene), encoding="utf-8")

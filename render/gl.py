@@ -1,0 +1,43 @@
+"""Whether OpenGL can be used on this machine; asked in a subprocess, because it may crash."""
+
+import os
+import subprocess
+import sys
+from functools import lru_cache
+
+#: Command that installs what Debian lacks for an off-screen context.
+MEND = "sudo apt-get install libegl1 libgl1 libgl1-mesa-dri libxrender1"
+
+_PROBE = """
+import pyrender
+renderer = pyrender.OffscreenRenderer(8, 8)
+scene = pyrender.Scene()
+scene.add(pyrender.OrthographicCamera(xmag=1.0, ymag=1.0))
+renderer.render(scene)
+renderer.delete()
+"""
+
+
+class GLMissingError(ValueError):
+    """The mesh renderer was asked for where no OpenGL context can be made."""
+
+
+def prepare() -> None:
+    """Choose off-screen rendering; before the first import of pyrender."""
+    os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+
+
+@lru_cache(maxsize=1)
+def gl_problem() -> str | None:
+    """Why there is no off-screen OpenGL, in a few words; None when there is."""
+    prepare()
+    try:
+        probe = subprocess.run(
+            [sys.executable, "-c", _PROBE], capture_output=True, text=True, timeout=120, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return "opening an off-screen context took over two minutes"
+    if probe.returncode == 0:
+        return None
+    lines = probe.stderr.strip().splitlines()
+    return f"no off-screen OpenGL context: {lines[-1] if lines else 'the probe crashed'}"

@@ -1,0 +1,105 @@
+"""The mesh renderer: both layers as triangles through OpenGL (pyrender).
+
+pyrender has no fisheye, its alpha is not subtractive and its shader relights colours. So vertices
+are projected here and drawn orthographically, each layer alone, flat and opaque, white on black;
+the picture is the layer's coverage, and the dyes are multiplied as everywhere else.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .colour import encoding_table
+from .coverage import encode
+from .gl import MEND, GLMissingError, gl_problem, prepare
+from .ground import ground_image
+from .membrane import Membrane
+from .sensor import SensorDesign
+
+#: Corners of a disc; its area is short of the circle's by 0.2 %.
+CORNERS = 48
+#: Drawn this much larger and averaged: multisampling alone has too few levels.
+OVERSAMPLING = 2
+
+
+class MeshRenderer:
+    """Draws each marker as a projected polygon mesh.
+
+    Raises
+    ------
+    GLMissingError
+        When no off-screen OpenGL context can be made.
+    """
+
+    name = "pyrender"
+
+    def __init__(self, sensor: SensorDesign) -> None:
+        problem = gl_problem()
+        if problem is not None:
+            raise GLMissingError(f"renderer pyrender cannot run here: {problem}; mend: {MEND}")
+        prepare()
+        import pyrender  # fails without libGL even where it is not used
+
+        self._pyrender = pyrender
+        self._lens = sensor.lens()
+        self._dyes = sensor.transmittance
+        self._blur = sensor.camera.blur_px
+        self._ground = ground_image(sensor)
+        self._encoding = encoding_table()
+        count = sensor.markers.count
+        angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
+        self._circle = np.stack([np.cos(angle), np.sin(angle)])
+        corner = np.arange(CORNERS)
+        fan = np.stack(
+            [np.full(CORNERS, CORNERS), corner, np.roll(corner, -1)], axis=1
+        )
+        self._faces = (fan + (CORNERS + 1) * np.arange(count)[:, None, None]).reshape(-1, 3)
+        width, height = self._lens.width, self._lens.height
+        self._scene = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 1.0])
+        camera = pyrender.OrthographicCamera(xmag=width / 2, ymag=height / 2, znear=0.1, zfar=10.0)
+        pose = np.eye(4)
+        pose[2, 3] = 1.0
+        self._scene.add(camera, pose=pose)
+        self._renderer = pyrender.OffscreenRenderer(OVERSAMPLING * width, OVERSAMPLING * height)
+
+    def render(self, membrane: Membrane) -> NDArray[np.uint8]:
+        """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
+        linear = self._ground.copy()
+        rim = membrane.centres[:, :, :, None] + membrane.axes() @ self._circle
+        points = np.concatenate([rim, membrane.centres[:, :, :, None]], axis=-1)
+        pixels = self._lens.project(np.swapaxes(points, -1, -2))
+        for layer, dye in enumerate(self._dyes):
+            covered = self._coverage(pixels[layer].reshape(-1, 2))
+            linear *= 1.0 - covered[:, :, None] * (1.0 - dye).astype(np.float32)
+        image = np.empty(linear.shape, dtype=np.uint8)
+        encode(linear, self._encoding, image)
+        return image
+
+    def _coverage(self, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Blurred coverage 0…1 of triangles with these corners, shape (H, W)."""
+        # OpenGL's y runs upwards, and its pixel edges, not centres, lie at integers.
+        width, height = self._lens.width, self._lens.height
+        vertices = np.column_stack(
+            [
+                pixels[:, 0] + 0.5 - width / 2,
+                height / 2 - pixels[:, 1] - 0.5,
+                np.zeros(len(pixels)),
+            ]
+        )
+        white = self._pyrender.MetallicRoughnessMaterial(
+            baseColorFactor=[1.0, 1.0, 1.0, 1.0], doubleSided=True
+        )
+        primitive = self._pyrender.Primitive(
+            positions=vertices.astype(np.float32), indices=self._faces, material=white
+        )
+        # Changing a primitive's positions is silently ignored: replace the mesh.
+        node = self._scene.add(self._pyrender.Mesh([primitive]))
+        colour, _ = self._renderer.render(self._scene, flags=self._pyrender.RenderFlags.FLAT)
+        self._scene.remove_node(node)
+        fine = colour[:, :, 0].astype(np.float32) / 255.0
+        covered = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
+        return np.asarray(cv2.GaussianBlur(covered, (0, 0), self._blur))
+
+    def close(self) -> None:
+        """Release the OpenGL context."""
+        self._renderer.delete()

@@ -1,0 +1,5 @@
+"""`python -m chromagrip` is `chromagrip`."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,215 @@
+"""Command line: `chromagrip grasp`, and lists of what there is.
+
+Exit codes: 0 done, 1 something is missing (doctor), 2 asked for the impossible, 130 interrupted.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from .errors import UserError
+from .scene import (
+    CONTROLLERS,
+    DEFAULT_SCENE,
+    ControllerName,
+    PathName,
+    RendererName,
+    load_scene,
+    parse_change,
+    scene_names,
+)
+
+NAME = "chromagrip"
+
+_Flag = tyro.conf.FlagCreatePairsOff[bool]
+
+
+def _option(text: str, metavar: str | None = None, name: str | None = None) -> Any:
+    return tyro.conf.arg(help=text, metavar=metavar, name=name)
+
+
+def grasp(
+    *,
+    scene: Annotated[
+        str, _option("shipped scene, see `chromagrip scenes`, or a .toml file", "NAME|FILE.toml")
+    ] = DEFAULT_SCENE,
+    controller: Annotated[
+        ControllerName | None, _option("instead of the scene's", "|".join(CONTROLLERS))
+    ] = None,
+    path: Annotated[
+        PathName | None,
+        _option("what the controller is fed: pixels, or the model's own forces", "camera|truth"),
+    ] = None,
+    renderer: Annotated[
+        RendererName | None, _option("instead of the scene's", "painter|pyrender")
+    ] = None,
+    fps: Annotated[float | None, _option("camera rate, short for camera.rate_hz", "HZ")] = None,
+    latency: Annotated[
+        int | None, _option("frames between an image and the command from it", "FRAMES")
+    ] = None,
+    seed: Annotated[int | None, _option("of the camera noise", "N")] = None,
+    changes: Annotated[
+        tuple[str, ...],
+        tyro.conf.UseAppendAction,
+        _option("change one scene value, such as object.friction=0.3", "KEY=VALUE", "set"),
+    ] = (),
+    out: Annotated[
+        Path | None, _option("run folder; by default a new one under runs/", "DIR")
+    ] = None,
+    force: Annotated[_Flag, _option("write over an earlier run in --out")] = False,
+    json_only: Annotated[
+        _Flag,
+        _option("print the summary alone, as JSON; writes a folder only with --out", name="json"),
+    ] = False,
+) -> int:
+    """Run a grasp and leave summary, trace, figure and video in a folder."""
+    shortcuts = {
+        "controller": controller,
+        "path": path,
+        "renderer": renderer,
+        "camera.rate_hz": fps,
+        "camera.latency_frames": latency,
+        "seed": seed,
+    }
+    changed: dict[str, Any] = {k: v for k, v in shortcuts.items() if v is not None}
+    changed |= dict(parse_change(text) for text in changes)
+    resolved = load_scene(scene, changed)
+    if out is None and not json_only:
+        out = _new_folder(f"{Path(scene).stem}-{resolved.controller}")
+
+    from .run import run  # OpenCV, matplotlib and FFmpeg load only when something is run
+
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("frames"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    ) as bar:
+        task = bar.add_task(f"{resolved.controller}, {resolved.path}", total=resolved.frames)
+        result = run(
+            resolved,
+            out,
+            force=force,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    if json_only:
+        print(json.dumps(result.summary))
+    else:
+        print_summary(result.summary, result.folder)
+    return 0
+
+
+def print_summary(summary: dict[str, Any], folder: Path | None) -> None:
+    """Short table of a run."""
+
+    def number(key: str, digits: int = 3) -> str:
+        value = summary[key]
+        return "–" if value is None else f"{value:.{digits}f}"
+
+    table = Table(show_header=False, box=None, padding=(0, 2))
+    table.add_row("controller", f"{summary['controller']}, {summary['path']} path")
+    table.add_row(
+        "safety margin at the end",
+        f"{number('final_margin_true')} true, {number('final_margin_estimated')} observed",
+    )
+    table.add_row("error of the margin, RMS", number("margin_rmse"))
+    table.add_row(
+        "lateral displacement",
+        f"{number('lateral_displacement_mm')} mm, "
+        f"{'gross slip' if summary['gross_slip'] else 'no gross slip'}",
+    )
+    for time in summary["slip_reactions_s"]:
+        table.add_row("reacted to slip at", f"{time:.3f} s")
+    table.add_row("largest grip force", f"{number('max_grip_n')} N")
+    table.add_row("largest pressure", f"{number('max_pressure_n_per_m', 0)} N/m")
+    table.add_row("speed", f"{number('frames_per_second', 1)} frames/s")
+    if folder is not None:
+        table.add_row("folder", str(folder))
+    Console().print(table)
+
+
+def scenes() -> int:
+    """List the shipped scenes."""
+    return _list({name: load_scene(name).description for name in scene_names()})
+
+
+def sensors() -> int:
+    """List the shipped sensor designs."""
+    from .render import load_sensor, sensor_names
+
+    return _list({name: load_sensor(name).description for name in sensor_names()})
+
+
+def controllers() -> int:
+    """List the controllers."""
+    return _list(dict(CONTROLLERS))
+
+
+def renderers() -> int:
+    """List the renderers."""
+    from .render import RENDERERS
+
+    return _list(RENDERERS)
+
+
+def doctor() -> int:
+    """Name every missing part and the command that mends it."""
+    from .doctor import diagnose
+
+    problems = 0
+    for check in diagnose():
+        mark = "ok" if check.fine else ("missing" if check.required else "optional, missing")
+        print(f"{check.name}: {mark}{'' if check.fine else f' ({check.detail})'}")
+        if not check.fine:
+            print(f"    mend: {check.mend}")
+            problems += check.required
+    return 1 if problems else 0
+
+
+def _list(entries: dict[str, str]) -> int:
+    width = max(map(len, entries))
+    for name, text in entries.items():
+        print(f"{name:<{width}}  {text}")
+    return 0
+
+
+def _new_folder(stem: str) -> Path:
+    """First unused runs/STEM-NNN."""
+    for number in range(1, 10_000):
+        folder = Path("runs") / f"{stem}-{number:03d}"
+        if not folder.exists():
+            return folder
+    raise UserError(f"runs/ holds 9999 runs named {stem}; choose a folder with --out")
+
+
+COMMANDS = {
+    "grasp": grasp,
+    "scenes": scenes,
+    "sensors": sensors,
+    "controllers": controllers,
+    "renderers": renderers,
+    "doctor": doctor,
+}
+
+
+def main() -> None:
+    """Entry point of the command line."""
+    try:
+        code = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog=NAME, description=__doc__)
+    except UserError as error:
+        print(f"{NAME}: {error}", file=sys.stderr)
+        code = 2
+    except KeyboardInterrupt:
+        print(f"{NAME}: interrupted", file=sys.stderr)
+        code = 130
+    sys.exit(code)
