@@ -1,4 +1,4 @@
-"""What the gripper does: from a force field to a grip force, F = u + Kp·e + Ki·Σe (thesis Eq. 6)."""
+"""What the gripper does: a grip force from a force field, F = u + Kp·e + Ki·Σe (thesis Eq. 6)."""
 
 from .controllers import (
     ConservativeControl,

@@ -1,4 +1,4 @@
-"""The three grip controllers of the thesis, one signature: `command(observation) -> GripCommand`."""
+"""The three grip controllers of the thesis: `command(observation) -> GripCommand`."""
 
 import math
 from dataclasses import dataclass

@@ -11,8 +11,8 @@ from .stiffness import chain_compliance, chain_forces
 __all__ = [
     "GROSS_SLIP",
     "REFERENCE_NODES",
-    "ConvergenceError",
     "ContactObject",
+    "ConvergenceError",
     "Deformation",
     "Fingertip",
     "ForceField",

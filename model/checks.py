@@ -14,4 +14,6 @@ def finite(name: str, value: float, unit: str, *, above: float = -math.inf) -> N
 def within(name: str, value: float, unit: str, low: float, high: float) -> None:
     """Raise ValueError unless low ≤ value ≤ high (in `unit`)."""
     if not low <= value <= high:
-        raise ValueError(f"{name} must lie in {low:g}…{high:g} {unit}".rstrip() + f", got {value!r}")
+        raise ValueError(
+            f"{name} must lie in {low:g}…{high:g} {unit}".rstrip() + f", got {value!r}"
+        )

@@ -15,7 +15,7 @@ CONTACT_THRESHOLD = 0.005
 
 @dataclass(frozen=True, kw_only=True)
 class Fingertip:
-    """Parameters of the soft fingertip; per-node values hold at 251 nodes and are scaled to `nodes`.
+    """Parameters of the soft fingertip; per-node values hold at 251 nodes, scaled to `nodes`.
 
     Attributes
     ----------

@@ -218,9 +218,7 @@ def solve_block_tridiagonal(lower: Array, diagonal: Array, upper: Array, rhs: Ar
         if i > 0:
             for r in range(2):
                 for col in range(2):
-                    factor[r, col] = (
-                        lower[i, r, 0] * inv[0, col] + lower[i, r, 1] * inv[1, col]
-                    )
+                    factor[r, col] = lower[i, r, 0] * inv[0, col] + lower[i, r, 1] * inv[1, col]
             for r in range(2):
                 for col in range(2):
                     diagonal[i, r, col] -= (
@@ -327,9 +325,7 @@ def implicit_step(
             force_new[i] = 0.0
             if gap < 0.0:
                 normal = -c.contact * gap
-                force, secant = dahl_step(
-                    friction[i], slip[i], normal, c.mu, c.bristle, c.exponent
-                )
+                force, secant = dahl_step(friction[i], slip[i], normal, c.mu, c.bristle, c.exponent)
                 force_new[i] = force
                 c_x = nx * normal + tx * force
                 c_z = nz * normal + tz * force

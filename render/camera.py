@@ -35,17 +35,19 @@ class FisheyeCamera:
     def jacobian(self, points: Array) -> Array:
         """Derivative of `project` [px/m], shape (…, 2, 3)."""
         x, y, z = np.moveaxis(points, -1, 0)
-        rho2 = np.maximum(x * x + y * y, 1e-24)
-        rho = np.sqrt(rho2)
-        range2 = rho2 + z * z
-        angle = np.arctan2(rho, z)
+        rho = np.hypot(x, y)
+        range2 = rho**2 + z * z
+        # On the axis every direction is radial; any unit vector will do.
+        off_axis = rho > 1e-12
+        along = np.where(off_axis, x / np.maximum(rho, 1e-12), 1.0)
+        across = np.where(off_axis, y / np.maximum(rho, 1e-12), 0.0)
         # Image point = f·angle·(x, y)/rho; ∂angle = (z ∂rho − rho ∂z)/range².
         radial = z / range2
-        swing = angle / rho
+        swing = np.where(off_axis, np.arctan2(rho, z) / np.maximum(rho, 1e-12), 1.0 / z)
         out = np.empty((*points.shape[:-1], 2, 3))
-        out[..., 0, 0] = radial * x * x / rho2 + swing * y * y / rho2
-        out[..., 0, 1] = out[..., 1, 0] = (radial - swing) * x * y / rho2
-        out[..., 1, 1] = radial * y * y / rho2 + swing * x * x / rho2
+        out[..., 0, 0] = radial * along**2 + swing * across**2
+        out[..., 0, 1] = out[..., 1, 0] = (radial - swing) * along * across
+        out[..., 1, 1] = radial * across**2 + swing * along**2
         out[..., 0, 2] = -x / range2
         out[..., 1, 2] = -y / range2
         return self.focal * out

@@ -98,9 +98,7 @@ def paint_ellipses(
         half_y = math.sqrt(c * c + d * d) + reach
         for row in range(max(0, int(cy - half_y)), min(height, int(cy + half_y) + 2)):
             for col in range(max(0, int(cx - half_x)), min(breadth, int(cx + half_x) + 2)):
-                distance, _, _ = signed_distance(
-                    col - cx, row - cy, inverse, 0.5 * width * width
-                )
+                distance, _, _ = signed_distance(col - cx, row - cy, inverse, 0.5 * width * width)
                 covered = edge(table, distance / width)
                 if covered > 0.0:
                     for k in range(3):

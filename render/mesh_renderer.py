@@ -50,9 +50,7 @@ class MeshRenderer:
         angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
         self._circle = np.stack([np.cos(angle), np.sin(angle)])
         corner = np.arange(CORNERS)
-        fan = np.stack(
-            [np.full(CORNERS, CORNERS), corner, np.roll(corner, -1)], axis=1
-        )
+        fan = np.stack([np.full(CORNERS, CORNERS), corner, np.roll(corner, -1)], axis=1)
         self._faces = (fan + (CORNERS + 1) * np.arange(count)[:, None, None]).reshape(-1, 3)
         width, height = self._lens.width, self._lens.height
         self._scene = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 1.0])

@@ -1,7 +1,6 @@
 """Sensor designs as data: dome, marker layers, dyes, camera, ground; SI inside, mm only in TOML."""
 
 import tomllib
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import Annotated
 
@@ -27,13 +26,13 @@ class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """A TOML table that refuses unknown keys."""
 
 
-class Dome(Table):
+class Dome(Table, frozen=True):
     """Outer radius of the dome."""
 
     radius_mm: Positive
 
 
-class Markers(Table):
+class Markers(Table, frozen=True):
     """Discs over the dome: a spiral lattice plus a row on the chain's own meridian."""
 
     count: Annotated[int, Meta(ge=40, le=5000)]
@@ -42,7 +41,7 @@ class Markers(Table):
     meridian_pitch_mm: Positive
 
 
-class Layer(Table):
+class Layer(Table, frozen=True):
     """One layer of markers: depth under the skin, share of its motion, dye in linear light."""
 
     depth_mm: Annotated[float, Meta(ge=0.0)]
@@ -50,7 +49,7 @@ class Layer(Table):
     transmittance: Triple
 
 
-class CameraSettings(Table):
+class CameraSettings(Table, frozen=True):
     """Equidistant fisheye at the sphere centre."""
 
     width_px: Annotated[int, Meta(ge=32, le=8192)]
@@ -59,7 +58,7 @@ class CameraSettings(Table):
     blur_px: Annotated[float, Meta(ge=0.3, le=10.0)]
 
 
-class Ground(Table):
+class Ground(Table, frozen=True):
     """sRGB of the diffusing skin at apex and rim, and of the housing outside the dome."""
 
     apex: Colour
@@ -67,7 +66,7 @@ class Ground(Table):
     housing: Colour
 
 
-class SensorDesign(Table):
+class SensorDesign(Table, frozen=True):
     """A whole sensor. What an estimator may know of it is its calibration."""
 
     description: str

@@ -50,7 +50,7 @@ def detect_markers(linear: Array, sensor: SensorDesign) -> tuple[Array, Array]:
         _blobs(np.where(skin, density, 0.0), area=np.pi * radius**2)
         for density, radius in zip(densities, size, strict=True)
     ]
-    pairs = _pair(*layers, reach=float(size.max()))
+    pairs = _pair(layers[0], layers[1], reach=float(size.max()))
     expected = sensor.markers.count
     if pairs.shape[1] < 0.9 * expected:
         counts = ", ".join(f"{len(p)} {name}" for p, name in zip(layers, LAYERS, strict=True))
@@ -77,7 +77,7 @@ def _pair(magenta: Array, yellow: Array, reach: float) -> Array:
     if len(magenta) == 0 or len(yellow) == 0:
         return np.empty((2, 0, 2))
     distance, partner = KDTree(yellow).query(magenta)
-    _, back = KDTree(magenta).query(yellow)
-    own = np.arange(len(magenta))
-    mutual = (distance < reach) & (back[partner] == own)
+    partner = np.asarray(partner)
+    back = np.asarray(KDTree(magenta).query(yellow)[1])
+    mutual = (np.asarray(distance) < reach) & (back[partner] == np.arange(len(magenta)))
     return np.stack([magenta[mutual], yellow[partner[mutual]]])

@@ -105,9 +105,7 @@ def fit_pairs(
                     informative = False
                     for k in range(2):
                         dx, dy = col - fits[m, k, 0], row - fits[m, k, 1]
-                        distance, gx, gy = signed_distance(
-                            dx, dy, inverse[k], 0.5 * width * width
-                        )
+                        distance, gx, gy = signed_distance(dx, dy, inverse[k], 0.5 * width * width)
                         covered[k] = edge(table, distance / width)
                         slope = 0.0
                         if abs(distance) < reach:

@@ -1,9 +1,9 @@
 """Force field from tracks: nodal forces with a smoothness prior, through the chain's own stiffness.
 
 The unknowns are forces, not displacements: u = K(u)⁻¹·f is smooth by itself, and sums of f are well
-determined where sums of a differentiated u are not. A Gaussian-process prior on f in a compact zone,
-whose extent is chosen by its evidence, does the regularising. Solved in sensor axes; the result is
-rotated into the contact's own normal, read off the deformed skin.
+determined where sums of a differentiated u are not. A Gaussian-process prior on f in a compact
+zone, whose extent is chosen by its evidence, does the regularising. Solved in sensor axes; the
+result is rotated into the contact's own normal, read off the deformed skin.
 """
 
 from dataclasses import dataclass
@@ -77,9 +77,7 @@ class ForceEstimator:
         self._usable = np.flatnonzero(near & rest.visible.all(axis=0))
         self._at_start = _measured(rest)[self._usable]
         self._rest_covariance = rest.covariance[self._usable]
-        self._response = MarkerResponse(
-            sensor, directions[:, self._usable], fingertip.nodes
-        )
+        self._response = MarkerResponse(sensor, directions[:, self._usable], fingertip.nodes)
         self._hats, self._correlation = self._force_basis()
         unloaded = np.zeros((fingertip.nodes, 2))
         self._at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))
@@ -100,7 +98,7 @@ class ForceEstimator:
         TooFewMarkersError
             When fewer than MIN_MARKERS pairs are visible.
         """
-        visible = tracks.visible.all(axis=0)[self._usable]
+        visible = (tracks.visible[0] & tracks.visible[1])[self._usable]
         if visible.sum() < MIN_MARKERS:
             raise TooFewMarkersError(
                 f"{visible.sum()} marker pairs visible near the contact, at least {MIN_MARKERS} "
@@ -109,7 +107,9 @@ class ForceEstimator:
         observed = (_measured(tracks)[self._usable] - self._at_start)[visible]
         prior = self._prior
         floor = np.tile([prior.position_floor, prior.position_floor, prior.size_floor], 2)
-        noise = (tracks.covariance[self._usable] + self._rest_covariance)[visible] + np.diag(floor**2)
+        noise = (tracks.covariance[self._usable] + self._rest_covariance)[visible] + np.diag(
+            floor**2
+        )
         whiten = np.linalg.inv(np.linalg.cholesky(noise))
         # The angles follow from the last displacement; a second pass only after a large change.
         for _ in range(2):
@@ -206,7 +206,7 @@ class ForceEstimator:
         basis[:, 1, prior.knots :] = hats
         distance = (knots[:, None] - knots) * tip.radius / prior.length
         smooth = np.exp(-0.5 * distance**2) + 1e-6 * np.eye(prior.knots)
-        correlation = np.kron(np.eye(2), smooth)
+        correlation = np.kron(np.eye(2), smooth).astype(np.float64)
         return basis, correlation
 
 
@@ -216,9 +216,7 @@ def _measured(tracks: Tracks) -> Array:
     return np.swapaxes(both, 0, 1).reshape(-1, MEASURED)
 
 
-def _log_evidence(
-    information: Array, moment: Array, prior: Array, zone: NDArray[np.intp]
-) -> float:
+def _log_evidence(information: Array, moment: Array, prior: Array, zone: NDArray[np.intp]) -> float:
     """Log evidence of a zone up to a constant: ½ bᵀ(1 + LᵀGL)⁻¹b − ½ log det(1 + LᵀGL), b = Lᵀm."""
     block = np.ix_(zone, zone)
     root = np.linalg.cholesky(prior[block])

@@ -34,9 +34,7 @@ class MarkerResponse:
                 float(radius),
                 float(follow),
             )
-            for d, radius, follow in zip(
-                directions, sensor.layer_radii, sensor.follow, strict=True
-            )
+            for d, radius, follow in zip(directions, sensor.layer_radii, sensor.follow, strict=True)
         ]
 
     def __call__(self, seen: Array, cases: Array) -> tuple[Array, Array]:
@@ -87,10 +85,7 @@ class MarkerResponse:
         """Gradient of `face`·`upright` in the centre, by central differences: any lens will do."""
         nudge = 1e-6 * np.eye(3)
         return np.stack(
-            [
-                _dot(self._face(centre + h) - self._face(centre - h), upright) / 2e-6
-                for h in nudge
-            ],
+            [_dot(self._face(centre + h) - self._face(centre - h), upright) / 2e-6 for h in nudge],
             axis=1,
         )
 

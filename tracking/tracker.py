@@ -63,7 +63,7 @@ class MarkerTracker:
         self.directions = self._lens.directions(pairs)
         self._shapes = self._nominal_shapes()
         count = pairs.shape[1]
-        _, near = KDTree(pairs[0]).query(pairs[0], k=_NEIGHBOURS + 1)
+        near = np.asarray(KDTree(pairs[0]).query(pairs[0], k=_NEIGHBOURS + 1)[1])
         self._neighbours = near[:, 1:].astype(np.int64)
         start = np.zeros((count, 2, 5))
         start[:, :, :2] = np.swapaxes(pairs, 0, 1)

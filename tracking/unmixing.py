@@ -20,9 +20,7 @@ def unmixing_matrix(transmittance: Array) -> Array:
     return np.linalg.pinv(-np.log(transmittance).T)
 
 
-def estimate_ground(
-    linear: Array, skin: NDArray[np.bool_], scale: float
-) -> Array:
+def estimate_ground(linear: Array, skin: NDArray[np.bool_], scale: float) -> Array:
     """Linear light of the unmarked skin, from the pixels between the markers.
 
     A polynomial in (x, y) takes out the shading of the dome; what is left is smoothed locally.

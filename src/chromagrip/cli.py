@@ -152,7 +152,7 @@ def sensors() -> int:
 
 def controllers() -> int:
     """List the controllers."""
-    return _list(dict(CONTROLLERS))
+    return _list({str(name): text for name, text in CONTROLLERS.items()})
 
 
 def renderers() -> int:

@@ -148,6 +148,7 @@ def versions() -> dict[str, str]:
 
 def _scene_text(scene: Scene) -> str:
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
-    return f"# Everything this run was made from; run it again with --scene.\n# {listed}\n" + dump_scene(
-        scene
+    return (
+        f"# Everything this run was made from; run it again with --scene.\n# {listed}\n"
+        + dump_scene(scene)
     )

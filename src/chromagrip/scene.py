@@ -43,7 +43,7 @@ class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """A TOML table that refuses unknown keys."""
 
 
-class ObjectSettings(Table):
+class ObjectSettings(Table, frozen=True):
     """The object that is gripped; `radius_mm = inf` is flat."""
 
     stiffness_kpa: Positive = 200.0
@@ -54,7 +54,7 @@ class ObjectSettings(Table):
     drag_n_s_per_m: Positive = 120.0
 
 
-class LoadSettings(Table):
+class LoadSettings(Table, frozen=True):
     """Lateral load: each force holds from its time on; before the first there is none."""
 
     times_s: tuple[NotNegative, ...] = (0.04, 1.0)
@@ -75,14 +75,14 @@ class LoadSettings(Table):
         return past[-1] if past else 0.0
 
 
-class FingertipSettings(Table):
+class FingertipSettings(Table, frozen=True):
     """The chain of the node model."""
 
     nodes: Annotated[int, Meta(ge=11, le=20001)] = 251
     step_ms: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
 
 
-class CameraSettings(Table):
+class CameraSettings(Table, frozen=True):
     """When frames come, and how noisy they are."""
 
     rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0
@@ -91,7 +91,7 @@ class CameraSettings(Table):
     rest_frames: Annotated[int, Meta(ge=1, le=1000)] = 16
 
 
-class SafetyMarginSettings(Table):
+class SafetyMarginSettings(Table, frozen=True):
     """Safety Margin Control and the average of its friction estimate."""
 
     desired_margin: Share = 0.30
@@ -103,7 +103,7 @@ class SafetyMarginSettings(Table):
     start_s: NotNegative = 0.04
 
 
-class ReactToSlipTable(Table):
+class ReactToSlipTable(Table, frozen=True):
     """React To Slip."""
 
     start_n: Positive = 0.5
@@ -113,13 +113,13 @@ class ReactToSlipTable(Table):
     hold_s: NotNegative = 0.1
 
 
-class ConservativeTable(Table):
+class ConservativeTable(Table, frozen=True):
     """Conservative Control."""
 
     force_n: Positive = 5.0
 
 
-class Scene(Table):
+class Scene(Table, frozen=True):
     """A whole experiment."""
 
     description: str = ""

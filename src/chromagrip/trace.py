@@ -135,7 +135,9 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> dict[str, Any]:
         "slip_reactions_s": [float(trace["time_s"][k + 1]) for k in steps] if reacted else [],
     }
     # JSON has no NaN: what could not be said is null.
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
+    return {
+        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
+    }
 
 
 def _last(column: Array) -> float:

@@ -92,7 +92,7 @@ def draw_overlay(
 
     An arrow is the contact force on a node: across is friction, up is normal force.
     """
-    canvas = cv2.addWeighted(image, 0.35, np.full_like(image, 255), 0.65, 0.0)
+    canvas: Image = (255 - 0.35 * (255.0 - image)).astype(np.uint8)
     if tracks is not None and rest is not None:
         for now, start in zip(tracks.position[0], rest.position[0], strict=True):
             if np.isfinite(now).all() and np.isfinite(start).all():
@@ -108,8 +108,12 @@ def draw_overlay(
 
 
 def _line(
-    canvas: Image, start: NDArray[np.float64], end: NDArray[np.float64], colour: _Colour,
-    *, head: bool = False
+    canvas: Image,
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    colour: _Colour,
+    *,
+    head: bool = False,
 ) -> None:
     a, b = (tuple(int(v) for v in np.rint(16 * p)) for p in (start, end))
     if head:

@@ -1,0 +1,77 @@
+import math
+
+import numpy as np
+import pytest
+from chromagrip.model.friction import dahl_step
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+NORMAL, MU, SIGMA = 0.03, 0.5, 5000.0
+LIMIT = MU * NORMAL
+
+forces = st.floats(-LIMIT, LIMIT)
+slips = st.floats(-5e-5, 5e-5)
+exponents = st.sampled_from([0.5, 0.7, 1.0, 1.5])
+
+
+def dahl_ode(force: float, slip: float, exponent: float) -> float:
+    """The Dahl equation (thesis Eq. 5) integrated with small steps."""
+    sign = math.copysign(1.0, slip)
+
+    def rate(_: float, f: np.ndarray) -> np.ndarray:
+        z = 1.0 - sign * f / LIMIT
+        return sign * SIGMA * np.abs(z) ** exponent * np.sign(z)
+
+    solution = solve_ivp(rate, (0.0, abs(slip)), [force], rtol=1e-10, atol=1e-14, max_step=1e-7)
+    return float(solution.y[0, -1])
+
+
+@pytest.mark.parametrize("exponent", [0.5, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize("start", [-0.8, 0.0, 0.6])
+@pytest.mark.parametrize("slip", [-2e-6, 1e-6, 4e-6])
+def test_closed_form_solves_the_dahl_equation(exponent: float, start: float, slip: float) -> None:
+    end, _ = dahl_step(start * LIMIT, slip, NORMAL, MU, SIGMA, exponent)
+    assert end == pytest.approx(dahl_ode(start * LIMIT, slip, exponent), abs=2e-5 * LIMIT)
+
+
+@given(forces, slips, exponents)
+def test_never_leaves_the_cone(force: float, slip: float, exponent: float) -> None:
+    end, secant = dahl_step(force, slip, NORMAL, MU, SIGMA, exponent)
+    assert abs(end) <= LIMIT * (1 + 1e-12)
+    assert secant >= 0.0
+
+
+@given(forces, st.floats(1e-9, 2e-5), st.floats(0.05, 0.95), exponents)
+def test_one_step_equals_two_in_the_same_direction(
+    force: float, slip: float, share: float, exponent: float
+) -> None:
+    whole, _ = dahl_step(force, slip, NORMAL, MU, SIGMA, exponent)
+    half, _ = dahl_step(force, share * slip, NORMAL, MU, SIGMA, exponent)
+    parts, _ = dahl_step(half, (1 - share) * slip, NORMAL, MU, SIGMA, exponent)
+    assert parts == pytest.approx(whole, abs=1e-9 * LIMIT)
+
+
+@given(st.lists(slips, min_size=1, max_size=30), exponents)
+def test_a_closed_path_dissipates(path: list[float], exponent: float) -> None:
+    """Work done on friction over a path that returns to its start is not negative."""
+    force, work = 0.0, 0.0
+    for slip in [*path, -sum(path)]:
+        for part in np.full(50, slip / 50):
+            end, _ = dahl_step(force, float(part), NORMAL, MU, SIGMA, exponent)
+            work += 0.5 * (force + end) * part
+            force = end
+    # The bristles may hold energy at the end; at most that of a full deflection is given back.
+    assert work > -1e-3 * LIMIT * sum(map(abs, path)) - LIMIT**2 / SIGMA
+
+
+def test_long_slip_reaches_coulomb() -> None:
+    for exponent in (0.5, 0.7, 1.0):
+        end, _ = dahl_step(0.0, 1e-3, NORMAL, MU, SIGMA, exponent)
+        assert end == pytest.approx(LIMIT, rel=1e-9)
+
+
+def test_unloading_clips_to_the_new_cone() -> None:
+    end, _ = dahl_step(LIMIT, 0.0, NORMAL / 2, MU, SIGMA, 0.7)
+    assert end == pytest.approx(LIMIT / 2)
+    assert dahl_step(LIMIT, 1e-6, 0.0, MU, SIGMA, 0.7) == (0.0, 0.0)

@@ -1,0 +1,57 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chromagrip.model import Fingertip, ForceField, follow_slip, no_slip, pressure, rest_state
+
+TIP = Fingertip(nodes=11)
+
+
+def field(contact: list[int], normal: float = 0.1) -> ForceField:
+    touching = np.isin(np.arange(11), contact)
+    return ForceField(
+        position=TIP.rest_positions(),
+        normal=np.where(touching, normal, 0.0),
+        friction=np.where(touching, 0.02, 0.0),
+        contact=touching,
+        totals_covariance=np.zeros((2, 2)),
+    )
+
+
+def test_margin_is_one_in_a_pure_press_and_nan_without_contact() -> None:
+    pure = replace(field([4, 6]), friction=np.array([0, 0, 0, 0, 0.04, 0, -0.04, 0, 0, 0, 0.0]))
+    assert pure.safety_margin(0.3) == 1.0
+    assert np.isnan(field([]).safety_margin(0.3))
+    assert field([4, 5]).safety_margin(0.5) == pytest.approx(1 - 0.04 / (0.5 * 0.2))
+
+
+def test_pressure_is_force_over_width() -> None:
+    x = TIP.rest_positions()[:, 0]
+    assert pressure(field([4, 5, 6])) == pytest.approx(0.3 / (x[6] - x[4]))
+    assert pressure(field([4, 5, 6]), TIP.pitch) == pytest.approx(0.3 / (x[6] - x[4] + TIP.pitch))
+    assert pressure(field([])) == 0.0
+    assert np.isnan(pressure(field([5])))
+
+
+def test_displacement_counts_from_where_contact_began() -> None:
+    """Elastic shear is not slip: a node that moves with the object has none."""
+    state, record = rest_state(TIP), no_slip(11)
+    for position, carried in ((0.0, 0.0), (1e-3, 1e-3), (2e-3, 1.7e-3)):
+        nodes = np.zeros((11, 2))
+        nodes[5, 0] = carried
+        moved = replace(state.deformation, nodes=nodes, object_position=position)
+        record = follow_slip(record, replace(state, deformation=moved), field([4, 5]), 0.01)
+    # Node 4 stayed behind by 2 mm, node 5 by 0.3 mm: the whole contact has slipped 0.3 mm.
+    assert record.current == pytest.approx(0.3e-3)
+    record = follow_slip(record, replace(state, deformation=moved), field([]), 0.01)
+    assert record.current == 0.0
+    assert record.lateral_displacement == pytest.approx(0.3e-3)
+
+
+def test_rigid_slip_integrates_the_slowest_node() -> None:
+    state, record = rest_state(TIP), no_slip(11)
+    rates = np.zeros(11)
+    rates[[4, 5]] = [3e-3, -1e-3]
+    for _ in range(10):
+        record = follow_slip(record, replace(state, slip_rate=rates), field([4, 5]), 0.01)
+    assert record.rigid_slip == pytest.approx(1e-4)

@@ -1,0 +1,173 @@
+import numpy as np
+import pytest
+from chromagrip.model import (
+    ContactObject,
+    Fingertip,
+    ForceField,
+    State,
+    contact_forces,
+    rest_state,
+    step,
+    stiffness_from_young,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+TIP = Fingertip()
+FLAT = ContactObject()
+
+
+def press(tip: Fingertip, obj: ContactObject, grip: float) -> State:
+    """First 20 ms in small steps: what the friction remembers is how the contact grew."""
+    state = rest_state(tip)
+    for _ in range(1000):
+        state = step(tip, obj, state, 2e-5, grip, 0.0)
+    return state
+
+
+def settle(
+    obj: ContactObject, grip: float, load: float, *, tip: Fingertip = TIP, dt: float = 5e-3
+) -> tuple[State, ForceField]:
+    """Press for 0.1 s, then load for 1.5 s."""
+    state = press(tip, obj, grip)
+    for k in range(round(1.6 / dt)):
+        state = step(tip, obj, state, dt, grip, load if k * dt >= 0.1 else 0.0)
+    return state, contact_forces(tip, obj, state)
+
+
+@pytest.mark.parametrize("obj", [FLAT, ContactObject(stiffness=80.0, curvature=200.0)])
+def test_forces_balance_at_rest(obj: ContactObject) -> None:
+    state, field = settle(obj, 2.0, 0.4)
+    normal, tangent = _frames(obj, state)
+    total = (field.normal[:, None] * normal + field.friction[:, None] * tangent).sum(axis=0)
+    # What the object does to the skin: carries the grip along z and the load along x.
+    assert total == pytest.approx([0.4, -2.0], abs=2e-3)
+
+
+def _frames(obj: ContactObject, state: State) -> tuple[np.ndarray, np.ndarray]:
+    points = TIP.rest_positions() + state.deformation.nodes
+    if obj.curvature == 0.0:
+        normal = np.tile([0.0, -1.0], (len(points), 1))
+    else:
+        centre = [state.deformation.object_position, TIP.radius + 1 / obj.curvature]
+        away = points - centre
+        normal = away / np.linalg.norm(away, axis=1, keepdims=True)
+    return normal, np.column_stack([-normal[:, 1], normal[:, 0]])
+
+
+@pytest.mark.parametrize("poisson", [0.2, 0.3, 0.4, 0.48])
+def test_pure_press_shows_the_poisson_factor(poisson: float) -> None:
+    """Without load the local ratio saturates at ν, whatever the friction (E7)."""
+    tip = Fingertip(poisson_tissue=poisson, poisson_membrane=poisson / 100)
+    _, field = settle(ContactObject(friction=0.9), 1.0, 0.0, tip=tip)
+    touching = field.contact
+    ratio = (np.abs(field.friction[touching]) / field.normal[touching]).max()
+    assert ratio == pytest.approx(poisson, rel=0.015)
+    assert field.total_friction < 1e-6
+
+
+@pytest.mark.parametrize(("mu", "first"), [(0.3, 0.298), (0.5, 0.388), (0.7, 0.398)])
+def test_friction_estimate_before_and_after_a_load(mu: float, first: float) -> None:
+    """Fig. 10 of the thesis: on first contact at most ν, exact after a load of 0.1 N."""
+    obj = ContactObject(friction=mu)
+
+    def largest_ratio(load: float) -> float:
+        _, field = settle(obj, 1.0, load)
+        return float(
+            (np.abs(field.friction) / np.maximum(field.normal, 1e-12))[field.contact].max()
+        )
+
+    assert largest_ratio(0.0) == pytest.approx(first, abs=0.015)
+    assert largest_ratio(0.1) == pytest.approx(mu, abs=0.002)
+
+
+def test_step_length_does_not_matter() -> None:
+    """Γ and ΣFn after steps of the camera's period are those of small steps within 2 %."""
+    for grip, load in ((5.0, 0.65), (1.86, 0.65), (0.714, 0.25)):
+        fields = [settle(FLAT, grip, load, dt=dt)[1] for dt in (1e-3, 1e-2)]
+        margins = [field.safety_margin(FLAT.friction) for field in fields]
+        assert margins[1] == pytest.approx(margins[0], abs=0.02)
+        assert fields[1].total_normal == pytest.approx(fields[0].total_normal, rel=0.02)
+
+
+def test_mirrored_load_mirrors_the_contact() -> None:
+    obj = ContactObject(curvature=50.0, stiffness=160.0)
+    _, right = settle(obj, 2.0, 0.5)
+    _, left = settle(obj, 2.0, -0.5)
+    np.testing.assert_allclose(left.normal, right.normal[::-1], atol=1e-9)
+    np.testing.assert_allclose(left.friction, -right.friction[::-1], atol=1e-9)
+
+
+def test_too_much_load_slides_at_the_speed_of_the_drag() -> None:
+    """Full slip: the drag takes what friction leaves, v = (F − µ·Fn)/c."""
+    state = rest_state(TIP)
+    for _ in range(100):
+        state = step(TIP, FLAT, state, 5e-3, 0.5, 0.65)
+    before = state.deformation.object_position
+    state = step(TIP, FLAT, state, 5e-3, 0.5, 0.65)
+    field = contact_forces(TIP, FLAT, state)
+    speed = (state.deformation.object_position - before) / 5e-3
+    assert speed == pytest.approx((0.65 - 0.5 * field.normal.sum()) / FLAT.drag, rel=1e-3)
+    assert field.safety_margin(0.5) == pytest.approx(0.0, abs=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(0.0, 10.0), st.floats(-3.0, 3.0), st.sampled_from([1e-4, 1e-3, 1e-2])),
+        min_size=5,
+        max_size=15,
+    ),
+    st.sampled_from([80.0, 160.0, 1000.0]),
+    st.sampled_from([0.0, 50.0, 200.0]),
+    st.floats(0.2, 0.9),
+)
+def test_any_history_stays_finite_and_in_the_cone(
+    history: list[tuple[float, float, float]], stiffness: float, curvature: float, mu: float
+) -> None:
+    tip = Fingertip(nodes=101)
+    obj = ContactObject(stiffness=stiffness, curvature=curvature, friction=mu)
+    state = rest_state(tip)
+    for grip, load, dt in history:
+        state = step(tip, obj, state, dt, grip, load)
+        field = contact_forces(tip, obj, state)
+        assert np.isfinite(state.deformation.nodes).all()
+        assert (np.abs(field.friction) <= mu * field.normal + 1e-9).all()
+
+
+@pytest.mark.parametrize(
+    ("grip", "kpa", "load", "margin"), [(5.0, 200, 0.25, 0.90), (5.0, 200, 0.65, 0.74)]
+)
+def test_conservative_margins(grip: float, kpa: float, load: float, margin: float) -> None:
+    obj = ContactObject(stiffness=stiffness_from_young(kpa * 1e3))
+    _, field = settle(obj, grip, load)
+    assert field.safety_margin(0.5) == pytest.approx(margin, abs=0.005)
+
+
+def test_finer_chain_agrees() -> None:
+    _, coarse = settle(FLAT, 2.0, 0.5)
+    _, fine = settle(FLAT, 2.0, 0.5, tip=Fingertip(nodes=501))
+    assert fine.total_normal == pytest.approx(coarse.total_normal, rel=0.01)
+    assert fine.safety_margin(0.5) == pytest.approx(coarse.safety_margin(0.5), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"stiffness": -1.0}, "object stiffness must be finite and above 0 N/m, got -1.0"),
+        ({"friction": float("nan")}, "friction coefficient .* got nan"),
+        ({"curvature": 1e6}, "object curvature must lie in 0…1000 1/m"),
+    ],
+)
+def test_bad_objects_are_named(changes: dict[str, float], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        ContactObject(**changes)
+
+
+def test_bad_fingertips_and_steps_are_named() -> None:
+    with pytest.raises(ValueError, match="fingertip radius"):
+        Fingertip(radius=0.0)
+    with pytest.raises(ValueError, match="must be odd"):
+        Fingertip(nodes=250)
+    with pytest.raises(ValueError, match="dt > 0"):
+        step(TIP, FLAT, rest_state(TIP), 0.0, 1.0, 0.0)
