@@ -45,7 +45,7 @@ class ForcePrior:
 
     reach_deg: float = 38.0
     knots: int = 41
-    length: float = 0.6e-3
+    length: float = 0.8e-3
     amplitude: float = 5e-3
     position_floor: float = 0.02
     size_floor: float = 3e-4

@@ -1,0 +1,155 @@
+import numpy as np
+import pytest
+from chromagrip.model import ContactObject, Fingertip, State, rest_state, step
+from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
+from chromagrip.tracking import DetectionError, MarkerTracker, Tracks
+from scipy.spatial import KDTree
+
+SENSOR = load_sensor("thesis")
+LENS = SENSOR.lens()
+PAINTER = open_renderer("painter", SENSOR)
+TIP = Fingertip()
+MAP = MembraneMap(SENSOR, TIP.nodes)
+REST = MAP(np.zeros((TIP.nodes, 2)))
+NOISE = 2.0
+
+
+def shoot(membrane: Membrane, index: int, noise: float = NOISE) -> Frame:
+    image = PAINTER.render(membrane)
+    add_noise(image, noise, 11, index)
+    return Frame(image=image, time=0.01 * index)
+
+
+def pressing(grip: float, load: float, frames: int) -> list[State]:
+    """States 10 ms apart, loaded from the third on."""
+    state, states = rest_state(TIP), []
+    for k in range(frames):
+        for _ in range(2):
+            state = step(TIP, ContactObject(), state, 5e-3, grip, load if k > 2 else 0.0)
+        states.append(state)
+    return states
+
+
+def fresh(noise: float = NOISE) -> MarkerTracker:
+    tracker = MarkerTracker(SENSOR, NOISE)
+    tracker.reset([shoot(REST, 2**31 + k, noise) for k in range(8)])
+    return tracker
+
+
+def numbers(tracks: Tracks) -> np.ndarray:
+    """Which marker of the design each tracked pair is, by its place at rest."""
+    return np.asarray(KDTree(LENS.project(REST.centres)[0]).query(tracks.position[0])[1])
+
+
+def test_rest_frame_shows_every_marker_once() -> None:
+    tracks = fresh().rest
+    assert sorted(numbers(tracks)) == list(range(400))
+    truth = LENS.project(REST.centres)[:, numbers(tracks)]
+    assert np.sqrt(((tracks.position - truth) ** 2).mean()) < 0.005
+
+
+def test_displacements_are_as_good_as_their_covariance() -> None:
+    """Unbiased, near the limit, and honest: normalised squared error of 1."""
+    tracker = fresh()
+    order = numbers(tracker.rest)
+    rest = LENS.project(REST.centres)[:, order]
+    for k, state in enumerate(pressing(3.0, 0.65, 30)):
+        membrane = MAP(state.deformation.seen)
+        tracks = tracker.update(shoot(membrane, k))
+    truth = LENS.project(membrane.centres)[:, order] - rest
+    assert np.abs(truth).max() > 4.0  # something happened
+    assert tracks.visible.mean() > 0.99
+    seen = tracks.visible.all(axis=0)
+    error = (tracks.position - tracker.rest.position - truth)[:, seen]
+    # One disc alone cannot do better than σ/A·sqrt(2s/(√π R)) ≈ 0.0065 px per frame.
+    assert 0.006 < np.sqrt((error**2).mean()) < 0.010
+    assert np.abs(error.mean(axis=1)).max() < 0.003
+    variance = (tracks.covariance + tracker.rest.covariance)[seen]
+    for layer in (0, 1):
+        block = variance[:, 3 * layer : 3 * layer + 2, 3 * layer : 3 * layer + 2]
+        squared = np.einsum("mi,mij,mj->m", error[layer], np.linalg.inv(block), error[layer])
+        assert 0.8 < squared.mean() / 2 < 1.3
+
+
+def test_overlapping_layers_do_not_pull_on_each_other() -> None:
+    """A shift of one layer over the other leaves the other where it was: no crosstalk."""
+    tracker = fresh(noise=0.0)
+    order = numbers(tracker.rest)
+    for shift in (0.05, 0.10, 0.16):  # mm of the outer layer, 3 px at the end
+        centres = REST.centres.copy()
+        centres[0, :, 0] += shift * 1e-3
+        moved = Membrane(centres=centres, normals=REST.normals, radius=REST.radius)
+        tracks = tracker.update(shoot(moved, 0, noise=0.0))
+    near = SENSOR.directions()[order, 0] < 1.0
+    truth = LENS.project(centres)[:, order] - LENS.project(REST.centres)[:, order]
+    assert np.abs(truth[0, near, 0]).min() > 1.5
+    error = (tracks.position - tracker.rest.position - truth)[:, near]
+    assert np.abs(np.nanmean(error, axis=1)).max() < 0.01
+    assert np.nanmax(np.abs(error)) < 0.05
+
+
+def test_size_tells_of_the_distance() -> None:
+    """A marker brought nearer by 2 % looks 2 % larger, whatever its place."""
+    tracker = fresh()
+    nearer = Membrane(centres=0.98 * REST.centres, normals=REST.normals, radius=REST.radius)
+    tracks = tracker.update(shoot(nearer, 0))
+    grown = np.nanmean(tracks.log_size - tracker.rest.log_size, axis=1)
+    assert grown == pytest.approx(-np.log(0.98), abs=5e-4)
+
+
+def test_covered_markers_are_flagged_and_found_again() -> None:
+    tracker = fresh()
+    states = pressing(2.0, 0.5, 8)
+    for k, state in enumerate(states):
+        frame = shoot(MAP(state.deformation.seen), k)
+        if k in (4, 5):
+            frame.image[200:260, 330:420] = 128  # a finger on the lens
+        tracks = tracker.update(frame)
+        x, y = tracker.rest.position[0].T
+        hidden = (x > 338) & (x < 412) & (y > 208) & (y < 252)
+        assert hidden.sum() > 3
+        assert tracks.visible[:, hidden].any() == (k not in (4, 5))
+        assert np.isnan(tracks.position[:, hidden]).all() == (k in (4, 5))
+    assert tracks.visible.mean() > 0.99
+
+
+def test_a_frozen_image_freezes_the_tracks() -> None:
+    tracker = fresh()
+    frame = shoot(MAP(pressing(2.0, 0.5, 5)[-1].deformation.seen), 3)
+    for _ in range(4):
+        tracks = tracker.update(frame)
+    again = tracker.update(frame)
+    np.testing.assert_allclose(again.position, tracks.position, atol=2e-3)
+
+
+def test_hue_turns_from_overlap_towards_magenta() -> None:
+    """With the yellow layer slid out from below, orange-red turns to magenta, through 360°."""
+    tracker = fresh()
+    start = np.nanmedian(tracker.rest.hue)
+    assert start == pytest.approx(18.0, abs=6.0)  # of a real dome's overlaps
+    centres = REST.centres.copy()
+    for shift in (0.1, 0.2, 0.3, 0.4, 0.45):
+        centres[1, :, 1] = REST.centres[1, :, 1] + shift * 1e-3
+        moved = Membrane(centres=centres, normals=REST.normals, radius=REST.radius)
+        tracks = tracker.update(shoot(moved, 0))
+    apart = np.nanmedian(tracks.hue[SENSOR.directions()[numbers(tracker.rest), 0] < 0.5])
+    assert -30.0 < apart < start - 20.0
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [
+        ([], "at least one rest frame"),
+        ([np.full((480, 640, 3), 240, np.uint8)], r"0 magenta, 0 yellow markers.*has 400"),
+        ([np.zeros((480, 640, 3), np.uint8)], "markers"),
+        ([np.full((100, 100, 3), 240, np.uint8)], r"shape \(100, 100, 3\).*\(480, 640, 3\)"),
+    ],
+)
+def test_bad_rest_frames_are_refused(frames: list[np.ndarray], words: str) -> None:
+    with pytest.raises(DetectionError, match=words):
+        MarkerTracker(SENSOR, NOISE).reset([Frame(image=image, time=0.0) for image in frames])
+
+
+def test_frame_of_another_size_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"shape \(240, 320, 3\).*\(480, 640, 3\)"):
+        fresh().update(Frame(image=np.zeros((240, 320, 3), np.uint8), time=0.0))
