@@ -1,6 +1,7 @@
 """The three grip controllers of the thesis: `command(observation) -> GripCommand`."""
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -81,7 +82,7 @@ class ReactToSlipSettings:
     step_force: added once per slip event [N]
     displacement: lateral displacement that is called slip where it is known [m]
     margin: estimated Γ that is called slip where the displacement is unknown …
-    hold: … once Γ has stayed below it for this long [s]
+    hold: … once its mean over this time has fallen below it [s]; single frames are noise
     """
 
     start_force: float = 0.5
@@ -95,8 +96,8 @@ class ReactToSlip:
     """Adds a fixed force each time slip is seen (thesis Eq. 9 with E12).
 
     With the lateral displacement given, an event is another `displacement` since the last one. On
-    the camera path it is unknown, and an event is a margin below `margin` for `hold` seconds, which
-    ends when the margin recovers.
+    the camera path it is unknown, and an event is a mean margin below `margin` over `hold` seconds,
+    which ends when that mean recovers.
     """
 
     def __init__(self, settings: ReactToSlipSettings) -> None:
@@ -107,7 +108,7 @@ class ReactToSlip:
         """Forget all events."""
         self._force = self.settings.start_force
         self._counted = 0.0
-        self._low_since = math.nan
+        self._margins: deque[tuple[float, float]] = deque()
         self._reacted = False
 
     def command(self, observation: GripObservation) -> GripCommand:
@@ -123,18 +124,21 @@ class ReactToSlip:
         return GripCommand(force=self._force)
 
     def _low_margin(self, observation: GripObservation) -> bool:
-        if not observation.margin < self.settings.margin:
-            self._low_since = math.nan
-            self._reacted = False
+        if math.isnan(observation.margin):
+            self._margins.clear()
             return False
-        if math.isnan(self._low_since):
-            self._low_since = observation.time
-        # Frame times are sums of periods: allow for their rounding.
-        held = observation.time - self._low_since > self.settings.hold - 1e-9
-        if self._reacted or not held:
-            return False
-        self._reacted = True
-        return True
+        self._margins.append((observation.time, observation.margin))
+        # Frame times are products of a period: allow for their rounding.
+        start = observation.time - self.settings.hold + 1e-9
+        if self._margins[0][0] > start:
+            return False  # not yet seen for long enough
+        while len(self._margins) > 1 and self._margins[1][0] <= start:
+            self._margins.popleft()
+        mean = sum(margin for _, margin in self._margins) / len(self._margins)
+        low = mean < self.settings.margin
+        begins = low and not self._reacted
+        self._reacted = low
+        return begins
 
 
 @dataclass(frozen=True, kw_only=True)

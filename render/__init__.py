@@ -2,6 +2,7 @@
 
 from .camera import FisheyeCamera
 from .frame import Frame
+from .gl import GLMissingError
 from .membrane import Membrane, MembraneMap
 from .noise import add_noise
 from .renderers import RENDERERS, Renderer, open_renderer
@@ -12,6 +13,7 @@ __all__ = [
     "RENDERERS",
     "FisheyeCamera",
     "Frame",
+    "GLMissingError",
     "Membrane",
     "MembraneMap",
     "Renderer",

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .errors import UserError
-    from .run import Result, run
+    from .run_folder import Result, run
     from .scene import Scene, load_scene, scene_names
 
 _HOMES = {
-    "Result": "run",
+    "Result": "run_folder",
     "Scene": "scene",
     "UserError": "errors",
     "load_scene": "scene",
-    "run": "run",
+    "run": "run_folder",
     "scene_names": "scene",
 }
 

@@ -83,7 +83,7 @@ def grasp(
     if out is None and not json_only:
         out = _new_folder(f"{Path(scene).stem}-{resolved.controller}")
 
-    from .run import run  # OpenCV, matplotlib and FFmpeg load only when something is run
+    from .run_folder import run  # OpenCV, matplotlib and FFmpeg load only when something is run
 
     console = Console(stderr=True)
     with Progress(
@@ -128,8 +128,11 @@ def print_summary(summary: dict[str, Any], folder: Path | None) -> None:
         f"{number('lateral_displacement_mm')} mm, "
         f"{'gross slip' if summary['gross_slip'] else 'no gross slip'}",
     )
-    for time in summary["slip_reactions_s"]:
-        table.add_row("reacted to slip at", f"{time:.3f} s")
+    for event in summary["slip_reactions"]:
+        table.add_row(
+            "reacted to slip at",
+            f"{event['time_s']:.3f} s, {event['lateral_displacement_mm']:.3f} mm",
+        )
     table.add_row("largest grip force", f"{number('max_grip_n')} N")
     table.add_row("largest pressure", f"{number('max_pressure_n_per_m', 0)} N/m")
     table.add_row("speed", f"{number('frames_per_second', 1)} frames/s")

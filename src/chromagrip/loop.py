@@ -20,7 +20,7 @@ from .model import (
     step,
 )
 from .observers import CameraObserver, TruthObserver
-from .render import Frame, load_sensor, open_renderer
+from .render import Frame, GLMissingError, load_sensor, open_renderer
 from .scene import Scene
 from .tracking import Tracks
 
@@ -67,9 +67,13 @@ def open_camera(scene: Scene) -> SimulatedCamera:
         When the renderer cannot run on this machine.
     """
     sensor = load_sensor(scene.sensor)
+    try:
+        renderer = open_renderer(scene.renderer, sensor)
+    except GLMissingError as error:
+        raise UserError(str(error)) from None
     return SimulatedCamera(
         sensor,
-        open_renderer(scene.renderer, sensor),
+        renderer,
         scene.fingertip.nodes,
         scene.camera.noise_levels,
         scene.seed,

@@ -132,7 +132,13 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> dict[str, Any]:
         "gross_slip": bool(_last(trace["lateral_displacement_mm"]) > GROSS_SLIP * 1e3),
         "max_grip_n": _largest(trace["grip_n"]),
         "final_grip_n": _last(trace["grip_n"]),
-        "slip_reactions_s": [float(trace["time_s"][k + 1]) for k in steps] if reacted else [],
+        "slip_reactions": [
+            {
+                "time_s": float(trace["time_s"][k + 1]),
+                "lateral_displacement_mm": float(trace["lateral_displacement_mm"][k + 1]),
+            }
+            for k in (steps if reacted else [])
+        ],
     }
     # JSON has no NaN: what could not be said is null.
     return {

@@ -2,10 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from chromagrip.model.friction import dahl_step
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+
+from chromagrip.model.friction import dahl_step
 
 NORMAL, MU, SIGMA = 0.03, 0.5, 5000.0
 LIMIT = MU * NORMAL

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from chromagrip.model import Fingertip, ForceField, follow_slip, no_slip, pressure, rest_state
 
 TIP = Fingertip(nodes=11)

@@ -1,5 +1,8 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from chromagrip.model import (
     ContactObject,
     Fingertip,
@@ -10,8 +13,6 @@ from chromagrip.model import (
     step,
     stiffness_from_young,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 TIP = Fingertip()
 FLAT = ContactObject()

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
-from chromagrip.model import Fingertip, chain_compliance, chain_forces
-from chromagrip.model.kernels import spring_tangent
 from hypothesis import given
 from hypothesis import strategies as st
+
+from chromagrip.model import Fingertip, chain_compliance, chain_forces
+from chromagrip.model.kernels import spring_tangent
 
 TIP = Fingertip(nodes=31)
 lengths = st.floats(-5e-3, 5e-3).filter(lambda v: abs(v) > 1e-4)

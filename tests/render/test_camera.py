@@ -1,5 +1,6 @@
 import cv2
 import numpy as np
+
 from chromagrip.render import FisheyeCamera
 
 LENS = FisheyeCamera(width=641, height=483, focal=151.3, centre=(318.2, 243.7))

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from chromagrip.render import MembraneMap, load_sensor
 from chromagrip.render.dome import dome_map
 from chromagrip.render.layout import marker_directions, unit_vectors

@@ -2,6 +2,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+
 from chromagrip.model import ContactObject, Fingertip, rest_state, step
 from chromagrip.render import Membrane, MembraneMap, Renderer, load_sensor, open_renderer
 from chromagrip.render import gl as gl_module

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from chromagrip.render import add_noise
 
 SHAPE = (201, 303, 3)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from chromagrip.render import Membrane, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.coverage import edge_table, edge_width, paint_ellipses

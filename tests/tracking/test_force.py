@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from chromagrip.model import ContactObject, Fingertip, ForceField, contact_forces, rest_state, step
 from chromagrip.render import Frame, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.tracking import (

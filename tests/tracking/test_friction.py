@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from chromagrip.model import ForceField
 from chromagrip.tracking import FrictionEstimate, core_quantile, max_ratio
 

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
+
 from chromagrip.model import ContactObject, Fingertip, State, rest_state, step
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.tracking import DetectionError, MarkerTracker, Tracks
-from scipy.spatial import KDTree
 
 SENSOR = load_sensor("thesis")
 LENS = SENSOR.lens()

@@ -1,4 +1,5 @@
 import numpy as np
+
 from chromagrip.render import load_sensor
 from chromagrip.tracking.unmixing import dye_densities, estimate_ground, unmixing_matrix
 

@@ -4,7 +4,7 @@ import json
 import platform
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
+from .camera import SimulatedCamera
 from .errors import FolderError
 from .figure import draw_figure
 from .loop import grasp, open_camera
@@ -74,22 +75,29 @@ def run(
     """
     if isinstance(scene, str):
         scene = load_scene(scene)
-    camera = open_camera(scene)
-    folder = None if out is None else _prepare_folder(Path(out), force)
-    rows: list[tuple[float, ...]] = []
-    seconds = 0.0
-    try:
+    with closing(open_camera(scene)) as camera, threadpool_limits(1):
         # One thread: frames are small, and runs are made side by side.
-        with ExitStack() as open_files, threadpool_limits(1):
-            cv2.setNumThreads(1)
-            video = None
+        cv2.setNumThreads(1)
+        if out is None:
+            return _record(scene, camera, None, progress)
+        folder = _prepare_folder(Path(out), force)
+        (folder / "scene.toml").write_text(_scene_text(scene), encoding="utf-8")
+        return _record(scene, camera, folder, progress)
+
+
+def _record(
+    scene: Scene, camera: SimulatedCamera, folder: Path | None, progress: Progress | None
+) -> Result:
+    """Run the loop; write video while it runs and results however it ends."""
+    rows: list[tuple[float, ...]] = []
+    seconds, shown = 0.0, -1
+    video: TactileVideo | None = None
+    try:
+        with ExitStack() as files:
             if folder is not None:
-                (folder / "scene.toml").write_text(_scene_text(scene), encoding="utf-8")
-                video = open_files.enter_context(
-                    TactileVideo(folder / "tactile.mp4", load_sensor(scene.sensor))
-                )
+                sensor = load_sensor(scene.sensor)
+                video = files.enter_context(TactileVideo(folder / "tactile.mp4", sensor))
             samples = grasp(scene, camera)
-            shown = -1
             while True:
                 begin = time.perf_counter()
                 sample = next(samples, None)
@@ -105,7 +113,6 @@ def run(
                 if progress is not None:
                     progress(len(rows), scene.frames)
     finally:
-        camera.close()
         # Also after Ctrl-C or a failing controller: what was seen up to there is kept.
         trace = make_trace(rows)
         summary = summarise(scene, trace, seconds)
