@@ -5,8 +5,9 @@ Exit codes: 0 done, 1 something is missing (doctor), 2 asked for the impossible,
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
@@ -167,16 +168,30 @@ def renderers() -> int:
 
 def doctor() -> int:
     """Name every missing part and the command that mends it."""
-    from .doctor import diagnose
+    from .doctor import report
 
-    problems = 0
-    for check in diagnose():
-        mark = "ok" if check.fine else ("missing" if check.required else "optional, missing")
-        print(f"{check.name}: {mark}{'' if check.fine else f' ({check.detail})'}")
-        if not check.fine:
-            print(f"    mend: {check.mend}")
-            problems += check.required
-    return 1 if problems else 0
+    return report()
+
+
+def bench(
+    part: Annotated[Literal["loop"], tyro.conf.Positional, _option("what to measure", "loop")],
+    *,
+    quick: Annotated[_Flag, _option("a smaller run, labelled so")] = False,
+    json_only: Annotated[_Flag, _option("one JSON object", name="json")] = False,
+) -> int:
+    """Measure a part and print each figure beside its target."""
+    from .bench import bench as measure
+
+    with Console(stderr=True).status("starting") as status:
+        report = measure(part, quick, status.update)
+    if json_only:
+        print(json.dumps(report))
+        return 0
+    for row in report["rows"]:
+        value = "–" if row["value"] is None else f"{row['value']:.4g}"
+        verdict = "" if row["met"] else "MISSED"
+        print(f"{row['name']:<42} {value:>9} {row['unit']:<9} {row['target']:<11} {verdict}")
+    return 0
 
 
 def _list(entries: dict[str, str]) -> int:
@@ -195,12 +210,13 @@ def _new_folder(stem: str) -> Path:
     raise UserError(f"runs/ holds 9999 runs named {stem}; choose a folder with --out")
 
 
-COMMANDS = {
+COMMANDS: dict[str, Callable[..., Any]] = {
     "grasp": grasp,
     "scenes": scenes,
     "sensors": sensors,
     "controllers": controllers,
     "renderers": renderers,
+    "bench": bench,
     "doctor": doctor,
 }
 
@@ -208,7 +224,7 @@ COMMANDS = {
 def main() -> None:
     """Entry point of the command line."""
     try:
-        code = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog=NAME, description=__doc__)
+        code: int = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog=NAME, description=__doc__)
     except UserError as error:
         print(f"{NAME}: {error}", file=sys.stderr)
         code = 2

@@ -1,15 +1,18 @@
-"""What this machine lacks, and the command that mends it."""
+"""What this machine lacks, and the command that mends it.
+
+Nothing but the standard library is imported before it is checked: a missing part must not keep the
+doctor from naming it.
+"""
 
 import sys
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib import import_module
+from importlib.metadata import packages_distributions, requires, version
 from pathlib import Path
 
-import chromagrip
-
-from .render.gl import MEND, gl_problem
-
 FOLDERS = ("model", "render", "tracking", "control")
+#: Imports OpenGL, which is checked on its own and may be absent.
+OPENGL_PACKAGE = "pyrender-maintained"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,9 +26,16 @@ class Check:
     mend: str = ""
 
 
-def diagnose() -> list[Check]:
-    """Checks of this machine, in the order in which to mend."""
-    return [_python(), *_folders(), *_packages(), _video(), _gl()]
+def report() -> int:
+    """Print every check; exit code 1 if a required part is missing, else 0."""
+    problems = 0
+    for check in [_python(), *_folders(), *_packages(), _video(), _gl()]:
+        mark = "ok" if check.fine else ("missing" if check.required else "optional, missing")
+        print(f"{check.name}: {mark}{'' if check.fine else f' ({check.detail})'}")
+        if not check.fine:
+            print(f"    mend: {check.mend}")
+            problems += check.required
+    return 1 if problems else 0
 
 
 def _python() -> Check:
@@ -40,7 +50,7 @@ def _python() -> Check:
 
 def _folders() -> list[Check]:
     """The links of a checkout; a checkout without symlinks has text files in their place."""
-    root = Path(chromagrip.__path__[0])
+    root = Path(__file__).parent
     return [
         Check(
             name=f"package folder {name}",
@@ -53,45 +63,58 @@ def _folders() -> list[Check]:
 
 
 def _packages() -> list[Check]:
-    checks = []
-    for line in requires("chromagrip") or []:
-        if "extra ==" in line:
+    modules: dict[str, list[str]] = {}
+    for module, distributions in packages_distributions().items():
+        for name in distributions:
+            modules.setdefault(name.lower().replace("_", "-"), []).append(module)
+    wanted = [line.split(";")[0].strip() for line in requires("chromagrip") or []]
+    return [_package(requirement, modules) for requirement in wanted]
+
+
+def _package(requirement: str, modules: dict[str, list[str]]) -> Check:
+    name = requirement
+    for sign in "<>=!~[ ":
+        name = name.split(sign)[0]
+    problem = "" if name in modules else "not installed"
+    for module in modules.get(name, []):
+        if name == OPENGL_PACKAGE or module.startswith("_"):
             continue
-        name = line.split(";")[0].split("[")[0]
-        for sign in "<>=!~ ":
-            name = name.split(sign)[0]
         try:
-            found, fine = version(name), True
-        except PackageNotFoundError:
-            found, fine = "", False
-        checks.append(
-            Check(
-                name=f"{name} {found}".strip(),
-                fine=fine,
-                detail="not installed",
-                mend=f"pip install '{line.split(';')[0].strip()}'",
-            )
-        )
-    return checks
+            import_module(module)
+        except Exception as error:  # whatever a broken package raises is the finding
+            problem = f"does not import: {error}"
+    return Check(
+        name=f"{name} {version(name)}" if name in modules else name,
+        fine=not problem,
+        detail=problem,
+        mend=f"pip install --force-reinstall '{requirement}'",
+    )
 
 
 def _video() -> Check:
-    import av
-
+    try:
+        from av.codec import codecs_available
+    except ImportError:
+        codecs_available = set()
     return Check(
         name="H.264 encoder",
-        fine="libx264" in av.codecs_available,
-        detail="this build of PyAV has no libx264, which tactile.mp4 needs",
+        fine="libx264" in codecs_available,
+        detail="tactile.mp4 needs PyAV with libx264",
         mend="pip install --force-reinstall --only-binary av av",
     )
 
 
 def _gl() -> Check:
-    problem = gl_problem()
+    try:
+        from .render.gl import MEND, gl_problem
+
+        problem, mend = gl_problem(), MEND
+    except ImportError as error:
+        problem, mend = f"cannot be asked: {error}", "mend the packages above first"
     return Check(
         name="OpenGL for --renderer pyrender",
         fine=problem is None,
         required=False,
         detail=problem or "",
-        mend=MEND,
+        mend=mend,
     )

@@ -43,6 +43,7 @@ class TactileVideo:
         self._path = path
         self._part = path.with_name(path.name + ".part")
         self._lens = sensor.lens()
+        self._started = False
         self._container = av.open(str(self._part), "w", format="mp4")
         self._stream = self._container.add_stream("libx264", rate=FPS)
         self._stream.width = 2 * self._lens.width
@@ -61,10 +62,12 @@ class TactileVideo:
         trace: TracebackType | None,
     ) -> None:
         """Finish the file and give it its name."""
-        for packet in self._stream.encode():
-            self._container.mux(packet)
+        if self._started:
+            for packet in self._stream.encode():
+                self._container.mux(packet)
         self._container.close()
-        self._part.replace(self._path)
+        if self._started:
+            self._part.replace(self._path)
 
     def add(self, image: Image, sample: Sample) -> None:
         """Append one sample and the image that belongs to it."""
@@ -81,6 +84,7 @@ class TactileVideo:
         if sample.tracks is not None:
             _write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), _TRACK)
         frame = av.VideoFrame.from_ndarray(np.hstack([image, overlay]), format="rgb24")
+        self._started = True
         for packet in self._stream.encode(frame):
             self._container.mux(packet)
 

@@ -186,6 +186,22 @@ def test_lists(command: str, words: list[str]) -> None:
     assert {line.split()[0] for line in done.stdout.splitlines()} == set(words)
 
 
+def test_a_missing_package_does_not_keep_the_doctor_from_naming_it() -> None:
+    """A package that cannot be imported, tyro, on which the command line itself is built."""
+    code = (
+        "import sys; sys.modules['tyro'] = None; sys.argv = ['chromagrip', *sys.argv[1:]]; "
+        "from chromagrip.__main__ import main; main()"
+    )
+    asked = [sys.executable, "-c", code]
+    doctor = subprocess.run([*asked, "doctor"], capture_output=True, text=True, check=False)
+    assert doctor.returncode == 1
+    assert "tyro" in doctor.stdout
+    assert "mend: pip install --force-reinstall 'tyro" in doctor.stdout
+    other = subprocess.run([*asked, "scenes"], capture_output=True, text=True, check=False)
+    assert other.returncode == 2
+    assert "`chromagrip doctor` names what mends it" in other.stderr
+
+
 def test_doctor_names_what_is_missing_and_how_to_mend_it() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "chromagrip", "doctor"],

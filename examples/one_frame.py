@@ -1,0 +1,39 @@
+"""Each stage by itself: press the fingertip, take a picture, read the force back out of it."""
+
+import numpy as np
+
+from chromagrip.model import ContactObject, Fingertip, contact_forces, rest_state, step
+from chromagrip.render import Frame, MembraneMap, add_noise, load_sensor, open_renderer
+from chromagrip.tracking import ForceEstimator, MarkerTracker
+
+GRIP, LOAD = 2.0, 0.5  # N
+
+
+def main() -> None:
+    tip, obj, sensor = Fingertip(), ContactObject(friction=0.5), load_sensor("thesis")
+    membrane, painter = MembraneMap(sensor, tip.nodes), open_renderer("painter", sensor)
+
+    def picture(seen: np.ndarray, index: int) -> Frame:
+        image = painter.render(membrane(seen))
+        add_noise(image, sigma=2.0, seed=0, index=index)
+        return Frame(image=image, time=0.01 * index)
+
+    tracker = MarkerTracker(sensor, noise=2.0)
+    rest = tracker.reset([picture(np.zeros((tip.nodes, 2)), 1000 + k) for k in range(16)])
+    forces = ForceEstimator(sensor, tip, tracker.directions, rest)
+
+    state = rest_state(tip)
+    for k in range(50):
+        for _ in range(10):
+            state = step(tip, obj, state, 1e-3, GRIP, LOAD if k > 5 else 0.0)
+        field = forces.update(tracker.update(picture(state.deformation.seen, k)))
+
+    truth = contact_forces(tip, obj, state)
+    for name, of in (("true", truth), ("from pixels", field)):
+        print(f"{name:>12}: normal {of.total_normal:.2f} N, friction {of.total_friction:.2f} N")
+    assert abs(field.total_normal - truth.total_normal) < 0.15 * truth.total_normal
+    assert abs(field.total_friction - truth.total_friction) < 0.05
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""Figures measured in one call, each beside its target: the tables in docs/ are printed by this."""
+
+import os
+import platform
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from .render.gl import gl_problem
+from .run_folder import Result, run, versions
+from .scene import load_scene
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measured figure; `target` says in words what it has to be, `met` whether it is.
+
+    A figure that this machine cannot measure has the value None and is not met.
+    """
+
+    name: str
+    value: float | None
+    unit: str
+    target: str
+    met: bool
+
+
+def bench_loop(quick: bool, progress: Callable[[str], None]) -> list[Row]:
+    """Rows of the closed loop: what the validation experiment must show on both paths.
+
+    Parameters
+    ----------
+    quick: leave out the 1000 Hz run through the camera and the mesh renderer
+    progress: told what is being run
+    """
+    rows = list(_truth_rows(progress))
+    runs = [("camera-100hz", "painter")]
+    if not quick:
+        runs += [("camera-100hz", "pyrender"), ("thesis", "painter")]
+    for scene, renderer in runs:
+        rows += _camera_rows(scene, renderer, progress)
+    for controller in ("react-to-slip", "conservative"):
+        progress(f"camera-100hz, {controller}, camera path")
+        result = run(load_scene("camera-100hz", {"controller": controller}))
+        name = f"camera-100hz/{controller}"
+        rows.append(_measured(f"{name}/margin_rmse", result, "margin_rmse", ""))
+        rows.append(_measured(f"{name}/displacement", result, "lateral_displacement_mm", "mm"))
+    return rows
+
+
+def _truth_rows(progress: Callable[[str], None]) -> Iterator[Row]:
+    results = {}
+    for controller in ("safety-margin", "react-to-slip", "conservative"):
+        progress(f"thesis, {controller}, truth path")
+        scene = load_scene("thesis", {"path": "truth", "controller": controller})
+        results[controller] = run(scene)
+    hold = results["safety-margin"].summary
+    yield _within("truth/safety-margin/final_margin", hold["final_margin_true"], "", 0.28, 0.32)
+    yield _within(
+        "truth/safety-margin/displacement", hold["lateral_displacement_mm"], "mm", 0.0, 0.05
+    )
+    react = results["react-to-slip"].summary
+    events = react["slip_reactions"]
+    yield _within("truth/react-to-slip/reactions", float(len(events)), "", 1, 1)
+    time = events[0]["time_s"] if events else None
+    yield _within("truth/react-to-slip/time", time, "s", 1.35, 1.45)
+    yield _within(
+        "truth/react-to-slip/displacement", react["lateral_displacement_mm"], "mm", 1.25, 1.35
+    )
+    trace = results["conservative"].trace
+    before = float(trace["margin_true"][990])
+    yield _within("truth/conservative/margin_first_load", before, "", 0.89, 0.91)
+    yield _within(
+        "truth/conservative/margin_second_load", float(trace["margin_true"][-1]), "", 0.73, 0.75
+    )
+    constant = results["conservative"].summary["lateral_displacement_mm"]
+    yield _within("truth/conservative/displacement", constant, "mm", 0.0, 0.005)
+
+
+def _camera_rows(scene: str, renderer: str, progress: Callable[[str], None]) -> list[Row]:
+    name = f"{scene}/{renderer}"
+    if renderer == "pyrender" and (problem := gl_problem()) is not None:
+        return [Row(f"{name}/not_measured", None, "", problem, False)]
+    progress(f"{scene}, safety-margin, camera path, {renderer}")
+    result = run(load_scene(scene, {"renderer": renderer}))
+    summary = result.summary
+    return [
+        _within(f"{name}/displacement", summary["lateral_displacement_mm"], "mm", 0.0, 0.2),
+        _within(f"{name}/margin_late_min", summary["margin_true_min_last_300ms"], "", 0.15, 0.5),
+        _within(f"{name}/margin_late_max", summary["margin_true_max_last_300ms"], "", 0.15, 0.5),
+        _measured(f"{name}/margin_rmse", result, "margin_rmse", ""),
+        _measured(f"{name}/speed", result, "frames_per_second", "frames/s"),
+    ]
+
+
+def _within(name: str, value: float | None, unit: str, low: float, high: float) -> Row:
+    met = value is not None and low <= value <= high
+    return Row(name, value, unit, f"{low:g}…{high:g}" if low != high else f"{low:g}", met)
+
+
+def _measured(name: str, result: Result, key: str, unit: str) -> Row:
+    """A figure that is reported as it is."""
+    value = result.summary[key]
+    return Row(name, value, unit, "reported", value is not None)
+
+
+PARTS = {"loop": bench_loop}
+
+
+def bench(part: str, quick: bool, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Measure a part: the machine, and a row per figure."""
+    machine = {
+        "system": platform.system(),
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+        **versions(),
+    }
+    rows = PARTS[part](quick, progress)
+    return {"machine": machine, "quick": quick, "rows": [asdict(row) for row in rows]}
