@@ -78,6 +78,10 @@ class SensorDesign(Table, frozen=True):
     ground: Ground
 
     def __post_init__(self) -> None:
+        if not self.magenta.follow > 0.0:
+            raise ValueError(
+                "magenta.follow = 0 must be above 0: the outer layer moves with the skin"
+            )
         for name, layer in zip(LAYERS, self.layers, strict=True):
             if layer.depth_mm >= self.dome.radius_mm:
                 raise ValueError(

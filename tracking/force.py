@@ -44,7 +44,7 @@ class ForcePrior:
     """
 
     reach_deg: float = 38.0
-    knots: int = 41
+    knots: int = 31
     length: float = 0.8e-3
     amplitude: float = 5e-3
     position_floor: float = 0.02

@@ -16,7 +16,7 @@ from ..render.coverage import edge_table, edge_width
 from ..render.layout import unit_vectors
 from ..render.membrane import tangents
 from .detection import DetectionError, detect_markers
-from .fit_kernels import fit_pairs, mean_hues
+from .fit_kernels import Optics, fit_pairs, mean_hues
 from .tracks import Tracks
 
 Array = NDArray[np.float64]
@@ -40,12 +40,7 @@ class MarkerTracker:
     def __init__(self, sensor: SensorDesign, noise: float) -> None:
         self._sensor = sensor
         self._lens = sensor.lens()
-        self._linear = decoding_table()
-        slope = np.gradient(self._linear)
-        self._weight = 1.0 / (slope**2 * (noise**2 + 1.0 / 12.0))
-        self._edge = edge_table()
-        self._edge_width = edge_width(sensor.camera.blur_px)
-        self._absorbed = 1.0 - sensor.transmittance
+        self._noise = noise
 
     def reset(self, rest: list[Frame]) -> Tracks:
         """Find the markers in frames of the unloaded sensor; their mean is the rest they keep.
@@ -58,13 +53,22 @@ class MarkerTracker:
         if not rest:
             raise DetectionError("the tracker needs at least one rest frame")
         mean = np.mean([frame.image for frame in rest], axis=0)
-        pairs, self._ground = detect_markers(decode_srgb(mean), self._sensor)
+        pairs, ground = detect_markers(decode_srgb(mean), self._sensor)
         #: Directions of the markers on the dome, read off the rest frame, shape (2, M, 2).
         self.directions = self._lens.directions(pairs)
-        self._shapes = self._nominal_shapes()
         count = pairs.shape[1]
         near = np.asarray(KDTree(pairs[0]).query(pairs[0], k=_NEIGHBOURS + 1)[1])
-        self._neighbours = near[:, 1:].astype(np.int64)
+        linear = decoding_table()
+        self._optics = Optics(
+            linear=linear,
+            weight=1.0 / (np.gradient(linear) ** 2 * (self._noise**2 + 1.0 / 12.0)),
+            ground=ground,
+            absorbed=1.0 - self._sensor.transmittance,
+            shapes=self._nominal_shapes(),
+            neighbours=near[:, 1:].astype(np.int64),
+            width=edge_width(self._sensor.camera.blur_px),
+            table=edge_table(),
+        )
         start = np.zeros((count, 2, 5))
         start[:, :, :2] = np.swapaxes(pairs, 0, 1)
         seen = [self._fit(frame, start, iterations=8) for frame in rest]
@@ -84,10 +88,11 @@ class MarkerTracker:
 
     def update(self, frame: Frame) -> Tracks:
         """Markers in the next frame."""
-        if frame.image.shape != self._ground.shape or frame.image.dtype != np.uint8:
+        expected = self._optics.ground.shape
+        if frame.image.shape != expected or frame.image.dtype != np.uint8:
             raise ValueError(
                 f"frame has shape {frame.image.shape} and type {frame.image.dtype}, the rest frame "
-                f"had {self._ground.shape} and uint8"
+                f"had {expected} and uint8"
             )
         grey = self._grey(frame)
         start = self._fits[:, 0, :2].astype(np.float32)
@@ -109,21 +114,7 @@ class MarkerTracker:
         fits = predicted.copy()
         covariance = np.empty((len(fits), 10, 10))
         misfit = np.empty(len(fits))
-        fit_pairs(
-            frame.image,
-            self._linear,
-            self._weight,
-            self._ground,
-            self._absorbed,
-            self._shapes,
-            self._edge_width,
-            self._edge,
-            fits,
-            covariance,
-            misfit,
-            self._neighbours,
-            iterations,
-        )
+        fit_pairs(frame.image, self._optics, fits, covariance, misfit, iterations)
         jump = np.abs(fits[:, :, :2] - predicted[:, :, :2]).max(axis=(1, 2))
         fits[~((misfit < MAX_MISFIT) & (jump < MAX_JUMP))] = np.nan
         return fits, covariance
@@ -135,7 +126,7 @@ class MarkerTracker:
             time=frame.time,
             position=np.swapaxes(fits[:, :, :2], 0, 1),
             log_size=fits[:, :, 2].T + 0.5 * np.log(1.0 - p**2 - q**2),
-            hue=mean_hues(frame.image, self._shapes, fits),
+            hue=mean_hues(frame.image, self._optics.shapes, fits),
             visible=~np.isnan(fits[:, :, 0].T),
             covariance=covariance[:, measured[:, None], measured],
         )
@@ -145,7 +136,7 @@ class MarkerTracker:
         lost = np.isnan(fits[:, 0, 0])
         self._fits = fits.copy()
         for m in np.flatnonzero(lost):
-            near = self._neighbours[m][~lost[self._neighbours[m]]]
+            near = self._optics.neighbours[m][~lost[self._optics.neighbours[m]]]
             self._fits[m] = self._rest[m]
             if len(near):
                 self._fits[m] += np.median(fits[near] - self._rest[near], axis=0)

@@ -59,10 +59,11 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
 
     for axes in (force, contact, margin, pressure, displacement):
         _finish(axes)
+    plural = "" if scene.camera.latency_frames == 1 else "s"
     stopped = "" if len(trace) == scene.frames else f", interrupted at {time[-1]:.2f} s"
     figure.suptitle(
         f"{scene.controller}, {scene.path} path at {scene.camera.rate_hz:g} Hz "
-        f"with {scene.camera.latency_frames} frames of latency{stopped}",
+        f"with a latency of {scene.camera.latency_frames} frame{plural}{stopped}",
         fontsize=11,
     )
     figure.savefig(path, dpi=110)
