@@ -105,6 +105,14 @@ def spring_blocks(c: Any, u: Array, rigid: float, tissue: Array, membrane: Array
 
 
 @njit(cache=True)
+def blunt_sign(value: float, width: float) -> float:
+    """Sign of a value, without the jump at zero where a width is given."""
+    if width == 0.0:
+        return np.sign(value)
+    return value / np.sqrt(value * value + width * width)
+
+
+@njit(cache=True)
 def spring_tangent(
     reach_x: float,
     reach_z: float,
@@ -113,6 +121,7 @@ def spring_tangent(
     stiffness: float,
     poisson: float,
     sign: float,
+    blunt: float,
     force: Array,
     tangent: Array,
 ) -> None:
@@ -123,16 +132,17 @@ def spring_tangent(
     reach_x, reach_z: vector between the spring's ends as deformed [m]
     dx, dz: displacement of one end relative to the other [m]
     stiffness, poisson, sign: of the spring, as in `spring_block`
+    blunt: slope below which the jump of the derivative at an axis is smoothed; 0 is exact
     force: result, shape (2,) [N]
     tangent: result, ∂force/∂(dx, dz), shape (2, 2) [N/m]
     """
     length = np.sqrt(reach_x * reach_x + reach_z * reach_z)
     sin, cos = abs(reach_x) / length, abs(reach_z) / length
     cubed = length**3
-    sin_x = np.sign(reach_x) * reach_z * reach_z / cubed
+    sin_x = blunt_sign(reach_x, blunt * length) * reach_z * reach_z / cubed
     sin_z = -abs(reach_x) * reach_z / cubed
     cos_x = -abs(reach_z) * reach_x / cubed
-    cos_z = np.sign(reach_z) * reach_x * reach_x / cubed
+    cos_z = blunt_sign(reach_z, blunt * length) * reach_x * reach_x / cubed
     cross = poisson * sign
     force[0] = stiffness * (sin * dx + cross * cos * dz)
     force[1] = stiffness * (cos * dz - cross * sin * dx)
@@ -144,7 +154,13 @@ def spring_tangent(
 
 @njit(cache=True)
 def chain_tangent(
-    c: Any, u: Array, forces: Array, lower: Array, diagonal: Array, upper: Array
+    c: Any,
+    u: Array,
+    blunt: float,
+    forces: Array,
+    lower: Array,
+    diagonal: Array,
+    upper: Array,
 ) -> None:
     """Nodal forces K(u)·u (N, 2) and the blocks of their derivative at the N − 2 inner nodes.
 
@@ -163,6 +179,7 @@ def chain_tangent(
             c.tissue,
             c.poisson_tissue,
             c.sign[i],
+            blunt,
             force,
             tangent,
         )
@@ -178,6 +195,7 @@ def chain_tangent(
             c.membrane,
             c.poisson_membrane,
             membrane_sign(c.sign, i),
+            blunt,
             force,
             tangent,
         )

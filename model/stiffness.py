@@ -14,13 +14,13 @@ from .plant import coefficients
 Array = NDArray[np.float64]
 
 
-def _tangent(fingertip: Fingertip, seen: Array) -> tuple[Array, Array, Array, Array]:
+def _tangent(fingertip: Fingertip, seen: Array, blunt: float) -> tuple[Array, Array, Array, Array]:
     n = fingertip.nodes
     forces = np.empty((n, 2))
     lower, diagonal, upper = (np.zeros((n - 2, 2, 2)) for _ in range(3))
     # The springs know nothing of the object; any one fills the unused coefficients.
     c = coefficients(fingertip, ContactObject())
-    chain_tangent(c, seen, forces, lower, diagonal, upper)
+    chain_tangent(c, seen, blunt, forces, lower, diagonal, upper)
     return forces, lower, diagonal, upper
 
 
@@ -36,10 +36,10 @@ def chain_forces(fingertip: Fingertip, seen: Array) -> Array:
     -------
     Force on each node, the reactions of the rigid part on the outer ones included, shape (N, 2).
     """
-    return _tangent(fingertip, seen)[0]
+    return _tangent(fingertip, seen, 0.0)[0]
 
 
-def chain_compliance(fingertip: Fingertip, seen: Array, forces: Array) -> Array:
+def chain_compliance(fingertip: Fingertip, seen: Array, forces: Array, blunt: float = 0.0) -> Array:
     """Displacements that small nodal forces add at displacements `seen`.
 
     The turning of the springs is part of the tangent: iterating K(u)·u = f with the springs frozen
@@ -51,12 +51,15 @@ def chain_compliance(fingertip: Fingertip, seen: Array, forces: Array) -> Array:
     seen: node displacements (x, z) relative to the rigid part [m], shape (N, 2)
     forces: added nodal forces, several load cases at once [N], shape (N, 2, cases); those on the
         two outer nodes act on the rigid part and move nothing
+    blunt: slope below which the jump of the derivative, where a spring turns through an axis, is
+        smoothed; on a flat contact most of the membrane lies at that jump, and Newton steps with
+        the exact derivative hop over it for ever
 
     Returns
     -------
     Added displacements relative to the rigid part [m], shape (N, 2, cases).
     """
-    _, lower, diagonal, upper = _tangent(fingertip, seen)
+    _, lower, diagonal, upper = _tangent(fingertip, seen, blunt)
     inner = forces[1:-1].copy()  # solved in place
     solve_block_tridiagonal(lower, diagonal, upper, inner)
     out = np.zeros_like(forces)

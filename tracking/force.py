@@ -23,6 +23,12 @@ Array = NDArray[np.float64]
 MIN_MARKERS = 20
 #: Markers further than this outside the prior's reach do not feel the contact [rad].
 _MARGIN = np.deg2rad(20.0)
+#: Slope of the skin below which the jump in its stiffness is smoothed, so that Newton settles …
+_BLUNT = 0.05
+#: … and share of a Newton step that is taken.
+_DAMPING = 0.8
+#: Log evidence that a zone must win by: a tie must not make the estimate flicker.
+_ZONE_GAIN = 1.0
 
 
 class TooFewMarkersError(ValueError):
@@ -125,7 +131,7 @@ class ForceEstimator:
         """Nodal forces (N, 2) [N] and covariance of (ΣFx, ΣFz); moves the linearisation point."""
         held = chain_forces(self._fingertip, self._seen)
         loads = np.concatenate([held[:, :, None], self._hats], axis=2)
-        moves = chain_compliance(self._fingertip, self._seen, loads)
+        moves = chain_compliance(self._fingertip, self._seen, loads, _BLUNT)
         predicted, derivative = self._response(self._seen, moves)
         # Newton about the last displacement u₀ with C = ∂u/∂f: y = h(u₀) − h(0) + J·C·(f − F(u₀)).
         residual = observed - (predicted - self._at_rest - derivative[:, :, 0])[visible]
@@ -139,7 +145,8 @@ class ForceEstimator:
         mean = cho_solve(factor, moment[zone])
         hats = self._hats[:, :, zone]
         forces = hats @ mean
-        self._seen = self._seen - moves[:, :, 0] + moves[:, :, 1 + zone] @ mean
+        change = moves[:, :, 1 + zone] @ mean - moves[:, :, 0]
+        self._seen = self._seen + _DAMPING * change
         self._amplitude = max(self._prior.amplitude, float(abs(forces).max()))
         sums = hats.sum(axis=0)
         return forces, sums @ cho_solve(factor, sums.T)
@@ -162,7 +169,7 @@ class ForceEstimator:
             steps = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, -1), (1, 1), (-1, -1))
             moved = [(zone[0] + a * stride, zone[1] + b * stride) for a, b in steps]
             best = max(moved, key=score)
-            if score(best) > score(zone):
+            if score(best) > score(zone) + _ZONE_GAIN:
                 zone = best
             else:
                 stride //= 2

@@ -27,7 +27,9 @@ def test_spring_tangent_is_the_derivative(
     def spring(moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         force, tangent = np.empty(2), np.empty((2, 2))
         reach = np.array([rest_x, rest_z]) + moved
-        spring_tangent(reach[0], reach[1], moved[0], moved[1], 314.0, 0.4, sign, force, tangent)
+        spring_tangent(
+            reach[0], reach[1], moved[0], moved[1], 314.0, 0.4, sign, 0.0, force, tangent
+        )
         return force, tangent
 
     at = np.array([dx, dz])

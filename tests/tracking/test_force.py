@@ -93,7 +93,7 @@ def test_the_same_frame_gives_the_same_force(tracker: MarkerTracker) -> None:
     _, _, tracks = watch(tracker, ContactObject(), 1.86, 0.65, frames=30)[-1]
     estimator = ForceEstimator(SENSOR, TIP, tracker.directions, tracker.rest)
     totals = [estimator.update(tracks).total_normal for _ in range(40)]
-    assert np.ptp(totals[-10:]) < 0.02 * totals[-1]
+    assert np.ptp(totals[-10:]) < 0.002 * totals[-1]
 
 
 def test_too_few_markers_is_an_error_that_counts_them(tracker: MarkerTracker) -> None:
