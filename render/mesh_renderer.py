@@ -18,8 +18,11 @@ from .sensor import SensorDesign
 
 #: Corners of a disc; its area is short of the circle's by 0.2 %.
 CORNERS = 48
-#: Drawn this much larger and averaged: multisampling alone has too few levels.
+#: Drawn this much larger and averaged: multisampling alone has too few levels …
 OVERSAMPLING = 2
+#: … and with edges that fade over this width [px], which samples catch far better than a step. The
+#: fade is a part of the lens' blur; the rest is added to the picture.
+FADE = 1.6
 
 
 class MeshRenderer:
@@ -43,15 +46,29 @@ class MeshRenderer:
         self._pyrender = pyrender
         self._lens = sensor.lens()
         self._dyes = sensor.transmittance
-        self._blur = sensor.camera.blur_px
+        # A step faded linearly over w has the variance w²/12 of a box.
+        fade = min(FADE, 3.0 * sensor.camera.blur_px)
+        self._blur = float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
+        half = fade / 2 * sensor.layer_radii.mean() / (self._lens.focal * sensor.marker_radius)
         self._ground = ground_image(sensor)
         self._encoding = encoding_table()
         count = sensor.markers.count
         angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
-        self._circle = np.stack([np.cos(angle), np.sin(angle)])
-        corner = np.arange(CORNERS)
-        fan = np.stack([np.full(CORNERS, CORNERS), corner, np.roll(corner, -1)], axis=1)
-        self._faces = (fan + (CORNERS + 1) * np.arange(count)[:, None, None]).reshape(-1, 3)
+        circle = np.stack([np.cos(angle), np.sin(angle)])
+        # Of each disc: corners of the white core, black corners of the fade around it, the centre.
+        self._outline = np.concatenate(
+            [(1 - half) * circle, (1 + half) * circle, np.zeros((2, 1))], axis=1
+        )
+        inner = np.arange(CORNERS)
+        after = np.roll(inner, -1)
+        fan = np.stack([np.full(CORNERS, 2 * CORNERS), inner, after], axis=1)
+        ring = [[inner, inner + CORNERS, after], [after, inner + CORNERS, after + CORNERS]]
+        disc = np.concatenate([fan, *(np.stack(part, axis=1) for part in ring)])
+        corners = 2 * CORNERS + 1
+        self._faces = (disc + corners * np.arange(count)[:, None, None]).reshape(-1, 3)
+        white = np.ones((corners, 4), dtype=np.float32)
+        white[CORNERS:-1, :3] = 0.0
+        self._colours = np.tile(white, (count, 1))
         width, height = self._lens.width, self._lens.height
         self._scene = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 1.0])
         camera = pyrender.OrthographicCamera(xmag=width / 2, ymag=height / 2, znear=0.1, zfar=10.0)
@@ -63,8 +80,7 @@ class MeshRenderer:
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
         linear = self._ground.copy()
-        rim = membrane.centres[:, :, :, None] + membrane.axes() @ self._circle
-        points = np.concatenate([rim, membrane.centres[:, :, :, None]], axis=-1)
+        points = membrane.centres[:, :, :, None] + membrane.axes() @ self._outline
         pixels = self._lens.project(np.swapaxes(points, -1, -2))
         for layer, dye in enumerate(self._dyes):
             covered = self._coverage(pixels[layer].reshape(-1, 2))
@@ -88,7 +104,10 @@ class MeshRenderer:
             baseColorFactor=[1.0, 1.0, 1.0, 1.0], doubleSided=True
         )
         primitive = self._pyrender.Primitive(
-            positions=vertices.astype(np.float32), indices=self._faces, material=white
+            positions=vertices.astype(np.float32),
+            color_0=self._colours,
+            indices=self._faces,
+            material=white,
         )
         # Changing a primitive's positions is silently ignored: replace the mesh.
         node = self._scene.add(self._pyrender.Mesh([primitive]))

@@ -2,18 +2,28 @@
 
 from .detection import DetectionError, detect_markers
 from .force import MIN_MARKERS, ForceEstimator, ForcePrior, TooFewMarkersError
-from .friction import OBSERVABLE_MARGIN, Z90, FrictionEstimate, core_quantile, max_ratio
+from .friction import (
+    CAMERA_RULE,
+    THESIS_RULE,
+    Z90,
+    FrictionEstimate,
+    FrictionRule,
+    core_quantile,
+    max_ratio,
+)
 from .tracker import MarkerTracker
 from .tracks import Tracks
 
 __all__ = [
+    "CAMERA_RULE",
     "MIN_MARKERS",
-    "OBSERVABLE_MARGIN",
+    "THESIS_RULE",
     "Z90",
     "DetectionError",
     "ForceEstimator",
     "ForcePrior",
     "FrictionEstimate",
+    "FrictionRule",
     "MarkerTracker",
     "TooFewMarkersError",
     "Tracks",

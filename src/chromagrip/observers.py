@@ -8,15 +8,14 @@ from .control import GripObservation
 from .model import Fingertip, ForceField
 from .render import Frame, SensorDesign
 from .tracking import (
-    OBSERVABLE_MARGIN,
+    CAMERA_RULE,
+    THESIS_RULE,
     Z90,
     ForceEstimator,
     FrictionEstimate,
     MarkerTracker,
     TooFewMarkersError,
     Tracks,
-    core_quantile,
-    max_ratio,
 )
 
 
@@ -29,7 +28,7 @@ class TruthObserver:
     """
 
     def __init__(self, window: float) -> None:
-        self._friction = FrictionEstimate(max_ratio, window, observable_below=math.inf)
+        self._friction = FrictionEstimate(THESIS_RULE, window)
 
     def observe(
         self, time: float, field: ForceField, lateral_displacement: float
@@ -61,7 +60,7 @@ class CameraObserver:
         #: Tracks of the rest frames, from which displacements are counted.
         self.rest: Tracks = self._tracker.reset(rest)
         self._forces = ForceEstimator(sensor, fingertip, self._tracker.directions, self.rest)
-        self._friction = FrictionEstimate(core_quantile, window, OBSERVABLE_MARGIN)
+        self._friction = FrictionEstimate(CAMERA_RULE, window)
         self._fingertip = fingertip
 
     def observe(self, frame: Frame) -> tuple[GripObservation, Tracks]:

@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from chromagrip.model import ForceField
-from chromagrip.tracking import FrictionEstimate, core_quantile, max_ratio
+from chromagrip.tracking import (
+    CAMERA_RULE,
+    THESIS_RULE,
+    FrictionEstimate,
+    core_quantile,
+    max_ratio,
+)
 
 
 def field(ratios: np.ndarray, load: np.ndarray | None = None) -> ForceField:
@@ -37,27 +43,54 @@ def test_lightly_loaded_rim_does_not_count() -> None:
 
 
 def test_average_is_over_the_window_alone() -> None:
-    estimate = FrictionEstimate(max_ratio, window=0.05, observable_below=np.inf)
+    estimate = FrictionEstimate(THESIS_RULE, window=0.05)
     for k in range(100):
         value, (low, high) = estimate.update(0.01 * k, field(np.full(9, 0.3 + 0.01 * (k % 5))))
     assert value == pytest.approx(0.32)
     assert low < value < high
 
 
+PRESS = np.array([-0.4, -0.4, -0.3, 0.0, 0.0, 0.3, 0.4, 0.4])
+SLIP = np.ones(8)
+#: A stuck middle and slipping flanks.
+HELD = np.array([1.0, 0.9, 0.6, 0.3, 0.3, 0.6, 0.9, 1.0])
+
+
 def test_friction_is_held_while_it_cannot_be_seen() -> None:
     """Slipping shows µ; once the margin is above 0.85, ratios near ν say nothing about it."""
-    estimate = FrictionEstimate(core_quantile, window=0.05, observable_below=0.85)
-    press = np.array([-0.4, -0.4, -0.3, 0.0, 0.0, 0.3, 0.4, 0.4])
-    before, _ = estimate.update(0.0, field(press))
+    estimate = FrictionEstimate(CAMERA_RULE, window=0.05)
+    before, _ = estimate.update(0.0, field(PRESS))
     assert before == pytest.approx(0.4)  # stands in until something better is known
-    seen, _ = estimate.update(0.01, field(np.full(8, 0.7)))
+    seen, _ = estimate.update(0.01, field(0.7 * SLIP))
     assert seen == pytest.approx(0.7)
-    held, _ = estimate.update(0.02, field(press))
-    assert held == pytest.approx(0.7)
-    late, _ = estimate.update(9.0, field(press))
-    assert late == pytest.approx(0.7)
+    for time in (0.02, 9.0):
+        assert estimate.update(time, field(PRESS))[0] == pytest.approx(0.7)
+
+
+def settle(estimate: FrictionEstimate, start: float, ratios: np.ndarray) -> float:
+    """µ after 0.2 s of one field, four windows."""
+    return [estimate.update(start + 0.01 * k, field(ratios))[0] for k in range(20)][-1]
+
+
+def test_friction_rises_at_once_and_falls_only_where_the_contact_slips() -> None:
+    """A contact that sticks again shows less than µ; one that slips shows what µ has become."""
+    estimate = FrictionEstimate(CAMERA_RULE, window=0.05)
+    assert settle(estimate, 0.0, 0.4 * SLIP) == pytest.approx(0.4)
+    assert settle(estimate, 1.0, 0.6 * HELD) == pytest.approx(core_quantile(field(0.6 * HELD)))
+    known = settle(estimate, 2.0, 0.6 * SLIP)
+    assert known == pytest.approx(0.6)
+    assert settle(estimate, 3.0, 0.45 * HELD) == pytest.approx(0.6)  # healed, not slippery
+    assert settle(estimate, 4.0, 0.3 * SLIP) == pytest.approx(0.3)  # moisture
+
+
+def test_first_noisy_frames_are_not_held_on_to() -> None:
+    """Less than a window of frames is an average, not a memory."""
+    estimate = FrictionEstimate(CAMERA_RULE, window=0.1)
+    estimate.update(0.0, field(2.0 * HELD))
+    values = [estimate.update(0.01 * k, field(0.5 * HELD))[0] for k in range(1, 40)]
+    assert values[-1] == pytest.approx(core_quantile(field(0.5 * HELD)), rel=0.3)
 
 
 def test_nothing_is_known_before_contact() -> None:
-    value, (low, high) = FrictionEstimate(max_ratio, 0.1, 0.85).update(0.0, field(np.zeros(0)))
+    value, (low, high) = FrictionEstimate(CAMERA_RULE, 0.1).update(0.0, field(np.zeros(0)))
     assert np.isnan([value, low, high]).all()
