@@ -1,7 +1,14 @@
 """What the image says: markers, then forces, f = argmin |y − J·K⁻¹·f|² + prior(f)."""
 
 from .detection import DetectionError, detect_markers
-from .force import MIN_MARKERS, ForceEstimator, ForcePrior, TooFewMarkersError
+from .force import (
+    MIN_MARKERS,
+    DivergedEstimateError,
+    ForceEstimator,
+    ForcePrior,
+    NoEstimateError,
+    TooFewMarkersError,
+)
 from .friction import (
     CAMERA_RULE,
     THESIS_RULE,
@@ -20,11 +27,13 @@ __all__ = [
     "THESIS_RULE",
     "Z90",
     "DetectionError",
+    "DivergedEstimateError",
     "ForceEstimator",
     "ForcePrior",
     "FrictionEstimate",
     "FrictionRule",
     "MarkerTracker",
+    "NoEstimateError",
     "TooFewMarkersError",
     "Tracks",
     "core_quantile",

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 MIN_MARKERS = 20
 #: Markers further than this outside the prior's reach do not feel the contact [rad].
 _MARGIN = np.deg2rad(20.0)
+#: No node moves by more than this share of the radius.
+_FARTHEST = 0.5
 #: Slope of the skin below which the jump in its stiffness is smoothed, so that Newton settles …
 _BLUNT = 0.05
 #: … and share of a Newton step that is taken.
@@ -31,8 +33,16 @@ _DAMPING = 0.8
 _ZONE_GAIN = 1.0
 
 
-class TooFewMarkersError(ValueError):
+class NoEstimateError(ValueError):
+    """A frame that says nothing about the forces."""
+
+
+class TooFewMarkersError(NoEstimateError):
     """Too few markers are visible to say anything about the forces."""
+
+
+class DivergedEstimateError(NoEstimateError):
+    """No deformation of the chain explains the markers; the next frame starts from rest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +113,8 @@ class ForceEstimator:
         ------
         TooFewMarkersError
             When fewer than MIN_MARKERS pairs are visible.
+        DivergedEstimateError
+            When the solution runs away.
         """
         visible = (tracks.visible[0] & tracks.visible[1])[self._usable]
         if visible.sum() < MIN_MARKERS:
@@ -120,7 +132,14 @@ class ForceEstimator:
         # The angles follow from the last displacement; a second pass only after a large change.
         for _ in range(2):
             before = self._seen
-            forces, covariance = self._solve(observed, whiten, visible)
+            try:
+                with np.errstate(invalid="raise"):
+                    forces, covariance = self._solve(observed, whiten, visible)
+            except (FloatingPointError, np.linalg.LinAlgError):
+                self._seen = np.full_like(before, np.inf)
+            if not abs(self._seen).max() < _FARTHEST * self._fingertip.radius:
+                self.reset()
+                raise DivergedEstimateError("no deformation of the fingertip explains the markers")
             if abs(self._seen - before).max() < 20e-6:
                 break
         return self._field(forces, covariance)

@@ -9,6 +9,7 @@ from .camera import SimulatedCamera
 from .control import Controller, GripCommand, GripObservation
 from .errors import UserError
 from .model import (
+    ConvergenceError,
     ForceField,
     SlipRecord,
     State,
@@ -136,7 +137,10 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
         start = index * scene.period
         for k in range(substeps):
             load = scene.load.force(start + (k + 0.5) * dt)
-            state = step(tip, obj, state, dt, grip, load)
+            try:
+                state = step(tip, obj, state, dt, grip, load)
+            except ConvergenceError as error:
+                raise UserError(f"the node model gave up: {error}") from None
             slip = follow_slip(slip, state, contact_forces(tip, obj, state), dt)
         # Sums of steps round; frames are counted.
         state = replace(state, time=(index + 1) * scene.period)

@@ -14,7 +14,7 @@ from .tracking import (
     ForceEstimator,
     FrictionEstimate,
     MarkerTracker,
-    TooFewMarkersError,
+    NoEstimateError,
     Tracks,
 )
 
@@ -66,12 +66,13 @@ class CameraObserver:
     def observe(self, frame: Frame) -> tuple[GripObservation, Tracks]:
         """Observation of a frame, and the tracks it rests on.
 
-        With too few markers left the observation says so: an empty field and a margin of NaN.
+        Where the frame says nothing of the forces, the observation says so: an empty field and a
+        margin of NaN.
         """
         tracks = self._tracker.update(frame)
         try:
             field = self._forces.update(tracks)
-        except TooFewMarkersError:
+        except NoEstimateError:
             field = _empty_field(self._fingertip)
         return _observation(frame.time, field, self._friction, math.nan), tracks
 

@@ -6,6 +6,7 @@ from chromagrip.render import Frame, MembraneMap, add_noise, load_sensor, open_r
 from chromagrip.tracking import (
     ForceEstimator,
     MarkerTracker,
+    NoEstimateError,
     TooFewMarkersError,
     Tracks,
     core_quantile,
@@ -105,6 +106,22 @@ def test_too_few_markers_is_an_error_that_counts_them(tracker: MarkerTracker) ->
         estimator.update(
             Tracks(**{**vars(tracks), "visible": blind, "position": tracks.position.copy()})
         )
+
+
+def test_nonsense_is_refused_and_forgotten(tracker: MarkerTracker) -> None:
+    """Markers thrown about say nothing; the frames after them are read as if it had not been."""
+    seen = watch(tracker, ContactObject(), 1.86, 0.65, frames=30)
+    estimator = ForceEstimator(SENSOR, TIP, tracker.directions, tracker.rest)
+    good = seen[-1][2]
+    thrown = good.position + np.random.default_rng(0).normal(0, 60.0, good.position.shape)
+    nonsense = Tracks(**{**vars(good), "position": thrown})
+    with pytest.raises(NoEstimateError):
+        for _ in range(5):
+            estimator.update(nonsense)
+    for _, _, tracks in seen:
+        field = estimator.update(tracks)
+    truth = seen[-1][1]
+    assert field.total_normal == pytest.approx(truth.total_normal, rel=0.2)
 
 
 def test_lost_markers_widen_the_interval(tracker: MarkerTracker) -> None:
