@@ -54,9 +54,10 @@ class ForceField:
 def contact_forces(fingertip: Fingertip, obj: ContactObject, state: State) -> ForceField:
     """Contact forces of a state of the node model: the truth that estimates are scored against."""
     deformation = state.deformation
-    ground = fingertip.rest_positions() + deformation.nodes
-    gap, _ = contact_frames(coefficients(fingertip, obj), ground, deformation.object_position)
-    normal = obj.stiffness * fingertip.spacing_ratio * np.maximum(0.0, -gap)
+    c = coefficients(fingertip, obj)
+    ground = c.rest + deformation.nodes
+    gap, _ = contact_frames(c, ground, deformation.object_position)
+    normal = c.contact * np.maximum(0.0, -gap)
     return ForceField(
         position=ground - np.array([0.0, deformation.rigid_part]),
         normal=normal,

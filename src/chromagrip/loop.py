@@ -94,6 +94,7 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
     """
     tip, obj, controller = scene.build_fingertip(), scene.build_object(), scene.build_controller()
     state, slip = rest_state(tip), no_slip(tip.nodes)
+    field = contact_forces(tip, obj, state)
     window = scene.safety_margin.friction_window_s
     seen: CameraObserver | None = None
     truth = TruthObserver(window)
@@ -107,7 +108,6 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
     grip = math.nan
     controller.reset()
     for index in range(scene.frames):
-        field = contact_forces(tip, obj, state)
         frame, tracks = None, None
         if seen is None:
             observation = truth.observe(state.time, field, slip.current)
@@ -141,7 +141,8 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
                 state = step(tip, obj, state, dt, grip, load)
             except ConvergenceError as error:
                 raise UserError(f"the node model gave up: {error}") from None
-            slip = follow_slip(slip, state, contact_forces(tip, obj, state), dt)
+            field = contact_forces(tip, obj, state)
+            slip = follow_slip(slip, state, field, dt)
         # Sums of steps round; frames are counted.
         state = replace(state, time=(index + 1) * scene.period)
 

@@ -78,10 +78,7 @@ def run(
     with closing(open_camera(scene)) as camera, threadpool_limits(1):
         # One thread: frames are small, and runs are made side by side.
         cv2.setNumThreads(1)
-        if out is None:
-            return _record(scene, camera, None, progress)
-        folder = _prepare_folder(Path(out), force)
-        (folder / "scene.toml").write_text(_scene_text(scene), encoding="utf-8")
+        folder = None if out is None else _open_folder(Path(out), force, scene)
         return _record(scene, camera, folder, progress)
 
 
@@ -121,16 +118,15 @@ def _record(
     return Result(scene=scene, summary=summary, trace=trace, folder=folder)
 
 
-def _prepare_folder(folder: Path, force: bool) -> Path:
-    """Make a run folder ready to be written into, without an earlier run's files."""
+def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
+    """Run folder with its scene in it, and without an earlier run's files."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()) and not force:
             raise FolderError(f"folder {folder} is not empty; choose another or give --force")
         for name in FILES:
             (folder / name).unlink(missing_ok=True)
-        probe = folder / "scene.toml"
-        probe.touch()
+        (folder / "scene.toml").write_text(_scene_text(scene), encoding="utf-8")
     except FileExistsError:
         raise FolderError(f"{folder} is a file, not a folder") from None
     except OSError as error:
