@@ -1,30 +1,61 @@
 """What is true: the node model of fingertip and object, c·u̇ + K(u)·u = F_contact (thesis Eq. 2)."""
 
+from .drive import Drive
+from .ensemble import Ensemble, rest_ensemble, step_many
+from .errors import (
+    ConvergenceError,
+    DivergedError,
+    LostContactError,
+    ModelError,
+    NoEquilibriumError,
+    PiercedError,
+)
 from .fingertip import REFERENCE_NODES, Fingertip
 from .force_field import ForceField, contact_forces
+from .integrators import INTEGRATORS, Method, explicit_limit, simulate
 from .metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
 from .objects import ContactObject, stiffness_from_young
-from .plant import ConvergenceError, step
-from .state import Deformation, State, rest_state
-from .stiffness import chain_compliance, chain_forces
+from .plant import History, step
+from .state import Deformation, State, load_state, rest_state, save_state
+from .statics import equilibrium
+from .stiffness import chain_compliance, chain_forces, spring_force, spring_forces
 
 __all__ = [
     "GROSS_SLIP",
+    "INTEGRATORS",
     "REFERENCE_NODES",
     "ContactObject",
     "ConvergenceError",
     "Deformation",
+    "DivergedError",
+    "Drive",
+    "Ensemble",
     "Fingertip",
     "ForceField",
+    "History",
+    "LostContactError",
+    "Method",
+    "ModelError",
+    "NoEquilibriumError",
+    "PiercedError",
     "SlipRecord",
     "State",
     "chain_compliance",
     "chain_forces",
     "contact_forces",
+    "equilibrium",
+    "explicit_limit",
     "follow_slip",
+    "load_state",
     "no_slip",
     "pressure",
+    "rest_ensemble",
     "rest_state",
+    "save_state",
+    "simulate",
+    "spring_force",
+    "spring_forces",
     "step",
+    "step_many",
     "stiffness_from_young",
 ]

@@ -3,11 +3,15 @@
 import math
 
 
-def finite(name: str, value: float, unit: str, *, above: float = -math.inf) -> None:
-    """Raise ValueError unless `value` is finite and greater than `above` (in `unit`)."""
-    if math.isfinite(value) and value > above:
+def finite(
+    name: str, value: float, unit: str, *, above: float = -math.inf, below: float = math.inf
+) -> None:
+    """Raise ValueError unless `value` is finite, above one bound and at most the other."""
+    if math.isfinite(value) and above < value <= below:
         return
     bound = "" if above == -math.inf else f" and above {above:g}"
+    if below != math.inf:
+        bound += f" and at most {below:g}"
     raise ValueError(f"{name} must be finite{bound} {unit}".rstrip() + f", got {value!r}")
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .fingertip import Fingertip
-from .kernels import contact_frames
+from .chain import chain, contact
+from .contact import contact_frames
+from .fingertip import CONTACT_THRESHOLD, Fingertip
 from .objects import ContactObject
-from .plant import coefficients
 from .state import State
 
 Array = NDArray[np.float64]
@@ -54,14 +54,14 @@ class ForceField:
 def contact_forces(fingertip: Fingertip, obj: ContactObject, state: State) -> ForceField:
     """Contact forces of a state of the node model: the truth that estimates are scored against."""
     deformation = state.deformation
-    c = coefficients(fingertip, obj)
-    ground = c.rest + deformation.nodes
-    gap, _ = contact_frames(c, ground, deformation.object_position)
-    normal = c.contact * np.maximum(0.0, -gap)
+    ch = chain(fingertip)
+    ground = ch.rest + deformation.nodes
+    gap, _ = contact_frames(contact(fingertip, obj), ground, deformation.object_position)
+    normal = obj.stiffness * ch.share * np.maximum(0.0, -gap)
     return ForceField(
         position=ground - np.array([0.0, deformation.rigid_part]),
         normal=normal,
         friction=state.friction,
-        contact=normal > fingertip.contact_threshold,
+        contact=normal > CONTACT_THRESHOLD * ch.share,
         totals_covariance=np.zeros((2, 2)),
     )

@@ -1,9 +1,11 @@
 """Dahl friction of one node as a return map (thesis Eq. 5, closed form of facts for every n)."""
 
-from numba import njit
+import numpy as np
+
+from .compiled import njit
 
 
-@njit(cache=True)
+@njit(fastmath={"contract"})
 def dahl_step(
     force: float, slip: float, normal: float, mu: float, stiffness: float, exponent: float
 ) -> tuple[float, float]:
@@ -49,3 +51,58 @@ def dahl_step(
             z_new = 0.0
     end = sign * limit * (1.0 - z_new)
     return end, (end - start) / slip
+
+
+#: Parts of a step in which the normal force changes, and the change below which there is one.
+PARTS, STEADY = 8, 0.02
+
+
+@njit(fastmath={"contract"})
+def dahl_path(
+    force: float,
+    slip: float,
+    before: float,
+    normal: float,
+    mu: float,
+    stiffness: float,
+    exponent: float,
+) -> tuple[float, float]:
+    """Friction after a slip increment during which the normal force went straight to `normal`.
+
+    A node that comes into contact sticks or slips under the little normal force of its first
+    moments; with that of the end of the step alone, it would remember too much friction.
+
+    Parameters
+    ----------
+    before: normal force at the start of the step, negative where a gap was still to close [N]
+
+    Others, and what is returned, as in `dahl_step`.
+    """
+    if normal <= 0.0:
+        return 0.0, 0.0
+    if abs(normal - before) <= STEADY * normal or abs(slip) < 1e-16:
+        return dahl_step(force, slip, normal, mu, stiffness, exponent)
+    start = force if before > 0.0 else 0.0
+    share = 1.0 if before > 0.0 else normal / (normal - before)  # of the slip while in contact
+    low = max(before, 0.0)
+    end = start
+    for k in range(PARTS):
+        now = low + (normal - low) * (k + 1.0) / PARTS
+        end, _ = dahl_step(end, slip * share / PARTS, now, mu, stiffness, exponent)
+    limit = mu * normal
+    return end, max((end - min(max(start, -limit), limit)) / slip, 0.0)
+
+
+@njit(fastmath={"contract"})
+def dahl_tangent(
+    force: float, slip: float, normal: float, mu: float, stiffness: float, exponent: float
+) -> float:
+    """Slope dF/ds of the Dahl law at a force, for motion that goes on in the direction of `slip`.
+
+    Parameters and units as in `dahl_step`.
+    """
+    limit = mu * normal
+    if limit <= 0.0:
+        return 0.0
+    z = 1.0 - np.sign(slip) * force / limit
+    return stiffness * z**exponent if z > 0.0 else 0.0

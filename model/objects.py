@@ -1,13 +1,19 @@
 """The object that is gripped: its surface, its friction and how it moves."""
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from .checks import finite, within
+
+#: Above this a penalty stiffness loses the contact force in the rounding of a position [N/m].
+STIFFEST = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactObject:
-    """A flat or convex object that touches the apex at rest, slides along x and carries the load.
+    """An object that just touches the fingertip at rest, slides along x and carries the load.
 
     Per-node values hold at 251 nodes and are scaled with the node spacing.
 
@@ -15,7 +21,10 @@ class ContactObject:
     ----------
     stiffness: normal penalty stiffness k_c per node (thesis Eq. 4 with erratum E4) [N/m]
     friction: friction coefficient µ
-    curvature: 1/radius of a round object, 0 for a flat one [1/m]
+    curvature: 1/radius of a round object, 0 for a flat one, negative for a hollow [1/m]
+    profile: surface as points (x, z), x increasing, z from the fingertip into the object [m]; a
+        smooth curve goes through them and on straight beyond the ends. Only its shape counts: it is
+        moved along z until it touches. None is flat or round
     dahl_stiffness: bristle stiffness σ0 per node (E8) [N/m]
     dahl_exponent: exponent n of the Dahl law (E8)
     drag: lateral damper from the object to ground (E9) [N·s/m]
@@ -24,17 +33,31 @@ class ContactObject:
     stiffness: float = 1000.0
     friction: float = 0.5
     curvature: float = 0.0
+    profile: tuple[tuple[float, float], ...] | None = None
     dahl_stiffness: float = 5000.0
     dahl_exponent: float = 0.7
     drag: float = 120.0
 
     def __post_init__(self) -> None:
-        finite("object stiffness", self.stiffness, "N/m", above=0.0)
+        finite("object stiffness", self.stiffness, "N/m", above=0.0, below=STIFFEST)
         finite("friction coefficient", self.friction, "", above=0.0)
-        finite("Dahl stiffness", self.dahl_stiffness, "N/m", above=0.0)
+        finite("Dahl stiffness", self.dahl_stiffness, "N/m", above=0.0, below=STIFFEST)
         finite("object drag", self.drag, "N·s/m", above=0.0)
-        within("object curvature", self.curvature, "1/m", 0.0, 1000.0)
+        within("object curvature", self.curvature, "1/m", -1000.0, 1000.0)
         within("Dahl exponent", self.dahl_exponent, "", 0.1, 2.0)
+        if self.profile is not None:
+            _check_profile(self.profile, self.curvature)
+
+
+def _check_profile(profile: tuple[tuple[float, float], ...], curvature: float) -> None:
+    if curvature != 0.0:
+        raise ValueError(f"object curvature must be 0 beside a profile, got {curvature!r}")
+    if len(profile) < 3 or any(len(point) != 2 for point in profile):
+        raise ValueError(f"object profile must be at least 3 points (x, z), got {profile!r}")
+    if not all(math.isfinite(value) for point in profile for value in point):
+        raise ValueError("object profile must be finite")
+    if not (np.diff([x for x, _ in profile]) > 0.0).all():
+        raise ValueError("object profile must have increasing x")
 
 
 def stiffness_from_young(young_modulus: float) -> float:

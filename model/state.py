@@ -1,6 +1,9 @@
 """What the node model hands on: the deformation, and the state that a step starts from."""
 
+import os
+import zipfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,17 +43,78 @@ class State:
     time: [s]
     deformation: where everything is
     friction: Dahl force of each node, on the node, along the object's tangent [N], shape (N,)
-    slip_rate: tangential speed of the object relative to each node [m/s], shape (N,)
+    slip_rate: tangential speed of the object relative to each node near contact [m/s], shape (N,)
+    rate: mean rates of the nodes (x, z) and, last, of (rigid part, object) over the step before
+        [m/s], shape (N + 1, 2)
+    step: that step [s]; 0 if there was none
     """
 
     time: float
     deformation: Deformation
     friction: Array
     slip_rate: Array
+    rate: Array
+    step: float
 
 
 def rest_state(fingertip: Fingertip) -> State:
     """Undeformed fingertip whose apex just touches the object."""
     n = fingertip.nodes
     deformation = Deformation(nodes=np.zeros((n, 2)), rigid_part=0.0, object_position=0.0)
-    return State(time=0.0, deformation=deformation, friction=np.zeros(n), slip_rate=np.zeros(n))
+    return State(
+        time=0.0,
+        deformation=deformation,
+        friction=np.zeros(n),
+        slip_rate=np.zeros(n),
+        rate=np.zeros((n + 1, 2)),
+        step=0.0,
+    )
+
+
+def save_state(state: State, path: str | Path) -> None:
+    """Write a state to an .npz file, from which a run goes on as if it had not stopped."""
+    path = Path(path)
+    unfinished = path.with_name(path.name + ".unfinished")
+    with unfinished.open("wb") as file:
+        np.savez(
+            file,
+            format=np.array("chromagrip state 1"),
+            time=state.time,
+            nodes=state.deformation.nodes,
+            rigid_part=state.deformation.rigid_part,
+            object_position=state.deformation.object_position,
+            friction=state.friction,
+            slip_rate=state.slip_rate,
+            rate=state.rate,
+            step=state.step,
+        )
+    os.replace(unfinished, path)
+
+
+def load_state(path: str | Path) -> State:
+    """State from a file of `save_state`.
+
+    Raises
+    ------
+    ValueError
+        When the file is not one.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            if str(kept["format"]) != "chromagrip state 1":
+                raise ValueError("of another format")
+            values = {name: kept[name] for name in kept.files}
+        return State(
+            time=float(values["time"]),
+            deformation=Deformation(
+                nodes=values["nodes"],
+                rigid_part=float(values["rigid_part"]),
+                object_position=float(values["object_position"]),
+            ),
+            friction=values["friction"],
+            slip_rate=values["slip_rate"],
+            rate=values["rate"],
+            step=float(values["step"]),
+        )
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        raise ValueError(f"{path} is not a state saved by chromagrip: {error}") from None

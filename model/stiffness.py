@@ -3,13 +3,17 @@
 The outer nodes are held to the rigid part, so that in the sensor frame only inner nodes move.
 """
 
+from dataclasses import replace
+from typing import get_args
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .fingertip import Fingertip
-from .kernels import chain_tangent, solve_block_tridiagonal
-from .objects import ContactObject
-from .plant import coefficients
+from .blocks import solve_block_tridiagonal
+from .chain import chain
+from .elastic_kernels import chain_tangent
+from .fingertip import Fingertip, SpringLaw
+from .springs import spring
 
 Array = NDArray[np.float64]
 
@@ -18,9 +22,7 @@ def _tangent(fingertip: Fingertip, seen: Array, blunt: float) -> tuple[Array, Ar
     n = fingertip.nodes
     forces = np.empty((n, 2))
     lower, diagonal, upper = (np.zeros((n - 2, 2, 2)) for _ in range(3))
-    # The springs know nothing of the object; any one fills the unused coefficients.
-    c = coefficients(fingertip, ContactObject())
-    chain_tangent(c, seen, blunt, forces, lower, diagonal, upper)
+    chain_tangent(chain(fingertip), seen, 1.0, blunt, forces, lower, diagonal, upper)
     return forces, lower, diagonal, upper
 
 
@@ -65,3 +67,43 @@ def chain_compliance(fingertip: Fingertip, seen: Array, forces: Array, blunt: fl
     out = np.zeros_like(forces)
     out[1:-1] = inner
     return out
+
+
+def spring_force(
+    law: SpringLaw,
+    rest: tuple[float, float],
+    moved: tuple[float, float],
+    stiffness: float,
+    poisson: float,
+) -> tuple[float, float]:
+    """Force of a single spring (thesis Figs. 19 to 21).
+
+    Parameters
+    ----------
+    law: see Fingertip
+    rest: vector (x, z) from one end to the other, unloaded [m]
+    moved: displacement of the other end relative to the first [m]
+    stiffness: [N/m]
+    poisson: Poisson factor, with the sign of its half
+
+    Returns
+    -------
+    Force (x, z) that holds the other end there [N].
+    """
+    number = get_args(SpringLaw).index(law)
+    x, z = rest[0] + moved[0], rest[1] + moved[1]
+    return spring(number, x, z, *moved, stiffness, poisson, 0.0, 0.0)[:2]
+
+
+def spring_forces(fingertip: Fingertip, seen: Array) -> tuple[Array, Array]:
+    """Forces that hold each node against its tissue spring, and against its membrane springs [N].
+
+    Parameters as in `chain_forces`, which gives their sum; both of shape (N, 2).
+    """
+    without = replace(fingertip, membrane_stiffness=TINY, poisson_membrane=0.0)
+    tissue = chain_forces(without, seen)
+    return tissue, chain_forces(fingertip, seen) - tissue
+
+
+#: Stiffness that a spring may not fall below, in place of none [N/m].
+TINY = 1e-12

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from ..model.compiled import njit
 
 Array = NDArray[np.float64]
 
@@ -24,7 +25,7 @@ def edge_width(blur: float) -> float:
     return math.sqrt(blur**2 + 1.0 / 12.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def edge(table: Array, distance: float) -> float:
     """Coverage at a signed distance inside the edge, in standard deviations."""
     place = (distance + EDGE_RANGE) * (_EDGE_STEPS / (2.0 * EDGE_RANGE))
@@ -36,7 +37,7 @@ def edge(table: Array, distance: float) -> float:
     return table[index] + (place - index) * (table[index + 1] - table[index])
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def signed_distance(
     dx: float, dy: float, inverse: Array, correction: float
 ) -> tuple[float, float, float]:
@@ -63,7 +64,7 @@ def signed_distance(
     return (1.0 - radius) / slope - correction * slope, -gx / slope, -gy / slope
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def paint_ellipses(
     image: NDArray[np.float32],
     centres: Array,
@@ -105,7 +106,7 @@ def paint_ellipses(
                         image[row, col, k] *= 1.0 - covered * (1.0 - transmittance[k])
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def encode(linear: NDArray[np.float32], table: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
     """SRGB image (H, W, 3) of a linear-light one, by `colour.encoding_table`."""
     flat, result = linear.reshape(-1), out.reshape(-1)

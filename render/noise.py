@@ -3,9 +3,10 @@
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtri
+
+from ..model.compiled import njit
 
 _TABLE_BITS = 12
 
@@ -17,7 +18,7 @@ def _levels(sigma: float) -> NDArray[np.int16]:
     return np.rint(sigma * ndtri(share)).astype(np.int16)
 
 
-@njit(cache=True)
+@njit()
 def _add(image: NDArray[np.uint8], levels: NDArray[np.int16], seed: np.uint64) -> None:
     flat = image.reshape(-1)
     mask = np.uint64(levels.shape[0] - 1)

@@ -10,9 +10,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ..model.compiled import njit
 from ..render.coverage import edge, signed_distance
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Optics(NamedTuple):
     table: Array  # coverage.edge_table()
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def fit_pairs(
     image: NDArray[np.uint8],
     optics: Any,
@@ -105,7 +105,7 @@ def fit_pairs(
                 break
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def _window(optics: Any, fits: Array, m: int, inverses: Array) -> tuple[float, float, float, float]:
     """Box (x0, x1, y0, y1) around both layers; their inverse shapes go to the first inverses."""
     shape = np.empty((2, 2))
@@ -123,7 +123,7 @@ def _window(optics: Any, fits: Array, m: int, inverses: Array) -> tuple[float, f
     return x0, x1, y0, y1
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def _reaching_in(
     optics: Any,
     fits: Array,
@@ -156,7 +156,7 @@ def _reaching_in(
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def _normal_equations(
     image: NDArray[np.uint8],
     optics: Any,
@@ -234,7 +234,7 @@ def _normal_equations(
     return squares / max(3 * count, 1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def _improve(fit: Array, step: Array) -> float:
     """Add a step, limited where it would leave the linear range; returns how far edges moved."""
     largest = 0.0
@@ -247,7 +247,7 @@ def _improve(fit: Array, step: Array) -> float:
     return largest
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def _stretch(nominal: Array, fit: Array, out: Array) -> None:
     size = math.exp(fit[2])
     for j in range(2):
@@ -256,14 +256,14 @@ def _stretch(nominal: Array, fit: Array, out: Array) -> None:
         out[1, j] = size * (fit[4] * a + (1.0 - fit[3]) * b)
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def _invert(a: Array, out: Array) -> None:
     det = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
     out[0, 0], out[0, 1] = a[1, 1] / det, -a[0, 1] / det
     out[1, 0], out[1, 1] = -a[1, 0] / det, a[0, 0] / det
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def _plausible(fit: Array) -> bool:
     for k in range(2):
         for i in range(2, 5):
@@ -272,7 +272,7 @@ def _plausible(fit: Array) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit()
 def mean_hues(image: NDArray[np.uint8], shapes: Array, fits: Array) -> Array:
     """Hue [°], −180…180, of the mean colour inside each magenta marker; NaN where it is lost.
 

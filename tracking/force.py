@@ -89,6 +89,7 @@ class ForceEstimator:
     ) -> None:
         self._prior = prior or ForcePrior()
         self._fingertip = fingertip
+        self._threshold = fingertip.contact_threshold
         near = directions[0, :, 0] < np.deg2rad(self._prior.reach_deg) + _MARGIN
         self._usable = np.flatnonzero(near & rest.visible.all(axis=0))
         self._at_start = _measured(rest)[self._usable]
@@ -207,7 +208,7 @@ class ForceEstimator:
         length = np.sqrt(1.0 + slope**2)
         normal = (slope * forces[:, 0] - forces[:, 1]) / length
         friction = (forces[:, 0] + slope * forces[:, 1]) / length
-        contact = normal > self._fingertip.contact_threshold
+        contact = normal > self._threshold
         flip = np.array([1, 0])  # (x, z) of the sensor are (friction, normal) of the field
         return ForceField(
             position=position,
@@ -226,7 +227,7 @@ class ForceEstimator:
         hats = np.stack([np.interp(angles, knots, row) for row in np.eye(prior.knots)], axis=1)
         hats[np.abs(angles) > reach] = 0.0
         # Unknowns are node forces at 251 nodes; finer chains share them among more nodes.
-        hats *= tip.spacing_ratio
+        hats *= tip.shares()[:, None]
         basis = np.zeros((tip.nodes, 2, 2 * prior.knots))
         basis[:, 0, : prior.knots] = hats
         basis[:, 1, prior.knots :] = hats

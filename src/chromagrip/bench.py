@@ -1,28 +1,13 @@
 """Figures measured in one call, each beside its target: the tables in docs/ are printed by this."""
 
-import os
-import platform
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
 from typing import Any
 
+from .bench_model import bench_model
+from .bench_rows import Row, report, reported, within
 from .render.gl import gl_problem
-from .run_folder import Result, run, versions
+from .run_folder import Result, run
 from .scene import load_scene
-
-
-@dataclass(frozen=True)
-class Row:
-    """One measured figure; `target` says in words what it has to be, `met` whether it is.
-
-    A figure that this machine cannot measure has the value None and is not met.
-    """
-
-    name: str
-    value: float | None
-    unit: str
-    target: str
-    met: bool
 
 
 def bench_loop(quick: bool, progress: Callable[[str], None]) -> list[Row]:
@@ -55,26 +40,26 @@ def _truth_rows(progress: Callable[[str], None]) -> Iterator[Row]:
         scene = load_scene("thesis", {"path": "truth", "controller": controller})
         results[controller] = run(scene)
     hold = results["safety-margin"].summary
-    yield _within("truth/safety-margin/final_margin", hold["final_margin_true"], "", 0.28, 0.32)
-    yield _within(
+    yield within("truth/safety-margin/final_margin", hold["final_margin_true"], "", 0.28, 0.32)
+    yield within(
         "truth/safety-margin/displacement", hold["lateral_displacement_mm"], "mm", 0.0, 0.05
     )
     react = results["react-to-slip"].summary
     events = react["slip_reactions"]
-    yield _within("truth/react-to-slip/reactions", float(len(events)), "", 1, 1)
+    yield within("truth/react-to-slip/reactions", float(len(events)), "", 1, 1)
     time = events[0]["time_s"] if events else None
-    yield _within("truth/react-to-slip/time", time, "s", 1.35, 1.45)
-    yield _within(
+    yield within("truth/react-to-slip/time", time, "s", 1.35, 1.45)
+    yield within(
         "truth/react-to-slip/displacement", react["lateral_displacement_mm"], "mm", 1.25, 1.35
     )
     trace = results["conservative"].trace
     before = float(trace["margin_true"][990])
-    yield _within("truth/conservative/margin_first_load", before, "", 0.89, 0.91)
-    yield _within(
+    yield within("truth/conservative/margin_first_load", before, "", 0.89, 0.91)
+    yield within(
         "truth/conservative/margin_second_load", float(trace["margin_true"][-1]), "", 0.73, 0.75
     )
     constant = results["conservative"].summary["lateral_displacement_mm"]
-    yield _within("truth/conservative/displacement", constant, "mm", 0.0, 0.005)
+    yield within("truth/conservative/displacement", constant, "mm", 0.0, 0.005)
 
 
 def _camera_rows(scene: str, renderer: str, progress: Callable[[str], None]) -> list[Row]:
@@ -85,35 +70,22 @@ def _camera_rows(scene: str, renderer: str, progress: Callable[[str], None]) -> 
     result = run(load_scene(scene, {"renderer": renderer}))
     summary = result.summary
     return [
-        _within(f"{name}/displacement", summary["lateral_displacement_mm"], "mm", 0.0, 0.2),
-        _within(f"{name}/margin_late_min", summary["margin_true_min_last_300ms"], "", 0.15, 0.5),
-        _within(f"{name}/margin_late_max", summary["margin_true_max_last_300ms"], "", 0.15, 0.5),
+        within(f"{name}/displacement", summary["lateral_displacement_mm"], "mm", 0.0, 0.2),
+        within(f"{name}/margin_late_min", summary["margin_true_min_last_300ms"], "", 0.15, 0.5),
+        within(f"{name}/margin_late_max", summary["margin_true_max_last_300ms"], "", 0.15, 0.5),
         _measured(f"{name}/margin_rmse", result, "margin_rmse", ""),
         _measured(f"{name}/speed", result, "frames_per_second", "frames/s"),
     ]
 
 
-def _within(name: str, value: float | None, unit: str, low: float, high: float) -> Row:
-    met = value is not None and low <= value <= high
-    return Row(name, value, unit, f"{low:g}…{high:g}" if low != high else f"{low:g}", met)
-
-
 def _measured(name: str, result: Result, key: str, unit: str) -> Row:
-    """A figure that is reported as it is."""
-    value = result.summary[key]
-    return Row(name, value, unit, "reported", value is not None)
+    """A figure of the summary, reported as it is."""
+    return reported(name, result.summary[key], unit)
 
 
-PARTS = {"loop": bench_loop}
+PARTS = {"loop": bench_loop, "model": bench_model}
 
 
 def bench(part: str, quick: bool, progress: Callable[[str], None]) -> dict[str, Any]:
     """Measure a part: the machine, and a row per figure."""
-    machine = {
-        "system": platform.system(),
-        "processor": platform.machine(),
-        "cores": os.cpu_count(),
-        **versions(),
-    }
-    rows = PARTS[part](quick, progress)
-    return {"machine": machine, "quick": quick, "rows": [asdict(row) for row in rows]}
+    return report(PARTS[part](quick, progress), quick)

@@ -4,7 +4,9 @@ Exit codes: 0 done, 1 something is missing (doctor), 2 asked for the impossible,
 """
 
 import json
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -101,13 +103,18 @@ def grasp(
             resolved,
             out,
             force=force,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            progress=lambda done, total: _advance(bar, task, done, total),
         )
     if json_only:
         print(json.dumps(result.summary))
     else:
         print_summary(result.summary, result.folder)
     return 0
+
+
+def _advance(bar: Progress, task: Any, done: int, total: int) -> None:
+    bar.update(task, completed=done, total=total)
+    _stop_if_interrupted()
 
 
 def print_summary(summary: dict[str, Any], folder: Path | None) -> None:
@@ -174,7 +181,9 @@ def doctor() -> int:
 
 
 def bench(
-    part: Annotated[Literal["loop"], tyro.conf.Positional, _option("what to measure", "loop")],
+    part: Annotated[
+        Literal["loop", "model"], tyro.conf.Positional, _option("what to measure", "loop|model")
+    ],
     *,
     quick: Annotated[_Flag, _option("a smaller run, labelled so")] = False,
     json_only: Annotated[_Flag, _option("one JSON object", name="json")] = False,
@@ -183,15 +192,89 @@ def bench(
     from .bench import bench as measure
 
     with Console(stderr=True).status("starting") as status:
-        report = measure(part, quick, status.update)
+        report = measure(part, quick, _telling(status))
     if json_only:
         print(json.dumps(report))
         return 0
-    for row in report["rows"]:
+    _print_rows(report["rows"])
+    return 0
+
+
+def _print_rows(rows: list[dict[str, Any]]) -> None:
+    for row in rows:
         value = "–" if row["value"] is None else f"{row['value']:.4g}"
         verdict = "" if row["met"] else "MISSED"
-        print(f"{row['name']:<42} {value:>9} {row['unit']:<9} {row['target']:<11} {verdict}")
+        print(f"{row['name']:<46} {value:>9} {row['unit']:<9} {row['target']:<11} {verdict}")
+
+
+def stability(
+    part: Annotated[Literal["model"], tyro.conf.Positional, _option("what to map", "model")],
+    *,
+    quick: Annotated[_Flag, _option("a smaller map, labelled so")] = False,
+    out: Annotated[
+        Path | None,
+        _option("folder for picture and table; by default a new one under runs/", "DIR"),
+    ] = None,
+    force: Annotated[_Flag, _option("write over an earlier map in --out")] = False,
+    json_only: Annotated[
+        _Flag, _option("one JSON object; writes a folder only with --out", name="json")
+    ] = False,
+) -> int:
+    """Map where each integrator is accurate, inaccurate, chattering or diverged."""
+    from .stability_model import stability_model
+
+    if out is None and not json_only:
+        out = _new_folder(f"stability-{part}")
+    with Console(stderr=True).status("starting") as status:
+        report, sentences = stability_model(quick, out, force, _telling(status))
+    if json_only:
+        print(json.dumps(report))
+        return 0
+    _print_rows(report["rows"])
+    for sentence in sentences:
+        print(sentence)
+    print(f"folder {out}")
     return 0
+
+
+def reproduce(
+    part: Annotated[
+        Literal["appendix-b"], tyro.conf.Positional, _option("part of the thesis", "appendix-b")
+    ],
+    *,
+    out: Annotated[
+        Path | None, _option("folder for pictures and page; by default a new one in runs/", "DIR")
+    ] = None,
+    force: Annotated[_Flag, _option("write over an earlier result in --out")] = False,
+    json_only: Annotated[
+        _Flag, _option("one JSON object; writes a folder only with --out", name="json")
+    ] = False,
+) -> int:
+    """Reproduce figures of the thesis, with a sentence each on agreement."""
+    from .appendix_b import appendix_b
+
+    if out is None and not json_only:
+        out = _new_folder(part)
+    with Console(stderr=True).status("starting") as status:
+        report, verdicts = appendix_b(out, force, _telling(status))
+    if json_only:
+        print(json.dumps(report))
+        return 0
+    for verdict in verdicts:
+        word = "reproduced" if verdict.agrees else "DIFFERS"
+        print(f"Fig. {verdict.figure}  {word}: {verdict.sentence}")
+    print(f"folder {out}, open index.html")
+    return 0
+
+
+def _telling(status: Any) -> Callable[[str], None]:
+    """What long work calls with what it is at: shows it, and stops when interrupted."""
+
+    def tell(text: str) -> None:
+        status.update(text)
+        _stop_if_interrupted()
+
+    return tell
 
 
 def _list(entries: dict[str, str]) -> int:
@@ -217,12 +300,29 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "controllers": controllers,
     "renderers": renderers,
     "bench": bench,
+    "stability": stability,
+    "reproduce": reproduce,
     "doctor": doctor,
 }
 
 
+_interrupted = threading.Event()
+
+
+def _interrupt(_signal: int, _frame: Any) -> None:
+    _interrupted.set()
+    raise KeyboardInterrupt
+
+
+def _stop_if_interrupted() -> None:
+    """Stop here if an interruption got lost, as it does while a kernel is being compiled."""
+    if _interrupted.is_set():
+        raise KeyboardInterrupt
+
+
 def main() -> None:
     """Entry point of the command line."""
+    signal.signal(signal.SIGINT, _interrupt)
     try:
         code: int = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog=NAME, description=__doc__)
     except UserError as error:

@@ -9,8 +9,8 @@ from .camera import SimulatedCamera
 from .control import Controller, GripCommand, GripObservation
 from .errors import UserError
 from .model import (
-    ConvergenceError,
     ForceField,
+    ModelError,
     SlipRecord,
     State,
     contact_forces,
@@ -139,7 +139,7 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
             load = scene.load.force(start + (k + 0.5) * dt)
             try:
                 state = step(tip, obj, state, dt, grip, load)
-            except ConvergenceError as error:
+            except ModelError as error:
                 raise UserError(f"the node model gave up: {error}") from None
             field = contact_forces(tip, obj, state)
             slip = follow_slip(slip, state, field, dt)

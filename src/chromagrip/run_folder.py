@@ -19,6 +19,7 @@ from .camera import SimulatedCamera
 from .errors import FolderError
 from .figure import draw_figure
 from .loop import grasp, open_camera
+from .out_folder import prepare
 from .render import load_sensor
 from .scene import Scene, dump_scene, load_scene
 from .trace import COLUMNS, Trace, make_trace, row, summarise
@@ -120,15 +121,11 @@ def _record(
 
 def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
     """Run folder with its scene in it, and without an earlier run's files."""
+    prepare(folder, force)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()) and not force:
-            raise FolderError(f"folder {folder} is not empty; choose another or give --force")
         for name in FILES:
             (folder / name).unlink(missing_ok=True)
         (folder / "scene.toml").write_text(_scene_text(scene), encoding="utf-8")
-    except FileExistsError:
-        raise FolderError(f"{folder} is a file, not a folder") from None
     except OSError as error:
         raise FolderError(f"folder {folder} cannot be written: {error.strerror}") from None
     return folder

@@ -7,6 +7,8 @@ from chromagrip.model import (
     ContactObject,
     Fingertip,
     ForceField,
+    LostContactError,
+    PiercedError,
     State,
     contact_forces,
     rest_state,
@@ -130,7 +132,10 @@ def test_any_history_stays_finite_and_in_the_cone(
     obj = ContactObject(stiffness=stiffness, curvature=curvature, friction=mu)
     state = rest_state(tip)
     for grip, load, dt in history:
-        state = step(tip, obj, state, dt, grip, load)
+        try:
+            state = step(tip, obj, state, dt, grip, load)
+        except (LostContactError, PiercedError):
+            return  # let go, or too much for a soft and sharp object: said, not computed
         field = contact_forces(tip, obj, state)
         assert np.isfinite(state.deformation.nodes).all()
         assert (np.abs(field.friction) <= mu * field.normal + 1e-9).all()
@@ -155,9 +160,12 @@ def test_finer_chain_agrees() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"stiffness": -1.0}, "object stiffness must be finite and above 0 N/m, got -1.0"),
+        (
+            {"stiffness": -1.0},
+            "object stiffness must be finite and above 0 and at most 1e.09 N/m, got -1.0",
+        ),
         ({"friction": float("nan")}, "friction coefficient .* got nan"),
-        ({"curvature": 1e6}, "object curvature must lie in 0…1000 1/m"),
+        ({"curvature": 1e6}, "object curvature must lie in -1000…1000 1/m"),
     ],
 )
 def test_bad_objects_are_named(changes: dict[str, float], words: str) -> None:

@@ -1,0 +1,58 @@
+"""Compiled functions whose cache on disk belongs to all of their sources.
+
+Numba looks only at the file that holds a function: after a change in another file that it calls,
+the old machine code would run on. Here the cache's folder is named by the sources of every kernel.
+"""
+
+import hashlib
+import shutil
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+FOLDERS = ("model", "render", "tracking")
+
+
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile without Python objects, cached on disk; options as in `numba.njit`."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        chosen = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = chosen or _folder(Path(function.__code__.co_filename).parent)
+        try:
+            return numba.njit(cache=True, error_model="numpy", **options)(function)
+        finally:
+            numba.config.CACHE_DIR = chosen
+
+    return decorate
+
+
+@cache
+def _sources() -> str:
+    """Digest of every file that holds a kernel."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    root = Path(__file__).resolve().parents[1]
+    for path in sorted(path for folder in FOLDERS for path in (root / folder).glob("*.py")):
+        text = path.read_bytes()
+        if b"njit(" in text:
+            digest.update(text)
+    return digest.hexdigest()[:16]
+
+
+@cache
+def _folder(source: Path) -> str:
+    """Cache folder for the kernels of a folder; empty where it cannot be written to."""
+    home = source / "__pycache__" / f"kernels-{_sources()}"
+    try:
+        fresh = not home.exists()
+        home.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return ""  # numba finds a place of its own
+    if fresh:
+        for old in home.parent.glob("kernels-*"):
+            if old != home:
+                shutil.rmtree(old, ignore_errors=True)
+    return str(home)

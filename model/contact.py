@@ -1,0 +1,84 @@
+"""Compiled geometry of the surface that `objects.py` documents: gap and normal of a point."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import njit
+
+Array = NDArray[np.float64]
+
+
+class Contact(NamedTuple):
+    """Numbers of one object (SI); per-node values at 251 nodes, scaled by a node's share."""
+
+    stiffness: float
+    mu: float
+    bristle: float
+    exponent: float
+    drag: float
+    curvature: float
+    lift: float  # z of the object's own origin when it just touches the fingertip at rest
+    knots: Array  # (M,) x of the profile; empty for flat and round objects
+    pieces: Array  # (M + 1, 4) cubic of each piece in x − its knot, the two straight ends included
+
+
+@njit()
+def height(contact: Any, x: float) -> tuple[float, float, float]:
+    """Height of the profile over its own origin [m], its slope, and the slope's change [1/m]."""
+    knots = contact.knots
+    k = np.searchsorted(knots, x)
+    c = contact.pieces[k]
+    h = x - knots[max(k - 1, 0)]
+    return (
+        c[0] + h * (c[1] + h * (c[2] + h * c[3])),
+        c[1] + h * (2.0 * c[2] + 3.0 * h * c[3]),
+        2.0 * c[2] + 6.0 * h * c[3],
+    )
+
+
+@njit(inline="always")
+def contact_frame(contact: Any, x: float, z: float, object_x: float) -> tuple[float, float, float]:
+    """Gap to the object and the object's outward normal (n_x, n_z) at the foot of a point."""
+    x = x - object_x
+    z = z - contact.lift
+    if contact.knots.size:
+        return _profile_frame(contact, x, z)
+    if contact.curvature == 0.0:
+        return -z, 0.0, -1.0
+    radius = 1.0 / contact.curvature  # negative for a hollow, whose centre lies below
+    z = z - radius
+    distance = np.sqrt(x * x + z * z)
+    side = np.sign(radius) / distance
+    return np.sign(radius) * distance - radius, x * side, z * side
+
+
+@njit()
+def _profile_frame(contact: Any, x: float, z: float) -> tuple[float, float, float]:
+    """Gap and normal at the nearest point of the profile, by Newton from the point above."""
+    foot = x
+    level, slope, bend = height(contact, foot)
+    for _ in range(20):
+        error = foot - x + (level - z) * slope
+        # Away from the surface the curve may bend faster than the distance grows.
+        curve = max(1.0 + slope * slope + (level - z) * bend, 0.5)
+        foot -= error / curve
+        level, slope, bend = height(contact, foot)
+        if abs(error) < 1e-13:
+            break
+    length = np.sqrt(1.0 + slope * slope)
+    n_x, n_z = slope / length, -1.0 / length
+    return (x - foot) * n_x + (z - level) * n_z, n_x, n_z
+
+
+@njit()
+def contact_frames(contact: Any, points: Array, object_x: float) -> tuple[Array, Array]:
+    """Gap (N,) and object normal (N, 2) of points (N, 2) in the ground frame."""
+    gap = np.empty(points.shape[0])
+    normal = np.empty(points.shape)
+    for i in range(points.shape[0]):
+        gap[i], normal[i, 0], normal[i, 1] = contact_frame(
+            contact, points[i, 0], points[i, 1], object_x
+        )
+    return gap, normal

@@ -1,0 +1,137 @@
+"""Surfaces: flat, convex, hollow, and points."""
+
+import numpy as np
+import pytest
+
+from chromagrip.model import ContactObject, Drive, Fingertip, contact_forces, equilibrium, simulate
+from chromagrip.model.chain import contact
+from chromagrip.model.contact import contact_frames
+
+TIP = Fingertip(nodes=101)
+
+
+def arc(radius: float, points: int = 201) -> tuple[tuple[float, float], ...]:
+    """Profile of a round object (negative radius: hollow), from its lowest point's height."""
+    x = np.linspace(-0.6, 0.6, points) * min(abs(radius), 12e-3)
+    z = radius - np.sign(radius) * np.sqrt(radius**2 - x**2)
+    return tuple(zip(x.tolist(), (z + 0.123).tolist(), strict=True))
+
+
+@pytest.mark.parametrize("radius", [20e-3, 10e-3, -30e-3])
+def test_points_of_a_circle_are_that_circle(radius: float) -> None:
+    exact = ContactObject(stiffness=300.0, curvature=1 / radius)
+    drawn = ContactObject(stiffness=300.0, profile=arc(radius))
+    a, b = (equilibrium(TIP, obj, 1.0, 0.2) for obj in (exact, drawn))
+    assert b.deformation.nodes == pytest.approx(a.deformation.nodes, abs=1e-7)
+    assert b.friction == pytest.approx(a.friction, abs=1e-4)
+
+
+@pytest.mark.parametrize("curvature", [-60.0, 0.0, 80.0])
+def test_objects_touch_at_rest_and_no_more(curvature: float) -> None:
+    gap, _ = contact_frames(
+        contact(TIP, ContactObject(curvature=curvature)), TIP.rest_positions(), 0.0
+    )
+    assert gap.min() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_gap_and_normal_of_points_are_the_distance_and_its_gradient() -> None:
+    obj = ContactObject(
+        profile=tuple((x, 2e-3 * np.cos(x / 2e-3)) for x in np.linspace(-9e-3, 9e-3, 91))
+    )
+    ct = contact(TIP, obj)
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-6e-3, 6e-3, 50)
+    on_curve = np.column_stack([x, 2e-3 * np.cos(x / 2e-3) + ct.lift])
+    points = on_curve - [0.0, 2e-4]
+    _, normal = contact_frames(ct, points, 0.0)
+    assert np.linalg.norm(normal, axis=1) == pytest.approx(np.ones(50))
+    for k, nudge in enumerate(1e-8 * np.eye(2)):
+        slope = (
+            contact_frames(ct, points + nudge, 0.0)[0] - contact_frames(ct, points - nudge, 0.0)[0]
+        ) / 2e-8
+        assert slope == pytest.approx(normal[:, k], abs=1e-5)
+
+
+def test_a_hollow_is_touched_wider_than_a_ball() -> None:
+    widths = []
+    for curvature in (-60.0, 0.0, 60.0):
+        obj = ContactObject(curvature=curvature)
+        field = contact_forces(TIP, obj, equilibrium(TIP, obj, 2.0))
+        widths.append(np.ptp(field.position[field.contact, 0]))
+    assert widths[0] > widths[1] > widths[2]
+
+
+def test_a_ridge_is_felt_where_it_is() -> None:
+    """A bump 1 mm beside the middle carries more than the flat on the other side."""
+    x = np.linspace(-8e-3, 8e-3, 161)
+    profile = tuple(zip(x, -0.2e-3 * np.exp(-(((x - 1e-3) / 0.4e-3) ** 2)), strict=True))
+    obj = ContactObject(profile=profile)
+    t = np.array([0.0, 0.2, 0.6])
+    hold = Drive(times=t, normal=[0.0, 2.0, 2.0], lateral=np.zeros(3), lateral_control="position")
+    run = simulate(TIP, obj, hold, dt=2e-3, duration=0.6, every=300)
+    field = contact_forces(TIP, obj, run.state(-1))
+    place = field.position[:, 0]
+    at_bump, mirrored = (field.normal[abs(place - at) < 0.3e-3].sum() for at in (1e-3, -1e-3))
+    assert at_bump > 1.3 * mirrored
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"stiffness": 1e300},
+            r"object stiffness must be finite .* at most 1e\+09 N/m, got 1e\+300",
+        ),
+        ({"stiffness": float("nan")}, "object stiffness .* got nan"),
+        ({"profile": ()}, "object profile must be at least 3 points"),
+        ({"profile": ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))}, "increasing x"),
+        ({"profile": ((0.0, 0.0), (1.0, np.inf), (2.0, 1.0))}, "object profile must be finite"),
+        ({"profile": arc(0.02), "curvature": 1.0}, "curvature must be 0 beside a profile"),
+    ],
+)
+def test_bad_surfaces_are_named(changes: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        ContactObject(**changes)  # type: ignore[arg-type]
+
+
+def test_a_hollow_too_narrow_for_the_fingertip_is_named() -> None:
+    with pytest.raises(ValueError, match=r"curvature -200\.0 1/m is a hollow of 0\.005 m radius"):
+        equilibrium(TIP, ContactObject(curvature=-200.0), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"law": "rubber"}, "law must be one of split, inverse-poisson, axial, got 'rubber'"),
+        ({"nodes": 12, "stations": tuple(np.linspace(0, 1, 11))}, "as many as nodes"),
+        ({"nodes": 11, "stations": (0.0, *np.linspace(0.5, 1, 10)[::-1])}, "increase from 0 to 1"),
+        ({"outline": ((0.0, 0.0), (1.0, 1.0))}, "at least 3 points"),
+        ({"radius": 0.0}, "fingertip radius must be finite and above 0 m, got 0.0"),
+    ],
+)
+def test_bad_domes_are_named(changes: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Fingertip(**changes)  # type: ignore[arg-type]
+
+
+def test_a_dome_drawn_as_a_polyline_is_the_half_circle() -> None:
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 2001)
+    outline = tuple(zip(8e-3 * np.sin(angle), 8e-3 * np.cos(angle), strict=True))
+    drawn = Fingertip(nodes=101, law="axial", outline=outline)
+    exact = Fingertip(nodes=101, law="axial")
+    obj = ContactObject()
+    a, b = (equilibrium(tip, obj, 0.5).deformation.nodes for tip in (exact, drawn))
+    assert b == pytest.approx(a, abs=2e-6)
+
+
+def test_an_axial_spring_pressed_at_the_apex_is_hookes_law() -> None:
+    """Without membrane only the apex carries, as one spring with the contact in series."""
+    tip = Fingertip(nodes=11, law="axial", membrane_stiffness=1.0)
+    obj = ContactObject(stiffness=1000.0)
+    share = 250 / 10
+    grip = 0.2
+    state = equilibrium(tip, obj, grip)
+    k = tip.tissue_stiffness * share
+    assert state.deformation.rigid_part == pytest.approx(
+        grip / k + grip / (1000.0 * share), rel=1e-3
+    )
