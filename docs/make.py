@@ -1,18 +1,23 @@
-"""Remake what the documentation shows: run from the checkout, `.venv/bin/python docs/make.py`.
+"""Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]`, from the checkout.
 
-Writes docs/images/ and docs/bench-loop.md; nothing in them is typed by hand. Takes three minutes.
+Parts: images, loop, model, stability, appendix-b; all of them without arguments, half an hour alone
+on two cores. Nothing in docs/images/ and docs/bench-*.md is typed by hand.
 """
 
 import shutil
+import sys
 import tempfile
 from pathlib import Path
 
 import av
 
 from chromagrip import run
+from chromagrip.appendix_b import appendix_b
 from chromagrip.bench import bench
+from chromagrip.stability_model import stability_model
 
 DOCS = Path(__file__).parent
+TITLES = {"loop": "The closed loop, measured", "model": "The node models, measured"}
 
 
 def images() -> None:
@@ -25,14 +30,14 @@ def images() -> None:
         frames[150].to_image().save(DOCS / "images" / "tactile.png", optimize=True)
 
 
-def table() -> None:
-    """Every row of `chromagrip bench loop`."""
-    report = bench("loop", quick=False, progress=print)
+def table(part: str) -> None:
+    """Every row of `chromagrip bench PART`."""
+    report = bench(part, quick=False, progress=print)
     machine = ", ".join(f"{key} {value}" for key, value in report["machine"].items())
     lines = [
-        "# The closed loop, measured",
+        f"# {TITLES[part]}",
         "",
-        f"Printed by `docs/make.py` from `chromagrip bench loop` on: {machine}.",
+        f"Printed by `docs/make.py` from `chromagrip bench {part}` on: {machine}.",
         "",
         "| figure | value | unit | target | met |",
         "|---|---|---|---|---|",
@@ -41,10 +46,35 @@ def table() -> None:
         value = "–" if row["value"] is None else f"{row['value']:.4g}"
         met = "yes" if row["met"] else "no"
         lines.append(f"| {row['name']} | {value} | {row['unit']} | {row['target']} | {met} |")
-    (DOCS / "bench-loop.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (DOCS / f"bench-{part}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
+
+def stability() -> None:
+    """The full stability map, picture and table."""
+    with tempfile.TemporaryDirectory() as folder:
+        _, sentences = stability_model(False, Path(folder), True, print)
+        shutil.copy(Path(folder) / "map.png", DOCS / "images" / "stability-model.png")
+        shutil.copy(Path(folder) / "map.csv", DOCS / "stability-model.csv")
+    print(*sentences, sep="\n")
+
+
+def figures_of_appendix_b() -> None:
+    """Two of the appendix's figures."""
+    with tempfile.TemporaryDirectory() as folder:
+        appendix_b(Path(folder), True, print)
+        for name in ("fig22.png", "fig24.png"):
+            shutil.copy(Path(folder) / name, DOCS / "images" / f"appendix-b-{name}")
+
+
+PARTS = {
+    "images": images,
+    "loop": lambda: table("loop"),
+    "model": lambda: table("model"),
+    "stability": stability,
+    "appendix-b": figures_of_appendix_b,
+}
 
 if __name__ == "__main__":
     (DOCS / "images").mkdir(exist_ok=True)
-    images()
-    table()
+    for part in sys.argv[1:] or PARTS:
+        PARTS[part]()

@@ -10,7 +10,7 @@ from .errors import (
     NoEquilibriumError,
     PiercedError,
 )
-from .fingertip import REFERENCE_NODES, Fingertip
+from .fingertip import REFERENCE_NODES, Fingertip, SpringLaw
 from .force_field import ForceField, contact_forces
 from .integrators import INTEGRATORS, Method, explicit_limit, simulate
 from .metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
@@ -39,6 +39,7 @@ __all__ = [
     "NoEquilibriumError",
     "PiercedError",
     "SlipRecord",
+    "SpringLaw",
     "State",
     "chain_compliance",
     "chain_forces",

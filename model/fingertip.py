@@ -68,7 +68,7 @@ class Fingertip:
 
     @classmethod
     def graded(
-        cls, nodes: int = 99, core: float = 7.8e-3, *, radius: float = 8e-3, **parameters: float
+        cls, nodes: int = 99, core: float = 7.4e-3, *, radius: float = 8e-3, **parameters: float
     ) -> Self:
         """Half circle with the spacing of 251 nodes where contact can be, coarser towards the rim.
 

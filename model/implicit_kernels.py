@@ -24,6 +24,9 @@ SETTLED = 1e-7
 SOLVED, UNSOLVED, PIERCED, LOST = 0, 1, 2, 3
 #: A round object is pierced where a node is this share of its radius deep.
 DEEPEST = 0.6
+#: After so many iterations Newton hops over the jump in a spring's derivative at an axis; from then
+#: on only half of what its turning adds is taken.
+HOPPING = 6
 #: No unknown moves by more than this share of the fingertip's half width in an iteration.
 LEAP = 0.5
 #: Nodes whose gap is below this at the start of a step are in its window at once [m].
@@ -363,10 +366,11 @@ def _step(
     farthest = LEAP * abs(ch.rest[n - 1, 0])
     fresh, ended = True, UNSOLVED
     gap = 0.0
-    for _ in range(rule.max_iterations):
+    for k in range(rule.max_iterations):
         w.iterations[0] += 1
         if fresh:
-            _linearise(ch, w, u, pose, rate, pace, carry, rule.turning)
+            turning = rule.turning if k < HOPPING else 0.5 * rule.turning
+            _linearise(ch, w, u, pose, rate, pace, carry, turning)
             _sweep(w, first, a, 1)
             _sweep(w, last, b, -1)
         change, leap = _iterate(

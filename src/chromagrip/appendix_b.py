@@ -33,7 +33,7 @@ SENSOR = replace(FINGERTIP, law="axial")
 INVERSE = replace(FINGERTIP, law="inverse-poisson")
 COLOURS = {"Fingertip Model": "#1f3b73", "Sensor Model": "#e76f51", "inverse Poisson": "#2a9d8f"}
 #: Single springs (Figs. 20, 21): stiffness, length, damping as printed; the force is not printed.
-SPRING, LENGTH, DAMPING, PUSH = 314.0, 8e-3, 0.1, 0.5
+SPRING, LENGTH, DAMPING, PUSH = 314.0, 8e-3, 0.1, 0.2
 #: As rigid as matters; the appendix presses on a surface without a stiffness. Grip not printed:
 #: 1 N gives its largest nodal force of 0.05 N.
 SURFACE, GRIP, LOAD = 1e5, 1.0, 0.2
@@ -131,6 +131,8 @@ def _spring_figure(title: str, rest: tuple[float, float]) -> tuple[dict[str, Arr
         axes.plot(x, z, "o-", color=COLOURS[name], label=name)
     axes.axhline(0.0, color="black", lw=0.8)
     axes.set_aspect("equal")
+    axes.set_xlim(-5.0, 9.0)
+    axes.set_ylim(-1.0, 9.0)
     _finish(axes, "x [mm]", "z [mm]")
     return ends, figure
 
@@ -167,10 +169,11 @@ def figure_21() -> Result:
         within("fig21/sensor/height", height["Sensor Model"], "mm", -0.1, 0.1),
     ]
     agrees = height["Fingertip Model"] > 1.0 and rows[1].met
+    flat, up = height["Sensor Model"], height["Fingertip Model"]
     sentence = (
-        "As in the thesis, nothing holds the Sensor Model's spring up and it ends flat on the "
-        "surface, while the Fingertip Model's vertical part carries the force and stops at "
-        f"{height['Fingertip Model']:.1f} mm."
+        f"Under {PUSH} N the Sensor Model's spring ends at a height of {abs(flat):.1f} mm (thesis: "
+        "flat on the surface, nothing holds it up), the Fingertip Model's at "
+        f"{up:.1f} mm, carried by its vertical part (thesis: another steady state)."
     )
     return Verdict("21", "Spring at 45° under compression", sentence, agrees), rows, figure
 
@@ -276,10 +279,12 @@ def figure_26() -> Result:
             tip = replace(model, membrane_stiffness=stiffness)
             state = equilibrium(tip, obj, GRIP, LOAD)
             shape = 1e3 * (tip.rest_positions() + state.deformation.seen)
-            axes.plot(*shape.T, color=COLOURS[name], label=name)
+            # A dot for every third node: where they lie apart, the membrane is stretched.
+            axes.plot(*shape[::3].T, ".", ms=3, color=COLOURS[name], label=name)
             moved[name, stiffness] = 1e3 * state.deformation.object_position
             stretch[name, stiffness] = 100 * float(_stretch(tip, state).max())
         axes.set_aspect("equal")
+        axes.set_ylim(-0.5, 11.0)
         axes.set_title(f"membrane {stiffness / 1e3:g} kN/m", fontsize=8)
         _finish(axes, "x [mm]", "z [mm]")
     rows = []
@@ -311,13 +316,16 @@ def figure_27() -> Result:
         field = contact_forces(tip, obj, equilibrium(tip, obj, GRIP))
         (inside,) = np.nonzero(field.contact)
         x, friction = field.position[inside, 0], field.friction[inside]
-        axes.quiver(
-            1e3 * x, np.zeros(len(x)), 1e3 * friction, -1e3 * field.normal[inside],
-            angles="xy", color=COLOURS[name], width=0.004, label=name,
-        )  # fmt: skip
-        axes.axhline(0.0, color="black", lw=0.6)
-        axes.set_ylim(-60, 6)
-        _finish(axes, "x [mm]", "force on the skin, arrows in mN")
+        # Drawn in millimetres, 20 mN to each; the skin is pushed down, friction sideways.
+        for x_i, f_x, f_z in zip(1e3 * x, 50 * friction, -50 * field.normal[inside], strict=True):
+            axes.annotate(
+                "", (x_i + f_x, f_z), (x_i, 0.0),
+                arrowprops={"arrowstyle": "->", "color": COLOURS[name], "lw": 0.8},
+            )  # fmt: skip
+        axes.plot(1e3 * x, np.zeros(len(x)), ".", ms=3, color=COLOURS[name], label=name)
+        axes.set_ylim(-3.2, 0.6)
+        axes.set_aspect("equal")
+        _finish(axes, "x [mm]", "force on the skin, 1 mm = 20 mN")
         edge = np.r_[0:3, len(x) - 3 : len(x)]
         inward[name] = float(-(friction * np.sign(x))[edge].mean() * 1e3)
     rows = [reported(f"fig27/{name}/inward_at_the_edges", v, "mN") for name, v in inward.items()]

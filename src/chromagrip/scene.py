@@ -20,7 +20,8 @@ from .control import (
     SafetyMarginGains,
 )
 from .errors import SceneError
-from .model import ContactObject, Fingertip, stiffness_from_young
+from .model import ContactObject, Fingertip, SpringLaw, stiffness_from_young
+from .model.chain import contact
 from .render import sensor_names
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
@@ -44,14 +45,24 @@ class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class ObjectSettings(Table, frozen=True):
-    """The object that is gripped; `radius_mm = inf` is flat."""
+    """The object that is gripped; `radius_mm = inf` is flat, a negative one hollow.
+
+    `profile_mm` are points (x, z) of its surface, z into the object; empty is flat or round.
+    """
 
     stiffness_kpa: Positive = 200.0
     friction: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.5
-    radius_mm: Annotated[float, Meta(ge=1.0)] = math.inf
+    radius_mm: float = math.inf
+    profile_mm: tuple[tuple[float, float], ...] = ()
     dahl_stiffness_n_per_m: Positive = 5000.0
     dahl_exponent: Annotated[float, Meta(ge=0.1, le=2.0)] = 0.7
     drag_n_s_per_m: Positive = 120.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.radius_mm) >= 1.0:
+            raise ValueError(f"radius_mm = {self.radius_mm} must be at least 1, hollow at most -1")
+        if self.profile_mm and self.radius_mm != math.inf:
+            raise ValueError("radius_mm must be inf beside profile_mm")
 
 
 class LoadSettings(Table, frozen=True):
@@ -76,8 +87,9 @@ class LoadSettings(Table, frozen=True):
 
 
 class FingertipSettings(Table, frozen=True):
-    """The chain of the node model."""
+    """The chain of the node model; see `Fingertip.law` for its models."""
 
+    model: SpringLaw = "split"
     nodes: Annotated[int, Meta(ge=11, le=20001)] = 251
     step_ms: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
 
@@ -140,6 +152,7 @@ class Scene(Table, frozen=True):
     def __post_init__(self) -> None:
         if self.fingertip.nodes % 2 == 0:
             raise ValueError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
+        contact(self.build_fingertip(), self.build_object())  # refuses what cannot touch
         if self.sensor not in sensor_names():
             raise ValueError(
                 f"sensor = {self.sensor!r} is not known; allowed: {', '.join(sensor_names())}"
@@ -157,14 +170,15 @@ class Scene(Table, frozen=True):
 
     def build_fingertip(self) -> Fingertip:
         """The model's fingertip."""
-        return Fingertip(nodes=self.fingertip.nodes)
+        return Fingertip(nodes=self.fingertip.nodes, law=self.fingertip.model)
 
     def build_object(self) -> ContactObject:
         """The model's object."""
         return ContactObject(
             stiffness=stiffness_from_young(self.object.stiffness_kpa * 1e3),
             friction=self.object.friction,
-            curvature=1e3 / self.object.radius_mm,
+            curvature=0.0 if self.object.profile_mm else 1e3 / self.object.radius_mm,
+            profile=tuple((1e-3 * x, 1e-3 * z) for x, z in self.object.profile_mm) or None,
             dahl_stiffness=self.object.dahl_stiffness_n_per_m,
             dahl_exponent=self.object.dahl_exponent,
             drag=self.object.drag_n_s_per_m,
@@ -257,7 +271,10 @@ def parse_scene(values: dict[str, Any], name: str) -> Scene:
 def _plain(message: str, key: str) -> str:
     """A validator's message in the words of a scene's author."""
     if message.startswith("Invalid enum value"):
-        return f"allowed: {', '.join(get_args(get_type_hints(Scene)[key]))}"
+        kind: Any = Scene
+        for part in key.split("."):
+            kind = get_type_hints(kind)[part]
+        return f"allowed: {', '.join(get_args(kind))}"
     for type_name, word in _WORDS.items():
         message = message.replace(f"`{type_name}`", word)
     return message[0].lower() + message[1:]

@@ -260,12 +260,11 @@ def _read_csv(path: Path) -> Iterator[Cell]:
     """Cells of an unfinished map."""
     if not path.exists():
         return
-    kinds = {field.name: field.type for field in fields(Cell)}
+    kinds: dict[str, Any] = {field.name: field.type for field in fields(Cell)}
     with path.open(newline="", encoding="utf-8") as file:
         for line in csv.DictReader(file):
-            values = {
-                k: {"int": int, "float": float}.get(str(kinds[k]), str)(v) for k, v in line.items()
-            }
+            # Types of the fields are the converters: str, int and float.
+            values = {name: kinds[name](text) for name, text in line.items()}
             yield Cell(**values)
 
 
