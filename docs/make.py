@@ -1,4 +1,4 @@
-"""Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]`, from the checkout.
+"""Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
 Parts: images, loop, model, stability, appendix-b; all of them without arguments, half an hour alone
 on two cores. Nothing in docs/images/ and docs/bench-*.md is typed by hand.

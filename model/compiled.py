@@ -6,6 +6,7 @@ the old machine code would run on. Here the cache's folder is named by the sourc
 
 import hashlib
 import shutil
+import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -14,10 +15,15 @@ from typing import Any
 import numba
 
 FOLDERS = ("model", "render", "tracking")
+#: Caches of sources that are no more are removed after this time [s].
+KEPT = 7 * 86400.0
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile without Python objects, cached on disk; options as in `numba.njit`."""
+    """Compile without Python objects, cached on disk; options as in `numba.njit`.
+
+    Never with `fastmath`: where a kernel is inlined would then decide its last digits.
+    """
 
     def decorate(function: Callable[..., Any]) -> Any:
         chosen = numba.config.CACHE_DIR
@@ -52,7 +58,8 @@ def _folder(source: Path) -> str:
     except OSError:
         return ""  # numba finds a place of its own
     if fresh:
+        # Another process may still write to the one before this.
         for old in home.parent.glob("kernels-*"):
-            if old != home:
+            if old.stat().st_mtime < time.time() - KEPT:
                 shutil.rmtree(old, ignore_errors=True)
     return str(home)

@@ -11,12 +11,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from .bordered_kernels import Scratch, scratch
 from .chain import Chain, chain, contact
 from .compiled import njit
 from .contact import Contact
 from .drive import Drive
 from .fingertip import Fingertip
-from .implicit_kernels import SOLVED, UNSOLVED, Record, Rule, Scratch, advance, scratch
+from .implicit_kernels import SOLVED, UNSOLVED, Record, Rule, advance
 from .objects import ContactObject
 from .plant import IMPLICIT, NO_RECORD, _broken, _in_parts
 from .state import Deformation, State, rest_state

@@ -5,7 +5,7 @@ import numpy as np
 from .compiled import njit
 
 
-@njit(fastmath={"contract"})
+@njit()
 def dahl_step(
     force: float, slip: float, normal: float, mu: float, stiffness: float, exponent: float
 ) -> tuple[float, float]:
@@ -57,7 +57,7 @@ def dahl_step(
 PARTS, STEADY = 8, 0.02
 
 
-@njit(fastmath={"contract"})
+@njit()
 def dahl_path(
     force: float,
     slip: float,
@@ -93,7 +93,7 @@ def dahl_path(
     return end, max((end - min(max(start, -limit), limit)) / slip, 0.0)
 
 
-@njit(fastmath={"contract"})
+@njit()
 def dahl_tangent(
     force: float, slip: float, normal: float, mu: float, stiffness: float, exponent: float
 ) -> float:

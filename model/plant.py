@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .bordered_kernels import Scratch, scratch
 from .chain import Chain, chain, contact
 from .contact import Contact
 from .drive import Drive
@@ -21,10 +22,8 @@ from .implicit_kernels import (
     SOLVED,
     UNSOLVED,
     Rule,
-    Scratch,
     advance,
     record,
-    scratch,
 )
 from .objects import ContactObject
 from .state import Deformation, State

@@ -7,7 +7,7 @@ from .compiled import njit
 SPLIT, INVERSE_POISSON, AXIAL = 0, 1, 2
 
 
-@njit(fastmath={"contract"})
+@njit()
 def _sign(value: float, width: float) -> float:
     """Sign of a value, without the jump at zero where a width is given."""
     if width == 0.0:
@@ -15,7 +15,7 @@ def _sign(value: float, width: float) -> float:
     return value / np.sqrt(value * value + width * width)
 
 
-@njit(fastmath={"contract"})
+@njit()
 def spring(
     law: int,
     reach_x: float,
