@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from chromagrip.model.friction import dahl_step
+from chromagrip.model.friction import dahl_path, dahl_step, dahl_tangent
 
 NORMAL, MU, SIGMA = 0.03, 0.5, 5000.0
 LIMIT = MU * NORMAL
@@ -76,3 +76,47 @@ def test_unloading_clips_to_the_new_cone() -> None:
     end, _ = dahl_step(LIMIT, 0.0, NORMAL / 2, MU, SIGMA, 0.7)
     assert end == pytest.approx(LIMIT / 2)
     assert dahl_step(LIMIT, 1e-6, 0.0, MU, SIGMA, 0.7) == (0.0, 0.0)
+
+
+@given(
+    st.lists(st.tuples(slips, st.floats(0.2, 3.0)), min_size=1, max_size=12),
+    exponents,
+)
+def test_a_closed_path_with_changing_normal_force_dissipates(
+    path: list[tuple[float, float]], exponent: float
+) -> None:
+    force, before, work = 0.0, NORMAL, 0.0
+    corners = [*path, (-sum(slip for slip, _ in path), 1.0)]
+    for slip, load in corners:
+        for k in range(200):
+            normal = before + (load * NORMAL - before) / (200 - k)
+            end, _ = dahl_path(force, slip / 200, before, normal, MU, SIGMA, exponent)
+            assert abs(end) <= MU * normal * (1 + 1e-12)
+            work += 0.5 * (force + end) * slip / 200
+            force, before = end, normal
+    turned = 3 * LIMIT * sum(abs(slip) for slip, _ in corners)
+    assert work > -1e-2 * turned - (3 * LIMIT) ** 2 / SIGMA
+
+
+@pytest.mark.parametrize("exponent", [0.5, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize(("slip", "normal"), [(4e-6, NORMAL), (2e-5, NORMAL), (1e-6, NORMAL / 10)])
+def test_first_contact_is_that_of_many_small_steps(
+    slip: float, normal: float, exponent: float
+) -> None:
+    """A node that comes into contact within one step remembers what it would in a thousand."""
+    many, before = 0.0, -normal / 2  # a third of the step to close the gap
+    for k in range(1, 1001):
+        now = -normal / 2 + 1.5 * normal * k / 1000
+        many, _ = dahl_path(many, slip / 1000, before, now, MU, SIGMA, exponent)
+        before = now
+    once, _ = dahl_path(0.0, slip, -normal / 2, normal, MU, SIGMA, exponent)
+    assert once == pytest.approx(many, abs=0.06 * MU * normal)
+
+
+@pytest.mark.parametrize("exponent", [0.7, 1.0, 1.5])
+@pytest.mark.parametrize("force", [-0.5, 0.0, 0.8])
+def test_tangent_is_the_slope_of_the_law(force: float, exponent: float) -> None:
+    start = force * LIMIT
+    end, _ = dahl_step(start, 1e-12, NORMAL, MU, SIGMA, exponent)
+    tangent = dahl_tangent(start, 1e-12, NORMAL, MU, SIGMA, exponent)
+    assert tangent == pytest.approx((end - start) / 1e-12, rel=1e-3)

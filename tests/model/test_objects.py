@@ -135,3 +135,23 @@ def test_an_axial_spring_pressed_at_the_apex_is_hookes_law() -> None:
     assert state.deformation.rigid_part == pytest.approx(
         grip / k + grip / (1000.0 * share), rel=1e-3
     )
+
+
+@pytest.mark.parametrize("obj", [ContactObject(curvature=100.0), ContactObject(profile=arc(0.01))])
+@pytest.mark.parametrize("seed", range(3))
+def test_normal_contact_gives_all_work_back(obj: ContactObject, seed: int) -> None:
+    """Penalty contact has a potential: a closed path through the surface does no work."""
+    ct = contact(TIP, obj)
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 2 * np.pi, 20001)
+    path = np.column_stack(
+        [
+            1e-3 * (rng.normal() * np.sin(t) + rng.normal() * np.cos(2 * t)),
+            TIP.radius + 4e-4 * (rng.normal() * np.cos(t) + rng.normal() * np.sin(3 * t)),
+        ]
+    )
+    gap, normal = contact_frames(ct, path, 0.0)
+    assert gap.min() < 0.0 < gap.max()
+    force = obj.stiffness * np.maximum(0.0, -gap)[:, None] * normal
+    parts = (0.5 * (force[1:] + force[:-1]) * np.diff(path, axis=0)).sum(axis=1)
+    assert abs(parts.sum()) < 1e-5 * abs(parts).sum()
