@@ -26,7 +26,7 @@ class Scratch(NamedTuple):
     row: Array  # (N, 2) of the rigid part
     corner: Array  # (2,) the rigid part's own equation: right-hand side, diagonal
     inverse: Array  # (N, 4) of each block once those before it are eliminated
-    solved: Array  # (N, 6) right-hand side, columns of rigid part and object, then
+    solved: Array  # (N, 6) its right-hand side and columns of rigid part and object, as then
     border: Array  # (2,) increments of rigid part and object
     delta: Array  # (N, 2) increments of the nodes
     force: Array  # (N,) friction at the end of the step

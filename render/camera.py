@@ -29,7 +29,8 @@ class FisheyeCamera:
         rho = np.hypot(points[..., 0], points[..., 1])
         angle = np.arctan2(rho, points[..., 2])
         # angle/rho → 1/z on the axis.
-        scale = np.where(rho > 1e-12, angle / np.maximum(rho, 1e-12), 1.0 / points[..., 2])
+        aside = rho > 1e-12
+        scale = np.where(aside, angle, 1.0) / np.where(aside, rho, points[..., 2])
         return np.asarray(self.centre) + self.focal * scale[..., None] * points[..., :2]
 
     def jacobian(self, points: Array) -> Array:

@@ -38,3 +38,10 @@ def test_directions_invert_the_projection() -> None:
         [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
     )
     np.testing.assert_allclose(LENS.project(points), pixels, atol=1e-9)
+
+
+def test_a_point_at_the_camera_s_height_is_seen_at_ninety_degrees() -> None:
+    """z = 0 exactly, as the rim of the dome: no division by it."""
+    pixel = LENS.project(np.array([[8e-3, 0.0, 0.0], [0.0, 0.0, 8e-3]]))
+    np.testing.assert_allclose(pixel[0], [318.2 + 151.3 * np.pi / 2, 243.7])
+    np.testing.assert_allclose(pixel[1], [318.2, 243.7])
