@@ -103,7 +103,8 @@ def _spline(profile: tuple[tuple[float, float], ...] | None) -> tuple[Array, Arr
     """Knots and cubic pieces through the points, straight beyond the ends."""
     if profile is None:
         return np.empty(0), np.empty((1, 4))
-    x, z = np.array(profile).T
+    # Contiguous, as the empty knots are: kernels are compiled once for both.
+    x, z = np.array(profile).T.copy()
     curve = CubicSpline(x, z, bc_type="natural")
     pieces = np.zeros((len(x) + 1, 4))
     pieces[1:-1] = curve.c[::-1].T
