@@ -1,8 +1,8 @@
 """The baseline, as the thesis did it: a dense stiffness matrix refilled at every evaluation.
 
 Plain NumPy and explicit integrators (thesis section 3 and Fig. 6), the friction force in the state
-(Eq. 13). It shares the spring and contact geometry with nothing but the parameters, so that it
-checks the implicit integrators, and it is the yardstick of their speed; never the default.
+(Eq. 13). It shares the parameters and the surface's geometry with the implicit integrators, nothing
+else, so that it checks them; and it is the yardstick of their speed, never the default.
 """
 
 from collections.abc import Callable
@@ -202,9 +202,18 @@ SCIPY: dict[str, Literal["RK45", "LSODA", "BDF"]] = {"rk45": "RK45", "lsoda": "L
 
 
 def march_dense(
-    method: str, ch: Chain, ct: Contact, state: State, drive: Drive, dt: float, steps: int
+    method: str,
+    ch: Chain,
+    ct: Contact,
+    state: State,
+    drive: Drive,
+    dt: float,
+    steps: int,
+    origin: State,
 ) -> State:
     """State after some steps of dt; SciPy's methods take steps of at most dt, and their own.
+
+    An error counts its steps from `origin`, where the run began, and predicts its limit there.
 
     Raises
     ------
@@ -214,6 +223,7 @@ def march_dense(
     n = len(ch.share)
     rates = equations(ch, ct, drive)
     y = pack(state)
+    done = round((state.time - origin.time) / dt)
     end = state.time + steps * dt
     # A run that diverges overflows on its way; what comes out is checked instead.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -224,11 +234,11 @@ def march_dense(
                 atol=absolute, rtol=relative,
             )  # fmt: skip
             y = solution.y[:, -1] if solution.success else np.full_like(y, np.nan)
-            _refuse_lost(method, y, steps, ch, ct, state, dt)
+            _refuse_lost(method, y, done + steps, ch, ct, origin, dt)
         else:
             for k in range(steps):
                 y = STEPPERS[method](rates, state.time + k * dt, y, dt)
-                _refuse_lost(method, y, k + 1, ch, ct, state, dt)
+                _refuse_lost(method, y, done + k + 1, ch, ct, origin, dt)
         return unpacked(y, rates(end, y), end, dt, n)
 
 
@@ -247,10 +257,11 @@ def stable_step(ch: Chain, ct: Contact, state: State, method: str = "euler") -> 
     """
     rates = equations(ch, ct, Drive.constant(0.0))
     y = pack(state)
+    still = rates(0.0, y)
     jacobian = np.empty((len(y), len(y)))
     for k in range(len(y)):
         nudged = y.copy()
         nudged[k] += NUDGE
-        jacobian[:, k] = (rates(0.0, nudged) - rates(0.0, y)) / NUDGE
+        jacobian[:, k] = (rates(0.0, nudged) - still) / NUDGE
     largest = abs(np.linalg.eigvals(jacobian)).max()
     return float(STABLE.get(method, 2.0) / largest)

@@ -88,7 +88,7 @@ def simulate(
         return march(ch, ct, start, drive, dt, steps, every, rule)
     states = [start]
     for _ in range(steps // every):
-        states.append(march_dense(method, ch, ct, states[-1], drive, dt, every))
+        states.append(march_dense(method, ch, ct, states[-1], drive, dt, every, start))
     return history(states)
 
 
