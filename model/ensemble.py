@@ -20,7 +20,7 @@ from .fingertip import Fingertip
 from .implicit_kernels import SOLVED, UNSOLVED, Record, Rule, advance
 from .objects import ContactObject
 from .plant import IMPLICIT, NO_RECORD, _broken, _in_parts
-from .state import Deformation, State, rest_state
+from .state import State, rest_state, state_of
 
 Array = NDArray[np.float64]
 
@@ -54,17 +54,14 @@ class Ensemble:
 
     def state(self, index: int) -> State:
         """State of one fingertip."""
-        return State(
-            time=self.time,
-            deformation=Deformation(
-                nodes=self.nodes[index].copy(),
-                rigid_part=float(self.pose[index, 0]),
-                object_position=float(self.pose[index, 1]),
-            ),
-            friction=self.friction[index].copy(),
-            slip_rate=self.slip_rate[index].copy(),
-            rate=self.rate[index].copy(),
-            step=self.step,
+        return state_of(
+            self.time,
+            self.nodes[index],
+            self.pose[index],
+            self.friction[index],
+            self.slip_rate[index],
+            self.rate[index],
+            self.step,
         )
 
 

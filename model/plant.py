@@ -26,7 +26,7 @@ from .implicit_kernels import (
     record,
 )
 from .objects import ContactObject
-from .state import Deformation, State
+from .state import State, state_of
 
 Array = NDArray[np.float64]
 
@@ -78,14 +78,7 @@ def step(
     elif ended != SOLVED:
         raise _broken(ended, state.time + dt, goal[0], dt)
     u, friction, slip, pose, rate = y
-    return State(
-        time=state.time + dt,
-        deformation=Deformation(nodes=u, rigid_part=float(pose[0]), object_position=float(pose[1])),
-        friction=friction,
-        slip_rate=slip,
-        rate=rate,
-        step=dt,
-    )
+    return state_of(state.time + dt, u, pose, friction, slip, rate, dt)
 
 
 _local = threading.local()
@@ -135,17 +128,14 @@ class History:
 
     def state(self, index: int) -> State:
         """State at a recorded instant, from which a run can go on."""
-        return State(
-            time=float(self.time[index]),
-            deformation=Deformation(
-                nodes=self.nodes[index].copy(),
-                rigid_part=float(self.pose[index, 0]),
-                object_position=float(self.pose[index, 1]),
-            ),
-            friction=self.friction[index].copy(),
-            slip_rate=self.slip_rate[index].copy(),
-            rate=self.rate[index].copy(),
-            step=float(self.step[index]),
+        return state_of(
+            self.time[index],
+            self.nodes[index],
+            self.pose[index],
+            self.friction[index],
+            self.slip_rate[index],
+            self.rate[index],
+            self.step[index],
         )
 
 

@@ -57,6 +57,28 @@ class State:
     step: float
 
 
+def state_of(
+    time: float,
+    nodes: Array,
+    pose: Array,
+    friction: Array,
+    slip_rate: Array,
+    rate: Array,
+    step: float,
+) -> State:
+    """State from arrays as the kernels have them, copied; pose is (rigid part, object)."""
+    return State(
+        time=float(time),
+        deformation=Deformation(
+            nodes=nodes.copy(), rigid_part=float(pose[0]), object_position=float(pose[1])
+        ),
+        friction=friction.copy(),
+        slip_rate=slip_rate.copy(),
+        rate=rate.copy(),
+        step=float(step),
+    )
+
+
 def rest_state(fingertip: Fingertip) -> State:
     """Undeformed fingertip whose apex just touches the object."""
     n = fingertip.nodes
