@@ -20,7 +20,7 @@ from .fingertip import Fingertip
 from .implicit_kernels import SOLVED, UNSOLVED, Record, Rule, advance
 from .objects import ContactObject
 from .plant import IMPLICIT, NO_RECORD, _broken, _in_parts
-from .state import State, rest_state, state_of
+from .state import State, state_of
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,6 @@ class Ensemble:
 
 def rest_ensemble(fingertip: Fingertip, count: int) -> Ensemble:
     """Undeformed fingertips whose apex just touches the object."""
-    one = rest_state(fingertip)
     n = fingertip.nodes
     return Ensemble(
         time=0.0,
@@ -76,7 +75,7 @@ def rest_ensemble(fingertip: Fingertip, count: int) -> Ensemble:
         friction=np.zeros((count, n)),
         slip_rate=np.zeros((count, n)),
         rate=np.zeros((count, n + 1, 2)),
-        step=one.step,
+        step=0.0,
     )
 
 

@@ -195,7 +195,7 @@ def _step(
     first, last = (0 if ch.half else 1), n - 2
     a, b = window
     # Variable-step BDF2 from the rates of the step before; backward Euler where there was none.
-    ratio = min(dt / before, 1.0) if rule.second_order and before > 0.0 and dt < np.inf else 0.0
+    ratio = min(dt / before, 1.0) if rule.second_order and before > 0.0 else 0.0
     pace, carry = (1.0 + 2.0 * ratio) / ((1.0 + ratio) * dt), ratio / (1.0 + ratio)
     # What moved goes on moving: a guess that saves iterations. Outer nodes stay at 0 here.
     guess = dt if ratio > 0.0 else 0.0
@@ -310,7 +310,7 @@ def advance(
     ch, ct, w: Chain, Contact and Scratch
     u, friction, slip, pose, rate: state: displacements (N, 2), Dahl forces (N,), tangential speeds
         (N,), (rigid part, object), and rates of the nodes and, last, of the pose (N + 1, 2)
-    dt: step [s]; infinite for a step of a static solution
+    dt: step [s]
     before: the step that led to the rates [s]; 0 if there was none
     held: for rigid part and object, whether its position is given rather than its force
     drive: force [N] or position [m] of both at the end of each step, shape (steps, 2)

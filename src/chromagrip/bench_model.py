@@ -241,13 +241,16 @@ def _reductions(progress: Progress) -> Iterator[Row]:
         yield reported(f"{name}/width", 100 * abs(found[2] / truth[2] - 1.0), "%")
 
 
-def _margins(tip: Fingertip, obj: ContactObject, run: History) -> Array:
-    """ΣFn and Γ over all nodes at each recorded instant but the first, shape (R − 1, 2)."""
+def margins(tip: Fingertip, obj: ContactObject, run: History) -> Array:
+    """ΣFn and Γ over all nodes at each recorded instant but the first, shape (R − 1, 2).
+
+    Γ is NaN where nothing touches.
+    """
     rows = []
     for k in range(1, len(run)):
         field = contact_forces(tip, obj, run.state(k))
-        normal = field.normal.sum()
-        rows.append((normal, 1.0 - abs(field.friction.sum()) / (obj.friction * normal)))
+        normal, friction = field.normal.sum(), abs(field.friction.sum())
+        rows.append((normal, 1.0 - friction / (obj.friction * normal) if normal else np.nan))
     return np.array(rows)
 
 
@@ -269,12 +272,12 @@ def _true_steps(quick: bool, progress: Progress) -> Iterator[Row]:
             return simulate(tip, obj, drive, dt=dt, duration=1.2, every=every)
 
         try:
-            truth = _margins(tip, obj, run(reference))
+            truth = margins(tip, obj, run(reference))
         except ModelError:
             beyond += 1  # no contact force of this object carries this grip, at any step
             continue
         for dt in steps:
-            found = _margins(tip, obj, run(dt))
+            found = margins(tip, obj, run(dt))
             worst[dt] = np.maximum(worst[dt], abs(found / truth - 1.0).max(axis=0))
         swing = max(swing, _swing(tip, obj, drive))
     label = "0.2 ms" if quick else "0.01 ms"

@@ -1,4 +1,4 @@
-"""Command line: `chromagrip grasp`, and lists of what there is.
+"""Run grasps, list what there is, measure it, and compare it with the thesis.
 
 Exit codes: 0 done, 1 something is missing (doctor), 2 asked for the impossible, 130 interrupted.
 """

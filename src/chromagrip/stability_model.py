@@ -19,6 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
+from .bench_model import margins
 from .bench_rows import Row, at_least, report, reported
 from .model import (
     ContactObject,
@@ -124,7 +125,8 @@ def stability_model(
         found = []
         for cell in cells(plan, done, progress):
             found.append(cell)
-            _write_csv(found, part)
+            if len(found) > len(done):  # those done before come first and are in the file
+                _write_csv(found, part)
         _draw(found, out / "map.png", quick)
         part.replace(out / "map.csv")
     return report(_rows(found), quick), _breaks(found)
@@ -153,8 +155,9 @@ def cells(plan: Grid, done: dict[Key, Cell], progress: Callable[[str], None]) ->
     for nodes, stiffness in itertools.product(plan.nodes, plan.stiffness):
         tip, obj = Fingertip(nodes=nodes), ContactObject(stiffness=stiffness)
         truth: dict[float, Array] = {}
+        limits = {name: explicit_limit(tip, obj, rest_state(tip), name) for name in EXPLICIT}
         for method, steps in plan.steps.items():
-            limit = explicit_limit(tip, obj, rest_state(tip), "rk4" if method == "rk4" else "euler")
+            limit = limits.get(method, limits["euler"])
             for step in steps:
                 dt = step * limit if method in EXPLICIT else step
                 key = (method, nodes, stiffness, dt)
@@ -165,7 +168,7 @@ def cells(plan: Grid, done: dict[Key, Cell], progress: Callable[[str], None]) ->
                 if duration not in truth:
                     progress(f"{nodes} nodes, {stiffness:g} N/m: fine run")
                     fine = _run(tip, obj, "implicit", FINE * duration, duration)
-                    truth[duration] = _looks(tip, obj, fine)
+                    truth[duration] = margins(tip, obj, fine)
                 progress(f"{nodes} nodes, {stiffness:g} N/m, {method}, {dt * 1e3:.3g} ms")
                 yield _cell(tip, obj, method, dt, limit, truth[duration], plan.budget)
 
@@ -195,17 +198,6 @@ def _run(tip: Fingertip, obj: ContactObject, method: Method, dt: float, duration
     )
 
 
-def _looks(tip: Fingertip, obj: ContactObject, run: History) -> Array:
-    """ΣFn and Γ at each look, shape (LOOKS, 2)."""
-    rows = []
-    for k in range(1, len(run)):
-        field = contact_forces(tip, obj, run.state(k))
-        normal = field.normal.sum()
-        friction = abs(field.friction.sum())
-        rows.append((normal, 1.0 - friction / (obj.friction * normal) if normal else np.nan))
-    return np.array(rows)
-
-
 def _cell(
     tip: Fingertip,
     obj: ContactObject,
@@ -225,7 +217,7 @@ def _cell(
     try:
         run = _run(tip, obj, method, dt, _duration(method))
         swing = _swing(tip, obj, method, dt, run)
-        error = float(abs(_looks(tip, obj, run) / truth - 1.0).max())
+        error = float(abs(margins(tip, obj, run) / truth - 1.0).max())
     except DivergedError as stopped:
         return cell("diverged", note=str(stopped))
     except ModelError as stopped:
