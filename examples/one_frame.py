@@ -20,7 +20,7 @@ def main() -> None:
 
     tracker = MarkerTracker(sensor, noise=2.0)
     rest = tracker.reset([picture(np.zeros((tip.nodes, 2)), 1000 + k) for k in range(16)])
-    forces = ForceEstimator(sensor, tip, tracker.directions, rest)
+    forces = ForceEstimator(sensor, tip, tracker.places, rest)
 
     state = rest_state(tip)
     for k in range(50):

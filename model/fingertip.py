@@ -67,6 +67,21 @@ class Fingertip:
             _check_outline(self.outline)
 
     @classmethod
+    def of_radius(cls, radius: float, *, nodes: int, law: SpringLaw) -> Self:
+        """Half circle of the thesis's materials and another radius (thesis Table 1).
+
+        Tissue, 25 kPa·π·r/2, is stiffer at a larger radius, the membrane, E·w·t over pitch, softer.
+        """
+        share = radius / cls.radius
+        return cls(
+            nodes=nodes,
+            radius=radius,
+            tissue_stiffness=cls.tissue_stiffness * share,
+            membrane_stiffness=cls.membrane_stiffness / share,
+            law=law,
+        )
+
+    @classmethod
     def graded(
         cls, nodes: int = 99, core: float = 7.4e-3, *, radius: float = 8e-3, **parameters: float
     ) -> Self:

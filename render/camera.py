@@ -1,62 +1,188 @@
-"""Cameras: the only place where metres become pixels."""
+"""Cameras in OpenCV's parameters: the only place where directions become pixels."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_ROUNDS = 12
+
+
+class Camera(Protocol):
+    """Projects points of its own frame: x right, y down, z into the scene."""
+
+    @property
+    def width(self) -> int:
+        """Image width [px]."""
+
+    @property
+    def height(self) -> int:
+        """Image height [px]."""
+
+    def project(self, points: Array) -> Array:
+        """Pixels (…, 2) of points (…, 3) [m]; NaN where a point cannot be seen."""
+
+    def jacobian(self, points: Array) -> Array:
+        """Derivative of `project` [px/m], shape (…, 2, 3)."""
+
+    def rays(self, pixels: Array) -> Array:
+        """Unit directions (…, 3) seen at pixels (…, 2); the inverse of `project`."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FisheyeCamera:
-    """Equidistant fisheye at the sphere centre, looking along +z: r = f·θ.
+    """Equidistant fisheye, r = f·θd with θd = θ·(1 + k₁θ² + k₂θ⁴ + k₃θ⁶ + k₄θ⁸).
 
     Attributes
     ----------
     width, height: image size [px]
-    focal: pixels per radian
+    focal: pixels per radian along x and y
     centre: pixel (x, y) on the optical axis; pixel centres lie at integers
+    distortion: Kannala and Brandt's k₁…k₄, as in OpenCV
     """
 
     width: int
     height: int
-    focal: float
+    focal: tuple[float, float]
     centre: tuple[float, float]
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not (self._slope(np.linspace(0.0, np.pi / 2, 64)) > 0.0).all():
+            raise ValueError(
+                f"distortion {list(self.distortion)} folds the fisheye's image within 90°"
+            )
+
+    def _bent(self, angle: Array) -> Array:
+        k, t = self.distortion, angle * angle
+        return angle * (1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3]))))
+
+    def _slope(self, angle: Array) -> Array:
+        k, t = self.distortion, angle * angle
+        return 1.0 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3])))
 
     def project(self, points: Array) -> Array:
-        """Pixels (…, 2) of points (…, 3) in the sensor frame [m]."""
+        """Pixels (…, 2) of points (…, 3) [m]."""
         rho = np.hypot(points[..., 0], points[..., 1])
-        angle = np.arctan2(rho, points[..., 2])
-        # angle/rho → 1/z on the axis.
+        bent = self._bent(np.arctan2(rho, points[..., 2]))
+        # bent/rho → 1/z on the axis.
         aside = rho > 1e-12
-        scale = np.where(aside, angle, 1.0) / np.where(aside, rho, points[..., 2])
-        return np.asarray(self.centre) + self.focal * scale[..., None] * points[..., :2]
+        scale = np.where(aside, bent, 1.0) / np.where(aside, rho, points[..., 2])
+        return np.asarray(self.centre) + np.asarray(self.focal) * scale[..., None] * points[..., :2]
 
     def jacobian(self, points: Array) -> Array:
         """Derivative of `project` [px/m], shape (…, 2, 3)."""
         x, y, z = np.moveaxis(points, -1, 0)
         rho = np.hypot(x, y)
-        range2 = rho**2 + z * z
+        angle = np.arctan2(rho, z)
+        slope = self._slope(angle) / (rho**2 + z * z)
         # On the axis every direction is radial; any unit vector will do.
         off_axis = rho > 1e-12
         along = np.where(off_axis, x / np.maximum(rho, 1e-12), 1.0)
         across = np.where(off_axis, y / np.maximum(rho, 1e-12), 0.0)
-        # Image point = f·angle·(x, y)/rho; ∂angle = (z ∂rho − rho ∂z)/range².
-        radial = z / range2
-        swing = np.where(off_axis, np.arctan2(rho, z) / np.maximum(rho, 1e-12), 1.0 / z)
+        # Image point = f·bent·(x, y)/rho; ∂angle = (z ∂rho − rho ∂z)/range².
+        radial = z * slope
+        swing = np.where(off_axis, self._bent(angle), 1.0) / np.where(off_axis, rho, z)
         out = np.empty((*points.shape[:-1], 2, 3))
         out[..., 0, 0] = radial * along**2 + swing * across**2
         out[..., 0, 1] = out[..., 1, 0] = (radial - swing) * along * across
         out[..., 1, 1] = radial * across**2 + swing * along**2
-        out[..., 0, 2] = -x / range2
-        out[..., 1, 2] = -y / range2
-        return self.focal * out
+        out[..., 0, 2] = -x * slope
+        out[..., 1, 2] = -y * slope
+        return np.asarray(self.focal)[:, None] * out
 
-    def directions(self, pixels: Array) -> Array:
-        """Directions (θ, φ) [rad] seen at pixels (…, 2); the inverse of `project`."""
-        offset = (pixels - np.asarray(self.centre)) / self.focal
-        return np.stack(
-            [np.hypot(offset[..., 0], offset[..., 1]), np.arctan2(offset[..., 1], offset[..., 0])],
+    def rays(self, pixels: Array) -> Array:
+        """Unit directions (…, 3) seen at pixels (…, 2)."""
+        offset = (pixels - np.asarray(self.centre)) / np.asarray(self.focal)
+        bent = np.hypot(offset[..., 0], offset[..., 1])
+        angle = bent
+        if any(self.distortion):
+            for _ in range(_ROUNDS):
+                angle = np.clip(
+                    angle - (self._bent(angle) - bent) / self._slope(angle), 0.0, np.pi / 2 + 0.2
+                )
+        scale = np.sin(angle) / np.where(bent > 0.0, bent, 1.0)
+        return np.concatenate([scale[..., None] * offset, np.cos(angle)[..., None]], axis=-1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PinholeCamera:
+    """Pinhole with Brown's distortion.
+
+    Attributes
+    ----------
+    width, height: image size [px]
+    focal: focal lengths along x and y [px]
+    centre: pixel (x, y) on the optical axis; pixel centres lie at integers
+    distortion: Brown's k₁, k₂, p₁, p₂, k₃, in OpenCV's order
+    """
+
+    width: int
+    height: int
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        edge = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [0.0, 0.5], [1.0, 0.5]])
+        edge = np.concatenate([edge, 1.0 - edge]) * [self.width - 1.0, self.height - 1.0]
+        with np.errstate(all="ignore"):
+            back = self.project(self.rays(edge))
+        if not np.nan_to_num(abs(back - edge), nan=np.inf).max() < 0.1:
+            raise ValueError(f"distortion {list(self.distortion)} folds the pinhole's image")
+
+    def _distort(self, flat: Array) -> tuple[Array, Array]:
+        """Distorted image-plane points of (…, 2), and the derivative (…, 2, 2)."""
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = flat[..., 0], flat[..., 1]
+        t = x * x + y * y
+        scale = 1.0 + t * (k1 + t * (k2 + t * k3))
+        slope = k1 + t * (2 * k2 + t * 3 * k3)  # d scale / dt
+        bent = np.stack(
+            [
+                x * scale + 2 * p1 * x * y + p2 * (t + 2 * x * x),
+                y * scale + p1 * (t + 2 * y * y) + 2 * p2 * x * y,
+            ],
             axis=-1,
         )
+        out = np.empty((*flat.shape, 2))
+        out[..., 0, 0] = scale + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+        out[..., 0, 1] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+        out[..., 1, 0] = out[..., 0, 1]
+        out[..., 1, 1] = scale + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+        return bent, out
+
+    def project(self, points: Array) -> Array:
+        """Pixels (…, 2) of points (…, 3) [m]; NaN behind the camera."""
+        z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
+        bent, _ = self._distort(points[..., :2] / z)
+        return np.asarray(self.centre) + np.asarray(self.focal) * bent
+
+    def jacobian(self, points: Array) -> Array:
+        """Derivative of `project` [px/m], shape (…, 2, 3)."""
+        z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
+        flat = points[..., :2] / z
+        _, slope = self._distort(flat)
+        onto = np.zeros((*points.shape[:-1], 2, 3))
+        onto[..., 0, 0] = onto[..., 1, 1] = 1.0 / z[..., 0]
+        onto[..., :, 2] = -flat / z
+        return np.asarray(self.focal)[:, None] * (slope @ onto)
+
+    def rays(self, pixels: Array) -> Array:
+        """Unit directions (…, 3) seen at pixels (…, 2)."""
+        bent = (pixels - np.asarray(self.centre)) / np.asarray(self.focal)
+        flat = bent
+        if any(self.distortion):
+            for _ in range(_ROUNDS):
+                here, slope = self._distort(flat)
+                off = here - bent
+                a, b, c, d = slope[..., 0, 0], slope[..., 0, 1], slope[..., 1, 0], slope[..., 1, 1]
+                step = np.stack(
+                    [d * off[..., 0] - b * off[..., 1], a * off[..., 1] - c * off[..., 0]], axis=-1
+                )
+                flat = flat - step / (a * d - b * c)[..., None]
+        ray = np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
+        return ray / np.linalg.norm(ray, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Coverage of a pixel by a blurred ellipse: the profile that is painted, as table and kernel."""
+"""Coverage of a pixel by a blurred marker: the profile that is painted and looked for."""
 
 import math
 
@@ -9,15 +9,12 @@ from ..model.compiled import njit
 
 Array = NDArray[np.float64]
 
-#: The edge profile is tabulated over ± this many standard deviations of the blur.
-EDGE_RANGE = 4.0
-_EDGE_STEPS = 512
-
-
-def edge_table() -> Array:
-    """Normal distribution function Φ over ±EDGE_RANGE, for linear interpolation."""
-    grid = np.linspace(-EDGE_RANGE, EDGE_RANGE, _EDGE_STEPS + 1)
-    return np.array([0.5 * (1.0 + math.erf(v / math.sqrt(2.0))) for v in grid])
+#: An edge is followed over ± this many standard deviations of the blur.
+EDGE_RANGE = 3.5
+#: Φ(EDGE_RANGE·u) − 1/2 on −1…1 as an odd polynomial in u, within 3e-5: no table, no branch.
+_C1, _C3, _C5, _C7 = (np.float32(v) for v in (1.395861965, -2.832835122, 5.022045093, -6.455834289))
+_C9, _C11, _C13 = (np.float32(v) for v in (5.579158215, -2.845730945, 0.637130102))
+_ONE, _HALF = np.float32(1.0), np.float32(0.5)
 
 
 def edge_width(blur: float) -> float:
@@ -25,16 +22,14 @@ def edge_width(blur: float) -> float:
     return math.sqrt(blur**2 + 1.0 / 12.0)
 
 
-@njit()
-def edge(table: Array, distance: float) -> float:
-    """Coverage at a signed distance inside the edge, in standard deviations."""
-    place = (distance + EDGE_RANGE) * (_EDGE_STEPS / (2.0 * EDGE_RANGE))
-    if place <= 0.0:
-        return 0.0
-    if place >= _EDGE_STEPS:
-        return 1.0
-    index = int(place)
-    return table[index] + (place - index) * (table[index + 1] - table[index])
+@njit(inline="always")
+def edge(inside: np.float32) -> np.float32:
+    """Coverage at a signed distance inside the edge, in EDGE_RANGE standard deviations."""
+    u = min(max(inside, -_ONE), _ONE)
+    t = u * u
+    q = t * t  # in three short chains instead of a long one, which processors wait for
+    p = (_C1 + t * _C3) + q * ((_C5 + t * _C7) + q * ((_C9 + t * _C11) + q * _C13))
+    return _HALF + u * p
 
 
 @njit()
@@ -62,56 +57,3 @@ def signed_distance(
     gy = (inverse[0, 1] * qx + inverse[1, 1] * qy) / radius
     slope = math.sqrt(gx * gx + gy * gy)
     return (1.0 - radius) / slope - correction * slope, -gx / slope, -gy / slope
-
-
-@njit()
-def paint_ellipses(
-    image: NDArray[np.float32],
-    centres: Array,
-    shapes: Array,
-    transmittance: Array,
-    width: float,
-    table: Array,
-) -> None:
-    """Multiply ellipses of a dye into a linear-light image, in place.
-
-    Parameters
-    ----------
-    image: linear light, shape (H, W, 3)
-    centres: [px], shape (M, 2)
-    shapes: matrices whose columns are the semi-axes [px], shape (M, 2, 2)
-    transmittance: of the dye, shape (3,)
-    width: standard deviation of the edge [px]
-    table: `edge_table()`
-    """
-    height, breadth = image.shape[0], image.shape[1]
-    inverse = np.empty((2, 2))
-    reach = EDGE_RANGE * width
-    for m in range(centres.shape[0]):
-        cx, cy = centres[m, 0], centres[m, 1]
-        a, b, c, d = shapes[m, 0, 0], shapes[m, 0, 1], shapes[m, 1, 0], shapes[m, 1, 1]
-        det = a * d - b * c
-        if not (math.isfinite(cx + cy) and abs(det) > 1e-6):
-            continue
-        inverse[0, 0], inverse[0, 1] = d / det, -b / det
-        inverse[1, 0], inverse[1, 1] = -c / det, a / det
-        half_x = math.sqrt(a * a + b * b) + reach
-        half_y = math.sqrt(c * c + d * d) + reach
-        for row in range(max(0, int(cy - half_y)), min(height, int(cy + half_y) + 2)):
-            for col in range(max(0, int(cx - half_x)), min(breadth, int(cx + half_x) + 2)):
-                distance, _, _ = signed_distance(col - cx, row - cy, inverse, 0.5 * width * width)
-                covered = edge(table, distance / width)
-                if covered > 0.0:
-                    for k in range(3):
-                        image[row, col, k] *= 1.0 - covered * (1.0 - transmittance[k])
-
-
-@njit()
-def encode(linear: NDArray[np.float32], table: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    """SRGB image (H, W, 3) of a linear-light one, by `colour.encoding_table`."""
-    flat, result = linear.reshape(-1), out.reshape(-1)
-    top = table.shape[0] - 1
-    for i in range(flat.shape[0]):
-        value = flat[i]
-        index = int(min(max(value, 0.0), 1.0) * top + 0.5)
-        result[i] = table[index]

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .dome import DomeMap, dome_map
-from .layout import unit_vectors
+from .harmonics import HarmonicMap, harmonic_map
 from .sensor import SensorDesign
 
 Array = NDArray[np.float64]
@@ -14,60 +13,83 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Membrane:
-    """Marker discs in the sensor frame, layer 0 magenta, layer 1 yellow.
+    """Markers in the sensor frame, layer 0 magenta, layer 1 yellow.
 
     Attributes
     ----------
     centres: [m], shape (2, M, 3)
-    normals: unit normals, outwards, shape (2, M, 3)
-    radius: of every disc; markers tilt with the skin and do not stretch [m]
+    axes: two semi-axes of each marker, as columns: perpendicular where the marker has not
+        stretched, first along x for squares [m], shape (2, M, 3, 2)
     """
 
     centres: Array
-    normals: Array
-    radius: float
+    axes: Array
 
-    def axes(self) -> Array:
-        """Two perpendicular semi-axes of each disc, as columns [m], shape (2, M, 3, 2)."""
-        # Any direction in the disc's plane will do; no marker's normal comes near y.
-        first = np.cross(np.array([0.0, 1.0, 0.0]), self.normals)
-        first /= np.linalg.norm(first, axis=-1, keepdims=True)
-        second = np.cross(self.normals, first)
-        return self.radius * np.stack([first, second], axis=-1)
-
-
-def tangents(directions: Array) -> tuple[Array, Array]:
-    """Unit vectors along θ and along φ at directions (M, 2), each of shape (M, 3)."""
-    theta, phi = directions.T
-    cos, sin = np.cos(phi), np.sin(phi)
-    along_theta = np.column_stack([np.cos(theta) * cos, np.cos(theta) * sin, -np.sin(theta)])
-    return along_theta, np.column_stack([-sin, cos, np.zeros_like(phi)])
+    @property
+    def normals(self) -> Array:
+        """Unit normals, outwards, shape (2, M, 3)."""
+        normal = np.cross(self.axes[..., 0], self.axes[..., 1])
+        return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
 
 class MembraneMap:
-    """Maps node displacements to the membrane of one sensor; built once, called every frame."""
+    """Maps node displacements to the membrane of one sensor; built once, called every frame.
 
-    def __init__(self, sensor: SensorDesign, nodes: int) -> None:
+    Parameters
+    ----------
+    sensor: design
+    nodes: of the chain, how many or where; see `harmonic_map`
+    """
+
+    def __init__(self, sensor: SensorDesign, nodes: int | Array) -> None:
         self.sensor = sensor
-        directions = sensor.directions()
-        self._dome: DomeMap = dome_map(directions, nodes)
-        self._radial = unit_vectors(directions)
-        self._tangents = tangents(directions)
+        places, skin = sensor.places, sensor.shape
+        self._map: HarmonicMap = harmonic_map(skin, places, nodes)
+        self._rest = np.stack([skin.points(places, depth) for depth in sensor.depths])
+        self._tangents = np.stack(skin.tangents(places), axis=-1)
+        self._share = sensor.follow / [skin.metric(depth) for depth in sensor.depths]
+        # Squares lie along the sensor's x and y, discs anyhow.
+        cos, sin = np.cos(places[:, 1]), np.sin(places[:, 1])
+        self._turn = np.stack([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
+        self._outwards = np.cross(*np.moveaxis(self._tangents, -1, 0))
 
     def __call__(self, seen: Array) -> Membrane:
         """Membrane for node displacements relative to the rigid part (N, 2) [m]."""
-        moved = self._dome.displacement(seen)
-        along_theta, along_phi = self._dome.gradient(seen)
-        centres, normals = [], []
-        for radius, follow in zip(self.sensor.layer_radii, self.sensor.follow, strict=True):
-            centres.append(radius * self._radial + follow * moved)
-            normal = np.cross(
-                self._tangents[0] + follow / radius * along_theta,
-                self._tangents[1] + follow / radius * along_phi,
-            )
-            normals.append(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+        sensor = self.sensor
+        moved = self._map.displacement(seen)
+        slope = np.stack(self._map.gradient(seen), axis=-1)
+        # How the skin maps its own tangent plane into space, per layer, shape (2, M, 3, 2).
+        carried = self._tangents + self._share[:, None, None, None] * slope
+        axes = outline_axes(carried, sensor.markers.stretch) @ self._turn
+        axes *= sensor.half_sizes[:, None, None, None]
+        if sensor.markers.swell_mm:
+            axes *= self._swelling(moved)[..., None, None]
         return Membrane(
-            centres=np.stack(centres),
-            normals=np.stack(normals),
-            radius=self.sensor.marker_radius,
+            centres=self._rest + sensor.follow[:, None, None] * moved,
+            axes=axes,
         )
+
+    def _swelling(self, moved: Array) -> Array:
+        """Growth of outlines where incompressible silicone gets thinner, shape (2, M)."""
+        thinning = np.einsum("mk,mk->m", moved, self._outwards)
+        thickness = 1.0 + thinning / (self.sensor.markers.swell_mm * 1e-3)
+        # What does not move does not swell; no silicone is pressed to less than a fifth.
+        strain = self.sensor.follow[:, None] * (np.clip(thickness, 0.2, 5.0) ** -0.5 - 1.0)
+        return 1.0 + strain
+
+
+def outline_axes(carried: Array, stretch: float) -> Array:
+    """Axes of unit outlines on a skin carried by F = R·U: R and `stretch` of the U, (…, 3, 2)."""
+    # The root of a 2×2 matrix C is (C + √det C)/√(tr C + 2√det C).
+    a, b = carried[..., 0], carried[..., 1]
+    aa, ab, bb = (np.einsum("...k,...k->...", p, q) for p, q in ((a, a), (a, b), (b, b)))
+    area = np.sqrt(np.maximum(aa * bb - ab * ab, 1e-12))
+    norm = np.sqrt(aa + bb + 2.0 * area)
+    u = np.empty((*aa.shape, 2, 2))
+    u[..., 0, 0], u[..., 1, 1] = (aa + area) / norm, (bb + area) / norm
+    u[..., 0, 1] = u[..., 1, 0] = ab / norm
+    inverse = np.empty_like(u)
+    inverse[..., 0, 0], inverse[..., 1, 1] = u[..., 1, 1] / area, u[..., 0, 0] / area
+    inverse[..., 0, 1] = inverse[..., 1, 0] = -u[..., 0, 1] / area
+    rotated = carried @ inverse
+    return rotated if stretch == 0.0 else rotated @ (np.eye(2) + stretch * (u - np.eye(2)))

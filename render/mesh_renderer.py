@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .colour import encoding_table
-from .coverage import encode
 from .gl import MEND, GLMissingError, gl_problem, prepare
 from .ground import ground_image
-from .membrane import Membrane
+from .membrane import Membrane, MembraneMap
+from .outlines import outline_points, outlines
+from .paint_kernels import encode
 from .sensor import SensorDesign
 
 #: Corners of a disc; its area is short of the circle's by 0.2 %.
@@ -28,6 +29,11 @@ FADE = 1.6
 class MeshRenderer:
     """Draws each marker as a projected polygon mesh.
 
+    Parameters
+    ----------
+    sensor: design
+    oversampling: pixels drawn for one of the image, along each side
+
     Raises
     ------
     GLMissingError
@@ -36,7 +42,7 @@ class MeshRenderer:
 
     name = "pyrender"
 
-    def __init__(self, sensor: SensorDesign) -> None:
+    def __init__(self, sensor: SensorDesign, oversampling: int = OVERSAMPLING) -> None:
         problem = gl_problem()
         if problem is not None:
             raise GLMissingError(f"renderer pyrender cannot run here: {problem}; mend: {MEND}")
@@ -44,21 +50,18 @@ class MeshRenderer:
         import pyrender  # fails without libGL even where it is not used
 
         self._pyrender = pyrender
-        self._lens = sensor.lens()
+        self._view = sensor.view
         self._dyes = sensor.transmittance
         # A step faded linearly over w has the variance w²/12 of a box.
         fade = min(FADE, 3.0 * sensor.camera.blur_px)
         self._blur = float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
-        half = fade / 2 * sensor.layer_radii.mean() / (self._lens.focal * sensor.marker_radius)
+        half = fade / 2 / _mean_half(sensor)
         self._ground = ground_image(sensor)
         self._encoding = encoding_table()
-        count = sensor.markers.count
-        angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
-        circle = np.stack([np.cos(angle), np.sin(angle)])
+        count = len(sensor.places)
+        circle = _outline(sensor.markers.form)
         # Of each disc: corners of the white core, black corners of the fade around it, the centre.
-        self._outline = np.concatenate(
-            [(1 - half) * circle, (1 + half) * circle, np.zeros((2, 1))], axis=1
-        )
+        self._outline = np.concatenate([(1 - half) * circle, (1 + half) * circle, np.zeros((1, 2))])
         inner = np.arange(CORNERS)
         after = np.roll(inner, -1)
         fan = np.stack([np.full(CORNERS, 2 * CORNERS), inner, after], axis=1)
@@ -69,19 +72,18 @@ class MeshRenderer:
         white = np.ones((corners, 4), dtype=np.float32)
         white[CORNERS:-1, :3] = 0.0
         self._colours = np.tile(white, (count, 1))
-        width, height = self._lens.width, self._lens.height
+        width, height = self._view.width, self._view.height
         self._scene = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 1.0])
         camera = pyrender.OrthographicCamera(xmag=width / 2, ymag=height / 2, znear=0.1, zfar=10.0)
         pose = np.eye(4)
         pose[2, 3] = 1.0
         self._scene.add(camera, pose=pose)
-        self._renderer = pyrender.OffscreenRenderer(OVERSAMPLING * width, OVERSAMPLING * height)
+        self._renderer = pyrender.OffscreenRenderer(oversampling * width, oversampling * height)
 
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
         linear = self._ground.copy()
-        points = membrane.centres[:, :, :, None] + membrane.axes() @ self._outline
-        pixels = self._lens.project(np.swapaxes(points, -1, -2))
+        pixels = self._view.project(outline_points(membrane, self._outline))
         for layer, dye in enumerate(self._dyes):
             covered = self._coverage(pixels[layer].reshape(-1, 2))
             linear *= 1.0 - covered[:, :, None] * (1.0 - dye).astype(np.float32)
@@ -92,7 +94,7 @@ class MeshRenderer:
     def _coverage(self, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
         """Blurred coverage 0…1 of triangles with these corners, shape (H, W)."""
         # OpenGL's y runs upwards, and its pixel edges, not centres, lie at integers.
-        width, height = self._lens.width, self._lens.height
+        width, height = self._view.width, self._view.height
         vertices = np.column_stack(
             [
                 pixels[:, 0] + 0.5 - width / 2,
@@ -120,3 +122,17 @@ class MeshRenderer:
     def close(self) -> None:
         """Release the OpenGL context."""
         self._renderer.delete()
+
+
+def _outline(form: str) -> NDArray[np.float64]:
+    """Corners of a marker's outline in its own coordinates, shape (CORNERS, 2)."""
+    angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return circle if form == "disc" else circle / abs(circle).max(axis=-1, keepdims=True)
+
+
+def _mean_half(sensor: SensorDesign) -> float:
+    """Mean half size of the resting markers in the image [px]."""
+    rest = MembraneMap(sensor, 11)(np.zeros((11, 2)))
+    axes = outlines(rest, sensor.view)[:, :, 1:3]
+    return float(np.sqrt(abs(np.linalg.det(axes))).mean())

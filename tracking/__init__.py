@@ -18,6 +18,7 @@ from .friction import (
     core_quantile,
     max_ratio,
 )
+from .sensitivity import UnsupportedSensorError
 from .tracker import MarkerTracker
 from .tracks import Tracks
 
@@ -36,6 +37,7 @@ __all__ = [
     "NoEstimateError",
     "TooFewMarkersError",
     "Tracks",
+    "UnsupportedSensorError",
     "core_quantile",
     "detect_markers",
     "max_ratio",

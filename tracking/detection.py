@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..render import LAYERS, SensorDesign
+from ..render.ground import inside_rim, pixel_grid
 from .unmixing import dye_densities, estimate_ground, unmixing_matrix
 
 Array = NDArray[np.float64]
@@ -33,17 +34,19 @@ def detect_markers(linear: Array, sensor: SensorDesign) -> tuple[Array, Array]:
     DetectionError
         When fewer than nine tenths of the sensor's markers are found as pairs.
     """
-    lens = sensor.lens()
-    if linear.shape != (lens.height, lens.width, 3):
+    view = sensor.view
+    if linear.shape != (view.height, view.width, 3):
         raise DetectionError(
             f"rest frame has shape {linear.shape}, the sensor's camera gives "
-            f"{(lens.height, lens.width, 3)}"
+            f"{(view.height, view.width, 3)}"
         )
-    y, x = np.mgrid[: lens.height, : lens.width].astype(float)
-    angle = lens.directions(np.stack([x, y], axis=-1))[..., 0]
-    skin = angle < np.pi / 2 - 2.0 * sensor.camera.blur_px / lens.focal
-    size = lens.focal * sensor.marker_radius / sensor.layer_radii
-    pitch = lens.focal * np.sqrt(2 * np.pi / sensor.markers.count)
+    places = sensor.shape.meet(*view.trace(pixel_grid(sensor)), 0.0)
+    skin = inside_rim(sensor, places) > 2.0 * sensor.camera.blur_px
+    middle = [sensor.shape.points(np.array([[1e-6, 0.0]]), depth) for depth in sensor.depths]
+    gain = np.array([np.sqrt(np.linalg.det(view.jacobian(p)[0, :, :2])) for p in middle])
+    size = gain * sensor.half_sizes
+    expected = len(sensor.places)
+    pitch = np.sqrt(skin.sum() / expected)
     ground = estimate_ground(linear, skin, pitch)
     densities = dye_densities(linear, ground, unmixing_matrix(sensor.transmittance))
     layers = [
@@ -51,7 +54,6 @@ def detect_markers(linear: Array, sensor: SensorDesign) -> tuple[Array, Array]:
         for density, radius in zip(densities, size, strict=True)
     ]
     pairs = _pair(layers[0], layers[1], reach=float(size.max()))
-    expected = sensor.markers.count
     if pairs.shape[1] < 0.9 * expected:
         counts = ", ".join(f"{len(p)} {name}" for p, name in zip(layers, LAYERS, strict=True))
         raise DetectionError(

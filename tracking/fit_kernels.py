@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from ..render.coverage import edge, signed_distance
+from ..render.coverage import EDGE_RANGE, edge, signed_distance
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,6 @@ class Optics(NamedTuple):
     shapes: Array  # (2, M, 2, 2) semi-axes of each marker at nominal size, as columns [px]
     neighbours: NDArray[np.int64]  # (M, K) pairs near each pair
     width: float  # standard deviation of an edge [px]
-    table: Array  # coverage.edge_table()
 
 
 @njit()
@@ -169,7 +168,7 @@ def _normal_equations(
     gradient: Array,
 ) -> float:
     """Information matrix and gradient of one pair at `fit`; returns the mean squared residual."""
-    width, absorbed, table = optics.width, optics.absorbed, optics.table
+    width, absorbed = optics.width, optics.absorbed
     reach, correction = FIT_RANGE * width, 0.5 * width * width
     jac, covered, light = np.zeros((2, 5)), np.zeros(2), np.empty(3)
     normal[:] = 0.0
@@ -181,7 +180,7 @@ def _normal_equations(
             for k in range(2):
                 dx, dy = col - fit[k, 0], row - fit[k, 1]
                 distance, gx, gy = signed_distance(dx, dy, inverses[k], correction)
-                covered[k] = edge(table, distance / width)
+                covered[k] = edge(distance / (EDGE_RANGE * width))
                 slope = 0.0
                 if abs(distance) < reach:
                     informative = True
@@ -200,7 +199,7 @@ def _normal_equations(
                 dx, dy = col - places[o, 0], row - places[o, 1]
                 if dx * dx + dy * dy < places[o, 2]:
                     distance, _, _ = signed_distance(dx, dy, inverses[2 + o], correction)
-                    shade = edge(table, distance / width)
+                    shade = edge(distance / (EDGE_RANGE * width))
                     for ch in range(3):
                         light[ch] *= 1.0 - shade * absorbed[int(places[o, 3]), ch]
             w00 = w01 = w11 = b0 = b1 = 0.0

@@ -74,7 +74,7 @@ class ForceEstimator:
     ----------
     sensor: calibration of the image
     fingertip: calibration of the mechanics
-    directions: of the markers at rest, from the tracker [rad], shape (2, M, 2)
+    places: of the markers at rest, from the tracker [rad], shape (2, M, 2)
     rest: tracks of the unloaded sensor
     prior: see ForcePrior
     """
@@ -83,21 +83,22 @@ class ForceEstimator:
         self,
         sensor: SensorDesign,
         fingertip: Fingertip,
-        directions: Array,
+        places: Array,
         rest: Tracks,
         prior: ForcePrior | None = None,
     ) -> None:
         self._prior = prior or ForcePrior()
         self._fingertip = fingertip
         self._threshold = fingertip.contact_threshold
-        near = directions[0, :, 0] < np.deg2rad(self._prior.reach_deg) + _MARGIN
+        near = places[0, :, 0] < np.deg2rad(self._prior.reach_deg) + _MARGIN
         self._usable = np.flatnonzero(near & rest.visible.all(axis=0))
         self._at_start = _measured(rest)[self._usable]
         self._rest_covariance = rest.covariance[self._usable]
-        self._response = MarkerResponse(sensor, directions[:, self._usable], fingertip.nodes)
+        self._response = MarkerResponse(sensor, places[:, self._usable], fingertip.angles())
         self._hats, self._correlation = self._force_basis()
         unloaded = np.zeros((fingertip.nodes, 2))
-        self._at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))
+        at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))
+        self._at_rest = at_rest + self._response.perspective(unloaded)
         self.reset()
 
     def reset(self) -> None:
@@ -153,6 +154,7 @@ class ForceEstimator:
         loads = np.concatenate([held[:, :, None], self._hats], axis=2)
         moves = chain_compliance(self._fingertip, self._seen, loads, _BLUNT)
         predicted, derivative = self._response(self._seen, moves)
+        predicted = predicted + self._response.perspective(self._seen)
         # Newton about the last displacement u₀ with C = ∂u/∂f: y = h(u₀) − h(0) + J·C·(f − F(u₀)).
         residual = observed - (predicted - self._at_rest - derivative[:, :, 0])[visible]
         target = (whiten @ residual[:, :, None]).ravel()

@@ -4,14 +4,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..render import SensorDesign
-from ..render.dome import dome_map
-from ..render.layout import unit_vectors
-from ..render.membrane import tangents
+from ..render.harmonics import harmonic_map
+from ..render.membrane import Membrane, outline_axes
+from ..render.outlines import centroids, outlines
 
 Array = NDArray[np.float64]
 
 #: What is measured of a pair, in order: (x, y, log size) of magenta, then of yellow.
 MEASURED = 6
+
+
+class UnsupportedSensorError(ValueError):
+    """A sensor whose markers do what the estimator does not know of."""
 
 
 class MarkerResponse:
@@ -20,21 +24,27 @@ class MarkerResponse:
     Parameters
     ----------
     sensor: calibration
-    directions: of the markers at rest, as read off the rest frame [rad], shape (2, M, 2)
-    nodes: of the chain
+    places: of the markers at rest, as read off the rest frame, shape (2, M, 2)
+    nodes: of the chain, how many or where
     """
 
-    def __init__(self, sensor: SensorDesign, directions: Array, nodes: int) -> None:
-        self._lens = sensor.lens()
+    def __init__(self, sensor: SensorDesign, places: Array, nodes: int | Array) -> None:
+        if sensor.markers.stretch or sensor.markers.swell_mm or sensor.markers.form != "disc":
+            raise UnsupportedSensorError(
+                "forces are read from stiff discs only: markers.form = 'disc', markers.stretch = 0 "
+                "and markers.swell_mm = 0"
+            )
+        self._view, skin = sensor.view, sensor.shape
+        self._half_sizes = sensor.half_sizes
         self._layers = [
             (
-                dome_map(d, nodes),
-                radius * unit_vectors(d),
-                tangents(d),
-                float(radius),
+                harmonic_map(skin, p, nodes),
+                skin.points(p, depth),
+                skin.tangents(p),
+                float(skin.metric(depth)),
                 float(follow),
             )
-            for d, radius, follow in zip(directions, sensor.layer_radii, sensor.follow, strict=True)
+            for p, depth, follow in zip(places, sensor.depths, sensor.follow, strict=True)
         ]
 
     def __call__(self, seen: Array, cases: Array) -> tuple[Array, Array]:
@@ -53,9 +63,9 @@ class MarkerResponse:
         predictions, derivatives = [], []
         # The displacement itself rides along as the first case.
         stacked = np.concatenate([seen[:, :, None], cases], axis=2)
-        for dome, rest, (along_theta, along_phi), radius, follow in self._layers:
-            moved = follow * dome.displacement(stacked)
-            d_theta, d_phi = (follow / radius * g for g in dome.gradient(stacked))
+        for carry, rest, (along_theta, along_phi), radius, follow in self._layers:
+            moved = follow * carry.displacement(stacked)
+            d_theta, d_phi = (follow / radius * g for g in carry.gradient(stacked))
             centre = rest + moved[:, :, 0]
             side_theta = along_theta + d_theta[:, :, 0]
             side_phi = along_phi + d_phi[:, :, 0]
@@ -72,13 +82,33 @@ class MarkerResponse:
                 + np.einsum("mk,mkc->mc", np.cross(to_upright, side_theta), d_phi[:, :, 1:])
             )
             log_size = 0.5 * np.log(seen_area / np.sqrt(length2))
-            predictions += [self._lens.project(centre), log_size[:, None]]
-            derivatives += [self._lens.jacobian(centre) @ moved[:, :, 1:], d_log[:, None]]
+            predictions += [self._view.project(centre), log_size[:, None]]
+            derivatives += [self._view.jacobian(centre) @ moved[:, :, 1:], d_log[:, None]]
         return np.concatenate(predictions, axis=1), np.concatenate(derivatives, axis=1)
+
+    def perspective(self, seen: Array) -> Array:
+        """What `__call__` leaves out at `seen`: the second order of discs' images, shape (M, 6).
+
+        Perspective moves the middle of a tilted disc's image off its projected centre. It changes
+        so little with the load that its derivative does not matter.
+        """
+        parts = []
+        for half, (carry, rest, tangents, metric, follow) in zip(
+            self._half_sizes, self._layers, strict=True
+        ):
+            centre = rest + follow * carry.displacement(seen)
+            slope = np.stack(carry.gradient(seen), axis=-1)
+            axes = half * outline_axes(np.stack(tangents, axis=-1) + follow / metric * slope, 0.0)
+            disc = Membrane(centres=centre[None], axes=axes[None])
+            image = outlines(disc, self._view)[0]
+            flat = self._view.jacobian(centre) @ axes
+            log_size = 0.5 * np.log(np.linalg.det(image[:, 1:3]) / np.linalg.det(flat))
+            parts += [centroids(image, False) - self._view.project(centre), log_size[:, None]]
+        return np.concatenate(parts, axis=1)
 
     def _face(self, centre: Array) -> Array:
         """J₁ × J₂ of the lens' Jacobian rows [px²/m²], shape (M, 3)."""
-        jacobian = self._lens.jacobian(centre)
+        jacobian = self._view.jacobian(centre)
         return np.cross(jacobian[:, 0], jacobian[:, 1])
 
     def _face_gradient(self, centre: Array, upright: Array) -> Array:

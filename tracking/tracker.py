@@ -12,9 +12,7 @@ from scipy.spatial import KDTree
 
 from ..render import Frame, SensorDesign
 from ..render.colour import decode_srgb, decoding_table
-from ..render.coverage import edge_table, edge_width
-from ..render.layout import unit_vectors
-from ..render.membrane import tangents
+from ..render.coverage import edge_width
 from .detection import DetectionError, detect_markers
 from .fit_kernels import Optics, fit_pairs, mean_hues
 from .tracks import Tracks
@@ -39,7 +37,6 @@ class MarkerTracker:
 
     def __init__(self, sensor: SensorDesign, noise: float) -> None:
         self._sensor = sensor
-        self._lens = sensor.lens()
         self._noise = noise
 
     def reset(self, rest: list[Frame]) -> Tracks:
@@ -54,8 +51,8 @@ class MarkerTracker:
             raise DetectionError("the tracker needs at least one rest frame")
         mean = np.mean([frame.image for frame in rest], axis=0)
         pairs, ground = detect_markers(decode_srgb(mean), self._sensor)
-        #: Directions of the markers on the dome, read off the rest frame, shape (2, M, 2).
-        self.directions = self._lens.directions(pairs)
+        #: Places of the markers on the skin, read off the rest frame, shape (2, M, 2).
+        self.places = np.stack([self._sensor.places_at(p, k) for k, p in enumerate(pairs)])
         count = pairs.shape[1]
         near = np.asarray(KDTree(pairs[0]).query(pairs[0], k=_NEIGHBOURS + 1)[1])
         linear = decoding_table()
@@ -67,14 +64,13 @@ class MarkerTracker:
             shapes=self._nominal_shapes(),
             neighbours=near[:, 1:].astype(np.int64),
             width=edge_width(self._sensor.camera.blur_px),
-            table=edge_table(),
         )
         start = np.zeros((count, 2, 5))
         start[:, :, :2] = np.swapaxes(pairs, 0, 1)
         seen = [self._fit(frame, start, iterations=8) for frame in rest]
         fits = np.mean([fit for fit, _ in seen], axis=0)
         found = ~np.isnan(fits).any(axis=(1, 2))
-        if found.sum() < 0.9 * self._sensor.markers.count:
+        if found.sum() < 0.9 * len(self._sensor.places):
             raise DetectionError(
                 f"only {found.sum()} of {count} marker pairs of the rest frame look like markers "
                 f"of the sensor"
@@ -144,9 +140,11 @@ class MarkerTracker:
     def _nominal_shapes(self) -> Array:
         """Images of the discs' semi-axes at rest, as columns [px], shape (2, M, 2, 2)."""
         shapes = []
-        for directions, radius in zip(self.directions, self._sensor.layer_radii, strict=True):
-            axes = self._sensor.marker_radius * np.stack(tangents(directions), axis=-1)
-            shapes.append(self._lens.jacobian(radius * unit_vectors(directions)) @ axes)
+        sensor, skin = self._sensor, self._sensor.shape
+        layers = zip(self.places, sensor.depths, sensor.half_sizes, strict=True)
+        for places, depth, half in layers:
+            axes = half * np.stack(skin.tangents(places), axis=-1)
+            shapes.append(sensor.view.jacobian(skin.points(places, depth)) @ axes)
         return np.stack(shapes)
 
     @staticmethod

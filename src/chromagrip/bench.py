@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from .bench_model import bench_model
+from .bench_render import bench_render
 from .bench_rows import Row, report, reported, within
 from .render.gl import gl_problem
 from .run_folder import Result, run
@@ -83,7 +84,7 @@ def _measured(name: str, result: Result, key: str, unit: str) -> Row:
     return reported(name, result.summary[key], unit)
 
 
-PARTS = {"loop": bench_loop, "model": bench_model}
+PARTS = {"loop": bench_loop, "model": bench_model, "render": bench_render}
 
 
 def bench(part: str, quick: bool, progress: Callable[[str], None]) -> dict[str, Any]:

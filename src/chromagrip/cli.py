@@ -6,7 +6,6 @@ Exit codes: 0 done, 1 something is missing (doctor), 2 asked for the impossible,
 import json
 import signal
 import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,6 +15,17 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from .cli_calibrate import calibrate
+from .cli_options import (
+    Flag,
+    interrupt,
+    new_folder,
+    option,
+    print_rows,
+    stop_if_interrupted,
+    telling,
+)
+from .cli_render import render
 from .errors import UserError
 from .scene import (
     CONTROLLERS,
@@ -30,45 +40,39 @@ from .scene import (
 
 NAME = "chromagrip"
 
-_Flag = tyro.conf.FlagCreatePairsOff[bool]
-
-
-def _option(text: str, metavar: str | None = None, name: str | None = None) -> Any:
-    return tyro.conf.arg(help=text, metavar=metavar, name=name)
-
 
 def grasp(
     *,
     scene: Annotated[
-        str, _option("shipped scene, see `chromagrip scenes`, or a .toml file", "NAME|FILE.toml")
+        str, option("shipped scene, see `chromagrip scenes`, or a .toml file", "NAME|FILE.toml")
     ] = DEFAULT_SCENE,
     controller: Annotated[
-        ControllerName | None, _option("instead of the scene's", "|".join(CONTROLLERS))
+        ControllerName | None, option("instead of the scene's", "|".join(CONTROLLERS))
     ] = None,
     path: Annotated[
         PathName | None,
-        _option("what the controller is fed: pixels, or the model's own forces", "camera|truth"),
+        option("what the controller is fed: pixels, or the model's own forces", "camera|truth"),
     ] = None,
     renderer: Annotated[
-        RendererName | None, _option("instead of the scene's", "painter|pyrender")
+        RendererName | None, option("instead of the scene's", "painter|pyrender")
     ] = None,
-    fps: Annotated[float | None, _option("camera rate, short for camera.rate_hz", "HZ")] = None,
+    fps: Annotated[float | None, option("camera rate, short for camera.rate_hz", "HZ")] = None,
     latency: Annotated[
-        int | None, _option("frames between an image and the command from it", "FRAMES")
+        int | None, option("frames between an image and the command from it", "FRAMES")
     ] = None,
-    seed: Annotated[int | None, _option("of the camera noise", "N")] = None,
+    seed: Annotated[int | None, option("of the camera noise", "N")] = None,
     changes: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
-        _option("change one scene value, such as object.friction=0.3", "KEY=VALUE", "set"),
+        option("change one scene value, such as object.friction=0.3", "KEY=VALUE", "set"),
     ] = (),
     out: Annotated[
-        Path | None, _option("run folder; by default a new one under runs/", "DIR")
+        Path | None, option("run folder; by default a new one under runs/", "DIR")
     ] = None,
-    force: Annotated[_Flag, _option("write over an earlier run in --out")] = False,
+    force: Annotated[Flag, option("write over an earlier run in --out")] = False,
     json_only: Annotated[
-        _Flag,
-        _option("print the summary alone, as JSON; writes a folder only with --out", name="json"),
+        Flag,
+        option("print the summary alone, as JSON; writes a folder only with --out", name="json"),
     ] = False,
 ) -> int:
     """Run a grasp and leave summary, trace, figure and video in a folder."""
@@ -84,7 +88,7 @@ def grasp(
     changed |= dict(parse_change(text) for text in changes)
     resolved = load_scene(scene, changed)
     if out is None and not json_only:
-        out = _new_folder(f"{Path(scene).stem}-{resolved.controller}")
+        out = new_folder(f"{Path(scene).stem}-{resolved.controller}")
 
     from .run_folder import run  # OpenCV, matplotlib and FFmpeg load only when something is run
 
@@ -114,7 +118,7 @@ def grasp(
 
 def _advance(bar: Progress, task: Any, done: int, total: int) -> None:
     bar.update(task, completed=done, total=total)
-    _stop_if_interrupted()
+    stop_if_interrupted()
 
 
 def print_summary(summary: dict[str, Any], folder: Path | None) -> None:
@@ -182,81 +186,104 @@ def doctor() -> int:
 
 def bench(
     part: Annotated[
-        Literal["loop", "model"], tyro.conf.Positional, _option("what to measure", "loop|model")
+        Literal["loop", "model", "render"],
+        tyro.conf.Positional,
+        option("what to measure", "loop|model|render"),
     ],
     *,
-    quick: Annotated[_Flag, _option("a smaller run, labelled so")] = False,
-    json_only: Annotated[_Flag, _option("one JSON object", name="json")] = False,
+    quick: Annotated[Flag, option("a smaller run, labelled so")] = False,
+    json_only: Annotated[Flag, option("one JSON object", name="json")] = False,
 ) -> int:
     """Measure a part and print each figure beside its target."""
     from .bench import bench as measure
 
     with Console(stderr=True).status("starting") as status:
-        report = measure(part, quick, _telling(status))
+        report = measure(part, quick, telling(status))
     if json_only:
         print(json.dumps(report))
         return 0
-    _print_rows(report["rows"])
+    print_rows(report["rows"])
     return 0
 
 
-def _print_rows(rows: list[dict[str, Any]]) -> None:
-    for row in rows:
-        value = "–" if row["value"] is None else f"{row['value']:.4g}"
-        verdict = "" if row["met"] else "MISSED"
-        print(f"{row['name']:<46} {value:>9} {row['unit']:<9} {row['target']:<11} {verdict}")
-
-
 def stability(
-    part: Annotated[Literal["model"], tyro.conf.Positional, _option("what to map", "model")],
+    part: Annotated[Literal["model"], tyro.conf.Positional, option("what to map", "model")],
     *,
-    quick: Annotated[_Flag, _option("a smaller map, labelled so")] = False,
+    quick: Annotated[Flag, option("a smaller map, labelled so")] = False,
     out: Annotated[
         Path | None,
-        _option("folder for picture and table; by default a new one under runs/", "DIR"),
+        option("folder for picture and table; by default a new one under runs/", "DIR"),
     ] = None,
-    force: Annotated[_Flag, _option("write over an earlier map in --out")] = False,
+    force: Annotated[Flag, option("write over an earlier map in --out")] = False,
     json_only: Annotated[
-        _Flag, _option("one JSON object; writes a folder only with --out", name="json")
+        Flag, option("one JSON object; writes a folder only with --out", name="json")
     ] = False,
 ) -> int:
     """Map where each integrator is accurate, inaccurate, chattering or diverged."""
     from .stability_model import stability_model
 
     if out is None and not json_only:
-        out = _new_folder(f"stability-{part}")
+        out = new_folder(f"stability-{part}")
     with Console(stderr=True).status("starting") as status:
-        report, sentences = stability_model(quick, out, force, _telling(status))
+        report, sentences = stability_model(quick, out, force, telling(status))
     if json_only:
         print(json.dumps(report))
         return 0
-    _print_rows(report["rows"])
+    print_rows(report["rows"])
     for sentence in sentences:
         print(sentence)
     print(f"folder {out}")
     return 0
 
 
+def chart(
+    part: Annotated[Literal["render"], tyro.conf.Positional, option("what to chart", "render")],
+    *,
+    quick: Annotated[Flag, option("fewer passes, labelled so")] = False,
+    out: Annotated[
+        Path | None,
+        option("folder for picture and table; by default a new one under runs/", "DIR"),
+    ] = None,
+    force: Annotated[Flag, option("write over an earlier chart in --out")] = False,
+    json_only: Annotated[
+        Flag, option("one JSON object; writes a folder only with --out", name="json")
+    ] = False,
+) -> int:
+    """Draw the speed of every method of a part against its error."""
+    from .chart_render import chart_render
+
+    if out is None and not json_only:
+        out = new_folder(f"chart-{part}")
+    with Console(stderr=True).status("starting") as status:
+        result = chart_render(quick, out, force, telling(status))
+    if json_only:
+        print(json.dumps(result))
+        return 0
+    print_rows(result["rows"])
+    print(f"folder {out}, see chart.svg")
+    return 0
+
+
 def reproduce(
     part: Annotated[
-        Literal["appendix-b"], tyro.conf.Positional, _option("part of the thesis", "appendix-b")
+        Literal["appendix-b"], tyro.conf.Positional, option("part of the thesis", "appendix-b")
     ],
     *,
     out: Annotated[
-        Path | None, _option("folder for pictures and page; by default a new one in runs/", "DIR")
+        Path | None, option("folder for pictures and page; by default a new one in runs/", "DIR")
     ] = None,
-    force: Annotated[_Flag, _option("write over an earlier result in --out")] = False,
+    force: Annotated[Flag, option("write over an earlier result in --out")] = False,
     json_only: Annotated[
-        _Flag, _option("one JSON object; writes a folder only with --out", name="json")
+        Flag, option("one JSON object; writes a folder only with --out", name="json")
     ] = False,
 ) -> int:
     """Reproduce figures of the thesis, with a sentence each on agreement."""
     from .appendix_b import appendix_b
 
     if out is None and not json_only:
-        out = _new_folder(part)
+        out = new_folder(part)
     with Console(stderr=True).status("starting") as status:
-        report, verdicts = appendix_b(out, force, _telling(status))
+        report, verdicts = appendix_b(out, force, telling(status))
     if json_only:
         print(json.dumps(report))
         return 0
@@ -267,16 +294,6 @@ def reproduce(
     return 0
 
 
-def _telling(status: Any) -> Callable[[str], None]:
-    """What long work calls with what it is at: shows it, and stops when interrupted."""
-
-    def tell(text: str) -> None:
-        status.update(text)
-        _stop_if_interrupted()
-
-    return tell
-
-
 def _list(entries: dict[str, str]) -> int:
     width = max(map(len, entries))
     for name, text in entries.items():
@@ -284,45 +301,25 @@ def _list(entries: dict[str, str]) -> int:
     return 0
 
 
-def _new_folder(stem: str) -> Path:
-    """First unused runs/STEM-NNN."""
-    for number in range(1, 10_000):
-        folder = Path("runs") / f"{stem}-{number:03d}"
-        if not folder.exists():
-            return folder
-    raise UserError(f"runs/ holds 9999 runs named {stem}; choose a folder with --out")
-
-
 COMMANDS: dict[str, Callable[..., Any]] = {
     "grasp": grasp,
+    "render": render,
     "scenes": scenes,
     "sensors": sensors,
     "controllers": controllers,
     "renderers": renderers,
     "bench": bench,
+    "chart": chart,
     "stability": stability,
     "reproduce": reproduce,
+    "calibrate": calibrate,
     "doctor": doctor,
 }
 
 
-_interrupted = threading.Event()
-
-
-def _interrupt(_signal: int, _frame: Any) -> None:
-    _interrupted.set()
-    raise KeyboardInterrupt
-
-
-def _stop_if_interrupted() -> None:
-    """Stop here if an interruption got lost, as it does while a kernel is being compiled."""
-    if _interrupted.is_set():
-        raise KeyboardInterrupt
-
-
 def main() -> None:
     """Entry point of the command line."""
-    signal.signal(signal.SIGINT, _interrupt)
+    signal.signal(signal.SIGINT, interrupt)
     try:
         code: int = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog=NAME, description=__doc__)
     except UserError as error:

@@ -21,9 +21,9 @@ from .model import (
     step,
 )
 from .observers import CameraObserver, TruthObserver
-from .render import Frame, GLMissingError, load_sensor, open_renderer
+from .render import Frame, GLMissingError, open_renderer
 from .scene import Scene
-from .tracking import Tracks
+from .tracking import DetectionError, Tracks, UnsupportedSensorError
 
 
 class ControllerError(UserError):
@@ -67,7 +67,7 @@ def open_camera(scene: Scene) -> SimulatedCamera:
     UserError
         When the renderer cannot run on this machine.
     """
-    sensor = load_sensor(scene.sensor)
+    sensor = scene.build_sensor()
     try:
         renderer = open_renderer(scene.renderer, sensor)
     except GLMissingError as error:
@@ -78,6 +78,7 @@ def open_camera(scene: Scene) -> SimulatedCamera:
         scene.fingertip.nodes,
         scene.camera.noise_levels,
         scene.seed,
+        scene.defects,
     )
 
 
@@ -92,6 +93,10 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
     ControllerError
         When a controller answers NaN or a negative force.
     """
+    if scene.build_sensor().shape.flat:
+        raise UserError(
+            f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
+        )
     tip, obj, controller = scene.build_fingertip(), scene.build_object(), scene.build_controller()
     state, slip = rest_state(tip), no_slip(tip.nodes)
     field = contact_forces(tip, obj, state)
@@ -101,7 +106,10 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
     if scene.path == "camera":
         rest = camera.expose_rest(state, scene.camera.rest_frames)
         noise = scene.camera.noise_levels
-        seen = CameraObserver(load_sensor(scene.sensor), tip, noise, window, rest)
+        try:
+            seen = CameraObserver(scene.build_sensor(), tip, noise, window, rest)
+        except (DetectionError, UnsupportedSensorError) as error:
+            raise UserError(f"sensor {scene.sensor}: {error}") from None
     substeps = max(1, math.ceil(scene.period * 1e3 / scene.fingertip.step_ms - 1e-9))
     dt = scene.period / substeps
     waiting: deque[GripObservation] = deque()

@@ -59,7 +59,7 @@ class CameraObserver:
         self._tracker = MarkerTracker(sensor, noise)
         #: Tracks of the rest frames, from which displacements are counted.
         self.rest: Tracks = self._tracker.reset(rest)
-        self._forces = ForceEstimator(sensor, fingertip, self._tracker.directions, self.rest)
+        self._forces = ForceEstimator(sensor, fingertip, self._tracker.places, self.rest)
         self._friction = FrictionEstimate(CAMERA_RULE, window)
         self._fingertip = fingertip
 

@@ -20,7 +20,6 @@ from .errors import FolderError
 from .figure import draw_figure
 from .loop import grasp, open_camera
 from .out_folder import prepare
-from .render import load_sensor
 from .scene import Scene, dump_scene, load_scene
 from .trace import COLUMNS, Trace, make_trace, row, summarise
 from .video import FPS, SLOWDOWN, TactileVideo
@@ -93,7 +92,7 @@ def _record(
     try:
         with ExitStack() as files:
             if folder is not None:
-                sensor = load_sensor(scene.sensor)
+                sensor = scene.build_sensor()
                 video = files.enter_context(TactileVideo(folder / "tactile.mp4", sensor))
             samples = grasp(scene, camera)
             while True:
@@ -125,7 +124,7 @@ def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
     try:
         for name in FILES:
             (folder / name).unlink(missing_ok=True)
-        (folder / "scene.toml").write_text(_scene_text(scene), encoding="utf-8")
+        (folder / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
     except OSError as error:
         raise FolderError(f"folder {folder} cannot be written: {error.strerror}") from None
     return folder
@@ -146,7 +145,8 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: version(name) for name in names}
 
 
-def _scene_text(scene: Scene) -> str:
+def scene_text(scene: Scene) -> str:
+    """TOML of a scene with the versions that it was run with."""
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
     return (
         f"# Everything this run was made from; run it again with --scene.\n# {listed}\n"

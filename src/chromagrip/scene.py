@@ -4,7 +4,7 @@ import math
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, Literal
 
 import msgspec
 import tomli_w
@@ -22,7 +22,8 @@ from .control import (
 from .errors import SceneError
 from .model import ContactObject, Fingertip, SpringLaw, stiffness_from_young
 from .model.chain import contact
-from .render import sensor_names
+from .render import Defects, SensorDesign, SensorError, load_sensor
+from .render.tables import Table, convert
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
@@ -38,10 +39,6 @@ CONTROLLERS: dict[ControllerName, str] = {
     "react-to-slip": "constant force, raised by a step each time slip is seen",
     "conservative": "constant force, more than is needed",
 }
-
-
-class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A TOML table that refuses unknown keys."""
 
 
 class ObjectSettings(Table, frozen=True):
@@ -148,15 +145,17 @@ class Scene(Table, frozen=True):
     safety_margin: SafetyMarginSettings = SafetyMarginSettings()
     react_to_slip: ReactToSlipTable = ReactToSlipTable()
     conservative: ConservativeTable = ConservativeTable()
+    defects: Defects = Defects()
 
     def __post_init__(self) -> None:
         if self.fingertip.nodes % 2 == 0:
             raise ValueError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
-        contact(self.build_fingertip(), self.build_object())  # refuses what cannot touch
-        if self.sensor not in sensor_names():
-            raise ValueError(
-                f"sensor = {self.sensor!r} is not known; allowed: {', '.join(sensor_names())}"
-            )
+        try:
+            sensor = self.build_sensor()
+        except SensorError as error:
+            raise ValueError(str(error)) from None
+        if not sensor.shape.flat:  # the node model is a dome
+            contact(self.build_fingertip(), self.build_object())  # refuses what cannot touch
 
     @property
     def period(self) -> float:
@@ -168,9 +167,17 @@ class Scene(Table, frozen=True):
         """Frames of the run, the first at time 0."""
         return math.floor(self.duration_s * self.camera.rate_hz + 1e-9) + 1
 
+    def build_sensor(self) -> SensorDesign:
+        """The sensor's design."""
+        return load_sensor(self.sensor)
+
     def build_fingertip(self) -> Fingertip:
-        """The model's fingertip."""
-        return Fingertip(nodes=self.fingertip.nodes, law=self.fingertip.model)
+        """The model's fingertip, as large as the sensor's dome."""
+        return Fingertip.of_radius(
+            self.build_sensor().shape.radius,
+            nodes=self.fingertip.nodes,
+            law=self.fingertip.model,
+        )
 
     def build_object(self) -> ContactObject:
         """The model's object."""
@@ -257,37 +264,10 @@ def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None)
 
 def parse_scene(values: dict[str, Any], name: str) -> Scene:
     """Scene from plain values; `name` is used in messages."""
-    _refuse_unknown(values, Scene, name, "")
     try:
-        return msgspec.convert(values, Scene)
-    except msgspec.ValidationError as error:
-        message, _, place = str(error).partition(" - at `$")
-        key = place.rstrip("`").lstrip(".")
-        found = _get(values, key) if key else None
-        at = f"{key}: " if isinstance(found, dict) else f"{key} = {found!r}: " if key else ""
-        raise SceneError(f"scene {name}: {at}{_plain(message, key)}") from None
-
-
-def _plain(message: str, key: str) -> str:
-    """A validator's message in the words of a scene's author."""
-    if message.startswith("Invalid enum value"):
-        kind: Any = Scene
-        for part in key.split("."):
-            kind = get_type_hints(kind)[part]
-        return f"allowed: {', '.join(get_args(kind))}"
-    for type_name, word in _WORDS.items():
-        message = message.replace(f"`{type_name}`", word)
-    return message[0].lower() + message[1:]
-
-
-_WORDS = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "text",
-    "object": "a table",
-    "array": "a list",
-    "bool": "true or false",
-}
+        return convert(values, Scene, f"scene {name}")
+    except ValueError as error:
+        raise SceneError(str(error)) from None
 
 
 def dump_scene(scene: Scene) -> str:
@@ -313,27 +293,3 @@ def _put(values: dict[str, Any], key: str, value: Any) -> None:
         if not isinstance(values, dict):
             raise SceneError(f"{key}: {table} is a value, not a table")
     values[last] = value
-
-
-def _get(values: Any, key: str) -> Any:
-    for part in key.replace("[", ".[").split("."):
-        if part.startswith("["):
-            index = part.strip("[]")
-            values = values[int(index)] if index.isdigit() else None
-        else:
-            values = values.get(part) if isinstance(values, dict) else None
-    return values
-
-
-def _refuse_unknown(values: Any, table: type[Table], name: str, prefix: str) -> None:
-    if not isinstance(values, dict):
-        return  # of the wrong type; the conversion says so
-    fields = {f.name: f.type for f in msgspec.structs.fields(table)}
-    for key, value in values.items():
-        if key not in fields:
-            raise SceneError(
-                f"scene {name}: unknown key {prefix}{key}; allowed here: {', '.join(fields)}"
-            )
-        kind = fields[key]
-        if isinstance(kind, type) and issubclass(kind, Table):
-            _refuse_unknown(value, kind, name, f"{prefix}{key}.")

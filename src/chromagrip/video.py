@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .loop import Sample
 from .model import REFERENCE_NODES, ForceField
-from .render import FisheyeCamera, SensorDesign
+from .render import SensorDesign, View
 from .tracking import Tracks
 
 Image = NDArray[np.uint8]
@@ -42,12 +42,12 @@ class TactileVideo:
     def __init__(self, path: Path, sensor: SensorDesign) -> None:
         self._path = path
         self._part = path.with_name(path.name + ".part")
-        self._lens = sensor.lens()
+        self._view = sensor.view
         self._started = False
         self._container = av.open(str(self._part), "w", format="mp4")
         self._stream = self._container.add_stream("libx264", rate=FPS)
-        self._stream.width = 2 * self._lens.width
-        self._stream.height = self._lens.height
+        self._stream.width = 2 * self._view.width
+        self._stream.height = self._view.height
         self._stream.pix_fmt = "yuv444p"
         self._stream.options = {"crf": "20", "preset": "veryfast", "threads": "1"}
 
@@ -72,7 +72,7 @@ class TactileVideo:
     def add(self, image: Image, sample: Sample) -> None:
         """Append one sample and the image that belongs to it."""
         seen = sample.observation
-        overlay = draw_overlay(image, seen.field, self._lens, sample.tracks, sample.rest)
+        overlay = draw_overlay(image, seen.field, self._view, sample.tracks, sample.rest)
         source = "true" if sample.tracks is None else "estimated"
         _write(
             overlay,
@@ -90,7 +90,7 @@ class TactileVideo:
 
 
 def draw_overlay(
-    image: Image, field: ForceField, lens: FisheyeCamera, tracks: Tracks | None, rest: Tracks | None
+    image: Image, field: ForceField, view: View, tracks: Tracks | None, rest: Tracks | None
 ) -> Image:
     """Paled image with the markers' motion and the force on every third node, RGB.
 
@@ -103,7 +103,7 @@ def draw_overlay(
                 tip = now + (MAGNIFY - 1.0) * (now - start)
                 _line(canvas, start, tip, _TRACK)
     x, z = field.position.T
-    base = lens.project(np.stack([x, np.zeros_like(x), z], axis=-1))
+    base = view.project(np.stack([x, np.zeros_like(x), z], axis=-1))
     force = np.stack([field.friction, -field.normal], axis=-1)
     scale = ARROW * len(x) / REFERENCE_NODES
     for k in np.flatnonzero(field.contact)[::3]:

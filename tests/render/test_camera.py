@@ -1,47 +1,109 @@
+"""The cameras are OpenCV's, and their derivatives and rays are those of their projection."""
+
 import cv2
 import numpy as np
+import pytest
 
-from chromagrip.render import FisheyeCamera
+from chromagrip.render import Camera, FisheyeCamera, PinholeCamera
 
-LENS = FisheyeCamera(width=641, height=483, focal=151.3, centre=(318.2, 243.7))
+FISHEYE = FisheyeCamera(
+    width=641,
+    height=483,
+    focal=(151.3, 150.1),
+    centre=(318.2, 243.7),
+    distortion=(0.04, -0.012, 0.005, -0.0013),
+)
+PINHOLE = PinholeCamera(
+    width=640,
+    height=480,
+    focal=(520.0, 517.0),
+    centre=(322.7, 236.1),
+    distortion=(-0.25, 0.09, 0.001, -0.0008, -0.01),
+)
+PLAIN = [
+    FisheyeCamera(width=641, height=483, focal=(151.3, 151.3), centre=(318.2, 243.7)),
+    PinholeCamera(width=640, height=480, focal=(520.0, 517.0), centre=(322.7, 236.1)),
+]
+CAMERAS = pytest.mark.parametrize(
+    "camera", [FISHEYE, PINHOLE, *PLAIN], ids=lambda c: type(c).__name__
+)
 
 
-def scattered(count: int) -> np.ndarray:
+def scattered(camera: Camera, count: int) -> np.ndarray:
+    """Points in front of a fingertip's camera; the pinhole's in its narrower view."""
     rng = np.random.default_rng(5)
-    points = rng.uniform([-6e-3, -6e-3, 1e-3], [6e-3, 6e-3, 8e-3], (count, 3))
+    wide = isinstance(camera, FisheyeCamera)
+    reach = 6e-3 if wide else 4e-3
+    near = 1e-3 if wide else 6e-3
+    points = rng.uniform([-reach, -reach, near], [reach, reach, 9e-3], (count, 3))
     points[0] = [0.0, 0.0, 7e-3]  # on the axis
     return points
 
 
-def test_projection_is_opencvs_equidistant_fisheye() -> None:
-    points = scattered(50)
-    matrix = np.array([[LENS.focal, 0, LENS.centre[0]], [0, LENS.focal, LENS.centre[1]], [0, 0, 1]])
+@CAMERAS
+def test_projection_is_opencvs(camera: FisheyeCamera | PinholeCamera) -> None:
+    points = scattered(camera, 50)
+    (fx, fy), (cx, cy) = camera.focal, camera.centre
+    matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    project = cv2.fisheye.projectPoints if isinstance(camera, FisheyeCamera) else cv2.projectPoints
     zero = np.zeros(3)
+    expected, _ = project(points[:, None], zero, zero, matrix, np.array(camera.distortion))
     # OpenCV divides by z first; points far off the axis lose digits there.
-    expected, _ = cv2.fisheye.projectPoints(points[:, None], zero, zero, matrix, np.zeros(4))
-    np.testing.assert_allclose(LENS.project(points), expected[:, 0], atol=1e-9)
+    np.testing.assert_allclose(camera.project(points), expected[:, 0], atol=1e-9)
 
 
-def test_jacobian_is_the_derivative_of_the_projection() -> None:
-    points = scattered(40)
-    jacobian = LENS.jacobian(points)
+@CAMERAS
+def test_jacobian_is_the_derivative_of_the_projection(camera: Camera) -> None:
+    points = scattered(camera, 40)
+    jacobian = camera.jacobian(points)
+    assert jacobian.shape == (40, 2, 3)
     for k, nudge in enumerate(1e-8 * np.eye(3)):
-        slope = (LENS.project(points + nudge) - LENS.project(points - nudge)) / 2e-8
-        np.testing.assert_allclose(jacobian[:, :, k], slope, rtol=1e-4, atol=1.0)
+        slope = (camera.project(points + nudge) - camera.project(points - nudge)) / 2e-8
+        np.testing.assert_allclose(jacobian[:, :, k], slope, rtol=1e-5, atol=0.1)
 
 
-def test_directions_invert_the_projection() -> None:
+@CAMERAS
+def test_rays_invert_the_projection(camera: Camera) -> None:
     rng = np.random.default_rng(6)
-    pixels = rng.uniform([100, 50], [540, 430], (30, 2))
-    theta, phi = LENS.directions(pixels).T
-    points = 7e-3 * np.column_stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
-    )
-    np.testing.assert_allclose(LENS.project(points), pixels, atol=1e-9)
+    pixels = rng.uniform([150, 90], [490, 400], (6, 5, 2))  # within 90° of the fisheye's axis
+    rays = camera.rays(pixels)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(camera.project(7e-3 * rays), pixels, atol=1e-9)
+    np.testing.assert_allclose(camera.rays(np.array(camera.centre)), [0.0, 0.0, 1.0])
 
 
-def test_a_point_at_the_camera_s_height_is_seen_at_ninety_degrees() -> None:
+@CAMERAS
+def test_rays_of_points_lead_to_them(camera: Camera) -> None:
+    points = scattered(camera, 30)
+    along = points / np.linalg.norm(points, axis=1, keepdims=True)
+    np.testing.assert_allclose(camera.rays(camera.project(points)), along, atol=1e-12)
+
+
+@pytest.mark.parametrize("camera", [FISHEYE, PLAIN[0]], ids=["distorted", "plain"])
+def test_a_point_at_the_camera_s_height_is_seen_at_ninety_degrees(camera: FisheyeCamera) -> None:
     """z = 0 exactly, as the rim of the dome: no division by it."""
-    pixel = LENS.project(np.array([[8e-3, 0.0, 0.0], [0.0, 0.0, 8e-3]]))
-    np.testing.assert_allclose(pixel[0], [318.2 + 151.3 * np.pi / 2, 243.7])
-    np.testing.assert_allclose(pixel[1], [318.2, 243.7])
+    points = np.array([[8e-3, 0.0, 0.0], [0.0, 0.0, 8e-3]])
+    k, right = camera.distortion, np.pi / 2
+    bent = right * (1.0 + sum(c * right ** (2 * n) for n, c in enumerate(k, start=1)))
+    pixels = camera.project(points)
+    np.testing.assert_allclose(pixels[0], [318.2 + camera.focal[0] * bent, 243.7])
+    np.testing.assert_allclose(pixels[1], [318.2, 243.7])
+    np.testing.assert_allclose(camera.rays(pixels), points / 8e-3, atol=1e-12)
+    assert np.isfinite(camera.jacobian(points)).all()
+
+
+def test_a_pinhole_sees_nothing_behind_it() -> None:
+    points = np.array([[1e-3, 0.0, -5e-3], [1e-3, 0.0, 0.0]])
+    assert np.isnan(PINHOLE.project(points)).all()
+    assert np.isnan(PINHOLE.jacobian(points)).all()
+
+
+def test_a_fisheye_that_folds_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"folds the fisheye's image within 90°"):
+        FisheyeCamera(
+            width=641,
+            height=483,
+            focal=(151.3, 151.3),
+            centre=(318.2, 243.7),
+            distortion=(-0.3, 0.0, 0.0, 0.0),
+        )

@@ -1,18 +1,27 @@
 import numpy as np
 import pytest
 
-from chromagrip.render import Membrane, load_sensor, open_renderer
+from chromagrip.model import ContactObject, Fingertip, rest_state, step
+from chromagrip.render import Membrane, MembraneMap, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
-from chromagrip.render.coverage import edge_table, edge_width, paint_ellipses
+from chromagrip.render.coverage import edge_width
+from chromagrip.render.outlines import centroids, outlines
+from chromagrip.render.painter import Painter, coverage_image
 
 SENSOR = load_sensor("thesis")
-CLEAR = np.array([0.0, 0.5, 1.0])
+
+
+def coefficients(centres: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+    """Of ellipses, whose second order is nil."""
+    out = np.zeros((len(centres), 6, 2))
+    out[:, 0] = centres
+    out[:, 1:3] = np.swapaxes(shapes, -1, -2)
+    return out
 
 
 def paint(centre: np.ndarray, shape: np.ndarray, blur: float = 0.8) -> np.ndarray:
-    image = np.ones((37, 41, 3), dtype=np.float32)
-    paint_ellipses(image, centre[None], shape[None], CLEAR, edge_width(blur), edge_table())
-    return image
+    ellipse = coefficients(centre[None], shape[None])
+    return coverage_image(ellipse, edge_width(blur), False, (37, 41)).astype(float)
 
 
 @pytest.mark.parametrize("shape", [np.diag([5.0, 5.0]), np.array([[6.0, 1.0], [-0.5, 4.0]])])
@@ -21,7 +30,7 @@ def test_area_and_centroid_of_an_ellipse(shape: np.ndarray, blur: float) -> None
     """Blur and pixels conserve area; the centroid is where it was put to 0.005 px."""
     y, x = np.mgrid[:37, :41]
     for centre in np.random.default_rng(0).uniform([17, 16], [23, 20], (8, 2)):
-        dark = 1.0 - paint(centre, shape, blur)[:, :, 0].astype(float)
+        dark = paint(centre, shape, blur)
         assert dark.sum() == pytest.approx(np.pi * abs(np.linalg.det(shape)), rel=0.004)
         found = np.array([(dark * x).sum(), (dark * y).sum()]) / dark.sum()
         np.testing.assert_allclose(found, centre, atol=0.005)
@@ -38,24 +47,77 @@ def test_edge_is_a_blurred_disc() -> None:
     kernel /= kernel.sum()
     for axis in (0, 1):
         covered = np.apply_along_axis(lambda v: np.convolve(v, kernel, "same"), axis, covered)
-    painted = 1.0 - paint(centre, radius * np.eye(2), blur)[:, :, 0]
+    painted = paint(centre, radius * np.eye(2), blur)
     assert abs(painted - covered).max() < 0.02
 
 
 def test_dyes_multiply() -> None:
-    image = np.ones((37, 41, 3), dtype=np.float32)
-    for dye in SENSOR.transmittance:
-        paint_ellipses(image, np.array([[20.0, 18.0]]), 6 * np.eye(2)[None], dye, 0.8, edge_table())
-    np.testing.assert_allclose(image[18, 20], SENSOR.transmittance.prod(axis=0), rtol=1e-5)
+    """A marker of both dyes, larger than a tile, is as dark as both transmittances together."""
+    big = Membrane(
+        centres=np.tile([[0.0, 0.0, 7.5e-3]], (2, 1, 1)),
+        axes=np.tile(1e-3 * np.eye(3)[:, :2], (2, 1, 1, 1)),
+    )
+    image = open_renderer("painter", SENSOR).render(big)
+    ground = decode_srgb(np.array([250.0, 249.0, 248.0]))
+    expected = encode_srgb(ground * SENSOR.transmittance.prod(axis=0))
+    np.testing.assert_allclose(image[239, 319], expected, atol=1)
 
 
-def test_nothing_outside_the_image_is_touched() -> None:
-    image = np.ones((20, 30, 3), dtype=np.float32)
-    centres = np.array([[-30.0, 5.0], [15.0, 200.0], [np.nan, 3.0], [29.0, 19.0]])
-    shapes = np.tile(4 * np.eye(2), (4, 1, 1))
-    paint_ellipses(image, centres, shapes, CLEAR, 0.8, edge_table())
-    assert image[10, 10].tolist() == [1.0, 1.0, 1.0]
-    assert image[19, 29, 0] < 0.1
+def test_markers_outside_the_image_are_not_drawn() -> None:
+    centres = np.array([[-30.0, 5.0], [15.0, 200.0], [np.nan, 3.0], [40.0, 36.0]])
+    ellipses = coefficients(centres, np.tile(4 * np.eye(2), (4, 1, 1)))
+    image = coverage_image(ellipses, 0.8, False, (37, 41))
+    assert image[10, 10] == 0.0
+    assert image[36, 40] > 0.9
+
+
+def test_a_square_is_a_product_of_two_edges() -> None:
+    """Area and centroid of a turned square; its corner is a quarter covered."""
+    turn = 6.0 * np.array([[0.8, -0.6], [0.6, 0.8]])
+    square = coefficients(np.array([[20.3, 18.1]]), turn[None])
+    image = coverage_image(square, edge_width(0.8), True, (37, 41)).astype(float)
+    x = np.arange(41)
+    assert image.sum() == pytest.approx(144.0, rel=0.002)
+    assert (image * x).sum() / image.sum() == pytest.approx(20.3, abs=0.005)
+    flat = coefficients(np.array([[20.0, 18.0]]), 6 * np.eye(2)[None])
+    corner = coverage_image(flat, edge_width(0.8), True, (37, 41))[24, 26]
+    assert corner == pytest.approx(0.25, abs=1e-3)
+
+
+def pressed(load: float) -> Membrane:
+    tip, obj = Fingertip(), ContactObject()
+    state = rest_state(tip)
+    for k in range(20):
+        state = step(tip, obj, state, 5e-3, 2.0, load if k > 5 else 0.0)
+    return MembraneMap(SENSOR, tip.nodes)(state.deformation.seen)
+
+
+def test_redrawing_what_moved_is_redrawing_all_bit_for_bit() -> None:
+    """A picture never depends on the ones before it."""
+    fast, full = open_renderer("painter", SENSOR), Painter(SENSOR, redraw=True)
+    rest, near, far = pressed(0.0), pressed(0.1), pressed(0.8)
+    gone = Membrane(
+        centres=np.where(np.arange(400)[:, None] % 7, near.centres, np.nan), axes=near.axes
+    )
+    for membrane in (rest, near, far, far, gone, near, rest):
+        assert (fast.render(membrane) == full.render(membrane)).all()
+
+
+def test_outlines_are_what_the_camera_projects() -> None:
+    """Against each outline projected point by point: where it lies, its area, its centroid."""
+    membrane = pressed(0.8)
+    angle = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    points = membrane.centres[:, :, None] + circle @ np.swapaxes(membrane.axes, -1, -2)
+    polygon = SENSOR.view.project(points)
+    x, y = np.moveaxis(polygon, -1, 0)
+    x1, y1 = np.roll(x, -1, axis=-1), np.roll(y, -1, axis=-1)
+    cross = x * y1 - x1 * y
+    middle = np.stack([(x + x1) * cross, (y + y1) * cross]).sum(axis=-1) / (3 * cross.sum(axis=-1))
+    found = centroids(outlines(membrane, SENSOR.view), square=False)
+    np.testing.assert_allclose(found, np.moveaxis(middle, 0, -1), atol=1e-3)
+    projected = SENSOR.view.project(membrane.centres)
+    assert np.abs(found - projected).max() > 0.01  # which is why the second order is there
 
 
 def test_colours_are_those_of_the_real_dome() -> None:
@@ -74,8 +136,7 @@ def test_rendering_is_repeatable_and_does_not_share_memory() -> None:
     painter = open_renderer("painter", SENSOR)
     membrane = Membrane(
         centres=np.array([[[0, 0, 7.7e-3]], [[1e-4, 0, 7e-3]]]),
-        normals=np.tile([0.0, 0.0, 1.0], (2, 1, 1)),
-        radius=SENSOR.marker_radius,
+        axes=np.tile(0.25e-3 * np.eye(3)[:, :2], (2, 1, 1, 1)),
     )
     first = painter.render(membrane)
     kept = first.copy()

@@ -3,6 +3,7 @@ import pytest
 
 from chromagrip.model import ContactObject, Fingertip, ForceField, contact_forces, rest_state, step
 from chromagrip.render import Frame, MembraneMap, add_noise, load_sensor, open_renderer
+from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import (
     ForceEstimator,
     MarkerTracker,
@@ -37,7 +38,7 @@ def watch(
 ) -> list[tuple[ForceField, ForceField, Tracks]]:
     """(estimate, truth, tracks) of a press that is loaded after 50 ms, from images."""
     tracker.reset([shoot(np.zeros((TIP.nodes, 2)), 2**31 + k) for k in range(16)])
-    estimator = ForceEstimator(SENSOR, TIP, tracker.directions, tracker.rest)
+    estimator = ForceEstimator(SENSOR, TIP, tracker.places, tracker.rest)
     state, seen = rest_state(TIP), []
     for k in range(frames):
         for _ in range(5):
@@ -82,7 +83,7 @@ def test_estimate_scatters_as_much_as_it_says(tracker: MarkerTracker) -> None:
 def test_an_unloaded_sensor_shows_no_force(tracker: MarkerTracker) -> None:
     unloaded = np.zeros((TIP.nodes, 2))
     tracker.reset([shoot(unloaded, 2**31 + k) for k in range(16)])
-    estimator = ForceEstimator(SENSOR, TIP, tracker.directions, tracker.rest)
+    estimator = ForceEstimator(SENSOR, TIP, tracker.places, tracker.rest)
     for k in range(5):
         field = estimator.update(tracker.update(shoot(unloaded, k)))
     assert abs(field.normal.sum()) < 0.1
@@ -92,7 +93,7 @@ def test_an_unloaded_sensor_shows_no_force(tracker: MarkerTracker) -> None:
 def test_the_same_frame_gives_the_same_force(tracker: MarkerTracker) -> None:
     """A frozen image freezes the estimate, however long it is looked at."""
     _, _, tracks = watch(tracker, ContactObject(), 1.86, 0.65, frames=30)[-1]
-    estimator = ForceEstimator(SENSOR, TIP, tracker.directions, tracker.rest)
+    estimator = ForceEstimator(SENSOR, TIP, tracker.places, tracker.rest)
     totals = [estimator.update(tracks).total_normal for _ in range(40)]
     assert np.ptp(totals[-10:]) < 0.002 * totals[-1]
 
@@ -101,7 +102,7 @@ def test_too_few_markers_is_an_error_that_counts_them(tracker: MarkerTracker) ->
     _, _, tracks = watch(tracker, ContactObject(), 1.0, 0.2, frames=3)[-1]
     blind = np.zeros_like(tracks.visible)
     blind[:, :5] = True
-    estimator = ForceEstimator(SENSOR, TIP, tracker.directions, tracker.rest)
+    estimator = ForceEstimator(SENSOR, TIP, tracker.places, tracker.rest)
     with pytest.raises(TooFewMarkersError, match="at least 20 are needed"):
         estimator.update(
             Tracks(**{**vars(tracks), "visible": blind, "position": tracks.position.copy()})
@@ -111,7 +112,7 @@ def test_too_few_markers_is_an_error_that_counts_them(tracker: MarkerTracker) ->
 def test_nonsense_is_refused_and_forgotten(tracker: MarkerTracker) -> None:
     """Markers thrown about say nothing; the frames after them are read as if it had not been."""
     seen = watch(tracker, ContactObject(), 1.86, 0.65, frames=30)
-    estimator = ForceEstimator(SENSOR, TIP, tracker.directions, tracker.rest)
+    estimator = ForceEstimator(SENSOR, TIP, tracker.places, tracker.rest)
     good = seen[-1][2]
     thrown = good.position + np.random.default_rng(0).normal(0, 60.0, good.position.shape)
     nonsense = Tracks(**{**vars(good), "position": thrown})
@@ -128,11 +129,11 @@ def test_lost_markers_widen_the_interval(tracker: MarkerTracker) -> None:
     seen = watch(tracker, ContactObject(), 1.86, 0.65, frames=30)
 
     def deviation(hidden_deg: float) -> float:
-        estimator = ForceEstimator(SENSOR, TIP, tracker.directions, tracker.rest)
+        estimator = ForceEstimator(SENSOR, TIP, tracker.places, tracker.rest)
         # From frame to frame, as a camera sees it: with its middle hidden, the loaded frame alone
         # is too far from rest.
         for _, _, tracks in seen:
-            visible = tracks.visible & (tracker.directions[:, :, 0] > np.deg2rad(hidden_deg))
+            visible = tracks.visible & (tracker.places[:, :, 0] > np.deg2rad(hidden_deg))
             field = estimator.update(Tracks(**{**vars(tracks), "visible": visible}))
         return float(np.sqrt(field.totals_covariance[0, 0]))
 
@@ -140,8 +141,8 @@ def test_lost_markers_widen_the_interval(tracker: MarkerTracker) -> None:
 
 
 def test_response_is_the_derivative_of_the_prediction() -> None:
-    directions = np.stack([SENSOR.directions()[::7]] * 2)
-    response = MarkerResponse(SENSOR, directions, TIP.nodes)
+    places = np.stack([SENSOR.places[::7]] * 2)
+    response = MarkerResponse(SENSOR, places, TIP.nodes)
     waves = np.stack([np.sin(k * (TIP.angles() + np.pi / 2)) for k in range(1, 6)], axis=1)
     rng = np.random.default_rng(8)
     seen = 1e-4 * waves @ rng.standard_normal((5, 2))
@@ -156,17 +157,20 @@ def test_response_is_the_derivative_of_the_prediction() -> None:
 
 def test_prediction_is_what_the_renderer_was_given() -> None:
     """The estimator's forward model against the membrane: same pixels, same tilt of the discs."""
-    directions = np.stack([SENSOR.directions()] * 2)
-    response = MarkerResponse(SENSOR, directions, TIP.nodes)
+    places = np.stack([SENSOR.places] * 2)
+    response = MarkerResponse(SENSOR, places, TIP.nodes)
     obj, state = ContactObject(), rest_state(TIP)
     for _ in range(40):
         state = step(TIP, obj, state, 5e-3, 3.0, 0.6)
     predicted, _ = response(state.deformation.seen, np.empty((TIP.nodes, 2, 0)))
     membrane = MAP(state.deformation.seen)
-    lens = SENSOR.lens()
+    view = SENSOR.view
     for layer in (0, 1):
-        pixels = lens.project(membrane.centres[layer])
+        pixels = view.project(membrane.centres[layer])
         np.testing.assert_allclose(predicted[:, 3 * layer : 3 * layer + 2], pixels, atol=1e-9)
-        shapes = lens.jacobian(membrane.centres[layer]) @ membrane.axes()[layer]
-        area = np.linalg.det(shapes) / membrane.radius**2
+        shapes = view.jacobian(membrane.centres[layer]) @ membrane.axes[layer]
+        whole = predicted + response.perspective(state.deformation.seen)
+        middle = centroids(outlines(membrane, view), square=False)[layer]
+        np.testing.assert_allclose(whole[:, 3 * layer : 3 * layer + 2], middle, atol=1e-5)
+        area = np.linalg.det(shapes) / SENSOR.half_sizes[layer] ** 2
         np.testing.assert_allclose(predicted[:, 3 * layer + 2], 0.5 * np.log(area), atol=1e-9)

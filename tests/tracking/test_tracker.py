@@ -4,10 +4,10 @@ from scipy.spatial import KDTree
 
 from chromagrip.model import ContactObject, Fingertip, State, rest_state, step
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
+from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import DetectionError, MarkerTracker, Tracks
 
 SENSOR = load_sensor("thesis")
-LENS = SENSOR.lens()
 PAINTER = open_renderer("painter", SENSOR)
 TIP = Fingertip()
 MAP = MembraneMap(SENSOR, TIP.nodes)
@@ -37,15 +37,20 @@ def fresh(noise: float = NOISE) -> MarkerTracker:
     return tracker
 
 
+def image_centres(membrane: Membrane) -> np.ndarray:
+    """Where the middle of each marker's image is [px], shape (2, M, 2)."""
+    return centroids(outlines(membrane, SENSOR.view), square=False)
+
+
 def numbers(tracks: Tracks) -> np.ndarray:
     """Which marker of the design each tracked pair is, by its place at rest."""
-    return np.asarray(KDTree(LENS.project(REST.centres)[0]).query(tracks.position[0])[1])
+    return np.asarray(KDTree(image_centres(REST)[0]).query(tracks.position[0])[1])
 
 
 def test_rest_frame_shows_every_marker_once() -> None:
     tracks = fresh().rest
     assert sorted(numbers(tracks)) == list(range(400))
-    truth = LENS.project(REST.centres)[:, numbers(tracks)]
+    truth = image_centres(REST)[:, numbers(tracks)]
     assert np.sqrt(((tracks.position - truth) ** 2).mean()) < 0.005
 
 
@@ -53,11 +58,11 @@ def test_displacements_are_as_good_as_their_covariance() -> None:
     """Unbiased, near the limit, and honest: normalised squared error of 1."""
     tracker = fresh()
     order = numbers(tracker.rest)
-    rest = LENS.project(REST.centres)[:, order]
+    rest = image_centres(REST)[:, order]
     for k, state in enumerate(pressing(3.0, 0.65, 30)):
         membrane = MAP(state.deformation.seen)
         tracks = tracker.update(shoot(membrane, k))
-    truth = LENS.project(membrane.centres)[:, order] - rest
+    truth = image_centres(membrane)[:, order] - rest
     assert np.abs(truth).max() > 4.0  # something happened
     assert tracks.visible.mean() > 0.99
     seen = tracks.visible.all(axis=0)
@@ -79,10 +84,10 @@ def test_overlapping_layers_do_not_pull_on_each_other() -> None:
     for shift in (0.05, 0.10, 0.16):  # mm of the outer layer, 3 px at the end
         centres = REST.centres.copy()
         centres[0, :, 0] += shift * 1e-3
-        moved = Membrane(centres=centres, normals=REST.normals, radius=REST.radius)
+        moved = Membrane(centres=centres, axes=REST.axes)
         tracks = tracker.update(shoot(moved, 0, noise=0.0))
-    near = SENSOR.directions()[order, 0] < 1.0
-    truth = LENS.project(centres)[:, order] - LENS.project(REST.centres)[:, order]
+    near = SENSOR.places[order, 0] < 1.0
+    truth = image_centres(moved)[:, order] - image_centres(REST)[:, order]
     assert np.abs(truth[0, near, 0]).min() > 1.5
     error = (tracks.position - tracker.rest.position - truth)[:, near]
     assert np.abs(np.nanmean(error, axis=1)).max() < 0.01
@@ -92,7 +97,7 @@ def test_overlapping_layers_do_not_pull_on_each_other() -> None:
 def test_size_tells_of_the_distance() -> None:
     """A marker brought nearer by 2 % looks 2 % larger, whatever its place."""
     tracker = fresh()
-    nearer = Membrane(centres=0.98 * REST.centres, normals=REST.normals, radius=REST.radius)
+    nearer = Membrane(centres=0.98 * REST.centres, axes=REST.axes)
     tracks = tracker.update(shoot(nearer, 0))
     grown = np.nanmean(tracks.log_size - tracker.rest.log_size, axis=1)
     assert grown == pytest.approx(-np.log(0.98), abs=5e-4)
@@ -131,9 +136,9 @@ def test_hue_turns_from_overlap_towards_magenta() -> None:
     centres = REST.centres.copy()
     for shift in (0.1, 0.2, 0.3, 0.4, 0.45):
         centres[1, :, 1] = REST.centres[1, :, 1] + shift * 1e-3
-        moved = Membrane(centres=centres, normals=REST.normals, radius=REST.radius)
+        moved = Membrane(centres=centres, axes=REST.axes)
         tracks = tracker.update(shoot(moved, 0))
-    apart = np.nanmedian(tracks.hue[SENSOR.directions()[numbers(tracker.rest), 0] < 0.5])
+    apart = np.nanmedian(tracks.hue[SENSOR.places[numbers(tracker.rest), 0] < 0.5])
     assert -30.0 < apart < start - 20.0
 
 

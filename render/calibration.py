@@ -1,0 +1,113 @@
+"""Calibration files: a camera in OpenCV's own YAML, as its samples and ROS name the keys."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from .camera import Camera, FisheyeCamera, PinholeCamera
+
+#: Names of the distortion models in a file.
+MODELS = {"fisheye": FisheyeCamera, "pinhole": PinholeCamera}
+_ALIASES = {"equidistant": "fisheye", "plumb_bob": "pinhole"}
+
+
+class CalibrationError(ValueError):
+    """A calibration file that cannot be used."""
+
+
+def save_camera(camera: Camera, path: str | Path, error: float | None = None) -> None:
+    """Write a calibration file.
+
+    Parameters
+    ----------
+    camera: a FisheyeCamera or PinholeCamera
+    path: of the file, ending in .yml or .yaml
+    error: reprojection error of the calibration, RMS [px]
+    """
+    model = next(name for name, kind in MODELS.items() if isinstance(camera, kind))
+    assert isinstance(camera, FisheyeCamera | PinholeCamera)
+    (fx, fy), (cx, cy) = camera.focal, camera.centre
+    unfinished = Path(path).with_name(f"unfinished-{Path(path).name}")
+    store = cv2.FileStorage(str(unfinished), cv2.FILE_STORAGE_WRITE)
+    if not store.isOpened():
+        raise CalibrationError(f"calibration file {path} cannot be written")
+    store.write("distortion_model", model)
+    store.write("image_width", camera.width)
+    store.write("image_height", camera.height)
+    store.write("camera_matrix", np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]))
+    store.write("distortion_coefficients", np.array(camera.distortion)[None])
+    if error is not None:
+        store.write("avg_reprojection_error", float(error))
+    store.release()
+    unfinished.replace(path)
+
+
+def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:
+    """Camera from a calibration file of `save_camera`, OpenCV or ROS.
+
+    Parameters
+    ----------
+    path: of the file
+    size: width and height that the images have [px]; None takes the file's
+
+    Raises
+    ------
+    CalibrationError
+        When the file is missing, is something else, or belongs to images of another size.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise CalibrationError(f"calibration file {path} cannot be read: there is no such file")
+    try:
+        store = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        model = store.getNode("distortion_model").string()
+        width = int(store.getNode("image_width").real())
+        height = int(store.getNode("image_height").real())
+        matrix = _matrix(store.getNode("camera_matrix"))
+        distortion = _matrix(store.getNode("distortion_coefficients"))
+    except (cv2.error, SystemError, UnicodeDecodeError):
+        raise CalibrationError(f"calibration file {path} is not OpenCV's YAML") from None
+    if matrix is None or distortion is None or matrix.shape != (3, 3) or min(width, height) < 1:
+        raise CalibrationError(
+            f"calibration file {path} must hold image_width, image_height, camera_matrix (3×3) and "
+            f"distortion_coefficients"
+        )
+    if size is not None and size != (width, height):
+        raise CalibrationError(
+            f"calibration file {path} is for {width}×{height} images, these are {size[0]}×{size[1]}"
+        )
+    # OpenCV's own calibration sample names no model: four coefficients are a fisheye's.
+    name = _ALIASES.get(model, model) or ("fisheye" if distortion.size == 4 else "pinhole")
+    wanted = {"fisheye": 4, "pinhole": 5}.get(name)
+    if wanted is None or distortion.size != wanted:
+        raise CalibrationError(
+            f"calibration file {path}: distortion_model {model!r} with {distortion.size} "
+            f"coefficients; allowed: fisheye with 4, pinhole with 5"
+        )
+    kind: Any = MODELS[name]
+    try:
+        camera: Camera = kind(
+            width=width,
+            height=height,
+            focal=(float(matrix[0, 0]), float(matrix[1, 1])),
+            centre=(float(matrix[0, 2]), float(matrix[1, 2])),
+            distortion=tuple(float(v) for v in distortion.ravel()),
+        )
+    except ValueError as error:
+        raise CalibrationError(f"calibration file {path}: {error}") from None
+    return camera
+
+
+def _matrix(node: "cv2.FileNode") -> np.ndarray | None:
+    """Matrix of a node: OpenCV's tagged matrix, or ROS's table of rows, cols and data."""
+    if node.empty():
+        return None
+    found: Any = node.mat()  # None unless the node is a matrix
+    if found is not None:
+        return np.asarray(found, dtype=float)
+    data = node.getNode("data")
+    rows, cols = int(node.getNode("rows").real()), int(node.getNode("cols").real())
+    values = [data.at(i).real() for i in range(data.size())]
+    return np.array(values).reshape(rows, cols) if len(values) == rows * cols else None

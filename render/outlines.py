@@ -1,0 +1,62 @@
+"""Images of markers: each outline as a quadratic map of the unit disc or square to pixels.
+
+p(q) = c + A·q + b₁₁q₁² + b₁₂q₁q₂ + b₂₂q₂². The linear part is what a small marker projects to; the
+second order is perspective, which moves the centroid of a tilted marker off its projected centre.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .membrane import Membrane
+from .view import View
+
+Array = NDArray[np.float64]
+
+_ANGLES = np.pi / 3 * np.arange(6)
+#: The centre and six points of the unit circle: harmonics 0, 1 and 2 do not mix with the third.
+PROBES = np.concatenate([[[0.0, 0.0]], np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])])
+_TERMS = np.column_stack(
+    [
+        np.ones(7),
+        PROBES,
+        PROBES[:, 0] ** 2,
+        PROBES[:, 0] * PROBES[:, 1],
+        PROBES[:, 1] ** 2,
+    ]
+)
+_FIT = np.linalg.pinv(_TERMS)
+
+
+def outlines(membrane: Membrane, view: View) -> Array:
+    """Coefficients (c, a₁, a₂, b₁₁, b₁₂, b₂₂) of every marker [px], shape (2, M, 6, 2)."""
+    return _FIT @ view.project(outline_points(membrane, PROBES))
+
+
+def outline_points(membrane: Membrane, q: Array) -> Array:
+    """Points in space of markers' own coordinates q (K, 2) [m], shape (2, M, K, 3)."""
+    return membrane.centres[:, :, None, :] + q @ np.swapaxes(membrane.axes, -1, -2)
+
+
+def centroids(coefficients: Array, square: bool) -> Array:
+    """Centroids of the outlines' area in the image [px], shape (…, 2).
+
+    To second order: ∫ p·|∂p/∂q| over the unit disc (mean of q₁² is 1/4) or square (1/3).
+    """
+    c, a1, a2, b11, b12, b22 = np.moveaxis(coefficients, -2, 0)
+    second = 1.0 / 3.0 if square else 0.25
+    # det ∂p/∂q = D·(1 + g·q) to first order.
+    area = _cross(a1, a2)
+    g1 = (2 * _cross(b11, a2) + _cross(a1, b12)) / area
+    g2 = (_cross(b12, a2) + 2 * _cross(a1, b22)) / area
+    return c + second * (b11 + b22 + g1[..., None] * a1 + g2[..., None] * a2)
+
+
+def areas(coefficients: Array, square: bool) -> Array:
+    """Areas of the outlines in the image [px²], shape (…)."""
+    return (4.0 if square else np.pi) * abs(
+        _cross(coefficients[..., 1, :], coefficients[..., 2, :])
+    )
+
+
+def _cross(u: Array, v: Array) -> Array:
+    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]

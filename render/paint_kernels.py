@@ -1,0 +1,339 @@
+"""Compiled painting: tiles of the image, each finished in cache. `painter.py` documents the use.
+
+A tile's pixels depend only on the markers that reach into it, in their order: an image of which
+changed tiles alone were redrawn is, bit for bit, the image redrawn in full.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model.compiled import njit
+from .coverage import EDGE_RANGE, edge
+
+Array = NDArray[np.float64]
+
+TILE = 16
+#: Pixels of a row that are worked on together.
+LANES = 8
+#: Numbers kept of each marker: c (2), A⁻¹ (4), A⁻¹·b (6), and how wide a row of it is: the slope of
+#: its middle, half its width in the middle row, half its height (3). NaN if it is not seen.
+NUMBERS = 15
+#: Largest second-order part of an outline that the series is believed for.
+_MAX_BEND = 0.4
+
+
+@njit()
+def prepare(
+    coefficients: Array, width: float, square: bool, shape: Any, numbers: Array, boxes: Any
+) -> None:
+    """Inverse maps and boxes of outlines.
+
+    Parameters
+    ----------
+    coefficients: of `outlines.outlines`, shape (K, 6, 2)
+    width: standard deviation of the edge [px]
+    square: whether markers are squares, else discs
+    shape: of the image, (H, W)
+    numbers: result, shape (K, NUMBERS), float32
+    boxes: result, (x0, x1, y0, y1) of the pixels that a marker reaches, shape (K, 4)
+    """
+    reach = EDGE_RANGE * width
+    for k in range(coefficients.shape[0]):
+        c = coefficients[k]
+        det = c[1, 0] * c[2, 1] - c[2, 0] * c[1, 1]
+        boxes[k] = 0
+        numbers[k] = np.nan
+        if not (math.isfinite(c[0, 0] + c[0, 1]) and abs(det) > 1e-6):
+            continue
+        i00, i01 = c[2, 1] / det, -c[2, 0] / det
+        i10, i11 = -c[1, 1] / det, c[1, 0] / det
+        numbers[k, 0], numbers[k, 1] = c[0, 0], c[0, 1]
+        numbers[k, 2], numbers[k, 3], numbers[k, 4], numbers[k, 5] = i00, i01, i10, i11
+        for j in range(3):
+            bx, by = c[3 + j, 0], c[3 + j, 1]
+            numbers[k, 6 + 2 * j] = min(max(i00 * bx + i01 * by, -_MAX_BEND), _MAX_BEND)
+            numbers[k, 7 + 2 * j] = min(max(i10 * bx + i11 * by, -_MAX_BEND), _MAX_BEND)
+        for axis in range(2):
+            p, q = abs(c[1, axis]), abs(c[2, axis])
+            half = p + q if square else math.sqrt(p * p + q * q)
+            half += abs(c[3, axis]) + abs(c[4, axis]) + abs(c[5, axis]) + reach
+            size = shape[1 - axis]
+            boxes[k, 2 * axis] = max(0, min(size, math.ceil(c[0, axis] - half)))
+            boxes[k, 2 * axis + 1] = max(0, min(size, math.floor(c[0, axis] + half) + 1))
+            numbers[k, 13 + axis] = half
+        numbers[k, 12] = 0.0
+        if not square:
+            high = c[1, 1] ** 2 + c[2, 1] ** 2
+            numbers[k, 12] = (c[1, 0] * c[1, 1] + c[2, 0] * c[2, 1]) / high
+            numbers[k, 13] += abs(det) / math.sqrt(high) - math.sqrt(c[1, 0] ** 2 + c[2, 0] ** 2)
+
+
+@njit()
+def update_coverage(
+    numbers: Any,
+    boxes: Any,
+    old_numbers: Any,
+    old_boxes: Any,
+    width: float,
+    square: bool,
+    covered: NDArray[np.float32],
+    spans: NDArray[np.int64],
+    dirty: NDArray[np.bool_],
+) -> None:
+    """Coverage of the markers that have changed, and the tiles they reach or have reached.
+
+    Parameters
+    ----------
+    numbers, boxes, old_numbers, old_boxes: of `prepare`, now and before
+    width, square: as there
+    covered: coverage by each marker, by rows of its box, from a row's first block on, (K, S, S)
+    spans: first and last + 1 block of each of those rows, counted from the image's edge, (K, S, 2)
+    dirty: tiles are marked here
+    """
+    for k in range(numbers.shape[0]):
+        changed = False
+        for j in range(numbers.shape[1]):
+            same = numbers[k, j] == old_numbers[k, j] or (
+                numbers[k, j] != numbers[k, j] and old_numbers[k, j] != old_numbers[k, j]
+            )
+            changed = changed or not same
+        if not changed:
+            continue
+        for b in (boxes[k], old_boxes[k]):
+            if b[1] > b[0] and b[3] > b[2]:
+                for row in range(b[2] // TILE, (b[3] - 1) // TILE + 1):
+                    for col in range(b[0] // TILE, (b[1] - 1) // TILE + 1):
+                        dirty[row, col] = True
+        if boxes[k, 1] > boxes[k, 0] and boxes[k, 3] > boxes[k, 2]:
+            _row_spans(numbers[k], boxes[k], square, spans[k])
+            if square:
+                _squares(numbers[k], boxes[k], spans[k], width, covered[k])
+            else:
+                _discs(numbers[k], boxes[k], spans[k], width, covered[k])
+
+
+@njit()
+def paint_tiles(
+    image: NDArray[np.uint8],
+    clear: NDArray[np.uint8],
+    ground: NDArray[np.float32],
+    boxes: Any,
+    covered: NDArray[np.float32],
+    spans: NDArray[np.int64],
+    absorbed: NDArray[np.float32],
+    encoding: NDArray[np.uint8],
+    dirty: NDArray[np.bool_],
+) -> None:
+    """Redraw the dirty tiles and mark them clean.
+
+    Parameters
+    ----------
+    image: sRGB, drawn into, shape (H, 3·W)
+    clear: sRGB without markers, shape (H, 3·W)
+    ground: linear light without markers, not negative, shape (3, H, at least W and whole blocks)
+    boxes, covered, spans: of `update_coverage`, layers one after the other
+    absorbed: 1 − transmittance of each layer's dye, shape (L, 3)
+    encoding: `colour.encoding_table()`
+    dirty: tiles to draw
+    """
+    rows, cols = dirty.shape
+    count = boxes.shape[0]
+    per_layer = count // absorbed.shape[0]
+    # Markers of each dirty tile, by counting: ends[t] − ends[t − 1] of them, in their order.
+    ends = np.zeros(rows * cols + 1, dtype=np.int64)
+    members = np.empty(0, dtype=np.int64)
+    filled = ends
+    for fill in (False, True):
+        for k in range(count):
+            b = boxes[k]
+            if b[1] > b[0] and b[3] > b[2]:
+                for row in range(b[2] // TILE, (b[3] - 1) // TILE + 1):
+                    for col in range(b[0] // TILE, (b[1] - 1) // TILE + 1):
+                        t = row * cols + col
+                        if dirty[row, col] and fill:
+                            members[filled[t]] = k
+                            filled[t] += 1
+                        elif dirty[row, col]:
+                            ends[t + 1] += 1
+        if not fill:
+            for t in range(rows * cols):
+                ends[t + 1] += ends[t]
+            members = np.empty(ends[-1], dtype=np.int64)
+            filled = ends[:-1].copy()
+    light = np.empty((TILE, TILE // LANES, 3 * LANES), dtype=np.float32)
+    touched = np.empty((TILE, TILE // LANES), dtype=np.bool_)
+    place = np.empty(3 * LANES, dtype=np.int32)
+    most, half, one = np.float32(encoding.shape[0] - 1), np.float32(0.5), np.float32(1.0)
+    for row in range(rows):
+        for col in range(cols):
+            if not dirty[row, col]:
+                continue
+            dirty[row, col] = False
+            t = row * cols + col
+            y0, x0 = row * TILE, col * TILE
+            y1, x1 = min(y0 + TILE, image.shape[0]), min(x0 + TILE, image.shape[1] // 3)
+            # Indices that start at 0 need no check for negative ones: these loops vectorise.
+            out, unmarked = image[y0:y1, 3 * x0 : 3 * x1], clear[y0:y1, 3 * x0 : 3 * x1]
+            for y in range(out.shape[0]):
+                for j in range(out.shape[1]):
+                    out[y, j] = unmarked[y, j]
+            if ends[t] == ends[t + 1]:
+                continue
+            for y in range(TILE):
+                for h in range(TILE // LANES):
+                    touched[y, h] = False
+            for i in range(ends[t], ends[t + 1]):
+                k = members[i]
+                _absorb(
+                    absorbed, k // per_layer, k, x0, y0, y1, boxes, spans, covered, light, touched
+                )
+            for y in range(y1 - y0):
+                for h in range(TILE // LANES):
+                    if touched[y, h]:
+                        x = x0 + LANES * h
+                        for c in range(3):
+                            for j in range(light.shape[2] // 3):
+                                value = ground[c, y0 + y, x + j] * light[y, h, LANES * c + j]
+                                place[LANES * c + j] = np.int32(min(value, one) * most + half)
+                        for j in range(min(LANES, x1 - x)):
+                            for c in range(3):
+                                image[y0 + y, 3 * (x + j) + c] = encoding[place[LANES * c + j]]
+
+
+@njit()
+def union(boxes: Any, covered: NDArray[np.float32], spans: Any, out: NDArray[np.float32]) -> None:
+    """Share of each pixel that any of the markers covers, into `out` of zeros, shape (H, W)."""
+    one = np.float32(1.0)
+    for k in range(boxes.shape[0]):
+        for row in range(boxes[k, 3] - boxes[k, 2]):
+            y, start = boxes[k, 2] + row, LANES * spans[k, row, 0]
+            for x in range(max(start, 0), min(LANES * spans[k, row, 1], out.shape[1])):
+                out[y, x] = one - (one - out[y, x]) * (one - covered[k, row, x - start])
+
+
+@njit()
+def _absorb(
+    absorbed: Any,
+    layer: int,
+    k: int,
+    x0: int,
+    y0: int,
+    y1: int,
+    boxes: Any,
+    spans: Any,
+    covered: Any,
+    light: Any,
+    touched: Any,
+) -> None:
+    """Take away what a marker's dye absorbs in the tile at (x0, y0)."""
+    one, tile = np.float32(1.0), x0 // LANES
+    red, green, blue = absorbed[layer, 0], absorbed[layer, 1], absorbed[layer, 2]
+    for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
+        row = y - boxes[k, 2]
+        first = max(spans[k, row, 0] - tile, 0)
+        last = min(spans[k, row, 1] - tile, TILE // LANES)
+        for h in range(first, last):
+            if not touched[y - y0, h]:
+                touched[y - y0, h] = True
+                for j in range(light.shape[2]):
+                    light[y - y0, h, j] = one
+            offset = LANES * (h + tile - spans[k, row, 0])
+            for j in range(light.shape[2] // 3):  # with a constant it would not become vector code
+                part = covered[k, row, offset + j]
+                light[y - y0, h, j] *= one - part * red
+                light[y - y0, h, LANES + j] *= one - part * green
+                light[y - y0, h, 2 * LANES + j] *= one - part * blue
+
+
+@njit()
+def _row_spans(n: Any, box: Any, square: bool, spans: Any) -> None:
+    """First and last + 1 block of each row that the marker reaches, to half a pixel."""
+    for row in range(box[3] - box[2]):
+        dy = box[2] + row - n[1]
+        middle, half = n[0] + n[12] * dy, n[13]
+        if not square:
+            level = dy / (n[14] + np.float32(0.5))
+            half *= math.sqrt(max(np.float32(1.0) - level * level, np.float32(0.0)))
+        first = max(math.ceil(middle - half - np.float32(0.5)), box[0])
+        last = min(math.floor(middle + half + np.float32(0.5)), box[1] - 1)
+        spans[row, 0] = first // LANES
+        spans[row, 1] = last // LANES + 1
+
+
+@njit(inline="always")
+def _twelve(n: Any) -> Any:
+    return n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]
+
+
+@njit()
+def _discs(n: Any, box: Any, spans: Any, width: float, covered: Any) -> None:
+    """Coverage of a box by a disc's image.
+
+    In float32 and local variables throughout, so that it becomes vector code. Along a row q is a
+    parabola in x.
+    """
+    # At the very centre, where the distance has no gradient: deep inside.
+    tiny, tinier, two = np.float32(1e-12), np.float32(1e-16), np.float32(2.0)
+    cx, cy, i00, i01, i10, i11, u0, v0, u1, v1, u2, v2 = _twelve(n)
+    bulge = np.float32(0.5 * width * width)
+    scale = np.float32(1.0 / (EDGE_RANGE * width))
+    x_2 = -(u0 * i00 * i00 + u1 * i00 * i10 + u2 * i10 * i10)
+    y_2 = -(v0 * i00 * i00 + v1 * i00 * i10 + v2 * i10 * i10)
+    for row in range(box[3] - box[2]):
+        dy = np.float32(box[2] + row) - cy
+        start = np.float32(LANES * spans[row, 0]) - cx
+        e, f = i01 * dy, i11 * dy
+        cross = i00 * f + i10 * e
+        x_1 = i00 - (u0 * two * i00 * e + u1 * cross + u2 * two * i10 * f)
+        y_1 = i10 - (v0 * two * i00 * e + v1 * cross + v2 * two * i10 * f)
+        x_0 = e - (u0 * e * e + u1 * e * f + u2 * f * f)
+        y_0 = f - (v0 * e * e + v1 * e * f + v2 * f * f)
+        for j in range(LANES * (spans[row, 1] - spans[row, 0])):
+            dx = start + np.float32(j)
+            qx = x_0 + dx * (x_1 + dx * x_2)
+            qy = y_0 + dx * (y_1 + dx * y_2)
+            # First-order distance (1 − |q|)/|∇q|; blurring a curved edge moves its half level
+            # inwards by s²/(2R). Written with two roots and two divisions, which cost the most.
+            square = qx * qx + qy * qy + tiny
+            gx = i00 * qx + i10 * qy
+            gy = i01 * qx + i11 * qy
+            steep = gx * gx + gy * gy + tinier
+            radius = np.sqrt(square)
+            inside = (radius - square - bulge * steep / radius) / np.sqrt(steep)
+            covered[row, j] = edge(inside * scale)
+
+
+@njit()
+def _squares(n: Any, box: Any, spans: Any, width: float, covered: Any) -> None:
+    """Coverage of a box by a square's image: an edge profile along each side."""
+    one = np.float32(1.0)
+    cx, cy, i00, i01, i10, i11, u0, v0, u1, v1, u2, v2 = _twelve(n)
+    reach = np.float32(EDGE_RANGE * width)
+    across = one / (reach * np.sqrt(i00 * i00 + i01 * i01))
+    along = one / (reach * np.sqrt(i10 * i10 + i11 * i11))
+    for row in range(box[3] - box[2]):
+        dy = np.float32(box[2] + row) - cy
+        start = np.float32(LANES * spans[row, 0]) - cx
+        for j in range(LANES * (spans[row, 1] - spans[row, 0])):
+            dx = start + np.float32(j)
+            px, py = i00 * dx + i01 * dy, i10 * dx + i11 * dy
+            xx, xy, yy = px * px, px * py, py * py
+            qx = px - u0 * xx - u1 * xy - u2 * yy
+            qy = py - v0 * xx - v1 * xy - v2 * yy
+            wide = edge((one - qx) * across) - edge((-one - qx) * across)
+            high = edge((one - qy) * along) - edge((-one - qy) * along)
+            covered[row, j] = wide * high
+
+
+@njit()
+def encode(linear: NDArray[np.float32], table: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
+    """SRGB image (H, W, 3) of a linear-light one, by `colour.encoding_table`."""
+    flat, result = linear.reshape(-1), out.reshape(-1)
+    top = table.shape[0] - 1
+    for i in range(flat.shape[0]):
+        value = flat[i]
+        index = int(min(max(value, 0.0), 1.0) * top + 0.5)
+        result[i] = table[index]

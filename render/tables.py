@@ -1,0 +1,93 @@
+"""Strict tables: what is read from TOML, and what is said of a key or value that is not allowed."""
+
+from types import UnionType
+from typing import Any, TypeVar, get_args, get_type_hints
+
+import msgspec
+
+
+class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A TOML table that refuses unknown keys."""
+
+
+Kind = TypeVar("Kind", bound=Table)
+
+
+def convert(values: dict[str, Any], kind: type[Kind], name: str) -> Kind:
+    """Table of that kind from plain values.
+
+    Raises
+    ------
+    ValueError
+        One sentence with `name`, the key, the value and what is allowed.
+    """
+    _refuse_unknown(values, kind, name, "")
+    try:
+        return msgspec.convert(values, kind)
+    except msgspec.ValidationError as error:
+        message, _, place = str(error).partition(" - at `$")
+        key = place.rstrip("`").lstrip(".")
+        found = _get(values, key) if key else None
+        at = f"{key}: " if isinstance(found, dict) else f"{key} = {found!r}: " if key else ""
+        raise ValueError(f"{name}: {at}{_plain(message, key, kind)}") from None
+
+
+def _plain(message: str, key: str, kind: Any) -> str:
+    """A validator's message in the words of a table's author."""
+    if message.startswith("Invalid enum value"):
+        for part in key.split("."):
+            kind = get_type_hints(kind)[part]
+        return f"allowed: {', '.join(get_args(kind))}"
+    if message.startswith("Invalid value "):  # the tag of a union
+        *tables, tag = key.split(".")
+        for part in tables:
+            kind = get_type_hints(kind)[part]
+        allowed = [str(member.__struct_config__.tag) for member in _members(kind)]
+        return f"{tag} must be one of {', '.join(allowed)}"
+    for type_name, word in _WORDS.items():
+        message = message.replace(f"`{type_name}`", word)
+    return message[0].lower() + message[1:]
+
+
+_WORDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text",
+    "object": "a table",
+    "array": "a list",
+    "bool": "true or false",
+}
+
+
+def _members(kind: Any) -> tuple[Any, ...]:
+    """Tables that a key may hold."""
+    members = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    return tuple(m for m in members if isinstance(m, type) and issubclass(m, Table))
+
+
+def _get(values: Any, key: str) -> Any:
+    for part in key.replace("[", ".[").split("."):
+        if part.startswith("["):
+            index = part.strip("[]")
+            values = values[int(index)] if index.isdigit() else None
+        else:
+            values = values.get(part) if isinstance(values, dict) else None
+    return values
+
+
+def _refuse_unknown(values: Any, table: type[Table], name: str, prefix: str) -> None:
+    if not isinstance(values, dict):
+        return  # of the wrong type; the conversion says so
+    config = table.__struct_config__
+    tag = () if config.tag_field is None else (config.tag_field,)
+    fields = {f.name: f.type for f in msgspec.structs.fields(table)}
+    for key, value in values.items():
+        if key not in fields and key not in tag:
+            allowed = ", ".join((*tag, *fields))
+            raise ValueError(f"{name}: unknown key {prefix}{key}; allowed here: {allowed}")
+        for member in _members(fields.get(key)):
+            wanted = member.__struct_config__
+            if not wanted.tag_field or (
+                isinstance(value, dict) and value.get(wanted.tag_field) == wanted.tag
+            ):
+                _refuse_unknown(value, member, name, f"{prefix}{key}.")

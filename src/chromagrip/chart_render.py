@@ -1,0 +1,224 @@
+"""`chromagrip chart render`: time per frame of each renderer against its error."""
+
+import csv
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from .bench_rows import Row, report, reported
+from .judge import colour_difference, layer_centroids, poses_of
+from .out_folder import prepare
+from .render import Membrane, MembraneMap, Renderer, SensorDesign, TruthMap, load_sensor
+from .render.colour import encode_srgb
+from .render.gl import gl_problem
+from .render.ground import ground_image
+from .render.mesh_renderer import MeshRenderer
+from .render.outlines import outline_points
+from .render.painter import Painter
+from .render.supersampled import polygon_centroids, projected_outlines, supersampled_image
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """One renderer at one setting.
+
+    Attributes
+    ----------
+    name: of renderer and setting
+    milliseconds: per frame, median of passes over a moving sequence
+    fastest, slowest: of those passes [ms]
+    centre_error: root mean square of noise-free intensity centroids [px]
+    colour_error: mean CIEDE2000 on the markers
+    """
+
+    name: str
+    milliseconds: float
+    fastest: float
+    slowest: float
+    centre_error: float
+    colour_error: float
+
+
+def chart_render(
+    quick: bool, out: Path | None, force: bool, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Measure every renderer and draw cost against error.
+
+    Parameters
+    ----------
+    quick: fewer passes
+    out: folder for chart.svg, chart.png, chart.csv and chart.json
+    force: write into a folder that is not empty
+    progress: told what is being measured
+    """
+    if out is not None:
+        prepare(out, force)
+    with threadpool_limits(1):
+        cv2.setNumThreads(1)
+        points = _measure(load_sensor("thesis"), quick, progress)
+    rows: list[Row] = []
+    for point in points:
+        rows.append(reported(f"{point.name}/time", point.milliseconds, "ms"))
+        rows.append(reported(f"{point.name}/centre_error", point.centre_error, "px"))
+        rows.append(reported(f"{point.name}/colour_error", point.colour_error, "ΔE2000"))
+    result = report(rows, quick)
+    if out is not None:
+        _draw(points, result["machine"], out)
+        with (out / "chart.csv").open("w", encoding="utf-8", newline="") as file:
+            table = csv.DictWriter(file, list(asdict(points[0])))
+            table.writeheader()
+            table.writerows(asdict(point) for point in points)
+        (out / "chart.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    return result
+
+
+def _measure(sensor: SensorDesign, quick: bool, progress: Callable[[str], None]) -> list[Point]:
+    membrane_map = MembraneMap(sensor, 251)
+    poses = poses_of(sensor)
+    _, seen = poses[1]
+    membrane = membrane_map(seen)
+    # A load that grows: every marker near the contact moves a little from frame to frame.
+    sequence = [membrane_map(share * seen) for share in np.linspace(0.5, 1.0, 4 if quick else 10)]
+    progress("the picture by brute force")
+    exact = supersampled_image(sensor, membrane)
+    truth = polygon_centroids(projected_outlines(sensor, membrane))
+    marked = TruthMap(sensor, 251)(membrane, seen).masks.max(axis=0) > 0.01
+    bare = np.rint(encode_srgb(ground_image(sensor).astype(float))).astype(np.uint8)
+    times: dict[str, list[float]] = {}
+    errors: dict[str, tuple[float, float]] = {}
+    # In turns, so that what else the machine does falls on all; one at a time, because closing one
+    # OpenGL context takes the display from the others.
+    for turn in range(2 if quick else 4):
+        for name, make in _settings(sensor).items():
+            progress(f"{name}, turn {turn + 1}")
+            renderer = make()
+            renderer.render(sequence[0])
+            for _ in range(2):
+                begin = time.perf_counter()
+                for one in sequence:
+                    renderer.render(one)
+                spent = 1e3 * (time.perf_counter() - begin) / len(sequence)
+                times.setdefault(name, []).append(spent)
+            if turn == 0:
+                off = layer_centroids(renderer.render, sensor, membrane, bare) - truth
+                image = renderer.render(membrane)
+                colour = colour_difference(image[marked], exact[marked]).mean()
+                errors[name] = float(np.sqrt(np.nanmean(off**2))), float(colour)
+            renderer.close()
+    return [
+        Point(
+            name=name,
+            milliseconds=float(np.median(spent)),
+            fastest=min(spent),
+            slowest=max(spent),
+            centre_error=errors[name][0],
+            colour_error=errors[name][1],
+        )
+        for name, spent in times.items()
+    ]
+
+
+def _settings(sensor: SensorDesign) -> dict[str, Callable[[], Renderer]]:
+    """What makes each renderer at each setting, by name."""
+    found: dict[str, Callable[[], Renderer]] = {
+        "painter": lambda: Painter(sensor),
+        "painter, redrawn in full": lambda: Painter(sensor, redraw=True),
+        "OpenCV polygons": lambda: _Polygons(sensor),
+    }
+    if gl_problem() is None:
+        for k in (1, 2, 3):
+            found[f"pyrender, {k}×{k} samples"] = partial(MeshRenderer, sensor, k)
+    return found
+
+
+class _Polygons:
+    """What one writes first: anti-aliased polygons, blurred and multiplied."""
+
+    name = "OpenCV polygons"
+
+    def __init__(self, sensor: SensorDesign) -> None:
+        self._sensor = sensor
+        self._ground = ground_image(sensor)
+        angle = np.linspace(0.0, 2 * np.pi, 32, endpoint=False)
+        self._circle = np.column_stack([np.cos(angle), np.sin(angle)])
+
+    def render(self, membrane: Membrane) -> Image:
+        """Noise-free sRGB image, shape (H, W, 3)."""
+        sensor, linear = self._sensor, self._ground.copy()
+        pixels = sensor.view.project(outline_points(membrane, self._circle))
+        for layer, dye in enumerate(sensor.transmittance):
+            corners = pixels[layer][np.isfinite(pixels[layer]).all(axis=(1, 2))]
+            covered: Any = np.zeros(linear.shape[:2], dtype=np.uint8)
+            cv2.fillPoly(
+                covered, list(np.rint(16 * corners).astype(np.int32)), (255,), cv2.LINE_AA, 4
+            )
+            share = cv2.GaussianBlur(
+                covered.astype(np.float32) / 255, (0, 0), sensor.camera.blur_px
+            )
+            linear *= 1.0 - share[..., None] * (1.0 - dye).astype(np.float32)
+        return np.rint(encode_srgb(linear.astype(float))).astype(np.uint8)
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+def _draw(points: list[Point], machine: dict[str, Any], out: Path) -> None:
+    matplotlib.use("Agg", force=False)
+    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
+    for axis, key, label in zip(
+        figure.subplots(1, 2),
+        ("centre_error", "colour_error"),
+        ("centre of a marker, RMS error [px]", "colour on the markers, mean CIEDE2000"),
+        strict=True,
+    ):
+        front = _front(points, key)
+        axis.plot(
+            [p.milliseconds for p in front], [getattr(p, key) for p in front], "-", color="0.8"
+        )
+        for point in points:
+            span = [[point.milliseconds - point.fastest], [point.slowest - point.milliseconds]]
+            axis.errorbar(
+                point.milliseconds,
+                getattr(point, key),
+                xerr=span,
+                fmt="o" if point in front else "x",
+                color="tab:blue" if "painter" in point.name else "tab:orange",
+            )
+            axis.annotate(
+                point.name,
+                (point.milliseconds, getattr(point, key)),
+                textcoords="offset points",
+                xytext=(6, 6),
+                fontsize=8,
+            )
+        axis.set(xscale="log", yscale="log", xlabel="time per frame [ms], one core", ylabel=label)
+        axis.grid(alpha=0.3, which="both")
+        axis.margins(0.2)
+    listed = ", ".join(f"{key} {value}" for key, value in machine.items())
+    figure.suptitle("Renderers: 400 markers in two layers, 640×480; lower left is better")
+    figure.supxlabel(listed, fontsize=6)
+    figure.savefig(out / "chart.svg")
+    figure.savefig(out / "chart.png", dpi=110)
+
+
+def _front(points: list[Point], key: str) -> list[Point]:
+    """Points that no other one beats in both, by time."""
+    best, front = np.inf, []
+    for point in sorted(points, key=lambda p: p.milliseconds):
+        if getattr(point, key) < best:
+            best = getattr(point, key)
+            front.append(point)
+    return front
