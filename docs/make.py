@@ -1,7 +1,7 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
-Parts: images, loop, model, stability, appendix-b; all of them without arguments, half an hour alone
-on two cores. Nothing in docs/images/ and docs/bench-*.md is typed by hand.
+Parts: images, loop, model, render, stability, appendix-b; all of them without arguments, forty
+minutes alone on two cores. Nothing in docs/images/ and docs/bench-*.md is typed by hand.
 """
 
 import shutil
@@ -10,14 +10,23 @@ import tempfile
 from pathlib import Path
 
 import av
+import cv2
 
 from chromagrip import run
 from chromagrip.appendix_b import appendix_b
 from chromagrip.bench import bench
+from chromagrip.chart_render import chart_render
+from chromagrip.poses import Pose
+from chromagrip.render_poses import render_poses
+from chromagrip.scene import load_scene
 from chromagrip.stability_model import stability_model
 
 DOCS = Path(__file__).parent
-TITLES = {"loop": "The closed loop, measured", "model": "The node models, measured"}
+TITLES = {
+    "loop": "The closed loop, measured",
+    "model": "The node models, measured",
+    "render": "The renderers, measured",
+}
 
 
 def images() -> None:
@@ -49,6 +58,44 @@ def table(part: str) -> None:
     (DOCS / f"bench-{part}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def render() -> None:
+    """The renderers' table and chart, a pose's preview, a real-looking frame beside an ideal."""
+    table("render")
+    with tempfile.TemporaryDirectory() as folder:
+        chart_render(False, Path(folder), True, print)
+        shutil.copy(Path(folder) / "chart.png", DOCS / "images" / "chart-render.png")
+    with tempfile.TemporaryDirectory() as folder:
+        render_poses(load_scene("camera-100hz"), [Pose(grip=2.0, load=0.6)], Path(folder), True)
+        preview = cv2.imread(str(Path(folder) / "preview-000.png"))
+        options = [cv2.IMWRITE_PNG_COMPRESSION, 9]
+        cv2.imwrite(str(DOCS / "images" / "render-preview.png"), preview, options)
+    pictures = []
+    for defects in ({}, REAL):
+        scene = load_scene("camera-100hz", {"sensor": "dome-2020", "seed": 3} | defects)
+        with tempfile.TemporaryDirectory() as folder:
+            render_poses(scene, [Pose(grip=15.0, load=4.0)], Path(folder), True)
+            image = cv2.imread(str(Path(folder) / "image-000.png"))
+        pictures.append(image[30:450, 110:530])
+    cv2.imwrite(str(DOCS / "images" / "dome-2020.png"), cv2.hconcat(pictures))
+
+
+#: Dials that make a frame look like one of the real dome.
+REAL = {
+    "defects.misalignment_mm": 0.7,
+    "defects.misplacement_mm": 0.12,
+    "defects.seam_tint": 0.7,
+    "defects.dust": 25,
+    "defects.specular": 4,
+    "defects.uneven_leds": 0.15,
+    "defects.vignette": 0.3,
+    "defects.defocus_px": 0.6,
+    "defects.shot_noise_electrons": 8000,
+    "defects.read_noise_electrons": 12,
+    "defects.bayer": True,
+    "defects.jpeg_quality": 85,
+}
+
+
 def stability() -> None:
     """The full stability map, picture and table."""
     with tempfile.TemporaryDirectory() as folder:
@@ -70,6 +117,7 @@ PARTS = {
     "images": images,
     "loop": lambda: table("loop"),
     "model": lambda: table("model"),
+    "render": render,
     "stability": stability,
     "appendix-b": figures_of_appendix_b,
 }

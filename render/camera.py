@@ -57,6 +57,8 @@ class FisheyeCamera:
             )
 
     def _bent(self, angle: Array) -> Array:
+        if not any(self.distortion):
+            return angle
         k, t = self.distortion, angle * angle
         return angle * (1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3]))))
 
@@ -66,12 +68,16 @@ class FisheyeCamera:
 
     def project(self, points: Array) -> Array:
         """Pixels (…, 2) of points (…, 3) [m]."""
-        rho = np.hypot(points[..., 0], points[..., 1])
-        bent = self._bent(np.arctan2(rho, points[..., 2]))
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        rho = np.sqrt(x * x + y * y)
+        bent = self._bent(np.arctan2(rho, z))
         # bent/rho → 1/z on the axis.
         aside = rho > 1e-12
-        scale = np.where(aside, bent, 1.0) / np.where(aside, rho, points[..., 2])
-        return np.asarray(self.centre) + np.asarray(self.focal) * scale[..., None] * points[..., :2]
+        scale = np.where(aside, bent, 1.0) / np.where(aside, rho, z)
+        out = np.empty((*rho.shape, 2))
+        out[..., 0] = self.centre[0] + self.focal[0] * scale * x
+        out[..., 1] = self.centre[1] + self.focal[1] * scale * y
+        return out
 
     def jacobian(self, points: Array) -> Array:
         """Derivative of `project` [px/m], shape (…, 2, 3)."""

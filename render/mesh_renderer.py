@@ -54,6 +54,8 @@ class MeshRenderer:
         self._dyes = sensor.transmittance
         # A step faded linearly over w has the variance w²/12 of a box.
         fade = min(FADE, 3.0 * sensor.camera.blur_px)
+        if sensor.markers.form == "square":
+            fade *= 0.65  # at its corners a fade is not what a blur makes of them
         self._blur = float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
         half = fade / 2 / _mean_half(sensor)
         self._ground = ground_image(sensor)

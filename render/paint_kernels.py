@@ -93,6 +93,8 @@ def update_coverage(
     spans: first and last + 1 block of each of those rows, counted from the image's edge, (K, S, 2)
     dirty: tiles are marked here
     """
+    # Read, not converted from the loop's counter, which takes as long as all the rest.
+    ramp = np.arange(covered.shape[2]).astype(np.float32)
     for k in range(numbers.shape[0]):
         changed = False
         for j in range(numbers.shape[1]):
@@ -110,9 +112,9 @@ def update_coverage(
         if boxes[k, 1] > boxes[k, 0] and boxes[k, 3] > boxes[k, 2]:
             _row_spans(numbers[k], boxes[k], square, spans[k])
             if square:
-                _squares(numbers[k], boxes[k], spans[k], width, covered[k])
+                _squares(numbers[k], boxes[k], spans[k], width, ramp, covered[k])
             else:
-                _discs(numbers[k], boxes[k], spans[k], width, covered[k])
+                _discs(numbers[k], boxes[k], spans[k], width, ramp, covered[k])
 
 
 @njit()
@@ -165,7 +167,7 @@ def paint_tiles(
             filled = ends[:-1].copy()
     light = np.empty((TILE, TILE // LANES, 3 * LANES), dtype=np.float32)
     touched = np.empty((TILE, TILE // LANES), dtype=np.bool_)
-    place = np.empty(3 * LANES, dtype=np.int32)
+    place = np.empty(3 * LANES, dtype=np.uint32)
     most, half, one = np.float32(encoding.shape[0] - 1), np.float32(0.5), np.float32(1.0)
     for row in range(rows):
         for col in range(cols):
@@ -197,10 +199,12 @@ def paint_tiles(
                         for c in range(3):
                             for j in range(light.shape[2] // 3):
                                 value = ground[c, y0 + y, x + j] * light[y, h, LANES * c + j]
-                                place[LANES * c + j] = np.int32(min(value, one) * most + half)
+                                level = np.int32(min(value, one) * most + half)
+                                place[LANES * c + j] = np.uint32(level)
                         for j in range(min(LANES, x1 - x)):
-                            for c in range(3):
-                                image[y0 + y, 3 * (x + j) + c] = encoding[place[LANES * c + j]]
+                            image[y0 + y, 3 * (x + j)] = encoding[place[j]]
+                            image[y0 + y, 3 * (x + j) + 1] = encoding[place[LANES + j]]
+                            image[y0 + y, 3 * (x + j) + 2] = encoding[place[2 * LANES + j]]
 
 
 @njit()
@@ -236,16 +240,21 @@ def _absorb(
         first = max(spans[k, row, 0] - tile, 0)
         last = min(spans[k, row, 1] - tile, TILE // LANES)
         for h in range(first, last):
-            if not touched[y - y0, h]:
-                touched[y - y0, h] = True
-                for j in range(light.shape[2]):
-                    light[y - y0, h, j] = one
             offset = LANES * (h + tile - spans[k, row, 0])
-            for j in range(light.shape[2] // 3):  # with a constant it would not become vector code
-                part = covered[k, row, offset + j]
-                light[y - y0, h, j] *= one - part * red
-                light[y - y0, h, LANES + j] *= one - part * green
-                light[y - y0, h, 2 * LANES + j] *= one - part * blue
+            # With LANES itself these would not become vector code.
+            if touched[y - y0, h]:
+                for j in range(light.shape[2] // 3):
+                    part = covered[k, row, offset + j]
+                    light[y - y0, h, j] *= one - part * red
+                    light[y - y0, h, LANES + j] *= one - part * green
+                    light[y - y0, h, 2 * LANES + j] *= one - part * blue
+            else:
+                touched[y - y0, h] = True
+                for j in range(light.shape[2] // 3):
+                    part = covered[k, row, offset + j]
+                    light[y - y0, h, j] = one - part * red
+                    light[y - y0, h, LANES + j] = one - part * green
+                    light[y - y0, h, 2 * LANES + j] = one - part * blue
 
 
 @njit()
@@ -269,7 +278,7 @@ def _twelve(n: Any) -> Any:
 
 
 @njit()
-def _discs(n: Any, box: Any, spans: Any, width: float, covered: Any) -> None:
+def _discs(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any) -> None:
     """Coverage of a box by a disc's image.
 
     In float32 and local variables throughout, so that it becomes vector code. Along a row q is a
@@ -280,6 +289,9 @@ def _discs(n: Any, box: Any, spans: Any, width: float, covered: Any) -> None:
     cx, cy, i00, i01, i10, i11, u0, v0, u1, v1, u2, v2 = _twelve(n)
     bulge = np.float32(0.5 * width * width)
     scale = np.float32(1.0 / (EDGE_RANGE * width))
+    # |∇q|² is a quadratic form of q/|q|.
+    m_xx, m_yy = i00 * i00 + i01 * i01, i10 * i10 + i11 * i11
+    m_xy = two * (i00 * i10 + i01 * i11)
     x_2 = -(u0 * i00 * i00 + u1 * i00 * i10 + u2 * i10 * i10)
     y_2 = -(v0 * i00 * i00 + v1 * i00 * i10 + v2 * i10 * i10)
     for row in range(box[3] - box[2]):
@@ -292,22 +304,21 @@ def _discs(n: Any, box: Any, spans: Any, width: float, covered: Any) -> None:
         x_0 = e - (u0 * e * e + u1 * e * f + u2 * f * f)
         y_0 = f - (v0 * e * e + v1 * e * f + v2 * f * f)
         for j in range(LANES * (spans[row, 1] - spans[row, 0])):
-            dx = start + np.float32(j)
+            dx = start + ramp[j]
             qx = x_0 + dx * (x_1 + dx * x_2)
             qy = y_0 + dx * (y_1 + dx * y_2)
             # First-order distance (1 − |q|)/|∇q|; blurring a curved edge moves its half level
-            # inwards by s²/(2R). Written with two roots and two divisions, which cost the most.
-            square = qx * qx + qy * qy + tiny
-            gx = i00 * qx + i10 * qy
-            gy = i01 * qx + i11 * qy
-            steep = gx * gx + gy * gy + tinier
+            # inwards by s²/(2R).
+            xx, yy = qx * qx, qy * qy
+            square = xx + yy + tiny
+            steep = m_xx * xx + m_yy * yy + m_xy * (qx * qy) + tinier
             radius = np.sqrt(square)
             inside = (radius - square - bulge * steep / radius) / np.sqrt(steep)
             covered[row, j] = edge(inside * scale)
 
 
 @njit()
-def _squares(n: Any, box: Any, spans: Any, width: float, covered: Any) -> None:
+def _squares(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any) -> None:
     """Coverage of a box by a square's image: an edge profile along each side."""
     one = np.float32(1.0)
     cx, cy, i00, i01, i10, i11, u0, v0, u1, v1, u2, v2 = _twelve(n)
@@ -318,7 +329,7 @@ def _squares(n: Any, box: Any, spans: Any, width: float, covered: Any) -> None:
         dy = np.float32(box[2] + row) - cy
         start = np.float32(LANES * spans[row, 0]) - cx
         for j in range(LANES * (spans[row, 1] - spans[row, 0])):
-            dx = start + np.float32(j)
+            dx = start + ramp[j]
             px, py = i00 * dx + i01 * dy, i10 * dx + i11 * dy
             xx, xy, yy = px * px, px * py, py * py
             qx = px - u0 * xx - u1 * xy - u2 * yy

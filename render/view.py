@@ -82,6 +82,8 @@ class View:
 
     def _apparent(self, points: Array) -> Array:
         """Where the camera sees points (…, 3), from itself: bent rays drawn out straight [m]."""
+        if self.position == 0.0 and not self.bends:
+            return points
         straight = points - np.array([0.0, 0.0, self.position])
         if not self.bends:
             return straight

@@ -20,11 +20,12 @@ from .bench_rows import Row, report, reported
 from .judge import colour_difference, layer_centroids, poses_of
 from .out_folder import prepare
 from .render import Membrane, MembraneMap, Renderer, SensorDesign, TruthMap, load_sensor
-from .render.colour import encode_srgb
+from .render.colour import encode_srgb, encoding_table
 from .render.gl import gl_problem
 from .render.ground import ground_image
 from .render.mesh_renderer import MeshRenderer
 from .render.outlines import outline_points
+from .render.paint_kernels import encode
 from .render.painter import Painter
 from .render.supersampled import polygon_centroids, projected_outlines, supersampled_image
 
@@ -152,6 +153,7 @@ class _Polygons:
     def __init__(self, sensor: SensorDesign) -> None:
         self._sensor = sensor
         self._ground = ground_image(sensor)
+        self._encoding = encoding_table()
         angle = np.linspace(0.0, 2 * np.pi, 32, endpoint=False)
         self._circle = np.column_stack([np.cos(angle), np.sin(angle)])
 
@@ -169,7 +171,9 @@ class _Polygons:
                 covered.astype(np.float32) / 255, (0, 0), sensor.camera.blur_px
             )
             linear *= 1.0 - share[..., None] * (1.0 - dye).astype(np.float32)
-        return np.rint(encode_srgb(linear.astype(float))).astype(np.uint8)
+        image = np.empty(linear.shape, dtype=np.uint8)
+        encode(linear, self._encoding, image)
+        return image
 
     def close(self) -> None:
         """Nothing to release."""
@@ -188,7 +192,7 @@ def _draw(points: list[Point], machine: dict[str, Any], out: Path) -> None:
         axis.plot(
             [p.milliseconds for p in front], [getattr(p, key) for p in front], "-", color="0.8"
         )
-        for point in points:
+        for number, point in enumerate(points):
             span = [[point.milliseconds - point.fastest], [point.slowest - point.milliseconds]]
             axis.errorbar(
                 point.milliseconds,
@@ -201,7 +205,7 @@ def _draw(points: list[Point], machine: dict[str, Any], out: Path) -> None:
                 point.name,
                 (point.milliseconds, getattr(point, key)),
                 textcoords="offset points",
-                xytext=(6, 6),
+                xytext=(6, -12 if number % 2 else 6),
                 fontsize=8,
             )
         axis.set(xscale="log", yscale="log", xlabel="time per frame [ms], one core", ylabel=label)

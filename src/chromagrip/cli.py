@@ -1,9 +1,11 @@
 """Run grasps, list what there is, measure it, and compare it with the thesis.
 
-Exit codes: 0 done, 1 something is missing (doctor), 2 asked for the impossible, 130 interrupted.
+Exit codes: 0 done, 1 something is missing (doctor), 2 asked for the impossible, 130 interrupted, 141
+nobody reads on.
 """
 
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -325,6 +327,10 @@ def main() -> None:
     except UserError as error:
         print(f"{NAME}: {error}", file=sys.stderr)
         code = 2
+    except BrokenPipeError:
+        # The reader has gone, as with `| head`; nor may the last flush complain of it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 141
     except KeyboardInterrupt:
         print(f"{NAME}: interrupted", file=sys.stderr)
         code = 130

@@ -67,7 +67,8 @@ def _packages() -> list[Check]:
     for module, distributions in packages_distributions().items():
         for name in distributions:
             modules.setdefault(name.lower().replace("_", "-"), []).append(module)
-    wanted = [line.split(";")[0].strip() for line in requires("chromagrip") or []]
+    listed = [line for line in requires("chromagrip") or [] if "extra ==" not in line]
+    wanted = [line.split(";")[0].strip() for line in listed]
     return [_package(requirement, modules) for requirement in wanted]
 
 
