@@ -1,7 +1,7 @@
 """Run grasps, list what there is, measure it, and compare it with the thesis.
 
-Exit codes: 0 done, 1 something is missing (doctor), 2 asked for the impossible, 130 interrupted, 141
-nobody reads on.
+Exit codes: 0 done, 1 something is missing (doctor), 2 asked for the impossible, 130 interrupted,
+141 nobody reads on.
 """
 
 import json

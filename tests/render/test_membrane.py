@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from chromagrip.render import MembraneMap, load_sensor
+from chromagrip.model import Fingertip
+from chromagrip.render import MembraneMap, SensorDesign, load_sensor
 from chromagrip.render.harmonics import harmonic_map
 from chromagrip.render.layout import geodesic, unit_vectors
 from chromagrip.render.skin import DomeSkin
@@ -82,3 +84,65 @@ def test_layout_is_full_and_free_of_overlaps() -> None:
     assert nearest > 2 * sensor.half_sizes.max()
     on_meridian = np.abs(np.sin(directions[:, 1])) < 1e-9
     assert on_meridian.sum() == 31  # 0.75 mm apart over ±85° of 8 mm
+
+
+def test_unevenly_spaced_nodes_carry_the_same_skin() -> None:
+    """A graded chain's displacements and slopes are those of the field that it samples."""
+    places = geodesic(100, 1.4, 0.1)
+    graded = Fingertip.graded(99)
+    at = graded.angles()
+    even = harmonic_map(SKIN, places, 2001)
+    uneven = harmonic_map(SKIN, places, at)
+
+    def field(angle: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.sin(2 * angle) + 0.3 * np.cos(angle), np.cos(3 * angle)])
+
+    fine = field(np.linspace(-np.pi / 2, np.pi / 2, 2001))
+    moved = uneven.displacement(field(at)) - even.displacement(fine)
+    # Linear interpolation is off by up to h²/8 times the second derivative, here at most 9.
+    assert abs(moved).max() < np.diff(at).max() ** 2 / 8 * 9
+    near = places[:, 0] < 0.45  # where it is as fine as 251 nodes
+    for one, other in zip(uneven.gradient(field(at)), even.gradient(fine), strict=True):
+        assert abs(one - other)[near].max() < 0.02
+
+
+def changed_markers(**values: float) -> SensorDesign:
+    sensor = load_sensor("thesis")
+    return replace(sensor, markers=replace(sensor.markers, **values))
+
+
+def test_ink_stretches_with_the_skin_and_dots_do_not() -> None:
+    """Blown up by a tenth, the skin takes ink along, and leaves stiff dots as they are."""
+    radial = 0.1 * 8e-3 * np.column_stack([np.sin(ANGLE), np.cos(ANGLE)])
+    near = load_sensor("thesis").places[:, 0] < 1.3
+    for share in (0.0, 0.5, 1.0):
+        membrane = MembraneMap(changed_markers(stretch=share), NODES)(radial)
+        size = np.linalg.norm(membrane.axes[0, near], axis=1)
+        # A displacement by a tenth of the radius stretches the layer 0.3 mm below by a bit more.
+        np.testing.assert_allclose(size, 0.25e-3 * (1.0 + share * 0.8 / 7.7), rtol=2e-3)
+
+
+def test_pressed_silicone_swells_by_what_it_loses_in_thickness() -> None:
+    """Incompressible: area times thickness stays; the layer that does not move does not swell."""
+    sensor = changed_markers(swell_mm=2.0)
+    sensor = replace(sensor, yellow=replace(sensor.yellow, follow=0.0))
+    squeezed = -0.4e-3 * np.column_stack([np.sin(ANGLE), np.cos(ANGLE)])
+    membrane = MembraneMap(sensor, NODES)(squeezed)
+    near = sensor.places[:, 0] < 1.3
+    area = np.linalg.norm(np.cross(membrane.axes[..., 0], membrane.axes[..., 1]), axis=-1)
+    np.testing.assert_allclose(area[0, near] * (2.0 - 0.4) / 2.0, 0.25e-3**2, rtol=1e-3)
+    np.testing.assert_allclose(area[1], 0.25e-3**2, rtol=1e-12)
+
+
+def test_squares_lie_along_x_and_y_and_turn_with_the_skin() -> None:
+    sensor = load_sensor("flat-2019")
+    rest = MembraneMap(sensor, 51)(np.zeros((51, 2)))
+    np.testing.assert_allclose(rest.axes[0, :, :, 0], np.tile([1e-3, 0, 0], (100, 1)), atol=1e-15)
+    np.testing.assert_allclose(rest.axes[0, :, :, 1], np.tile([0, 1e-3, 0], (100, 1)), atol=1e-15)
+    # Tilted as a whole about y: heights fall along x.
+    x = np.linspace(-18e-3, 18e-3, 51)
+    tilted = MembraneMap(sensor, 51)(np.column_stack([np.zeros(51), -0.1 * x]))
+    lean = tilted.normals[0][np.hypot(*rest.centres[0, :, :2].T) < 15e-3]
+    np.testing.assert_allclose(
+        lean, np.tile([0.1, 0.0, 1.0] / np.hypot(0.1, 1), (len(lean), 1)), atol=1e-9
+    )
