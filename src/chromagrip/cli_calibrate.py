@@ -68,7 +68,8 @@ def calibrate(
     if out is not None:
         _check_out(out, {".yml", ".yaml"}, force)
 
-    from .calibrate import calibrate_camera, image_files
+    from .board_corners import image_files
+    from .calibrate import calibrate_camera
     from .render import save_camera
 
     files = image_files(images)

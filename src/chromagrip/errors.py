@@ -11,3 +11,7 @@ class SceneError(UserError):
 
 class FolderError(UserError):
     """A folder that cannot be written to."""
+
+
+class CalibrateError(UserError):
+    """Images that no camera can be calibrated from."""

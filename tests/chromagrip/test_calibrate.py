@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from chromagrip.calibrate import CalibrateError, calibrate_camera, find_corners, image_files
+from chromagrip.board_corners import find_corners, image_files
+from chromagrip.calibrate import calibrate_camera
 from chromagrip.cli_calibrate import calibrate
-from chromagrip.errors import UserError
+from chromagrip.errors import CalibrateError, UserError
 from chromagrip.render import CalibrationError, FisheyeCamera, PinholeCamera, load_camera
 from chromagrip.render.board import Board, BoardError, board_picture, photograph
 
