@@ -20,6 +20,10 @@ from rich.table import Table
 from .cli_calibrate import calibrate
 from .cli_options import (
     Flag,
+    Force,
+    JsonOnly,
+    Out,
+    Quick,
     interrupt,
     new_folder,
     option,
@@ -193,7 +197,7 @@ def bench(
         option("what to measure", "loop|model|render"),
     ],
     *,
-    quick: Annotated[Flag, option("a smaller run, labelled so")] = False,
+    quick: Quick = False,
     json_only: Annotated[Flag, option("one JSON object", name="json")] = False,
 ) -> int:
     """Measure a part and print each figure beside its target."""
@@ -211,15 +215,10 @@ def bench(
 def stability(
     part: Annotated[Literal["model"], tyro.conf.Positional, option("what to map", "model")],
     *,
-    quick: Annotated[Flag, option("a smaller map, labelled so")] = False,
-    out: Annotated[
-        Path | None,
-        option("folder for picture and table; by default a new one under runs/", "DIR"),
-    ] = None,
-    force: Annotated[Flag, option("write over an earlier map in --out")] = False,
-    json_only: Annotated[
-        Flag, option("one JSON object; writes a folder only with --out", name="json")
-    ] = False,
+    quick: Quick = False,
+    out: Out = None,
+    force: Force = False,
+    json_only: JsonOnly = False,
 ) -> int:
     """Map where each integrator is accurate, inaccurate, chattering or diverged."""
     from .stability_model import stability_model
@@ -241,15 +240,10 @@ def stability(
 def chart(
     part: Annotated[Literal["render"], tyro.conf.Positional, option("what to chart", "render")],
     *,
-    quick: Annotated[Flag, option("fewer passes, labelled so")] = False,
-    out: Annotated[
-        Path | None,
-        option("folder for picture and table; by default a new one under runs/", "DIR"),
-    ] = None,
-    force: Annotated[Flag, option("write over an earlier chart in --out")] = False,
-    json_only: Annotated[
-        Flag, option("one JSON object; writes a folder only with --out", name="json")
-    ] = False,
+    quick: Quick = False,
+    out: Out = None,
+    force: Force = False,
+    json_only: JsonOnly = False,
 ) -> int:
     """Draw the speed of every method of a part against its error."""
     from .chart_render import chart_render
@@ -271,13 +265,9 @@ def reproduce(
         Literal["appendix-b"], tyro.conf.Positional, option("part of the thesis", "appendix-b")
     ],
     *,
-    out: Annotated[
-        Path | None, option("folder for pictures and page; by default a new one in runs/", "DIR")
-    ] = None,
-    force: Annotated[Flag, option("write over an earlier result in --out")] = False,
-    json_only: Annotated[
-        Flag, option("one JSON object; writes a folder only with --out", name="json")
-    ] = False,
+    out: Out = None,
+    force: Force = False,
+    json_only: JsonOnly = False,
 ) -> int:
     """Reproduce figures of the thesis, with a sentence each on agreement."""
     from .appendix_b import appendix_b

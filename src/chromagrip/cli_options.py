@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -17,6 +17,12 @@ _interrupted = threading.Event()
 def option(text: str, metavar: str | None = None, name: str | None = None) -> Any:
     """Help, placeholder and name of an option."""
     return tyro.conf.arg(help=text, metavar=metavar, name=name)
+
+
+Quick = Annotated[Flag, option("a smaller run, labelled so")]
+Out = Annotated[Path | None, option("folder; by default a new one under runs/", "DIR")]
+Force = Annotated[Flag, option("write over an earlier result in --out")]
+JsonOnly = Annotated[Flag, option("one JSON object; writes a folder only with --out", name="json")]
 
 
 def print_rows(rows: list[dict[str, Any]]) -> None:

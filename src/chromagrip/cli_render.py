@@ -1,6 +1,7 @@
 """The command `chromagrip render`."""
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,7 +9,7 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from .cli_options import Flag, new_folder, option, stop_if_interrupted
+from .cli_options import Force, JsonOnly, Out, new_folder, option, stop_if_interrupted
 from .errors import UserError
 from .scene import DEFAULT_SCENE, RendererName, load_scene, parse_change
 
@@ -35,11 +36,9 @@ def render(
         tyro.conf.UseAppendAction,
         option("change one scene value, such as defects.dust=20", "KEY=VALUE", "set"),
     ] = (),
-    out: Annotated[Path | None, option("folder; by default a new one under runs/", "DIR")] = None,
-    force: Annotated[Flag, option("write over an earlier result in --out")] = False,
-    json_only: Annotated[
-        Flag, option("one JSON object; writes a folder only with --out", name="json")
-    ] = False,
+    out: Out = None,
+    force: Force = False,
+    json_only: JsonOnly = False,
 ) -> int:
     """Take pictures of poses, with everything that is true of them.
 
@@ -70,8 +69,9 @@ def render(
         grips, loads = grip or (2.0,), load or ((0.3,) if not grip else (0.0,))
         poses = [Pose(grip=g, load=f) for g in grips for f in loads]
     for pose in poses:
-        if min(pose.grip, pose.depth) < 0.0:
-            raise UserError("--grip and --press-mm must be 0 or more")
+        numbers = (pose.grip, pose.load, pose.depth, pose.shear)
+        if not all(map(math.isfinite, numbers)) or min(pose.grip, pose.depth) < 0.0:
+            raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
     if out is None and not json_only:
         out = new_folder(f"render-{Path(resolved.sensor).stem}")
     with Progress(

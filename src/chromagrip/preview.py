@@ -40,7 +40,7 @@ def _title(scene: Scene, shot: Shot) -> str:
         what = f"grip {pose.grip:g} N, load {pose.load:g} N, µ {scene.object.friction:g}" + (
             f", safety margin {margin:.2f}" if np.isfinite(margin) else ", no contact"
         )
-    return f"{scene.sensor}, {scene.renderer}: {what}"
+    return f"{Path(scene.sensor).stem}, {scene.renderer}: {what}"
 
 
 def _markers(axis: Any, scene: Scene, shot: Shot) -> None:

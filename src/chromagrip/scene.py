@@ -257,9 +257,18 @@ def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None)
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"scene {name} is not valid TOML: {error}") from None
+    # A file that a scene names lies beside the scene, one from the command line where that runs.
+    _locate_sensor(values, Path(name).parent)
     for key, value in (changes or {}).items():
         _put(values, key, value)
+    _locate_sensor(values, Path())
     return parse_scene(values, name)
+
+
+def _locate_sensor(values: dict[str, Any], folder: Path) -> None:
+    sensor = values.get("sensor")
+    if isinstance(sensor, str) and sensor.endswith(".toml"):
+        values["sensor"] = str((folder / sensor).absolute())
 
 
 def parse_scene(values: dict[str, Any], name: str) -> Scene:

@@ -81,6 +81,20 @@ def test_the_same_seed_gives_the_same_bytes(sweep: Path, tmp_path: Path) -> None
     assert (read(sweep / "image-000.png") != read(tmp_path / "other" / "image-000.png")).any()
 
 
+def test_a_scene_names_its_sensor_beside_itself(tmp_path: Path) -> None:
+    """And what a run leaves can be run again from anywhere."""
+    design = Path(__file__).parents[2] / "render" / "designs" / "thesis.toml"
+    (tmp_path / "mine").mkdir()
+    text = design.read_text(encoding="utf-8").replace("size_mm = 0.5", "size_mm = 0.4")
+    (tmp_path / "mine" / "sensor.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "mine" / "scene.toml").write_text('sensor = "sensor.toml"', encoding="utf-8")
+    scene = load_scene(str(tmp_path / "mine" / "scene.toml"))
+    assert scene.build_sensor().half_sizes[0] == pytest.approx(0.2e-3)
+    render_poses(scene, [Pose()], tmp_path / "out")
+    again = load_scene(str(tmp_path / "out" / "scene.toml"))
+    assert again.build_sensor().half_sizes[0] == pytest.approx(0.2e-3)
+
+
 def test_an_interrupted_sweep_does_not_look_whole(tmp_path: Path) -> None:
     def stop(done: int, total: int) -> None:
         if done == 1:
@@ -135,6 +149,7 @@ def test_from_the_command_line(tmp_path: Path) -> None:
     [
         (["render", "--sensor", "gelsight"], "no sensor design 'gelsight'; there is"),
         (["render", "--grip", "-1"], "--grip and --press-mm must be 0 or more"),
+        (["render", "--load", "nan"], "all numbers finite"),
         (["render", "--set", "defects.jpeg_quality=200"], "defects.jpeg_quality = 200: expected"),
         (["render", "--set", "defects.dirt=2"], "unknown key defects.dirt; allowed here"),
         (["grasp", "--set", "sensor=flat-2019", "--json"], "is a flat pad; the node model"),
