@@ -168,7 +168,7 @@ def paint_tiles(
     light = np.empty((TILE, TILE // LANES, 3 * LANES), dtype=np.float32)
     touched = np.empty((TILE, TILE // LANES), dtype=np.bool_)
     place = np.empty(3 * LANES, dtype=np.uint32)
-    most, half, one = np.float32(encoding.shape[0] - 1), np.float32(0.5), np.float32(1.0)
+    most, half = np.float32(encoding.shape[0] - 1), np.float32(0.5)
     for row in range(rows):
         for col in range(cols):
             if not dirty[row, col]:
@@ -199,7 +199,7 @@ def paint_tiles(
                         for c in range(3):
                             for j in range(light.shape[2] // 3):
                                 value = ground[c, y0 + y, x + j] * light[y, h, LANES * c + j]
-                                level = np.int32(min(value, one) * most + half)
+                                level = np.int32(value * most + half)  # dyes add no light
                                 place[LANES * c + j] = np.uint32(level)
                         for j in range(min(LANES, x1 - x)):
                             image[y0 + y, 3 * (x + j)] = encoding[place[j]]
@@ -259,15 +259,16 @@ def _absorb(
 
 @njit()
 def _row_spans(n: Any, box: Any, square: bool, spans: Any) -> None:
-    """First and last + 1 block of each row that the marker reaches, to half a pixel."""
+    """First and last + 1 block of each row that the marker reaches, taken as an ellipse's."""
+    spare = np.float32(0.1)  # [px]: the curve at a fixed distance from an ellipse is not quite one
     for row in range(box[3] - box[2]):
         dy = box[2] + row - n[1]
         middle, half = n[0] + n[12] * dy, n[13]
         if not square:
-            level = dy / (n[14] + np.float32(0.5))
+            level = dy / (n[14] + spare)
             half *= math.sqrt(max(np.float32(1.0) - level * level, np.float32(0.0)))
-        first = max(math.ceil(middle - half - np.float32(0.5)), box[0])
-        last = min(math.floor(middle + half + np.float32(0.5)), box[1] - 1)
+        first = max(math.ceil(middle - half - spare), box[0])
+        last = min(math.floor(middle + half + spare), box[1] - 1)
         spans[row, 0] = first // LANES
         spans[row, 1] = last // LANES + 1
 

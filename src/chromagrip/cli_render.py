@@ -69,8 +69,8 @@ def render(
         grips, loads = grip or (2.0,), load or ((0.3,) if not grip else (0.0,))
         poses = [Pose(grip=g, load=f) for g in grips for f in loads]
     for pose in poses:
-        numbers = (pose.grip, pose.load, pose.depth, pose.shear)
-        if not all(map(math.isfinite, numbers)) or min(pose.grip, pose.depth) < 0.0:
+        asked = (pose.grip, pose.load, pose.depth, pose.shear)
+        if not all(map(math.isfinite, asked)) or min(pose.grip, pose.depth) < 0.0:
             raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
     if out is None and not json_only:
         out = new_folder(f"render-{Path(resolved.sensor).stem}")

@@ -214,3 +214,22 @@ def test_doctor_names_what_is_missing_and_how_to_mend_it() -> None:
     assert "OpenGL for --renderer pyrender: optional, missing" in done.stdout
     assert "mend: sudo apt-get install libegl1" in done.stdout
     assert "numpy" in done.stdout
+
+
+def test_a_reader_that_leaves_is_no_error_to_tell() -> None:
+    """As with `chromagrip bench … | head -1`."""
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-u", "-m", "chromagrip", "sensors"],
+            stdout=write,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+    finally:
+        os.close(write)
+    assert done.returncode == 141
+    assert done.stderr == ""
