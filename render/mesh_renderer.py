@@ -2,7 +2,7 @@
 
 pyrender has no fisheye, its alpha is not subtractive and its shader relights colours. So vertices
 are projected here and drawn orthographically, each layer alone, flat and opaque, white on black;
-the picture is the layer's coverage, and the dyes are multiplied as everywhere else.
+the picture is the layer's coverage. The dyes are multiplied before the lens' blur, as light does.
 """
 
 import cv2
@@ -23,7 +23,7 @@ CORNERS = 48
 OVERSAMPLING = 2
 #: … and with edges that fade over this width [px], which samples catch far better than a step. The
 #: fade is a part of the lens' blur; the rest is added to the picture.
-FADE = 1.6
+FADE = 0.6
 
 
 class MeshRenderer:
@@ -55,8 +55,8 @@ class MeshRenderer:
         # A step faded linearly over w has the variance w²/12 of a box.
         fade = min(FADE, 3.0 * sensor.camera.blur_px)
         if sensor.markers.form == "square":
-            fade *= 0.65  # at its corners a fade is not what a blur makes of them
-        self._blur = float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
+            oversampling *= 2  # straight sides fall between the samples all at once
+        self._blur = oversampling * float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
         half = fade / 2 / _mean_half(sensor)
         self._ground = ground_image(sensor)
         self._encoding = encoding_table()
@@ -84,17 +84,20 @@ class MeshRenderer:
 
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
-        linear = self._ground.copy()
         pixels = self._view.project(outline_points(membrane, self._outline))
-        for layer, dye in enumerate(self._dyes):
-            covered = self._coverage(pixels[layer].reshape(-1, 2))
-            linear *= 1.0 - covered[:, :, None] * (1.0 - dye).astype(np.float32)
+        magenta, yellow = (self._coverage(layer.reshape(-1, 2))[:, :, None] for layer in pixels)
+        absorbed = (1.0 - self._dyes).astype(np.float32)
+        # Light passes both dyes before the lens blurs it and pixels collect it.
+        light = (1.0 - magenta * absorbed[0]) * (1.0 - yellow * absorbed[1])
+        size = (self._view.width, self._view.height)
+        light = np.asarray(cv2.GaussianBlur(light, (0, 0), self._blur))
+        linear = self._ground * np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA))
         image = np.empty(linear.shape, dtype=np.uint8)
         encode(linear, self._encoding, image)
         return image
 
     def _coverage(self, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Blurred coverage 0…1 of triangles with these corners, shape (H, W)."""
+        """Coverage 0…1 of the finer pixels by triangles with these corners."""
         # OpenGL's y runs upwards, and its pixel edges, not centres, lie at integers.
         width, height = self._view.width, self._view.height
         vertices = np.column_stack(
@@ -117,9 +120,7 @@ class MeshRenderer:
         node = self._scene.add(self._pyrender.Mesh([primitive]))
         colour, _ = self._renderer.render(self._scene, flags=self._pyrender.RenderFlags.FLAT)
         self._scene.remove_node(node)
-        fine = colour[:, :, 0].astype(np.float32) / 255.0
-        covered = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
-        return np.asarray(cv2.GaussianBlur(covered, (0, 0), self._blur))
+        return np.asarray(colour[:, :, 0].astype(np.float32) / 255.0)
 
     def close(self) -> None:
         """Release the OpenGL context."""

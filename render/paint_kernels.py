@@ -11,64 +11,72 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from .coverage import EDGE_RANGE, edge
+from .coverage import EDGE_RANGE, edge, togetherness
 
 Array = NDArray[np.float64]
 
 TILE = 16
 #: Pixels of a row that are worked on together.
 LANES = 8
-#: Numbers kept of each marker: c (2), A⁻¹ (4), A⁻¹·b (6), and how wide a row of it is: the slope of
-#: its middle, half its width in the middle row, half its height (3). NaN if it is not seen.
-NUMBERS = 15
+#: Numbers kept of each marker: c (2), A⁻¹ (4), A⁻¹·b (6); how wide a row of it is: the slope of its
+#: middle, half its width in the middle row, half its height (3); and with the first layer how much
+#: both layers' edges go together (1). NaN if it is not seen.
+NUMBERS = 16
 #: Largest second-order part of an outline that the series is believed for.
 _MAX_BEND = 0.4
 
 
 @njit()
 def prepare(
-    coefficients: Array, width: float, square: bool, shape: Any, numbers: Array, boxes: Any
+    coefficients: Array, width: float, square: bool, shape: Any, numbers: Any, boxes: Any
 ) -> None:
-    """Inverse maps and boxes of outlines.
+    """Inverse maps of outlines, and boxes of pairs.
 
     Parameters
     ----------
-    coefficients: of `outlines.outlines`, shape (K, 6, 2)
+    coefficients: of `outlines.outlines`, shape (L, M, 6, 2)
     width: standard deviation of the edge [px]
     square: whether markers are squares, else discs
     shape: of the image, (H, W)
-    numbers: result, shape (K, NUMBERS), float32
-    boxes: result, (x0, x1, y0, y1) of the pixels that a marker reaches, shape (K, 4)
+    numbers: result, shape (L, M, NUMBERS), float32
+    boxes: result, (x0, x1, y0, y1) of the pixels that a pair of markers reaches, shape (M, 4)
     """
     reach = EDGE_RANGE * width
-    for k in range(coefficients.shape[0]):
-        c = coefficients[k]
-        det = c[1, 0] * c[2, 1] - c[2, 0] * c[1, 1]
+    layers = coefficients.shape[0]
+    for k in range(coefficients.shape[1]):
         boxes[k] = 0
-        numbers[k] = np.nan
-        if not (math.isfinite(c[0, 0] + c[0, 1]) and abs(det) > 1e-6):
-            continue
-        i00, i01 = c[2, 1] / det, -c[2, 0] / det
-        i10, i11 = -c[1, 1] / det, c[1, 0] / det
-        numbers[k, 0], numbers[k, 1] = c[0, 0], c[0, 1]
-        numbers[k, 2], numbers[k, 3], numbers[k, 4], numbers[k, 5] = i00, i01, i10, i11
-        for j in range(3):
-            bx, by = c[3 + j, 0], c[3 + j, 1]
-            numbers[k, 6 + 2 * j] = min(max(i00 * bx + i01 * by, -_MAX_BEND), _MAX_BEND)
-            numbers[k, 7 + 2 * j] = min(max(i10 * bx + i11 * by, -_MAX_BEND), _MAX_BEND)
-        for axis in range(2):
-            p, q = abs(c[1, axis]), abs(c[2, axis])
-            half = p + q if square else math.sqrt(p * p + q * q)
-            half += abs(c[3, axis]) + abs(c[4, axis]) + abs(c[5, axis]) + reach
-            size = shape[1 - axis]
-            boxes[k, 2 * axis] = max(0, min(size, math.ceil(c[0, axis] - half)))
-            boxes[k, 2 * axis + 1] = max(0, min(size, math.floor(c[0, axis] + half) + 1))
-            numbers[k, 13 + axis] = half
-        numbers[k, 12] = 0.0
-        if not square:
-            high = c[1, 1] ** 2 + c[2, 1] ** 2
-            numbers[k, 12] = (c[1, 0] * c[1, 1] + c[2, 0] * c[2, 1]) / high
-            numbers[k, 13] += abs(det) / math.sqrt(high) - math.sqrt(c[1, 0] ** 2 + c[2, 0] ** 2)
+        for layer in range(layers):
+            c, n = coefficients[layer, k], numbers[layer, k]
+            det = c[1, 0] * c[2, 1] - c[2, 0] * c[1, 1]
+            n[:] = np.nan
+            if not (math.isfinite(c[0, 0] + c[0, 1]) and abs(det) > 1e-6):
+                continue
+            i00, i01 = c[2, 1] / det, -c[2, 0] / det
+            i10, i11 = -c[1, 1] / det, c[1, 0] / det
+            n[0], n[1] = c[0, 0], c[0, 1]
+            n[2], n[3], n[4], n[5] = i00, i01, i10, i11
+            for j in range(3):
+                bx, by = c[3 + j, 0], c[3 + j, 1]
+                n[6 + 2 * j] = min(max(i00 * bx + i01 * by, -_MAX_BEND), _MAX_BEND)
+                n[7 + 2 * j] = min(max(i10 * bx + i11 * by, -_MAX_BEND), _MAX_BEND)
+            empty = boxes[k, 0] == boxes[k, 1] or boxes[k, 2] == boxes[k, 3]
+            for axis in range(2):
+                p, q = abs(c[1, axis]), abs(c[2, axis])
+                half = p + q if square else math.sqrt(p * p + q * q)
+                half += abs(c[3, axis]) + abs(c[4, axis]) + abs(c[5, axis]) + reach
+                size = shape[1 - axis]
+                low = max(0, min(size, math.ceil(c[0, axis] - half)))
+                high = max(0, min(size, math.floor(c[0, axis] + half) + 1))
+                boxes[k, 2 * axis] = low if empty else min(boxes[k, 2 * axis], low)
+                boxes[k, 2 * axis + 1] = high if empty else max(boxes[k, 2 * axis + 1], high)
+                n[13 + axis] = half
+            n[12] = n[15] = 0.0
+            if not square:
+                high2 = c[1, 1] ** 2 + c[2, 1] ** 2
+                n[12] = (c[1, 0] * c[1, 1] + c[2, 0] * c[2, 1]) / high2
+                n[13] += abs(det) / math.sqrt(high2) - math.sqrt(c[1, 0] ** 2 + c[2, 0] ** 2)
+        if layers == 2 and not square:
+            numbers[0, k, 15] = togetherness(coefficients[0, k], coefficients[1, k])
 
 
 @njit()
@@ -83,25 +91,25 @@ def update_coverage(
     spans: NDArray[np.int64],
     dirty: NDArray[np.bool_],
 ) -> None:
-    """Coverage of the markers that have changed, and the tiles they reach or have reached.
+    """Coverage of the pairs that have changed, and the tiles they reach or have reached.
 
     Parameters
     ----------
     numbers, boxes, old_numbers, old_boxes: of `prepare`, now and before
     width, square: as there
-    covered: coverage by each marker, by rows of its box, from a row's first block on, (K, S, S)
-    spans: first and last + 1 block of each of those rows, counted from the image's edge, (K, S, 2)
+    covered: by each layer of each pair, by rows of its box, each from its first block on,
+        shape (M, L, S, S); a third one of squares is what both layers cover
+    spans: first and last + 1 block of each of those rows, counted from the image's edge, (M, S, 2)
     dirty: tiles are marked here
     """
     # Read, not converted from the loop's counter, which takes as long as all the rest.
-    ramp = np.arange(covered.shape[2]).astype(np.float32)
-    for k in range(numbers.shape[0]):
+    ramp = np.arange(covered.shape[3]).astype(np.float32)
+    for k in range(boxes.shape[0]):
         changed = False
-        for j in range(numbers.shape[1]):
-            same = numbers[k, j] == old_numbers[k, j] or (
-                numbers[k, j] != numbers[k, j] and old_numbers[k, j] != old_numbers[k, j]
-            )
-            changed = changed or not same
+        for layer in range(numbers.shape[0]):
+            n, old = numbers[layer, k], old_numbers[layer, k]
+            for j in range(NUMBERS):
+                changed = changed or not (n[j] == old[j] or (n[j] != n[j] and old[j] != old[j]))
         if not changed:
             continue
         for b in (boxes[k], old_boxes[k]):
@@ -109,12 +117,21 @@ def update_coverage(
                 for row in range(b[2] // TILE, (b[3] - 1) // TILE + 1):
                     for col in range(b[0] // TILE, (b[1] - 1) // TILE + 1):
                         dirty[row, col] = True
-        if boxes[k, 1] > boxes[k, 0] and boxes[k, 3] > boxes[k, 2]:
-            _row_spans(numbers[k], boxes[k], square, spans[k])
-            if square:
-                _squares(numbers[k], boxes[k], spans[k], width, ramp, covered[k])
+        if not (boxes[k, 1] > boxes[k, 0] and boxes[k, 3] > boxes[k, 2]):
+            continue
+        _row_spans(numbers[:, k], boxes[k], square, spans[k])
+        for layer in range(numbers.shape[0]):
+            n, out = numbers[layer, k], covered[k, layer]
+            if n[0] != n[0]:
+                out[:] = 0.0
+            elif square:
+                _squares(n, boxes[k], spans[k], width, ramp, out)
             else:
-                _discs(numbers[k], boxes[k], spans[k], width, ramp, covered[k])
+                _discs(n, boxes[k], spans[k], width, ramp, out)
+        if covered.shape[1] == 3:
+            _both_squares(
+                numbers[0, k], numbers[1, k], boxes[k], spans[k], width, ramp, covered[k, 2]
+            )
 
 
 @njit()
@@ -122,6 +139,7 @@ def paint_tiles(
     image: NDArray[np.uint8],
     clear: NDArray[np.uint8],
     ground: NDArray[np.float32],
+    numbers: Any,
     boxes: Any,
     covered: NDArray[np.float32],
     spans: NDArray[np.int64],
@@ -136,20 +154,18 @@ def paint_tiles(
     image: sRGB, drawn into, shape (H, 3·W)
     clear: sRGB without markers, shape (H, 3·W)
     ground: linear light without markers, not negative, shape (3, H, at least W and whole blocks)
-    boxes, covered, spans: of `update_coverage`, layers one after the other
-    absorbed: 1 − transmittance of each layer's dye, shape (L, 3)
+    numbers, boxes, covered, spans: of `update_coverage`, two layers
+    absorbed: 1 − transmittance of each layer's dye, shape (2, 3)
     encoding: `colour.encoding_table()`
     dirty: tiles to draw
     """
     rows, cols = dirty.shape
-    count = boxes.shape[0]
-    per_layer = count // absorbed.shape[0]
-    # Markers of each dirty tile, by counting: ends[t] − ends[t − 1] of them, in their order.
+    # Pairs of each dirty tile, by counting: ends[t] − ends[t − 1] of them, in their order.
     ends = np.zeros(rows * cols + 1, dtype=np.int64)
     members = np.empty(0, dtype=np.int64)
     filled = ends
     for fill in (False, True):
-        for k in range(count):
+        for k in range(boxes.shape[0]):
             b = boxes[k]
             if b[1] > b[0] and b[3] > b[2]:
                 for row in range(b[2] // TILE, (b[3] - 1) // TILE + 1):
@@ -190,7 +206,17 @@ def paint_tiles(
             for i in range(ends[t], ends[t + 1]):
                 k = members[i]
                 _absorb(
-                    absorbed, k // per_layer, k, x0, y0, y1, boxes, spans, covered, light, touched
+                    absorbed,
+                    numbers[0, k, 15],
+                    k,
+                    x0,
+                    y0,
+                    y1,
+                    boxes,
+                    spans,
+                    covered,
+                    light,
+                    touched,
                 )
             for y in range(y1 - y0):
                 for h in range(TILE // LANES):
@@ -209,19 +235,19 @@ def paint_tiles(
 
 @njit()
 def union(boxes: Any, covered: NDArray[np.float32], spans: Any, out: NDArray[np.float32]) -> None:
-    """Share of each pixel that any of the markers covers, into `out` of zeros, shape (H, W)."""
+    """Share of each pixel that any marker of the first layer covers, into zeros, shape (H, W)."""
     one = np.float32(1.0)
     for k in range(boxes.shape[0]):
         for row in range(boxes[k, 3] - boxes[k, 2]):
             y, start = boxes[k, 2] + row, LANES * spans[k, row, 0]
             for x in range(max(start, 0), min(LANES * spans[k, row, 1], out.shape[1])):
-                out[y, x] = one - (one - out[y, x]) * (one - covered[k, row, x - start])
+                out[y, x] = one - (one - out[y, x]) * (one - covered[k, 0, row, x - start])
 
 
 @njit()
 def _absorb(
     absorbed: Any,
-    layer: int,
+    together: Any,
     k: int,
     x0: int,
     y0: int,
@@ -232,45 +258,50 @@ def _absorb(
     light: Any,
     touched: Any,
 ) -> None:
-    """Take away what a marker's dye absorbs in the tile at (x0, y0)."""
+    """Take away what a pair's dyes absorb in the tile at (x0, y0)."""
     one, tile = np.float32(1.0), x0 // LANES
-    red, green, blue = absorbed[layer, 0], absorbed[layer, 1], absorbed[layer, 2]
+    r0, g0, b0 = absorbed[0, 0], absorbed[0, 1], absorbed[0, 2]
+    r1, g1, b1 = absorbed[1, 0], absorbed[1, 1], absorbed[1, 2]
+    f = together if together == together else np.float32(0.0)  # a lone marker has no partner
+    known = covered.shape[1] == 3
     for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
         row = y - boxes[k, 2]
         first = max(spans[k, row, 0] - tile, 0)
         last = min(spans[k, row, 1] - tile, TILE // LANES)
         for h in range(first, last):
             offset = LANES * (h + tile - spans[k, row, 0])
-            # With LANES itself these would not become vector code.
-            if touched[y - y0, h]:
-                for j in range(light.shape[2] // 3):
-                    part = covered[k, row, offset + j]
-                    light[y - y0, h, j] *= one - part * red
-                    light[y - y0, h, LANES + j] *= one - part * green
-                    light[y - y0, h, 2 * LANES + j] *= one - part * blue
-            else:
+            if not touched[y - y0, h]:
                 touched[y - y0, h] = True
-                for j in range(light.shape[2] // 3):
-                    part = covered[k, row, offset + j]
-                    light[y - y0, h, j] = one - part * red
-                    light[y - y0, h, LANES + j] = one - part * green
-                    light[y - y0, h, 2 * LANES + j] = one - part * blue
+                for j in range(light.shape[2]):
+                    light[y - y0, h, j] = one
+            for j in range(light.shape[2] // 3):  # with LANES it would not become vector code
+                c0, c1 = covered[k, 0, row, offset + j], covered[k, 1, row, offset + j]
+                both = covered[k, 2, row, offset + j] if known else c0 * c1
+                both += f * (min(c0, c1) - both)
+                light[y - y0, h, j] *= one - c0 * r0 - c1 * r1 + both * (r0 * r1)
+                light[y - y0, h, LANES + j] *= one - c0 * g0 - c1 * g1 + both * (g0 * g1)
+                light[y - y0, h, 2 * LANES + j] *= one - c0 * b0 - c1 * b1 + both * (b0 * b1)
 
 
 @njit()
-def _row_spans(n: Any, box: Any, square: bool, spans: Any) -> None:
-    """First and last + 1 block of each row that the marker reaches, taken as an ellipse's."""
+def _row_spans(numbers: Any, box: Any, square: bool, spans: Any) -> None:
+    """First and last + 1 block of each row that a pair reaches, taken as an ellipse's."""
     spare = np.float32(0.1)  # [px]: the curve at a fixed distance from an ellipse is not quite one
     for row in range(box[3] - box[2]):
-        dy = box[2] + row - n[1]
-        middle, half = n[0] + n[12] * dy, n[13]
-        if not square:
+        first, last = box[1], box[0] - 1
+        for layer in range(numbers.shape[0]):
+            n = numbers[layer]
+            dy = box[2] + row - n[1]
             level = dy / (n[14] + spare)
-            half *= math.sqrt(max(np.float32(1.0) - level * level, np.float32(0.0)))
-        first = max(math.ceil(middle - half - spare), box[0])
-        last = min(math.floor(middle + half + spare), box[1] - 1)
+            if not abs(level) < 1.0:
+                continue
+            middle, half = n[0] + n[12] * dy, n[13]
+            if not square:
+                half *= math.sqrt(np.float32(1.0) - level * level)
+            first = min(first, max(math.ceil(middle - half - spare), box[0]))
+            last = max(last, min(math.floor(middle + half + spare), box[1] - 1))
         spans[row, 0] = first // LANES
-        spans[row, 1] = last // LANES + 1
+        spans[row, 1] = last // LANES + 1 if last >= first else first // LANES
 
 
 @njit(inline="always")
@@ -338,6 +369,36 @@ def _squares(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any
             wide = edge((one - qx) * across) - edge((-one - qx) * across)
             high = edge((one - qy) * along) - edge((-one - qy) * along)
             covered[row, j] = wide * high
+
+
+@njit()
+def _both_squares(
+    n: Any, m: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any
+) -> None:
+    """Coverage of a box by what two squares share: of parallel sides the inner ones."""
+    if n[0] != n[0] or m[0] != m[0]:
+        covered[:] = 0.0
+        return
+    one, zero = np.float32(1.0), np.float32(0.0)
+    cx, cy, i00, i01, i10, i11, _, _, _, _, _, _ = _twelve(n)
+    dx, dy, j00, j01, j10, j11, _, _, _, _, _, _ = _twelve(m)
+    reach = np.float32(EDGE_RANGE * width)
+    a1 = one / (reach * np.sqrt(i00 * i00 + i01 * i01))
+    a2 = one / (reach * np.sqrt(i10 * i10 + i11 * i11))
+    b1 = one / (reach * np.sqrt(j00 * j00 + j01 * j01))
+    b2 = one / (reach * np.sqrt(j10 * j10 + j11 * j11))
+    for row in range(box[3] - box[2]):
+        y = np.float32(box[2] + row)
+        start = np.float32(LANES * spans[row, 0])
+        for j in range(LANES * (spans[row, 1] - spans[row, 0])):
+            x = start + ramp[j]
+            q1, q2 = i00 * (x - cx) + i01 * (y - cy), i10 * (x - cx) + i11 * (y - cy)
+            p1, p2 = j00 * (x - dx) + j01 * (y - dy), j10 * (x - dx) + j11 * (y - dy)
+            wide = min(edge((one - q1) * a1), edge((one - p1) * b1))
+            wide += min(edge((one + q1) * a1), edge((one + p1) * b1)) - one
+            high = min(edge((one - q2) * a2), edge((one - p2) * b2))
+            high += min(edge((one + q2) * a2), edge((one + p2) * b2)) - one
+            covered[row, j] = max(wide, zero) * max(high, zero)
 
 
 @njit()

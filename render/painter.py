@@ -1,4 +1,4 @@
-"""The fast renderer: analytic anti-aliased markers, layers multiplied in linear light."""
+"""The fast renderer: analytic anti-aliased markers, whose dyes multiply in linear light."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,16 +53,16 @@ class Painter:
         self._image = self._clear.copy()
         view = sensor.view
         self._dirty = np.zeros((-(-view.height // TILE), -(-view.width // TILE)), dtype=np.bool_)
-        self._numbers = np.empty((2, 0, NUMBERS), dtype=np.float32)
+        self._numbers = np.empty((2, 2, 0, NUMBERS), dtype=np.float32)
         self._boxes = np.empty((2, 0, 4), dtype=np.int64)
-        self._covered = np.empty((0, 0, 0), dtype=np.float32)
+        self._covered = np.empty((0, 2, 0, 0), dtype=np.float32)
         self._spans = np.empty((0, 0, 2), dtype=np.int64)
 
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
-        coefficients = outlines(membrane, self._view).reshape(-1, 6, 2)
-        if len(coefficients) != self._numbers.shape[1]:
-            self._forget(len(coefficients))
+        coefficients = outlines(membrane, self._view)
+        if coefficients.shape[1] != self._boxes.shape[1]:
+            self._forget(coefficients.shape[1])
         np.rint(coefficients / GRID, out=coefficients)
         coefficients *= GRID
         self._numbers[1], self._boxes[1] = self._numbers[0], self._boxes[0]
@@ -70,7 +70,7 @@ class Painter:
         prepare(coefficients, self._width, self._square, size, self._numbers[0], self._boxes[0])
         self._make_room()
         if self._redraw:
-            self._numbers[1], self._dirty[:] = np.nan, True
+            self._numbers[1], self._dirty[:] = np.inf, True
         update_coverage(
             self._numbers[0],
             self._boxes[0],
@@ -86,6 +86,7 @@ class Painter:
             self._image.reshape(rows, -1),
             self._clear.reshape(rows, -1),
             self._ground,
+            self._numbers[0],
             self._boxes[0],
             self._covered,
             self._spans,
@@ -96,19 +97,19 @@ class Painter:
         return self._image.copy()
 
     def _forget(self, count: int) -> None:
-        """Start anew, with so many markers."""
-        self._numbers = np.full((2, count, NUMBERS), np.nan, dtype=np.float32)
+        """Start anew, with so many pairs."""
+        self._numbers = np.full((2, 2, count, NUMBERS), np.nan, dtype=np.float32)
         self._boxes = np.zeros((2, count, 4), dtype=np.int64)
         self._dirty[:] = True
 
     def _make_room(self) -> None:
-        """Room for the coverage of the largest marker."""
+        """Room for the coverage of the largest pair."""
         boxes, have = self._boxes[0], self._covered.shape
         rows = (boxes[:, 3] - boxes[:, 2]).max(initial=0)
         cols = (boxes[:, 1] - boxes[:, 0]).max(initial=0) + 2 * LANES
-        if len(boxes) != have[0] or rows > have[1] or cols > have[2]:
-            self._covered, self._spans = _room(boxes)
-            self._numbers[1] = np.nan  # what was covered is drawn anew
+        if len(boxes) != have[0] or rows > have[2] or cols > have[3]:
+            self._covered, self._spans = _room(boxes, 3 if self._square else 2)
+            self._numbers[1] = np.inf  # what was covered is drawn anew
 
     def close(self) -> None:
         """Nothing to release."""
@@ -131,10 +132,11 @@ def coverage_image(
     Shape (H, W).
     """
     count = len(coefficients)
-    numbers = np.full((2, count, NUMBERS), np.nan, dtype=np.float32)
+    numbers = np.full((2, 1, count, NUMBERS), np.inf, dtype=np.float32)
     boxes = np.zeros((2, count, 4), dtype=np.int64)
-    prepare(np.rint(coefficients / GRID) * GRID, width, square, size, numbers[0], boxes[0])
-    covered, spans = _room(boxes[0])
+    rounded = np.rint(coefficients / GRID)[None] * GRID
+    prepare(rounded, width, square, size, numbers[0], boxes[0])
+    covered, spans = _room(boxes[0], 1)
     dirty = np.zeros((-(-size[0] // TILE), -(-size[1] // TILE)), dtype=np.bool_)
     update_coverage(
         numbers[0], boxes[0], numbers[1], boxes[1], width, square, covered, spans, dirty
@@ -144,11 +146,11 @@ def coverage_image(
     return image
 
 
-def _room(boxes: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Arrays for the coverage of markers no larger than the largest of these, and some more."""
+def _room(boxes: NDArray[np.int64], layers: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Arrays for the coverage of pairs no larger than the largest of these, and some more."""
     rows = int((boxes[:, 3] - boxes[:, 2]).max(initial=0)) + LANES
     cols = int((boxes[:, 1] - boxes[:, 0]).max(initial=0)) + 3 * LANES
     return (
-        np.zeros((len(boxes), rows, cols // LANES * LANES), dtype=np.float32),
+        np.zeros((len(boxes), layers, rows, cols // LANES * LANES), dtype=np.float32),
         np.zeros((len(boxes), rows, 2), dtype=np.int64),
     )

@@ -40,27 +40,38 @@ def polygon_centroids(corners: Array) -> Array:
     return start[..., 0, :] + sums / (3.0 * cross.sum(axis=-1)[..., None])
 
 
-def supersampled_coverage(sensor: SensorDesign, corners: Array) -> NDArray[np.float32]:
-    """Share of each pixel covered by polygons (K, CORNERS, 2), blurred as the lens does, (H, W)."""
-    height, width = sensor.view.height, sensor.view.width
-    fine = np.zeros((height * SAMPLES, width * SAMPLES), dtype=np.uint8)
+def supersampled_image(sensor: SensorDesign, membrane: Membrane) -> NDArray[np.uint8]:
+    """Noise-free sRGB image of the membrane, shape (H, W, 3).
+
+    Light passes both dyes before the lens blurs it.
+    """
+    masks = [_fine_mask(sensor, corners) for corners in projected_outlines(sensor, membrane)]
+    magenta, yellow = sensor.transmittance
+    parts = [
+        (_seen(sensor, masks[0]), -(1.0 - magenta)),
+        (_seen(sensor, masks[1]), -(1.0 - yellow)),
+        (_seen(sensor, masks[0] & masks[1]), (1.0 - magenta) * (1.0 - yellow)),
+    ]
+    linear = ground_image(sensor) * (1.0 + sum(c[..., None] * dye for c, dye in parts))
+    return np.rint(encode_srgb(linear)).astype(np.uint8)
+
+
+def _fine_mask(sensor: SensorDesign, corners: Array) -> NDArray[np.uint8]:
+    """Samples that polygons (K, CORNERS, 2) cover, 255 there."""
+    shape = (sensor.view.height * SAMPLES, sensor.view.width * SAMPLES)
+    fine = np.zeros(shape, dtype=np.uint8)
     for outline in corners:
         if np.isfinite(outline).all():
             # Fine pixel centres lie at integers too.
             x, y = ((outline + 0.5) * SAMPLES - 0.5).T
-            fine[polygon(y, x, fine.shape)] = 255
-    covered = cv2.resize(
-        fine.astype(np.float32) / 255.0, (width, height), interpolation=cv2.INTER_AREA
+            fine[polygon(y, x, shape)] = 255
+    return fine
+
+
+def _seen(sensor: SensorDesign, fine: NDArray[np.uint8]) -> Array:
+    """Share of each pixel that samples cover once the lens has blurred them, shape (H, W)."""
+    blurred = cv2.GaussianBlur(
+        fine.astype(np.float32) / 255.0, (0, 0), SAMPLES * sensor.camera.blur_px
     )
-    return np.asarray(cv2.GaussianBlur(covered, (0, 0), sensor.camera.blur_px))
-
-
-def supersampled_image(sensor: SensorDesign, membrane: Membrane) -> NDArray[np.uint8]:
-    """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
-    linear = ground_image(sensor).astype(float)
-    for corners, dye in zip(
-        projected_outlines(sensor, membrane), sensor.transmittance, strict=True
-    ):
-        covered = supersampled_coverage(sensor, corners).astype(float)
-        linear *= 1.0 - covered[..., None] * (1.0 - dye)
-    return np.rint(encode_srgb(linear)).astype(np.uint8)
+    size = (sensor.view.width, sensor.view.height)
+    return np.asarray(cv2.resize(blurred, size, interpolation=cv2.INTER_AREA), dtype=float)

@@ -1,9 +1,10 @@
 """Compiled fit of a pair of overlapping markers to the image. `tracker.py` documents the use.
 
-Model of a pixel, in linear light: ground · Π over layers of (1 − coverage·(1 − transmittance)),
-with the coverage of a blurred ellipse of known shape. Markers of other pairs that reach into the
-window darken the ground by where they were last seen. Free, for both layers: centre (x, y),
-logarithmic size e and the strain (p, q) that turns the shape S into eᵉ·[[1+p, q], [q, 1−p]]·S.
+Model of a pixel, in linear light: ground · (1 − a₀·C₀ − a₁·C₁ + a₀·a₁·C₀₁), a being what a dye
+absorbs, C the coverage of a blurred ellipse of known shape and C₀₁ that of both together. Markers
+of other pairs that reach into the window darken the ground by where they were last seen. Free, for
+both layers: centre (x, y), logarithmic size e and the strain (p, q) that turns the shape S into
+eᵉ·[[1+p, q], [q, 1−p]]·S.
 """
 
 import math
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from ..render.coverage import EDGE_RANGE, edge, signed_distance
+from ..render.coverage import EDGE_RANGE, edge, signed_distance, togetherness
 
 Array = NDArray[np.float64]
 
@@ -67,6 +68,7 @@ def fit_pairs(
     count = fits.shape[0]
     normal, gradient = np.empty((10, 10)), np.empty(10)
     inverses = np.empty((2 + 2 * optics.neighbours.shape[1], 2, 2))
+    outlines = np.empty((2, 3, 2))
     places = np.empty((2 * optics.neighbours.shape[1], 4))
     crowded = np.zeros(count, dtype=np.bool_)
     moved = np.zeros(count)
@@ -80,7 +82,7 @@ def fit_pairs(
                 continue
         misfit[m] = np.inf
         for _ in range(iterations):
-            window = _window(optics, fits, m, inverses)
+            window = _window(optics, fits, m, inverses, outlines)
             if not (
                 window[0] >= 0
                 and window[2] >= 0
@@ -92,7 +94,16 @@ def fit_pairs(
             others = _reaching_in(optics, fits, m, window, places, inverses)
             crowded[m] = others > 0
             misfit[m] = _normal_equations(
-                image, optics, fits[m], window, places, inverses, others, normal, gradient
+                image,
+                optics,
+                fits[m],
+                togetherness(outlines[0], outlines[1]),
+                window,
+                places,
+                inverses,
+                others,
+                normal,
+                gradient,
             )
             covariance[m] = np.linalg.inv(normal)
             largest = _improve(fits[m], covariance[m] @ gradient)
@@ -105,7 +116,9 @@ def fit_pairs(
 
 
 @njit()
-def _window(optics: Any, fits: Array, m: int, inverses: Array) -> tuple[float, float, float, float]:
+def _window(
+    optics: Any, fits: Array, m: int, inverses: Array, outlines: Array
+) -> tuple[float, float, float, float]:
     """Box (x0, x1, y0, y1) around both layers; their inverse shapes go to the first inverses."""
     shape = np.empty((2, 2))
     reach = FIT_RANGE * optics.width
@@ -113,6 +126,8 @@ def _window(optics: Any, fits: Array, m: int, inverses: Array) -> tuple[float, f
     for k in range(2):
         _stretch(optics.shapes[k, m], fits[m, k], shape)
         _invert(shape, inverses[k])
+        outlines[k, 0] = fits[m, k, :2]
+        outlines[k, 1:] = shape.T
         half_x = math.sqrt(shape[0, 0] ** 2 + shape[0, 1] ** 2) + reach
         half_y = math.sqrt(shape[1, 0] ** 2 + shape[1, 1] ** 2) + reach
         x0 = min(x0, fits[m, k, 0] - half_x)
@@ -160,6 +175,7 @@ def _normal_equations(
     image: NDArray[np.uint8],
     optics: Any,
     fit: Array,
+    together: float,
     window: tuple[float, float, float, float],
     places: Array,
     inverses: Array,
@@ -202,14 +218,22 @@ def _normal_equations(
                     shade = edge(distance / (EDGE_RANGE * width))
                     for ch in range(3):
                         light[ch] *= 1.0 - shade * absorbed[int(places[o, 3]), ch]
+            c0, c1 = covered[0], covered[1]
+            # See `togetherness`: both cover this, and change it so.
+            both = (1.0 - together) * c0 * c1 + together * min(c0, c1)
+            by0 = (1.0 - together) * c1 + (together if c0 < c1 else 0.0)
+            by1 = (1.0 - together) * c0 + (together if c1 < c0 else 0.0)
+            if c0 == c1:
+                by0 += 0.5 * together
+                by1 += 0.5 * together
             w00 = w01 = w11 = b0 = b1 = 0.0
             for ch in range(3):
                 level = image[row, col, ch]
-                clear0 = 1.0 - covered[0] * absorbed[0, ch]
-                clear1 = 1.0 - covered[1] * absorbed[1, ch]
-                residual = optics.linear[level] - light[ch] * clear0 * clear1
-                d0 = -light[ch] * absorbed[0, ch] * clear1
-                d1 = -light[ch] * absorbed[1, ch] * clear0
+                a0, a1 = absorbed[0, ch], absorbed[1, ch]
+                seen = 1.0 - a0 * c0 - a1 * c1 + a0 * a1 * both
+                residual = optics.linear[level] - light[ch] * seen
+                d0 = -light[ch] * a0 * (1.0 - a1 * by0)
+                d1 = -light[ch] * a1 * (1.0 - a0 * by1)
                 w = optics.weight[level]
                 w00 += w * d0 * d0
                 w01 += w * d0 * d1
