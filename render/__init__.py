@@ -1,4 +1,4 @@
-"""What the camera sees: I = ground · Π over layers of (1 − coverage·(1 − transmittance))."""
+"""What the camera sees: ground · Π over layers of (1 − covered·(1 − transmittance)), blurred."""
 
 from .calibration import CalibrationError, load_camera, save_camera
 from .camera import Camera, FisheyeCamera, PinholeCamera

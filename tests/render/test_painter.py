@@ -1,12 +1,15 @@
 import numpy as np
 import pytest
+from msgspec.structs import replace
+from scipy.stats import multivariate_normal, norm
 
 from chromagrip.model import ContactObject, Fingertip, rest_state, step
 from chromagrip.render import Membrane, MembraneMap, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
-from chromagrip.render.coverage import edge_width
+from chromagrip.render.coverage import edge_width, togetherness
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.render.painter import Painter, coverage_image
+from chromagrip.render.supersampled import supersampled_image
 
 SENSOR = load_sensor("thesis")
 
@@ -101,6 +104,45 @@ def test_redrawing_what_moved_is_redrawing_all_bit_for_bit() -> None:
     )
     for membrane in (rest, near, far, far, gone, near, rest):
         assert (fast.render(membrane) == full.render(membrane)).all()
+
+
+def test_edges_that_go_together_are_blurred_together() -> None:
+    """What two blurred edges both cover is a bivariate normal probability; the blend is close."""
+    rng = np.random.default_rng(1)
+    for cosine in (0.0, 0.3, 0.6, 0.9, 0.99):
+        # Two circles of radius 5 whose edges cross at that angle.
+        apart = 5.0 * np.sqrt(2.0 - 2.0 * cosine)
+        outline = coefficients(
+            np.array([[0.0, 0.0], [apart, 0.0]]), np.tile(5 * np.eye(2), (2, 1, 1))
+        )
+        share = togetherness(outline[0], outline[1])
+        assert share == pytest.approx(2 / np.pi * np.arcsin(cosine), abs=1e-9)
+        distance = rng.uniform(-2.5, 2.5, (200, 2))
+        first, second = norm.cdf(distance).T
+        blend = first * second + share * (np.minimum(first, second) - first * second)
+        exact = multivariate_normal([0, 0], [[1, cosine], [cosine, 1]]).cdf(distance)
+        assert abs(blend - exact).max() < 0.035
+        if cosine > 0.5:  # where a product is far off
+            assert abs(first * second - exact).max() > 2 * abs(blend - exact).max()
+
+
+@pytest.mark.parametrize("name", ["dome-2020", "flat-2019"])
+def test_pictures_are_those_of_brute_force(name: str) -> None:
+    """Discs and squares whose layers lie apart, against 81 samples a pixel, blurred as light is."""
+    sensor = load_sensor(name)
+    small = replace(sensor.camera, width_px=320, height_px=240)
+    if name == "dome-2020":
+        small = replace(small, focal_px=(70.0, 70.0))
+    sensor = replace(sensor, camera=small)
+    rest = MembraneMap(sensor, 11)(np.zeros((11, 2)))
+    rng = np.random.default_rng(2)
+    shift = 0.4e-3 * rng.standard_normal((len(sensor.places), 2))
+    centres = rest.centres.copy()
+    centres[1] += np.einsum("mki,mi->mk", rest.axes[1] / sensor.half_sizes[1], shift)
+    membrane = Membrane(centres=centres, axes=rest.axes)
+    off = Painter(sensor).render(membrane).astype(int) - supersampled_image(sensor, membrane)
+    assert (abs(off).max(axis=-1) > 3).mean() < 0.02  # what the meshes are held to
+    assert abs(off.mean()) < 0.1
 
 
 def test_outlines_are_what_the_camera_projects() -> None:
