@@ -71,9 +71,7 @@ class FisheyeCamera:
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
         rho = np.sqrt(x * x + y * y)
         bent = self._bent(np.arctan2(rho, z))
-        # bent/rho → 1/z on the axis.
-        aside = rho > 1e-12
-        scale = np.where(aside, bent, 1.0) / np.where(aside, rho, z)
+        scale = bent / np.maximum(rho, 1e-300)  # on the axis x and y are 0, whatever the scale
         out = np.empty((*rho.shape, 2))
         out[..., 0] = self.centre[0] + self.focal[0] * scale * x
         out[..., 1] = self.centre[1] + self.focal[1] * scale * y

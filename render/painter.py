@@ -6,18 +6,10 @@ from numpy.typing import NDArray
 from .colour import encoding_table
 from .coverage import edge_width
 from .ground import ground_image
+from .marker_kernels import LANES, NUMBERS, TILE, prepare, update_coverage
 from .membrane import Membrane
 from .outlines import outlines
-from .paint_kernels import (
-    LANES,
-    NUMBERS,
-    TILE,
-    encode,
-    paint_tiles,
-    prepare,
-    union,
-    update_coverage,
-)
+from .paint_kernels import encode, paint_tiles, union
 from .sensor import SensorDesign
 
 Array = NDArray[np.float64]
@@ -63,7 +55,8 @@ class Painter:
         coefficients = outlines(membrane, self._view)
         if coefficients.shape[1] != self._boxes.shape[1]:
             self._forget(coefficients.shape[1])
-        np.rint(coefficients / GRID, out=coefficients)
+        coefficients *= 1.0 / GRID
+        np.rint(coefficients, out=coefficients)
         coefficients *= GRID
         self._numbers[1], self._boxes[1] = self._numbers[0], self._boxes[0]
         rows, size = self._view.height, (self._view.height, self._view.width)
