@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from .membrane import Membrane, MembraneMap
+from .membrane import Membrane, rest_membrane
 from .sensor import SensorDesign, Share
 from .tables import Table
 
@@ -93,7 +93,7 @@ class Flaws:
             scatter = np.random.default_rng([seed, MISPLACEMENT]).standard_normal((2, count, 2))
             self._offsets += 1e-3 * defects.misplacement_mm / half * scatter
         if defects.misalignment_mm:
-            rest = MembraneMap(sensor, 11)(np.zeros((11, 2)))
+            rest = rest_membrane(sensor)
             moved = misalignment(sensor, rest.centres[1], defects.misalignment_mm * 1e-3, seed)
             self._offsets[1] += np.einsum("mki,mk->mi", rest.axes[1], moved) / half[1] ** 2
         self._missing = np.zeros((2, count), dtype=np.bool_)

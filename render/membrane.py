@@ -78,6 +78,11 @@ class MembraneMap:
         return 1.0 + strain
 
 
+def rest_membrane(sensor: SensorDesign) -> Membrane:
+    """Markers of the unloaded sensor."""
+    return MembraneMap(sensor, 11)(np.zeros((11, 2)))
+
+
 def outline_axes(carried: Array, stretch: float) -> Array:
     """Axes of unit outlines on a skin carried by F = R·U: R and `stretch` of the U, (…, 3, 2)."""
     # The root of a 2×2 matrix C is (C + √det C)/√(tr C + 2√det C).

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .colour import encoding_table
 from .gl import MEND, GLMissingError, gl_problem, prepare
 from .ground import ground_image
-from .membrane import Membrane, MembraneMap
+from .membrane import Membrane, rest_membrane
 from .outlines import outline_points, outlines
 from .paint_kernels import encode
 from .sensor import SensorDesign
@@ -136,6 +136,5 @@ def _outline(form: str) -> NDArray[np.float64]:
 
 def _mean_half(sensor: SensorDesign) -> float:
     """Mean half size of the resting markers in the image [px]."""
-    rest = MembraneMap(sensor, 11)(np.zeros((11, 2)))
-    axes = outlines(rest, sensor.view)[:, :, 1:3]
+    axes = outlines(rest_membrane(sensor), sensor.view)[:, :, 1:3]
     return float(np.sqrt(abs(np.linalg.det(axes))).mean())

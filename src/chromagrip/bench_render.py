@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from .bench_rows import Row, at_least, at_most, reported
-from .judge import colour_difference, layer_centroids, poses_of, rest_membrane
+from .judge import colour_difference, layer_centroids, poses_of
 from .loop import grasp, open_camera
 from .model import ContactObject, Fingertip, equilibrium
 from .path_traced import against_path_traced
 from .render import Membrane, MembraneMap, SensorDesign, TruthMap, load_sensor
 from .render.gl import gl_problem
+from .render.membrane import rest_membrane
 from .render.mesh_renderer import MeshRenderer
 from .render.outlines import centroids, outlines
 from .render.painter import Painter

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from skimage.color import deltaE_ciede2000, rgb2lab
 
 from .model import ContactObject, Fingertip, equilibrium
-from .render import Membrane, MembraneMap, SensorDesign
+from .render import Membrane, SensorDesign
 from .render.colour import decode_srgb
 from .render.outlines import centroids, outlines
 
@@ -85,8 +85,3 @@ def _centroid(dark: Array, near: Array, radius: float) -> Array:
     part = dark[low[1] : high[1], low[0] : high[0]]
     y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
     return np.array([(part * x).sum(), (part * y).sum()]) / part.sum()
-
-
-def rest_membrane(sensor: SensorDesign) -> Membrane:
-    """Markers of the unloaded sensor."""
-    return MembraneMap(sensor, 11)(np.zeros((11, 2)))

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bench_rows import Row, at_most, reported
-from .judge import colour_difference, rest_membrane
+from .judge import colour_difference
 from .render import Membrane, MembraneMap, SensorDesign, TruthMap, load_sensor
 from .render.colour import decode_srgb, encode_srgb
 from .render.ground import ground_image, inside_rim, pixel_grid
+from .render.membrane import rest_membrane
 from .render.outlines import outlines
 from .render.painter import Painter
 from .tracking.unmixing import dye_densities, estimate_ground, unmixing_matrix

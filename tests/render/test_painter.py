@@ -7,6 +7,7 @@ from chromagrip.model import ContactObject, Fingertip, rest_state, step
 from chromagrip.render import Membrane, MembraneMap, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.coverage import edge_width, togetherness
+from chromagrip.render.membrane import rest_membrane
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.render.painter import Painter, coverage_image
 from chromagrip.render.supersampled import supersampled_image
@@ -134,7 +135,7 @@ def test_pictures_are_those_of_brute_force(name: str) -> None:
     if name == "dome-2020":
         small = replace(small, focal_px=(70.0, 70.0))
     sensor = replace(sensor, camera=small)
-    rest = MembraneMap(sensor, 11)(np.zeros((11, 2)))
+    rest = rest_membrane(sensor)
     rng = np.random.default_rng(2)
     shift = 0.4e-3 * rng.standard_normal((len(sensor.places), 2))
     centres = rest.centres.copy()
