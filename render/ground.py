@@ -15,6 +15,11 @@ def pixel_grid(sensor: SensorDesign) -> Array:
     return np.stack([x, y], axis=-1)
 
 
+def pixel_places(sensor: SensorDesign) -> Array:
+    """Place on the resting skin that each pixel shows, NaN where it shows none, shape (H, W, 2)."""
+    return sensor.shape.meet(*sensor.view.trace(pixel_grid(sensor)), 0.0)
+
+
 def inside_rim(sensor: SensorDesign, places: Array) -> Array:
     """Distance in the image from the edge of the skin, positive inside [px], shape (H, W)."""
     distance = sensor.shape.rim_distance(places)
@@ -26,7 +31,7 @@ def inside_rim(sensor: SensorDesign, places: Array) -> Array:
 
 def ground_image(sensor: SensorDesign) -> NDArray[np.float32]:
     """Linear light of the sensor without markers, shape (H, W, 3)."""
-    places = sensor.shape.meet(*sensor.view.trace(pixel_grid(sensor)), 0.0)
+    places = pixel_places(sensor)
     share = np.nan_to_num(np.clip(places[..., 0] / sensor.shape.half, 0.0, 1.0), nan=1.0)
     apex, rim, housing = (
         decode_srgb(np.array(level, dtype=float))

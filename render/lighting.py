@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from .colour import decode_srgb
 from .defects import DUST, LEDS, SPECULAR, Defects
-from .ground import inside_rim, pixel_grid, seam_cover
+from .ground import inside_rim, pixel_grid, pixel_places, seam_cover
 from .sensor import Seams, SensorDesign
 
 Array = NDArray[np.float64]
@@ -65,9 +65,8 @@ def glare_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | No
 
 def _skin(sensor: SensorDesign) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Pixels (H, W, 2), the places seen there, and whether they are on the skin (H, W)."""
-    pixels = pixel_grid(sensor)
-    places = sensor.shape.meet(*sensor.view.trace(pixels), 0.0)
-    return pixels, places, inside_rim(sensor, places) > 0.0
+    places = pixel_places(sensor)
+    return pixel_grid(sensor), places, inside_rim(sensor, places) > 0.0
 
 
 def _middle(sensor: SensorDesign) -> Array:

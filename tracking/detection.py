@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..render import LAYERS, SensorDesign
-from ..render.ground import inside_rim, pixel_grid
+from ..render.ground import inside_rim, pixel_places
 from .unmixing import dye_densities, estimate_ground, unmixing_matrix
 
 Array = NDArray[np.float64]
@@ -40,8 +40,7 @@ def detect_markers(linear: Array, sensor: SensorDesign) -> tuple[Array, Array]:
             f"rest frame has shape {linear.shape}, the sensor's camera gives "
             f"{(view.height, view.width, 3)}"
         )
-    places = sensor.shape.meet(*view.trace(pixel_grid(sensor)), 0.0)
-    skin = inside_rim(sensor, places) > 2.0 * sensor.camera.blur_px
+    skin = inside_rim(sensor, pixel_places(sensor)) > 2.0 * sensor.camera.blur_px
     middle = [sensor.shape.points(np.array([[1e-6, 0.0]]), depth) for depth in sensor.depths]
     gain = np.array([np.sqrt(np.linalg.det(view.jacobian(p)[0, :, :2])) for p in middle])
     size = gain * sensor.half_sizes

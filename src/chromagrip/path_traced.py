@@ -20,7 +20,7 @@ from .bench_rows import Row, at_most, reported
 from .judge import colour_difference
 from .render import Membrane, MembraneMap, SensorDesign, TruthMap, load_sensor
 from .render.colour import decode_srgb, encode_srgb
-from .render.ground import ground_image, inside_rim, pixel_grid
+from .render.ground import ground_image, inside_rim, pixel_places
 from .render.membrane import rest_membrane
 from .render.outlines import outlines
 from .render.painter import Painter
@@ -106,8 +106,7 @@ def _traced(sensor: SensorDesign, entry: Entry) -> NDArray[np.uint8]:
 
 def _ground(sensor: SensorDesign, image: NDArray[np.uint8]) -> Array:
     """Linear light between the markers of a resting picture, under every pixel."""
-    places = sensor.shape.meet(*sensor.view.trace(pixel_grid(sensor)), 0.0)
-    skin = inside_rim(sensor, places) > 2.0
+    skin = inside_rim(sensor, pixel_places(sensor)) > 2.0
     pitch = np.sqrt(skin.sum() / len(sensor.places))
     return estimate_ground(decode_srgb(image.astype(float)), skin, pitch)
 
