@@ -4,7 +4,7 @@ import numpy as np
 
 from chromagrip.model import ContactObject, Fingertip, contact_forces, rest_state, step
 from chromagrip.render import Frame, MembraneMap, add_noise, load_sensor, open_renderer
-from chromagrip.tracking import ForceEstimator, MarkerTracker
+from chromagrip.tracking import ForceEstimator, MarkerTracker, Palette
 
 GRIP, LOAD = 2.0, 0.5  # N
 
@@ -18,9 +18,9 @@ def main() -> None:
         add_noise(image, sigma=2.0, seed=0, index=index)
         return Frame(image=image, time=0.01 * index)
 
-    tracker = MarkerTracker(sensor, noise=2.0)
+    tracker = MarkerTracker(Palette.of_sensor(sensor), noise=2.0)
     rest = tracker.reset([picture(np.zeros((tip.nodes, 2)), 1000 + k) for k in range(16)])
-    forces = ForceEstimator(sensor, tip, tracker.places, rest)
+    forces = ForceEstimator(sensor, tip, rest)
 
     state = rest_state(tip)
     for k in range(50):

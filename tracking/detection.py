@@ -1,84 +1,308 @@
-"""Markers of both layers in the rest frame."""
+"""Markers of a single picture, and those of a rest frame, which all trackers start from."""
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ..render import LAYERS, SensorDesign
+from ..render import Frame, SensorDesign
+from ..render.colour import decode_srgb
 from ..render.ground import inside_rim, pixel_places
-from .unmixing import dye_densities, estimate_ground, unmixing_matrix
+from .palette import Palette
+from .unmixing import (
+    dye_densities,
+    estimate_ground,
+    plain_pixels,
+    rough_ground,
+    unmixing_matrix,
+)
 
 Array = NDArray[np.float64]
 
+#: The dome, or whatever is lit, is brighter than this share of the brightest ground.
+_LIT = 0.2
+#: A colour image has channels that differ by more than this somewhere [grey levels].
+_COLOURED = 12.0
+#: Markers' areas over the typical one: tilted, cut by the rim; stretched by a fisheye's rim.
+_SMALLEST, _LARGEST = 0.35, 3.0
+#: Fewer pixels are no marker.
+_FEWEST_PIXELS = 6
+
 
 class DetectionError(ValueError):
-    """The rest frame does not show the sensor's markers."""
+    """The image does not show the markers."""
 
 
-def detect_markers(linear: Array, sensor: SensorDesign) -> tuple[Array, Array]:
-    """Marker pairs of a rest frame and the ground between them.
+@dataclass(frozen=True, kw_only=True)
+class Markers:
+    """Markers of one layer in one picture, n of them.
+
+    Attributes
+    ----------
+    position: centroid of the dye's density [px], shape (n, 2)
+    area: [px²], shape (n,)
+    hue: of the mean colour inside [°], −180…180; NaN for a grey, shape (n,)
+    """
+
+    position: Array
+    area: Array
+    hue: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestFrame:
+    """What the unloaded sensor shows, L layers of M markers.
+
+    Attributes
+    ----------
+    image: mean of the rest frames [sRGB levels], shape (H, W, 3)
+    ground: linear light of the unmarked skin, shape (H, W, 3)
+    position: of markers that sit on each other [px], NaN for a layer that has none, (L, M, 2)
+    radius: of a typical marker of each layer [px], shape (L,)
+    pitch: typical distance to the nearest other marker [px]
+    """
+
+    image: Array
+    ground: Array
+    position: Array
+    radius: Array
+    pitch: float
+
+
+def detect_markers(image: Array | NDArray[np.uint8], palette: Palette) -> list[Markers]:
+    """Markers of each of the palette's layers in one picture.
 
     Parameters
     ----------
-    linear: linear-light image of the unloaded sensor, shape (H, W, 3)
-    sensor: calibration
-
-    Returns
-    -------
-    pairs: centres [px] of magenta and yellow markers that sit on each other, shape (2, M, 2)
-    ground: linear light of the unmarked skin, shape (H, W, 3)
+    image: sRGB levels 0…255, shape (H, W, 3)
+    palette: of the markers
 
     Raises
     ------
     DetectionError
-        When fewer than nine tenths of the sensor's markers are found as pairs.
+        When the picture is grey and the palette is not, or it shows no markers at all.
     """
-    view = sensor.view
-    if linear.shape != (view.height, view.width, 3):
-        raise DetectionError(
-            f"rest frame has shape {linear.shape}, the sensor's camera gives "
-            f"{(view.height, view.width, 3)}"
-        )
-    skin = inside_rim(sensor, pixel_places(sensor)) > 2.0 * sensor.camera.blur_px
-    middle = [sensor.shape.points(np.array([[1e-6, 0.0]]), depth) for depth in sensor.depths]
-    gain = np.array([np.sqrt(np.linalg.det(view.jacobian(p)[0, :, :2])) for p in middle])
-    size = gain * sensor.half_sizes
-    expected = len(sensor.places)
-    pitch = np.sqrt(skin.sum() / expected)
-    ground = estimate_ground(linear, skin, pitch)
-    densities = dye_densities(linear, ground, unmixing_matrix(sensor.transmittance))
-    layers = [
-        _blobs(np.where(skin, density, 0.0), area=np.pi * radius**2)
-        for density, radius in zip(densities, size, strict=True)
-    ]
-    pairs = _pair(layers[0], layers[1], reach=float(size.max()))
-    if pairs.shape[1] < 0.9 * expected:
-        counts = ", ".join(f"{len(p)} {name}" for p, name in zip(layers, LAYERS, strict=True))
-        raise DetectionError(
-            f"rest frame shows {counts} markers, {pairs.shape[1]} of them as pairs; "
-            f"the sensor has {expected}"
-        )
-    return pairs, ground
+    return _detect(image, palette)[0]
 
 
-def _blobs(density: Array, area: float) -> Array:
-    """Centres [px] of connected regions above half density and of plausible area, (n, 2)."""
-    mask = (density > 0.5).astype(np.uint8)
-    _, _, stats, centroids = cv2.connectedComponentsWithStats(mask)
-    found = stats[:, cv2.CC_STAT_AREA]
-    # The fisheye stretches markers at the rim by up to π/2.
-    plausible = (found > 0.4 * area) & (found < 2.5 * area)
-    plausible[0] = False  # the background
-    return np.asarray(centroids[plausible], dtype=float)
+def resting_ground(image: Array | NDArray[np.uint8], palette: Palette) -> Array:
+    """Linear light of the skin between and under the markers of one picture, shape (H, W, 3)."""
+    return _detect(image, palette)[1]
 
 
-def _pair(magenta: Array, yellow: Array, reach: float) -> Array:
-    """Mutual nearest neighbours within `reach`, in a stable order, shape (2, M, 2)."""
-    if len(magenta) == 0 or len(yellow) == 0:
-        return np.empty((2, 0, 2))
-    distance, partner = KDTree(yellow).query(magenta)
+def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
+    """Markers and ground of an unloaded sensor, from the mean of its frames.
+
+    Raises
+    ------
+    DetectionError
+        When there is no frame, or it does not show the markers, or shows them under load.
+    """
+    if not rest:
+        raise DetectionError("the tracker needs at least one rest frame")
+    shapes = {frame.image.shape for frame in rest}
+    if len(shapes) > 1:
+        raise DetectionError(f"rest frames have different shapes: {sorted(shapes)}")
+    mean = np.mean([frame.image for frame in rest], axis=0)
+    layers, ground = _detect(mean, palette)
+    counts = ", ".join(
+        f"{len(layer.area)} {name}" for layer, name in zip(layers, palette.names, strict=True)
+    )
+    if palette.sensor is not None:
+        expected = len(palette.sensor.places)
+        if not all(0.5 * expected <= len(layer.area) <= 1.2 * expected for layer in layers):
+            raise DetectionError(
+                f"rest frame shows {counts} markers; the sensor has {expected} of each"
+            )
+    radius = np.array([np.sqrt(np.median(layer.area) / np.pi) for layer in layers])
+    position = join_layers([layer.position for layer in layers], reach=float(radius.max()))
+    first = layers[0].position
+    near, _ = KDTree(first).query(first, k=2)
+    pitch = float(np.median(np.asarray(near)[:, 1])) if len(first) > 1 else float(4 * radius[0])
+    found = RestFrame(image=mean, ground=ground, position=position, radius=radius, pitch=pitch)
+    _refuse_load(found)
+    return found
+
+
+def join_layers(layers: list[Array], reach: float) -> Array:
+    """Markers of all layers, those within `reach` of each other under one number, (L, M, 2)."""
+    if len(layers) == 1:
+        return layers[0][None]
+    first, second = layers
+    pairs = _mutual(first, second, reach)
+    alone = [np.delete(layer, pairs[:, k], axis=0) for k, layer in enumerate((first, second))]
+    joined = np.full((2, len(pairs) + len(alone[0]) + len(alone[1]), 2), np.nan)
+    joined[0, : len(pairs)] = first[pairs[:, 0]]
+    joined[1, : len(pairs)] = second[pairs[:, 1]]
+    joined[0, len(pairs) : len(pairs) + len(alone[0])] = alone[0]
+    joined[1, len(pairs) + len(alone[0]) :] = alone[1]
+    return joined
+
+
+def _mutual(first: Array, second: Array, reach: float) -> NDArray[np.intp]:
+    """Indices (k, 2) of points that are each other's nearest, and within reach."""
+    if len(first) == 0 or len(second) == 0:
+        return np.empty((0, 2), dtype=np.intp)
+    distance, partner = KDTree(second).query(first)
     partner = np.asarray(partner)
-    back = np.asarray(KDTree(magenta).query(yellow)[1])
-    mutual = (np.asarray(distance) < reach) & (back[partner] == np.arange(len(magenta)))
-    return np.stack([magenta[mutual], yellow[partner[mutual]]])
+    back = np.asarray(KDTree(first).query(second)[1])
+    mutual = (np.asarray(distance) < reach) & (back[partner] == np.arange(len(first)))
+    return np.column_stack([np.flatnonzero(mutual), partner[mutual]])
+
+
+def _detect(image: Array | NDArray[np.uint8], palette: Palette) -> tuple[list[Markers], Array]:
+    """Markers of each layer, and the ground between them."""
+    levels = np.asarray(image, dtype=float)
+    _check_image(levels, palette)
+    linear, matrix = decode_srgb(levels), unmixing_matrix(palette.transmittance)
+    sensor = palette.sensor
+    sizes, skin = _first_sizes(linear, sensor)
+    # Once more with what the first look taught of the markers' size.
+    for size in sizes:
+        ground = rough_ground(linear, size, palette.bright)
+        field = skin & _lit(ground)
+        densities = np.where(field, dye_densities(linear, ground, matrix), 0.0)
+        areas = np.concatenate([_areas(density) for density in densities])
+        typical = _typical(areas)
+        if not 6.0 * np.sqrt(typical / np.pi) > size:
+            break
+    if not typical > 0.0:
+        raise DetectionError(
+            f"no markers found: nothing in the image has the colours of the palette's "
+            f"{' and '.join(palette.names)}"
+        )
+    # From closing to the mean of what is plainly ground.
+    count = max(1, int((areas > _SMALLEST * typical).sum()) // len(densities))
+    scale = float(np.sqrt(field.sum() / count))
+    for margin in (3, 2):
+        plain = plain_pixels(densities, field, margin)
+        if plain.sum() > 0.02 * field.sum():
+            ground = estimate_ground(linear, plain, scale)
+            densities = np.where(field, dye_densities(linear, ground, matrix), 0.0)
+    return [_markers(density, levels) for density in densities], ground
+
+
+def _check_image(levels: Array, palette: Palette) -> None:
+    if levels.ndim != 3 or levels.shape[2] != 3:
+        raise DetectionError(f"image has shape {levels.shape}, expected (height, width, 3)")
+    sensor = palette.sensor
+    if sensor is not None and levels.shape[:2] != (sensor.view.height, sensor.view.width):
+        raise DetectionError(
+            f"image has shape {levels.shape}, the sensor's camera gives "
+            f"{(sensor.view.height, sensor.view.width, 3)}"
+        )
+    log = np.log(palette.transmittance)
+    coloured = (np.ptp(log, axis=1) > 0.3).any()
+    spread = np.percentile(np.ptp(levels, axis=2), 99.5)
+    if coloured and spread < _COLOURED:
+        raise DetectionError(
+            f"image is grey (channels differ by at most {spread:.0f} levels), the palette's "
+            f"{' and '.join(palette.names)} need a colour image"
+        )
+
+
+def _first_sizes(linear: Array, sensor: SensorDesign | None) -> tuple[list[int], NDArray[np.bool_]]:
+    """Sizes to look for ground with, larger than a marker [px]; and where skin is, if known."""
+    height, width = linear.shape[:2]
+    field = np.ones((height, width), dtype=np.bool_)
+    if sensor is None:
+        return [int(share * height) for share in (0.06, 0.12, 0.24)], field
+    view, skin = sensor.view, sensor.shape
+    middle = [skin.points(np.array([[1e-6, 0.0]]), depth) for depth in sensor.depths]
+    gain = np.array([np.sqrt(np.linalg.det(view.jacobian(p)[0, :, :2])) for p in middle])
+    field = inside_rim(sensor, pixel_places(sensor)) > 2.0 * sensor.camera.blur_px
+    return [int(4.5 * (gain * sensor.half_sizes).max())], field
+
+
+def _lit(ground: Array) -> NDArray[np.bool_]:
+    """Where the sensor is lit, clear of its edge, shape (H, W)."""
+    light = ground.max(axis=2)
+    bright = (light > _LIT * np.percentile(light, 95)).astype(np.uint8)
+    eroded = cv2.erode(bright, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(eroded, dtype=bool)
+
+
+def _blobs(density: Array) -> tuple[NDArray[np.int32], Array]:
+    """Label of each pixel above half density, 0 for none; and the number of pixels of each."""
+    # A median over a cross's pixels takes specks of noise away.
+    mask = (density > 0.5).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    return np.asarray(labels), stats[:, cv2.CC_STAT_AREA].astype(float)
+
+
+def _areas(density: Array) -> Array:
+    areas = _blobs(density)[1][1:]
+    return areas[areas >= _FEWEST_PIXELS]
+
+
+def _typical(areas: Array) -> float:
+    """Area that half of all marked pixels lie in smaller blobs than: blind to many specks."""
+    if len(areas) == 0:
+        return 0.0
+    order = np.sort(areas)
+    total = np.cumsum(order)
+    return float(order[np.searchsorted(total, 0.5 * total[-1])])
+
+
+def _markers(density: Array, levels: Array) -> Markers:
+    """Blobs of plausible area, with centroids weighted by density."""
+    labels, areas = _blobs(density)
+    typical = _typical(areas[1:][areas[1:] >= _FEWEST_PIXELS])
+    plausible = (areas > max(_SMALLEST * typical, _FEWEST_PIXELS - 1)) & (
+        areas < _LARGEST * typical
+    )
+    plausible[0] = False  # the background
+    number = np.cumsum(plausible) * plausible
+    inside = number[labels]
+    count = int(plausible.sum())
+    colour: Array = np.stack(
+        [np.bincount(inside.ravel(), levels[..., c].ravel(), count + 1)[1:] for c in range(3)]
+    )
+    colour = colour / areas[plausible]
+    # Edges belong to the marker they lie at: labels grow by two pixels, never into each other.
+    grown = inside.astype(np.float32)
+    for _ in range(2):
+        wider = cv2.dilate(grown, np.ones((3, 3), np.uint8))
+        grown = np.where(grown > 0.0, grown, wider)
+    label = grown.astype(np.intp).ravel()
+    weight = np.clip(density, 0.0, 1.0).ravel()
+    weight[weight < 0.1] = 0.0  # noise of the ground
+    y, x = np.mgrid[: density.shape[0], : density.shape[1]]
+    mass = np.asarray(np.bincount(label, weight, count + 1)[1:], dtype=float)
+    at = [np.bincount(label, weight * v.ravel(), count + 1)[1:] / mass for v in (x, y)]
+    return Markers(position=np.stack(at, axis=-1), area=mass, hue=_hue(colour))
+
+
+def _hue(colour: Array) -> Array:
+    """Hue [°] of colours (3, n), −180…180; NaN for a grey."""
+    red, green, blue = colour
+    hue = np.degrees(np.arctan2(np.sqrt(3.0) * (green - blue), 2.0 * red - green - blue))
+    return np.where(np.ptp(colour, axis=0) > 3.0, hue, np.nan)
+
+
+def _refuse_load(rest: RestFrame) -> None:
+    """Refuse a rest frame whose layers are locally out of register, as a load makes them.
+
+    A layer that lies beside its place is off evenly; a load moves the layers where it acts.
+    """
+    position = rest.position
+    if len(position) < 2:
+        return
+    both = np.isfinite(position).all(axis=(0, 2))
+    at, apart = position[0, both], (position[0] - position[1])[both]
+    if len(at) < 12:
+        return
+    design = np.column_stack([np.ones(len(at)), at])
+    for _ in range(2):
+        solution = np.linalg.lstsq(design, apart, rcond=None)[0]
+        local = apart - design @ solution
+    near = np.asarray(KDTree(at).query(at, k=7)[1])
+    shift = np.linalg.norm(local[near].mean(axis=1), axis=-1)
+    if shift.max() > 0.25 * rest.radius.max():
+        x, y = at[int(shift.argmax())]
+        raise DetectionError(
+            f"rest frame looks loaded: around ({x:.0f}, {y:.0f}) the layers are "
+            f"{shift.max():.1f} px out of register; give a frame of the untouched sensor"
+        )

@@ -74,7 +74,6 @@ class ForceEstimator:
     ----------
     sensor: calibration of the image
     fingertip: calibration of the mechanics
-    places: of the markers at rest, from the tracker [rad], shape (2, M, 2)
     rest: tracks of the unloaded sensor
     prior: see ForcePrior
     """
@@ -83,18 +82,19 @@ class ForceEstimator:
         self,
         sensor: SensorDesign,
         fingertip: Fingertip,
-        places: Array,
         rest: Tracks,
         prior: ForcePrior | None = None,
     ) -> None:
         self._prior = prior or ForcePrior()
         self._fingertip = fingertip
         self._threshold = fingertip.contact_threshold
+        pairs = np.flatnonzero(rest.visible.all(axis=0))
+        places = np.stack([sensor.places_at(p, k) for k, p in enumerate(rest.position[:, pairs])])
         near = places[0, :, 0] < np.deg2rad(self._prior.reach_deg) + _MARGIN
-        self._usable = np.flatnonzero(near & rest.visible.all(axis=0))
+        self._usable = pairs[near]
         self._at_start = _measured(rest)[self._usable]
         self._rest_covariance = rest.covariance[self._usable]
-        self._response = MarkerResponse(sensor, places[:, self._usable], fingertip.angles())
+        self._response = MarkerResponse(sensor, places[:, near], fingertip.angles())
         self._hats, self._correlation = self._force_basis()
         unloaded = np.zeros((fingertip.nodes, 2))
         at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))

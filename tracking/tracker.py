@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ..render import Frame, SensorDesign
-from ..render.colour import decode_srgb, decoding_table
+from ..render import Frame
+from ..render.colour import decoding_table
 from ..render.coverage import edge_width
-from .detection import DetectionError, detect_markers
+from .detection import DetectionError, read_rest
 from .fit_kernels import Optics, fit_pairs, mean_hues
+from .palette import Palette
+from .trackers import FrameError
 from .tracks import Tracks
 
 Array = NDArray[np.float64]
@@ -31,12 +33,12 @@ class MarkerTracker:
 
     Parameters
     ----------
-    sensor: calibration
+    palette: of the markers
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
     """
 
-    def __init__(self, sensor: SensorDesign, noise: float) -> None:
-        self._sensor = sensor
+    def __init__(self, palette: Palette, noise: float) -> None:
+        self._palette = palette
         self._noise = noise
 
     def reset(self, rest: list[Frame]) -> Tracks:
@@ -47,38 +49,36 @@ class MarkerTracker:
         DetectionError
             When there is no frame, or it does not show the sensor's markers.
         """
-        if not rest:
-            raise DetectionError("the tracker needs at least one rest frame")
-        mean = np.mean([frame.image for frame in rest], axis=0)
-        pairs, ground = detect_markers(decode_srgb(mean), self._sensor)
-        #: Places of the markers on the skin, read off the rest frame, shape (2, M, 2).
-        self.places = np.stack([self._sensor.places_at(p, k) for k, p in enumerate(pairs)])
+        seen_rest = read_rest(rest, self._palette)
+        pairs = seen_rest.position[:, :, :][:, np.isfinite(seen_rest.position).all(axis=(0, 2))]
         count = pairs.shape[1]
         near = np.asarray(KDTree(pairs[0]).query(pairs[0], k=_NEIGHBOURS + 1)[1])
         linear = decoding_table()
+        sensor = self._palette.sensor
+        self._share = np.ones(2) if sensor is None else sensor.follow / sensor.follow[0]
         self._optics = Optics(
             linear=linear,
             weight=1.0 / (np.gradient(linear) ** 2 * (self._noise**2 + 1.0 / 12.0)),
-            ground=ground,
-            absorbed=1.0 - self._sensor.transmittance,
-            shapes=self._nominal_shapes(),
+            ground=seen_rest.ground,
+            absorbed=1.0 - self._palette.transmittance,
+            shapes=np.tile(seen_rest.radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
             neighbours=near[:, 1:].astype(np.int64),
-            width=edge_width(self._sensor.camera.blur_px),
+            width=edge_width(0.8),
         )
         start = np.zeros((count, 2, 5))
         start[:, :, :2] = np.swapaxes(pairs, 0, 1)
         seen = [self._fit(frame, start, iterations=8) for frame in rest]
         fits = np.mean([fit for fit, _ in seen], axis=0)
         found = ~np.isnan(fits).any(axis=(1, 2))
-        if found.sum() < 0.9 * len(self._sensor.places):
+        if found.sum() < 0.9 * count:
             raise DetectionError(
-                f"only {found.sum()} of {count} marker pairs of the rest frame look like markers "
-                f"of the sensor"
+                f"only {found.sum()} of {count} marker pairs of the rest frame look like markers"
             )
         covariance = np.mean([covariance for _, covariance in seen], axis=0) / len(rest)
         self._rest = np.where(found[:, None, None], fits, start)
         self._fits = self._rest.copy()
         self._previous = self._grey(rest[-1])
+        self._last_seen = np.full((2, count), np.nan)
         self.rest = self._tracks(rest[-1], fits, covariance)
         return self.rest
 
@@ -86,7 +86,7 @@ class MarkerTracker:
         """Markers in the next frame."""
         expected = self._optics.ground.shape
         if frame.image.shape != expected or frame.image.dtype != np.uint8:
-            raise ValueError(
+            raise FrameError(
                 f"frame has shape {frame.image.shape} and type {frame.image.dtype}, the rest frame "
                 f"had {expected} and uint8"
             )
@@ -97,9 +97,8 @@ class MarkerTracker:
         )
         shift = np.where(found == 1, flowed - start, 0.0)
         # The flow sees the darkest layer, magenta; the other one moves in proportion.
-        share = self._sensor.follow / self._sensor.follow[0]
         predicted = self._fits.copy()
-        predicted[:, :, :2] += share[:, None] * shift[:, None, :]
+        predicted[:, :, :2] += self._share[:, None] * shift[:, None, :]
         fits, covariance = self._fit(frame, predicted, iterations=6)
         self._previous = grey
         self._remember(fits)
@@ -118,12 +117,16 @@ class MarkerTracker:
     def _tracks(self, frame: Frame, fits: Array, covariance: Array) -> Tracks:
         p, q = fits[:, :, 3].T, fits[:, :, 4].T
         measured = np.array([0, 1, 2, 5, 6, 7])  # (x, y, log size) of both layers
+        visible = ~np.isnan(fits[:, :, 0].T)
+        self._last_seen = np.where(visible, frame.time, self._last_seen)
         return Tracks(
             time=frame.time,
             position=np.swapaxes(fits[:, :, :2], 0, 1),
             log_size=fits[:, :, 2].T + 0.5 * np.log(1.0 - p**2 - q**2),
             hue=mean_hues(frame.image, self._optics.shapes, fits),
-            visible=~np.isnan(fits[:, :, 0].T),
+            visible=visible,
+            ambiguous=np.zeros_like(visible),
+            last_seen=self._last_seen,
             covariance=covariance[:, measured[:, None], measured],
         )
 
@@ -136,16 +139,6 @@ class MarkerTracker:
             self._fits[m] = self._rest[m]
             if len(near):
                 self._fits[m] += np.median(fits[near] - self._rest[near], axis=0)
-
-    def _nominal_shapes(self) -> Array:
-        """Images of the discs' semi-axes at rest, as columns [px], shape (2, M, 2, 2)."""
-        shapes = []
-        sensor, skin = self._sensor, self._sensor.shape
-        layers = zip(self.places, sensor.depths, sensor.half_sizes, strict=True)
-        for places, depth, half in layers:
-            axes = half * np.stack(skin.tangents(places), axis=-1)
-            shapes.append(sensor.view.jacobian(skin.points(places, depth)) @ axes)
-        return np.stack(shapes)
 
     @staticmethod
     def _grey(frame: Frame) -> NDArray[np.uint8]:

@@ -15,6 +15,7 @@ from .tracking import (
     FrictionEstimate,
     MarkerTracker,
     NoEstimateError,
+    Palette,
     Tracks,
 )
 
@@ -56,10 +57,10 @@ class CameraObserver:
         window: float,
         rest: list[Frame],
     ) -> None:
-        self._tracker = MarkerTracker(sensor, noise)
+        self._tracker = MarkerTracker(Palette.of_sensor(sensor), noise)
         #: Tracks of the rest frames, from which displacements are counted.
         self.rest: Tracks = self._tracker.reset(rest)
-        self._forces = ForceEstimator(sensor, fingertip, self._tracker.places, self.rest)
+        self._forces = ForceEstimator(sensor, fingertip, self.rest)
         self._friction = FrictionEstimate(CAMERA_RULE, window)
         self._fingertip = fingertip
 

@@ -20,11 +20,13 @@ from .bench_rows import Row, at_most, reported
 from .judge import colour_difference
 from .render import Membrane, MembraneMap, SensorDesign, TruthMap, load_sensor
 from .render.colour import decode_srgb, encode_srgb
-from .render.ground import ground_image, inside_rim, pixel_places
+from .render.ground import ground_image
 from .render.membrane import rest_membrane
 from .render.outlines import outlines
 from .render.painter import Painter
-from .tracking.unmixing import dye_densities, estimate_ground, unmixing_matrix
+from .tracking import Palette
+from .tracking.detection import resting_ground
+from .tracking.unmixing import dye_densities, unmixing_matrix
 
 Array = NDArray[np.float64]
 Entry = dict[str, Any]
@@ -72,8 +74,9 @@ def _compare(
         seen = {key: kept[key].astype(float) for key in pictures}
     resting = next(key for key, entry in pictures.items() if entry["grip"] == 0.0)
     bare = ground_image(sensor).astype(float)
-    traced_ground = _ground(sensor, _traced(sensor, pictures[resting]))
-    painted_ground = _ground(sensor, painter.render(rest_membrane(sensor)))
+    palette = Palette.of_sensor(sensor)
+    traced_ground = resting_ground(_traced(sensor, pictures[resting]), palette)
+    painted_ground = resting_ground(painter.render(rest_membrane(sensor)), palette)
     centres: list[Array] = []
     plain: list[Array] = []
     colours: list[Array] = []
@@ -102,13 +105,6 @@ def _traced(sensor: SensorDesign, entry: Entry) -> NDArray[np.uint8]:
     x, y = entry["crop"]
     image[y : y + part.shape[0], x : x + part.shape[1]] = part
     return image
-
-
-def _ground(sensor: SensorDesign, image: NDArray[np.uint8]) -> Array:
-    """Linear light between the markers of a resting picture, under every pixel."""
-    skin = inside_rim(sensor, pixel_places(sensor)) > 2.0
-    pitch = np.sqrt(skin.sum() / len(sensor.places))
-    return estimate_ground(decode_srgb(image.astype(float)), skin, pitch)
 
 
 def _mass_centres(

@@ -5,9 +5,10 @@ from scipy.spatial import KDTree
 from chromagrip.model import ContactObject, Fingertip, State, rest_state, step
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.outlines import centroids, outlines
-from chromagrip.tracking import DetectionError, MarkerTracker, Tracks
+from chromagrip.tracking import DetectionError, MarkerTracker, Palette, Tracks
 
 SENSOR = load_sensor("thesis")
+PALETTE = Palette.of_sensor(SENSOR)
 PAINTER = open_renderer("painter", SENSOR)
 TIP = Fingertip()
 MAP = MembraneMap(SENSOR, TIP.nodes)
@@ -32,7 +33,7 @@ def pressing(grip: float, load: float, frames: int) -> list[State]:
 
 
 def fresh(noise: float = NOISE) -> MarkerTracker:
-    tracker = MarkerTracker(SENSOR, NOISE)
+    tracker = MarkerTracker(PALETTE, NOISE)
     tracker.reset([shoot(REST, 2**31 + k, noise) for k in range(8)])
     return tracker
 
@@ -146,14 +147,14 @@ def test_hue_turns_from_overlap_towards_magenta() -> None:
     ("frames", "words"),
     [
         ([], "at least one rest frame"),
-        ([np.full((480, 640, 3), 240, np.uint8)], r"0 magenta, 0 yellow markers.*has 400"),
-        ([np.zeros((480, 640, 3), np.uint8)], "markers"),
+        ([np.full((480, 640, 3), 240, np.uint8)], "image is grey.*need a colour image"),
+        ([np.zeros((480, 640, 3), np.uint8)], "image is grey"),
         ([np.full((100, 100, 3), 240, np.uint8)], r"shape \(100, 100, 3\).*\(480, 640, 3\)"),
     ],
 )
 def test_bad_rest_frames_are_refused(frames: list[np.ndarray], words: str) -> None:
     with pytest.raises(DetectionError, match=words):
-        MarkerTracker(SENSOR, NOISE).reset([Frame(image=image, time=0.0) for image in frames])
+        MarkerTracker(PALETTE, NOISE).reset([Frame(image=image, time=0.0) for image in frames])
 
 
 def test_frame_of_another_size_is_refused() -> None:

@@ -1,7 +1,13 @@
 import numpy as np
 
 from chromagrip.render import load_sensor
-from chromagrip.tracking.unmixing import dye_densities, estimate_ground, unmixing_matrix
+from chromagrip.tracking.unmixing import (
+    dye_densities,
+    estimate_ground,
+    plain_pixels,
+    rough_ground,
+    unmixing_matrix,
+)
 
 DYES = load_sensor("thesis").transmittance
 
@@ -29,7 +35,11 @@ def test_ground_is_found_between_the_markers() -> None:
             dot = (x - cx) ** 2 + (y - cy) ** 2 < 25
             image[dot] *= DYES[(cx + cy) // 20 % 2]
     image = image + rng.normal(0, 0.01, image.shape)
-    ground = estimate_ground(image, np.ones((160, 200), dtype=bool), 20.0)
+    everywhere = np.ones((160, 200), dtype=bool)
+    rough = rough_ground(image, 25, bright=False)
+    plain = plain_pixels(dye_densities(image, rough, unmixing_matrix(DYES)), everywhere, 2)
+    assert 0.3 < plain.mean() < 0.75
+    ground = estimate_ground(image, plain, 20.0)
     error = ground / truth - 1.0
     assert np.sqrt((error**2).mean()) < 0.005
     assert abs(error.mean()) < 0.002

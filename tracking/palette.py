@@ -1,0 +1,131 @@
+"""Palettes: what a tracker is told of the markers it looks for, their colours and little else."""
+
+import tomllib
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from ..render import LAYERS, SensorDesign, SensorError, load_sensor, sensor_names
+from ..render.tables import Table, convert
+
+Array = NDArray[np.float64]
+#: Of linear light; above 1 for markers that are brighter than the ground.
+Transmittance = Annotated[float, Meta(gt=0.0, le=100.0)]
+Name = Annotated[str, Meta(min_length=1, max_length=40)]
+DEFAULT_PALETTE = "chromatouch"
+
+
+class PaletteError(ValueError):
+    """A palette that is not valid, or is not there."""
+
+
+class Dye(Table, frozen=True):
+    """One layer's colour: the share of the ground's linear light that its markers leave."""
+
+    name: Name
+    transmittance: tuple[Transmittance, Transmittance, Transmittance]
+
+
+class PaletteTable(Table, frozen=True):
+    """A palette's TOML file; layers in their order from the skin inwards."""
+
+    dyes: Annotated[tuple[Dye, ...], Meta(min_length=1, max_length=2)]
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        log = np.log([dye.transmittance for dye in self.dyes])
+        for dye, row in zip(self.dyes, log, strict=True):
+            if abs(row).max() < 0.1:
+                raise ValueError(
+                    f"dyes.{dye.name}.transmittance leaves the ground as it is; one channel must "
+                    "be below 0.9 or above 1.1"
+                )
+        bright = log[np.arange(len(log)), abs(log).argmax(axis=1)] > 0.0
+        if bright.any() and not bright.all():
+            raise ValueError("dyes must all be darker than the ground, or all brighter")
+        if len({dye.name for dye in self.dyes}) < len(self.dyes):
+            raise ValueError("dyes must have different names")
+        if len(log) == 2 and np.linalg.svd(log, compute_uv=False)[1] < 0.1:
+            raise ValueError("dyes must differ in colour to be told apart")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Palette:
+    """What is known of the markers in an image before it is seen.
+
+    Attributes
+    ----------
+    names: of the layers, from the skin inwards, L of them
+    transmittance: share of the ground's linear light that a marker leaves, shape (L, 3)
+    sensor: the whole design, if it is known; its forces can then be read
+    """
+
+    names: tuple[str, ...]
+    transmittance: Array
+    sensor: SensorDesign | None = None
+
+    @classmethod
+    def of_sensor(cls, sensor: SensorDesign) -> "Palette":
+        """Palette of a sensor design."""
+        return cls(names=LAYERS, transmittance=sensor.transmittance, sensor=sensor)
+
+    @property
+    def bright(self) -> bool:
+        """Whether markers are brighter than the ground."""
+        log = np.log(self.transmittance[0])
+        return bool(log[abs(log).argmax()] > 0.0)
+
+
+def palette_names() -> list[str]:
+    """Names of the shipped palettes."""
+    folder = files(__package__) / "palettes"
+    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
+
+
+def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
+    """Palette of that name, of a sensor design, or from a `.toml` file of either.
+
+    Raises
+    ------
+    PaletteError
+        When there is none, or with the key, the value and what is allowed.
+    """
+    if name in palette_names():
+        text = (files(__package__) / "palettes" / f"{name}.toml").read_text(encoding="utf-8")
+        return _palette(convert(tomllib.loads(text), PaletteTable, f"palette {name}"))
+    if name not in sensor_names():
+        if not name.endswith(".toml"):
+            known = ", ".join([*palette_names(), *sensor_names()])
+            raise PaletteError(f"no palette {name!r}; there is {known}, or give a .toml file")
+        values = _read(Path(name))
+        if "skin" not in values:
+            try:
+                return _palette(convert(values, PaletteTable, f"palette {name}"))
+            except ValueError as error:
+                raise PaletteError(str(error)) from None
+    try:
+        return Palette.of_sensor(load_sensor(name))
+    except SensorError as error:
+        raise PaletteError(str(error)) from None
+
+
+def _palette(table: PaletteTable) -> Palette:
+    return Palette(
+        names=tuple(dye.name for dye in table.dyes),
+        transmittance=np.array([dye.transmittance for dye in table.dyes]),
+    )
+
+
+def _read(path: Path) -> dict[str, object]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise PaletteError(f"palette file {path} cannot be read: {reason}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise PaletteError(f"palette {path} is not valid TOML: {error}") from None

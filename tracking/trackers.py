@@ -1,0 +1,98 @@
+"""Trackers by name: ours, and anybody's by `module:Class` or an entry point."""
+
+from collections.abc import Callable
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any, Protocol
+
+from ..render import Frame
+from .palette import Palette
+from .tracks import Tracks
+
+
+class Tracker(Protocol):
+    """Follows the markers of one sensor from frame to frame; made by `Class(palette, noise)`.
+
+    `state` holds everything that changes from frame to frame, as arrays and numbers by name: a
+    tracker that was reset with the same rest frames and is given another's state goes on as that
+    one would have.
+    """
+
+    state: dict[str, Any]
+
+    def reset(self, rest: list[Frame]) -> Tracks:
+        """Find the markers in frames of the unloaded sensor.
+
+        Raises
+        ------
+        DetectionError
+            When there is no frame, or it does not show the markers.
+        """
+        ...
+
+    def update(self, frame: Frame) -> Tracks:
+        """Markers in the next frame.
+
+        Raises
+        ------
+        FrameError
+            When the frame has another size than the rest frame.
+        """
+        ...
+
+
+class TrackerError(ValueError):
+    """A tracker that is not there, or is none."""
+
+
+class FrameError(ValueError):
+    """A frame that does not go with the rest frame."""
+
+
+#: Module:Class of each tracker of ours, and one line about it.
+TRACKERS = {
+    "fit": ("tracker:MarkerTracker", "least-squares fit of the known shape of both layers"),
+}
+DEFAULT_TRACKER = "fit"
+#: Entry points of installed packages that are trackers.
+ENTRY_POINTS = "chromagrip.trackers"
+
+
+def tracker_names() -> dict[str, str]:
+    """Name of every tracker that is there, and one line about it."""
+    theirs = {p.name: f"{p.value}, installed" for p in entry_points(group=ENTRY_POINTS)}
+    return theirs | {name: text for name, (_, text) in TRACKERS.items()}
+
+
+def load_tracker(name: str) -> Callable[[Palette, float], Tracker]:
+    """What makes a tracker from a palette and the camera's noise [grey levels].
+
+    Parameters
+    ----------
+    name: of one of ours or of an entry point, or `module:Class`
+
+    Raises
+    ------
+    TrackerError
+        When there is none of that name, or it cannot be imported.
+    """
+    if name in TRACKERS:
+        module, _, kind = TRACKERS[name][0].partition(":")
+        found: Callable[[Palette, float], Tracker]
+        found = getattr(import_module(f".{module}", __package__), kind)
+        return found
+    target = next((p.value for p in entry_points(group=ENTRY_POINTS) if p.name == name), name)
+    module, colon, kind = target.partition(":")
+    if not colon:
+        known = ", ".join(tracker_names())
+        raise TrackerError(f"no tracker {name!r}; there is {known}, or give module:Class")
+    try:
+        found = getattr(import_module(module), kind)
+    except Exception as error:  # whatever a foreign module raises while it is imported
+        raise TrackerError(
+            f"tracker {name!r} cannot be imported: {type(error).__name__}: {error}"
+        ) from None
+    for method in ("reset", "update"):
+        if not hasattr(found, method):
+            raise TrackerError(f"tracker {name!r} has no {method}; see chromagrip.tracking.Tracker")
+    return found
