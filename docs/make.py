@@ -1,13 +1,16 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
-Parts: images, loop, model, render, stability, appendix-b; all of them without arguments, forty
-minutes alone on two cores. Nothing in docs/images/ and docs/bench-*.md is typed by hand.
+Parts: images, loop, model, render, track, stability, stability-track, appendix-b; all of them
+without arguments, an hour alone on two cores. Nothing in docs/images/ and docs/bench-*.md is typed
+by hand.
 """
 
 import shutil
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -15,17 +18,21 @@ import cv2
 from chromagrip import run
 from chromagrip.appendix_b import appendix_b
 from chromagrip.bench import bench
+from chromagrip.bench_track import asked, matrix, refusals
 from chromagrip.chart_render import chart_render
 from chromagrip.poses import Pose
 from chromagrip.render_poses import render_poses
 from chromagrip.scene import load_scene
 from chromagrip.stability_model import stability_model
+from chromagrip.stability_track import stability_track
+from chromagrip.track_scenes import SCENES
 
 DOCS = Path(__file__).parent
 TITLES = {
     "loop": "The closed loop, measured",
     "model": "The node models, measured",
     "render": "The renderers, measured",
+    "track": "The trackers, measured",
 }
 
 
@@ -42,20 +49,67 @@ def images() -> None:
 def table(part: str) -> None:
     """Every row of `chromagrip bench PART`."""
     report = bench(part, quick=False, progress=print)
+    write(part, report, figures(report["rows"]))
+
+
+def write(part: str, report: dict[str, Any], lines: list[str]) -> None:
+    """A page of what a bench measured, and on what."""
     machine = ", ".join(f"{key} {value}" for key, value in report["machine"].items())
-    lines = [
-        f"# {TITLES[part]}",
-        "",
-        f"Printed by `docs/make.py` from `chromagrip bench {part}` on: {machine}.",
-        "",
-        "| figure | value | unit | target | met |",
-        "|---|---|---|---|---|",
-    ]
-    for row in report["rows"]:
+    printed = f"Printed by `docs/make.py` from `chromagrip bench {part}` on: {machine}."
+    text = "\n".join([f"# {TITLES[part]}", "", printed, "", *lines])
+    (DOCS / f"bench-{part}.md").write_text(text + "\n", encoding="utf-8")
+
+
+def figures(rows: list[dict[str, Any]]) -> list[str]:
+    """Rows as a table."""
+    lines = ["| figure | value | unit | target | met |", "|---|---|---|---|---|"]
+    for row in rows:
         value = "–" if row["value"] is None else f"{row['value']:.4g}"
         met = "yes" if row["met"] else "no"
         lines.append(f"| {row['name']} | {value} | {row['unit']} | {row['target']} | {met} |")
-    (DOCS / f"bench-{part}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return lines
+
+
+def track() -> None:
+    """Trackers over scenes, what is asked of them, and every score in the plain scene."""
+    report = bench("track", quick=False, progress=print)
+    rows = report["rows"]
+    heading, *body = matrix(rows)
+    plain = [row for row in rows if row["name"].startswith("clean/")]
+    trackers = list(dict.fromkeys(row["name"].split("/")[1] for row in plain))
+    scores = {row["name"]: row for row in plain}
+    names = list(dict.fromkeys(name.split("/")[2] for name in scores))
+    names = [name for name in names if name != "refused"]
+    each = [["score", *trackers]]
+    for name in names:
+        values = [scores.get(f"clean/{tracker}/{name}") for tracker in trackers]
+        unit = next(row["unit"] for row in values if row)
+        cells = ["–" if v is None or v["value"] is None else f"{v['value']:.3g}" for v in values]
+        each.append([f"{name} [{unit}]" if unit else name, *cells])
+    lines = [
+        "RMS error of the worse layer over the Cramér–Rao bound of single frames; s: some identity",
+        "swapped, l: some visible marker lost, f: some absent one reported.",
+        "",
+        *grid(["scene", *(line[0] for line in body)], list(zip(heading, *body, strict=True))[1:]),
+        "",
+        *(f"- `{name}`: {scene.text}" for name, scene in SCENES.items()),
+        "",
+        *(f"- {sentence}" for sentence in refusals(rows)),
+        "",
+        "What is asked of the default, of speed, and of the bound:",
+        "",
+        *figures(asked(rows)),
+        "",
+        "Every score in the scene `clean`; the others' are printed with `--json`:",
+        "",
+        *grid(each[0], each[1:]),
+    ]
+    write("track", report, lines)
+
+
+def grid(heading: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table."""
+    return ["| " + " | ".join(line) + " |" for line in (heading, ["---"] * len(heading), *body)]
 
 
 def render() -> None:
@@ -105,6 +159,15 @@ def stability() -> None:
     print(*sentences, sep="\n")
 
 
+def stability_of_trackers() -> None:
+    """The trackers' breakdown curves."""
+    with tempfile.TemporaryDirectory() as folder:
+        _, sentences = stability_track(False, Path(folder), True, print)
+        shutil.copy(Path(folder) / "map.png", DOCS / "images" / "stability-track.png")
+        shutil.copy(Path(folder) / "map.csv", DOCS / "stability-track.csv")
+    print(*sentences, sep="\n")
+
+
 def figures_of_appendix_b() -> None:
     """Two of the appendix's figures."""
     with tempfile.TemporaryDirectory() as folder:
@@ -118,7 +181,9 @@ PARTS = {
     "loop": lambda: table("loop"),
     "model": lambda: table("model"),
     "render": render,
+    "track": track,
     "stability": stability,
+    "stability-track": stability_of_trackers,
     "appendix-b": figures_of_appendix_b,
 }
 

@@ -19,11 +19,15 @@ FOLDERS = ("model", "render", "tracking")
 KEPT = 7 * 86400.0
 
 
-def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+def njit(*, reassociate: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile without Python objects, cached on disk; options as in `numba.njit`.
 
-    Never with `fastmath`: where a kernel is inlined would then decide its last digits.
+    Never with `fastmath`: where a kernel is inlined would then decide its last digits. Estimates,
+    whose noise is far larger, may have their sums taken in another order (`reassociate`), without
+    which long sums are not vectorised.
     """
+    if reassociate:
+        options["fastmath"] = {"reassoc", "nsz"}
 
     def decorate(function: Callable[..., Any]) -> Any:
         chosen = numba.config.CACHE_DIR

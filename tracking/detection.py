@@ -58,7 +58,7 @@ class RestFrame:
     Attributes
     ----------
     image: mean of the rest frames [sRGB levels], shape (H, W, 3)
-    ground: linear light of the unmarked skin, shape (H, W, 3)
+    ground: linear light of the unmarked skin, 0 where there is none, shape (H, W, 3)
     position: of markers that sit on each other [px], NaN for a layer that has none, (L, M, 2)
     radius: of a typical marker of each layer [px], shape (L,)
     pitch: typical distance to the nearest other marker [px]
@@ -106,7 +106,7 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
     if len(shapes) > 1:
         raise DetectionError(f"rest frames have different shapes: {sorted(shapes)}")
     mean = np.mean([frame.image for frame in rest], axis=0)
-    layers, ground = _detect(mean, palette)
+    layers, ground, field = _detect(mean, palette)
     counts = ", ".join(
         f"{len(layer.area)} {name}" for layer, name in zip(layers, palette.names, strict=True)
     )
@@ -121,7 +121,13 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
     first = layers[0].position
     near, _ = KDTree(first).query(first, k=2)
     pitch = float(np.median(np.asarray(near)[:, 1])) if len(first) > 1 else float(4 * radius[0])
-    found = RestFrame(image=mean, ground=ground, position=position, radius=radius, pitch=pitch)
+    found = RestFrame(
+        image=mean,
+        ground=np.where(field[..., None], ground, 0.0),
+        position=position,
+        radius=radius,
+        pitch=pitch,
+    )
     _refuse_load(found)
     return found
 
@@ -152,8 +158,10 @@ def _mutual(first: Array, second: Array, reach: float) -> NDArray[np.intp]:
     return np.column_stack([np.flatnonzero(mutual), partner[mutual]])
 
 
-def _detect(image: Array | NDArray[np.uint8], palette: Palette) -> tuple[list[Markers], Array]:
-    """Markers of each layer, and the ground between them."""
+def _detect(
+    image: Array | NDArray[np.uint8], palette: Palette
+) -> tuple[list[Markers], Array, NDArray[np.bool_]]:
+    """Markers of each layer, the ground between them, and where there is skin."""
     levels = np.asarray(image, dtype=float)
     _check_image(levels, palette)
     linear, matrix = decode_srgb(levels), unmixing_matrix(palette.transmittance)
@@ -166,7 +174,7 @@ def _detect(image: Array | NDArray[np.uint8], palette: Palette) -> tuple[list[Ma
         densities = np.where(field, dye_densities(linear, ground, matrix), 0.0)
         areas = np.concatenate([_areas(density) for density in densities])
         typical = _typical(areas)
-        if not 6.0 * np.sqrt(typical / np.pi) > size:
+        if 0.0 < 6.0 * np.sqrt(typical / np.pi) <= size:
             break
     if not typical > 0.0:
         raise DetectionError(
@@ -181,7 +189,7 @@ def _detect(image: Array | NDArray[np.uint8], palette: Palette) -> tuple[list[Ma
         if plain.sum() > 0.02 * field.sum():
             ground = estimate_ground(linear, plain, scale)
             densities = np.where(field, dye_densities(linear, ground, matrix), 0.0)
-    return [_markers(density, levels) for density in densities], ground
+    return [_markers(density, levels) for density in densities], ground, field
 
 
 def _check_image(levels: Array, palette: Palette) -> None:
@@ -212,7 +220,7 @@ def _first_sizes(linear: Array, sensor: SensorDesign | None) -> tuple[list[int],
     view, skin = sensor.view, sensor.shape
     middle = [skin.points(np.array([[1e-6, 0.0]]), depth) for depth in sensor.depths]
     gain = np.array([np.sqrt(np.linalg.det(view.jacobian(p)[0, :, :2])) for p in middle])
-    field = inside_rim(sensor, pixel_places(sensor)) > 2.0 * sensor.camera.blur_px
+    field = inside_rim(sensor, pixel_places(sensor)) > 4.0 * sensor.camera.blur_px
     return [int(4.5 * (gain * sensor.half_sizes).max())], field
 
 
@@ -220,7 +228,7 @@ def _lit(ground: Array) -> NDArray[np.bool_]:
     """Where the sensor is lit, clear of its edge, shape (H, W)."""
     light = ground.max(axis=2)
     bright = (light > _LIT * np.percentile(light, 95)).astype(np.uint8)
-    eroded = cv2.erode(bright, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_REPLICATE)
+    eroded = cv2.erode(bright, np.ones((7, 7), np.uint8), borderType=cv2.BORDER_REPLICATE)
     return np.asarray(eroded, dtype=bool)
 
 

@@ -1,35 +1,52 @@
-"""The marker tracker: optical flow predicts, a least-squares fit of both layers measures.
+"""The default tracker: every frame is fitted afresh to the known shapes, from where motion leads.
 
-Each frame is fitted afresh to the known shape, so errors do not add up; the flow only says where
-to start. A pair whose fit does not explain its pixels is reported as lost, and looked for in the
-next frame where its neighbours say it should be.
+Errors do not add up, and what is not explained is lost, not guessed. Markers keep their numbers by
+continuity in time; where that tears, or loses markers, all are found anew and numbered from the
+rim inwards, see `relocate`.
 """
 
-import cv2
+from dataclasses import asdict, replace
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ..render import Frame
-from ..render.colour import decoding_table
-from ..render.coverage import edge_width
-from .detection import DetectionError, read_rest
-from .fit_kernels import Optics, fit_pairs, mean_hues
+from .detection import DetectionError, RestFrame, read_rest
+from .pair_fit import PairFit, PairFits, PairState
 from .palette import Palette
-from .trackers import FrameError
+from .relocate import Relocator
+from .trackers import check_frame
 from .tracks import Tracks
 
 Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
 
-#: Fits with a larger mean squared residual over the noise variance are called lost …
-MAX_MISFIT = 6.0
-#: … as are layers that jump further than this from where flow predicts them [px].
-MAX_JUMP = 6.0
-_NEIGHBOURS = 6
+#: A misfit this many times the typical one is no marker; the typical one counts up to _WORST.
+_LOST, _WORST = 6.0, 20.0
+#: Fits this much worse than at rest have the colours and the blur fitted as well.
+_WORSE = 1.1
+#: Frames until that is tried again.
+_PATIENCE = 4
+#: Neighbours that moved this much apart, and layers off each other, are torn [pitch].
+_TORN = 0.4
+#: Newly lost markers that make all be looked for: this many, or this share.
+_FEW, _FEW_SHARE = 3, 0.02
+#: Of a rest frame's markers, at least this share must look like markers.
+_AT_REST = 0.7
+_STEPS, _REST_STEPS = 6, 24
+
+
+class Look(NamedTuple):
+    """A fit to a frame; layers that it explains, and those torn off their neighbours, (M, 2)."""
+
+    fits: PairFits
+    visible: NDArray[np.bool_]
+    torn: NDArray[np.bool_]
 
 
 class MarkerTracker:
-    """Follows the marker pairs of one sensor from frame to frame.
+    """Fits place, size and strain of all markers of both layers, and the light on them.
 
     Parameters
     ----------
@@ -37,9 +54,15 @@ class MarkerTracker:
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
     """
 
+    #: Numbers of each layer that are fitted; rows of the image that are read, every so manieth;
+    #: and the step after which a fit has arrived [px].
+    free, stride, arrived = 5, 1, 0.02
+
     def __init__(self, palette: Palette, noise: float) -> None:
-        self._palette = palette
-        self._noise = noise
+        self._palette, self._noise = palette, noise
+        self._layers = len(palette.names)
+        sensor = palette.sensor
+        self._share = None if sensor is None else sensor.follow[-1] / sensor.follow[0]
 
     def reset(self, rest: list[Frame]) -> Tracks:
         """Find the markers in frames of the unloaded sensor; their mean is the rest they keep.
@@ -49,98 +72,209 @@ class MarkerTracker:
         DetectionError
             When there is no frame, or it does not show the sensor's markers.
         """
-        seen_rest = read_rest(rest, self._palette)
-        pairs = seen_rest.position[:, :, :][:, np.isfinite(seen_rest.position).all(axis=(0, 2))]
-        count = pairs.shape[1]
-        near = np.asarray(KDTree(pairs[0]).query(pairs[0], k=_NEIGHBOURS + 1)[1])
-        linear = decoding_table()
-        sensor = self._palette.sensor
-        self._share = np.ones(2) if sensor is None else sensor.follow / sensor.follow[0]
-        self._optics = Optics(
-            linear=linear,
-            weight=1.0 / (np.gradient(linear) ** 2 * (self._noise**2 + 1.0 / 12.0)),
-            ground=seen_rest.ground,
-            absorbed=1.0 - self._palette.transmittance,
-            shapes=np.tile(seen_rest.radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
-            neighbours=near[:, 1:].astype(np.int64),
-            width=edge_width(0.8),
-        )
-        start = np.zeros((count, 2, 5))
-        start[:, :, :2] = np.swapaxes(pairs, 0, 1)
-        seen = [self._fit(frame, start, iterations=8) for frame in rest]
-        fits = np.mean([fit for fit, _ in seen], axis=0)
-        found = ~np.isnan(fits).any(axis=(1, 2))
-        if found.sum() < 0.9 * count:
-            raise DetectionError(
-                f"only {found.sum()} of {count} marker pairs of the rest frame look like markers"
-            )
-        covariance = np.mean([covariance for _, covariance in seen], axis=0) / len(rest)
-        self._rest = np.where(found[:, None, None], fits, start)
-        self._fits = self._rest.copy()
-        self._previous = self._grey(rest[-1])
-        self._last_seen = np.full((2, count), np.nan)
-        self.rest = self._tracks(rest[-1], fits, covariance)
+        seen = read_rest(rest, self._palette)
+        self._fit, at_rest = self._fit_rest(seen, rest)
+        self._relocator = Relocator(seen, self._palette)
+        self._pitch, self._shape = seen.pitch, seen.image.shape
+        self._rest = at_rest.state
+        self._typical = max(1.0, float(np.median(at_rest.misfit)))
+        self._waited, self._patience = 0, _PATIENCE
+        visible = self._visible(at_rest)
+        self._lost = int((~visible & self._rest.present).sum())
+        self._last_seen = np.where(visible.T, rest[-1].time, np.nan)[: self._layers]
+        self._next = replace(self._rest, slopes=np.zeros_like(self._rest.slopes))
+        self._velocity = np.zeros_like(self._rest.fits)
+        self.rest = self._tracks(rest[-1], at_rest, visible, np.zeros_like(visible))
         return self.rest
 
-    def update(self, frame: Frame) -> Tracks:
-        """Markers in the next frame."""
-        expected = self._optics.ground.shape
-        if frame.image.shape != expected or frame.image.dtype != np.uint8:
-            raise FrameError(
-                f"frame has shape {frame.image.shape} and type {frame.image.dtype}, the rest frame "
-                f"had {expected} and uint8"
+    def _fit_rest(self, seen: RestFrame, rest: list[Frame]) -> tuple[PairFit, PairFits]:
+        """Shapes from the mean of the frames; then the mean of the fits to each."""
+        mean = np.rint(seen.image).astype(np.uint8)
+        fit = PairFit(seen, self._palette, self._noise)
+        found = fit.fit(mean, fit.start, _REST_STEPS)
+        if np.median(found.misfit) > _WORSE:
+            found = fit.tune(mean, found, found.state.fits, _STEPS)
+        good: Any = self._visible(found).any(axis=1)
+        if good.sum() < _AT_REST * len(good):
+            raise DetectionError(
+                f"only {good.sum()} of {len(good)} markers of the rest frame look like markers"
             )
-        grey = self._grey(frame)
-        start = self._fits[:, 0, :2].astype(np.float32)
-        flowed, found, _ = cv2.calcOpticalFlowPyrLK(
-            self._previous, grey, start, start.copy(), winSize=(21, 21), maxLevel=2
+        start = fit.take_shapes(found.state)
+        fit = fit.with_effort(self.free, self.stride, self.arrived)
+        fits = [fit.fit(frame.image, start, _STEPS) for frame in rest]
+        at_rest = replace(
+            start, fits=np.mean([f.state.fits for f in fits], axis=0), gains=fits[-1].state.gains
         )
-        shift = np.where(found == 1, flowed - start, 0.0)
-        # The flow sees the darkest layer, magenta; the other one moves in proportion.
-        predicted = self._fits.copy()
-        predicted[:, :, :2] += self._share[:, None] * shift[:, None, :]
-        fits, covariance = self._fit(frame, predicted, iterations=6)
-        self._previous = grey
-        self._remember(fits)
-        return self._tracks(frame, fits, covariance)
+        misfit = np.mean([f.misfit for f in fits], axis=0)
+        covariance = np.mean([f.covariance for f in fits], axis=0) / len(rest)
+        return fit, PairFits(at_rest, misfit, covariance)
 
-    def _fit(self, frame: Frame, predicted: Array, iterations: int) -> tuple[Array, Array]:
-        """Fits (M, 2, 5), NaN where lost, and their covariances (M, 10, 10)."""
-        fits = predicted.copy()
-        covariance = np.empty((len(fits), 10, 10))
-        misfit = np.empty(len(fits))
-        fit_pairs(frame.image, self._optics, fits, covariance, misfit, iterations)
-        jump = np.abs(fits[:, :, :2] - predicted[:, :, :2]).max(axis=(1, 2))
-        fits[~((misfit < MAX_MISFIT) & (jump < MAX_JUMP))] = np.nan
-        return fits, covariance
+    def update(self, frame: Frame) -> Tracks:
+        """Markers in the next frame.
 
-    def _tracks(self, frame: Frame, fits: Array, covariance: Array) -> Tracks:
-        p, q = fits[:, :, 3].T, fits[:, :, 4].T
-        measured = np.array([0, 1, 2, 5, 6, 7])  # (x, y, log size) of both layers
-        visible = ~np.isnan(fits[:, :, 0].T)
-        self._last_seen = np.where(visible, frame.time, self._last_seen)
+        Raises
+        ------
+        FrameError
+            When the frame has another size than the rest frame.
+        """
+        check_frame(frame, self._shape)
+        image = frame.image
+        start = replace(self._next, fits=self._next.fits + self._velocity)
+        look = self._judge(image, self._fit.fit(image, start, _STEPS), start)
+        ambiguous = look.torn
+        steady = not self._astray(look)
+        if not steady:
+            located = self._relocator(image)
+            start = self._located(located.position, located.gains)
+            again = self._judge(image, self._fit.fit(image, start, _STEPS), start)
+            if _worth(again) >= _worth(look):
+                look = again
+                unsure = np.zeros_like(look.visible)
+                unsure[:, : self._layers] = located.ambiguous.T
+                ambiguous = look.visible & (look.torn | unsure)
+        # Lost in the light, not in the motion.
+        typical = float(np.median(look.fits.misfit))
+        worse = typical > _WORSE * self._typical
+        self._waited += 1
+        if worse or (typical > _WORSE and self._waited > self._patience):
+            # What tuning does not mend is tried again, less and less often.
+            self._waited, self._patience = 0, _PATIENCE if worse else 2 * self._patience
+            tuned = self._fit.tune(image, look.fits, self._next.fits, _STEPS)
+            if not self._fit.faded(tuned.state):
+                now = replace(start, absorbed=tuned.state.absorbed, width=tuned.state.width)
+                look = self._judge(image, tuned, now)
+                ambiguous = look.visible & (look.torn | ambiguous)
+                typical = float(np.median(look.fits.misfit))
+        if not self._typical / _WORSE < typical < _WORSE * self._typical:
+            self._typical = max(1.0, min(typical, 1e6))
+        self._remember(look, steady)
+        self._last_seen = np.where(look.visible.T[: self._layers], frame.time, self._last_seen)
+        return self._tracks(frame, look.fits, look.visible, ambiguous)
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """Everything that changes from frame to frame."""
+        return {
+            **asdict(self._next),
+            "velocity": self._velocity.copy(),
+            "last_seen": self._last_seen.copy(),
+            "lost": self._lost,
+            "typical": self._typical,
+            "waited": self._waited,
+            "patience": self._patience,
+        }
+
+    @state.setter
+    def state(self, values: dict[str, Any]) -> None:
+        own = dict(values)
+        self._velocity = np.array(own.pop("velocity"))
+        self._last_seen = np.array(own.pop("last_seen"))
+        self._lost, self._typical = int(own.pop("lost")), float(own.pop("typical"))
+        self._waited, self._patience = int(own.pop("waited")), int(own.pop("patience"))
+        self._next = PairState(**own)
+
+    def _judge(self, image: Image, found: PairFits, start: PairState) -> Look:
+        """What of a fit is visible; of pairs that are not, each layer is tried alone."""
+        limit = self._limit(found)
+        if (found.misfit > limit).any():
+            found = self._fit.fit_apart(image, found, start, limit, _STEPS)
+        visible = self._visible(found)
+        return Look(found, visible, self._torn(found, visible))
+
+    def _astray(self, look: Look) -> bool:
+        """Whether markers have been taken for others, or many have been lost at once."""
+        lost = int((~look.visible & self._rest.present).sum())
+        return bool(look.torn.any()) or lost > self._lost + max(
+            _FEW, _FEW_SHARE * len(look.visible)
+        )
+
+    def _visible(self, found: PairFits) -> NDArray[np.bool_]:
+        """Layers whose fit explains their pixels, shape (M, 2)."""
+        explained = found.misfit < self._limit(found)
+        return np.asarray(explained[:, None] & found.state.present)
+
+    def _limit(self, found: PairFits) -> float:
+        """Largest misfit of a marker that is there."""
+        return _LOST * min(max(1.0, float(np.median(found.misfit))), _WORST)
+
+    def _torn(self, found: PairFits, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Markers that moved otherwise than most of their neighbours, or their other layer."""
+        moved = (found.state.fits - self._rest.fits)[..., :2]
+        near = self._fit.near
+        apart = (abs(moved[near] - moved[:, None]) > _TORN * self._pitch).any(axis=-1)
+        known = visible[near] & visible[:, None]
+        torn = visible & (2 * (apart & known).sum(axis=1) >= np.maximum(known.sum(axis=1), 1))
+        if self._layers == 2 and self._share is not None:
+            off = abs(moved[:, 1] - self._share * moved[:, 0]).max(axis=1) > _TORN * self._pitch
+            torn |= (off & visible.all(axis=1))[:, None]
+        return torn
+
+    def _located(self, position: Array, gains: Array) -> PairState:
+        """Start from positions (L, M, 2) that were found without the fit."""
+        fits = self._rest.fits.copy()
+        known = np.isfinite(position)
+        at = np.swapaxes(fits, 0, 1)[: self._layers, :, :2]
+        at[known] = position[known]
+        return replace(self._next, fits=fits, gains=gains, slopes=np.zeros_like(self._rest.slopes))
+
+    def _remember(self, look: Look, steady: bool) -> None:
+        """Start of the next frame; lost markers go with their neighbours."""
+        visible, state, before = look.visible, look.fits.state, self._next.fits
+        moved = np.where(visible[..., None], state.fits - self._rest.fits, np.nan)
+        either: Any = visible.any(axis=1)
+        gains = np.where(either[:, None], state.gains, np.nan)
+        for m in np.flatnonzero((~visible & self._rest.present).any(axis=1)):
+            near = self._fit.near[m]
+            for k in np.flatnonzero(~visible[m]):
+                with_it = near[visible[near, k]]
+                moved[m, k] = np.median(moved[with_it, k], axis=0) if len(with_it) else 0.0
+            if np.isnan(gains[m, 0]):
+                lit = near[visible[near].any(axis=1)]
+                gains[m] = gains[lit].mean(axis=0) if len(lit) else self._next.gains[m]
+        fits = self._rest.fits + np.nan_to_num(moved)
+        self._velocity = np.where(visible[..., None] & steady, fits - before, 0.0)
+        self._velocity[..., 2:] = 0.0
+        self._lost = int((~visible & self._rest.present).sum())
+        self._next = replace(
+            state,
+            fits=fits,
+            gains=np.where(np.isnan(gains), 1.0, gains),
+            present=self._rest.present,
+        )
+
+    def _tracks(
+        self,
+        frame: Frame,
+        found: PairFits,
+        visible: NDArray[np.bool_],
+        ambiguous: NDArray[np.bool_],
+    ) -> Tracks:
+        fits = np.where(visible[..., None], found.state.fits, np.nan)
+        p, q = fits[..., 3], fits[..., 4]
+        log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)
+        # What the model does not explain is not certain either.
+        excess = np.where(visible.any(axis=1), np.maximum(found.misfit, 1.0), 1.0)
+        covariance = found.covariance * excess[:, None, None]
+        covariance[~np.repeat(visible, 3, axis=1)[:, :, None].repeat(6, axis=2)] = np.nan
+        layers = self._layers
         return Tracks(
             time=frame.time,
-            position=np.swapaxes(fits[:, :, :2], 0, 1),
-            log_size=fits[:, :, 2].T + 0.5 * np.log(1.0 - p**2 - q**2),
-            hue=mean_hues(frame.image, self._optics.shapes, fits),
-            visible=visible,
-            ambiguous=np.zeros_like(visible),
-            last_seen=self._last_seen,
-            covariance=covariance[:, measured[:, None], measured],
+            position=np.swapaxes(fits[:, :layers, :2], 0, 1),
+            log_size=log_size[:, :layers].T if self.free == 5 else np.full_like(log_size.T, np.nan),
+            hue=self._fit.hues(frame.image, fits),
+            visible=visible[:, :layers].T,
+            ambiguous=ambiguous[:, :layers].T,
+            last_seen=self._last_seen.copy(),
+            covariance=covariance[:, : 3 * layers, : 3 * layers],
         )
 
-    def _remember(self, fits: Array) -> None:
-        """Start of the next frame; lost markers go with their neighbours."""
-        lost = np.isnan(fits[:, 0, 0])
-        self._fits = fits.copy()
-        for m in np.flatnonzero(lost):
-            near = self._optics.neighbours[m][~lost[self._optics.neighbours[m]]]
-            self._fits[m] = self._rest[m]
-            if len(near):
-                self._fits[m] += np.median(fits[near] - self._rest[near], axis=0)
 
-    @staticmethod
-    def _grey(frame: Frame) -> NDArray[np.uint8]:
-        """Green channel, where magenta is darkest and yellow almost clear."""
-        return np.ascontiguousarray(frame.image[:, :, 1])
+def _worth(look: Look) -> int:
+    """Markers that are found and hold together, less those that do not."""
+    return int(look.visible.sum()) - 2 * int(look.torn.sum())
+
+
+class QuickTracker(MarkerTracker):
+    """Fits places alone, to every second row, and takes the shapes as they are at rest."""
+
+    free, stride, arrived = 2, 2, 0.3

@@ -5,6 +5,8 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, Protocol
 
+import numpy as np
+
 from ..render import Frame
 from .palette import Palette
 from .tracks import Tracks
@@ -49,9 +51,31 @@ class FrameError(ValueError):
     """A frame that does not go with the rest frame."""
 
 
+def check_frame(frame: Frame, shape: tuple[int, ...]) -> None:
+    """Refuse a frame whose image is not as the rest frame's was.
+
+    Raises
+    ------
+    FrameError
+        With what was found and what was expected.
+    """
+    if frame.image.shape != shape or frame.image.dtype != np.uint8:
+        raise FrameError(
+            f"frame has shape {frame.image.shape} and type {frame.image.dtype}, the rest frame "
+            f"had {shape} and uint8"
+        )
+
+
 #: Module:Class of each tracker of ours, and one line about it.
 TRACKERS = {
     "fit": ("tracker:MarkerTracker", "least-squares fit of the known shape of both layers"),
+    "quick": ("tracker:QuickTracker", "the same fit of places alone, to every second row"),
+    "centroid": ("centroid:WeightedCentroid", "weighted centroids of what each dye covers"),
+    "lk": ("flow:LucasKanade", "Lucas-Kanade from the rest frame, warm started"),
+    "dis": ("flow:DenseInverseSearch", "dense flow (DIS) from the rest frame"),
+    "farneback": ("flow:Farneback", "dense flow (Farnebäck) from the rest frame"),
+    "blob": ("blob:BlobDetector", "OpenCV's blob detector on dye density"),
+    "chromatouch": ("chromatouch:ChromaTouch", "the published pipeline: top-hat, HSV mask, hue"),
 }
 DEFAULT_TRACKER = "fit"
 #: Entry points of installed packages that are trackers.

@@ -6,6 +6,8 @@ from typing import Any
 from .bench_model import bench_model
 from .bench_render import bench_render
 from .bench_rows import Row, report, reported, within
+from .bench_track import bench_track
+from .errors import UserError
 from .render.gl import gl_problem
 from .run_folder import Result, run
 from .scene import load_scene
@@ -84,9 +86,25 @@ def _measured(name: str, result: Result, key: str, unit: str) -> Row:
     return reported(name, result.summary[key], unit)
 
 
-PARTS = {"loop": bench_loop, "model": bench_model, "render": bench_render}
+PARTS: dict[str, Callable[..., list[Row]]] = {
+    "loop": bench_loop,
+    "model": bench_model,
+    "render": bench_render,
+    "track": bench_track,
+}
 
 
-def bench(part: str, quick: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Measure a part: the machine, and a row per figure."""
-    return report(PARTS[part](quick, progress), quick)
+def bench(
+    part: str, quick: bool, progress: Callable[[str], None], trackers: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Measure a part: the machine, and a row per figure.
+
+    Raises
+    ------
+    UserError
+        When trackers are given for a part without any, or are not there.
+    """
+    if trackers and part != "track":
+        raise UserError(f"--tracker goes with bench track, not with bench {part}")
+    more = (trackers,) if trackers else ()
+    return report(PARTS[part](quick, progress, *more), quick)

@@ -32,6 +32,7 @@ from .cli_options import (
     telling,
 )
 from .cli_render import render
+from .cli_track import detect, palettes, track, trackers
 from .errors import UserError
 from .scene import (
     CONTROLLERS,
@@ -45,6 +46,12 @@ from .scene import (
 )
 
 NAME = "chromagrip"
+
+Trackers = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("of track: only this one; may be repeated", "NAME|MODULE:CLASS", "tracker"),
+]
 
 
 def grasp(
@@ -192,11 +199,12 @@ def doctor() -> int:
 
 def bench(
     part: Annotated[
-        Literal["loop", "model", "render"],
+        Literal["loop", "model", "render", "track"],
         tyro.conf.Positional,
-        option("what to measure", "loop|model|render"),
+        option("what to measure", "loop|model|render|track"),
     ],
     *,
+    trackers: Trackers = (),
     quick: Quick = False,
     json_only: Annotated[Flag, option("one JSON object", name="json")] = False,
 ) -> int:
@@ -204,29 +212,44 @@ def bench(
     from .bench import bench as measure
 
     with Console(stderr=True).status("starting") as status:
-        report = measure(part, quick, telling(status))
+        report = measure(part, quick, telling(status), trackers)
     if json_only:
         print(json.dumps(report))
         return 0
-    print_rows(report["rows"])
+    rows = report["rows"]
+    if part == "track":
+        from .bench_track import asked, matrix, matrix_lines, refusals
+
+        print(*matrix_lines(matrix(rows)), *refusals(rows), sep="\n")
+        rows = asked(rows)
+    print_rows(rows)
     return 0
 
 
 def stability(
-    part: Annotated[Literal["model"], tyro.conf.Positional, option("what to map", "model")],
+    part: Annotated[
+        Literal["model", "track"], tyro.conf.Positional, option("what to map", "model|track")
+    ],
     *,
+    trackers: Trackers = (),
     quick: Quick = False,
     out: Out = None,
     force: Force = False,
     json_only: JsonOnly = False,
 ) -> int:
-    """Map where each integrator is accurate, inaccurate, chattering or diverged."""
+    """Map where each integrator is true and where it is lost, or each tracker."""
     from .stability_model import stability_model
+    from .stability_track import stability_track
 
+    if trackers and part != "track":
+        raise UserError(f"--tracker goes with stability track, not with stability {part}")
     if out is None and not json_only:
         out = new_folder(f"stability-{part}")
     with Console(stderr=True).status("starting") as status:
-        report, sentences = stability_model(quick, out, force, telling(status))
+        if part == "track":
+            report, sentences = stability_track(quick, out, force, telling(status), trackers)
+        else:
+            report, sentences = stability_model(quick, out, force, telling(status))
     if json_only:
         print(json.dumps(report))
         return 0
@@ -296,10 +319,14 @@ def _list(entries: dict[str, str]) -> int:
 COMMANDS: dict[str, Callable[..., Any]] = {
     "grasp": grasp,
     "render": render,
+    "detect": detect,
+    "track": track,
     "scenes": scenes,
     "sensors": sensors,
     "controllers": controllers,
     "renderers": renderers,
+    "trackers": trackers,
+    "palettes": palettes,
     "bench": bench,
     "chart": chart,
     "stability": stability,

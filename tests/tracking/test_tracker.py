@@ -1,11 +1,16 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from chromagrip.model import ContactObject, Fingertip, State, rest_state, step
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
+from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import DetectionError, MarkerTracker, Palette, Tracks
+from chromagrip.tracking.tracker import QuickTracker
 
 SENSOR = load_sensor("thesis")
 PALETTE = Palette.of_sensor(SENSOR)
@@ -32,8 +37,8 @@ def pressing(grip: float, load: float, frames: int) -> list[State]:
     return states
 
 
-def fresh(noise: float = NOISE) -> MarkerTracker:
-    tracker = MarkerTracker(PALETTE, NOISE)
+def fresh(noise: float = NOISE, kind: type[MarkerTracker] = MarkerTracker) -> MarkerTracker:
+    tracker = kind(PALETTE, NOISE)
     tracker.reset([shoot(REST, 2**31 + k, noise) for k in range(8)])
     return tracker
 
@@ -160,3 +165,158 @@ def test_bad_rest_frames_are_refused(frames: list[np.ndarray], words: str) -> No
 def test_frame_of_another_size_is_refused() -> None:
     with pytest.raises(ValueError, match=r"shape \(240, 320, 3\).*\(480, 640, 3\)"):
         fresh().update(Frame(image=np.zeros((240, 320, 3), np.uint8), time=0.0))
+
+
+Image = NDArray[np.uint8]
+
+
+def sheared(pitches: float) -> np.ndarray:
+    """Node displacements whose apex moves by so many pitches of 0.98 mm, the rim held."""
+    angle = np.clip(TIP.angles() / 1.48, -1.0, 1.0)
+    return np.cos(0.5 * np.pi * angle)[:, None] ** 2 * [0.98e-3 * pitches, -0.3e-3]
+
+
+def without(membrane: Membrane, share: float, seed: int) -> Membrane:
+    """Some markers of each layer gone."""
+    centres = membrane.centres.copy()
+    for layer in range(2):
+        order = np.random.default_rng([seed, layer]).permutation(len(centres[layer]))
+        centres[layer, order[: round(share * len(order))]] = np.nan
+    return Membrane(centres=centres, axes=membrane.axes)
+
+
+def test_identity_survives_a_jump_past_the_pitch() -> None:
+    """From rest by 1.2 pitch, back through 2.4 to the other side, a twentieth of them gone.
+
+    Every local method takes a marker for its neighbour from half a pitch on.
+    """
+    tracker = fresh()
+    order = numbers(tracker.rest)
+    for k, pitches in enumerate((1.2, 0.0, -1.2, 0.0)):
+        membrane = without(MAP(sheared(pitches)), 0.05, seed=3)
+        tracks = tracker.update(shoot(membrane, k))
+        there = np.isfinite(membrane.centres[:, order, 0])
+        truth = image_centres(membrane)[:, order]
+        apart = np.linalg.norm(tracks.position - truth, axis=-1)
+        assert np.nanmax(apart) < 0.5  # a twentieth of a pitch: no number is another's
+        assert not tracks.visible[~there].any()
+        assert np.isnan(tracks.position[~there]).all()
+        assert tracks.visible[there].mean() > 0.98
+        assert not tracks.ambiguous[tracks.visible].any()
+
+
+def test_what_is_gone_says_since_when() -> None:
+    tracker = fresh()
+    whole, torn = MAP(sheared(0.05)), without(MAP(sheared(0.1)), 0.1, seed=5)
+    tracker.update(shoot(whole, 1))
+    order = numbers(tracker.rest)
+    gone = np.isnan(torn.centres[:, order, 0])
+    for k in (2, 3):
+        tracks = tracker.update(shoot(torn, k))
+    np.testing.assert_allclose(tracks.last_seen[gone], 0.01)
+    np.testing.assert_allclose(tracks.last_seen[~gone & tracks.visible], 0.03)
+    # Of a pair whose one marker is gone, the other is still followed.
+    half = gone.any(axis=0) & ~gone.all(axis=0)
+    assert half.sum() > 40
+    assert tracks.visible[:, half][~gone[:, half]].mean() > 0.95
+    tracks = tracker.update(shoot(whole, 4))
+    assert tracks.visible.all()
+
+
+def ramp(image: Image, k: int) -> Image:
+    """Light that falls to 0.6 all over, and to half of that again across the image."""
+    across = np.linspace(1.0, 1.0 - 0.025 * k, image.shape[1])[None, :, None]
+    return dimmed(image, (1.0 - 0.02 * k) * across)
+
+
+def shadow(image: Image, k: int) -> Image:
+    """Three tenths less light in a band with edges of about 20 px, which wanders."""
+    x = np.arange(image.shape[1]) - 150.0 - 15.0 * k
+    band = 1.0 / (1.0 + np.exp(-x / 5.0)) - 1.0 / (1.0 + np.exp(-(x - 150.0) / 5.0))
+    return dimmed(image, 1.0 - 0.3 * band[None, :, None])
+
+
+def halved(image: Image, k: int) -> Image:
+    """Half the contrast, in levels."""
+    return np.rint(128.0 + (image - 128.0) / 2.0).astype(np.uint8)
+
+
+def dimmed(image: Image, light: float | np.ndarray) -> Image:
+    return np.rint(encode_srgb(decode_srgb(image.astype(float)) * light)).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("change", "worse"), [(ramp, 2.0), (shadow, 2.0), (halved, 4.0)])
+def test_light_and_contrast_drop_out(change: Callable[[Image, int], Image], worse: float) -> None:
+    """Nothing is lost; errors grow as the contrast falls, no more than twice beyond that."""
+    tracker, plain = fresh(), fresh()
+    order = numbers(tracker.rest)
+    rms = {}
+    for name, each in (("changed", tracker), ("plain", plain)):
+        errors = []
+        for k, state in enumerate(pressing(2.0, 0.5, 20)):
+            membrane = MAP(state.deformation.seen)
+            image = PAINTER.render(membrane)
+            image = change(image, k) if name == "changed" else image
+            add_noise(image, NOISE, 11, k)
+            tracks = each.update(Frame(image=image, time=0.01 * k))
+            errors.append(tracks.position - image_centres(membrane)[:, order])
+            assert tracks.visible.all()
+        rms[name] = np.sqrt(np.mean(np.square(errors)))
+    assert rms["changed"] < worse * rms["plain"]
+
+
+def test_a_yellow_that_the_palette_does_not_know_is_learned() -> None:
+    """A tenth more of the green than the palette says: raw, that draws magenta by 0.3 px."""
+    known = PALETTE.transmittance * [[1.0, 1.0, 1.0], [1.0, 1.0 / 0.9, 1.0]]
+    tracker = MarkerTracker(Palette(names=PALETTE.names, transmittance=known), NOISE)
+    tracker.reset([shoot(REST, 2**31 + k) for k in range(8)])
+    order = numbers(tracker.rest)
+    for k in range(12):
+        centres = REST.centres.copy()
+        centres[0, :, 0] += 0.16e-3 * min(k / 8, 1.0)  # 3 px at the end
+        moved = Membrane(centres=centres, axes=REST.axes)
+        tracks = tracker.update(shoot(moved, k))
+    near = SENSOR.places[order, 0] < 1.0
+    truth = image_centres(moved)[:, order]
+    assert np.abs(truth - image_centres(REST)[:, order])[0, near, 0].mean() > 2.8
+    bias = np.nanmean((tracks.position - truth)[:, near], axis=1)
+    assert np.abs(bias).max() < 0.01
+
+
+def test_errors_do_not_add_up() -> None:
+    tracker = fresh()
+    order = numbers(tracker.rest)
+    rms = []
+    for k in range(200):
+        membrane = MAP(sheared(0.2 * np.sin(0.2 * k)))
+        error = tracker.update(shoot(membrane, k)).position - image_centres(membrane)[:, order]
+        rms.append(np.sqrt(np.mean(error**2)))
+    assert np.mean(rms[-20:]) == pytest.approx(np.mean(rms[:20]), rel=0.1)
+
+
+@pytest.mark.parametrize("kind", [MarkerTracker, QuickTracker])
+def test_a_state_goes_on_where_it_was_taken(kind: type[MarkerTracker]) -> None:
+    first, second = fresh(kind=kind), fresh(kind=kind)
+    frames = [shoot(MAP(sheared(0.1 * k)), k) for k in range(6)]
+    for frame in frames[:3]:
+        first.update(frame)
+    second.state = first.state
+    for frame in frames[3:]:
+        a, b = first.update(frame), second.update(frame)
+        np.testing.assert_array_equal(a.position, b.position)
+        np.testing.assert_array_equal(a.last_seen, b.last_seen)
+
+
+def test_less_effort_costs_less_than_twice_the_error() -> None:
+    """Half of the rows, shapes as at rest: √2 of the error, and a little."""
+    rms = {}
+    for kind in (MarkerTracker, QuickTracker):
+        tracker = fresh(kind=kind)
+        order = numbers(tracker.rest)
+        errors = []
+        for k, state in enumerate(pressing(2.0, 0.5, 20)):
+            membrane = MAP(state.deformation.seen)
+            tracks = tracker.update(shoot(membrane, k))
+            errors.append(tracks.position - image_centres(membrane)[:, order])
+        rms[kind] = np.sqrt(np.mean(np.square(errors)))
+    assert 1.3 < rms[QuickTracker] / rms[MarkerTracker] < 1.8

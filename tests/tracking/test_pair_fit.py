@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from chromagrip.render import Frame
+from chromagrip.render.colour import decode_srgb, encode_srgb
+from chromagrip.render.coverage import EDGE_RANGE, edge, edge_slope
+from chromagrip.tracking import MarkerTracker, Palette
+
+BLUR, RADIUS, NOISE = 0.9, 6.0, 2.0
+
+
+def test_slope_of_the_edge_is_its_derivative() -> None:
+    for u in np.linspace(-0.95, 0.95, 21):
+        # edge is computed in single precision
+        rise = (float(edge(np.float32(u + 1e-2))) - float(edge(np.float32(u - 1e-2)))) / 2e-2
+        gauss = EDGE_RANGE / np.sqrt(2 * np.pi) * np.exp(-0.5 * (EDGE_RANGE * u) ** 2)
+        assert float(edge_slope(np.float32(u))) == pytest.approx(rise, abs=2e-3)
+        assert float(edge_slope(np.float32(u))) == pytest.approx(gauss, abs=2e-3)
+    assert edge_slope(np.float32(1.2)) == 0.0
+
+
+def dots(transmittance: float, shift: tuple[float, float], ground: float, seed: int) -> Frame:
+    """Discs on a lattice, drawn by sampling finely and blurring: no code of ours."""
+    fine, size = 8, (120, 160)
+    import cv2
+
+    y, x = (np.mgrid[: size[0] * fine, : size[1] * fine] + 0.5) / fine - 0.5
+    light = np.full(x.shape, ground, dtype=np.float32)
+    for row in range(15, 110, 22):
+        for col in range(15, 150, 24):
+            inside = (x - col - shift[0]) ** 2 + (y - row - shift[1]) ** 2 < RADIUS**2
+            light[inside] = ground * transmittance
+    light = cv2.GaussianBlur(light, (0, 0), BLUR * fine)
+    light = cv2.resize(light, size[::-1], interpolation=cv2.INTER_AREA)
+    levels = encode_srgb(np.repeat(light[..., None], 3, axis=2).astype(float))
+    levels += np.random.default_rng(seed).normal(0.0, NOISE, levels.shape)
+    return Frame(image=np.clip(np.rint(levels), 0, 255).astype(np.uint8), time=0.1 * seed)
+
+
+@pytest.mark.parametrize(("transmittance", "ground"), [(0.6, 0.6), (1.7, 0.35)])
+def test_one_dye_reaches_the_limit_of_one_disc(transmittance: float, ground: float) -> None:
+    """σ/A·√(2s/(√π·R)) per coordinate and channel; three channels tell √3 more of a grey dot."""
+    palette = Palette(names=("dot",), transmittance=np.full((1, 3), transmittance))
+    tracker = MarkerTracker(palette, NOISE)
+    rest = tracker.reset([dots(transmittance, (0.0, 0.0), ground, seed) for seed in range(8)])
+    assert rest.position.shape == (1, 30, 2)
+    shift, errors, squares = (0.0, 0.0), [], []
+    for seed in range(8, 40):
+        shift = (0.1 * (seed - 8), -0.05 * (seed - 8))
+        tracks = tracker.update(dots(transmittance, shift, ground, seed))
+        lattice = rest.position[0] / [24, 22] - np.array([15, 15]) / [24, 22]
+        truth = np.rint(lattice) * [24, 22] + 15 + shift
+        error = tracks.position[0] - truth
+        errors.append(error)
+        inverse = np.linalg.inv(tracks.covariance[:, :2, :2])
+        squares.append(np.einsum("mi,mij,mj->m", error, inverse, error))
+    step = float(encode_srgb(ground) - encode_srgb(ground * transmittance))
+    width = np.hypot(BLUR, np.sqrt(1 / 12))
+    limit = NOISE / abs(step) * np.sqrt(2 * width / (np.sqrt(np.pi) * RADIUS)) / np.sqrt(3)
+    rms = np.sqrt(np.mean(np.square(errors)))
+    assert 0.93 * limit < rms < 1.15 * limit
+    assert np.mean(squares) / 2 == pytest.approx(1.0, abs=0.15)
+    assert decode_srgb(encode_srgb(ground)) == pytest.approx(ground)
