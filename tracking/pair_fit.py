@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ..render.colour import decoding_table
 from ..render.coverage import edge_width
+from .colours import fit_colours, level_tables
 from .detection import RestFrame
 from .pair_kernels import BUFFER, TERMS, Optics, fit_step, light_sums, mean_hues
 from .palette import Palette
@@ -21,6 +21,8 @@ from .palette import Palette
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
+#: Pixels this many standard deviations outside an edge still tell of sizes; of places, these.
+_REACH, _CLOSE = 3.0, 2.0
 #: A fit whose last step was larger than this was not on its way to the end [px].
 _NEARLY = 0.3
 #: A misfit this many times the typical one may be for uneven light, which takes more steps.
@@ -31,15 +33,12 @@ _SLOPED = 2e-4
 #: narrower; and the widest.
 _FIRST_BLUR = 0.8
 _WIDER, _WIDEST = 1.15, 4.0
-#: How well the colours are known beforehand: standard deviation of what a dye absorbs.
-_COLOURS_KNOWN = 0.03
 #: Colours and places are fitted in turns, so often.
 _ROUNDS = 2
-#: Dark tones are tried lifted by such shares of the ground's.
-_LIFTS = np.linspace(-0.3, 0.9, 61)
-#: What an image says of the colours counts so much less than noise alone would have it: the model's
-#: own errors are common to all pixels.
-_OWN_ERRORS = 1.0 / 300.0
+#: Levels of black that are tried, and the one of a picture as it should be. Levels next to 0 would
+#: explain what is a dye's.
+_BLACKS = (-32.0, -16.0, 0.0, *np.arange(16.0, 121.0, 8.0).tolist())
+_NO_LIFT = (0.0, 0.0, 0.0)
 #: Below this share of its contrast at rest a dye is not seen.
 _FADED = 0.15
 _NEIGHBOURS = 6
@@ -57,6 +56,7 @@ class PairState:
     slopes: how it changes across each pair, see `pair_kernels`, shape (M, 5)
     absorbed: what the dyes absorb, and what both together leave over, shape (3, 3)
     width: standard deviation of an edge [px]
+    black: level of each channel that stands for no light
     """
 
     fits: Array
@@ -65,6 +65,7 @@ class PairState:
     slopes: Array
     absorbed: NDArray[np.float32]
     width: float
+    black: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,8 @@ class PairFit:
 
     def __init__(self, rest: RestFrame, palette: Palette, noise: float) -> None:
         self._free, self._stride, self._arrived = 5, 1, 0.0
-        linear = decoding_table()
+        self._noise = noise
+        linear, weight = level_tables(_NO_LIFT, noise)
         layers, count, _ = rest.position.shape
         absorbed = np.zeros((3, 3))
         absorbed[:layers] = 1.0 - palette.transmittance
@@ -112,13 +114,14 @@ class PairFit:
         square = np.einsum("mki,mkj->mij", centred, centred) + own[:, :, None] * own[:, None]
         self._to_slope = np.linalg.solve(square, np.swapaxes(centred, 1, 2))
         self._optics = Optics(
-            linear=linear.astype(np.float32),
-            weight=(1.0 / (np.gradient(linear) ** 2 * (noise**2 + 1.0 / 12.0))).astype(np.float32),
+            linear=linear,
+            weight=weight,
             ground=rest.ground.astype(np.float32),
             absorbed=absorbed.astype(np.float32),
             shapes=np.tile(radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
             neighbours=self._near,
             width=edge_width(_FIRST_BLUR),
+            reach=_REACH,
         )
         fits = np.zeros((count, 2, 5))
         # A layer that is not there has some place, too.
@@ -130,6 +133,7 @@ class PairFit:
             slopes=np.zeros((count, TERMS)),
             absorbed=self._optics.absorbed,
             width=self._optics.width,
+            black=_NO_LIFT,
         )
         self._buffer = np.zeros(BUFFER, dtype=np.float32)
 
@@ -144,6 +148,8 @@ class PairFit:
         """
         other = copy(self)
         other._free, other._stride, other._arrived = free, stride, arrived
+        if free == 2:
+            other._optics = self._optics._replace(reach=_CLOSE)
         return other
 
     @property
@@ -171,6 +177,21 @@ class PairFit:
         covariance, misfit = np.full((count, 6, 6), np.nan), np.full(count, np.inf)
         self._step(image, state, np.ones(count, dtype=np.bool_), steps, covariance, misfit)
         return PairFits(state, misfit, covariance)
+
+    def glance(self, image: Image, start: PairState) -> tuple[PairFits, Array]:
+        """One step from a state; and how far it moved each edge [px], shape (M,)."""
+        state = _copy(start)
+        count = len(state.fits)
+        covariance, misfit = np.full((count, 6, 6), np.nan), np.full(count, np.inf)
+        optics = self._optics_of(state)
+        moved, uneven = np.zeros(count), np.zeros(count, dtype=np.bool_)
+        fit_step(
+            image, optics, state.present.any(axis=1), state.present, uneven, self._free,
+            self._stride, state.fits, state.gains, state.slopes, moved, covariance, misfit,
+            self._buffer,
+        )  # fmt: skip
+        state.slopes[:, :2] += 0.5 * (self._slopes(state.gains) - state.slopes[:, :2])
+        return PairFits(state, misfit, covariance), moved
 
     def fit_apart(
         self, image: Image, found: PairFits, start: PairState, limit: float, steps: int
@@ -212,9 +233,11 @@ class PairFit:
         """
         places = self.with_effort(2, self._stride, self._arrived)
         fits = np.concatenate([found.state.fits[..., :2], shapes[..., 2:]], axis=-1)
+        start = replace(found.state, fits=fits)
+        start = replace(start, black=self._black(image, start))
 
         def tuned(width: float) -> PairFits:
-            state = replace(found.state, fits=fits, width=width)
+            state = replace(start, width=width)
             for _ in range(_ROUNDS):
                 state = places.fit(image, self._colours(image, state), steps).state
             return self.fit(image, self._colours(image, state), steps)
@@ -247,7 +270,7 @@ class PairFit:
         misfit: Array,
     ) -> None:
         """Steps on the active pairs, in place, until they have arrived."""
-        optics = self._optics._replace(absorbed=state.absorbed, width=state.width)
+        optics = self._optics_of(state)
         moved, asked = np.zeros(len(active)), active
         uneven = np.zeros(len(active), dtype=np.bool_)
 
@@ -285,59 +308,37 @@ class PairFit:
             np.einsum("mik,mk->mi", self._to_slope, light[self._near] - light[:, None])
         )
 
+    def _optics_of(self, state: PairState) -> Optics:
+        linear, weight = level_tables(state.black, self._noise)
+        return self._optics._replace(
+            linear=linear, weight=weight, absorbed=state.absorbed, width=state.width
+        )
+
     def _colours(self, image: Image, state: PairState) -> PairState:
         """Colours that explain the image best on the markers, and gains that go with them."""
-        optics = self._optics._replace(absorbed=state.absorbed, width=state.width)
-        sums = np.zeros((len(state.fits), 3, 5, 5))
-        light_sums(
-            image, optics, state.present, self._stride, state.fits, state.gains, state.slopes,
-            sums, self._buffer,
-        )  # fmt: skip
-        absorbed, gains = np.empty((3, 3)), state.gains.copy()
-        seen = np.flatnonzero(sums[:, 0, 0, 0] > 0.0)
-        for c in range(3):
-            absorbed[:, c], gain = _fit_colour(sums[seen, c], self._nominal[:, c])
-            gains[seen, c] *= gain
+        seen, sums = self._light_sums(image, state)
+        absorbed, gain, _ = fit_colours(sums, self._nominal)
+        gains = state.gains.copy()
+        gains[seen] *= gain
         return replace(state, absorbed=absorbed.astype(np.float32), gains=gains)
 
+    def _black(self, image: Image, state: PairState) -> tuple[float, ...]:
+        """Level of black in each channel that leaves the least doubt about the colours."""
+        doubts = []
+        for level in _BLACKS:
+            _, sums = self._light_sums(image, replace(state, black=(level,) * 3))
+            doubts.append(fit_colours(sums, self._nominal)[2])
+        return tuple(_BLACKS[best] for best in np.argmin(doubts, axis=0))
 
-def _fit_colour(sums: Array, nominal: Array) -> tuple[Array, Array]:
-    """What is absorbed in one channel, shape (3,), and the gain of each pair, shape (n,).
-
-    Parameters
-    ----------
-    sums: of `light_sums`, of n pairs, shape (n, 5, 5)
-    nominal: what is absorbed by both dyes, and left over by both, shape (3,)
-    """
-    signs = np.array([-1.0, -1.0, 1.0])
-    # Layers that lie on each other say little of each alone; the contrast of both does. So first
-    # the one contrast that explains most, each pair having a gain of its own.
-    tones = np.concatenate([np.ones((len(_LIFTS), 1)), signs * _tones(nominal)], axis=1)
-    model = np.einsum("ta,nab,tb->tn", tones, sums[:, :4, :4], tones)
-    product = np.einsum("ta,na->tn", tones, sums[:, :4, 4])
-    best = int(np.argmax((product**2 / model).sum(axis=1)))
-    gain = product[best] / model[best]
-    # Then what is left, as far as it goes beyond what the model may itself be wrong by.
-    mean = sums[:, 0, 1:4] / sums[:, 0, :1]
-    inner = sums[:, 1:4, 1:4] - sums[:, :1, 1:4] * mean[:, :, None]
-    pull = sums[:, 1:4, 4] / gain[:, None] - mean * (sums[:, 0, 4] / gain)[:, None]
-    matrix = _OWN_ERRORS * np.einsum("n,nij->ij", gain**2, inner)
-    right = _OWN_ERRORS * np.einsum("n,ni->i", gain**2, pull)
-    prior = np.eye(3) / _COLOURS_KNOWN**2
-    found = np.linalg.solve(matrix + prior, right + prior @ tones[best, 1:])
-    return signs * found, gain
-
-
-def _tones(absorbed: Array) -> Array:
-    """What is absorbed, and left over by both, shape (T, 3), under lower and higher contrasts.
-
-    Contrast of a camera, fog and faded dyes all lift or lower the tones of gamma-encoded light.
-    """
-    a, b, both = absorbed
-    left = np.array([1.0 - a, 1.0 - b, 1.0 - a - b + both]) ** (1 / 2.4)
-    lift = _LIFTS[:, None]
-    x, y, z = (np.maximum((1.0 - lift) * left + lift, 1e-3) ** 2.4).T
-    return np.stack([1.0 - x, 1.0 - y, 1.0 - x - y + z], axis=1)
+    def _light_sums(self, image: Image, state: PairState) -> tuple[NDArray[np.intp], Array]:
+        """Numbers of the pairs that tell of colours, and what they tell; see `light_sums`."""
+        sums = np.zeros((len(state.fits), 3, 5, 5))
+        light_sums(
+            image, self._optics_of(state), state.present, self._stride, state.fits, state.gains,
+            state.slopes, sums, self._buffer,
+        )  # fmt: skip
+        seen = np.flatnonzero((sums[:, :, 0, 0] > 0.0).all(axis=1))
+        return seen, sums[seen]
 
 
 def _copy(state: PairState) -> PairState:

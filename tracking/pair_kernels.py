@@ -17,21 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from ..render.coverage import EDGE_RANGE, edge, edge_slope, signed_distance, togetherness
+from ..render.coverage import EDGE_RANGE, edge, edge_slope, togetherness
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
 
 #: Markers do not shrink, grow or stretch by more than this.
 MAX_STRAIN = 0.5
-#: Pixels further than this many standard deviations outside an edge say nothing about it.
-FIT_RANGE = 3.0
 #: Fewer pixels do not determine a pair.
 _FEWEST_PIXELS = 24
 #: A pair moves no further than this in one step [px], and strains no more.
 _LONGEST_STEP, _LONGEST_STRAIN = 2.0, 0.1
 #: Pixels of a pair, at most; more are thinned out. Not a power of two: rows must not share cache.
-ROOM = 2064
+ROOM = 2256
 #: Rows of the buffer: place, light seen, its weight, ground, of each pixel …
 _X, _Y, _SEEN, _WEIGHT, _GROUND = 0, 1, 2, 5, 8
 #: … coverage of both layers, and how it changes with their five numbers each …
@@ -48,6 +46,10 @@ TERMS, _UNIT = 5, np.float32(1.0 / 16.0)
 #: Gains of three channels, and uneven light.
 _LIGHTS = 3 + TERMS
 
+#: Shade further than this many standard deviations outside an edge is not seen.
+_SHADE = 2.4
+#: A light that is off by a hundredth counts as much as a step of so many hundredth pixels.
+_LIGHT_STEP = 8.0
 #: Coverages this far from 0 and 1 are edges.
 _EDGE = 0.03
 
@@ -58,13 +60,14 @@ _TINY = np.float32(1e-12)
 class Optics(NamedTuple):
     """What the pixels of one sensor are made of."""
 
-    linear: Array32  # (256,) linear light of each level
-    weight: Array32  # (256,) 1/variance of that light
+    linear: Array32  # (3, 256) linear light of each channel's levels
+    weight: Array32  # (3, 256) 1/variance of that light
     ground: Array32  # (H, W, 3) linear light of the unmarked skin; 0 where there is none
     absorbed: Array32  # (3, 3) a₀, a₁ and b of each channel
     shapes: Array  # (2, M, 2, 2) semi-axes of each marker at nominal size, as columns [px]
     neighbours: NDArray[np.int64]  # (M, K) pairs near each pair, −1 for none
     width: float  # standard deviation of an edge [px]
+    reach: float  # pixels further than this many of those outside an edge are not read
 
 
 @njit()
@@ -98,7 +101,7 @@ def fit_step(
     fits: (x, y, e, p, q) of each layer, shape (M, 2, 5)
     gains: light over the ground's, of each channel, shape (M, 3)
     slopes: terms of the light on a pair relative to its gain, see TERMS, shape (M, 5)
-    steps: result, how far the step moved an edge [px], shape (M,)
+    steps: result, how far the step moved an edge [px], or light as much, shape (M,)
     covariance: result, of (x, y, e) of both layers before the step, shape (M, 6, 6)
     misfit: result, mean squared residual over noise variance before the step, shape (M,); infinite
         where the fit left the image or ran away
@@ -130,7 +133,7 @@ def fit_step(
         _shade(optics, present, fits, m, box, count, buffer)
         together = togetherness(outlines[0], outlines[1]) if present[m].all() else 0.0
         squares = _model(
-            optics, present[m], fits[m], inverses, together, count, lights, says, buffer
+            optics, present[m], fits[m], inverses, together, free, count, lights, says, buffer
         )
         misfit[m] = squares / max(3 * count - size - 3, 1)
         _normal_equations(count, free, buffer, normal, gradient, cross)
@@ -148,6 +151,7 @@ def fit_step(
         _light_step(lights, says, cross, change, terms, brighter)
         for c in range(3):
             gains[m, c] *= math.exp(min(max(brighter[c], -0.7), 0.7))
+            steps[m] = max(steps[m], _LIGHT_STEP * abs(brighter[c]))
         for j in range(terms - 3):
             slopes[m, j] += brighter[3 + j]
         if not _plausible(fits[m]):
@@ -173,7 +177,7 @@ def _gather(
     Their ground is under today's light. `box` receives (left, right, top, bottom) of them.
     """
     height, breadth = image.shape[0], image.shape[1]
-    reach = FIT_RANGE * optics.width
+    reach = optics.reach * optics.width
     top, bottom = 1e9, -1e9
     wide = np.empty(2)
     pixels = 0.0
@@ -225,16 +229,16 @@ def _gather(
                 buffer[_row(_X) + at] = x
                 buffer[_row(_Y) + at] = y
                 level = image[row, col, 0]
-                buffer[_row(_SEEN) + at] = linear[level]
-                buffer[_row(_WEIGHT) + at] = weight[level]
+                buffer[_row(_SEEN) + at] = linear[0, level]
+                buffer[_row(_WEIGHT) + at] = weight[0, level]
                 buffer[_row(_GROUND) + at] = g0 * light * ground[row, col, 0]
                 level = image[row, col, 1]
-                buffer[_row(_SEEN + 1) + at] = linear[level]
-                buffer[_row(_WEIGHT + 1) + at] = weight[level]
+                buffer[_row(_SEEN + 1) + at] = linear[1, level]
+                buffer[_row(_WEIGHT + 1) + at] = weight[1, level]
                 buffer[_row(_GROUND + 1) + at] = g1 * light * ground[row, col, 1]
                 level = image[row, col, 2]
-                buffer[_row(_SEEN + 2) + at] = linear[level]
-                buffer[_row(_WEIGHT + 2) + at] = weight[level]
+                buffer[_row(_SEEN + 2) + at] = linear[2, level]
+                buffer[_row(_WEIGHT + 2) + at] = weight[2, level]
                 buffer[_row(_GROUND + 2) + at] = g2 * light * ground[row, col, 2]
                 count += 1
             x += _F1
@@ -268,7 +272,7 @@ def _shade(
                 continue
             x, y = fits[other, k, 0], fits[other, k, 1]
             _stretch(optics.shapes[k, other], fits[other, k], shape)
-            reach = 0.8 * FIT_RANGE * width + max(
+            reach = _SHADE * width + max(
                 math.hypot(shape[0, 0], shape[1, 0]), math.hypot(shape[0, 1], shape[1, 1])
             )
             dx = max(box[0] - x, 0.0, x - box[1])
@@ -276,13 +280,33 @@ def _shade(
             if dx * dx + dy * dy > reach * reach:
                 continue
             _invert(shape, inverse)
-            for i in range(np.uint64(count)):
-                dx, dy = buffer[_row(_X) + i] - x, buffer[_row(_Y) + i] - y
-                if dx * dx + dy * dy < reach * reach:
-                    distance, _, _ = signed_distance(dx, dy, inverse, 0.5 * width * width)
-                    covered = edge(np.float32(distance / (EDGE_RANGE * width)))
-                    for c in range(3):
-                        buffer[_row(_GROUND + c) + i] *= _F1 - covered * optics.absorbed[k, c]
+            _cover(x, y, inverse, width, count, buffer)
+            for c in range(3):
+                _darken(_row(_GROUND + c), optics.absorbed[k, c], count, buffer)
+
+
+@njit()
+def _cover(x: float, y: float, inverse: Array, width: float, count: int, buffer: Array32) -> None:
+    """Coverage of a pair's pixels by another marker, to the first row of the terms."""
+    cx, cy, per_range = np.float32(x), np.float32(y), np.float32(1.0 / (EDGE_RANGE * width))
+    correction = np.float32(0.5 * width * width)
+    i00, i01 = np.float32(inverse[0, 0]), np.float32(inverse[0, 1])
+    i10, i11 = np.float32(inverse[1, 0]), np.float32(inverse[1, 1])
+    at_x, at_y, covered = _row(_X), _row(_Y), _row(_TERM)
+    for i in range(np.uint64(count)):
+        dx, dy = buffer[at_x + i] - cx, buffer[at_y + i] - cy
+        qx, qy = i00 * dx + i01 * dy, i10 * dx + i11 * dy
+        radius = np.sqrt(qx * qx + qy * qy + _TINY)
+        gx, gy = (i00 * qx + i10 * qy) / radius, (i01 * qx + i11 * qy) / radius
+        slope = np.sqrt(gx * gx + gy * gy + _TINY)
+        buffer[covered + i] = edge(((_F1 - radius) / slope - correction * slope) * per_range)
+
+
+@njit()
+def _darken(row: np.uint64, absorbed: np.float32, count: int, buffer: Array32) -> None:
+    covered = _row(_TERM)
+    for i in range(np.uint64(count)):
+        buffer[row + i] *= _F1 - absorbed * buffer[covered + i]
 
 
 @njit(inline="always")
@@ -298,6 +322,7 @@ def _model(
     fit: Array,
     inverses: Array,
     together: float,
+    free: int,
     count: int,
     lights: Array,
     says: Array,
@@ -319,7 +344,7 @@ def _model(
         j0, j1, j2 = (_row(_CHANGE + 5 * k), _row(_CHANGE + 5 * k + 1), _row(_CHANGE + 5 * k + 2))
         j3, j4 = _row(_CHANGE + 5 * k + 3), _row(_CHANGE + 5 * k + 4)
         for i in range(np.uint64(count)):
-            # As `signed_distance`, with the change of coverage along the edge's five motions.
+            # Distance to the edge, positive inside, to first order; coverage and its rise.
             dx, dy = buffer[x + i] - cx, buffer[y + i] - cy
             qx, qy = i00 * dx + i01 * dy, i10 * dx + i11 * dy
             radius = np.sqrt(qx * qx + qy * qy + _TINY)
@@ -333,6 +358,11 @@ def _model(
             nx, ny = rise * gx, rise * gy
             buffer[j0 + i] = nx
             buffer[j1 + i] = ny
+        if free == 2:
+            continue
+        for i in range(np.uint64(count)):
+            dx, dy = buffer[x + i] - cx, buffer[y + i] - cy
+            nx, ny = buffer[j0 + i], buffer[j1 + i]
             buffer[j2 + i] = nx * dx + ny * dy
             buffer[j3 + i] = nx * dx - ny * dy
             buffer[j4 + i] = nx * dy + ny * dx
@@ -734,7 +764,7 @@ def light_sums(
             continue
         _shade(optics, present, fits, m, box, count, buffer)
         t = togetherness(outlines[0], outlines[1]) if present[m].all() else 0.0
-        _model(optics, present[m], fits[m], inverses, t, count, lights, says, buffer)
+        _model(optics, present[m], fits[m], inverses, t, 2, count, lights, says, buffer)
         for i in range(count):
             first, second = buffer[_COVERED * ROOM + i], buffer[(_COVERED + 1) * ROOM + i]
             # Edges tell less of colours than of tone curves, blur, and where markers are.

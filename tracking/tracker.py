@@ -26,8 +26,8 @@ Image = NDArray[np.uint8]
 _LOST, _WORST = 6.0, 20.0
 #: Fits this much worse than at rest have the colours and the blur fitted as well.
 _WORSE = 1.1
-#: Frames until that is tried again.
-_PATIENCE = 4
+#: Frames until that is tried again; twice as many where it did not make this much of it.
+_PATIENCE, _BETTER = 4, 0.98
 #: Neighbours that moved this much apart, and layers off each other, are torn [pitch].
 _TORN = 0.4
 #: Newly lost markers that make all be looked for: this many, or this share.
@@ -35,6 +35,8 @@ _FEW, _FEW_SHARE = 3, 0.02
 #: Of a rest frame's markers, at least this share must look like markers.
 _AT_REST = 0.7
 _STEPS, _REST_STEPS = 6, 24
+#: Frames until the quick tracker looks again for what it has lost.
+_GLANCES = 8
 
 
 class Look(NamedTuple):
@@ -56,7 +58,7 @@ class MarkerTracker:
 
     #: Numbers of each layer that are fitted; rows of the image that are read, every so manieth;
     #: and the step after which a fit has arrived [px].
-    free, stride, arrived = 5, 1, 0.02
+    free, stride, arrived = 5, 1, 0.05
 
     def __init__(self, palette: Palette, noise: float) -> None:
         self._palette, self._noise = palette, noise
@@ -80,6 +82,7 @@ class MarkerTracker:
         self._typical = max(1.0, float(np.median(at_rest.misfit)))
         self._waited, self._patience = 0, _PATIENCE
         visible = self._visible(at_rest)
+        self._seen, self._glances = visible, 0
         self._lost = int((~visible & self._rest.present).sum())
         self._last_seen = np.where(visible.T, rest[-1].time, np.nan)[: self._layers]
         self._next = replace(self._rest, slopes=np.zeros_like(self._rest.slopes))
@@ -137,15 +140,17 @@ class MarkerTracker:
         worse = typical > _WORSE * self._typical
         self._waited += 1
         if worse or (typical > _WORSE and self._waited > self._patience):
-            # What tuning does not mend is tried again, less and less often.
             self._waited, self._patience = 0, _PATIENCE if worse else 2 * self._patience
             tuned = self._fit.tune(image, look.fits, self._next.fits, _STEPS)
             if not self._fit.faded(tuned.state):
                 now = replace(start, absorbed=tuned.state.absorbed, width=tuned.state.width)
                 look = self._judge(image, tuned, now)
                 ambiguous = look.visible & (look.torn | ambiguous)
-                typical = float(np.median(look.fits.misfit))
-        if not self._typical / _WORSE < typical < _WORSE * self._typical:
+                before, typical = typical, float(np.median(look.fits.misfit))
+                if typical < _BETTER * before:
+                    self._patience = _PATIENCE
+            self._typical = max(1.0, min(typical, 1e6))
+        elif not self._typical / _WORSE < typical < _WORSE * self._typical:
             self._typical = max(1.0, min(typical, 1e6))
         self._remember(look, steady)
         self._last_seen = np.where(look.visible.T[: self._layers], frame.time, self._last_seen)
@@ -160,7 +165,9 @@ class MarkerTracker:
             "last_seen": self._last_seen.copy(),
             "lost": self._lost,
             "typical": self._typical,
+            "seen": self._seen.copy(),
             "waited": self._waited,
+            "glances": self._glances,
             "patience": self._patience,
         }
 
@@ -171,6 +178,7 @@ class MarkerTracker:
         self._last_seen = np.array(own.pop("last_seen"))
         self._lost, self._typical = int(own.pop("lost")), float(own.pop("typical"))
         self._waited, self._patience = int(own.pop("waited")), int(own.pop("patience"))
+        self._seen, self._glances = np.array(own.pop("seen")), int(own.pop("glances"))
         self._next = PairState(**own)
 
     def _judge(self, image: Image, found: PairFits, start: PairState) -> Look:
@@ -219,7 +227,7 @@ class MarkerTracker:
 
     def _remember(self, look: Look, steady: bool) -> None:
         """Start of the next frame; lost markers go with their neighbours."""
-        visible, state, before = look.visible, look.fits.state, self._next.fits
+        visible, state = look.visible, look.fits.state
         moved = np.where(visible[..., None], state.fits - self._rest.fits, np.nan)
         either: Any = visible.any(axis=1)
         gains = np.where(either[:, None], state.gains, np.nan)
@@ -232,15 +240,18 @@ class MarkerTracker:
                 lit = near[visible[near].any(axis=1)]
                 gains[m] = gains[lit].mean(axis=0) if len(lit) else self._next.gains[m]
         fits = self._rest.fits + np.nan_to_num(moved)
-        self._velocity = np.where(visible[..., None] & steady, fits - before, 0.0)
-        self._velocity[..., 2:] = 0.0
         self._lost = int((~visible & self._rest.present).sum())
-        self._next = replace(
-            state,
-            fits=fits,
-            gains=np.where(np.isnan(gains), 1.0, gains),
-            present=self._rest.present,
-        )
+        state = replace(state, gains=np.where(np.isnan(gains), 1.0, gains))
+        self._go_on(state, fits, visible & steady)
+        self._seen = visible
+
+    def _go_on(self, state: PairState, fits: Array, steady: NDArray[np.bool_]) -> None:
+        """Start of the next frame, from fits that those that are steady came to from the last."""
+        # Neighbours move alike: their mean is a steadier guess than what each has done.
+        moved = np.where(steady[..., None], (fits - self._next.fits)[..., :2], 0.0)
+        near = self._fit.near
+        self._velocity[..., :2] = (moved + moved[near].sum(axis=1)) / (1 + near.shape[1])
+        self._next = replace(state, fits=fits, present=self._rest.present)
 
     def _tracks(
         self,
@@ -249,19 +260,22 @@ class MarkerTracker:
         visible: NDArray[np.bool_],
         ambiguous: NDArray[np.bool_],
     ) -> Tracks:
+        layers, shape = self._layers, found.state.fits.shape
         fits = np.where(visible[..., None], found.state.fits, np.nan)
-        p, q = fits[..., 3], fits[..., 4]
-        log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)
+        log_size, hue = np.full(shape[:2], np.nan), np.full(shape[0], np.nan)
+        if self.free == 5:
+            p, q = fits[..., 3], fits[..., 4]
+            log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)
+            hue = self._fit.hues(frame.image, fits)
         # What the model does not explain is not certain either.
         excess = np.where(visible.any(axis=1), np.maximum(found.misfit, 1.0), 1.0)
         covariance = found.covariance * excess[:, None, None]
-        covariance[~np.repeat(visible, 3, axis=1)[:, :, None].repeat(6, axis=2)] = np.nan
-        layers = self._layers
+        covariance[np.repeat(~visible, 3, axis=1)] = np.nan
         return Tracks(
             time=frame.time,
             position=np.swapaxes(fits[:, :layers, :2], 0, 1),
-            log_size=log_size[:, :layers].T if self.free == 5 else np.full_like(log_size.T, np.nan),
-            hue=self._fit.hues(frame.image, fits),
+            log_size=log_size[:, :layers].T,
+            hue=hue,
             visible=visible[:, :layers].T,
             ambiguous=ambiguous[:, :layers].T,
             last_seen=self._last_seen.copy(),
@@ -275,6 +289,26 @@ def _worth(look: Look) -> int:
 
 
 class QuickTracker(MarkerTracker):
-    """Fits places alone, to every second row, and takes the shapes as they are at rest."""
+    """Fits places alone, to every other row, in a single step while the markers go on as they did.
+
+    Shapes are taken as at rest, and hues are not measured. Where the step does not explain all
+    markers that were seen, the frame is fitted as `MarkerTracker` does.
+    """
 
     free, stride, arrived = 2, 2, 0.3
+
+    def update(self, frame: Frame) -> Tracks:
+        """Markers in the next frame; see `MarkerTracker.update`."""
+        check_frame(frame, self._shape)
+        start = replace(self._next, fits=self._next.fits + self._velocity, present=self._seen)
+        found, moved = self._fit.glance(frame.image, start)
+        gone_on = (found.misfit < self._limit(found)) & (moved < self.arrived)
+        self._glances += 1
+        if (gone_on | ~self._seen.any(axis=1)).all() and not (
+            self._lost and self._glances > _GLANCES
+        ):
+            self._go_on(found.state, found.state.fits, self._seen)
+            self._last_seen = np.where(self._seen.T[: self._layers], frame.time, self._last_seen)
+            return self._tracks(frame, found, self._seen, np.zeros_like(self._seen))
+        self._glances = 0
+        return super().update(frame)

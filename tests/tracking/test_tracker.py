@@ -271,9 +271,9 @@ def test_a_yellow_that_the_palette_does_not_know_is_learned() -> None:
     tracker = MarkerTracker(Palette(names=PALETTE.names, transmittance=known), NOISE)
     tracker.reset([shoot(REST, 2**31 + k) for k in range(8)])
     order = numbers(tracker.rest)
-    for k in range(12):
+    for k in range(20):
         centres = REST.centres.copy()
-        centres[0, :, 0] += 0.16e-3 * min(k / 8, 1.0)  # 3 px at the end
+        centres[0, :, 0] += 0.16e-3 * min(k / 8, 1.0)  # 3 px in the end
         moved = Membrane(centres=centres, axes=REST.axes)
         tracks = tracker.update(shoot(moved, k))
     near = SENSOR.places[order, 0] < 1.0
