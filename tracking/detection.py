@@ -1,5 +1,6 @@
 """Markers of a single picture, and those of a rest frame, which all trackers start from."""
 
+import functools
 from dataclasses import dataclass
 
 import cv2
@@ -11,7 +12,9 @@ from ..render import Frame, SensorDesign
 from ..render.colour import decode_srgb
 from ..render.ground import inside_rim, pixel_places
 from .palette import Palette
+from .spots import Spots, find_spots, surroundings, typical_area, weigh
 from .unmixing import (
+    dye_coverages,
     dye_densities,
     estimate_ground,
     plain_pixels,
@@ -20,15 +23,14 @@ from .unmixing import (
 )
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+#: sRGB levels: of one picture, or the mean of many.
+Levels = NDArray[np.uint8] | Array
 
-#: The dome, or whatever is lit, is brighter than this share of the brightest ground.
-_LIT = 0.2
 #: A colour image has channels that differ by more than this somewhere [grey levels].
 _COLOURED = 12.0
-#: Markers' areas over the typical one: tilted, cut by the rim; stretched by a fisheye's rim.
-_SMALLEST, _LARGEST = 0.35, 3.0
-#: Fewer pixels are no marker.
-_FEWEST_PIXELS = 6
+#: Less shows no markers with ground between them [px].
+_SMALLEST_IMAGE = 16
 
 
 class DetectionError(ValueError):
@@ -41,7 +43,7 @@ class Markers:
 
     Attributes
     ----------
-    position: centroid of the dye's density [px], shape (n, 2)
+    position: centroid of what the marker covers [px], shape (n, 2)
     area: [px²], shape (n,)
     hue: of the mean colour inside [°], −180…180; NaN for a grey, shape (n,)
     """
@@ -71,7 +73,7 @@ class RestFrame:
     pitch: float
 
 
-def detect_markers(image: Array | NDArray[np.uint8], palette: Palette) -> list[Markers]:
+def detect_markers(image: Levels, palette: Palette) -> list[Markers]:
     """Markers of each of the palette's layers in one picture.
 
     Parameters
@@ -87,9 +89,9 @@ def detect_markers(image: Array | NDArray[np.uint8], palette: Palette) -> list[M
     return _detect(image, palette)[0]
 
 
-def resting_ground(image: Array | NDArray[np.uint8], palette: Palette) -> Array:
+def resting_ground(image: Levels, palette: Palette) -> Array:
     """Linear light of the skin between and under the markers of one picture, shape (H, W, 3)."""
-    return _detect(image, palette)[1]
+    return _detect(image, palette)[1].astype(float)
 
 
 def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
@@ -116,6 +118,8 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
             raise DetectionError(
                 f"rest frame shows {counts} markers; the sensor has {expected} of each"
             )
+    if not all(len(layer.area) for layer in layers):
+        raise DetectionError(f"rest frame shows {counts} markers; wanted: some of each")
     radius = np.array([np.sqrt(np.median(layer.area) / np.pi) for layer in layers])
     position = join_layers([layer.position for layer in layers], reach=float(radius.max()))
     first = layers[0].position
@@ -123,7 +127,7 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
     pitch = float(np.median(np.asarray(near)[:, 1])) if len(first) > 1 else float(4 * radius[0])
     found = RestFrame(
         image=mean,
-        ground=np.where(field[..., None], ground, 0.0),
+        ground=np.where(field[..., None], ground, 0.0).astype(float),
         position=position,
         radius=radius,
         pitch=pitch,
@@ -158,43 +162,66 @@ def _mutual(first: Array, second: Array, reach: float) -> NDArray[np.intp]:
     return np.column_stack([np.flatnonzero(mutual), partner[mutual]])
 
 
-def _detect(
-    image: Array | NDArray[np.uint8], palette: Palette
-) -> tuple[list[Markers], Array, NDArray[np.bool_]]:
+def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDArray[np.bool_]]:
     """Markers of each layer, the ground between them, and where there is skin."""
     levels = np.asarray(image, dtype=float)
     _check_image(levels, palette)
-    linear, matrix = decode_srgb(levels), unmixing_matrix(palette.transmittance)
-    sensor = palette.sensor
-    sizes, skin = _first_sizes(linear, sensor)
+    linear = decode_srgb(levels).astype(np.float32)
+    # The median takes out noise, whose extremes the rough ground would find.
+    smooth = np.asarray(cv2.medianBlur(linear, 5), dtype=np.float32)
+    matrix = unmixing_matrix(palette.transmittance)
+    sizes, skin = _first_sizes(levels.shape, palette.sensor)
     # Once more with what the first look taught of the markers' size.
     for size in sizes:
-        ground = rough_ground(linear, size, palette.bright)
-        field = skin & _lit(ground)
-        densities = np.where(field, dye_densities(linear, ground, matrix), 0.0)
-        areas = np.concatenate([_areas(density) for density in densities])
-        typical = _typical(areas)
+        ground, lit = rough_ground(smooth, size, palette.bright)
+        field = skin & lit
+        densities = dye_densities(linear, ground, matrix)
+        areas = np.concatenate([find_spots(d, field, parted=False).area for d in densities])
+        typical = typical_area(areas)
         if 0.0 < 6.0 * np.sqrt(typical / np.pi) <= size:
             break
-    if not typical > 0.0:
+    # From closing to the mean of what is plainly ground.
+    count = max(1, len(areas) // len(densities))
+    scale = float(np.sqrt(field.sum() / count))
+    for margin in (3, 2):
+        plain = plain_pixels(densities * field, field, margin)
+        if plain.sum() > 0.02 * field.sum():
+            ground = estimate_ground(linear, plain, scale)
+            densities = dye_densities(linear, ground, matrix)
+    spots = [find_spots(density, field, parted=True) for density in densities]
+    if not any(len(found.area) for found in spots):
         raise DetectionError(
             f"no markers found: nothing in the image has the colours of the palette's "
             f"{' and '.join(palette.names)}"
         )
-    # From closing to the mean of what is plainly ground.
-    count = max(1, int((areas > _SMALLEST * typical).sum()) // len(densities))
-    scale = float(np.sqrt(field.sum() / count))
-    for margin in (3, 2):
-        plain = plain_pixels(densities, field, margin)
-        if plain.sum() > 0.02 * field.sum():
-            ground = estimate_ground(linear, plain, scale)
-            densities = np.where(field, dye_densities(linear, ground, matrix), 0.0)
-    return [_markers(density, levels) for density in densities], ground, field
+    ratio = np.where(field[..., None], linear / np.maximum(ground, 1e-4), np.float32(1.0))
+    return _markers(spots, levels, ratio, palette), ground, field
+
+
+def _markers(spots: list[Spots], levels: Array, ratio: Single, palette: Palette) -> list[Markers]:
+    """Places, areas and hues of the spots, from light over the ground's, shape (H, W, 3)."""
+    # Dyes as strong as they are here; a layer without markers as strong as it should be.
+    strength = [found.density if len(found.area) else 1.0 for found in spots]
+    dyes = palette.transmittance ** np.array(strength)[:, None]
+    markers = []
+    for found, coverage in zip(spots, dye_coverages(ratio, dyes), strict=True):
+        count = len(found.area)
+        pixels, number = surroundings(found)
+        position, area = weigh(coverage, pixels, number, count)
+        inside = found.labels > 0
+        label = found.labels[inside]
+        colour = [np.bincount(label, c, count + 1)[1:] / found.area for c in levels[inside].T]
+        markers.append(Markers(position=position, area=area, hue=_hue(np.stack(colour))))
+    return markers
 
 
 def _check_image(levels: Array, palette: Palette) -> None:
     if levels.ndim != 3 or levels.shape[2] != 3:
         raise DetectionError(f"image has shape {levels.shape}, expected (height, width, 3)")
+    if min(levels.shape[:2]) < _SMALLEST_IMAGE:
+        raise DetectionError(
+            f"image has shape {levels.shape}, expected {_SMALLEST_IMAGE} pixels or more a side"
+        )
     sensor = palette.sensor
     if sensor is not None and levels.shape[:2] != (sensor.view.height, sensor.view.width):
         raise DetectionError(
@@ -203,7 +230,7 @@ def _check_image(levels: Array, palette: Palette) -> None:
         )
     log = np.log(palette.transmittance)
     coloured = (np.ptp(log, axis=1) > 0.3).any()
-    spread = np.percentile(np.ptp(levels, axis=2), 99.5)
+    spread = np.percentile(np.ptp(levels[::2, ::2], axis=2), 99.5)
     if coloured and spread < _COLOURED:
         raise DetectionError(
             f"image is grey (channels differ by at most {spread:.0f} levels), the palette's "
@@ -211,76 +238,25 @@ def _check_image(levels: Array, palette: Palette) -> None:
         )
 
 
-def _first_sizes(linear: Array, sensor: SensorDesign | None) -> tuple[list[int], NDArray[np.bool_]]:
+def _first_sizes(
+    shape: tuple[int, ...], sensor: SensorDesign | None
+) -> tuple[list[int], NDArray[np.bool_]]:
     """Sizes to look for ground with, larger than a marker [px]; and where skin is, if known."""
-    height, width = linear.shape[:2]
-    field = np.ones((height, width), dtype=np.bool_)
-    if sensor is None:
-        return [int(share * height) for share in (0.06, 0.12, 0.24)], field
+    if sensor is not None:
+        size, skin = _resting_skin(sensor)
+        return [size], skin
+    sizes = [max(5, int(share * shape[0])) for share in (0.06, 0.12, 0.24)]
+    return sizes, np.ones(shape[:2], dtype=np.bool_)
+
+
+@functools.lru_cache(maxsize=8)
+def _resting_skin(sensor: SensorDesign) -> tuple[int, NDArray[np.bool_]]:
+    """Size larger than a marker in the image [px], and where skin is."""
     view, skin = sensor.view, sensor.shape
     middle = [skin.points(np.array([[1e-6, 0.0]]), depth) for depth in sensor.depths]
     gain = np.array([np.sqrt(np.linalg.det(view.jacobian(p)[0, :, :2])) for p in middle])
     field = inside_rim(sensor, pixel_places(sensor)) > 4.0 * sensor.camera.blur_px
-    return [int(4.5 * (gain * sensor.half_sizes).max())], field
-
-
-def _lit(ground: Array) -> NDArray[np.bool_]:
-    """Where the sensor is lit, clear of its edge, shape (H, W)."""
-    light = ground.max(axis=2)
-    bright = (light > _LIT * np.percentile(light, 95)).astype(np.uint8)
-    eroded = cv2.erode(bright, np.ones((7, 7), np.uint8), borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(eroded, dtype=bool)
-
-
-def _blobs(density: Array) -> tuple[NDArray[np.int32], Array]:
-    """Label of each pixel above half density, 0 for none; and the number of pixels of each."""
-    # A median over a cross's pixels takes specks of noise away.
-    mask = (density > 0.5).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    return np.asarray(labels), stats[:, cv2.CC_STAT_AREA].astype(float)
-
-
-def _areas(density: Array) -> Array:
-    areas = _blobs(density)[1][1:]
-    return areas[areas >= _FEWEST_PIXELS]
-
-
-def _typical(areas: Array) -> float:
-    """Area that half of all marked pixels lie in smaller blobs than: blind to many specks."""
-    if len(areas) == 0:
-        return 0.0
-    order = np.sort(areas)
-    total = np.cumsum(order)
-    return float(order[np.searchsorted(total, 0.5 * total[-1])])
-
-
-def _markers(density: Array, levels: Array) -> Markers:
-    """Blobs of plausible area, with centroids weighted by density."""
-    labels, areas = _blobs(density)
-    typical = _typical(areas[1:][areas[1:] >= _FEWEST_PIXELS])
-    plausible = (areas > max(_SMALLEST * typical, _FEWEST_PIXELS - 1)) & (
-        areas < _LARGEST * typical
-    )
-    plausible[0] = False  # the background
-    number = np.cumsum(plausible) * plausible
-    inside = number[labels]
-    count = int(plausible.sum())
-    colour: Array = np.stack(
-        [np.bincount(inside.ravel(), levels[..., c].ravel(), count + 1)[1:] for c in range(3)]
-    )
-    colour = colour / areas[plausible]
-    # Edges belong to the marker they lie at: labels grow by two pixels, never into each other.
-    grown = inside.astype(np.float32)
-    for _ in range(2):
-        wider = cv2.dilate(grown, np.ones((3, 3), np.uint8))
-        grown = np.where(grown > 0.0, grown, wider)
-    label = grown.astype(np.intp).ravel()
-    weight = np.clip(density, 0.0, 1.0).ravel()
-    weight[weight < 0.1] = 0.0  # noise of the ground
-    y, x = np.mgrid[: density.shape[0], : density.shape[1]]
-    mass = np.asarray(np.bincount(label, weight, count + 1)[1:], dtype=float)
-    at = [np.bincount(label, weight * v.ravel(), count + 1)[1:] / mass for v in (x, y)]
-    return Markers(position=np.stack(at, axis=-1), area=mass, hue=_hue(colour))
+    return int(4.5 * (gain * sensor.half_sizes).max()), field
 
 
 def _hue(colour: Array) -> Array:
@@ -293,7 +269,8 @@ def _hue(colour: Array) -> Array:
 def _refuse_load(rest: RestFrame) -> None:
     """Refuse a rest frame whose layers are locally out of register, as a load makes them.
 
-    A layer that lies beside its place is off evenly; a load moves the layers where it acts.
+    A layer that lies beside its place is off smoothly all over; a load moves the layers where it
+    acts.
     """
     position = rest.position
     if len(position) < 2:
@@ -302,10 +279,9 @@ def _refuse_load(rest: RestFrame) -> None:
     at, apart = position[0, both], (position[0] - position[1])[both]
     if len(at) < 12:
         return
-    design = np.column_stack([np.ones(len(at)), at])
-    for _ in range(2):
-        solution = np.linalg.lstsq(design, apart, rcond=None)[0]
-        local = apart - design @ solution
+    x, y = ((at - at.mean(axis=0)) / at.std()).T
+    smooth = np.column_stack([np.ones(len(at)), x, y, x * x, x * y, y * y])
+    local = apart - smooth @ np.linalg.lstsq(smooth, apart, rcond=None)[0]
     near = np.asarray(KDTree(at).query(at, k=7)[1])
     shift = np.linalg.norm(local[near].mean(axis=1), axis=-1)
     if shift.max() > 0.25 * rest.radius.max():

@@ -30,6 +30,8 @@ _FEWEST_PIXELS = 24
 _LONGEST_STEP, _LONGEST_STRAIN = 2.0, 0.1
 #: Pixels of a pair, at most; more are thinned out. Not a power of two: rows must not share cache.
 ROOM = 2256
+#: Pixels that a processor takes at a time, with what it has in flight.
+_AT_ONCE = 32
 #: Rows of the buffer: place, light seen, its weight, ground, of each pixel …
 _X, _Y, _SEEN, _WEIGHT, _GROUND = 0, 1, 2, 5, 8
 #: … coverage of both layers, and how it changes with their five numbers each …
@@ -130,17 +132,18 @@ def fit_step(
         )  # fmt: skip
         if count < _FEWEST_PIXELS:
             continue
-        _shade(optics, present, fits, m, box, count, buffer)
+        padded = _pad(count, buffer)
+        _shade(optics, present, fits, m, box, padded, buffer)
         together = togetherness(outlines[0], outlines[1]) if present[m].all() else 0.0
         squares = _model(
-            optics, present[m], fits[m], inverses, together, free, count, lights, says, buffer
+            optics, present[m], fits[m], inverses, together, free, padded, lights, says, buffer
         )
         misfit[m] = squares / max(3 * count - size - 3, 1)
-        _normal_equations(count, free, buffer, normal, gradient, cross)
+        _normal_equations(padded, free, buffer, normal, gradient, cross)
         terms = 3
         if uneven[m]:
             terms = _LIGHTS
-            _uneven_light(fits[m], count, free, lights, says, cross, buffer)
+            _uneven_light(fits[m], padded, free, lights, says, cross, buffer)
         if not _solve_light(lights, says, cross, terms, normal, gradient):
             misfit[m] = np.inf
             continue
@@ -222,7 +225,7 @@ def _gather(
         x, y = np.float32(start), np.float32(row)
         dy32 = y - middle_y
         for col in range(start, int(min(right, breadth - 1.0)) + 1):
-            if ground[row, col, 0] > _F0 and count < ROOM:
+            if ground[row, col, 0] > _F0 and count < ROOM - _AT_ONCE:
                 at, dx32 = np.uint64(count), x - middle_x
                 light = _F1 + dx32 * (along_x + _UNIT * (xx * dx32 + xy * dy32))
                 light += dy32 * (along_y + _UNIT * yy * dy32)
@@ -243,6 +246,18 @@ def _gather(
                 count += 1
             x += _F1
     return count
+
+
+@njit()
+def _pad(count: int, buffer: Array32) -> int:
+    """Pixels without weight behind the last, to be done many at a time; returns their end."""
+    end = (count + _AT_ONCE - 1) // _AT_ONCE * _AT_ONCE
+    for row in range(_GROUND + 3):
+        first = _row(row)
+        same = buffer[first + np.uint64(count - 1)] if row < _SEEN else _F0
+        for i in range(np.uint64(count), np.uint64(end)):
+            buffer[first + i] = same
+    return end
 
 
 @njit(inline="always")
@@ -371,18 +386,11 @@ def _model(
         _clear(buffer, _row(_TELLS) + i * np.uint64(ROOM), count)
     _clear(buffer, _row(_PULL), count)
     _clear(buffer, _row(_PULL + 1), count)
-    for c in range(3):
-        squares += _channel(
-            np.float32(together),
-            optics.absorbed[0, c],
-            optics.absorbed[1, c],
-            optics.absorbed[2, c],
-            c,
-            count,
-            lights,
-            says,
-            buffer,
-        )
+    # One by one: rows must be known when this is compiled, or it would not be vectorised.
+    t, a = np.float32(together), optics.absorbed
+    squares += _channel(t, a[0, 0], a[1, 0], a[2, 0], 0, count, lights, says, buffer)
+    squares += _channel(t, a[0, 1], a[1, 1], a[2, 1], 1, count, lights, says, buffer)
+    squares += _channel(t, a[0, 2], a[1, 2], a[2, 2], 2, count, lights, says, buffer)
     return squares
 
 
@@ -392,7 +400,7 @@ def _clear(buffer: Array32, row: np.uint64, count: int) -> None:
         buffer[row + i] = _F0
 
 
-@njit(reassociate=True)
+@njit(reassociate=True, inline="always")
 def _channel(
     t: np.float32,
     a0: np.float32,

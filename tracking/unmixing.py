@@ -1,4 +1,4 @@
-"""From an image to the densities of the dyes (Beer–Lambert), free of shading and crosstalk."""
+"""From an image to the dyes (Beer–Lambert): densities and coverages, free of shading."""
 
 from typing import Any
 
@@ -7,13 +7,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+#: Linear light; either precision will do.
+Light = NDArray[np.floating[Any]]
 
+#: Less light is black.
+_BLACK = 1e-4
+#: What is lit ends, by its share of the brightest ground, where fewer pixels than that lie between.
+_DARKEST_EDGE, _BRIGHTEST_EDGE, _GAP = 0.1, 0.5, 0.01
 #: Unmarked skin lies this close to the shading; wide enough for noise, too narrow for an edge.
 _PLAIN_RATIO = 0.08
 #: A density from which on a pixel is not plainly ground.
 _TOUCHED = 0.2
 #: Of the pixels that the shading is fitted to, along rows and columns.
 _STRIDE = 4
+#: Noise of linear light grows with that power of it, as levels are about its square root.
+_NOISE_POWER = 0.6
+#: Blur of what only tells which layer covers less [px].
+_CALMING = 0.6
+#: Less of the smaller coverage is noise: only one layer, or none, is there.
+_ALONE = 0.04
 
 
 def unmixing_matrix(transmittance: Array) -> Array:
@@ -24,35 +37,119 @@ def unmixing_matrix(transmittance: Array) -> Array:
     return np.linalg.pinv(-np.log(transmittance).T)
 
 
-def dye_densities(linear: Array, ground: Array, matrix: Array) -> Array:
-    """Density of each dye per pixel, shape (L, H, W)."""
-    attenuation = -np.log(np.maximum(linear, 1e-4) / np.maximum(ground, 1e-4))
-    return np.einsum("kc,ijc->kij", matrix, attenuation)
+def dye_densities(linear: Light, ground: Light, matrix: Array) -> Light:
+    """Density of each dye per pixel, shape (L, H, W), as precise as the light."""
+    attenuation = np.log(np.maximum(ground, _BLACK)) - np.log(np.maximum(linear, _BLACK))
+    mixed = cv2.transform(attenuation, matrix).reshape(*attenuation.shape[:2], -1)
+    return np.ascontiguousarray(np.moveaxis(mixed, 2, 0))
 
 
-def rough_ground(linear: Array, size: int, bright: bool) -> Array:
-    """Ground as the lightest light near each pixel; the darkest where markers are brighter.
+def dye_coverages(ratio: Single, transmittance: Array) -> Single:
+    """Share of each blurred pixel that markers of each layer cover, shape (L, H, W).
+
+    Unlike densities, coverages are linear in light, which is what a lens blurs. Light over the
+    ground's is 1 − a₀C₀ − a₁C₁ + a₀a₁C₀₁, a being what a dye absorbs; C₀₁, what both cover, is
+    about the smaller of the two, as edges of a pair run side by side; what it is less where they
+    cross is told beforehand. So light is linear in both once it is known which is the smaller.
 
     Parameters
     ----------
-    linear: linear-light image, shape (H, W, 3)
+    ratio: linear light over the ground's, shape (H, W, 3)
+    transmittance: share of the ground's linear light that a marker leaves, shape (L, 3)
+    """
+    absorbed = 1.0 - transmittance
+    weight = np.prod(0.5 + 0.5 * transmittance, axis=0) ** -_NOISE_POWER
+    lost = 1.0 - ratio
+    if len(absorbed) == 1:
+        return _solve(lost, absorbed, weight)
+    first, second = absorbed
+    first_inside = np.stack([first * transmittance[1], second])
+    second_inside = np.stack([first, second * transmittance[0]])
+    # Which one is smaller is told from a blurred image: noise alone would always make it less.
+    calm: Any = cv2.GaussianBlur(lost, (0, 0), _CALMING)
+    smaller = _solve(calm, first_inside, weight)
+    first_is_inside = smaller[0] <= smaller[1]
+    rough = np.where(first_is_inside, smaller, _solve(calm, second_inside, weight))
+    lost = lost - _too_much(rough)[..., None] * (first * second).astype(np.float32)
+    found = np.where(
+        first_is_inside,
+        _solve(lost, first_inside, weight),
+        _solve(lost, second_inside, weight),
+    )
+    return np.where(rough.min(axis=0) < _ALONE, _solve(lost, absorbed, weight), found)
+
+
+def _too_much(coverages: Single) -> Single:
+    """By how much the smaller coverage is more than what both cover, shape (H, W).
+
+    Of blurred straight edges at an angle φ, both cover C₀·C₁ of a pixel and (1 − 2φ/π) of what the
+    smaller one covers more: all of it where they run side by side, exactly so where they cross.
+    """
+    first, second = np.clip(coverages, 0.0, 1.0)
+    x0, x1 = (cv2.Sobel(c, cv2.CV_32F, 1, 0) for c in (first, second))
+    y0, y1 = (cv2.Sobel(c, cv2.CV_32F, 0, 1) for c in (first, second))
+    along, across = np.maximum(x0 * x1 + y0 * y1, 0.0), np.abs(x0 * y1 - y0 * x1)
+    angle: Any = np.arctan2(across, along + np.float32(1e-6))
+    return 2.0 / np.pi * angle * (np.minimum(first, second) - first * second)
+
+
+def _solve(lost: Single, absorbed: Array, weight: Array) -> Single:
+    """Coverages (L, H, W) by weighted least squares, of lost light over the ground's (H, W, 3)."""
+    matrix = np.linalg.pinv((absorbed * weight).T) * weight
+    found: Any = cv2.transform(lost, matrix)
+    return np.moveaxis(found.reshape(*lost.shape[:2], -1), 2, 0)
+
+
+def rough_ground(smooth: Single, size: int, bright: bool) -> tuple[Single, NDArray[np.bool_]]:
+    """Ground as the lightest light near each pixel, and where the sensor is lit.
+
+    Of markers that are brighter than the ground, it is the darkest.
+
+    Parameters
+    ----------
+    smooth: linear light without noise, whose extremes would be found, shape (H, W, 3)
     size: larger than a marker [px]
     bright: whether markers are brighter than the ground
     """
-    small = min(4, max(1, size // 12))
-    height, width = linear.shape[:2]
-    # The median takes out noise, whose extremes morphology would find.
-    image = np.ascontiguousarray(linear, dtype=np.float32)
-    image = np.asarray(cv2.medianBlur(image, 5))
-    reduced = cv2.resize(image, (width // small, height // small), interpolation=cv2.INTER_AREA)
-    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size // small | 1, size // small | 1))
-    operation = cv2.MORPH_OPEN if bright else cv2.MORPH_CLOSE
-    found = cv2.morphologyEx(reduced, operation, around, borderType=cv2.BORDER_REPLICATE)
-    found = cv2.GaussianBlur(found, (0, 0), 0.15 * size / small)
-    return np.asarray(cv2.resize(found, (width, height)), dtype=float)
+    small = min(8, max(1, size // 12))
+    height, width = smooth.shape[:2]
+    reduced = cv2.resize(smooth, (width // small, height // small), interpolation=cv2.INTER_AREA)
+    # Dark beyond the image, as a housing is: a narrow strip of it is no marker to be closed.
+    pad = size // small
+    border = cv2.BORDER_REPLICATE if bright else cv2.BORDER_CONSTANT
+    padded: Any = cv2.copyMakeBorder(reduced, pad, pad, pad, pad, border, value=(0.0, 0.0, 0.0))
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (pad | 1, pad | 1))
+    padded = cv2.morphologyEx(padded, cv2.MORPH_OPEN if bright else cv2.MORPH_CLOSE, around)
+    found = padded[pad:-pad, pad:-pad]
+    lit = _lit(found)
+    # Smoothed within what is lit, so that no housing darkens the rim.
+    parts: Any = np.dstack([found * lit[..., None], lit])
+    parts = cv2.GaussianBlur(parts, (0, 0), 0.15 * size / small)
+    found = parts[..., :3] / np.maximum(parts[..., 3:], 1e-3)
+    ground: Any = cv2.resize(found, (width, height))
+    # Clear of the edge.
+    field: Any = (cv2.resize(lit, (width, height)) > 0.5).astype(np.uint8)
+    field = cv2.erode(field, np.ones((5, 5)), borderType=cv2.BORDER_REPLICATE)
+    return ground, field.astype(bool)
 
 
-def plain_pixels(densities: Array, field: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
+def _lit(ground: Single) -> Single:
+    """1 in the largest region that is about as bright as the brightest, 0 elsewhere, (H, W).
+
+    Whatever is around a sensor is darker, and few pixels are as bright as in between.
+    """
+    light = np.maximum(ground.max(axis=2), _BLACK)
+    share = light / np.percentile(light, 95)
+    edges = np.geomspace(_DARKEST_EDGE, _BRIGHTEST_EDGE, 9)
+    pixels = np.histogram(share, edges)[0] / share.size
+    gap = np.flatnonzero(pixels <= max(_GAP, pixels.min()))[-1]
+    bright = (share > edges[gap]).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(bright, connectivity=4)
+    largest = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+    return (np.asarray(labels) == largest).astype(np.float32)
+
+
+def plain_pixels(densities: Light, field: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
     """Pixels of a field that are clear of markers of any layer by a margin [px], shape (H, W)."""
     touched: Any = (abs(densities) > _TOUCHED).any(axis=0).astype(np.uint8)
     # A speck of noise is no marker.
@@ -61,7 +158,7 @@ def plain_pixels(densities: Array, field: NDArray[np.bool_], margin: int) -> NDA
     return field & ~cv2.dilate(touched, around).astype(bool)
 
 
-def estimate_ground(linear: Array, plain: NDArray[np.bool_], scale: float) -> Array:
+def estimate_ground(linear: Light, plain: NDArray[np.bool_], scale: float) -> Light:
     """Linear light of the unmarked skin, from the pixels between the markers.
 
     A polynomial in (x, y) takes out the shading of the dome; what is left is smoothed locally.
@@ -74,13 +171,11 @@ def estimate_ground(linear: Array, plain: NDArray[np.bool_], scale: float) -> Ar
 
     Returns
     -------
-    Ground under every pixel, shape (H, W, 3).
+    Ground under every pixel, shape (H, W, 3), as precise as the light.
     """
-    shading = np.ones_like(linear)
-    for _ in range(3):
-        shading = _polynomial_shading(linear, plain)
-        ratio = linear / shading
-        plain = plain & (abs(ratio - 1.0) < _PLAIN_RATIO).all(axis=2)
+    shading = _polynomial_shading(linear, plain)
+    ratio = linear / shading
+    plain = plain & _near_one(ratio)
     height, width = plain.shape
     small = (width // _STRIDE, height // _STRIDE)
     parts: Any = np.dstack([ratio * plain[..., None], plain]).astype(np.float32)
@@ -91,7 +186,7 @@ def estimate_ground(linear: Array, plain: NDArray[np.bool_], scale: float) -> Ar
     return shading * cv2.resize(local, (width, height), interpolation=cv2.INTER_LINEAR)
 
 
-def _polynomial_shading(linear: Array, plain: NDArray[np.bool_]) -> Array:
+def _polynomial_shading(linear: Light, plain: NDArray[np.bool_]) -> Single:
     """Log-polynomial through the plain pixels, per channel, shape (H, W, 3)."""
     height, width = plain.shape
     # So smooth that every fourth pixel tells it, and shows it.
@@ -100,15 +195,23 @@ def _polynomial_shading(linear: Array, plain: NDArray[np.bool_]) -> Array:
     powers = [(i, j) for i in range(7) for j in range(7 - i)]
     x_powers, y_powers = (np.cumprod([np.ones_like(v)] + 6 * [v], axis=0) for v in (x, y))
     across = np.stack([x_powers[i] * y_powers[j] for i, j in powers], axis=-1)
-    sample = np.zeros(x.shape, dtype=np.bool_)
-    inside = plain[::_STRIDE, ::_STRIDE]
-    sample[: inside.shape[0], : inside.shape[1]] = inside
-    target = np.log(np.maximum(linear[::_STRIDE, ::_STRIDE][inside], 1e-4))
-    coefficients = np.linalg.lstsq(across[sample], target, rcond=None)[0]
-    # Outside the dome the polynomial runs away; nothing reads it there.
-    shading = np.exp(np.clip(across @ coefficients, -6.0, 1.0)).astype(np.float32)
+    light, sample = linear[::_STRIDE, ::_STRIDE], plain[::_STRIDE, ::_STRIDE]
+    inside = across[: light.shape[0], : light.shape[1]]
+    for _ in range(3):
+        target = np.log(np.maximum(light[sample], _BLACK))
+        # Normal equations: thirty unknowns of ten thousand pixels.
+        known = inside[sample]
+        coefficients = np.linalg.lstsq(known.T @ known, known.T @ target, rcond=None)[0]
+        # Outside the dome the polynomial runs away; nothing reads it there.
+        shading = np.exp(np.clip(across @ coefficients, -6.0, 1.0)).astype(np.float32)
+        sample = sample & _near_one(light / shading[: light.shape[0], : light.shape[1]])
     at_x, at_y = np.meshgrid(np.arange(width) / _STRIDE, np.arange(height) / _STRIDE)
     return np.asarray(
-        cv2.remap(shading, at_x.astype(np.float32), at_y.astype(np.float32), cv2.INTER_LINEAR),
-        dtype=float,
+        cv2.remap(shading, at_x.astype(np.float32), at_y.astype(np.float32), cv2.INTER_LINEAR)
     )
+
+
+def _near_one(ratio: Light) -> NDArray[np.bool_]:
+    """Where light is as the shading says in every channel, shape (H, W)."""
+    low, high = [1.0 - _PLAIN_RATIO] * 3, [1.0 + _PLAIN_RATIO] * 3
+    return np.asarray(cv2.inRange(ratio, np.array(low), np.array(high))).astype(bool)

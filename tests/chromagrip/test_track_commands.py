@@ -152,7 +152,7 @@ def test_detect_lists_both_layers(
         assert np.sqrt((distance**2).mean()) < 0.25
         area = np.array([row["area_px2"] for row in rows])
         true_area = areas(outlines(moved(8e-5), SENSOR.view), square=False)[k, number]
-        assert np.median(area / true_area) == pytest.approx(1.0, abs=0.3)
+        assert np.median(area / true_area) == pytest.approx(1.0, abs=0.05)
         numbers.append({row["pair"]: n for row, n in zip(rows, number, strict=True)})
     # A pair is one marker of the design, moved apart by up to 1.5 px.
     assert None not in numbers[0]
