@@ -115,6 +115,7 @@ def fit_step(
     normal, gradient, change = np.empty((size, size)), np.empty(size), np.empty(size)
     cross, box = np.zeros((_LIGHTS, size)), np.empty(4)
     lights, says, brighter = np.zeros((_LIGHTS, _LIGHTS)), np.zeros(_LIGHTS), np.zeros(_LIGHTS)
+    extents = _extents(optics, fits)
     for m in range(fits.shape[0]):
         if not active[m]:
             continue
@@ -133,7 +134,7 @@ def fit_step(
         if count < _FEWEST_PIXELS:
             continue
         padded = _pad(count, buffer)
-        _shade(optics, present, fits, m, box, padded, buffer)
+        _shade(optics, present, fits, extents, m, box, padded, buffer)
         together = togetherness(outlines[0], outlines[1]) if present[m].all() else 0.0
         squares = _model(
             optics, present[m], fits[m], inverses, together, free, padded, lights, says, buffer
@@ -267,10 +268,24 @@ def _middle(fit: Array) -> tuple[np.float32, np.float32]:
 
 
 @njit()
+def _extents(optics: Any, fits: Array) -> Array:
+    """Largest distance of each marker's edge from its centre [px], about, shape (M, 2)."""
+    extents, shape = np.empty((fits.shape[0], 2)), np.empty((2, 2))
+    for m in range(fits.shape[0]):
+        for k in range(2):
+            _stretch(optics.shapes[k, m], fits[m, k], shape)
+            extents[m, k] = max(
+                math.hypot(shape[0, 0], shape[1, 0]), math.hypot(shape[0, 1], shape[1, 1])
+            )
+    return extents
+
+
+@njit()
 def _shade(
     optics: Any,
     present: NDArray[np.bool_],
     fits: Array,
+    extents: Array,
     m: int,
     box: Array,
     count: int,
@@ -286,14 +301,12 @@ def _shade(
             if not present[other, k]:
                 continue
             x, y = fits[other, k, 0], fits[other, k, 1]
-            _stretch(optics.shapes[k, other], fits[other, k], shape)
-            reach = _SHADE * width + max(
-                math.hypot(shape[0, 0], shape[1, 0]), math.hypot(shape[0, 1], shape[1, 1])
-            )
+            reach = _SHADE * width + extents[other, k]
             dx = max(box[0] - x, 0.0, x - box[1])
             dy = max(box[2] - y, 0.0, y - box[3])
             if dx * dx + dy * dy > reach * reach:
                 continue
+            _stretch(optics.shapes[k, other], fits[other, k], shape)
             _invert(shape, inverse)
             _cover(x, y, inverse, width, count, buffer)
             for c in range(3):
@@ -756,7 +769,7 @@ def light_sums(
     shapes, inverses = np.empty((2, 2, 2)), np.empty((2, 2, 2))
     outlines, box = np.empty((2, 3, 2)), np.empty(4)
     lights, says = np.zeros((_LIGHTS, _LIGHTS)), np.zeros(_LIGHTS)
-    values = np.empty(5)
+    values, extents = np.empty(5), _extents(optics, fits)
     for m in range(fits.shape[0]):
         for k in range(2):
             _stretch(optics.shapes[k, m], fits[m, k], shapes[k])
@@ -770,7 +783,7 @@ def light_sums(
         sums[m] = 0.0
         if count < _FEWEST_PIXELS:
             continue
-        _shade(optics, present, fits, m, box, count, buffer)
+        _shade(optics, present, fits, extents, m, box, count, buffer)
         t = togetherness(outlines[0], outlines[1]) if present[m].all() else 0.0
         _model(optics, present[m], fits[m], inverses, t, 2, count, lights, says, buffer)
         for i in range(count):
@@ -787,3 +800,32 @@ def light_sums(
                 for a in range(5):
                     for b in range(5):
                         sums[m, c, a, b] += weight * values[a] * values[b]
+
+
+@njit()
+def torn_off(
+    moved: Array, visible: NDArray[np.bool_], near: NDArray[np.int64], limit: float
+) -> NDArray[np.bool_]:
+    """Markers that moved otherwise than at least half of their visible neighbours, shape (M, 2).
+
+    Parameters
+    ----------
+    moved: since rest [px], shape (M, 2, 2)
+    visible: shape (M, 2)
+    near: neighbours, shape (M, K)
+    limit: of the difference, along x or y [px]
+    """
+    torn = np.zeros(visible.shape, dtype=np.bool_)
+    for m in range(visible.shape[0]):
+        for k in range(2):
+            if not visible[m, k]:
+                continue
+            known = apart = 0
+            for n in near[m]:
+                if visible[n, k]:
+                    known += 1
+                    dx = abs(moved[n, k, 0] - moved[m, k, 0])
+                    dy = abs(moved[n, k, 1] - moved[m, k, 1])
+                    apart += dx > limit or dy > limit
+            torn[m, k] = known > 0 and 2 * apart >= known
+    return torn

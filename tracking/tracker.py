@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..render import Frame
 from .detection import DetectionError, RestFrame, read_rest
 from .pair_fit import PairFit, PairFits, PairState
+from .pair_kernels import torn_off
 from .palette import Palette
 from .relocate import Relocator
 from .trackers import check_frame
@@ -143,7 +144,8 @@ class MarkerTracker:
             self._waited, self._patience = 0, _PATIENCE if worse else 2 * self._patience
             tuned = self._fit.tune(image, look.fits, self._next.fits, _STEPS)
             if not self._fit.faded(tuned.state):
-                now = replace(start, absorbed=tuned.state.absorbed, width=tuned.state.width)
+                how = tuned.state
+                now = replace(start, absorbed=how.absorbed, width=how.width, black=how.black)
                 look = self._judge(image, tuned, now)
                 ambiguous = look.visible & (look.torn | ambiguous)
                 before, typical = typical, float(np.median(look.fits.misfit))
@@ -208,14 +210,11 @@ class MarkerTracker:
     def _torn(self, found: PairFits, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Markers that moved otherwise than most of their neighbours, or their other layer."""
         moved = (found.state.fits - self._rest.fits)[..., :2]
-        near = self._fit.near
-        apart = (abs(moved[near] - moved[:, None]) > _TORN * self._pitch).any(axis=-1)
-        known = visible[near] & visible[:, None]
-        torn = visible & (2 * (apart & known).sum(axis=1) >= np.maximum(known.sum(axis=1), 1))
+        torn = torn_off(moved, visible, self._fit.near, _TORN * self._pitch)
         if self._layers == 2 and self._share is not None:
             off = abs(moved[:, 1] - self._share * moved[:, 0]).max(axis=1) > _TORN * self._pitch
             torn |= (off & visible.all(axis=1))[:, None]
-        return torn
+        return np.asarray(torn)
 
     def _located(self, position: Array, gains: Array) -> PairState:
         """Start from positions (L, M, 2) that were found without the fit."""
