@@ -15,8 +15,10 @@ from scipy.spatial import KDTree
 from ..render.coverage import edge_width
 from .colours import fit_colours, level_tables
 from .detection import RestFrame
-from .pair_kernels import BUFFER, TERMS, Optics, fit_step, light_sums, mean_hues
+from .light_kernels import light_sums
+from .pair_kernels import fit_step, mean_hues
 from .palette import Palette
+from .pixel_kernels import BUFFER, TERMS, Optics
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -27,6 +29,8 @@ _REACH, _CLOSE = 3.0, 2.0
 _NEARLY = 0.3
 #: A misfit this many times the typical one may be for uneven light, which takes more steps.
 _UNEVEN, _UNEVEN_STEPS = 1.6, 6
+#: Steps of pairs whose motion changed, where a single one is enough for most.
+_GLANCES = 3
 #: A slope of the light that changed by more than this is worth another step [1/px].
 _SLOPED = 2e-4
 #: Blur that is tried first, standard deviation [px]; by how much an edge is tried wider or
@@ -53,7 +57,7 @@ class PairState:
     fits: (x, y, e, p, q) of both layers, see `pair_kernels`, shape (M, 2, 5)
     present: layers that are there, shape (M, 2)
     gains: light of each channel over that at rest, shape (M, 3)
-    slopes: how it changes across each pair, see `pair_kernels`, shape (M, 5)
+    slopes: how it changes across each pair, see `pixel_kernels`, shape (M, 5)
     absorbed: what the dyes absorb, and what both together leave over, shape (3, 3)
     width: standard deviation of an edge [px]
     black: level of each channel that stands for no light
@@ -178,20 +182,25 @@ class PairFit:
         self._step(image, state, np.ones(count, dtype=np.bool_), steps, covariance, misfit)
         return PairFits(state, misfit, covariance)
 
-    def glance(self, image: Image, start: PairState) -> tuple[PairFits, Array]:
-        """One step from a state; and how far it moved each edge [px], shape (M,)."""
+    def glance(self, image: Image, start: PairState) -> PairFits:
+        """Single steps from a state, a few more for pairs that have not arrived."""
         state = _copy(start)
         count = len(state.fits)
         covariance, misfit = np.full((count, 6, 6), np.nan), np.full(count, np.inf)
         optics = self._optics_of(state)
         moved, uneven = np.zeros(count), np.zeros(count, dtype=np.bool_)
-        fit_step(
-            image, optics, state.present.any(axis=1), state.present, uneven, self._free,
-            self._stride, state.fits, state.gains, state.slopes, moved, covariance, misfit,
-            self._buffer,
-        )  # fmt: skip
+        active = state.present.any(axis=1)
+        for _ in range(_GLANCES):
+            fit_step(
+                image, optics, active, state.present, uneven, self._free, self._stride, state.fits,
+                state.gains, state.slopes, moved, covariance, misfit, self._buffer,
+            )  # fmt: skip
+            active = moved > self._arrived
+            if not active.any():
+                break
+        misfit[active] = np.inf
         state.slopes[:, :2] += 0.5 * (self._slopes(state.gains) - state.slopes[:, :2])
-        return PairFits(state, misfit, covariance), moved
+        return PairFits(state, misfit, covariance)
 
     def fit_apart(
         self, image: Image, found: PairFits, start: PairState, limit: float, steps: int

@@ -300,8 +300,8 @@ class QuickTracker(MarkerTracker):
         """Markers in the next frame; see `MarkerTracker.update`."""
         check_frame(frame, self._shape)
         start = replace(self._next, fits=self._next.fits + self._velocity, present=self._seen)
-        found, moved = self._fit.glance(frame.image, start)
-        gone_on = (found.misfit < self._limit(found)) & (moved < self.arrived)
+        found = self._fit.glance(frame.image, start)
+        gone_on = found.misfit < self._limit(found)
         self._glances += 1
         if (gone_on | ~self._seen.any(axis=1)).all() and not (
             self._lost and self._glances > _GLANCES
