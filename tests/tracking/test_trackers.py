@@ -1,0 +1,45 @@
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from chromagrip.tracking import TrackerError, load_tracker, tracker_names
+from chromagrip.tracking.centroid import WeightedCentroid
+from chromagrip.tracking.tracker import MarkerTracker
+
+
+def test_ours_are_found_by_name() -> None:
+    assert load_tracker("fit") is MarkerTracker
+    for name in tracker_names():
+        kind = load_tracker(name)
+        assert callable(kind.reset)  # type: ignore[attr-defined]
+        assert callable(kind.update)  # type: ignore[attr-defined]
+
+
+def test_anybodys_by_module_and_class() -> None:
+    assert load_tracker("chromagrip.tracking.centroid:WeightedCentroid") is WeightedCentroid
+
+
+def test_installed_ones_by_their_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    def installed(group: str) -> list[EntryPoint]:
+        assert group == "chromagrip.trackers"
+        return [EntryPoint("mine", "chromagrip.tracking.centroid:WeightedCentroid", group)]
+
+    monkeypatch.setattr("chromagrip.tracking.trackers.entry_points", installed)
+    assert load_tracker("mine") is WeightedCentroid
+    assert "mine" in tracker_names()
+    with pytest.raises(TrackerError, match="mine, fit"):
+        load_tracker("yours")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("best", "no tracker 'best'; there is .*fit.* or give module:Class"),
+        ("nowhere:Tracker", "cannot be imported: ModuleNotFoundError"),
+        ("json:Tracker", "cannot be imported: AttributeError"),
+        ("json:JSONDecoder", "has no reset"),
+    ],
+)
+def test_what_is_no_tracker_is_refused(name: str, words: str) -> None:
+    with pytest.raises(TrackerError, match=words):
+        load_tracker(name)
