@@ -136,6 +136,13 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
     return found
 
 
+def neighbours(points: Array, count: int) -> NDArray[np.int64]:
+    """Numbers of so many points next to each of n points (n, 2), nearest first; n − 1 at most."""
+    among = min(count, len(points) - 1) + 1
+    near = np.asarray(KDTree(points).query(points, k=among)[1]).reshape(len(points), among)
+    return near[:, 1:].astype(np.int64)
+
+
 def join_layers(layers: list[Array], reach: float) -> Array:
     """Markers of all layers, those within `reach` of each other under one number, (L, M, 2)."""
     if len(layers) == 1:

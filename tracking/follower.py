@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..render import Frame
-from .detection import DetectionError, RestFrame, read_rest
+from .detection import DetectionError, RestFrame, neighbours, read_rest
 from .palette import Palette
 from .trackers import check_frame
 from .tracks import Tracks
@@ -83,11 +83,7 @@ class Follower:
         """
         seen = read_rest(rest, self._palette)
         self._origin, self._pitch = seen.position, seen.pitch
-        _, count, _ = seen.position.shape
-        middle = np.nanmean(seen.position, axis=0)
-        among = min(_NEIGHBOURS, count - 1) + 1
-        near = np.asarray(KDTree(middle).query(middle, k=among)[1]).reshape(count, among)
-        self._near = near[:, 1:]
+        self._near = neighbours(np.nanmean(seen.position, axis=0), _NEIGHBOURS)
         self._state = {
             "shift": np.zeros_like(seen.position),
             "last_seen": np.full(seen.position.shape[:2], np.nan),

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ..render.coverage import edge_width
 from .colours import fit_colours, level_tables
-from .detection import RestFrame
+from .detection import RestFrame, neighbours
 from .light_kernels import light_sums
 from .pair_kernels import fit_step, mean_hues
 from .palette import Palette
@@ -111,7 +110,8 @@ class PairFit:
         position[:layers] = rest.position
         radius = np.append(rest.radius, rest.radius[-1:])[:2]
         middle = np.nanmean(position, axis=0)
-        offsets, self._near = _neighbours(middle)
+        self._near = neighbours(middle, _NEIGHBOURS)
+        offsets = middle[self._near] - middle[:, None]
         # Slope of a plane through the logarithms of a pair's own gain and its neighbours'.
         centred = offsets - offsets.sum(axis=1, keepdims=True) / (offsets.shape[1] + 1)
         own = -offsets.sum(axis=1) / (offsets.shape[1] + 1)
@@ -375,11 +375,3 @@ def _chosen(which: NDArray[np.bool_], first: PairState, second: PairState) -> Pa
 def _score(found: PairFits) -> float:
     """Median misfit, those that were not found counted."""
     return float(np.median(np.minimum(found.misfit, 1e9)))
-
-
-def _neighbours(position: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Offsets (M, K, 2) [px] and numbers (M, K) of the nearest pairs."""
-    count = min(_NEIGHBOURS, len(position) - 1)
-    near = np.asarray(KDTree(position).query(position, k=count + 1)[1]).reshape(-1, count + 1)
-    near = near[:, 1:].astype(np.int64)
-    return position[near] - position[:, None], near

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..render.colour import decoding_table
-from .detection import RestFrame
+from .detection import RestFrame, neighbours
 from .palette import Palette
 from .unmixing import unmixing_matrix
 
@@ -75,13 +75,12 @@ class Relocator:
         middle = np.nanmean(rest.position, axis=0)
         away = np.linalg.norm(middle - middle.mean(axis=0), axis=1)
         self._order = np.argsort(-away)
-        count = min(3 * _AROUND, len(middle))
-        self._near = np.asarray(KDTree(middle).query(middle, k=count)[1]).reshape(-1, count)[:, 1:]
+        self._near = neighbours(middle, 3 * _AROUND - 1)
         self._middle = middle
 
     def __call__(self, image: Image) -> Relocated:
         """Markers of an image of the rest frame's size."""
-        blobs, gains = self.see(image)
+        blobs, gains = self._see(image)
         parts = [self._number(at, blobs[layer]) for layer, at in enumerate(self._rest.position)]
         position, found, ambiguous = (np.stack(part) for part in zip(*parts, strict=True))
         x, y = (
@@ -90,7 +89,7 @@ class Relocator:
         )
         return Relocated(position, found, ambiguous, np.exp(gains[y, x].astype(float)))
 
-    def see(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
+    def _see(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
         """Centres (n, 2) of each layer's blobs; and the light's logarithm over rest, (H, W, 3)."""
         ratio = np.asarray(cv2.LUT(image, self._log_levels)) - self._log_ground
         ratio[~self._skin] = 0.0

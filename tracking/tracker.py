@@ -84,7 +84,6 @@ class MarkerTracker:
         self._waited, self._patience = 0, _PATIENCE
         visible = self._visible(at_rest)
         self._seen, self._glances = visible, 0
-        self._lost = int((~visible & self._rest.present).sum())
         self._last_seen = np.where(visible.T, rest[-1].time, np.nan)[: self._layers]
         self._next = replace(self._rest, slopes=np.zeros_like(self._rest.slopes))
         self._velocity = np.zeros_like(self._rest.fits)
@@ -140,7 +139,8 @@ class MarkerTracker:
         typical = float(np.median(look.fits.misfit))
         worse = typical > _WORSE * self._typical
         self._waited += 1
-        if worse or (typical > _WORSE and self._waited > self._patience):
+        tried = worse or (typical > _WORSE and self._waited > self._patience)
+        if tried:
             self._waited, self._patience = 0, _PATIENCE if worse else 2 * self._patience
             tuned = self._fit.tune(image, look.fits, self._next.fits, _STEPS)
             if not self._fit.faded(tuned.state):
@@ -151,8 +151,7 @@ class MarkerTracker:
                 before, typical = typical, float(np.median(look.fits.misfit))
                 if typical < _BETTER * before:
                     self._patience = _PATIENCE
-            self._typical = max(1.0, min(typical, 1e6))
-        elif not self._typical / _WORSE < typical < _WORSE * self._typical:
+        if tried or not self._typical / _WORSE < typical < _WORSE * self._typical:
             self._typical = max(1.0, min(typical, 1e6))
         self._remember(look, steady)
         self._last_seen = np.where(look.visible.T[: self._layers], frame.time, self._last_seen)
@@ -165,7 +164,6 @@ class MarkerTracker:
             **asdict(self._next),
             "velocity": self._velocity.copy(),
             "last_seen": self._last_seen.copy(),
-            "lost": self._lost,
             "typical": self._typical,
             "seen": self._seen.copy(),
             "waited": self._waited,
@@ -178,7 +176,7 @@ class MarkerTracker:
         own = dict(values)
         self._velocity = np.array(own.pop("velocity"))
         self._last_seen = np.array(own.pop("last_seen"))
-        self._lost, self._typical = int(own.pop("lost")), float(own.pop("typical"))
+        self._typical = float(own.pop("typical"))
         self._waited, self._patience = int(own.pop("waited")), int(own.pop("patience"))
         self._seen, self._glances = np.array(own.pop("seen")), int(own.pop("glances"))
         self._next = PairState(**own)
@@ -193,10 +191,12 @@ class MarkerTracker:
 
     def _astray(self, look: Look) -> bool:
         """Whether markers have been taken for others, or many have been lost at once."""
-        lost = int((~look.visible & self._rest.present).sum())
-        return bool(look.torn.any()) or lost > self._lost + max(
-            _FEW, _FEW_SHARE * len(look.visible)
-        )
+        newly = self._lost(look.visible) - self._lost(self._seen)
+        return bool(look.torn.any()) or newly > max(_FEW, _FEW_SHARE * len(look.visible))
+
+    def _lost(self, visible: NDArray[np.bool_]) -> int:
+        """Markers that were there at rest and are not visible."""
+        return int((~visible & self._rest.present).sum())
 
     def _visible(self, found: PairFits) -> NDArray[np.bool_]:
         """Layers whose fit explains their pixels, shape (M, 2)."""
@@ -239,7 +239,6 @@ class MarkerTracker:
                 lit = near[visible[near].any(axis=1)]
                 gains[m] = gains[lit].mean(axis=0) if len(lit) else self._next.gains[m]
         fits = self._rest.fits + np.nan_to_num(moved)
-        self._lost = int((~visible & self._rest.present).sum())
         state = replace(state, gains=np.where(np.isnan(gains), 1.0, gains))
         self._go_on(state, fits, visible & steady)
         self._seen = visible
@@ -304,7 +303,7 @@ class QuickTracker(MarkerTracker):
         gone_on = found.misfit < self._limit(found)
         self._glances += 1
         if (gone_on | ~self._seen.any(axis=1)).all() and not (
-            self._lost and self._glances > _GLANCES
+            self._glances > _GLANCES and self._lost(self._seen)
         ):
             self._go_on(found.state, found.state.fits, self._seen)
             self._last_seen = np.where(self._seen.T[: self._layers], frame.time, self._last_seen)

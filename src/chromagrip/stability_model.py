@@ -4,10 +4,9 @@ One grasp (press to 1 N, pull to half of what friction holds, hold) over step si
 stiffness × node count, compared with the same grasp in fine implicit steps.
 """
 
-import csv
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from .bench_model import margins
 from .bench_rows import Row, at_least, report, reported
+from .cells import read_cells, write_cells
 from .model import (
     ContactObject,
     DivergedError,
@@ -121,12 +121,14 @@ def stability_model(
     else:
         part = out / "map.unfinished.csv"
         prepare(out, force or part.exists())
-        done = {(c.method, c.nodes, c.stiffness_n_per_m, c.step_s): c for c in _read_csv(part)}
+        done = {
+            (c.method, c.nodes, c.stiffness_n_per_m, c.step_s): c for c in read_cells(part, Cell)
+        }
         found = []
         for cell in cells(plan, done, progress):
             found.append(cell)
             if len(found) > len(done):  # those done before come first and are in the file
-                _write_csv(found, part)
+                write_cells(found, part)
         _draw(found, out / "map.png", quick)
         part.replace(out / "map.csv")
     return report(_rows(found), quick), _breaks(found)
@@ -238,26 +240,6 @@ def _swing(tip: Fingertip, obj: ContactObject, method: Method, dt: float, run: H
     )  # fmt: skip
     normal = [contact_forces(tip, obj, more.state(k)).normal.sum() for k in range(1, len(more))]
     return float(abs(np.diff(normal, n=2)).max() / max(normal[0], 1e-9))
-
-
-def _write_csv(rows: list[Cell], path: Path) -> None:
-    """Every run of a map, one line each."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Cell)])
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
-
-
-def _read_csv(path: Path) -> Iterator[Cell]:
-    """Cells of an unfinished map."""
-    if not path.exists():
-        return
-    kinds: dict[str, Any] = {field.name: field.type for field in fields(Cell)}
-    with path.open(newline="", encoding="utf-8") as file:
-        for line in csv.DictReader(file):
-            # Types of the fields are the converters: str, int and float.
-            values = {name: kinds[name](text) for name, text in line.items()}
-            yield Cell(**values)
 
 
 def _rows(found: list[Cell]) -> list[Row]:

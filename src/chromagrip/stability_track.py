@@ -1,8 +1,7 @@
 """Breakdown curves of the trackers: one condition turned at a time, until the markers are lost."""
 
-import csv
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from .bench_rows import Row, report, reported
 from .bench_track import chosen
+from .cells import read_cells, write_cells
 from .out_folder import prepare
 from .render import Defects
 from .track_scenes import Conditions, Sequence, sequence
@@ -168,14 +168,14 @@ def stability_track(
     else:
         part = out / "map.unfinished.csv"
         prepare(out, force or part.exists())
-        done = {_key(cell): cell for cell in _read_csv(part)}
+        done = {_key(cell): cell for cell in read_cells(part, Cell)}
         found = []
         for cell in cells(names, values, count, done, progress):
             found.append(cell)
             if _key(cell) not in done:
-                _write_csv(found, part)
+                write_cells(found, part)
         _draw(found, out / "map.png", quick)
-        _write_csv(found, part)
+        write_cells(found, part)
         part.replace(out / "map.csv")
     rows = rows_of(found)
     return report(rows, quick), _sentences(rows)
@@ -230,24 +230,6 @@ def _judge(said: Followed, seen: Sequence) -> tuple[float, float, int]:
 
 def _key(cell: Cell) -> Key:
     return cell.tracker, cell.dial, cell.value, cell.frames
-
-
-def _write_csv(found: list[Cell], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Cell)])
-        writer.writeheader()
-        writer.writerows(asdict(cell) for cell in found)
-
-
-def _read_csv(path: Path) -> Iterator[Cell]:
-    """Points of an unfinished map."""
-    if not path.exists():
-        return
-    kinds: dict[str, Any] = {field.name: field.type for field in fields(Cell)}
-    with path.open(newline="", encoding="utf-8") as file:
-        for line in csv.DictReader(file):
-            # Types of the fields are the converters: str, int and float.
-            yield Cell(**{name: kinds[name](text) for name, text in line.items()})
 
 
 def rows_of(found: list[Cell]) -> list[Row]:

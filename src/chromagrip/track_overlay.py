@@ -3,15 +3,14 @@
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 
-import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from .render.colour import encode_srgb
 from .tracking import Palette, Tracks
+from .video_file import VideoFile
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -20,6 +19,7 @@ Image = NDArray[np.uint8]
 _LONG_SIDE = 1280
 #: Shown at the source's rate up to this one [Hz], and slower than it happened beyond.
 _FASTEST = 60.0
+_QUALITY = 23
 #: Share of the picture's contrast that is left under what is drawn.
 _CONTRAST = 0.5
 #: Colours of layers are at most this light, so that they stand out of the paled picture.
@@ -159,8 +159,8 @@ def draw_tracks(
     return canvas.pixels
 
 
-class OverlayVideo:
-    """H.264 in 4:4:4, written beside its final name and renamed when closed.
+class OverlayVideo(VideoFile):
+    """Pictures of the markers; above 60 Hz it plays slower than it happened.
 
     Parameters
     ----------
@@ -169,37 +169,5 @@ class OverlayVideo:
     """
 
     def __init__(self, path: Path, fps: float) -> None:
-        self._path = path
-        self._part = path.with_name(path.name + ".part")
-        self._fps = Fraction(min(fps, _FASTEST)).limit_denominator(1001)
-        self._container = av.open(str(self._part), "w", format="mp4")
-        self._stream: av.VideoStream | None = None
-
-    def __enter__(self) -> "OverlayVideo":
-        """Use as a context: closed and renamed even after an interruption."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Finish the file and give it its name."""
-        if self._stream is not None:
-            for packet in self._stream.encode():
-                self._container.mux(packet)
-        self._container.close()
-        if self._stream is not None:
-            self._part.replace(self._path)
-
-    def add(self, picture: Image) -> None:
-        """Append a picture; all have the size of the first one."""
-        if self._stream is None:
-            self._stream = self._container.add_stream("libx264", rate=self._fps)
-            self._stream.height, self._stream.width = picture.shape[:2]
-            self._stream.pix_fmt = "yuv444p"
-            self._stream.options = {"crf": "23", "preset": "veryfast", "threads": "1"}
-        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
-        for packet in self._stream.encode(frame):
-            self._container.mux(packet)
+        rate = Fraction(min(fps, _FASTEST)).limit_denominator(1001)
+        super().__init__(path, rate, _QUALITY)

@@ -206,7 +206,7 @@ def _follow(
                 if table is not None and video is not None:
                     table.add(index, tracks)
                     radius = run.start.radius
-                    video.add(draw_tracks(frame.image, palette, tracks, resting, radius))
+                    video.append(draw_tracks(frame.image, palette, tracks, resting, radius))
                 progress(tally.frames, total)
         complete, ended = True, "end of the source"
         if limit is not None and tally.frames == limit:

@@ -1,9 +1,7 @@
 """The tactile video: what the camera saw beside what was made of it."""
 
 from pathlib import Path
-from types import TracebackType
 
-import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +10,12 @@ from .loop import Sample
 from .model import REFERENCE_NODES, ForceField
 from .render import SensorDesign, View
 from .tracking import Tracks
+from .video_file import VideoFile
 
 Image = NDArray[np.uint8]
 
 FPS = 25
+_QUALITY = 20
 #: A run is shown this much slower than it happens.
 SLOWDOWN = 4
 #: Length of a force arrow [px/N at 251 nodes], and how far displacements are drawn out.
@@ -28,46 +28,18 @@ _FORCE: _Colour = (30, 60, 200)
 _TRACK: _Colour = (0, 130, 60)
 
 
-class TactileVideo:
-    """H.264 in 4:4:4, because halving the chroma doubles the error on colour-coded markers.
-
-    Written beside its final name and renamed when closed, so that a cut file never looks whole.
+class TactileVideo(VideoFile):
+    """Pairs of pictures: what the camera saw, and what was made of it.
 
     Parameters
     ----------
     path: of the video
-    sensor: its camera sets the size and maps the forces onto the picture
+    sensor: its camera maps the forces onto the picture
     """
 
     def __init__(self, path: Path, sensor: SensorDesign) -> None:
-        self._path = path
-        self._part = path.with_name(path.name + ".part")
+        super().__init__(path, FPS, _QUALITY)
         self._view = sensor.view
-        self._started = False
-        self._container = av.open(str(self._part), "w", format="mp4")
-        self._stream = self._container.add_stream("libx264", rate=FPS)
-        self._stream.width = 2 * self._view.width
-        self._stream.height = self._view.height
-        self._stream.pix_fmt = "yuv444p"
-        self._stream.options = {"crf": "20", "preset": "veryfast", "threads": "1"}
-
-    def __enter__(self) -> "TactileVideo":
-        """Use as a context: closed and renamed even after an interruption."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Finish the file and give it its name."""
-        if self._started:
-            for packet in self._stream.encode():
-                self._container.mux(packet)
-        self._container.close()
-        if self._started:
-            self._part.replace(self._path)
 
     def add(self, image: Image, sample: Sample) -> None:
         """Append one sample and the image that belongs to it."""
@@ -83,10 +55,7 @@ class TactileVideo:
         _write(overlay, f"{source} force per node", (8, overlay.shape[0] - 28), _FORCE)
         if sample.tracks is not None:
             _write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), _TRACK)
-        frame = av.VideoFrame.from_ndarray(np.hstack([image, overlay]), format="rgb24")
-        self._started = True
-        for packet in self._stream.encode(frame):
-            self._container.mux(packet)
+        self.append(np.hstack([image, overlay]))
 
 
 def draw_overlay(
