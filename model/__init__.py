@@ -11,7 +11,7 @@ from .errors import (
     PiercedError,
 )
 from .fingertip import REFERENCE_NODES, Fingertip, SpringLaw
-from .force_field import ForceField, contact_forces
+from .force_field import ForceField, FrictionReading, contact_forces
 from .integrators import INTEGRATORS, Method, explicit_limit, simulate
 from .metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
 from .objects import ContactObject, stiffness_from_young
@@ -32,6 +32,7 @@ __all__ = [
     "Ensemble",
     "Fingertip",
     "ForceField",
+    "FrictionReading",
     "History",
     "LostContactError",
     "Method",

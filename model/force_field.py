@@ -15,6 +15,24 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
+class FrictionReading:
+    """What one image says of the friction coefficient.
+
+    Attributes
+    ----------
+    value: µ
+    deviation: standard deviation of µ
+    observable: whether the image shows µ at all, rather than what a pure press shows (E7)
+    totals_covariance: covariance of µ with (ΣFn, ΣFf) [N], shape (2,)
+    """
+
+    value: float
+    deviation: float
+    observable: bool
+    totals_covariance: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ForceField:
     """Normal and friction force of each node, along the object's normal and tangent there.
 
@@ -25,6 +43,9 @@ class ForceField:
     friction: friction on the node, signed along the object's tangent, +x on a flat one [N], (N,)
     contact: nodes in contact, shape (N,)
     totals_covariance: covariance of (ΣFn, ΣFf) of an estimate [N²], shape (2, 2); zero for truth
+    spread: factor S of the covariance S·Sᵀ of an estimate's nodal forces, normal then friction
+        [N], shape (2N, R); None where it is not known
+    friction_reading: µ, where it is read off the image together with the forces
     """
 
     position: Array
@@ -32,6 +53,8 @@ class ForceField:
     friction: Array
     contact: NDArray[np.bool_]
     totals_covariance: Array
+    spread: Array | None = None
+    friction_reading: FrictionReading | None = None
 
     @property
     def total_normal(self) -> float:

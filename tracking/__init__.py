@@ -1,14 +1,7 @@
 """What the image says: markers, then forces, f = argmin |y − J·K⁻¹·f|² + prior(f)."""
 
+from .calibration import SensorCalibration
 from .detection import DetectionError, Markers, RestFrame, detect_markers, read_rest
-from .force import (
-    MIN_MARKERS,
-    DivergedEstimateError,
-    ForceEstimator,
-    ForcePrior,
-    NoEstimateError,
-    TooFewMarkersError,
-)
 from .friction import (
     CAMERA_RULE,
     THESIS_RULE,
@@ -18,8 +11,17 @@ from .friction import (
     core_quantile,
     max_ratio,
 )
+from .gaussian_process import MIN_MARKERS, DivergedEstimateError, ForcePrior, GaussianProcess
 from .palette import DEFAULT_PALETTE, Palette, PaletteError, load_palette, palette_names
+from .reconstructors import (
+    DEFAULT_RECONSTRUCTOR,
+    RECONSTRUCTORS,
+    Reconstructor,
+    ReconstructorError,
+    load_reconstructor,
+)
 from .sensitivity import UnsupportedSensorError
+from .shifts import NoEstimateError, TooFewMarkersError
 from .tracker import MarkerTracker
 from .trackers import (
     DEFAULT_TRACKER,
@@ -34,23 +36,28 @@ from .tracks import Tracks
 __all__ = [
     "CAMERA_RULE",
     "DEFAULT_PALETTE",
+    "DEFAULT_RECONSTRUCTOR",
     "DEFAULT_TRACKER",
     "MIN_MARKERS",
+    "RECONSTRUCTORS",
     "THESIS_RULE",
     "Z90",
     "DetectionError",
     "DivergedEstimateError",
-    "ForceEstimator",
     "ForcePrior",
     "FrameError",
     "FrictionEstimate",
     "FrictionRule",
+    "GaussianProcess",
     "MarkerTracker",
     "Markers",
     "NoEstimateError",
     "Palette",
     "PaletteError",
+    "Reconstructor",
+    "ReconstructorError",
     "RestFrame",
+    "SensorCalibration",
     "TooFewMarkersError",
     "Tracker",
     "TrackerError",
@@ -59,6 +66,7 @@ __all__ = [
     "core_quantile",
     "detect_markers",
     "load_palette",
+    "load_reconstructor",
     "load_tracker",
     "max_ratio",
     "palette_names",

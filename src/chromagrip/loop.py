@@ -23,7 +23,13 @@ from .model import (
 from .observers import CameraObserver, TruthObserver
 from .render import Frame, GLMissingError, open_renderer
 from .scene import Scene
-from .tracking import DetectionError, Tracks, UnsupportedSensorError
+from .tracking import (
+    DetectionError,
+    ReconstructorError,
+    SensorCalibration,
+    Tracks,
+    UnsupportedSensorError,
+)
 
 
 class ControllerError(UserError):
@@ -107,8 +113,9 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
         rest = camera.expose_rest(state, scene.camera.rest_frames)
         noise = scene.camera.noise_levels
         try:
-            seen = CameraObserver(scene.build_sensor(), tip, noise, window, rest)
-        except (DetectionError, UnsupportedSensorError) as error:
+            known = SensorCalibration(sensor=scene.build_sensor(), fingertip=tip)
+            seen = CameraObserver(known, scene.reconstructor, noise, window, rest)
+        except (DetectionError, ReconstructorError, UnsupportedSensorError) as error:
             raise UserError(f"sensor {scene.sensor}: {error}") from None
     substeps = max(1, math.ceil(scene.period * 1e3 / scene.fingertip.step_ms - 1e-9))
     dt = scene.period / substeps

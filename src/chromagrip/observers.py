@@ -6,17 +6,18 @@ import numpy as np
 
 from .control import GripObservation
 from .model import Fingertip, ForceField
-from .render import Frame, SensorDesign
+from .render import Frame
 from .tracking import (
     CAMERA_RULE,
     THESIS_RULE,
     Z90,
-    ForceEstimator,
     FrictionEstimate,
     MarkerTracker,
     NoEstimateError,
     Palette,
+    SensorCalibration,
     Tracks,
+    load_reconstructor,
 )
 
 
@@ -43,7 +44,8 @@ class CameraObserver:
 
     Parameters
     ----------
-    sensor, fingertip: calibration of image and mechanics
+    calibration: of the sensor
+    reconstructor: see `load_reconstructor`
     noise: camera noise, from its data sheet [grey levels]
     window: moving average of the friction estimate [s]
     rest: frames of the unloaded sensor
@@ -51,18 +53,18 @@ class CameraObserver:
 
     def __init__(
         self,
-        sensor: SensorDesign,
-        fingertip: Fingertip,
+        calibration: SensorCalibration,
+        reconstructor: str,
         noise: float,
         window: float,
         rest: list[Frame],
     ) -> None:
-        self._tracker = MarkerTracker(Palette.of_sensor(sensor), noise)
+        self._tracker = MarkerTracker(Palette.of_sensor(calibration.sensor), noise)
         #: Tracks of the rest frames, from which displacements are counted.
         self.rest: Tracks = self._tracker.reset(rest)
-        self._forces = ForceEstimator(sensor, fingertip, self.rest)
+        self._forces = load_reconstructor(reconstructor)(calibration, self.rest)
         self._friction = FrictionEstimate(CAMERA_RULE, window)
-        self._fingertip = fingertip
+        self._fingertip = calibration.fingertip
 
     def observe(self, frame: Frame) -> tuple[GripObservation, Tracks]:
         """Observation of a frame, and the tracks it rests on.

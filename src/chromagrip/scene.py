@@ -138,6 +138,7 @@ class Scene(Table, frozen=True):
     path: PathName = "camera"
     renderer: RendererName = "painter"
     sensor: str = "thesis"
+    reconstructor: str = "gp"
     object: ObjectSettings = ObjectSettings()
     load: LoadSettings = LoadSettings()
     fingertip: FingertipSettings = FingertipSettings()

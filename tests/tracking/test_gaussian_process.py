@@ -5,10 +5,11 @@ from chromagrip.model import ContactObject, Fingertip, ForceField, contact_force
 from chromagrip.render import Frame, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import (
-    ForceEstimator,
+    GaussianProcess,
     MarkerTracker,
     NoEstimateError,
     Palette,
+    SensorCalibration,
     TooFewMarkersError,
     Tracks,
     core_quantile,
@@ -18,6 +19,7 @@ from chromagrip.tracking.sensitivity import MarkerResponse
 SENSOR = load_sensor("thesis")
 PAINTER = open_renderer("painter", SENSOR)
 TIP = Fingertip()
+KNOWN = SensorCalibration(sensor=SENSOR, fingertip=TIP)
 MAP = MembraneMap(SENSOR, TIP.nodes)
 
 
@@ -39,7 +41,7 @@ def watch(
 ) -> list[tuple[ForceField, ForceField, Tracks]]:
     """(estimate, truth, tracks) of a press that is loaded after 50 ms, from images."""
     tracker.reset([shoot(np.zeros((TIP.nodes, 2)), 2**31 + k) for k in range(16)])
-    estimator = ForceEstimator(SENSOR, TIP, tracker.rest)
+    estimator = GaussianProcess(KNOWN, tracker.rest)
     state, seen = rest_state(TIP), []
     for k in range(frames):
         for _ in range(5):
@@ -84,7 +86,7 @@ def test_estimate_scatters_as_much_as_it_says(tracker: MarkerTracker) -> None:
 def test_an_unloaded_sensor_shows_no_force(tracker: MarkerTracker) -> None:
     unloaded = np.zeros((TIP.nodes, 2))
     tracker.reset([shoot(unloaded, 2**31 + k) for k in range(16)])
-    estimator = ForceEstimator(SENSOR, TIP, tracker.rest)
+    estimator = GaussianProcess(KNOWN, tracker.rest)
     for k in range(5):
         field = estimator.update(tracker.update(shoot(unloaded, k)))
     assert abs(field.normal.sum()) < 0.1
@@ -94,7 +96,7 @@ def test_an_unloaded_sensor_shows_no_force(tracker: MarkerTracker) -> None:
 def test_the_same_frame_gives_the_same_force(tracker: MarkerTracker) -> None:
     """A frozen image freezes the estimate, however long it is looked at."""
     _, _, tracks = watch(tracker, ContactObject(), 1.86, 0.65, frames=30)[-1]
-    estimator = ForceEstimator(SENSOR, TIP, tracker.rest)
+    estimator = GaussianProcess(KNOWN, tracker.rest)
     totals = [estimator.update(tracks).total_normal for _ in range(40)]
     assert np.ptp(totals[-10:]) < 0.002 * totals[-1]
 
@@ -103,7 +105,7 @@ def test_too_few_markers_is_an_error_that_counts_them(tracker: MarkerTracker) ->
     _, _, tracks = watch(tracker, ContactObject(), 1.0, 0.2, frames=3)[-1]
     blind = np.zeros_like(tracks.visible)
     blind[:, :5] = True
-    estimator = ForceEstimator(SENSOR, TIP, tracker.rest)
+    estimator = GaussianProcess(KNOWN, tracker.rest)
     with pytest.raises(TooFewMarkersError, match="at least 20 are needed"):
         estimator.update(
             Tracks(**{**vars(tracks), "visible": blind, "position": tracks.position.copy()})
@@ -113,7 +115,7 @@ def test_too_few_markers_is_an_error_that_counts_them(tracker: MarkerTracker) ->
 def test_nonsense_is_refused_and_forgotten(tracker: MarkerTracker) -> None:
     """Markers thrown about say nothing; the frames after them are read as if it had not been."""
     seen = watch(tracker, ContactObject(), 1.86, 0.65, frames=30)
-    estimator = ForceEstimator(SENSOR, TIP, tracker.rest)
+    estimator = GaussianProcess(KNOWN, tracker.rest)
     good = seen[-1][2]
     thrown = good.position + np.random.default_rng(0).normal(0, 60.0, good.position.shape)
     nonsense = Tracks(**{**vars(good), "position": thrown})
@@ -130,7 +132,7 @@ def test_lost_markers_widen_the_interval(tracker: MarkerTracker) -> None:
     seen = watch(tracker, ContactObject(), 1.86, 0.65, frames=30)
 
     def deviation(hidden_deg: float) -> float:
-        estimator = ForceEstimator(SENSOR, TIP, tracker.rest)
+        estimator = GaussianProcess(KNOWN, tracker.rest)
         # From frame to frame, as a camera sees it: with its middle hidden, the loaded frame alone
         # is too far from rest.
         places = np.stack([SENSOR.places_at(p, k) for k, p in enumerate(tracker.rest.position)])

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from ..model import Fingertip, ForceField, chain_compliance, chain_forces
-from ..render import SensorDesign
-from .sensitivity import MEASURED, MarkerResponse
+from ..model import ForceField, chain_compliance, chain_forces
+from .calibration import SensorCalibration
+from .sensitivity import MarkerResponse
+from .shifts import MarkerShifts, NoEstimateError
 from .tracks import Tracks
 
 Array = NDArray[np.float64]
@@ -33,14 +34,6 @@ _DAMPING = 0.8
 _ZONE_GAIN = 1.0
 
 
-class NoEstimateError(ValueError):
-    """A frame that says nothing about the forces."""
-
-
-class TooFewMarkersError(NoEstimateError):
-    """Too few markers are visible to say anything about the forces."""
-
-
 class DivergedEstimateError(NoEstimateError):
     """No deformation of the chain explains the markers; the next frame starts from rest."""
 
@@ -55,46 +48,33 @@ class ForcePrior:
     knots: places along that arc where forces are free, linear in between
     length: correlation length of the forces along the skin [m]
     amplitude: smallest prior standard deviation of a node's force at 251 nodes [N]
-    position_floor: model error on a marker's position, added to its noise [px]
-    size_floor: model error on a marker's logarithmic size
     """
 
     reach_deg: float = 38.0
     knots: int = 31
     length: float = 0.8e-3
     amplitude: float = 5e-3
-    position_floor: float = 0.02
-    size_floor: float = 3e-4
 
 
-class ForceEstimator:
+class GaussianProcess:
     """Reconstructs the chain's contact forces from the tracks of one sensor.
 
     Parameters
     ----------
-    sensor: calibration of the image
-    fingertip: calibration of the mechanics
+    calibration: of the sensor
     rest: tracks of the unloaded sensor
     prior: see ForcePrior
     """
 
     def __init__(
-        self,
-        sensor: SensorDesign,
-        fingertip: Fingertip,
-        rest: Tracks,
-        prior: ForcePrior | None = None,
+        self, calibration: SensorCalibration, rest: Tracks, prior: ForcePrior | None = None
     ) -> None:
         self._prior = prior or ForcePrior()
-        self._fingertip = fingertip
+        self._fingertip = fingertip = calibration.fingertip
         self._threshold = fingertip.contact_threshold
-        pairs = np.flatnonzero(rest.visible.all(axis=0))
-        places = np.stack([sensor.places_at(p, k) for k, p in enumerate(rest.position[:, pairs])])
-        near = places[0, :, 0] < np.deg2rad(self._prior.reach_deg) + _MARGIN
-        self._usable = pairs[near]
-        self._at_start = _measured(rest)[self._usable]
-        self._rest_covariance = rest.covariance[self._usable]
-        self._response = MarkerResponse(sensor, places[:, near], fingertip.angles())
+        reach = np.deg2rad(self._prior.reach_deg) + _MARGIN
+        self._shifts = MarkerShifts(calibration, rest, reach)
+        self._response = MarkerResponse(calibration.sensor, self._shifts.places, fingertip.angles())
         self._hats, self._correlation = self._force_basis()
         unloaded = np.zeros((fingertip.nodes, 2))
         at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))
@@ -118,19 +98,9 @@ class ForceEstimator:
         DivergedEstimateError
             When the solution runs away.
         """
-        visible = (tracks.visible[0] & tracks.visible[1])[self._usable]
-        if visible.sum() < MIN_MARKERS:
-            raise TooFewMarkersError(
-                f"{visible.sum()} marker pairs visible near the contact, at least {MIN_MARKERS} "
-                "are needed"
-            )
-        observed = (_measured(tracks)[self._usable] - self._at_start)[visible]
-        prior = self._prior
-        floor = np.tile([prior.position_floor, prior.position_floor, prior.size_floor], 2)
-        noise = (tracks.covariance[self._usable] + self._rest_covariance)[visible] + np.diag(
-            floor**2
-        )
-        whiten = np.linalg.inv(np.linalg.cholesky(noise))
+        shifts, visible = self._shifts(tracks, MIN_MARKERS)
+        observed = shifts[visible]
+        whiten = np.linalg.inv(np.linalg.cholesky(self._shifts.noise(tracks)[visible]))
         # The angles follow from the last displacement; a second pass only after a large change.
         for _ in range(2):
             before = self._seen
@@ -237,12 +207,6 @@ class ForceEstimator:
         smooth = np.exp(-0.5 * distance**2) + 1e-6 * np.eye(prior.knots)
         correlation = np.kron(np.eye(2), smooth).astype(np.float64)
         return basis, correlation
-
-
-def _measured(tracks: Tracks) -> Array:
-    """(x, y, log size) of both layers, shape (M, 6)."""
-    both = np.concatenate([tracks.position, tracks.log_size[..., None]], axis=-1)
-    return np.swapaxes(both, 0, 1).reshape(-1, MEASURED)
 
 
 def _log_evidence(information: Array, moment: Array, prior: Array, zone: NDArray[np.intp]) -> float:

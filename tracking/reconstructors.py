@@ -1,0 +1,77 @@
+"""Reconstructors by name: from tracks to a force field with its covariance, one signature."""
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Protocol
+
+from ..model import ForceField
+from .calibration import SensorCalibration
+from .tracks import Tracks
+
+
+class Reconstructor(Protocol):
+    """Reads forces off the tracks of one specimen; made by `Class(calibration, rest)`.
+
+    A field that says what µ is has a `friction_reading`; a field whose sums are known has a
+    `totals_covariance`.
+    """
+
+    def reset(self) -> None:
+        """Forget the frames before: the next one is read as the first."""
+        ...
+
+    def update(self, tracks: Tracks) -> ForceField:
+        """Force field of the next frame.
+
+        Raises
+        ------
+        NoEstimateError
+            When the frame says nothing of the forces: too few markers, or nothing explains them.
+        """
+        ...
+
+
+class ReconstructorError(ValueError):
+    """A reconstructor that is not there, or is none."""
+
+
+#: Module:Class of each reconstructor of ours, and one line about it.
+RECONSTRUCTORS = {
+    "gp": ("gaussian_process:GaussianProcess", "Gaussian-process prior on nodal forces in a zone"),
+}
+DEFAULT_RECONSTRUCTOR = "gp"
+
+
+def load_reconstructor(name: str) -> Callable[[SensorCalibration, Tracks], Reconstructor]:
+    """What makes a reconstructor from a calibration and the tracks at rest.
+
+    Parameters
+    ----------
+    name: of one of ours, or `module:Class`
+
+    Raises
+    ------
+    ReconstructorError
+        When there is none of that name, or it cannot be imported.
+    """
+    found: Callable[[SensorCalibration, Tracks], Reconstructor]
+    if name in RECONSTRUCTORS:
+        module, _, kind = RECONSTRUCTORS[name][0].partition(":")
+        found = getattr(import_module(f".{module}", __package__), kind)
+        return found
+    module, colon, kind = name.partition(":")
+    if not colon:
+        known = ", ".join(RECONSTRUCTORS)
+        raise ReconstructorError(
+            f"no reconstructor {name!r}; there is {known}, or give module:Class"
+        )
+    try:
+        found = getattr(import_module(module), kind)
+    except Exception as error:  # whatever a foreign module raises while it is imported
+        raise ReconstructorError(
+            f"reconstructor {name!r} cannot be imported: {type(error).__name__}: {error}"
+        ) from None
+    for method in ("reset", "update"):
+        if not hasattr(found, method):
+            raise ReconstructorError(f"reconstructor {name!r} has no {method}")
+    return found
