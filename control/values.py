@@ -19,6 +19,7 @@ class GripObservation:
     margin_interval: 90 % interval of Γ
     lateral_displacement: of the object over the fingertip [m]; NaN on the camera path, where the
         object's motion is not in the image
+    no_estimate: why the frame says nothing of the forces; empty when it does
     """
 
     time: float
@@ -28,6 +29,7 @@ class GripObservation:
     margin: float
     margin_interval: tuple[float, float]
     lateral_displacement: float
+    no_estimate: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

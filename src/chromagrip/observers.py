@@ -39,6 +39,38 @@ class TruthObserver:
         return _observation(time, field, self._friction, lateral_displacement)
 
 
+class ForceObserver:
+    """Reads forces and friction off the tracks of one specimen, frame after frame.
+
+    Parameters
+    ----------
+    calibration: of the sensor
+    rest: tracks of the unloaded sensor
+    reconstructor: see `load_reconstructor`
+    window: moving average of the friction estimate [s]
+    """
+
+    def __init__(
+        self, calibration: SensorCalibration, rest: Tracks, reconstructor: str, window: float
+    ) -> None:
+        self._forces = load_reconstructor(reconstructor)(calibration, rest)
+        self._friction = FrictionEstimate(CAMERA_RULE, window)
+        self._fingertip = calibration.fingertip
+
+    def observe(self, time: float, tracks: Tracks) -> GripObservation:
+        """Observation of a frame's tracks.
+
+        Where they say nothing of the forces, the observation says so: an empty field, a margin of
+        NaN, and the reason.
+        """
+        reason = ""
+        try:
+            field = self._forces.update(tracks)
+        except NoEstimateError as error:
+            field, reason = _empty_field(self._fingertip), str(error)
+        return _observation(time, field, self._friction, math.nan, reason)
+
+
 class CameraObserver:
     """Reads forces and friction off camera frames; knows only pixels and the calibration.
 
@@ -62,26 +94,20 @@ class CameraObserver:
         self._tracker = MarkerTracker(Palette.of_sensor(calibration.sensor), noise)
         #: Tracks of the rest frames, from which displacements are counted.
         self.rest: Tracks = self._tracker.reset(rest)
-        self._forces = load_reconstructor(reconstructor)(calibration, self.rest)
-        self._friction = FrictionEstimate(CAMERA_RULE, window)
-        self._fingertip = calibration.fingertip
+        self._forces = ForceObserver(calibration, self.rest, reconstructor, window)
 
     def observe(self, frame: Frame) -> tuple[GripObservation, Tracks]:
-        """Observation of a frame, and the tracks it rests on.
-
-        Where the frame says nothing of the forces, the observation says so: an empty field and a
-        margin of NaN.
-        """
+        """Observation of a frame, and the tracks it rests on."""
         tracks = self._tracker.update(frame)
-        try:
-            field = self._forces.update(tracks)
-        except NoEstimateError:
-            field = _empty_field(self._fingertip)
-        return _observation(frame.time, field, self._friction, math.nan), tracks
+        return self._forces.observe(frame.time, tracks), tracks
 
 
 def _observation(
-    time: float, field: ForceField, friction: FrictionEstimate, lateral_displacement: float
+    time: float,
+    field: ForceField,
+    friction: FrictionEstimate,
+    lateral_displacement: float,
+    no_estimate: str = "",
 ) -> GripObservation:
     mu, interval = friction.update(time, field)
     margin = field.safety_margin(mu)
@@ -94,6 +120,7 @@ def _observation(
         margin=margin,
         margin_interval=(margin - spread, margin + spread),
         lateral_displacement=lateral_displacement,
+        no_estimate=no_estimate,
     )
 
 
