@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from ..render.coverage import togetherness
+from ..render.coverage import EDGE_RANGE, edge, togetherness
 from .pixel_kernels import (
     ALL_LIGHT,
     CHANGE,
     COVERED,
     F0,
+    F1,
     FEWEST_PIXELS,
     GAIN,
     GROUND,
@@ -28,24 +29,27 @@ from .pixel_kernels import (
     SHARED,
     TERM,
     TERMS,
+    TINY,
     UNIT,
     WEIGHT,
     Array,
     Array32,
     X,
     Y,
+    clear,
     extents_of,
     gather,
     invert,
     middle_of,
     model_pixels,
     row_at,
-    shade,
     stretch,
 )
 
 #: Gains of three channels, and uneven light.
 LIGHTS = 3 + TERMS
+#: Shade further than this many standard deviations outside an edge is not seen.
+_SHADE = 2.4
 #: Coverages this far from 0 and 1 are edges.
 _EDGE = 0.03
 
@@ -161,6 +165,44 @@ def light_step(
         out[i] = total / lights[i, i]
 
 
+@njit()
+def share_light(lights: Array, cross: Array, factor: Array, covariance: Array) -> None:
+    """Covariance of the gains' logarithms with (x, y, e) of both layers, and of their own.
+
+    Parameters
+    ----------
+    lights, cross: as `solve_light` left them, of even light
+    factor: Cholesky's, of the information on all five numbers of both layers
+    covariance: result, shape (9, 9), the gains' last
+    """
+    size = factor.shape[0]
+    first = place_of(0, 0, 5)
+    answers = np.empty((3, size))
+    for i in range(size):
+        # How the markers answer to the light of each channel, by forward substitution …
+        whole = 1.0 / factor[i, i]
+        for c in range(3):
+            total = cross[c, i] / lights[c, c]
+            for k in range(i):
+                total -= factor[i, k] * answers[c, k]
+            answers[c, i] = total * whole
+    for c in range(3):
+        for d in range(c + 1):
+            total = 1.0 / lights[c, c] ** 2 if c == d else 0.0
+            for i in range(size):
+                total += answers[c, i] * answers[d, i]
+            covariance[6 + c, 6 + d] = covariance[6 + d, 6 + c] = total
+    for i in range(size - 1, first - 1, -1):
+        # … and back, as far as places and sizes, which stand last.
+        whole = 1.0 / factor[i, i]
+        for c in range(3):
+            total = answers[c, i]
+            for k in range(i + 1, size):
+                total -= factor[k, i] * answers[c, k]
+            answers[c, i] = total * whole
+            covariance[6 + c, i - first] = covariance[i - first, 6 + c] = -answers[c, i]
+
+
 @njit(inline="always")
 def place_of(layer: int, number: int, free: int) -> int:
     """Where a number of a layer stands among the unknowns.
@@ -170,6 +212,87 @@ def place_of(layer: int, number: int, free: int) -> int:
     if free == 2:
         return 2 * layer + number
     return 2 * layer + number - 3 if number > 2 else 4 + 3 * layer + number
+
+
+@njit()
+def shade(
+    optics: Any,
+    present: NDArray[np.bool_],
+    fits: Array,
+    extents: Array,
+    m: int,
+    box: Array,
+    count: int,
+    buffer: Array32,
+) -> None:
+    """Darken a pair's ground by the markers of other pairs that reach into its box."""
+    inverse, outlines = np.empty((2, 2)), np.empty((2, 3, 2))
+    near = np.empty(2, dtype=np.bool_)
+    for other in optics.neighbours[m]:
+        if other < 0:
+            continue
+        for k in range(2):
+            x, y = fits[other, k, 0], fits[other, k, 1]
+            reach = _SHADE * optics.width + extents[other, k]
+            dx = max(box[0] - x, 0.0, x - box[1])
+            dy = max(box[2] - y, 0.0, y - box[3])
+            near[k] = present[other, k] and dx * dx + dy * dy < reach * reach
+        if not near.any():
+            continue
+        for k in range(2):
+            if not near[k]:
+                clear(buffer, row_at(TERM + k), count)
+                continue
+            stretch(optics.shapes[k, other], fits[other, k], inverse)
+            outlines[k, 0], outlines[k, 1:] = fits[other, k, :2], inverse.T
+            invert(outlines[k, 1:].T, inverse)
+            _cover(outlines[k, 0], inverse, optics.width, row_at(TERM + k), count, buffer)
+        together = togetherness(outlines[0], outlines[1]) if near.all() else 0.0
+        for c in range(3):
+            a = optics.absorbed[:, c]
+            _darken(row_at(GROUND + c), a[0], a[1], a[2], np.float32(together), count, buffer)
+
+
+@njit()
+def _cover(
+    centre: Array,
+    inverse: Array,
+    width: float,
+    covered: np.uint64,
+    count: int,
+    buffer: Array32,
+) -> None:
+    """Coverage of a pair's pixels by another marker, to a row of the buffer."""
+    cx, cy = np.float32(centre[0]), np.float32(centre[1])
+    per_range, correction = np.float32(1.0 / (EDGE_RANGE * width)), np.float32(0.5 * width * width)
+    i00, i01 = np.float32(inverse[0, 0]), np.float32(inverse[0, 1])
+    i10, i11 = np.float32(inverse[1, 0]), np.float32(inverse[1, 1])
+    at_x, at_y = row_at(X), row_at(Y)
+    for i in range(np.uint64(count)):
+        dx, dy = buffer[at_x + i] - cx, buffer[at_y + i] - cy
+        qx, qy = i00 * dx + i01 * dy, i10 * dx + i11 * dy
+        radius = np.sqrt(qx * qx + qy * qy + TINY)
+        gx, gy = (i00 * qx + i10 * qy) / radius, (i01 * qx + i11 * qy) / radius
+        slope = np.sqrt(gx * gx + gy * gy + TINY)
+        buffer[covered + i] = edge(((F1 - radius) / slope - correction * slope) * per_range)
+
+
+@njit()
+def _darken(
+    row: np.uint64,
+    a0: np.float32,
+    a1: np.float32,
+    b: np.float32,
+    t: np.float32,
+    count: int,
+    buffer: Array32,
+) -> None:
+    """Take away what another pair's dyes absorb."""
+    c0, c1 = row_at(TERM), row_at(TERM + 1)
+    for i in range(np.uint64(count)):
+        first, second = buffer[c0 + i], buffer[c1 + i]
+        both = (F1 - t) * first * second + t * min(first, second)
+        buffer[row + i] *= F1 - a0 * first - a1 * second + b * both
 
 
 @njit()

@@ -15,6 +15,7 @@ from ..render.coverage import edge_width
 from .colours import fit_colours, level_tables
 from .detection import RestFrame, neighbours
 from .light_kernels import light_sums
+from .neighbour_kernels import crowded
 from .pair_kernels import fit_step, mean_hues
 from .palette import Palette
 from .pixel_kernels import BUFFER, TERMS, Optics
@@ -45,6 +46,12 @@ _NO_LIFT = (0.0, 0.0, 0.0)
 #: Below this share of its contrast at rest a dye is not seen.
 _FADED = 0.15
 _NEIGHBOURS = 6
+#: Pairs next to each pair at rest that may come to lie on it.
+_OVERLAPPING = 12
+#: Markers of a layer within this many radii of each other are not told apart with certainty, and
+#: within this many are fitted in so many more, and so much smaller steps.
+_CROWDED, _TOUCHING = 1.2, 2.0
+_TOUCHING_STEPS, _SMALLER = 12, 0.1
 
 
 @dataclass(frozen=True)
@@ -79,7 +86,7 @@ class PairFits:
     ----------
     state: after the fit
     misfit: mean squared residual over noise variance, shape (M,); infinite where none was found
-    covariance: of (x, y, e) of both layers, shape (M, 6, 6)
+    covariance: of (x, y, e) of both layers and of the gains' logarithms, shape (M, 9, 9)
     """
 
     state: PairState
@@ -109,6 +116,7 @@ class PairFit:
         position = np.full((2, count, 2), np.nan)
         position[:layers] = rest.position
         radius = np.append(rest.radius, rest.radius[-1:])[:2]
+        self._radius = radius
         middle = np.nanmean(position, axis=0)
         self._near = neighbours(middle, _NEIGHBOURS)
         offsets = middle[self._near] - middle[:, None]
@@ -123,7 +131,7 @@ class PairFit:
             ground=rest.ground.astype(np.float32),
             absorbed=absorbed.astype(np.float32),
             shapes=np.tile(radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
-            neighbours=self._near,
+            neighbours=neighbours(middle, _OVERLAPPING),
             width=edge_width(_FIRST_BLUR),
             reach=_REACH,
         )
@@ -178,7 +186,7 @@ class PairFit:
         state = _copy(start)
         state.slopes[:, 2:] = 0.0
         count = len(state.fits)
-        covariance, misfit = np.full((count, 6, 6), np.nan), np.full(count, np.inf)
+        covariance, misfit = np.full((count, 9, 9), np.nan), np.full(count, np.inf)
         self._step(image, state, np.ones(count, dtype=np.bool_), steps, covariance, misfit)
         return PairFits(state, misfit, covariance)
 
@@ -186,7 +194,7 @@ class PairFit:
         """Single steps from a state, a few more for pairs that have not arrived."""
         state = _copy(start)
         count = len(state.fits)
-        covariance, misfit = np.full((count, 6, 6), np.nan), np.full(count, np.inf)
+        covariance, misfit = np.full((count, 9, 9), np.nan), np.full(count, np.inf)
         optics = self._optics_of(state)
         moved, uneven = np.zeros(count), np.zeros(count, dtype=np.bool_)
         active = state.present.any(axis=1)
@@ -265,6 +273,10 @@ class PairFit:
         now = np.linalg.norm(state.absorbed[:2], axis=1)
         return bool((now < _FADED * np.linalg.norm(self._nominal[:2], axis=1)).any())
 
+    def crowded(self, fits: Array, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Visible markers that lie on another one of their layer, shape (M, 2)."""
+        return np.asarray(crowded(fits, visible, self._optics.neighbours, _CROWDED * self._radius))
+
     def hues(self, image: Image, fits: Array) -> Array:
         """Mean hue inside each first-layer marker [°], shape (M,)."""
         return np.asarray(mean_hues(image, self._optics.shapes, fits))
@@ -297,6 +309,16 @@ class PairFit:
             active = active & np.isfinite(misfit) & ((moved > self._arrived) | turned)
             if not active.any():
                 break
+        # Each of those that touch is fitted to where the others were: they creep.
+        touching = crowded(
+            state.fits, state.present, self._optics.neighbours, _TOUCHING * self._radius
+        )
+        active = asked & touching.any(axis=1)
+        for _ in range(_TOUCHING_STEPS):
+            active = active & np.isfinite(misfit) & (moved > _SMALLER * self._arrived)
+            if not active.any():
+                break
+            step()
         # What is explained badly may lie at the edge of a shadow.
         typical = max(1.0, float(np.median(misfit)))
         uneven = asked & np.isfinite(misfit) & (misfit > _UNEVEN * typical)

@@ -17,6 +17,8 @@ from .light_kernels import (
     dot,
     light_step,
     place_of,
+    shade,
+    share_light,
     solve_light,
     uneven_light,
     weighted_dot,
@@ -34,7 +36,6 @@ from .pixel_kernels import (
     invert,
     model_pixels,
     pad,
-    shade,
     stretch,
 )
 
@@ -78,7 +79,8 @@ def fit_step(
     gains: light over the ground's, of each channel, shape (M, 3)
     slopes: terms of the light on a pair relative to its gain, see TERMS, shape (M, 5)
     steps: result, how far the step moved an edge [px], or light as much, shape (M,)
-    covariance: result, of (x, y, e) of both layers before the step, shape (M, 6, 6)
+    covariance: result, of (x, y, e) of both layers and of the logarithms of the gains before the
+        step, shape (M, 9, 9); NaN where not fitted, and of gains under uneven light
     misfit: result, mean squared residual over noise variance before the step, shape (M,); infinite
         where the fit left the image or ran away
     buffer: room to work in, shape (BUFFER,)
@@ -125,6 +127,8 @@ def fit_step(
         if not _solve(normal, gradient, change, covariance[m]):
             misfit[m] = np.inf
             continue
+        if free == 5 and terms == 3:
+            share_light(lights, cross, normal, covariance[m])
         steps[m] = _improve(fits[m], shapes, present[m], change, free)
         light_step(lights, says, cross, change, terms, brighter)
         for c in range(3):
@@ -291,32 +295,3 @@ def mean_hues(image: NDArray[np.uint8], shapes: Array, fits: Array) -> Array:
             math.atan2(math.sqrt(3.0) * (green - blue), 2.0 * red - green - blue)
         )
     return hues
-
-
-@njit()
-def torn_off(
-    moved: Array, visible: NDArray[np.bool_], near: NDArray[np.int64], limit: float
-) -> NDArray[np.bool_]:
-    """Markers that moved otherwise than at least half of their visible neighbours, shape (M, 2).
-
-    Parameters
-    ----------
-    moved: since rest [px], shape (M, 2, 2)
-    visible: shape (M, 2)
-    near: neighbours, shape (M, K)
-    limit: of the difference, along x or y [px]
-    """
-    torn = np.zeros(visible.shape, dtype=np.bool_)
-    for m in range(visible.shape[0]):
-        for k in range(2):
-            if not visible[m, k]:
-                continue
-            known = apart = 0
-            for n in near[m]:
-                if visible[n, k]:
-                    known += 1
-                    dx = abs(moved[n, k, 0] - moved[m, k, 0])
-                    dy = abs(moved[n, k, 1] - moved[m, k, 1])
-                    apart += dx > limit or dy > limit
-            torn[m, k] = known > 0 and 2 * apart >= known
-    return torn

@@ -41,10 +41,8 @@ BUFFER = 49 * ROOM
 #: Terms of uneven light: x, y, x², xy, y²; second powers in units of so many pixels.
 TERMS, UNIT = 5, np.float32(1.0 / 16.0)
 
-#: Shade further than this many standard deviations outside an edge is not seen.
-_SHADE = 2.4
 F0, F1 = np.float32(0.0), np.float32(1.0)
-_TINY = np.float32(1e-12)
+TINY = np.float32(1e-12)
 
 
 class Optics(NamedTuple):
@@ -184,63 +182,6 @@ def extents_of(optics: Any, fits: Array) -> Array:
     return extents
 
 
-@njit()
-def shade(
-    optics: Any,
-    present: NDArray[np.bool_],
-    fits: Array,
-    extents: Array,
-    m: int,
-    box: Array,
-    count: int,
-    buffer: Array32,
-) -> None:
-    """Darken a pair's ground by the markers of other pairs that reach into its box."""
-    shape, inverse = np.empty((2, 2)), np.empty((2, 2))
-    width = optics.width
-    for other in optics.neighbours[m]:
-        if other < 0:
-            continue
-        for k in range(2):
-            if not present[other, k]:
-                continue
-            x, y = fits[other, k, 0], fits[other, k, 1]
-            reach = _SHADE * width + extents[other, k]
-            dx = max(box[0] - x, 0.0, x - box[1])
-            dy = max(box[2] - y, 0.0, y - box[3])
-            if dx * dx + dy * dy > reach * reach:
-                continue
-            stretch(optics.shapes[k, other], fits[other, k], shape)
-            invert(shape, inverse)
-            _cover(x, y, inverse, width, count, buffer)
-            for c in range(3):
-                _darken(row_at(GROUND + c), optics.absorbed[k, c], count, buffer)
-
-
-@njit()
-def _cover(x: float, y: float, inverse: Array, width: float, count: int, buffer: Array32) -> None:
-    """Coverage of a pair's pixels by another marker, to the first row of the terms."""
-    cx, cy, per_range = np.float32(x), np.float32(y), np.float32(1.0 / (EDGE_RANGE * width))
-    correction = np.float32(0.5 * width * width)
-    i00, i01 = np.float32(inverse[0, 0]), np.float32(inverse[0, 1])
-    i10, i11 = np.float32(inverse[1, 0]), np.float32(inverse[1, 1])
-    at_x, at_y, covered = row_at(X), row_at(Y), row_at(TERM)
-    for i in range(np.uint64(count)):
-        dx, dy = buffer[at_x + i] - cx, buffer[at_y + i] - cy
-        qx, qy = i00 * dx + i01 * dy, i10 * dx + i11 * dy
-        radius = np.sqrt(qx * qx + qy * qy + _TINY)
-        gx, gy = (i00 * qx + i10 * qy) / radius, (i01 * qx + i11 * qy) / radius
-        slope = np.sqrt(gx * gx + gy * gy + _TINY)
-        buffer[covered + i] = edge(((F1 - radius) / slope - correction * slope) * per_range)
-
-
-@njit()
-def _darken(row: np.uint64, absorbed: np.float32, count: int, buffer: Array32) -> None:
-    covered = row_at(TERM)
-    for i in range(np.uint64(count)):
-        buffer[row + i] *= F1 - absorbed * buffer[covered + i]
-
-
 @njit(reassociate=True)
 def model_pixels(
     optics: Any,
@@ -277,10 +218,10 @@ def model_pixels(
             # Distance to the edge, positive inside, to first order; coverage and its rise.
             dx, dy = buffer[x + i] - cx, buffer[y + i] - cy
             qx, qy = i00 * dx + i01 * dy, i10 * dx + i11 * dy
-            radius = np.sqrt(qx * qx + qy * qy + _TINY)
+            radius = np.sqrt(qx * qx + qy * qy + TINY)
             to_radius = F1 / radius
             gx, gy = (i00 * qx + i10 * qy) * to_radius, (i01 * qx + i11 * qy) * to_radius
-            slope = np.sqrt(gx * gx + gy * gy + _TINY)
+            slope = np.sqrt(gx * gx + gy * gy + TINY)
             to_slope = F1 / slope
             u = ((F1 - radius) * to_slope - correction * slope) * per_range
             buffer[covered + i] = there * edge(u)
@@ -298,9 +239,9 @@ def model_pixels(
             buffer[j4 + i] = nx * dy + ny * dx
     squares = 0.0
     for i in range(np.uint64(3)):
-        _clear(buffer, row_at(TELLS) + i * np.uint64(ROOM), count)
-    _clear(buffer, row_at(PULL), count)
-    _clear(buffer, row_at(PULL + 1), count)
+        clear(buffer, row_at(TELLS) + i * np.uint64(ROOM), count)
+    clear(buffer, row_at(PULL), count)
+    clear(buffer, row_at(PULL + 1), count)
     # One by one: rows must be known when this is compiled, or it would not be vectorised.
     t, a = np.float32(together), optics.absorbed
     squares += _channel(t, a[0, 0], a[1, 0], a[2, 0], 0, count, lights, says, buffer)
@@ -310,7 +251,8 @@ def model_pixels(
 
 
 @njit()
-def _clear(buffer: Array32, row: np.uint64, count: int) -> None:
+def clear(buffer: Array32, row: np.uint64, count: int) -> None:
+    """Zeros to a row."""
     for i in range(np.uint64(count)):
         buffer[row + i] = F0
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..render import Frame
 from .detection import DetectionError, RestFrame, read_rest
+from .neighbour_kernels import tie_light, torn_off
 from .pair_fit import PairFit, PairFits, PairState
-from .pair_kernels import torn_off
 from .palette import Palette
 from .relocate import Relocator
 from .trackers import check_frame
@@ -31,6 +31,8 @@ _WORSE = 1.1
 _PATIENCE, _BETTER = 4, 0.98
 #: Neighbours that moved this much apart, and layers off each other, are torn [pitch].
 _TORN = 0.4
+#: A marker that held together and went on within this of where it was expected is itself [pitch].
+_WENT_ON = 0.2
 #: Newly lost markers that make all be looked for: this many, or this share.
 _FEW, _FEW_SHARE = 3, 0.02
 #: Of a rest frame's markers, at least this share must look like markers.
@@ -84,6 +86,7 @@ class MarkerTracker:
         self._waited, self._patience = 0, _PATIENCE
         visible = self._visible(at_rest)
         self._seen, self._glances = visible, 0
+        self._whole = visible
         self._last_seen = np.where(visible.T, rest[-1].time, np.nan)[: self._layers]
         self._next = replace(self._rest, slopes=np.zeros_like(self._rest.slopes))
         self._velocity = np.zeros_like(self._rest.fits)
@@ -106,7 +109,9 @@ class MarkerTracker:
         fit = fit.with_effort(self.free, self.stride, self.arrived)
         fits = [fit.fit(frame.image, start, _STEPS) for frame in rest]
         at_rest = replace(
-            start, fits=np.mean([f.state.fits for f in fits], axis=0), gains=fits[-1].state.gains
+            start,
+            fits=np.mean([f.state.fits for f in fits], axis=0),
+            gains=np.mean([f.state.gains for f in fits], axis=0),
         )
         misfit = np.mean([f.misfit for f in fits], axis=0)
         covariance = np.mean([f.covariance for f in fits], axis=0) / len(rest)
@@ -166,6 +171,7 @@ class MarkerTracker:
             "last_seen": self._last_seen.copy(),
             "typical": self._typical,
             "seen": self._seen.copy(),
+            "whole": self._whole.copy(),
             "waited": self._waited,
             "glances": self._glances,
             "patience": self._patience,
@@ -179,6 +185,7 @@ class MarkerTracker:
         self._typical = float(own.pop("typical"))
         self._waited, self._patience = int(own.pop("waited")), int(own.pop("patience"))
         self._seen, self._glances = np.array(own.pop("seen")), int(own.pop("glances"))
+        self._whole = np.array(own.pop("whole"))
         self._next = PairState(**own)
 
     def _judge(self, image: Image, found: PairFits, start: PairState) -> Look:
@@ -214,7 +221,12 @@ class MarkerTracker:
         if self._layers == 2 and self._share is not None:
             off = abs(moved[:, 1] - self._share * moved[:, 0]).max(axis=1) > _TORN * self._pitch
             torn |= (off & visible.all(axis=1))[:, None]
-        return np.asarray(torn)
+        if not torn.any():
+            return np.asarray(torn)
+        # Skin that is pressed together strongly is not torn: its markers got there step by step.
+        expected = (self._next.fits + self._velocity)[..., :2]
+        off_course = abs(found.state.fits[..., :2] - expected).max(axis=2) > _WENT_ON * self._pitch
+        return np.asarray(torn & (off_course | ~self._whole))
 
     def _located(self, position: Array, gains: Array) -> PairState:
         """Start from positions (L, M, 2) that were found without the fit."""
@@ -241,7 +253,7 @@ class MarkerTracker:
         fits = self._rest.fits + np.nan_to_num(moved)
         state = replace(state, gains=np.where(np.isnan(gains), 1.0, gains))
         self._go_on(state, fits, visible & steady)
-        self._seen = visible
+        self._seen, self._whole = visible, visible & ~look.torn
 
     def _go_on(self, state: PairState, fits: Array, steady: NDArray[np.bool_]) -> None:
         """Start of the next frame, from fits that those that are steady came to from the last."""
@@ -259,16 +271,20 @@ class MarkerTracker:
         ambiguous: NDArray[np.bool_],
     ) -> Tracks:
         layers, shape = self._layers, found.state.fits.shape
-        fits = np.where(visible[..., None], found.state.fits, np.nan)
-        log_size, hue = np.full(shape[:2], np.nan), np.full(shape[0], np.nan)
-        if self.free == 5:
-            p, q = fits[..., 3], fits[..., 4]
-            log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)
-            hue = self._fit.hues(frame.image, fits)
         # What the model does not explain is not certain either.
         excess = np.where(visible.any(axis=1), np.maximum(found.misfit, 1.0), 1.0)
         covariance = found.covariance * excess[:, None, None]
-        covariance[np.repeat(~visible, 3, axis=1)] = np.nan
+        fits = np.where(visible[..., None], found.state.fits, np.nan)
+        log_size, hue = np.full(shape[:2], np.nan), np.full(shape[0], np.nan)
+        if self.free == 5:
+            light = np.log(found.state.gains / self._rest.gains)
+            tie_light(light, visible.any(axis=1), self._fit.near, covariance, fits)
+            p, q = fits[..., 3], fits[..., 4]
+            log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)
+            hue = self._fit.hues(frame.image, fits)
+        ambiguous = ambiguous | self._fit.crowded(fits, visible)
+        covariance = covariance[:, : 3 * layers, : 3 * layers]
+        covariance[np.repeat(~visible[:, :layers], 3, axis=1)] = np.nan
         return Tracks(
             time=frame.time,
             position=np.swapaxes(fits[:, :layers, :2], 0, 1),
@@ -277,7 +293,7 @@ class MarkerTracker:
             visible=visible[:, :layers].T,
             ambiguous=ambiguous[:, :layers].T,
             last_seen=self._last_seen.copy(),
-            covariance=covariance[:, : 3 * layers, : 3 * layers],
+            covariance=covariance,
         )
 
 

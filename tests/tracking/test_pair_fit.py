@@ -5,6 +5,7 @@ from chromagrip.render import Frame
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.coverage import EDGE_RANGE, edge, edge_slope
 from chromagrip.tracking import MarkerTracker, Palette
+from chromagrip.tracking.neighbour_kernels import crowded, tie_light
 
 BLUR, RADIUS, NOISE = 0.9, 6.0, 2.0
 
@@ -39,12 +40,15 @@ def dots(transmittance: float, shift: tuple[float, float], ground: float, seed: 
 
 @pytest.mark.parametrize(("transmittance", "ground"), [(0.6, 0.6), (1.7, 0.35)])
 def test_one_dye_reaches_the_limit_of_one_disc(transmittance: float, ground: float) -> None:
-    """σ/A·√(2s/(√π·R)) per coordinate and channel; three channels tell √3 more of a grey dot."""
+    """σ/A·√(2s/(√π·R)) per coordinate and channel; three channels tell √3 more of a grey dot.
+
+    The same edge tells of the logarithm of the radius by √2·R more, when the light is known.
+    """
     palette = Palette(names=("dot",), transmittance=np.full((1, 3), transmittance))
     tracker = MarkerTracker(palette, NOISE)
     rest = tracker.reset([dots(transmittance, (0.0, 0.0), ground, seed) for seed in range(8)])
     assert rest.position.shape == (1, 30, 2)
-    shift, errors, squares = (0.0, 0.0), [], []
+    shift, errors, squares, sizes, size_squares = (0.0, 0.0), [], [], [], []
     for seed in range(8, 40):
         shift = (0.1 * (seed - 8), -0.05 * (seed - 8))
         tracks = tracker.update(dots(transmittance, shift, ground, seed))
@@ -54,10 +58,55 @@ def test_one_dye_reaches_the_limit_of_one_disc(transmittance: float, ground: flo
         errors.append(error)
         inverse = np.linalg.inv(tracks.covariance[:, :2, :2])
         squares.append(np.einsum("mi,mij,mj->m", error, inverse, error))
+        # Tuning the blur to the first frames moves all sizes alike.
+        grown = tracks.log_size[0] - rest.log_size[0]
+        grown -= grown.mean()
+        sizes.append(grown)
+        size_squares.append(grown**2 / (tracks.covariance + rest.covariance)[:, 2, 2])
     step = float(encode_srgb(ground) - encode_srgb(ground * transmittance))
     width = np.hypot(BLUR, np.sqrt(1 / 12))
     limit = NOISE / abs(step) * np.sqrt(2 * width / (np.sqrt(np.pi) * RADIUS)) / np.sqrt(3)
     rms = np.sqrt(np.mean(np.square(errors)))
     assert 0.93 * limit < rms < 1.15 * limit
     assert np.mean(squares) / 2 == pytest.approx(1.0, abs=0.15)
+    # The rest frames cost 6 %; free gains would cost 40 % more.
+    size_limit = limit / (np.sqrt(2) * RADIUS)
+    assert 0.97 * size_limit < np.sqrt(np.mean(np.square(sizes))) < 1.25 * size_limit
+    assert np.mean(size_squares) == pytest.approx(1.0, abs=0.15)
     assert decode_srgb(encode_srgb(ground)) == pytest.approx(ground)
+
+
+@pytest.mark.parametrize(("scatter", "gain"), [(0.0, (1.25, 1.4)), (0.02, (0.97, 1.03))])
+def test_neighbours_tell_of_the_light_as_far_as_it_is_even(
+    scatter: float, gain: tuple[float, float]
+) -> None:
+    """Gains and sizes of Gaussian noise that go together; of light that scatters, none is told."""
+    rng = np.random.default_rng(3)
+    count, sd = 4000, 0.002
+    ring = np.arange(count)
+    near = np.stack([(ring + k) % count for k in (-3, -2, -1, 1, 2, 3)], axis=1)
+    one = np.diag([1e-4, 1e-4, 1e-6, 1e-4, 1e-4, 1e-6, sd**2, sd**2, sd**2])
+    one[2, 6:] = one[6:, 2] = 0.4 * 1e-3 * sd
+    covariance = np.tile(one, (count, 1, 1))
+    error = rng.multivariate_normal(np.zeros(9), one, count)
+    light = 0.3 + scatter * rng.standard_normal((count, 1)) + error[:, 6:]
+    fits = np.zeros((count, 2, 5))
+    fits[:, 0, :3], fits[:, 1, :3] = error[:, :3], error[:, 3:6]
+    tie_light(light, np.ones(count, dtype=np.bool_), near, covariance, fits)
+    before, after = error[:, 2], fits[:, 0, 2]
+    assert gain[0] < before.std() / after.std() < gain[1]
+    assert np.mean(after**2 / covariance[:, 2, 2]) == pytest.approx(1.0, abs=0.1)
+    # What does not go with the light is left alone.
+    np.testing.assert_allclose(fits[:, 0, :2], error[:, :2], atol=1e-15)
+
+
+def test_markers_on_each_other_are_crowded() -> None:
+    fits = np.zeros((4, 2, 5))
+    fits[:, 0, 0] = fits[:, 1, 0] = [0.0, 10.0, 14.0, 30.0]
+    fits[1, 1, 1] = 8.0
+    visible = np.ones((4, 2), dtype=np.bool_)
+    near = np.array([[1], [2], [1], [2]])
+    found = crowded(fits, visible, near, np.array([5.0, 5.0]))
+    np.testing.assert_array_equal(found, [[0, 0], [1, 0], [1, 0], [0, 0]])
+    visible[2, 0] = False
+    assert not crowded(fits, visible, near, np.array([5.0, 5.0])).any()

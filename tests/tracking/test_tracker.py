@@ -176,6 +176,52 @@ def sheared(pitches: float) -> np.ndarray:
     return np.cos(0.5 * np.pi * angle)[:, None] ** 2 * [0.98e-3 * pitches, -0.3e-3]
 
 
+def squeezed(share: float) -> np.ndarray:
+    """Node displacements that press the apex together: the skin there is shorter by this share."""
+    half = np.radians(20.0)
+    length = SENSOR.skin.radius_mm * 1e-3 * half
+    angle = np.clip(TIP.angles() / half, -1.0, 1.0)
+    along = -share * length / np.pi * np.sin(np.pi * angle)
+    return np.stack([along, np.zeros_like(along)], axis=1)
+
+
+def test_skin_pressed_together_is_followed() -> None:
+    """Markers that touch are not bent by each other, and neighbours that differ are not torn."""
+    tracker = fresh()
+    order = numbers(tracker.rest)
+    frames = np.minimum(np.linspace(0.05, 0.65, 13), 0.5)
+    errors = []
+    for k, share in enumerate(frames):
+        membrane = MAP(squeezed(share))
+        tracks = tracker.update(shoot(membrane, k))
+        assert tracks.visible.all()
+        if k >= 10:
+            errors.append(tracks.position - image_centres(membrane)[:, order])
+    moved = np.linalg.norm(image_centres(membrane) - image_centres(REST), axis=-1)
+    apart = KDTree(image_centres(membrane)[0]).query(image_centres(membrane)[0], k=2)[0][:, 1]
+    assert moved.max() > 8.0
+    assert apart.min() < 8.0  # of a diameter of 9.6 px
+    assert not tracks.ambiguous.any()
+    touching = (apart < 9.0)[order]
+    assert touching.sum() >= 3
+    # Shade whose two dyes were blurred each on its own would draw them by 0.05 px.
+    assert np.sqrt(np.mean(np.square(errors)[:, :, touching])) < 0.015
+
+
+def test_markers_on_each_other_are_ambiguous() -> None:
+    tracker = fresh()
+    assert not tracker.rest.ambiguous.any()
+    order = numbers(tracker.rest)
+    centre = REST.centres[0, 0]
+    other = int(KDTree(REST.centres[0]).query(centre, k=2)[1][1])
+    for k, share in enumerate(np.linspace(0.1, 0.8, 8)):
+        centres = REST.centres.copy()
+        centres[:, 0] += share * (REST.centres[:, other] - REST.centres[:, 0])
+        tracks = tracker.update(shoot(Membrane(centres=centres, axes=REST.axes), k))
+    doubtful = order[tracks.ambiguous.any(axis=0) | ~tracks.visible.all(axis=0)]
+    assert set(doubtful) == {0, other}
+
+
 def without(membrane: Membrane, share: float, seed: int) -> Membrane:
     """Some markers of each layer gone."""
     centres = membrane.centres.copy()
