@@ -1,5 +1,7 @@
 """What the markers of a sensor do when the chain moves: prediction and its exact derivative."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -93,6 +95,26 @@ class MarkerResponse:
         so little with the load that its derivative does not matter.
         """
         parts = []
+        for image, centre, axes in self._images(seen):
+            flat = self._view.jacobian(centre) @ axes
+            log_size = 0.5 * np.log(np.linalg.det(image[:, 1:3]) / np.linalg.det(flat))
+            parts += [centroids(image, False) - self._view.project(centre), log_size[:, None]]
+        return np.concatenate(parts, axis=1)
+
+    def measured(self, seen: Array) -> Array:
+        """What a picture shows at `seen`, second order and all [px, px, 1], shape (M, 6).
+
+        Log sizes are those of areas in pixels, to be compared with those at rest.
+        """
+        parts = []
+        for image, _, _ in self._images(seen):
+            # Under a sharp object a disc may turn its back: what is seen of it has an area still.
+            log_size = 0.5 * np.log(abs(np.linalg.det(image[:, 1:3])))
+            parts += [centroids(image, False), log_size[:, None]]
+        return np.concatenate(parts, axis=1)
+
+    def _images(self, seen: Array) -> Iterator[tuple[Array, Array, Array]]:
+        """Outline (M, 6, 2), centre (M, 3) and axes (M, 3, 2) of both layers' discs."""
         for half, (carry, rest, tangents, metric, follow) in zip(
             self._half_sizes, self._layers, strict=True
         ):
@@ -100,11 +122,7 @@ class MarkerResponse:
             slope = np.stack(carry.gradient(seen), axis=-1)
             axes = half * outline_axes(np.stack(tangents, axis=-1) + follow / metric * slope, 0.0)
             disc = Membrane(centres=centre[None], axes=axes[None])
-            image = outlines(disc, self._view)[0]
-            flat = self._view.jacobian(centre) @ axes
-            log_size = 0.5 * np.log(np.linalg.det(image[:, 1:3]) / np.linalg.det(flat))
-            parts += [centroids(image, False) - self._view.project(centre), log_size[:, None]]
-        return np.concatenate(parts, axis=1)
+            yield outlines(disc, self._view)[0], centre, axes
 
     def _face(self, centre: Array) -> Array:
         """J₁ × J₂ of the lens' Jacobian rows [px²/m²], shape (M, 3)."""

@@ -10,8 +10,11 @@ from .render.coverage import signed_distance, togetherness
 
 Array = NDArray[np.float64]
 
-#: Centres are moved by this for a central difference [px], and edges end after so many widths.
-_STEP, _REACH = 0.01, 5.0
+#: Centres are moved by this for a central difference [px], sizes by this share of themselves, and
+#: edges end after so many widths.
+_STEP, _GROWTH, _REACH = 0.01, 1e-3, 5.0
+#: The positions among (x, y, log size) of both markers of a pair.
+_POSITION = np.array([0, 1, 3, 4])
 
 
 @njit()
@@ -66,11 +69,19 @@ def _together(shapes: Array, m: int) -> float:
     return 0.0 if math.isnan(found) else found
 
 
-@njit()
 def fisher_information(
     shapes: Array, inverses: Array, width: float, absorbed: Array, ground: Array, contrast: float
 ) -> Array:
-    """Of the levels of a frame about (x, y) of both markers of each pair, for noise of 1 level.
+    """`pair_information` about (x, y) alone, sizes being known, shape (M, 4, 4) [1/px²]."""
+    whole = pair_information(shapes, inverses, width, absorbed, ground, contrast)
+    return whole[:, _POSITION[:, None], _POSITION]
+
+
+@njit()
+def pair_information(
+    shapes: Array, inverses: Array, width: float, absorbed: Array, ground: Array, contrast: float
+) -> Array:
+    """Of the levels of a frame about (x, y, log size) of both markers of pairs, at noise 1 level.
 
     Parameters
     ----------
@@ -83,14 +94,14 @@ def fisher_information(
 
     Returns
     -------
-    Shape (M, 4, 4) [1/px²], rows of markers that are not there 0.
+    Shape (M, 6, 6) [1/px², 1/px, 1], rows of markers that are not there 0.
     """
     height, wide = ground.shape[:2]
     count = shapes.shape[1]
     boxes = _boxes(shapes, width, height, wide)
     through = np.ones((height, wide, 3))
-    # Coverage of either layer: where the marker is, and with x and y moved up and down.
-    moved = np.zeros((2, 5))
+    # Coverage of either layer: where the marker is, and with x, y and log size moved up and down.
+    moved = np.zeros((2, 7))
     for m in range(count):
         together = _together(shapes, m)
         for y in range(boxes[m, 2], boxes[m, 3]):
@@ -102,18 +113,22 @@ def fisher_information(
                         moved[k, 0] = _covered(x - at[0], y - at[1], inverses[k, m], width)
                 for c in range(3):
                     through[y, x, c] *= _pass(moved[0, 0], moved[1, 0], together, absorbed, c)
-    information = np.zeros((count, 4, 4))
-    edges = np.zeros((4, 2))
-    slope = np.zeros(4)
+    information = np.zeros((count, 6, 6))
+    edges = np.zeros((6, 2))
+    slope = np.zeros(6)
     for m in range(count):
         together = _together(shapes, m)
-        for i in range(4):
-            at = shapes[i // 2, m, 0]
+        for i in range(6):
+            shape = shapes[i // 3, m]
+            before = shape.copy()
             for j in range(2):
-                before = at[i % 2]
-                at[i % 2] = before + (_STEP if j == 0 else -_STEP)
+                sign = 1.0 - 2.0 * j
+                if i % 3 < 2:
+                    shape[0, i % 3] += sign * _STEP
+                else:
+                    shape[1:] *= 1.0 + sign * _GROWTH
                 edges[i, j] = _together(shapes, m)
-                at[i % 2] = before
+                shape[:] = before
         for y in range(boxes[m, 2], boxes[m, 3]):
             for x in range(boxes[m, 0], boxes[m, 1]):
                 for k in range(2):
@@ -121,20 +136,22 @@ def fisher_information(
                     moved[k] = 0.0
                     if math.isnan(at[0]):
                         continue
-                    dx, dy = x - at[0], y - at[1]
-                    moved[k, 0] = _covered(dx, dy, inverses[k, m], width)
-                    moved[k, 1] = _covered(dx - _STEP, dy, inverses[k, m], width)
-                    moved[k, 2] = _covered(dx + _STEP, dy, inverses[k, m], width)
-                    moved[k, 3] = _covered(dx, dy - _STEP, inverses[k, m], width)
-                    moved[k, 4] = _covered(dx, dy + _STEP, inverses[k, m], width)
+                    dx, dy, inverse = x - at[0], y - at[1], inverses[k, m]
+                    moved[k, 0] = _covered(dx, dy, inverse, width)
+                    moved[k, 1] = _covered(dx - _STEP, dy, inverse, width)
+                    moved[k, 2] = _covered(dx + _STEP, dy, inverse, width)
+                    moved[k, 3] = _covered(dx, dy - _STEP, inverse, width)
+                    moved[k, 4] = _covered(dx, dy + _STEP, inverse, width)
+                    moved[k, 5] = _covered(dx, dy, inverse / (1.0 + _GROWTH), width)
+                    moved[k, 6] = _covered(dx, dy, inverse / (1.0 - _GROWTH), width)
                 for c in range(3):
                     own = _pass(moved[0, 0], moved[1, 0], together, absorbed, c)
                     light = ground[y, x, c] * through[y, x, c] / own
-                    for i in range(4):
-                        k = i // 2
+                    for i in range(6):
+                        k = i // 3
                         slope[i] = 0.0
-                        up = moved[k, 1 + 2 * (i % 2)]
-                        down = moved[k, 2 + 2 * (i % 2)]
+                        up = moved[k, 1 + 2 * (i % 3)]
+                        down = moved[k, 2 + 2 * (i % 3)]
                         if up == down:  # far from the edge, or no marker
                             continue
                         if k == 0:
@@ -144,8 +161,9 @@ def fisher_information(
                             high = _pass(moved[0, 0], up, edges[i, 0], absorbed, c)
                             low = _pass(moved[0, 0], down, edges[i, 1], absorbed, c)
                         change = encode_level(light * high) - encode_level(light * low)
-                        slope[i] = contrast * change / (2.0 * _STEP)
-                    for i in range(4):
-                        for j in range(4):
+                        nudge = _STEP if i % 3 < 2 else _GROWTH
+                        slope[i] = contrast * change / (2.0 * nudge)
+                    for i in range(6):
+                        for j in range(6):
                             information[m, i, j] += slope[i] * slope[j]
     return information

@@ -36,18 +36,23 @@ def position_limits(
     defocus: blur on top of the lens' own [px]
     contrast: of the levels, of which noise takes no part
     """
-    coefficients = outlines(membrane, sensor.view)
-    shapes = np.ascontiguousarray(coefficients[:, :, :3])
-    shapes[:, :, 0] = centroids(coefficients, square=False)
     information = fisher_information(
-        shapes,
-        np.linalg.inv(np.swapaxes(shapes[:, :, 1:], -1, -2)),
+        *marker_shapes(sensor, membrane),
         edge_width(float(np.hypot(sensor.camera.blur_px, defocus))),
         1.0 - sensor.transmittance,
         np.ascontiguousarray(ground, dtype=float),
         contrast,
     )
     return bounds(information, noise)
+
+
+def marker_shapes(sensor: SensorDesign, membrane: Membrane) -> tuple[Array, Array]:
+    """(c, a₁, a₂) of each marker [px], shape (2, M, 3, 2), and the inverses of (a₁, a₂) [1/px]."""
+    coefficients = outlines(membrane, sensor.view)
+    shapes = np.ascontiguousarray(coefficients[:, :, :3])
+    shapes[:, :, 0] = centroids(coefficients, square=False)
+    inverses = np.linalg.inv(np.swapaxes(shapes[:, :, 1:], -1, -2))
+    return shapes, inverses.astype(np.float64)
 
 
 def bounds(information: Array, noise: float) -> Array:
