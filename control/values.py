@@ -15,6 +15,7 @@ class GripObservation:
     field: contact forces
     friction: friction coefficient µ in use; NaN while nothing was in contact
     friction_interval: 90 % interval of µ
+    friction_observable: whether µ has shown at all so far: a pure press does not show it (E7)
     margin: safety margin Γ; NaN with nothing in contact
     margin_interval: 90 % interval of Γ
     lateral_displacement: of the object over the fingertip [m]; NaN on the camera path, where the
@@ -26,6 +27,7 @@ class GripObservation:
     field: ForceField
     friction: float
     friction_interval: tuple[float, float]
+    friction_observable: bool
     margin: float
     margin_interval: tuple[float, float]
     lateral_displacement: float

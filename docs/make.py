@@ -1,8 +1,8 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
-Parts: images, loop, model, render, track, stability, stability-track, appendix-b; all of them
-without arguments, an hour alone on two cores. Nothing in docs/images/ and docs/bench-*.md is typed
-by hand.
+Parts: images, loop, model, render, track, force, stability, stability-track, appendix-b; all of
+them without arguments, an hour and a half alone on two cores. Nothing in docs/images/ and
+docs/bench-*.md is typed by hand.
 """
 
 import shutil
@@ -15,11 +15,14 @@ from typing import Any
 import av
 import cv2
 
-from chromagrip import run
+from chromagrip import bench_force, run
 from chromagrip.appendix_b import appendix_b
 from chromagrip.bench import bench
 from chromagrip.bench_track import asked, matrix, refusals
+from chromagrip.chart_force import chart_force
 from chromagrip.chart_render import chart_render
+from chromagrip.force_scenes import WORLDS
+from chromagrip.force_scores import READ
 from chromagrip.poses import Pose
 from chromagrip.render_poses import render_poses
 from chromagrip.scene import load_scene
@@ -33,6 +36,7 @@ TITLES = {
     "model": "The node models, measured",
     "render": "The renderers, measured",
     "track": "The trackers, measured",
+    "force": "Forces and friction, measured",
 }
 
 
@@ -105,6 +109,43 @@ def track() -> None:
         *grid(each[0], each[1:]),
     ]
     write("track", report, lines)
+
+
+def force() -> None:
+    """Reconstructors in both worlds, what is asked of the best, every score of the libraries."""
+    report = bench("force", quick=False, progress=print)
+    rows = report["rows"]
+    heading, *body = bench_force.matrix(rows)
+    readings = bench_force.readings(rows)
+    lines = [
+        *bench_force.NOTES,
+        "",
+        *grid(heading, body),
+        "",
+        "µ read off single fields, matched / mismatched sensor:",
+        "",
+        *grid(readings[0], readings[1:]),
+        "",
+        "What is asked of the best, and speed:",
+        "",
+        *figures(bench_force.asked(rows)),
+    ]
+    found = {row["name"]: row for row in rows}
+    for name, read in ((world, read) for world in WORLDS for read in READ):
+        start = f"{name}/{read}/"
+        mine = [key.removeprefix(start).split("/") for key in found if key.startswith(start)]
+        who = list(dict.fromkeys(one for one, _ in mine if "+" not in one))
+        each = []
+        for score in dict.fromkeys(score for _, score in mine):
+            cells = [found[f"{start}{one}/{score}"] for one in who]
+            values = ["–" if c["value"] is None else f"{c['value']:.3g}" for c in cells]
+            unit = cells[0]["unit"]
+            each.append([f"{score} [{unit}]" if unit else score, *values])
+        lines += ["", f"Every score, {name}, {read}:", "", *grid(["score", *who], each)]
+    write("force", report, lines)
+    with tempfile.TemporaryDirectory() as folder:
+        chart_force(False, Path(folder), True, print)
+        shutil.copy(Path(folder) / "chart.png", DOCS / "images" / "chart-force.png")
 
 
 def grid(heading: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
@@ -182,6 +223,7 @@ PARTS = {
     "model": lambda: table("model"),
     "render": render,
     "track": track,
+    "force": force,
     "stability": stability,
     "stability-track": stability_of_trackers,
     "appendix-b": figures_of_appendix_b,

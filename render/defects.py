@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from .membrane import Membrane, rest_membrane
+from .membrane import Membrane
 from .sensor import SensorDesign, Share
 from .tables import Table
 
@@ -82,39 +82,43 @@ class Flaws:
     sensor: design
     defects: how large they are
     seed: of the run; one seed is one specimen
+
+    Attributes
+    ----------
+    places: of the markers of each layer, see `skin`, shape (2, M, 2); None is as designed
+    missing: markers that are not there, shape (2, M)
     """
 
     def __init__(self, sensor: SensorDesign, defects: Defects, seed: int) -> None:
         count = len(sensor.places)
-        half = sensor.half_sizes[:, None, None]
-        # Offsets in units of markers' semi-axes, which carry them along with the skin.
-        self._offsets = np.zeros((2, count, 2))
-        if defects.misplacement_mm:
-            scatter = np.random.default_rng([seed, MISPLACEMENT]).standard_normal((2, count, 2))
-            self._offsets += 1e-3 * defects.misplacement_mm / half * scatter
-        if defects.misalignment_mm:
-            rest = rest_membrane(sensor)
-            moved = misalignment(sensor, rest.centres[1], defects.misalignment_mm * 1e-3, seed)
-            self._offsets[1] += np.einsum("mki,mk->mi", rest.axes[1], moved) / half[1] ** 2
-        self._missing = np.zeros((2, count), dtype=np.bool_)
+        self.places: Array | None = None
+        if defects.misplacement_mm or defects.misalignment_mm:
+            self.places = _misplaced(sensor, defects, seed)
+        self.missing = np.zeros((2, count), dtype=np.bool_)
         absent = round(defects.missing_markers * count)
         for layer in range(2):
             order = np.random.default_rng([seed, layer, MISSING]).permutation(count)
-            self._missing[layer, order[:absent]] = True
-        self._none = not (self._offsets.any() or self._missing.any())
-
-    @property
-    def missing(self) -> NDArray[np.bool_]:
-        """Which markers are not there, shape (2, M)."""
-        return self._missing.copy()
+            self.missing[layer, order[:absent]] = True
 
     def __call__(self, membrane: Membrane) -> Membrane:
-        """Membrane with these flaws; missing markers have centres of NaN."""
-        if self._none:
+        """Membrane without the missing markers, whose centres are NaN."""
+        if not self.missing.any():
             return membrane
-        centres = membrane.centres + np.einsum("lmki,lmi->lmk", membrane.axes, self._offsets)
-        centres[self._missing] = np.nan
+        centres = membrane.centres.copy()
+        centres[self.missing] = np.nan
         return replace(membrane, centres=centres)
+
+
+def _misplaced(sensor: SensorDesign, defects: Defects, seed: int) -> Array:
+    """Places of each layer's markers, shape (2, M, 2)."""
+    skin, count = sensor.shape, len(sensor.places)
+    points = np.stack([skin.points(sensor.places, depth) for depth in sensor.depths])
+    moved = np.zeros_like(points)
+    scatter = np.random.default_rng([seed, MISPLACEMENT]).standard_normal((2, count, 2))
+    along = np.stack(skin.tangents(sensor.places), axis=-1)
+    moved += 1e-3 * defects.misplacement_mm * np.einsum("mki,lmi->lmk", along, scatter)
+    moved[1] += misalignment(sensor, points[1], defects.misalignment_mm * 1e-3, seed)
+    return np.stack([skin.places_of(p) for p in points + moved])
 
 
 def misalignment(sensor: SensorDesign, points: Array, size: float, seed: int) -> Array:

@@ -39,25 +39,32 @@ class MembraneMap:
     ----------
     sensor: design
     nodes: of the chain, how many or where; see `harmonic_map`
+    places: of the markers of each layer, shape (2, M, 2); None is as designed
     """
 
-    def __init__(self, sensor: SensorDesign, nodes: int | Array) -> None:
+    def __init__(
+        self, sensor: SensorDesign, nodes: int | Array, places: Array | None = None
+    ) -> None:
         self.sensor = sensor
-        places, skin = sensor.places, sensor.shape
-        self._map: HarmonicMap = harmonic_map(skin, places, nodes)
-        self._rest = np.stack([skin.points(places, depth) for depth in sensor.depths])
-        self._tangents = np.stack(skin.tangents(places), axis=-1)
+        skin, count = sensor.shape, len(sensor.places)
+        # Layers that lie on each other share one map.
+        one = sensor.places[None] if places is None else places
+        self._map: HarmonicMap = harmonic_map(skin, one.reshape(-1, 2), nodes)
+        layers = zip(np.broadcast_to(one, (2, count, 2)), sensor.depths, strict=True)
+        self._rest = np.stack([skin.points(place, depth) for place, depth in layers])
+        self._tangents = np.stack(skin.tangents(one), axis=-1)
         self._share = sensor.follow / [skin.metric(depth) for depth in sensor.depths]
         # Squares lie along the sensor's x and y, discs anyhow.
-        cos, sin = np.cos(places[:, 1]), np.sin(places[:, 1])
-        self._turn = np.stack([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
+        cos, sin = np.cos(one[..., 1]), np.sin(one[..., 1])
+        self._turn = np.moveaxis(np.stack([[cos, sin], [-sin, cos]]), (0, 1), (-2, -1))
         self._outwards = np.cross(*np.moveaxis(self._tangents, -1, 0))
 
     def __call__(self, seen: Array) -> Membrane:
         """Membrane for node displacements relative to the rigid part (N, 2) [m]."""
         sensor = self.sensor
-        moved = self._map.displacement(seen)
-        slope = np.stack(self._map.gradient(seen), axis=-1)
+        shape = (-1, *self._rest.shape[1:])
+        moved = self._map.displacement(seen).reshape(shape)
+        slope = np.stack(self._map.gradient(seen), axis=-1).reshape(*shape, 2)
         # How the skin maps its own tangent plane into space, per layer, shape (2, M, 3, 2).
         carried = self._tangents + self._share[:, None, None, None] * slope
         axes = outline_axes(carried, sensor.markers.stretch) @ self._turn
@@ -71,16 +78,16 @@ class MembraneMap:
 
     def _swelling(self, moved: Array) -> Array:
         """Growth of outlines where incompressible silicone gets thinner, shape (2, M)."""
-        thinning = np.einsum("mk,mk->m", moved, self._outwards)
+        thinning = np.einsum("lmk,lmk->lm", moved, self._outwards)
         thickness = 1.0 + thinning / (self.sensor.markers.swell_mm * 1e-3)
         # What does not move does not swell; no silicone is pressed to less than a fifth.
         strain = self.sensor.follow[:, None] * (np.clip(thickness, 0.2, 5.0) ** -0.5 - 1.0)
         return 1.0 + strain
 
 
-def rest_membrane(sensor: SensorDesign) -> Membrane:
-    """Markers of the unloaded sensor."""
-    return MembraneMap(sensor, 11)(np.zeros((11, 2)))
+def rest_membrane(sensor: SensorDesign, places: Array | None = None) -> Membrane:
+    """Markers of the unloaded sensor, at their own places or as designed."""
+    return MembraneMap(sensor, 11, places)(np.zeros((11, 2)))
 
 
 def outline_axes(carried: Array, stretch: float) -> Array:

@@ -56,15 +56,14 @@ class DomeSkin:
 
     def meet(self, start: Array, ray: Array, depth: float) -> Array:
         """Places (…, 2) where rays from inside meet the layer; NaN where they do not."""
-        hit = start + sphere_distance(start, ray, self.radius - depth)[..., None] * ray
-        place = np.stack(
-            [
-                np.arctan2(np.hypot(hit[..., 0], hit[..., 1]), hit[..., 2]),
-                np.arctan2(hit[..., 1], hit[..., 0]),
-            ],
-            axis=-1,
+        return self.places_of(
+            start + sphere_distance(start, ray, self.radius - depth)[..., None] * ray
         )
-        return place
+
+    def places_of(self, points: Array) -> Array:
+        """Places (…, 2) of points (…, 3): those straight above them on the skin."""
+        x, y, z = np.moveaxis(points, -1, 0)
+        return np.stack([np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)], axis=-1)
 
     def rim_distance(self, places: Array) -> Array:
         """Distance from the edge of the skin along it, positive inside [m], (…)."""
@@ -109,10 +108,12 @@ class PadSkin:
     def meet(self, start: Array, ray: Array, depth: float) -> Array:
         """Places (…, 2) where rays from below meet the layer; NaN where they do not."""
         up = np.where(ray[..., 2] > 0.0, ray[..., 2], np.nan)
-        hit = start + ((-depth - start[..., 2]) / up)[..., None] * ray
-        return np.stack(
-            [np.hypot(hit[..., 0], hit[..., 1]), np.arctan2(hit[..., 1], hit[..., 0])], axis=-1
-        )
+        return self.places_of(start + ((-depth - start[..., 2]) / up)[..., None] * ray)
+
+    def places_of(self, points: Array) -> Array:
+        """Places (…, 2) of points (…, 3): those straight above them on the skin."""
+        x, y, _ = np.moveaxis(points, -1, 0)
+        return np.stack([np.hypot(x, y), np.arctan2(y, x)], axis=-1)
 
     def rim_distance(self, places: Array) -> Array:
         """Distance from the edge of the skin along it, positive inside [m], (…)."""

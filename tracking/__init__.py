@@ -1,9 +1,17 @@
 """What the image says: markers, then forces, f = argmin |y − J·K⁻¹·f|² + prior(f)."""
 
-from .calibration import SensorCalibration
+from .calibration import (
+    CalibrationFileError,
+    SensorCalibration,
+    load_calibration,
+    nominal_calibration,
+    shipped_readout,
+)
+from .contact_reading import ForcePrior
 from .detection import DetectionError, Markers, RestFrame, detect_markers, read_rest
 from .friction import (
     CAMERA_RULE,
+    FRICTION,
     THESIS_RULE,
     Z90,
     FrictionEstimate,
@@ -11,8 +19,9 @@ from .friction import (
     core_quantile,
     max_ratio,
 )
-from .gaussian_process import MIN_MARKERS, DivergedEstimateError, ForcePrior, GaussianProcess
+from .gaussian_process import MIN_MARKERS, DivergedEstimateError, GaussianProcess
 from .palette import DEFAULT_PALETTE, Palette, PaletteError, load_palette, palette_names
+from .readout import ReadOutError
 from .reconstructors import (
     DEFAULT_RECONSTRUCTOR,
     RECONSTRUCTORS,
@@ -38,10 +47,12 @@ __all__ = [
     "DEFAULT_PALETTE",
     "DEFAULT_RECONSTRUCTOR",
     "DEFAULT_TRACKER",
+    "FRICTION",
     "MIN_MARKERS",
     "RECONSTRUCTORS",
     "THESIS_RULE",
     "Z90",
+    "CalibrationFileError",
     "DetectionError",
     "DivergedEstimateError",
     "ForcePrior",
@@ -54,6 +65,7 @@ __all__ = [
     "NoEstimateError",
     "Palette",
     "PaletteError",
+    "ReadOutError",
     "Reconstructor",
     "ReconstructorError",
     "RestFrame",
@@ -65,11 +77,14 @@ __all__ = [
     "UnsupportedSensorError",
     "core_quantile",
     "detect_markers",
+    "load_calibration",
     "load_palette",
     "load_reconstructor",
     "load_tracker",
     "max_ratio",
+    "nominal_calibration",
     "palette_names",
     "read_rest",
+    "shipped_readout",
     "tracker_names",
 ]

@@ -3,17 +3,17 @@
 The unknowns are forces, not displacements: u = K(u)⁻¹·f is smooth by itself, and sums of f are well
 determined where sums of a differentiated u are not. A Gaussian-process prior on f in a compact
 zone, whose extent is chosen by its evidence, does the regularising. Solved in sensor axes; the
-result is rotated into the contact's own normal, read off the deformed skin.
+result is turned into the object's normal by `contact_reading`.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from ..model import ForceField, chain_compliance, chain_forces
 from .calibration import SensorCalibration
+from .contact_reading import ForcePrior, force_basis, read_contact
 from .sensitivity import MarkerResponse
 from .shifts import MarkerShifts, NoEstimateError
 from .tracks import Tracks
@@ -26,12 +26,27 @@ MIN_MARKERS = 20
 _MARGIN = np.deg2rad(20.0)
 #: No node moves by more than this share of the radius.
 _FARTHEST = 0.5
-#: Slope of the skin below which the jump in its stiffness is smoothed, so that Newton settles …
+#: Slope of the skin below which the jump in its stiffness is smoothed, so that Newton settles.
 _BLUNT = 0.05
-#: … and share of a Newton step that is taken.
-_DAMPING = 0.8
 #: Log evidence that a zone must win by: a tie must not make the estimate flicker.
 _ZONE_GAIN = 1.0
+#: A step smaller than this ends the passes [m] …
+_SETTLED = 20e-6
+#: … and one that is still larger than this after the last of them is no solution [m].
+_UNSETTLED = 60e-6
+#: How the noise is overstated from pass to pass, seeking from rest: the skin may fold the wrong
+#: way, and forces that come up smooth and broad before they sharpen keep it from doing so.
+_COLD = (100.0, 30.0, 10.0, 5.0, 3.0, 2.0, 1.0, 1.0, 1.0)
+#: Ways to a solution, and the share of a Newton step that each takes: from the last frame; from
+#: rest; from rest with care.
+_TRIES = (((1.0, 1.0), 0.8), (_COLD, 0.8), (tuple(np.repeat(_COLD, 2).tolist()), 0.4))
+#: Passes of half the step that follow where these do not settle.
+_MORE = 8
+#: What forces that are smooth between knots cannot follow of a marker's motion [px]: without it,
+#: places that are known to 0.01 px bend the forces of sharp contacts.
+_COARSENESS = 0.15
+#: Mean square of the markers' residuals over their noise above which nothing explains them.
+_MISFIT = 9.0
 
 
 class DivergedEstimateError(NoEstimateError):
@@ -39,21 +54,30 @@ class DivergedEstimateError(NoEstimateError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForcePrior:
-    """What is assumed of contact forces before the first pixel, the same for every object.
+class Posterior:
+    """Nodal forces after a pass, as unknowns of `force_basis` in the contact zone.
 
     Attributes
     ----------
-    reach_deg: forces are looked for up to this angle from the apex [°]
-    knots: places along that arc where forces are free, linear in between
-    length: correlation length of the forces along the skin [m]
-    amplitude: smallest prior standard deviation of a node's force at 251 nodes [N]
+    information: of the unknowns, prior included, shape (U, U)
+    moment: information times their mean, shape (U,)
+    basis: nodal forces per unknown [N], shape (N, 2, U)
+    moves: node displacements per unknown [m], shape (N, 2, U)
+    knots: places of the unknowns along x, and again along z, angle from the apex [rad], (U/2,)
+    misfit: mean square of the residuals over their noise
     """
 
-    reach_deg: float = 38.0
-    knots: int = 31
-    length: float = 0.8e-3
-    amplitude: float = 5e-3
+    information: Array
+    moment: Array
+    basis: Array
+    moves: Array
+    knots: Array
+    misfit: float
+
+    def solve(self) -> tuple[Array, Array, Array]:
+        """Mean of the unknowns (U,), factors (N, 2, U) of the covariance of forces and moves."""
+        root = np.linalg.inv(np.linalg.cholesky(self.information)).T
+        return root @ (root.T @ self.moment), self.basis @ root, self.moves @ root
 
 
 class GaussianProcess:
@@ -71,14 +95,17 @@ class GaussianProcess:
     ) -> None:
         self._prior = prior or ForcePrior()
         self._fingertip = fingertip = calibration.fingertip
-        self._threshold = fingertip.contact_threshold
         reach = np.deg2rad(self._prior.reach_deg) + _MARGIN
         self._shifts = MarkerShifts(calibration, rest, reach)
-        self._response = MarkerResponse(calibration.sensor, self._shifts.places, fingertip.angles())
-        self._hats, self._correlation = self._force_basis()
+        self._response = MarkerResponse(
+            self._shifts.sensor, self._shifts.places, fingertip.angles()
+        )
+        self._hats, self._correlation = force_basis(fingertip, self._prior)
+        self._knots = self._prior.knot_angles()
         unloaded = np.zeros((fingertip.nodes, 2))
         at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))
         self._at_rest = at_rest + self._response.perspective(unloaded)
+        self._coarseness = _COARSENESS**2 * np.diag(np.tile([1.0, 1.0, 0.0], 2))
         self.reset()
 
     def reset(self) -> None:
@@ -87,6 +114,7 @@ class GaussianProcess:
         self._amplitude = 10 * self._prior.amplitude
         middle = self._prior.knots // 2
         self._zone = (middle - 4, middle + 4)
+        self._warm = False
 
     def update(self, tracks: Tracks) -> ForceField:
         """Force field of a frame.
@@ -96,30 +124,48 @@ class GaussianProcess:
         TooFewMarkersError
             When fewer than MIN_MARKERS pairs are visible.
         DivergedEstimateError
-            When the solution runs away.
+            When no solution explains the markers, not even one sought from rest.
         """
         shifts, visible = self._shifts(tracks, MIN_MARKERS)
         observed = shifts[visible]
-        whiten = np.linalg.inv(np.linalg.cholesky(self._shifts.noise(tracks)[visible]))
-        # The angles follow from the last displacement; a second pass only after a large change.
-        for _ in range(2):
-            before = self._seen
+        noise = self._shifts.noise(tracks)[visible] + self._coarseness
+        whiten = np.linalg.inv(np.linalg.cholesky(noise))
+        for heats, damping in _TRIES[0 if self._warm else 1 :]:
+            found = self._settle(observed, whiten, visible, heats, damping)
+            if found is not None:
+                self._warm = True
+                return self._field(found)
+            self.reset()
+        raise DivergedEstimateError("no deformation of the fingertip explains the markers")
+
+    def _settle(
+        self,
+        observed: Array,
+        whiten: Array,
+        visible: NDArray[np.bool_],
+        heats: tuple[float, ...],
+        damping: float,
+    ) -> Posterior | None:
+        """Posterior after passes with the noise overstated by `heats`; None where none fits."""
+        shares = [damping] * len(heats) + [0.5 * damping] * _MORE
+        for heat, share in zip((*heats, *[1.0] * _MORE), shares, strict=True):
             try:
                 with np.errstate(invalid="raise"):
-                    forces, covariance = self._solve(observed, whiten, visible)
+                    found, step = self._pass(observed, whiten / heat, visible)
             except (FloatingPointError, np.linalg.LinAlgError):
-                self._seen = np.full_like(before, np.inf)
+                return None
+            self._seen = self._seen + share * step
             if not abs(self._seen).max() < _FARTHEST * self._fingertip.radius:
-                self.reset()
-                raise DivergedEstimateError("no deformation of the fingertip explains the markers")
-            if abs(self._seen - before).max() < 20e-6:
+                return None
+            moved = abs(share * step).max()
+            if heat == 1.0 and moved < _SETTLED:
                 break
-        return self._field(forces, covariance)
+        return found if moved < _UNSETTLED and found.misfit < _MISFIT else None
 
-    def _solve(
+    def _pass(
         self, observed: Array, whiten: Array, visible: NDArray[np.bool_]
-    ) -> tuple[Array, Array]:
-        """Nodal forces (N, 2) [N] and covariance of (ΣFx, ΣFz); moves the linearisation point."""
+    ) -> tuple[Posterior, Array]:
+        """Posterior linearised about the last displacement, and the step to what it says [m]."""
         held = chain_forces(self._fingertip, self._seen)
         loads = np.concatenate([held[:, :, None], self._hats], axis=2)
         moves = chain_compliance(self._fingertip, self._seen, loads, _BLUNT)
@@ -129,19 +175,24 @@ class GaussianProcess:
         residual = observed - (predicted - self._at_rest - derivative[:, :, 0])[visible]
         target = (whiten @ residual[:, :, None]).ravel()
         jacobian = (whiten @ derivative[visible, :, 1:]).reshape(len(target), -1)
-        information, moment = jacobian.T @ jacobian, jacobian.T @ target
+        likelihood, moment = jacobian.T @ jacobian, jacobian.T @ target
         prior = self._amplitude**2 * self._correlation
-        zone = self._best_zone(information, moment, prior)
+        zone = self._best_zone(likelihood, moment, prior)
         block = np.ix_(zone, zone)
-        factor = cho_factor(information[block] + np.linalg.inv(prior[block]))
-        mean = cho_solve(factor, moment[zone])
-        hats = self._hats[:, :, zone]
-        forces = hats @ mean
-        change = moves[:, :, 1 + zone] @ mean - moves[:, :, 0]
-        self._seen = self._seen + _DAMPING * change
-        self._amplitude = max(self._prior.amplitude, float(abs(forces).max()))
-        sums = hats.sum(axis=0)
-        return forces, sums @ cho_solve(factor, sums.T)
+        information = likelihood[block] + np.linalg.inv(prior[block])
+        mean = np.linalg.solve(information, moment[zone])
+        self._amplitude = max(
+            self._prior.amplitude, float(abs(self._hats[:, :, zone] @ mean).max())
+        )
+        found = Posterior(
+            information=information,
+            moment=moment[zone],
+            basis=self._hats[:, :, zone],
+            moves=moves[:, :, 1 + zone],
+            knots=self._knots[zone[: len(zone) // 2]],
+            misfit=float(((target - jacobian[:, zone] @ mean) ** 2).mean()),
+        )
+        return found, found.moves @ mean - moves[:, :, 0]
 
     def _best_zone(self, information: Array, moment: Array, prior: Array) -> NDArray[np.intp]:
         """Unknowns of the contact zone with the highest evidence near the last one."""
@@ -172,41 +223,10 @@ class GaussianProcess:
         span = np.arange(zone[0], zone[1] + 1)
         return np.concatenate([span, self._prior.knots + span])
 
-    def _field(self, forces: Array, covariance: Array) -> ForceField:
-        """Rotate sensor-axis forces into the contact's normal and tangent."""
-        position = self._fingertip.rest_positions() + self._seen
-        pressing = -forces[:, 1]
-        slope = _surface_slope(position, np.maximum(pressing, 0.0))
-        length = np.sqrt(1.0 + slope**2)
-        normal = (slope * forces[:, 0] - forces[:, 1]) / length
-        friction = (forces[:, 0] + slope * forces[:, 1]) / length
-        contact = normal > self._threshold
-        flip = np.array([1, 0])  # (x, z) of the sensor are (friction, normal) of the field
-        return ForceField(
-            position=position,
-            normal=np.maximum(normal, 0.0),
-            friction=friction,
-            contact=contact,
-            totals_covariance=covariance[np.ix_(flip, flip)],
-        )
-
-    def _force_basis(self) -> tuple[Array, Array]:
-        """Nodal forces per unit unknown (N, 2, 2·knots) and the unknowns' prior correlation."""
-        prior, tip = self._prior, self._fingertip
-        reach = np.deg2rad(prior.reach_deg)
-        knots = np.linspace(-reach, reach, prior.knots)
-        angles = tip.angles()
-        hats = np.stack([np.interp(angles, knots, row) for row in np.eye(prior.knots)], axis=1)
-        hats[np.abs(angles) > reach] = 0.0
-        # Unknowns are node forces at 251 nodes; finer chains share them among more nodes.
-        hats *= tip.shares()[:, None]
-        basis = np.zeros((tip.nodes, 2, 2 * prior.knots))
-        basis[:, 0, : prior.knots] = hats
-        basis[:, 1, prior.knots :] = hats
-        distance = (knots[:, None] - knots) * tip.radius / prior.length
-        smooth = np.exp(-0.5 * distance**2) + 1e-6 * np.eye(prior.knots)
-        correlation = np.kron(np.eye(2), smooth).astype(np.float64)
-        return basis, correlation
+    def _field(self, found: Posterior) -> ForceField:
+        """Mean and covariance of the forces, turned into the object's normal."""
+        mean, forces, moves = found.solve()
+        return read_contact(self._fingertip, self._seen, found.basis @ mean, forces, moves)
 
 
 def _log_evidence(information: Array, moment: Array, prior: Array, zone: NDArray[np.intp]) -> float:
@@ -216,13 +236,3 @@ def _log_evidence(information: Array, moment: Array, prior: Array, zone: NDArray
     factor = np.linalg.cholesky(np.eye(len(zone)) + root.T @ information[block] @ root)
     half = np.linalg.solve(factor, root.T @ moment[zone])
     return float(0.5 * half @ half - np.log(np.diag(factor)).sum())
-
-
-def _surface_slope(position: Array, weight: Array) -> Array:
-    """Slope dz/dx of a parabola through the loaded skin, at every node, shape (N,)."""
-    if not (weight > 0).sum() >= 3:
-        return np.zeros(len(position))
-    x, z = position.T
-    centre = np.average(x, weights=weight)
-    _, slope, bend = np.polynomial.polynomial.polyfit(x - centre, z, 2, w=np.sqrt(weight))
-    return np.where(weight > 0, slope + 2 * bend * (x - centre), 0.0)

@@ -38,7 +38,12 @@ class ReconstructorError(ValueError):
 #: Module:Class of each reconstructor of ours, and one line about it.
 RECONSTRUCTORS = {
     "gp": ("gaussian_process:GaussianProcess", "Gaussian-process prior on nodal forces in a zone"),
+    "tikhonov": ("tikhonov:Tikhonov", "one matrix product, linearised at rest, λ by evidence"),
+    "stiffness": ("stiffness_reading:StiffnessReading", "smooth displacements times K(u)"),
+    "learned": ("learned:Learned", "read-out trained on random grips, each frame by itself"),
+    "sequential": ("learned:Sequential", "the same over codes averaged while the skin holds still"),
 }
+#: It needs no training; what was trained is better where it is.
 DEFAULT_RECONSTRUCTOR = "gp"
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .calibration import SensorCalibration
+from .rest_fit import fitted_to_rest
 from .sensitivity import MEASURED
 from .tracks import Tracks
 
@@ -29,6 +30,7 @@ class MarkerShifts:
 
     Attributes
     ----------
+    sensor: calibration of the image, its camera fitted to the rest frame
     pairs: numbers of the pairs read, P of them, shape (P,)
     places: where they are at rest, see `render.skin`, shape (2, P, 2)
     rest_covariance: of what was measured at rest, shape (P, 6, 6)
@@ -36,8 +38,8 @@ class MarkerShifts:
     """
 
     def __init__(self, calibration: SensorCalibration, rest: Tracks, reach: float) -> None:
-        pairs = np.flatnonzero(rest.visible.all(axis=0))
-        sensor = calibration.sensor
+        pairs = np.flatnonzero((rest.visible & ~rest.ambiguous).all(axis=0))
+        self.sensor = sensor = fitted_to_rest(calibration.sensor, rest)
         places = np.stack([sensor.places_at(p, k) for k, p in enumerate(rest.position[:, pairs])])
         near = places[0, :, 0] < reach
         self.pairs = pairs[near]
@@ -48,14 +50,15 @@ class MarkerShifts:
         self._at_rest = _measured(rest)[self.pairs]
 
     def __call__(self, tracks: Tracks, least: int) -> tuple[Array, NDArray[np.bool_]]:
-        """Shifts of (x, y, log size) of both layers, (P, 6), and which pairs are seen, (P,).
+        """Shifts of (x, y, log size) of both layers, (P, 6), and which pairs are certain, (P,).
 
         Raises
         ------
         TooFewMarkersError
             When fewer than `least` pairs are seen.
         """
-        visible = np.all(tracks.visible[:, self.pairs], axis=0)
+        certain = tracks.visible & ~tracks.ambiguous
+        visible = np.all(certain[:, self.pairs], axis=0)
         if visible.sum() < least:
             raise TooFewMarkersError(
                 f"{visible.sum()} marker pairs visible near the contact, at least {least} "

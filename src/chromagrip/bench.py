@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from .bench_force import bench_force
 from .bench_model import bench_model
 from .bench_render import bench_render
 from .bench_rows import Row, report, reported, within
@@ -91,20 +92,27 @@ PARTS: dict[str, Callable[..., list[Row]]] = {
     "model": bench_model,
     "render": bench_render,
     "track": bench_track,
+    "force": bench_force,
 }
 
 
 def bench(
-    part: str, quick: bool, progress: Callable[[str], None], trackers: tuple[str, ...] = ()
+    part: str,
+    quick: bool,
+    progress: Callable[[str], None],
+    trackers: tuple[str, ...] = (),
+    reconstructors: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Measure a part: the machine, and a row per figure.
 
     Raises
     ------
     UserError
-        When trackers are given for a part without any, or are not there.
+        When trackers or reconstructors are given for a part without any, or are not there.
     """
-    if trackers and part != "track":
-        raise UserError(f"--tracker goes with bench track, not with bench {part}")
-    more = (trackers,) if trackers else ()
+    chosen = {"track": ("--tracker", trackers), "force": ("--reconstructor", reconstructors)}
+    for its_part, (option, names) in chosen.items():
+        if names and part != its_part:
+            raise UserError(f"{option} goes with bench {its_part}, not with bench {part}")
+    more = (chosen[part][1],) if part in chosen else ()
     return report(PARTS[part](quick, progress, *more), quick)

@@ -44,8 +44,8 @@ class SimulatedCamera:
     ) -> None:
         defects = defects or Defects()
         self._renderer = renderer
-        self._map = MembraneMap(sensor, nodes)
         self._flaws = Flaws(sensor, defects, seed)
+        self._map = MembraneMap(sensor, nodes, self._flaws.places)
         self._imaging = Imaging(sensor, defects, seed)
         # In periods: how long before a frame's instant its light was gathered.
         self._shutter = shutter_times(defects, 1.0)

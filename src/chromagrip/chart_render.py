@@ -1,18 +1,13 @@
 """`chromagrip chart render`: time per frame of each renderer against its error."""
 
-import csv
-import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -28,29 +23,16 @@ from .render.outlines import outline_points
 from .render.paint_kernels import encode
 from .render.painter import Painter
 from .render.supersampled import polygon_centroids, projected_outlines, supersampled_image
+from .speed_chart import Axis, Point, write_chart
 
 Image = NDArray[np.uint8]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Point:
-    """One renderer at one setting.
-
-    Attributes
-    ----------
-    name: of renderer and setting
-    milliseconds: per frame, median of passes over a moving sequence
-    fastest, slowest: of those passes [ms]
-    centre_error: root mean square of noise-free intensity centroids [px]
-    colour_error: mean CIEDE2000 on the markers
-    """
-
-    name: str
-    milliseconds: float
-    fastest: float
-    slowest: float
-    centre_error: float
-    colour_error: float
+#: Errors that are drawn.
+AXES = (
+    Axis(key="centre_error", label="centre of a marker, RMS error [px]", unit="px"),
+    Axis(key="colour_error", label="colour on the markers, mean CIEDE2000", unit="ΔE2000"),
+)
 
 
 def chart_render(
@@ -73,16 +55,12 @@ def chart_render(
     rows: list[Row] = []
     for point in points:
         rows.append(reported(f"{point.name}/time", point.milliseconds, "ms"))
-        rows.append(reported(f"{point.name}/centre_error", point.centre_error, "px"))
-        rows.append(reported(f"{point.name}/colour_error", point.colour_error, "ΔE2000"))
+        for axis in AXES:
+            rows.append(reported(f"{point.name}/{axis.key}", point.errors[axis.key], axis.unit))
     result = report(rows, quick)
     if out is not None:
-        _draw(points, result["machine"], out)
-        with (out / "chart.csv").open("w", encoding="utf-8", newline="") as file:
-            table = csv.DictWriter(file, list(asdict(points[0])))
-            table.writeheader()
-            table.writerows(asdict(point) for point in points)
-        (out / "chart.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        title = "Renderers: 400 markers in two layers, 640×480"
+        write_chart(points, AXES, title, "frame", result, out)
     return result
 
 
@@ -99,7 +77,7 @@ def _measure(sensor: SensorDesign, quick: bool, progress: Callable[[str], None])
     marked = TruthMap(sensor, 251)(membrane, seen).masks.max(axis=0) > 0.01
     bare = np.rint(encode_srgb(ground_image(sensor).astype(float))).astype(np.uint8)
     times: dict[str, list[float]] = {}
-    errors: dict[str, tuple[float, float]] = {}
+    errors: dict[str, dict[str, float]] = {}
     # In turns, so that what else the machine does falls on all; one at a time, because closing one
     # OpenGL context takes the display from the others.
     for turn in range(2 if quick else 4):
@@ -117,17 +95,13 @@ def _measure(sensor: SensorDesign, quick: bool, progress: Callable[[str], None])
                 off = layer_centroids(renderer.render, sensor, membrane, bare) - truth
                 image = renderer.render(membrane)
                 colour = colour_difference(image[marked], exact[marked]).mean()
-                errors[name] = float(np.sqrt(np.nanmean(off**2))), float(colour)
+                errors[name] = {
+                    "centre_error": float(np.sqrt(np.nanmean(off**2))),
+                    "colour_error": float(colour),
+                }
             renderer.close()
     return [
-        Point(
-            name=name,
-            milliseconds=float(np.median(spent)),
-            fastest=min(spent),
-            slowest=max(spent),
-            centre_error=errors[name][0],
-            colour_error=errors[name][1],
-        )
+        Point(name=name, times=spent, errors=errors[name], ours="painter" in name)
         for name, spent in times.items()
     ]
 
@@ -177,52 +151,3 @@ class _Polygons:
 
     def close(self) -> None:
         """Nothing to release."""
-
-
-def _draw(points: list[Point], machine: dict[str, Any], out: Path) -> None:
-    matplotlib.use("Agg", force=False)
-    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
-    for axis, key, label in zip(
-        figure.subplots(1, 2),
-        ("centre_error", "colour_error"),
-        ("centre of a marker, RMS error [px]", "colour on the markers, mean CIEDE2000"),
-        strict=True,
-    ):
-        front = _front(points, key)
-        axis.plot(
-            [p.milliseconds for p in front], [getattr(p, key) for p in front], "-", color="0.8"
-        )
-        for number, point in enumerate(points):
-            span = [[point.milliseconds - point.fastest], [point.slowest - point.milliseconds]]
-            axis.errorbar(
-                point.milliseconds,
-                getattr(point, key),
-                xerr=span,
-                fmt="o" if point in front else "x",
-                color="tab:blue" if "painter" in point.name else "tab:orange",
-            )
-            axis.annotate(
-                point.name,
-                (point.milliseconds, getattr(point, key)),
-                textcoords="offset points",
-                xytext=(6, -12 if number % 2 else 6),
-                fontsize=8,
-            )
-        axis.set(xscale="log", yscale="log", xlabel="time per frame [ms], one core", ylabel=label)
-        axis.grid(alpha=0.3, which="both")
-        axis.margins(0.2)
-    listed = ", ".join(f"{key} {value}" for key, value in machine.items())
-    figure.suptitle("Renderers: 400 markers in two layers, 640×480; lower left is better")
-    figure.supxlabel(listed, fontsize=6)
-    figure.savefig(out / "chart.svg")
-    figure.savefig(out / "chart.png", dpi=110)
-
-
-def _front(points: list[Point], key: str) -> list[Point]:
-    """Points that no other one beats in both, by time."""
-    best, front = np.inf, []
-    for point in sorted(points, key=lambda p: p.milliseconds):
-        if getattr(point, key) < best:
-            best = getattr(point, key)
-            front.append(point)
-    return front

@@ -17,7 +17,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from .cli_calibrate import calibrate
+from .cli_calibrate import calibrate, calibrate_sensor
+from .cli_estimate import estimate
+from .cli_limit import limit
 from .cli_options import (
     Flag,
     Force,
@@ -33,6 +35,7 @@ from .cli_options import (
 )
 from .cli_render import render
 from .cli_track import detect, palettes, track, trackers
+from .cli_train import train
 from .errors import UserError
 from .scene import (
     CONTROLLERS,
@@ -51,6 +54,12 @@ Trackers = Annotated[
     tuple[str, ...],
     tyro.conf.UseAppendAction,
     option("of track: only this one; may be repeated", "NAME|MODULE:CLASS", "tracker"),
+]
+
+Reconstructors = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("of force: only this one; may be repeated", "NAME|MODULE:CLASS", "reconstructor"),
 ]
 
 
@@ -199,12 +208,13 @@ def doctor() -> int:
 
 def bench(
     part: Annotated[
-        Literal["loop", "model", "render", "track"],
+        Literal["force", "loop", "model", "render", "track"],
         tyro.conf.Positional,
-        option("what to measure", "loop|model|render|track"),
+        option("what to measure", "force|loop|model|render|track"),
     ],
     *,
     trackers: Trackers = (),
+    reconstructors: Reconstructors = (),
     quick: Quick = False,
     json_only: Annotated[Flag, option("one JSON object", name="json")] = False,
 ) -> int:
@@ -212,7 +222,7 @@ def bench(
     from .bench import bench as measure
 
     with Console(stderr=True).status("starting") as status:
-        report = measure(part, quick, telling(status), trackers)
+        report = measure(part, quick, telling(status), trackers, reconstructors)
     if json_only:
         print(json.dumps(report))
         return 0
@@ -222,6 +232,14 @@ def bench(
 
         print(*matrix_lines(matrix(rows)), *refusals(rows), sep="\n")
         rows = asked(rows)
+    if part == "force":
+        from .bench_force import NOTES, readings
+        from .bench_force import asked as asked_of_force
+        from .bench_force import matrix as errors
+        from .bench_force import matrix_lines as lines
+
+        print(*lines(errors(rows)), "", *lines(readings(rows)), "", *NOTES, "", sep="\n")
+        rows = asked_of_force(rows)
     print_rows(rows)
     return 0
 
@@ -261,20 +279,29 @@ def stability(
 
 
 def chart(
-    part: Annotated[Literal["render"], tyro.conf.Positional, option("what to chart", "render")],
+    part: Annotated[
+        Literal["force", "render"], tyro.conf.Positional, option("what to chart", "force|render")
+    ],
     *,
+    reconstructors: Reconstructors = (),
     quick: Quick = False,
     out: Out = None,
     force: Force = False,
     json_only: JsonOnly = False,
 ) -> int:
     """Draw the speed of every method of a part against its error."""
+    from .chart_force import chart_force
     from .chart_render import chart_render
 
+    if reconstructors and part != "force":
+        raise UserError(f"--reconstructor goes with chart force, not with chart {part}")
     if out is None and not json_only:
         out = new_folder(f"chart-{part}")
     with Console(stderr=True).status("starting") as status:
-        result = chart_render(quick, out, force, telling(status))
+        if part == "force":
+            result = chart_force(quick, out, force, telling(status), reconstructors)
+        else:
+            result = chart_render(quick, out, force, telling(status))
     if json_only:
         print(json.dumps(result))
         return 0
@@ -321,6 +348,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "render": render,
     "detect": detect,
     "track": track,
+    "estimate": estimate,
     "scenes": scenes,
     "sensors": sensors,
     "controllers": controllers,
@@ -332,6 +360,9 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "stability": stability,
     "reproduce": reproduce,
     "calibrate": calibrate,
+    "calibrate-sensor": calibrate_sensor,
+    "train": train,
+    "limit": limit,
     "doctor": doctor,
 }
 
@@ -339,8 +370,13 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 def main() -> None:
     """Entry point of the command line."""
     signal.signal(signal.SIGINT, interrupt)
+    words = sys.argv[1:]
+    if words[:2] == ["calibrate", "sensor"]:  # beside pictures of the board, by name
+        words[:2] = ["calibrate-sensor"]
     try:
-        code: int = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog=NAME, description=__doc__)
+        code: int = tyro.extras.subcommand_cli_from_dict(
+            COMMANDS, prog=NAME, description=__doc__, args=words
+        )
     except UserError as error:
         print(f"{NAME}: {error}", file=sys.stderr)
         code = 2

@@ -1,4 +1,4 @@
-"""The command `calibrate`: a calibration file from pictures of a ChArUco board."""
+"""The commands `calibrate` and `calibrate sensor`: files from pictures of a board, of presses."""
 
 import json
 from math import degrees
@@ -9,14 +9,16 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from .cli_options import Flag, option, telling
+from .cli_options import Flag, Noise, TrackerName, check_file, check_least, option, telling
 from .errors import FolderError, UserError
 
 if TYPE_CHECKING:  # OpenCV loads only when something is calibrated
     from .calibrate import Calibration
     from .render.board import Board
+    from .tracking import SensorCalibration
+    from .tracking.calibration import FitReport
 
-_DEFAULT_OUT = Path("calibration.yml")
+_DEFAULT_OUT, _DEFAULT_SENSOR = Path("calibration.yml"), Path("sensor-calibration.toml")
 #: Pixels of a square in the printed board: finer than printers print it.
 _PRINTED = 300
 
@@ -66,7 +68,7 @@ def calibrate(
     if out is None and not json_only:
         out = _DEFAULT_OUT
     if out is not None:
-        _check_out(out, {".yml", ".yaml"}, force)
+        check_file(out, {".yml", ".yaml"}, force)
 
     from .board_corners import image_files
     from .calibrate import calibrate_camera
@@ -87,16 +89,82 @@ def calibrate(
     return 0
 
 
-def _check_out(path: Path, suffixes: set[str], force: bool) -> None:
-    """Refuse before the work what could not be written after it."""
-    if path.suffix not in suffixes:
-        raise FolderError(f"file {path} must end in {' or '.join(sorted(suffixes))}")
-    if path.is_dir():
-        raise FolderError(f"{path} is a folder, not a file")
-    if not path.parent.is_dir():
-        raise FolderError(f"file {path} cannot be written: there is no folder {path.parent}")
-    if path.exists() and not force:
-        raise FolderError(f"file {path} exists; choose another or give --force")
+def calibrate_sensor(
+    presses: Annotated[
+        Path,
+        tyro.conf.Positional,
+        option(
+            "folder with rest*.png, pictures of presses, and presses.csv: file, normal_n, "
+            "lateral_n of a stiff flat plate; for a flat pad file, depth_mm, shear_mm",
+            "PRESSES",
+        ),
+    ],
+    *,
+    sensor: Annotated[
+        str, option("design that it starts from, see `chromagrip sensors`", "NAME|FILE.toml")
+    ] = "thesis",
+    tracker: TrackerName = "fit",
+    noise: Noise = None,
+    out: Annotated[
+        Path | None, option(f"calibration file; by default {_DEFAULT_SENSOR}", "FILE.toml")
+    ] = None,
+    force: Annotated[Flag, option("write over an earlier file")] = False,
+    json_only: Annotated[
+        Flag, option("one JSON object; writes a file only with --out", name="json")
+    ] = False,
+) -> int:
+    """Calibrate a sensor, its mechanics or its displacements, from pictures of known presses."""
+    from .render import SensorError, load_sensor
+
+    check_least(noise=(noise, 0.0))
+    if out is None and not json_only:
+        out = _DEFAULT_SENSOR
+    if out is not None:
+        check_file(out, {".toml"}, force)
+    try:
+        design = load_sensor(sensor)
+    except SensorError as error:
+        raise UserError(str(error)) from None
+
+    from .sensor_calibration import calibrate_sensor as calibrate
+    from .tracking.calibration import calibration_table, save_calibration
+
+    with Console(stderr=True).status("starting") as status:
+        result, report = calibrate(
+            presses, design, tracker=tracker, noise=noise, tell=telling(status)
+        )
+    if out is not None:
+        try:
+            save_calibration(result, sensor, report, out)
+        except OSError as error:
+            raise FolderError(f"file {out} cannot be written: {error.strerror}") from None
+    if json_only:
+        print(json.dumps({**calibration_table(result, sensor, report), "out": out and str(out)}))
+    else:
+        _print_sensor(result, report, out)
+    return 0
+
+
+def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | None) -> None:
+    from msgspec.structs import asdict
+
+    from .tracking.calibration import values_of
+
+    table = Table(show_header=False, box=None, padding=(0, 2))
+    table.add_row("presses", str(len(report.presses)))
+    table.add_row("noise", f"{report.noise_levels:.2f} levels")
+    found = asdict(values_of(result)) if result.displacement is None else {}
+    for name, value in found.items():
+        by = report.deviations.get(name)
+        table.add_row(name, f"{value:.5g}" + (", as designed" if by is None else f" ± {by:.2g}"))
+    for name, value in asdict(result.displacement).items() if result.displacement else ():
+        table.add_row(name, "not measured" if value is None else f"{value:.4g}")
+    table.add_row("markers miss by", f"{report.error_px:.3f} px RMS")
+    if report.normal_error_share is not None:
+        table.add_row("forces read off the presses", f"{report.normal_error_share:.1%} RMS normal")
+        table.add_row("", f"{report.friction_error_n:.3f} N RMS friction")
+    table.add_row("file", str(out))
+    Console(markup=False, highlight=False).print(table)
 
 
 def _print_board(board: "Board", path: Path, force: bool, json_only: bool) -> int:
@@ -105,7 +173,7 @@ def _print_board(board: "Board", path: Path, force: bool, json_only: bool) -> in
 
     from .render.board import board_picture
 
-    _check_out(path, {".png"}, force)
+    check_file(path, {".png"}, force)
     width, height = board.size
     per_inch = _PRINTED * 25.4e-3 / board.square
     try:

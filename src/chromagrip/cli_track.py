@@ -8,10 +8,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from .cli_options import Flag, Force, JsonOnly, Out, new_folder, option, stop_if_interrupted
+from .cli_options import (
+    Flag,
+    Force,
+    Fps,
+    Frames,
+    JsonOnly,
+    Noise,
+    Out,
+    Rest,
+    SourceName,
+    TrackerName,
+    check_least,
+    frame_progress,
+    new_folder,
+    option,
+)
 from .errors import FolderError, UserError
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
@@ -91,34 +105,14 @@ def _save_picture(found: "Picture", path: Path) -> None:
 
 
 def track(
-    rest: Annotated[
-        str,
-        tyro.conf.Positional,
-        option(
-            "the unloaded sensor: a picture, or a folder or video whose first frames are averaged; "
-            "first or first:N frames of the source; auto for its frame whose layers lie best on "
-            "each other",
-            "REST",
-        ),
-    ],
-    source: Annotated[
-        str,
-        tyro.conf.Positional,
-        option("folder of pictures, video file, picture or camera:0", "SOURCE"),
-    ],
+    rest: Rest,
+    source: SourceName,
     *,
     palette: PaletteName = _PALETTE,
-    tracker: Annotated[
-        str, option("see `chromagrip trackers`, or your own", "NAME|module:Class")
-    ] = _TRACKER,
-    noise: Annotated[
-        float | None, option("of the camera; by default estimated from the rest", "LEVELS")
-    ] = None,
-    fps: Annotated[
-        float | None,
-        option("frame rate of pictures (by default 30), or instead of a video's own", "HZ"),
-    ] = None,
-    frames: Annotated[int | None, option("stop after so many", "N")] = None,
+    tracker: TrackerName = _TRACKER,
+    noise: Noise = None,
+    fps: Fps = None,
+    frames: Frames = None,
     out: Out = None,
     force: Force = False,
     json_only: JsonOnly = False,
@@ -127,32 +121,13 @@ def track(
 
     Leaves tracks.parquet (where each marker was in each frame), overlay.mp4 and summary.json.
     """
-    for name, value, least in (("noise", noise, 0.0), ("fps", fps, 1e-3), ("frames", frames, 1)):
-        if value is not None and not (math.isfinite(value) and value >= least):
-            raise UserError(f"--{name} {value}: expected {least:g} or more")
+    check_least(noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     if out is None and not json_only:
         out = new_folder(f"track-{Path(source).stem.replace(':', '-')}")
 
     from .track_source import track_source
 
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} frames"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    ) as bar:
-        task = bar.add_task("opening", total=None)
-
-        def tell(text: str) -> None:
-            bar.update(task, description=text)
-            stop_if_interrupted()
-
-        def progress(done: int, total: int | None) -> None:
-            bar.update(task, description="tracking", completed=done, total=total)
-            stop_if_interrupted()
-
+    with frame_progress("tracking") as (tell, progress):
         outcome = track_source(
             rest,
             source,

@@ -58,7 +58,7 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     displacement.set_xlim(0.0, scene.duration_s)
 
     for axes in (force, contact, margin, pressure, displacement):
-        _finish(axes)
+        finish(axes)
     plural = "" if scene.camera.latency_frames == 1 else "s"
     stopped = "" if len(trace) == scene.frames else f", interrupted at {time[-1]:.2f} s"
     figure.suptitle(
@@ -69,7 +69,8 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _finish(axes: Axes) -> None:
+def finish(axes: Axes) -> None:
+    """Grid, frame and legend of a panel."""
     axes.grid(alpha=0.25, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
     # Outside the axes a legend never hides a curve.

@@ -24,11 +24,16 @@ from .observers import CameraObserver, TruthObserver
 from .render import Frame, GLMissingError, open_renderer
 from .scene import Scene
 from .tracking import (
+    CalibrationFileError,
     DetectionError,
+    ReadOutError,
     ReconstructorError,
     SensorCalibration,
     Tracks,
     UnsupportedSensorError,
+    load_calibration,
+    nominal_calibration,
+    shipped_readout,
 )
 
 
@@ -113,9 +118,15 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
         rest = camera.expose_rest(state, scene.camera.rest_frames)
         noise = scene.camera.noise_levels
         try:
-            known = SensorCalibration(sensor=scene.build_sensor(), fingertip=tip)
+            known = _known(scene)
             seen = CameraObserver(known, scene.reconstructor, noise, window, rest)
-        except (DetectionError, ReconstructorError, UnsupportedSensorError) as error:
+        except (
+            CalibrationFileError,
+            DetectionError,
+            ReadOutError,
+            ReconstructorError,
+            UnsupportedSensorError,
+        ) as error:
             raise UserError(f"sensor {scene.sensor}: {error}") from None
     substeps = max(1, math.ceil(scene.period * 1e3 / scene.fingertip.step_ms - 1e-9))
     dt = scene.period / substeps
@@ -160,6 +171,14 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
             slip = follow_slip(slip, state, field, dt)
         # Sums of steps round; frames are counted.
         state = replace(state, time=(index + 1) * scene.period)
+
+
+def _known(scene: Scene) -> SensorCalibration:
+    """What the estimator is told of the sensor: its calibration, or that it is as designed."""
+    if scene.calibration:
+        return load_calibration(scene.calibration)
+    known = nominal_calibration(scene.build_sensor(), scene.fingertip.model)
+    return replace(known, readout=shipped_readout(scene.sensor))
 
 
 def _checked(controller: Controller, observation: GripObservation, name: str) -> float:

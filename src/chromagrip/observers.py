@@ -12,6 +12,7 @@ from .tracking import (
     THESIS_RULE,
     Z90,
     FrictionEstimate,
+    FrictionRule,
     MarkerTracker,
     NoEstimateError,
     Palette,
@@ -48,13 +49,19 @@ class ForceObserver:
     rest: tracks of the unloaded sensor
     reconstructor: see `load_reconstructor`
     window: moving average of the friction estimate [s]
+    rule: how µ is read off a field
     """
 
     def __init__(
-        self, calibration: SensorCalibration, rest: Tracks, reconstructor: str, window: float
+        self,
+        calibration: SensorCalibration,
+        rest: Tracks,
+        reconstructor: str,
+        window: float,
+        rule: FrictionRule = CAMERA_RULE,
     ) -> None:
         self._forces = load_reconstructor(reconstructor)(calibration, rest)
-        self._friction = FrictionEstimate(CAMERA_RULE, window)
+        self._friction = FrictionEstimate(rule, window)
         self._fingertip = calibration.fingertip
 
     def observe(self, time: float, tracks: Tracks) -> GripObservation:
@@ -117,6 +124,7 @@ def _observation(
         field=field,
         friction=mu,
         friction_interval=interval,
+        friction_observable=friction.observable,
         margin=margin,
         margin_interval=(margin - spread, margin + spread),
         lateral_displacement=lateral_displacement,
@@ -125,13 +133,22 @@ def _observation(
 
 
 def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float:
-    """Standard deviation of Γ from those of ΣFn, ΣFf and µ, to first order."""
+    """Standard deviation of Γ from those of ΣFn, ΣFf and µ, to first order.
+
+    Where µ was read together with the sums, it errs together with them too.
+    """
     normal, friction = field.total_normal, field.total_friction
     if not normal > 0.0:
         return math.nan
-    slope = np.array([friction / (mu * normal**2), -1.0 / (mu * normal)])
-    forces = float(slope @ field.totals_covariance @ slope)
-    return math.sqrt(forces + (friction / (mu**2 * normal) * mu_deviation) ** 2)
+    covariance = np.zeros((3, 3))
+    covariance[:2, :2] = field.totals_covariance
+    covariance[2, 2] = mu_deviation**2
+    reading = field.friction_reading
+    if reading is not None:
+        shared = min(mu_deviation / reading.deviation, 1.0) * np.array(reading.totals_covariance)
+        covariance[2, :2] = covariance[:2, 2] = shared
+    slope = np.array([friction / normal, -1.0, friction / mu]) / (mu * normal)
+    return math.sqrt(max(float(slope @ covariance @ slope), 0.0))
 
 
 def _empty_field(fingertip: Fingertip) -> ForceField:

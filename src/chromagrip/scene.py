@@ -129,7 +129,11 @@ class ConservativeTable(Table, frozen=True):
 
 
 class Scene(Table, frozen=True):
-    """A whole experiment."""
+    """A whole experiment.
+
+    `calibration` is the file that the estimator is told of the sensor, empty for one that is as
+    designed; `reconstructor` is how it reads forces.
+    """
 
     description: str = ""
     duration_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 2.0
@@ -138,6 +142,7 @@ class Scene(Table, frozen=True):
     path: PathName = "camera"
     renderer: RendererName = "painter"
     sensor: str = "thesis"
+    calibration: str = ""
     reconstructor: str = "gp"
     object: ObjectSettings = ObjectSettings()
     load: LoadSettings = LoadSettings()
@@ -259,17 +264,18 @@ def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"scene {name} is not valid TOML: {error}") from None
     # A file that a scene names lies beside the scene, one from the command line where that runs.
-    _locate_sensor(values, Path(name).parent)
+    _locate_files(values, Path(name).parent)
     for key, value in (changes or {}).items():
         _put(values, key, value)
-    _locate_sensor(values, Path())
+    _locate_files(values, Path())
     return parse_scene(values, name)
 
 
-def _locate_sensor(values: dict[str, Any], folder: Path) -> None:
-    sensor = values.get("sensor")
-    if isinstance(sensor, str) and sensor.endswith(".toml"):
-        values["sensor"] = str((folder / sensor).absolute())
+def _locate_files(values: dict[str, Any], folder: Path) -> None:
+    for key in ("sensor", "calibration"):
+        name = values.get(key)
+        if isinstance(name, str) and name.endswith(".toml"):
+            values[key] = str((folder / name).absolute())
 
 
 def parse_scene(values: dict[str, Any], name: str) -> Scene:

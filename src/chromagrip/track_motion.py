@@ -24,6 +24,7 @@ ROUND = 40
 
 def motion(
     sensor: SensorDesign,
+    places: Array | None,
     count: int,
     *,
     grasp: float,
@@ -31,8 +32,11 @@ def motion(
     shift_pitch: float,
     layer_shift_px: float,
 ) -> Iterator[Membrane]:
-    """Membranes of so many frames, all markers there; see `Conditions` for what moves them."""
-    membrane_map, path = MembraneMap(sensor, _NODES), _grasp_path()
+    """Membranes of so many frames, all markers there, at their places or as designed.
+
+    See `Conditions` for what moves them.
+    """
+    membrane_map, path = MembraneMap(sensor, _NODES, places), _grasp_path()
     focal = float(sensor.camera.build().jacobian(np.array([0.0, 0.0, 1.0]))[0, 0])
     jump = shift_pitch * pitch(sensor)
     for k in range(count):

@@ -194,24 +194,23 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
     """
     sensor, told = _sensors(c)
     painter, imaging = _painter(sensor), Imaging(sensor, c.defects, _SEED)
-    absent = Flaws(sensor, c.defects, _SEED).missing
-    # What is not there has a place too.
-    placed = Flaws(sensor, replace(c.defects, missing_markers=0.0), _SEED)
-    rest = placed(rest_membrane(sensor))
+    flaws = Flaws(sensor, c.defects, _SEED)
+    absent = flaws.missing  # what is not there has a place too
+    rest = rest_membrane(sensor, flaws.places)
     at_rest = imaging(painter.render(_without(rest, absent)), 0)
     gone = absent | _vanished(absent, c.vanishing)
     ground = _ground(sensor)
     shots = []
     path = motion(
         sensor,
+        flaws.places,
         count,
         grasp=c.grasp,
         sway_px=c.sway_px,
         shift_pitch=c.shift_pitch,
         layer_shift_px=c.layer_shift_px,
     )
-    for k, ideal in enumerate(path):
-        moved = placed(ideal)
+    for k, moved in enumerate(path):
         membrane = _without(moved, gone)
         light = _light(c, k, count, sensor)
         clean = _expose(painter.render(membrane), light, c)

@@ -1,4 +1,8 @@
-"""Tracking the markers of a source of frames, into a folder that stays readable if interrupted."""
+"""Tracking the markers of a source of frames, into a folder that stays readable if interrupted.
+
+`open_tracking` finds rest frame, noise and markers; `follow` then gives the tracks of each frame to
+whoever writes them down or reads more out of them, and writes the summary however it ends.
+"""
 
 import itertools
 import json
@@ -45,21 +49,36 @@ _GIVEN = "given"
 
 #: Told after each frame: frames done, and in all if that is known.
 Progress = Callable[[int, int | None], None]
+#: Given each frame's number, picture and tracks.
+Add = Callable[[int, Frame, Tracks], None]
 
 
 class TrackError(UserError):
     """Frames that cannot be tracked, with this palette or this tracker."""
 
 
-@dataclass(frozen=True)
-class _Run:
-    """A tracker that was reset, and with what."""
+@dataclass(frozen=True, kw_only=True)
+class Tracking:
+    """A tracker that was reset, and the frames that it is to follow.
+
+    Attributes
+    ----------
+    tracker, name: made, and as it was asked for
+    palette: of the markers
+    start, resting: the unloaded sensor, and the tracker's tracks of it
+    source: where the frames are from
+    coming: the frames, each checked to be as large as the rest frame
+    told: of the summary, what is known beforehand
+    """
 
     tracker: Tracker
     name: str
     palette: Palette
     start: RestFrame
     resting: Tracks
+    source: Source
+    coming: Iterator[Frame]
+    told: dict[str, Any]
 
 
 @dataclass(kw_only=True)
@@ -138,53 +157,110 @@ def track_source(
     """
     try:
         colours = load_palette(palette)
+    except PaletteError as error:
+        raise TrackError(str(error)) from None
+    tracking = open_tracking(
+        rest, source, palette=colours, tracker=tracker, noise=noise, fps=fps, tell=tell
+    )
+    if out is not None:
+        open_folder(out, force, FILES)
+
+    def open_files(files: ExitStack) -> Add:
+        if out is None:
+            return lambda index, frame, tracks: None
+        table = files.enter_context(TrackTable(out / "tracks.parquet", colours.names))
+        video = files.enter_context(OverlayVideo(out / "overlay.mp4", tracking.source.fps))
+        resting, radius = tracking.resting, tracking.start.radius
+
+        def add(index: int, frame: Frame, tracks: Tracks) -> None:
+            table.add(index, tracks)
+            video.append(draw_tracks(frame.image, colours, tracks, resting, radius))
+
+        return add
+
+    told = {"format": FORMAT, "palette": palette, **tracking.told}
+    return follow(tracking, told, open_files, frames, out, progress)
+
+
+def open_tracking(
+    rest: str,
+    source: str,
+    *,
+    palette: Palette,
+    tracker: str,
+    noise: float | None,
+    fps: float | None,
+    tell: Callable[[str], None],
+) -> Tracking:
+    """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
+
+    Raises
+    ------
+    UserError
+        When there is nothing to track.
+    """
+    try:
         follower = load_tracker(tracker)
         opened = open_source(source, fps)
         tell("rest frame")
         with threadpool_limits(1):
-            still, rest_words, coming = rest_frames(rest, opened, colours, tell)
+            still, rest_words, coming = rest_frames(rest, opened, palette, tell)
             if noise is None:
                 tell("noise")
                 noise, noise_words = noise_level(still, opened.lossy)
             else:
                 noise_words = _GIVEN
             tell("markers at rest")
-            start = read_rest(still, colours)
-            made = follower(colours, noise)
+            start = read_rest(still, palette)
+            made = follower(palette, noise)
             resting = _reset(made, still, noise, noise_words)
-            _check_rest(resting, colours, tracker)
+            _check_rest(resting, palette, tracker)
             first, coming = _first(coming, opened, start)
     except (PaletteError, TrackerError, DetectionError) as error:
         raise TrackError(str(error)) from None
-    if out is not None:
-        _open_folder(out, force)
-    told = {
-        "format": FORMAT,
-        "source": opened.name,
-        "rest": rest_words,
-        "palette": palette,
-        "tracker": tracker,
-        "noise_levels": noise,
-        "noise_from": noise_words,
-        "width_px": first.image.shape[1],
-        "height_px": first.image.shape[0],
-        "fps": opened.fps,
-    }
-    run = _Run(made, tracker, colours, start, resting)
-    return _follow(run, opened, coming, frames, told, out, progress)
+    return Tracking(
+        tracker=made,
+        name=tracker,
+        palette=palette,
+        start=start,
+        resting=resting,
+        source=opened,
+        coming=coming,
+        told={
+            "source": opened.name,
+            "rest": rest_words,
+            "tracker": tracker,
+            "noise_levels": noise,
+            "noise_from": noise_words,
+            "width_px": first.image.shape[1],
+            "height_px": first.image.shape[0],
+            "fps": opened.fps,
+        },
+    )
 
 
-def _follow(
-    run: _Run,
-    source: Source,
-    coming: Iterator[Frame],
-    limit: int | None,
+def follow(
+    tracking: Tracking,
     told: dict[str, Any],
+    open_files: Callable[[ExitStack], Add],
+    limit: int | None,
     out: Path | None,
     progress: Progress,
+    results: Callable[[], dict[str, Any]] = dict,
 ) -> Outcome:
-    """Track frame after frame, writing as they come; the summary however it ends."""
-    palette, resting = run.palette, run.resting
+    """Track frame after frame; the summary is written however it ends.
+
+    Parameters
+    ----------
+    tracking: what to follow
+    told: of the summary, what is known beforehand
+    open_files: opens what is written while frames pass, and gives what each frame is told to
+    limit: stop after so many frames
+    out: folder of the summary; None writes none
+    progress: called after every frame
+    results: of the summary, what else the frames gave, once the files are closed
+    """
+    palette, resting, source = tracking.palette, tracking.resting, tracking.source
     known = np.isfinite(resting.position[..., 0])
     tally = _Tally(known=known, seen=np.zeros(known.shape, dtype=np.int64))
     total = source.count if limit is None else min(limit, source.count or limit)
@@ -193,26 +269,20 @@ def _follow(
         with ExitStack() as files, threadpool_limits(1):
             # One thread: frames are small, and sources are tracked side by side.
             cv2.setNumThreads(1)
-            table = video = None
-            if out is not None:
-                table = files.enter_context(TrackTable(out / "tracks.parquet", palette.names))
-                video = files.enter_context(OverlayVideo(out / "overlay.mp4", source.fps))
-            for index, frame in enumerate(itertools.islice(coming, limit)):
+            add = open_files(files)
+            for index, frame in enumerate(itertools.islice(tracking.coming, limit)):
                 begin = time.perf_counter()
-                tracks = run.tracker.update(frame)
+                tracks = tracking.tracker.update(frame)
                 seconds = time.perf_counter() - begin
-                _check_tracks(tracks, resting, run.name)
+                _check_tracks(tracks, resting, tracking.name)
                 tally.add(tracks, seconds)
-                if table is not None and video is not None:
-                    table.add(index, tracks)
-                    radius = run.start.radius
-                    video.append(draw_tracks(frame.image, palette, tracks, resting, radius))
+                add(index, frame, tracks)
                 progress(tally.frames, total)
         complete, ended = True, "end of the source"
         if limit is not None and tally.frames == limit:
             ended = f"after {limit} frames, as asked"
     except (SourceError, FrameError, TrackerError) as error:
-        kept = "" if out is None else f"; the tracks of the {tally.frames} frames before are kept"
+        kept = "" if out is None else f"; the results of the {tally.frames} frames before are kept"
         ended = broken = f"{error}{kept}"
     except KeyboardInterrupt:
         complete, ended = source.live and limit is None, "interrupted"
@@ -223,7 +293,7 @@ def _follow(
         raise
     finally:
         summary = {**told, "complete": complete, "ended": ended, **_results(tally, palette)}
-        summary["versions"] = versions()
+        summary |= {**results(), "versions": versions()}
         if out is not None:
             text = json.dumps(summary, indent=2)
             (out / "summary.json").write_text(text + "\n", encoding="utf-8")
@@ -289,11 +359,17 @@ def _check_rest(resting: object, palette: Palette, name: str) -> None:
         )
 
 
-def _open_folder(folder: Path, force: bool) -> None:
-    """Folder without an earlier result's files."""
+def open_folder(folder: Path, force: bool, files: tuple[str, ...]) -> None:
+    """Folder without an earlier result's files.
+
+    Raises
+    ------
+    FolderError
+        When it holds files and `force` is not given, or cannot be written to.
+    """
     prepare(folder, force)
     try:
-        for name in FILES:
+        for name in files:
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise FolderError(f"folder {folder} cannot be written: {error.strerror}") from None

@@ -175,7 +175,7 @@ def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
     ("command", "words"),
     [
         ("scenes", ["thesis", "camera-100hz"]),
-        ("sensors", ["dome-2020", "dome-2022", "flat-2019", "thesis"]),
+        ("sensors", ["dome-2020", "dome-2022", "flat-2019", "fovea", "thesis"]),
         ("controllers", ["safety-margin", "react-to-slip", "conservative"]),
         ("renderers", ["painter", "pyrender"]),
     ],

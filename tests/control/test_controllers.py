@@ -32,6 +32,7 @@ def seen(time: float, margin: float, displacement: float = float("nan")) -> Grip
         field=NOTHING,
         friction=0.5,
         friction_interval=(0.5, 0.5),
+        friction_observable=True,
         margin=margin,
         margin_interval=(margin, margin),
         lateral_displacement=displacement,

@@ -269,7 +269,8 @@ def test_a_loaded_sensor_is_refused(name: str) -> None:
 )
 def test_a_sensor_as_it_was_made_is_at_rest(name: str, defects: Defects) -> None:
     flaws = Flaws(sensor(name), defects, seed=1)
-    found = read_rest(resting(name, flaws(rest(name))), Palette.of_sensor(sensor(name)))
+    membrane = flaws(rest_membrane(sensor(name), flaws.places))
+    found = read_rest(resting(name, membrane), Palette.of_sensor(sensor(name)))
     assert np.isfinite(found.position[..., 0]).sum() == (~flaws.missing).sum()
 
 

@@ -1,20 +1,26 @@
 import numpy as np
 import pytest
 
-from chromagrip.model import ForceField
+from chromagrip.model import ForceField, FrictionReading
 from chromagrip.tracking import (
     CAMERA_RULE,
+    FRICTION,
     THESIS_RULE,
     FrictionEstimate,
+    FrictionRule,
     core_quantile,
     max_ratio,
 )
+from chromagrip.tracking.friction import LARGEST_FRICTION, mostly_slipping, slip_zones
+
+#: What a few nodes are enough for, unlike slip zones.
+QUANTILE_RULE = FrictionRule(read=FRICTION["core-quantile"], may_fall=mostly_slipping)
 
 
 def field(ratios: np.ndarray, load: np.ndarray | None = None) -> ForceField:
     normal = np.full(len(ratios), 0.05) if load is None else load
     return ForceField(
-        position=np.zeros((len(ratios), 2)),
+        position=np.linspace([-1.5e-3, 8e-3], [1.5e-3, 8e-3], len(ratios)),
         normal=normal,
         friction=ratios * normal,
         contact=normal > 0.005,
@@ -58,7 +64,7 @@ HELD = np.array([1.0, 0.9, 0.6, 0.3, 0.3, 0.6, 0.9, 1.0])
 
 def test_friction_is_held_while_it_cannot_be_seen() -> None:
     """Slipping shows µ; once the margin is above 0.85, ratios near ν say nothing about it."""
-    estimate = FrictionEstimate(CAMERA_RULE, window=0.05)
+    estimate = FrictionEstimate(QUANTILE_RULE, window=0.05)
     before, _ = estimate.update(0.0, field(PRESS))
     assert before == pytest.approx(0.4)  # stands in until something better is known
     seen, _ = estimate.update(0.01, field(0.7 * SLIP))
@@ -74,7 +80,7 @@ def settle(estimate: FrictionEstimate, start: float, ratios: np.ndarray) -> floa
 
 def test_friction_rises_at_once_and_falls_only_where_the_contact_slips() -> None:
     """A contact that sticks again shows less than µ; one that slips shows what µ has become."""
-    estimate = FrictionEstimate(CAMERA_RULE, window=0.05)
+    estimate = FrictionEstimate(QUANTILE_RULE, window=0.05)
     assert settle(estimate, 0.0, 0.4 * SLIP) == pytest.approx(0.4)
     assert settle(estimate, 1.0, 0.6 * HELD) == pytest.approx(core_quantile(field(0.6 * HELD)))
     known = settle(estimate, 2.0, 0.6 * SLIP)
@@ -85,7 +91,7 @@ def test_friction_rises_at_once_and_falls_only_where_the_contact_slips() -> None
 
 def test_first_noisy_frames_are_not_held_on_to() -> None:
     """Less than a window of frames is an average, not a memory."""
-    estimate = FrictionEstimate(CAMERA_RULE, window=0.1)
+    estimate = FrictionEstimate(QUANTILE_RULE, window=0.1)
     estimate.update(0.0, field(2.0 * HELD))
     values = [estimate.update(0.01 * k, field(0.5 * HELD))[0] for k in range(1, 40)]
     assert values[-1] == pytest.approx(core_quantile(field(0.5 * HELD)), rel=0.3)
@@ -94,3 +100,87 @@ def test_first_noisy_frames_are_not_held_on_to() -> None:
 def test_nothing_is_known_before_contact() -> None:
     value, (low, high) = FrictionEstimate(CAMERA_RULE, 0.1).update(0.0, field(np.zeros(0)))
     assert np.isnan([value, low, high]).all()
+
+
+def contact(mu: float, rng: np.random.Generator, noise: float) -> ForceField:
+    """Parabolic pressure, flanks that slip at µ and a stuck middle, as a standing load leaves."""
+    x = np.linspace(-1.0, 1.0, 41)[1:-1]
+    normal = 0.06 * (1.0 - x**2)
+    ratio = mu * np.where(x < -0.05, 1.0, np.minimum(-0.2 + 2.2 * (x + 0.05), 1.0))
+    smooth = np.exp(-0.5 * ((x[:, None] - x) / 0.2) ** 2)
+    factor = noise * np.linalg.cholesky(smooth + 1e-6 * np.eye(len(normal)))
+    spread = np.kron(np.eye(2), factor)
+    normal, friction = (
+        np.concatenate([normal, normal * ratio]) + spread @ rng.standard_normal(len(spread))
+    ).reshape(2, -1)
+    return ForceField(
+        position=np.linspace([-1.5e-3, 8e-3], [1.5e-3, 8e-3], len(normal)),
+        normal=np.maximum(normal, 0.0),
+        friction=friction,
+        contact=normal > 0.005,
+        totals_covariance=np.zeros((2, 2)),
+        spread=spread,
+    )
+
+
+@pytest.mark.parametrize("mu", [0.25, 0.5, 0.8])
+def test_noise_draws_the_largest_ratio_up_but_not_the_slip_zones(mu: float) -> None:
+    """4 mN of smooth noise on forces of up to 60 mN; towards unsafe is up."""
+    rng = np.random.default_rng(4)
+    fields = [contact(mu, rng, 4e-3) for _ in range(60)]
+    readings = [slip_zones(f) for f in fields]
+    assert np.mean([max_ratio(f) for f in fields]) > mu + 0.1
+    errors = np.array([r.value - mu for r in readings])
+    assert -0.1 < errors.mean() < 0.02
+    assert all(r.observable for r in readings)
+    covered = [abs(r.value - mu) < 1.645 * r.deviation for r in readings]
+    assert np.mean(covered) > 0.8
+
+
+def test_stated_noise_widens_the_interval() -> None:
+    deviations = [
+        np.mean(
+            [slip_zones(contact(0.5, np.random.default_rng(k), noise)).deviation for k in range(20)]
+        )
+        for noise in (1e-3, 4e-3, 8e-3)
+    ]
+    assert deviations[0] < deviations[1] < deviations[2]
+
+
+@pytest.mark.parametrize("name", FRICTION)
+def test_a_pure_press_does_not_show_friction(name: str) -> None:
+    """Its ratios reach ±ν whatever µ is (E7): no method may call that µ, and all above may be."""
+    press = field(np.linspace(-0.4, 0.4, 31))
+    assert not FRICTION[name](press).observable
+    estimate = FrictionEstimate(
+        FrictionRule(read=FRICTION[name], may_fall=mostly_slipping), window=0.1
+    )
+    for k in range(5):
+        value, (_, high) = estimate.update(0.01 * k, press)
+    assert not estimate.observable
+    if np.isfinite(value):
+        assert high == LARGEST_FRICTION
+
+
+def test_once_seen_friction_is_observable_and_its_interval_is_bounded() -> None:
+    estimate = FrictionEstimate(CAMERA_RULE, window=0.1)
+    rng = np.random.default_rng(0)
+    for k in range(10):
+        value, (low, high) = estimate.update(0.01 * k, contact(0.5, rng, 2e-3))
+    assert estimate.observable
+    assert low < 0.5 < high < 1.0
+    assert value == pytest.approx(0.5, abs=0.1)
+
+
+def test_certain_readings_count_more() -> None:
+    """Two readings of µ, one four times as certain as the other: weights 16 to 1."""
+    readings = iter([(0.4, 0.02), (0.6, 0.08)])
+
+    def read(_: ForceField) -> FrictionReading:
+        value, deviation = next(readings)
+        return FrictionReading(value=value, deviation=deviation, observable=True)
+
+    estimate = FrictionEstimate(FrictionRule(read=read, may_fall=lambda _: True), window=1.0)
+    estimate.update(0.0, field(SLIP))
+    value, _ = estimate.update(0.01, field(SLIP))
+    assert value == pytest.approx((16 * 0.4 + 0.6) / 17)

@@ -1,0 +1,144 @@
+"""Random grips and loads on random objects: what a read-out is trained on.
+
+Wider than anything it will be asked about, so that it need not be right by chance at an edge. The
+object's Dahl parameters and drag vary too: they are its own, and no estimator knows them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .model import ContactObject, Drive, Fingertip, ModelError, contact_forces, simulate
+
+Array = NDArray[np.float64]
+
+#: Length of a history and step of the plant [s]; every so many steps are looked at.
+DURATION, STEP, EVERY = 1.0, 2e-3, 5
+#: Onset of the grip, while there is no load [s].
+_ONSET = 0.03
+#: Instants kept of a history, spread over the margin in so many bins.
+_KEPT, _BINS = 12, 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Snapshots:
+    """Instants of many histories.
+
+    Attributes
+    ----------
+    seen: node displacements relative to the rigid part [m], shape (S, N, 2)
+    normal, friction: true nodal forces [N], shape (S, N)
+    totals: true ΣFn, signed ΣFf [N] and µ, shape (S, 3)
+    history: number of the history, shape (S,)
+    """
+
+    seen: NDArray[np.float32]
+    normal: NDArray[np.float32]
+    friction: NDArray[np.float32]
+    totals: Array
+    history: NDArray[np.int64]
+
+
+def random_object(rng: np.random.Generator) -> ContactObject:
+    """Flat or round object from soft to stiff, from slippery to rough."""
+    return ContactObject(
+        stiffness=float(np.exp(rng.uniform(np.log(70.0), np.log(1200.0)))),
+        friction=rng.uniform(0.15, 1.0),
+        curvature=0.0 if rng.random() < 0.15 else rng.uniform(0.0, 240.0),
+        dahl_stiffness=float(np.exp(rng.uniform(np.log(4000.0), np.log(6300.0)))),
+        dahl_exponent=rng.uniform(0.65, 0.75),
+        drag=rng.uniform(80.0, 160.0),
+    )
+
+
+def random_drive(rng: np.random.Generator, friction: float) -> Drive:
+    """Grip and load that ramp, rest, jump and turn, the load never far above what friction holds.
+
+    Parameters
+    ----------
+    rng: source
+    friction: µ of the object
+    """
+    inner = np.sort(rng.uniform(_ONSET, DURATION, rng.integers(2, 8)))
+    knots = np.concatenate([[0.0, _ONSET], inner, [DURATION]])
+    count = len(knots)
+    even = np.log(rng.uniform(0.05, 7.0, count))
+    grip = even if rng.random() < 0.7 else rng.uniform(np.log(0.05), np.log(8.0), count)
+    share = rng.uniform(0.0, 1.02, count)  # of the load that friction holds
+    share[:2] = 0.0
+    for k in range(2, count):
+        if rng.random() < 0.4:
+            grip[k] = grip[k - 1]
+        if rng.random() < 0.3:
+            share[k] = share[k - 1]
+    if rng.random() < 0.5:  # pressed alone, first
+        share[2] = 0.0
+    share *= rng.choice([-1.0, 1.0])
+    if rng.random() < 0.25:  # the load turns round
+        share[rng.integers(2, count) :] *= -1.0
+    times = np.linspace(0.0, DURATION, 501)
+    onset = times <= _ONSET
+    normal = np.exp(np.interp(times, knots, grip))
+    normal[onset] = np.maximum(normal[onset] * times[onset] / _ONSET, 0.02)
+    held = np.interp(times, knots, share)
+    if rng.random() < 0.3:  # a weight is put on, or taken off
+        at = rng.integers(30, 480)
+        held[at:] = np.clip(held[at:] + rng.uniform(-0.6, 0.6), -1.02, 1.02)
+    held[onset] = 0.0
+    return Drive(times=times, normal=normal, lateral=held * friction * normal)
+
+
+def snapshots(fingertip: Fingertip, numbers: range) -> Snapshots:
+    """Instants of the histories of these numbers; the same number gives the same history.
+
+    A history that the plant cannot follow to its end is left out.
+    """
+    kept = []
+    for number in numbers:
+        rng = np.random.default_rng([77, number])
+        obj = random_object(rng)
+        drive = random_drive(rng, obj.friction)
+        try:
+            run = simulate(fingertip, obj, drive, dt=STEP, duration=DURATION, every=EVERY)
+        except ModelError:
+            continue
+        bins = np.zeros(_BINS, dtype=int)
+        for index in rng.permutation(np.arange(3, len(run))):
+            state = run.state(int(index))
+            field = contact_forces(fingertip, obj, state)
+            if not field.contact.any():
+                continue
+            margin = field.safety_margin(obj.friction)
+            place = int(np.clip(margin * _BINS, 0, _BINS - 1))
+            # Many histories rest without a load: they need not be seen again and again.
+            if bins[place] >= (1 if place == _BINS - 1 else 2):
+                continue
+            bins[place] += 1
+            signed = float(field.friction[field.contact].sum())
+            totals = (field.total_normal, signed, obj.friction)
+            seen = state.deformation.seen
+            kept.append((seen, field.normal, field.friction, totals, number))
+            if bins.sum() == _KEPT:
+                break
+    moved, press, drag, sums, history = zip(*kept, strict=True)
+    return Snapshots(
+        seen=np.array(moved, dtype=np.float32),
+        normal=np.array(press, dtype=np.float32),
+        friction=np.array(drag, dtype=np.float32),
+        totals=np.array(sums),
+        history=np.array(history),
+    )
+
+
+def with_mirrored(seen: Snapshots) -> Snapshots:
+    """Snapshots, and the same with x turned round, which the model does not tell apart."""
+    flip = np.array([-1.0, 1.0], dtype=np.float32)
+    turn = np.array([1.0, -1.0, 1.0])
+    return Snapshots(
+        seen=np.concatenate([seen.seen, seen.seen[:, ::-1] * flip]),
+        normal=np.concatenate([seen.normal, seen.normal[:, ::-1]]),
+        friction=np.concatenate([seen.friction, -seen.friction[:, ::-1]]),
+        totals=np.concatenate([seen.totals, seen.totals * turn]),
+        history=np.concatenate([seen.history, seen.history]),
+    )

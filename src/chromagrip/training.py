@@ -1,0 +1,142 @@
+"""From a sensor's calibration to its read-out: histories, pictures' shifts, codes, networks."""
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import SimulatedCamera
+from .force_histories import Snapshots, snapshots, with_mirrored
+from .model import Fingertip, rest_state
+from .render import SensorDesign, open_renderer
+from .tracking import MarkerTracker, Palette, SensorCalibration
+from .tracking.readout import limited, save_readout
+from .tracking.sensitivity import MarkerResponse
+from .train_readout import Basis, Lessons, fit_readout, make_basis
+
+Array = NDArray[np.float64]
+
+#: Histories of a part: what is lost at most by an interruption. And of the basis.
+PART, BASIS = 250, 500
+#: Frames at rest from which the noise of the shifts is found.
+_FRAMES = 8
+
+
+def train(
+    calibration: SensorCalibration,
+    noise: float,
+    histories: int,
+    epochs: int,
+    out: Path,
+    workers: int,
+    tell: Callable[[str], None],
+) -> dict[str, float]:
+    """Train a read-out and write it; the RMS errors on histories held out.
+
+    What is done stays in `out`.parts until all is done, so that an interrupted training goes on
+    where it was.
+
+    Parameters
+    ----------
+    calibration: of the sensor
+    noise: of its camera [grey levels]
+    histories: to learn from
+    epochs: passes over them
+    out: file of the read-out
+    workers: processes
+    tell: is called with what is being done
+    """
+    parts = out.with_name(out.name + ".parts")
+    parts.mkdir(exist_ok=True)
+    tip, sensor = calibration.fingertip, calibration.sensor
+    tell("the noise of a frame")
+    first = parts / "basis.npz"
+    if not first.exists():
+        _write(first, vars(_basis(calibration, noise)))
+    basis = Basis(**_read(first))
+    files = {
+        parts / f"{first}-{PART}.npz": range(first, min(first + PART, histories))
+        for first in range(0, histories, PART)
+    }
+    wanted = {file: numbers for file, numbers in files.items() if not file.exists()}
+    done = histories - sum(map(len, wanted.values()))
+    context = get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_one_thread) as pool:
+        jobs = [
+            pool.submit(_part, numbers, tip, sensor, basis, file)
+            for file, numbers in wanted.items()
+        ]
+        try:
+            for job in as_completed(jobs):
+                done += job.result()
+                tell(f"histories, {done} of {histories}")
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    found = [_read(file) for file in files]
+    lessons = Lessons(**{key: np.concatenate([f[key] for f in found]) for key in found[0]})
+    readout, errors = fit_readout(tip, sensor, basis, lessons, epochs, tell)
+    save_readout(readout, out)
+    for file in parts.iterdir():
+        file.unlink()
+    parts.rmdir()
+    return errors
+
+
+def _basis(calibration: SensorCalibration, noise: float) -> Basis:
+    sensor, tip = calibration.sensor, calibration.fingertip
+    camera = SimulatedCamera(sensor, open_renderer("painter", sensor), tip.nodes, noise, seed=0)
+    tracker = MarkerTracker(Palette.of_sensor(sensor), noise)
+    state = rest_state(tip)
+    tracker.reset(camera.expose_rest(state, _FRAMES))
+    tracks = tracker.update(camera.expose(state, 0))
+    camera.close()
+    floor = [calibration.position_floor, calibration.position_floor, calibration.size_floor] * 2
+    # Variances of the design's pairs, each that of the pair that was found nearest to it.
+    places = sensor.view.project(sensor.shape.points(sensor.places, sensor.depths[0]))
+    apart = np.linalg.norm(places[:, None] - tracks.position[0], axis=-1)
+    apart[:, ~tracks.visible.all(axis=0)] = np.inf
+    variance = np.diagonal(tracks.covariance[apart.argmin(axis=1)], axis1=1, axis2=2)
+    seen = snapshots(tip, range(BASIS))
+    shifts = np.array(list(_shifts(sensor, tip, seen)))
+    return make_basis(seen, shifts, np.sqrt(variance + np.square(floor)).ravel())
+
+
+def _shifts(sensor: SensorDesign, tip: Fingertip, seen: Snapshots) -> Iterator[Array]:
+    """Shifts of each snapshot, without noise, shape (6M,)."""
+    response = MarkerResponse(sensor, np.stack([sensor.places] * 2), tip.angles())
+    resting = response.measured(np.zeros((tip.nodes, 2)))
+    for moved in seen.seen:
+        yield limited((response.measured(moved.astype(float)) - resting).ravel())
+
+
+def _part(numbers: range, tip: Fingertip, sensor: SensorDesign, basis: Basis, file: Path) -> int:
+    seen = with_mirrored(snapshots(tip, numbers))
+    codes = np.array([basis.codes(shifts) for shifts in _shifts(sensor, tip, seen)])
+    lessons = Lessons(
+        codes=codes, shapes=basis.shapes(seen), totals=seen.totals, history=seen.history
+    )
+    _write(file, vars(lessons))
+    return len(numbers)
+
+
+def _write(path: Path, values: dict[str, Array]) -> None:
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.savez(file, **values)  # type: ignore[arg-type]
+    os.replace(part, path)
+
+
+def _read(path: Path) -> dict[str, Array]:
+    with np.load(path) as file:
+        return {name: file[name] for name in file.files}
+
+
+def _one_thread() -> None:
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)

@@ -1,0 +1,228 @@
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as changed
+
+from chromagrip.model import Fingertip
+from chromagrip.render import load_sensor
+from chromagrip.tracking import SensorCalibration, Tracks
+from chromagrip.tracking.calibration import (
+    CalibrationFileError,
+    FitReport,
+    OtherSensorError,
+    calibration_table,
+    check_rest,
+    load_calibration,
+    nominal_calibration,
+    save_calibration,
+    values_of,
+    with_values,
+)
+from chromagrip.tracking.displacement import (
+    DisplacementGains,
+    GainError,
+    displacement,
+    fit_gains,
+)
+
+SENSOR = load_sensor("thesis")
+REPORT = FitReport(presses=("a.png",), noise_levels=2.0, error_px=0.01)
+#: Of Lin 2019: −16.5 °/mm, 5.7 px/mm at rest, 8 px/mm² with the depth.
+GAINS = DisplacementGains(
+    hue_deg_per_mm=-16.5,
+    hue_deviation_deg=0.3,
+    log_size_per_mm=0.3,
+    log_size_deviation=0.01,
+    shift_px_per_mm=5.7,
+    shift_px_per_mm2=-8.0,
+    shift_deviation_px=0.02,
+)
+
+
+def calibrated() -> SensorCalibration:
+    nominal = nominal_calibration(SENSOR)
+    values = changed(
+        values_of(nominal),
+        tissue_stiffness_n_per_m=330.0,
+        membrane_stiffness_n_per_m=1400.0,
+        tissue_poisson=0.41,
+        yellow_follow=0.45,
+        magenta_depth_mm=0.28,
+        yellow_depth_mm=1.1,
+    )
+    return replace(with_values(nominal, values), position_floor=0.03, size_floor=4e-4)
+
+
+def tracks(
+    position: np.ndarray, hue: np.ndarray | None = None, log_size: np.ndarray | None = None
+) -> Tracks:
+    """Both layers at the same places (M, 2)."""
+    count = len(position)
+    size = np.full(count, np.nan) if log_size is None else log_size
+    return Tracks(
+        time=0.0,
+        position=np.stack([position, position]),
+        log_size=np.stack([size, size]),
+        hue=np.full(count, np.nan) if hue is None else hue,
+        visible=np.ones((2, count), dtype=bool),
+        ambiguous=np.zeros((2, count), dtype=bool),
+        last_seen=np.zeros((2, count)),
+        covariance=np.full((count, 6, 6), np.nan),
+    )
+
+
+def test_a_sensor_as_designed_has_the_thesis_materials() -> None:
+    assert load_calibration("thesis").fingertip == Fingertip()
+    large = load_calibration("dome-2020")
+    assert large.sensor == load_sensor("dome-2020")
+    assert large.fingertip.tissue_stiffness == pytest.approx(25e3 * math.pi * 20e-3 / 2)
+
+
+def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
+    written = replace(calibrated(), displacement=GAINS)
+    save_calibration(written, "thesis", REPORT, tmp_path / "mine.toml")
+    assert replace(load_calibration(str(tmp_path / "mine.toml")), readout=None) == written
+
+
+def test_a_design_of_ones_own_is_found_from_the_calibration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shipped = Path(__file__).parents[2] / "render" / "designs" / "thesis.toml"
+    (tmp_path / "designs").mkdir()
+    (tmp_path / "calibrations").mkdir()
+    (tmp_path / "designs" / "own.toml").write_text(shipped.read_text(encoding="utf-8"))
+    monkeypatch.chdir(tmp_path)
+    save_calibration(calibrated(), "designs/own.toml", REPORT, Path("calibrations/mine.toml"))
+    monkeypatch.chdir(tmp_path / "designs")
+    assert replace(load_calibration("../calibrations/mine.toml"), readout=None) == calibrated()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("size_floor", "size_flaw", "unknown key size_flaw"),
+        ("tissue_poisson = 0.41", "tissue_poisson = 0.6", "tissue_poisson = 0.6"),
+        ("tissue_poisson = 0.41", "", "tissue_poisson"),
+        ("tissue_poisson = 0.41", "tissue_poisson = 'soft'", "'soft'"),
+        ("yellow_depth_mm = 1.1", "yellow_depth_mm = 2.5", "must be less than the silicone's 2"),
+        ("calibration 1", "calibration 9", "'chromagrip calibration 9'"),
+        ('sensor = "thesis"', 'sensor = "theses"', "no sensor design 'theses'"),
+        ("[fit]", "[fit", "is not valid TOML"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named(tmp_path: Path, old: str, new: str, words: str) -> None:
+    path = tmp_path / "mine.toml"
+    save_calibration(calibrated(), "thesis", REPORT, path)
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(CalibrationFileError) as refused:
+        load_calibration(str(path))
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_calibration_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationFileError, match="No such file"):
+        load_calibration(str(tmp_path / "mine.toml"))
+    with pytest.raises(CalibrationFileError, match=r"no calibration 'mine'.*thesis"):
+        load_calibration("mine")
+
+
+def test_json_of_a_calibration_has_no_empty_values() -> None:
+    table = calibration_table(calibrated(), "thesis", REPORT)
+    assert "displacement" not in table
+    assert "normal_error_share" not in table["fit"]
+
+
+def test_a_rest_frame_is_known_by_its_places() -> None:
+    layers = [
+        SENSOR.view.project(SENSOR.shape.points(SENSOR.places, depth)) for depth in SENSOR.depths
+    ]
+    rest = replace(tracks(layers[0]), position=np.stack(layers))
+    assert check_rest(SENSOR, rest) < 1e-9
+    moved = replace(rest, position=rest.position + np.array([1.5, 2.0]))
+    assert check_rest(SENSOR, moved) == pytest.approx(2.5, rel=1e-3)
+    # As a camera that was turned in its mount by 20° shows them.
+    centre, (cos, sin) = np.array([319.5, 239.5]), (math.cos(0.35), math.sin(0.35))
+    turned = (rest.position - centre) @ np.array([[cos, sin], [-sin, cos]]) + centre
+    with pytest.raises(OtherSensorError, match=r"px RMS from the places.*allowed: 3\.\d px"):
+        check_rest(SENSOR, replace(rest, position=turned))
+
+
+def shown(moved: np.ndarray, noise: float, rng: np.random.Generator) -> Tracks:
+    """What markers show of displacements (M, 3) [mm], by the published relations."""
+    spread = noise * rng.standard_normal((4, len(moved)))
+    gain = GAINS.shift_px_per_mm + GAINS.shift_px_per_mm2 * moved[:, 2]
+    shift = gain[:, None] * moved[:, :2] + GAINS.shift_deviation_px * spread[:2].T
+    hue = 13.5 + GAINS.hue_deg_per_mm * moved[:, 2] + GAINS.hue_deviation_deg * spread[2]
+    size = GAINS.log_size_per_mm * moved[:, 2] + GAINS.log_size_deviation * spread[3]
+    places = np.stack(np.meshgrid(np.arange(20), np.arange(20)), -1).reshape(-1, 2)[: len(moved)]
+    return tracks(10.0 * places + shift, hue, size)
+
+
+def test_gains_come_back_from_presses_though_the_edge_does_not_move() -> None:
+    rng = np.random.default_rng(0)
+    depth = np.array([0.1, 0.2, 0.3, 0.3, 0.4])
+    shear = np.array([0.0, 0.2, 0.0, -0.2, 0.3])
+    rest = shown(np.zeros((400, 3)), 0.0, rng)
+    presses = []
+    for d, s in zip(depth, shear, strict=True):
+        moved = np.tile([s, 0.0, d], (400, 1))
+        moved[300:] = 0.0
+        presses.append(shown(moved, 1.0, rng))
+    found = fit_gains(rest, presses, 1e-3 * depth, 1e-3 * shear)
+    for name, tolerance in (
+        ("hue_deg_per_mm", 0.02),
+        ("log_size_per_mm", 0.03),
+        ("shift_px_per_mm", 0.01),
+        ("shift_px_per_mm2", 0.05),
+    ):
+        assert getattr(found, name) == pytest.approx(getattr(GAINS, name), rel=tolerance), name
+
+
+def test_displacements_are_inverted_with_their_covariance() -> None:
+    rng = np.random.default_rng(1)
+    rest = shown(np.zeros((400, 3)), 0.0, rng)
+    moved = rng.uniform([-0.2, -0.2, 0.0], [0.2, 0.2, 0.3], (400, 3))
+    exact, _ = displacement(GAINS, rest, shown(moved, 0.0, rng))
+    np.testing.assert_allclose(1e3 * exact, moved, atol=1e-12)
+    scores = []
+    for _ in range(50):
+        found, covariance = displacement(GAINS, rest, shown(moved, 1.0, rng))
+        error = found - 1e-3 * moved
+        scores.append(
+            np.einsum("mi,mi->m", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+        )
+    assert np.mean(scores) == pytest.approx(3.0, rel=0.05)
+
+
+def test_hue_and_size_count_by_what_they_know() -> None:
+    rng = np.random.default_rng(2)
+    rest, now = (shown(np.full((9, 3), v), 0.0, rng) for v in (0.0, 0.2))
+    variances = []
+    for lacking in ({}, {"hue": now.hue * np.nan}, {"log_size": now.log_size * np.nan}):
+        found, covariance = displacement(GAINS, rest, replace(now, **lacking))
+        np.testing.assert_allclose(found, 2e-4)
+        variances.append(covariance[0, 2, 2])
+    both, by_size, by_hue = variances
+    assert by_hue == pytest.approx((1e-3 * 0.3 / 16.5) ** 2)
+    assert by_size == pytest.approx((1e-3 * 0.01 / 0.3) ** 2)
+    assert both == pytest.approx(1.0 / (1.0 / by_hue + 1.0 / by_size))
+    neither, _ = displacement(
+        GAINS, rest, replace(now, hue=now.hue * np.nan, log_size=now.log_size * np.nan)
+    )
+    assert np.isnan(neither).all()
+
+
+def test_presses_that_leave_a_gain_open_are_refused() -> None:
+    rng = np.random.default_rng(3)
+    still = shown(np.zeros((9, 3)), 0.0, rng)
+    with pytest.raises(GainError, match="3 different depths, 1 of them with a shear"):
+        fit_gains(still, [still] * 3, np.array([1e-4, 2e-4, 3e-4]), np.array([0.0, 0.0, 1e-4]))
+    blind = tracks(still.position[0])
+    with pytest.raises(GainError, match="neither hues nor sizes"):
+        fit_gains(blind, [blind] * 3, np.array([1e-4, 2e-4, 3e-4]), np.array([0.0, 1e-4, 1e-4]))

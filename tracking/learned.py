@@ -1,0 +1,289 @@
+"""The reconstructors that read forces with a trained read-out: of a frame alone, and over time."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ..model import ForceField, FrictionReading
+from ..render import SensorDesign
+from .calibration import SensorCalibration
+from .friction import OBSERVABLE_MARGIN
+from .readout import BEND, ReadOutError, forward, limited, load_readout, slope
+from .sensitivity import MEASURED, MarkerResponse
+from .shifts import MarkerShifts, NoEstimateError
+from .tracks import Tracks
+
+Array = NDArray[np.float64]
+
+#: Fewer visible pairs than this do not determine the codes.
+MIN_PAIRS = 60
+#: A pair this far from what the others say is not where its track is (χ² of 6).
+_STRAY = 50.0
+#: Where pairs fit no trained press better than this, they are not read (χ² per measurement).
+_UNLIKE = 9.0
+#: Directions of codes that are noisier than most by more than this widen the interval (variance).
+_NOISIER = 2.0
+#: ΣFn is not known where its deviation is more than this share of it, and this much more [N].
+_VAGUE_SHARE, _VAGUE = 0.4, 0.1
+#: Weights follow the noise when it has changed by more than this share.
+_NOISE_CHANGE = 0.25
+#: µ is seen where its deviation is less than this share of what it is before any image.
+_OBSERVABLE = 0.4
+#: Less than this is no contact [N].
+_NOTHING = 0.01
+
+
+class UnlikeAnyPressError(NoEstimateError):
+    """Markers that move as no press moves them, or that do not show how hard it is."""
+
+
+class Learned:
+    """Reads ΣFn, ΣFf and µ of each frame by itself.
+
+    Parameters
+    ----------
+    calibration: of the sensor, with a read-out
+    rest: tracks of the unloaded sensor
+    """
+
+    def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None:
+        if calibration.readout is None:
+            raise ReadOutError(
+                "this sensor has no trained read-out: train one with `chromagrip train`, or choose "
+                "a reconstructor that needs none"
+            )
+        tip = self._fingertip = calibration.fingertip
+        read = self._readout = load_readout(calibration.readout)
+        nodes = read.modes.shape[1]
+        if tip.law != "split" or tip.nodes != nodes:
+            raise ReadOutError(
+                f"{calibration.readout.name} was trained on a split chain of {nodes} nodes, the "
+                f"calibration has a {tip.law} one of {tip.nodes}"
+            )
+        #: Forces are those of the fingertip trained on, stiffer or softer in all its springs.
+        self._stiffer = tip.tissue_stiffness / read.tissue_stiffness
+        self._shifts = MarkerShifts(calibration, rest, np.pi)
+        self._means, self._loadings, self._unexplained = self._of_this_specimen()
+        count = len(read.codes)
+        codes = np.column_stack([read.codes, np.ones(count)])
+        self._moves = np.linalg.lstsq(codes, read.snapshots, rcond=None)[0]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the weights of the frames before."""
+        self._noise = np.nan
+
+    def update(self, tracks: Tracks) -> ForceField:
+        """Force field of a frame.
+
+        Raises
+        ------
+        TooFewMarkersError
+            When fewer than MIN_PAIRS pairs are visible.
+        UnlikeAnyPressError
+            When no press that was trained explains them, or many do.
+        """
+        codes, covariance = self._encode(tracks)
+        return self._read(codes, self._variance, covariance)
+
+    def _of_this_specimen(self) -> tuple[Array, Array, Array]:
+        """Mean (6P,) and loadings (6P, K) of the shifts, and variances they leave (P, 6).
+
+        Those of the design's pairs, and what the snapshots say of the difference.
+        """
+        read, skin = self._readout, self._readout.design.shape
+        nearest = KDTree(skin.points(read.design.places, 0.0)).query(
+            skin.points(self._shifts.places[0], 0.0)
+        )[1]
+        design = np.stack([read.design.places[nearest]] * 2)
+        chain = np.einsum("sp,pnk->snk", read.snapshots, read.modes)
+        here = self._shown(self._shifts.sensor, self._shifts.places, chain)
+        change = here - self._shown(read.design, design, chain)
+        codes = np.column_stack([read.codes, np.ones(len(chain))])
+        found = np.linalg.lstsq(codes, change, rcond=None)[0]
+        missed = ((change - codes @ found) ** 2).sum(axis=0) / (len(codes) - codes.shape[1])
+
+        def own(values: Array) -> Array:
+            return values.reshape(*values.shape[:-1], -1, MEASURED)[..., nearest, :]
+
+        unit = own(read.noise)
+        mean = (unit * own(read.mean)).ravel() + found[-1]
+        rows = (unit * own(read.rows)).reshape(len(read.rows), -1) + found[:-1]
+        left = unit**2 * own(read.left) + missed.reshape(-1, MEASURED)
+        return mean, np.ascontiguousarray(rows.T), left
+
+    def _shown(self, sensor: SensorDesign, places: Array, chain: Array) -> Array:
+        """Shifts of pairs at places (2, P, 2) for each of some chains (S, N, 2), shape (S, 6P)."""
+        response = MarkerResponse(sensor, places, self._fingertip.angles())
+        resting = response.measured(np.zeros_like(chain[0]))
+        return limited(np.stack([(response.measured(seen) - resting).ravel() for seen in chain]))
+
+    def _weigh(self, tracks: Tracks) -> None:
+        """Weights of the pairs, from the noise of this frame; kept while that stays as it is."""
+        seen = tracks.visible[:, self._shifts.pairs].all(axis=0)
+        noise = float(np.median(tracks.covariance[self._shifts.pairs[seen], 0, 0]))
+        if abs(noise - self._noise) < _NOISE_CHANGE * self._noise:
+            return
+        self._noise = noise
+        frame = tracks.covariance[self._shifts.pairs]
+        # Who is not seen now may be seen later.
+        frame[~seen] = np.median(frame[seen], axis=0)
+        # What is the same in every frame: errors of the rest frame and of the calibration.
+        still = self._shifts.rest_covariance + np.diag(self._shifts.floor)
+        still = still + self._unexplained[:, :, None] * np.eye(MEASURED)
+        covariance = frame + still
+        self._whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+        pairs, codes = len(self._whiten), self._loadings.shape[1]
+        loadings = self._loadings.reshape(pairs, MEASURED, codes)
+        self._whitened = (self._whiten @ loadings).reshape(-1, codes)
+        # With what is known of the codes before any image: who sees nothing of a code lets it be.
+        strength = np.square(self._readout.scale) - 1.0
+        self._information = self._whitened.T @ self._whitened + np.diag(1.0 / strength)
+        drawn = np.asarray(np.linalg.inv(self._information))
+        # The read-out was trained on codes with noise, not on codes drawn towards their mean.
+        self._undrawn = 1.0 / (1.0 - np.diag(drawn) / strength)
+        self._drawn_covariance = drawn
+        self._variance = self._undrawn * np.diag(drawn)
+        self._operator = self._undrawn[:, None] * (drawn @ self._whitened.T)
+        # Where markers were missing at rest, some directions are noisier than all were in training.
+        typical = float(np.median(self._variance))
+        sizes, directions = np.linalg.eigh(self._undrawn[:, None] * drawn * self._undrawn)
+        excess = np.where(sizes > _NOISIER * typical, sizes - typical, 0.0)
+        self._excess = (directions * excess) @ directions.T
+        shaken = self._whiten @ still @ np.swapaxes(self._whiten, 1, 2)
+        operator = self._operator.reshape(codes, pairs, MEASURED)
+        self._still = np.einsum("kpi,pij,kpj->k", operator, shaken, operator, optimize=True)
+
+    def _encode(self, tracks: Tracks) -> tuple[Array, Array]:
+        """Codes (K,), and what their covariance is more than in training (K, K)."""
+        shifts, seen = self._shifts(tracks, MIN_PAIRS)
+        self._weigh(tracks)
+        centred = (limited(shifts.ravel()) - self._means).reshape(-1, MEASURED)
+        centred[~seen] = 0.0
+        white = np.einsum("pij,pj->pi", self._whiten, centred)
+        for _ in range(3):
+            codes, covariance = self._solve(white, seen)
+            misfit = (white - (self._whitened @ codes).reshape(white.shape)) ** 2
+            badness = misfit.sum(axis=1)
+            typical = max(1.0, float(np.median(badness[seen])) / MEASURED)
+            stray = seen & (badness > _STRAY * typical)
+            if not stray.any():
+                break
+            seen = seen & ~stray
+        freedom = MEASURED * seen.sum() - len(codes)
+        self.misfit = float(badness[seen].sum() / freedom)
+        if self.misfit > _UNLIKE:
+            raise UnlikeAnyPressError(
+                f"the markers move as no trained press moves them: χ² is {self.misfit:.0f} a "
+                f"measurement, {_UNLIKE:g} at most is allowed"
+            )
+        return codes, covariance
+
+    def _solve(self, white: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+        if seen.all():
+            return self._operator @ white.ravel(), self._excess
+        kept = white * seen[:, None]
+        lost = self._whitened.reshape(*white.shape, -1)[~seen].reshape(-1, self._whitened.shape[1])
+        covariance = np.linalg.inv(self._information - lost.T @ lost)
+        codes = self._undrawn * (covariance @ (self._whitened.T @ kept.ravel()))
+        more = covariance - self._drawn_covariance
+        return codes, self._undrawn[:, None] * more * self._undrawn + self._excess
+
+    def _read(self, codes: Array, variance: Array, more: Array) -> ForceField:
+        """Force field of codes with noise of these variances, and more of it in some directions."""
+        read = self._readout
+        # Noise matters in the weak codes, which are the last.
+        noise = 0.5 * np.log(variance[len(codes) // 2 :]).mean()
+        x = np.append(codes / read.scale, noise)
+        totals = np.append(x, 1.0) @ read.linear + forward(read.totals, x)
+        deviations = np.exp(0.5 * forward(read.deviations, x))
+        covariance = np.outer(deviations, deviations) * read.correlation
+        steep = (read.linear[: len(codes)].T + slope(read.totals, x)[:, :-1]) / read.scale
+        covariance += steep @ more @ steep.T
+        normal, friction, mu = BEND * np.sinh(totals[0]), totals[1], totals[2]
+        # To newtons, and to |ΣFf|.
+        side = 1.0 if friction >= 0.0 else -1.0
+        unit = np.array([self._stiffer * np.hypot(normal, BEND), self._stiffer * side, 1.0])
+        covariance *= np.outer(unit, unit)
+        deviation = float(np.sqrt(covariance[0, 0]))
+        if deviation > _VAGUE_SHARE * abs(normal) + _VAGUE:
+            raise UnlikeAnyPressError(
+                f"the markers leave ΣFn open: {normal:.1f} N with a deviation of {deviation:.1f} N"
+            )
+        return self._field(
+            codes, x, self._stiffer * normal, self._stiffer * friction, float(mu), covariance
+        )
+
+    def _field(
+        self, codes: Array, x: Array, normal: float, friction: float, mu: float, covariance: Array
+    ) -> ForceField:
+        read, tip = self._readout, self._fingertip
+        seen = np.einsum("p,pnk->nk", np.append(codes, 1.0) @ self._moves, read.modes)
+        shapes = forward(read.shapes, x)
+        half = len(shapes) // 2
+        press = np.append(1.0, shapes[:half]) @ read.normal_shapes
+        drag = np.append(1.0, shapes[half:]) @ read.friction_shapes
+        press = np.maximum(press, 0.0)
+        pressing = normal * press / press.sum() if normal > _NOTHING else np.zeros(tip.nodes)
+        contact = pressing > tip.contact_threshold
+        if contact.any():
+            pressing *= normal / pressing[contact].sum()
+            dragging = normal * drag * contact
+            # Sums are read better than shapes are.
+            dragging += (friction - dragging.sum()) * pressing * contact / normal
+        else:
+            dragging = np.zeros(tip.nodes)
+        deviation = float(np.sqrt(covariance[2, 2]))
+        # A press alone says little of µ, and that only by the law of friction trained with.
+        slips = contact.any() and 1.0 - abs(friction) / (mu * normal) < OBSERVABLE_MARGIN
+        return ForceField(
+            position=tip.rest_positions() + seen,
+            normal=pressing,
+            friction=dragging,
+            contact=contact,
+            totals_covariance=covariance[:2, :2],
+            friction_reading=FrictionReading(
+                value=mu,
+                deviation=deviation,
+                observable=bool(slips and deviation < _OBSERVABLE * read.prior),
+                totals_covariance=(float(covariance[0, 2]), float(covariance[1, 2])),
+            ),
+        )
+
+
+#: Activities of the skin that are weighed against each other: variance of a code's change over a
+#: frame, in units of its usual variance.
+_ACTIVITIES = np.concatenate([[0.0], np.logspace(-9.0, 0.0, 19)])
+
+
+class Sequential(Learned):
+    """Reads codes that are averaged over the frames for as long as the skin holds still.
+
+    A Kalman filter of each code: how much the codes change from frame to frame is found in the
+    change itself, from the codes that noise hardly reaches; the others are averaged accordingly.
+    """
+
+    def reset(self) -> None:
+        """Forget the frames before."""
+        super().reset()
+        self._codes: Array | None = None
+
+    def update(self, tracks: Tracks) -> ForceField:
+        """Force field at the time of a frame, from it and those before; errors as in `Learned`."""
+        try:
+            codes, more = self._encode(tracks)
+        except NoEstimateError:
+            self.reset()
+            raise
+        noise = self._variance - self._still
+        if self._codes is None:
+            self._codes, self._known = codes, noise
+        else:
+            change, rates = codes - self._codes, self._readout.rates
+            expected = self._known + noise + np.outer(_ACTIVITIES, rates)
+            likelihood = (change**2 / expected + np.log(expected)).sum(axis=1)
+            before = self._known + _ACTIVITIES[likelihood.argmin()] * rates
+            gain = before / (before + noise)
+            self._codes = self._codes + gain * change
+            self._known = before * (1.0 - gain)
+        return self._read(self._codes, self._known + self._still, more)
