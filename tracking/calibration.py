@@ -72,6 +72,8 @@ class SensorCalibration:
     fingertip: calibration of the mechanics; of a flat pad, which has none, it says nothing
     position_floor: model error of a marker's motion, added to its noise [px]
     size_floor: model error of a marker's logarithmic size
+    stiffness_deviation: standard deviation of what all springs are stiffer, as a share: forces have
+        it too, all alike
     readout: trained read-out of this kind of sensor; None if it has none
     displacement: gains from image to displacement; None where they were not calibrated
     """
@@ -80,6 +82,7 @@ class SensorCalibration:
     fingertip: Fingertip
     position_floor: float = 0.02
     size_floor: float = 3e-4
+    stiffness_deviation: float = 0.0
     readout: Path | None = None
     displacement: DisplacementGains | None = None
 
@@ -90,6 +93,7 @@ class _File(Table, frozen=True, kw_only=True):
     readout: str = ""
     position_floor_px: NotNegative = SensorCalibration.position_floor
     size_floor: NotNegative = SensorCalibration.size_floor
+    stiffness_deviation: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     values: Values | None = None
     displacement: DisplacementGains | None = None
     fit: FitReport
@@ -208,6 +212,7 @@ def load_calibration(name: str) -> SensorCalibration:
         calibration,
         position_floor=file.position_floor_px,
         size_floor=file.size_floor,
+        stiffness_deviation=file.stiffness_deviation,
         readout=Path(name).parent / file.readout if file.readout else shipped_readout(file.sensor),
         displacement=file.displacement,
     )
@@ -236,6 +241,7 @@ def calibration_table(
         sensor=sensor,
         position_floor_px=calibration.position_floor,
         size_floor=calibration.size_floor,
+        stiffness_deviation=calibration.stiffness_deviation,
         values=None if flat else values_of(calibration),
         displacement=calibration.displacement,
         fit=report,

@@ -29,6 +29,8 @@ _VAGUE_SHARE, _VAGUE = 0.4, 0.1
 _NOISE_CHANGE = 0.25
 #: µ is seen where its deviation is less than this share of what it is before any image.
 _OBSERVABLE = 0.4
+#: No ΣFn is read above 30 N, nor µ below this.
+_LARGEST, _SMALLEST_FRICTION = 5.0, 0.05
 #: Less than this is no contact [N].
 _NOTHING = 0.01
 
@@ -67,11 +69,12 @@ class Learned:
         count = len(read.codes)
         codes = np.column_stack([read.codes, np.ones(count)])
         self._moves = np.linalg.lstsq(codes, read.snapshots, rcond=None)[0]
+        #: Of the weights, which are made with the first frame.
+        self._noise = np.nan
         self.reset()
 
     def reset(self) -> None:
-        """Forget the weights of the frames before."""
-        self._noise = np.nan
+        """Nothing is kept from frame to frame but weights, which follow the noise."""
 
     def update(self, tracks: Tracks) -> ForceField:
         """Force field of a frame.
@@ -200,7 +203,8 @@ class Learned:
         covariance = np.outer(deviations, deviations) * read.correlation
         steep = (read.linear[: len(codes)].T + slope(read.totals, x)[:, :-1]) / read.scale
         covariance += steep @ more @ steep.T
-        normal, friction, mu = BEND * np.sinh(totals[0]), totals[1], totals[2]
+        normal, friction = BEND * np.sinh(np.clip(totals[0], -_LARGEST, _LARGEST)), totals[1]
+        mu = max(totals[2], _SMALLEST_FRICTION)
         # To newtons, and to |ΣFf|.
         side = 1.0 if friction >= 0.0 else -1.0
         unit = np.array([self._stiffer * np.hypot(normal, BEND), self._stiffer * side, 1.0])

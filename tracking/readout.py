@@ -100,12 +100,15 @@ def forward(layers: Layers, x: Array) -> Array:
 
 def slope(layers: Layers, x: Array) -> Array:
     """Derivative of the output by the input (O, I), at one input (I,)."""
-    through = np.eye(len(x))
+    open_units = []
     for weights, bias in layers[:-1]:
         x = x @ weights + bias
-        through = (through @ weights) * (x > 0.0)
+        open_units.append(x > 0.0)
         x = np.maximum(x, 0.0)
-    return (through @ layers[-1][0]).T
+    through = layers[-1][0].T
+    for (weights, _), units in zip(layers[-2::-1], open_units[::-1], strict=True):
+        through = (through * units) @ weights.T
+    return through
 
 
 def save_readout(readout: ReadOut, path: Path) -> None:

@@ -43,8 +43,13 @@ RECONSTRUCTORS = {
     "learned": ("learned:Learned", "read-out trained on random grips, each frame by itself"),
     "sequential": ("learned:Sequential", "the same over codes averaged while the skin holds still"),
 }
-#: It needs no training; what was trained is better where it is.
-DEFAULT_RECONSTRUCTOR = "gp"
+#: What reads forces unless told otherwise: `sequential` with a read-out, `gp` without.
+DEFAULT_RECONSTRUCTOR = "auto"
+
+
+def _auto(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
+    name = "gp" if calibration.readout is None else "sequential"
+    return load_reconstructor(name)(calibration, rest)
 
 
 def load_reconstructor(name: str) -> Callable[[SensorCalibration, Tracks], Reconstructor]:
@@ -52,7 +57,7 @@ def load_reconstructor(name: str) -> Callable[[SensorCalibration, Tracks], Recon
 
     Parameters
     ----------
-    name: of one of ours, or `module:Class`
+    name: of one of ours, `auto`, or `module:Class`
 
     Raises
     ------
@@ -60,13 +65,15 @@ def load_reconstructor(name: str) -> Callable[[SensorCalibration, Tracks], Recon
         When there is none of that name, or it cannot be imported.
     """
     found: Callable[[SensorCalibration, Tracks], Reconstructor]
+    if name == DEFAULT_RECONSTRUCTOR:
+        return _auto
     if name in RECONSTRUCTORS:
         module, _, kind = RECONSTRUCTORS[name][0].partition(":")
         found = getattr(import_module(f".{module}", __package__), kind)
         return found
     module, colon, kind = name.partition(":")
     if not colon:
-        known = ", ".join(RECONSTRUCTORS)
+        known = ", ".join([DEFAULT_RECONSTRUCTOR, *RECONSTRUCTORS])
         raise ReconstructorError(
             f"no reconstructor {name!r}; there is {known}, or give module:Class"
         )

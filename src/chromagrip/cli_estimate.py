@@ -25,7 +25,7 @@ from .cli_options import (
 from .errors import UserError
 
 # As in tracking, which is not imported before it is used.
-_TRACKER, _RECONSTRUCTOR = "fit", "gp"
+_TRACKER, _RECONSTRUCTOR = "fit", "auto"
 
 
 def estimate(
@@ -39,7 +39,7 @@ def estimate(
         ),
     ],
     reconstructor: Annotated[
-        str, option("how forces are read off the markers", "NAME|module:Class")
+        str, option("how forces are read off the markers", "NAME|MODULE:CLASS")
     ] = _RECONSTRUCTOR,
     friction: Annotated[
         str | None,

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from .errors import UserError
 from .force_limit import force_limit, press
-from .force_scenes import HELD_FRAMES, NOISE, PERIOD, REST_FRAMES, ForceScene, calibration
+from .force_scenes import HELD_FRAMES, NOISE, PERIOD, REST_FRAMES, ForceScene
 from .model import ForceField, FrictionReading
 from .observers import ForceObserver, margin_deviation
 from .tracking import Z90, NoEstimateError, load_reconstructor
@@ -96,7 +96,7 @@ def answers(reconstructor: str, scene: ForceScene) -> dict[tuple[str, str], Answ
     reconstructor: see `load_reconstructor`
     scene: of which the last frame is asked for
     """
-    fresh = ForceObserver(calibration(), scene.rest, reconstructor, HELD_FRAMES * PERIOD)
+    fresh = ForceObserver(scene.known, scene.rest, reconstructor, HELD_FRAMES * PERIOD)
     found = {}
     for read, frames in READ.items():
         observer = deepcopy(fresh)  # that has seen nothing
@@ -218,7 +218,7 @@ def times(names: Sequence[str], scenes: Sequence[ForceScene], turns: int) -> dic
     """
     spent: dict[str, list[float]] = {name: [] for name in names}
     with threadpool_limits(1):
-        made = {n: [load_reconstructor(n)(calibration(), s.rest) for s in scenes] for n in names}
+        made = {n: [load_reconstructor(n)(s.known, s.rest) for s in scenes] for n in names}
         for _ in range(1 + turns):  # the first compiles and warms up
             for name, readers in made.items():
                 begin = time.perf_counter()

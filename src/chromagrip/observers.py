@@ -1,6 +1,7 @@
 """From a frame (camera path) or from the model itself (truth path) to a GripObservation."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -63,6 +64,7 @@ class ForceObserver:
         self._forces = load_reconstructor(reconstructor)(calibration, rest)
         self._friction = FrictionEstimate(rule, window)
         self._fingertip = calibration.fingertip
+        self._stiffness_deviation = calibration.stiffness_deviation
 
     def observe(self, time: float, tracks: Tracks) -> GripObservation:
         """Observation of a frame's tracks.
@@ -72,7 +74,7 @@ class ForceObserver:
         """
         reason = ""
         try:
-            field = self._forces.update(tracks)
+            field = _as_sure(self._forces.update(tracks), self._stiffness_deviation)
         except NoEstimateError as error:
             field, reason = _empty_field(self._fingertip), str(error)
         return _observation(time, field, self._friction, math.nan, reason)
@@ -149,6 +151,13 @@ def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float
         covariance[2, :2] = covariance[:2, 2] = shared
     slope = np.array([friction / normal, -1.0, friction / mu]) / (mu * normal)
     return math.sqrt(max(float(slope @ covariance @ slope), 0.0))
+
+
+def _as_sure(field: ForceField, stiffness_deviation: float) -> ForceField:
+    """Field whose sums are no surer than the stiffness they were read with."""
+    totals = np.array([field.total_normal, field.total_friction])
+    more = stiffness_deviation**2 * np.outer(totals, totals)
+    return replace(field, totals_covariance=field.totals_covariance + more)
 
 
 def _empty_field(fingertip: Fingertip) -> ForceField:

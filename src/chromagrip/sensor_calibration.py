@@ -43,6 +43,8 @@ _STEEPEST = 0.9
 _LEFT = 0.2
 #: … and a stiffness known no better than this is not known.
 _VAGUE = 0.1
+#: What the node model itself is off by where the world is another one, as a share of forces.
+_MODEL_ERROR = 0.02
 _HINT = (
     "Check the forces, that each press began unloaded, and that the plate is stiff, flat and level"
 )
@@ -207,6 +209,12 @@ def _fit_forces(
         calibration,
         position_floor=float(np.sqrt(left[_PLACES].mean())),
         size_floor=float(np.sqrt(left[_SIZES].mean())),
+        stiffness_deviation=float(
+            np.hypot(
+                _MODEL_ERROR,
+                deviations["tissue_stiffness_n_per_m"] / calibration.fingertip.tissue_stiffness,
+            )
+        ),
     )
     off = missed(x)
     _check_fit(off[kept & moving], data.shifts[kept & moving], calibration, deviations)
