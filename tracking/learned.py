@@ -231,10 +231,10 @@ class Learned:
         pressing = normal * press / press.sum() if normal > _NOTHING else np.zeros(tip.nodes)
         contact = pressing > tip.contact_threshold
         if contact.any():
-            pressing *= normal / pressing[contact].sum()
+            pressing *= contact * (normal / pressing[contact].sum())
             dragging = normal * drag * contact
             # Sums are read better than shapes are.
-            dragging += (friction - dragging.sum()) * pressing * contact / normal
+            dragging += (friction - dragging.sum()) * pressing / normal
         else:
             dragging = np.zeros(tip.nodes)
         deviation = float(np.sqrt(covariance[2, 2]))

@@ -107,6 +107,10 @@ def _print_summary(summary: dict[str, Any], folder: Path | None) -> None:
         if found is not None:
             last = "–" if found["last"] is None else f"{found['last']:.3f}{unit}"
             table.add_row(words, f"{last} at the end, median {found['median']:.3f}{unit}")
+    if "mu" in summary["estimates"]:
+        shown = summary["mu_observable_frames"]
+        hint = "" if shown else ": nothing slips, µ and Γ are guesses"
+        table.add_row("", f"µ observable in {shown} frames{hint}")
     share = f", {silent / frames:.1%} of the frames" if frames else ""
     table.add_row("without estimate", f"{silent}{share}")
     for reason, count in summary["without_estimate_because"].items():

@@ -254,10 +254,11 @@ def _summary(rows: list[dict[str, Any]], seconds: float) -> dict[str, Any]:
         if values:
             last = told[-1].get(name)
             numbers[name] = {"last": last, "median": float(np.median(values))}
-    reasons = Counter(re.sub(r"\d+", "…", row["no_estimate"]) for row in silent)
+    reasons = Counter(re.sub(r"\d[\d.]*", "…", row["no_estimate"]) for row in silent)
     return {
         "without_estimate": len(silent),
         "without_estimate_because": dict(reasons.most_common()),
         "estimates": numbers,
+        "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in told),
         "ms_per_estimate": 1e3 * seconds / len(rows) if rows else None,
     }

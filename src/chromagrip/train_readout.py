@@ -212,9 +212,10 @@ def _train(
     progress: Callable[[float], None],
 ) -> Layers:
     """Network of rectified linear units; inputs and targets are made anew, with new noise."""
-    network: Any = _regressor(sizes)
+    network: Any = None
     for epoch in range(epochs):
         x, y = make()
+        network = network or _regressor(sizes, min(_BATCH, len(x)))
         network.partial_fit(x.astype(np.float32), y.astype(np.float32))
         # The steps shrink along a cosine.
         share = (epoch + 1) / epochs
@@ -227,7 +228,7 @@ def _train(
     )
 
 
-def _regressor(sizes: tuple[int, ...]) -> object:
+def _regressor(sizes: tuple[int, ...], batch: int) -> object:
     try:
         from sklearn.neural_network import MLPRegressor
     except ImportError:
@@ -236,6 +237,6 @@ def _regressor(sizes: tuple[int, ...]) -> object:
             "pip install 'chromagrip[learn]'"
         ) from None
     return MLPRegressor(
-        hidden_layer_sizes=sizes, batch_size=_BATCH, learning_rate_init=_RATE, alpha=1e-7,
+        hidden_layer_sizes=sizes, batch_size=batch, learning_rate_init=_RATE, alpha=1e-7,
         random_state=7,
     )  # fmt: skip

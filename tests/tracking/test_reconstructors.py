@@ -239,7 +239,7 @@ class Foreign:
 def test_reconstructors_go_by_name() -> None:
     made: Callable[[SensorCalibration, Tracks], object] = load_reconstructor(f"{__name__}:Foreign")
     assert made is Foreign
-    with pytest.raises(ReconstructorError, match="there is gp"):
+    with pytest.raises(ReconstructorError, match="there is auto, gp"):
         load_reconstructor("magic")
     with pytest.raises(ReconstructorError, match="has no reset"):
         load_reconstructor("collections:OrderedDict")
