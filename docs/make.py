@@ -1,7 +1,7 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
-Parts: images, loop, model, render, track, force, stability, stability-track, appendix-b; all of
-them without arguments, an hour and a half alone on two cores. Nothing in docs/images/ and
+Parts: images, loop, model, render, track, force, limit, stability, stability-track, appendix-b; all
+of them without arguments, an hour and a half alone on two cores. Nothing in docs/images/ and
 docs/bench-*.md is typed by hand.
 """
 
@@ -21,6 +21,7 @@ from chromagrip.bench import bench
 from chromagrip.bench_track import asked, matrix, refusals
 from chromagrip.chart_force import chart_force
 from chromagrip.chart_render import chart_render
+from chromagrip.cli_limit import limit
 from chromagrip.force_scenes import WORLDS
 from chromagrip.force_scores import READ
 from chromagrip.poses import Pose
@@ -209,6 +210,13 @@ def stability_of_trackers() -> None:
     print(*sentences, sep="\n")
 
 
+def what_an_image_tells() -> None:
+    """What one image can tell, for two designs."""
+    with tempfile.TemporaryDirectory() as folder:
+        limit(sensor=("thesis", "fovea"), out=Path(folder), force=True)
+        shutil.copy(Path(folder) / "limit.png", DOCS / "images" / "limit.png")
+
+
 def figures_of_appendix_b() -> None:
     """Two of the appendix's figures."""
     with tempfile.TemporaryDirectory() as folder:
@@ -224,6 +232,7 @@ PARTS = {
     "render": render,
     "track": track,
     "force": force,
+    "limit": what_an_image_tells,
     "stability": stability,
     "stability-track": stability_of_trackers,
     "appendix-b": figures_of_appendix_b,

@@ -166,18 +166,18 @@ class Learned:
         white = np.einsum("pij,pj->pi", self._whiten, centred)
         for _ in range(3):
             codes, covariance = self._solve(white, seen)
-            misfit = (white - (self._whitened @ codes).reshape(white.shape)) ** 2
-            badness = misfit.sum(axis=1)
+            left = white - (self._whitened @ codes).reshape(white.shape)
+            badness = (left**2).sum(axis=1)
             typical = max(1.0, float(np.median(badness[seen])) / MEASURED)
             stray = seen & (badness > _STRAY * typical)
             if not stray.any():
                 break
             seen = seen & ~stray
         freedom = MEASURED * seen.sum() - len(codes)
-        self.misfit = float(badness[seen].sum() / freedom)
-        if self.misfit > _UNLIKE:
+        misfit = float(badness[seen].sum() / freedom)
+        if misfit > _UNLIKE:
             raise UnlikeAnyPressError(
-                f"the markers move as no trained press moves them: χ² is {self.misfit:.0f} a "
+                f"the markers move as no trained press moves them: χ² is {misfit:.0f} a "
                 f"measurement, {_UNLIKE:g} at most is allowed"
             )
         return codes, covariance
