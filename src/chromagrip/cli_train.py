@@ -53,6 +53,8 @@ def train(
 
     try:
         known = load_calibration(calibration)
+        if known.sensor.shape.flat:
+            raise UserError(f"{calibration} is a flat pad, which the node model does not describe")
         with Console(stderr=True).status("starting") as status:
             errors = learn(known, noise, histories, epochs, out, workers, telling(status))
     except (CalibrationFileError, DetectionError, UnsupportedSensorError) as error:

@@ -51,12 +51,13 @@ def train(
     tell: is called with what is being done
     """
     parts = out.with_name(out.name + ".parts")
-    parts.mkdir(exist_ok=True)
     tip, sensor = calibration.fingertip, calibration.sensor
     tell("the noise of a frame")
     first = parts / "basis.npz"
     if not first.exists():
-        _write(first, vars(_basis(calibration, noise)))
+        found = _basis(calibration, noise)
+        parts.mkdir(exist_ok=True)
+        _write(first, vars(found))
     basis = Basis(**_read(first))
     files = {
         parts / f"{first}-{PART}.npz": range(first, min(first + PART, histories))
@@ -77,8 +78,8 @@ def train(
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-    found = [_read(file) for file in files]
-    lessons = Lessons(**{key: np.concatenate([f[key] for f in found]) for key in found[0]})
+    taught = [_read(file) for file in files]
+    lessons = Lessons(**{key: np.concatenate([t[key] for t in taught]) for key in taught[0]})
     readout, errors = fit_readout(tip, sensor, basis, lessons, epochs, tell)
     save_readout(readout, out)
     for file in parts.iterdir():

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from chromagrip import training
+from chromagrip.cli_train import train
+from chromagrip.errors import UserError
 from chromagrip.force_histories import snapshots, with_mirrored
 from chromagrip.model import Fingertip
 from chromagrip.tracking import load_calibration
@@ -28,20 +30,20 @@ def test_an_interrupted_training_goes_on_and_comes_to_the_same(
         if text == "histories, 10 of 20":
             raise StoppedError
 
-    def train(out: Path, tell: object = lambda text: None) -> dict[str, float]:
+    def learn(out: Path, tell: object = lambda text: None) -> dict[str, float]:
         return training.train(KNOWN, 2.0, 20, 3, out, 1, tell)  # type: ignore[arg-type]
 
     broken, whole = tmp_path / "broken.npz", tmp_path / "whole.npz"
     with pytest.raises(StoppedError):
-        train(broken, stop_half_way)
+        learn(broken, stop_half_way)
     assert not broken.exists()
     kept = {
         file.name: file.stat().st_mtime_ns for file in (tmp_path / "broken.npz.parts").iterdir()
     }
     assert "0-10.npz" in kept
-    errors = train(broken)
+    errors = learn(broken)
     assert not (tmp_path / "broken.npz.parts").exists()
-    assert train(whole) == errors
+    assert learn(whole) == errors
     a, b = load_readout(broken), load_readout(whole)
     assert all(np.array_equal(vars(a)[name], vars(b)[name]) for name in ("codes", "linear", "rows"))
     # Even so few tell more of µ than no image does.
@@ -72,3 +74,20 @@ def test_a_mirrored_press_is_the_press_of_the_mirrored_load() -> None:
     contact = both.normal > TIP.contact_threshold
     sums = (both.friction * contact).sum(axis=1)
     assert sums == pytest.approx(both.totals[:, 1], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ({"calibration": "flat-2019"}, "flat-2019 is a flat pad"),
+        ({"calibration": "thesis", "histories": 10}, "--histories 10: expected 500 or more"),
+        ({"calibration": "thesis", "noise": 0.0}, "--noise 0: expected 0.1 to 50 levels"),
+        ({"calibration": "dome-2022"}, "forces are read from stiff discs only"),
+    ],
+)
+def test_what_cannot_be_trained_is_said_before_the_work(
+    tmp_path: Path, words: dict[str, object], said: str
+) -> None:
+    with pytest.raises(UserError, match=said):
+        train(**words, out=tmp_path / "x.npz")  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
