@@ -5,6 +5,7 @@ from importlib import import_module
 from typing import Protocol
 
 from ..model import ForceField
+from .by_name import import_class
 from .calibration import SensorCalibration
 from .tracks import Tracks
 
@@ -71,19 +72,10 @@ def load_reconstructor(name: str) -> Callable[[SensorCalibration, Tracks], Recon
         module, _, kind = RECONSTRUCTORS[name][0].partition(":")
         found = getattr(import_module(f".{module}", __package__), kind)
         return found
-    module, colon, kind = name.partition(":")
-    if not colon:
+    if ":" not in name:
         known = ", ".join([DEFAULT_RECONSTRUCTOR, *RECONSTRUCTORS])
         raise ReconstructorError(
             f"no reconstructor {name!r}; there is {known}, or give module:Class"
         )
-    try:
-        found = getattr(import_module(module), kind)
-    except Exception as error:  # whatever a foreign module raises while it is imported
-        raise ReconstructorError(
-            f"reconstructor {name!r} cannot be imported: {type(error).__name__}: {error}"
-        ) from None
-    for method in ("reset", "update"):
-        if not hasattr(found, method):
-            raise ReconstructorError(f"reconstructor {name!r} has no {method}")
+    found = import_class(name, name, "reconstructor", ReconstructorError)
     return found

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..render import Frame
+from .by_name import import_class
 from .palette import Palette
 from .tracks import Tracks
 
@@ -106,17 +107,8 @@ def load_tracker(name: str) -> Callable[[Palette, float], Tracker]:
         found = getattr(import_module(f".{module}", __package__), kind)
         return found
     target = next((p.value for p in entry_points(group=ENTRY_POINTS) if p.name == name), name)
-    module, colon, kind = target.partition(":")
-    if not colon:
+    if ":" not in target:
         known = ", ".join(tracker_names())
         raise TrackerError(f"no tracker {name!r}; there is {known}, or give module:Class")
-    try:
-        found = getattr(import_module(module), kind)
-    except Exception as error:  # whatever a foreign module raises while it is imported
-        raise TrackerError(
-            f"tracker {name!r} cannot be imported: {type(error).__name__}: {error}"
-        ) from None
-    for method in ("reset", "update"):
-        if not hasattr(found, method):
-            raise TrackerError(f"tracker {name!r} has no {method}; see chromagrip.tracking.Tracker")
+    found = import_class(target, name, "tracker", TrackerError)
     return found
