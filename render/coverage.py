@@ -16,7 +16,11 @@ _C1, _C3, _C5, _C7 = (np.float32(v) for v in (1.395861965, -2.832835122, 5.02204
 _C9, _C11, _C13 = (np.float32(v) for v in (5.579158215, -2.845730945, 0.637130102))
 _D3, _D5, _D7 = np.float32(3) * _C3, np.float32(5) * _C5, np.float32(7) * _C7
 _D9, _D11, _D13 = np.float32(9) * _C9, np.float32(11) * _C11, np.float32(13) * _C13
-_ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+_ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+#: Odds ratios of edges that face each other and that run side by side: what is beyond is rounding.
+_FACING, SIDE_BY_SIDE = 1e-3, 1e6
+#: Odds ratios are this power of √η at Φ₂(0, 0): so they fit all of Φ₂ best, instead of its middle.
+_STEEPER = 2.22
 
 
 def edge_width(blur: float) -> float:
@@ -73,11 +77,13 @@ def signed_distance(
 
 @njit()
 def togetherness(first: Array, second: Array) -> float:
-    """How much the edges of two discs go together where they cross, 0…1; NaN if one is not there.
+    """How much the edges of two discs go together where they cross; NaN if one is not there.
 
     A lens blurs the light that both dyes leave, not each dye. Of two straight edges whose normals
-    have the cosine ρ, both cover Φ₂(d₁, d₂; ρ) of the blur: the product of the coverages at ρ = 0,
-    the smaller one at ρ = 1. In between, (2/π)·asin ρ of the way is right where the edges cross.
+    have the cosine ρ, both cover Φ₂(d₁, d₂; ρ) of the blur. Plackett's distribution (1965) with the
+    odds ratio η is algebraic and all but the same: 1 for edges that cross at right angles, where
+    both cover the product, ∞ where they run side by side and the smaller coverage is of both, 0
+    where they face each other and nothing is. For this η it is within 0.012 of Φ₂ everywhere.
 
     Parameters
     ----------
@@ -88,4 +94,42 @@ def togetherness(first: Array, second: Array) -> float:
     apart2 = (first[0, 0] - second[0, 0]) ** 2 + (first[0, 1] - second[0, 1]) ** 2
     # Law of cosines at the crossing of two circles; those that do not cross have parallel edges.
     cosine = (r2 + s2 - apart2) / (2.0 * math.sqrt(r2 * s2))
-    return 2.0 / math.pi * math.asin(min(max(cosine, 0.0), 1.0))
+    return cosine if math.isnan(cosine) else odds_ratio(math.acos(min(max(cosine, -1.0), 1.0)))
+
+
+@njit()
+def odds_ratio(angle: float) -> float:
+    """How much edges go together whose normals are at this angle [rad], see `togetherness`."""
+    # Φ₂(0, 0; ρ), from which √η follows.
+    both = max(0.5 - angle / (2.0 * math.pi), 0.0)
+    root = 2.0 * both / max(1.0 - 2.0 * both, 1e-9)
+    return min(max(root**_STEEPER, _FACING), SIDE_BY_SIDE)
+
+
+@njit(inline="always")
+def covered_by_both(first: np.float32, second: np.float32, odds: np.float32) -> np.float32:
+    """Coverage by both of two markers that cover so much of a pixel each.
+
+    Parameters
+    ----------
+    first, second: coverages
+    odds: of `togetherness`
+    """
+    more, apart = odds - _ONE, first - second
+    either = first + second - _TWO * first * second
+    square = _ONE + _TWO * more * either + more * more * apart * apart
+    root = np.sqrt(max(square, _ZERO))
+    return _TWO * odds * first * second / (_ONE + more * (first + second) + root)
+
+
+@njit()
+def shared_coverage(
+    first: NDArray[np.float32], second: NDArray[np.float32], angle: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """`covered_by_both` of whole images (H, W), whose edges are at such angles [rad]."""
+    shared = np.empty_like(first)
+    for y in range(first.shape[0]):
+        for x in range(first.shape[1]):
+            odds = np.float32(odds_ratio(angle[y, x]))
+            shared[y, x] = covered_by_both(first[y, x], second[y, x], odds)
+    return shared

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
+from .coverage import covered_by_both
 from .marker_kernels import LANES, TILE
 
 
@@ -141,7 +142,7 @@ def _absorb(
     one, tile = np.float32(1.0), x0 // LANES
     r0, g0, b0 = absorbed[0, 0], absorbed[0, 1], absorbed[0, 2]
     r1, g1, b1 = absorbed[1, 0], absorbed[1, 1], absorbed[1, 2]
-    f = together if together == together else np.float32(0.0)  # a lone marker has no partner
+    odds = together if together == together else one  # a lone marker has no partner
     known = covered.shape[1] == 3
     for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
         row = y - boxes[k, 2]
@@ -153,8 +154,10 @@ def _absorb(
             touched[y - y0, h] = True
             for j in range(light.shape[2] // 3):  # with LANES it would not become vector code
                 c0, c1 = covered[k, 0, row, offset + j], covered[k, 1, row, offset + j]
-                both = covered[k, 2, row, offset + j] if known else c0 * c1
-                both += f * (min(c0, c1) - both)
+                if known:
+                    both = covered[k, 2, row, offset + j]
+                else:
+                    both = covered_by_both(c0, c1, odds)
                 red = one - c0 * r0 - c1 * r1 + both * (r0 * r1)
                 green = one - c0 * g0 - c1 * g1 + both * (g0 * g1)
                 blue = one - c0 * b0 - c1 * b1 + both * (b0 * b1)

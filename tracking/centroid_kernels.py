@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from ..render.coverage import togetherness
+from ..render.coverage import SIDE_BY_SIDE, covered_by_both, togetherness
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -176,7 +176,7 @@ def _look(
     zero, one = np.float32(0.0), np.float32(1.0)
     # In markers whose contrast is lost, all of this is less.
     whole0, whole1 = np.float32(cover[0]), np.float32(cover[-1])
-    apart = np.float32(_apartness(windows, middle)) * whole0
+    odds = np.float32(_togetherness(windows, middle))
     for i in range(high):
         for j in range(wide):
             dr, dg, db = (
@@ -191,21 +191,21 @@ def _look(
             c0 = less if less < more else first
             c1 = more if less < more else second
             p0, p1 = min(max(c0 / whole0, zero), one), min(max(c1 / whole1, zero), one)
-            excess = apart * (min(p0, p1) - p0 * p1)
+            excess = whole0 * (min(p0, p1) - covered_by_both(p0, p1, odds))
             covered[0, i, j] = c0 - excess * (crossing[0, 0] if c0 < c1 else crossing[1, 0])
             covered[1, i, j] = c1 - excess * (crossing[0, 1] if c0 < c1 else crossing[1, 1])
 
 
 @njit()
-def _apartness(windows: Any, middle: Array) -> float:
-    """How far from side by side the edges of two layers cross, 0…1."""
+def _togetherness(windows: Any, middle: Array) -> float:
+    """How much the edges of two layers go together where they cross."""
     if middle.shape[0] < 2 or not math.isfinite(middle[0, 0] + middle[1, 0]):
-        return 0.0
+        return SIDE_BY_SIDE
     outlines = np.zeros((2, 3, 2))
     for k in range(2):
         outlines[k, 0] = middle[k]
         outlines[k, 1, 0] = outlines[k, 2, 1] = windows.radius[k]
-    return 1.0 - togetherness(outlines[0], outlines[1])
+    return togetherness(outlines[0], outlines[1])
 
 
 @njit()

@@ -82,6 +82,7 @@ def read_contact(
     forces: Array,
     force_factor: Array,
     seen_factor: Array,
+    first: int = 0,
 ) -> ForceField:
     """Force field of an estimate, with the covariance that the object's unknown slope adds.
 
@@ -90,24 +91,28 @@ def read_contact(
     fingertip: the chain
     seen: node displacements relative to the rigid part [m], shape (N, 2)
     forces: of the contact on each node in sensor axes [N], shape (N, 2)
-    force_factor, seen_factor: common factor of their covariance, both (N, 2, R)
+    force_factor, seen_factor: common factor of their covariance, of the Z nodes from `first` on:
+        elsewhere there are no forces; both (Z, 2, R)
+    first: number of the first of those nodes
     """
-    slope, lean = object_slope(fingertip, seen, forces, force_factor, seen_factor)
+    slope, lean = object_slope(fingertip, seen, forces, force_factor, seen_factor, first)
     rest, _, threshold = _chain_at_rest(fingertip)
     cos = 1.0 / np.hypot(1.0, slope)
     sin = slope * cos
     normal = sin * forces[:, 0] - cos * forces[:, 1]
     friction = cos * forces[:, 0] + sin * forces[:, 1]
     contact = normal > threshold
-    nodes, shared = len(normal), force_factor.shape[2]
-    turn = lean * (cos**2)[:, None]  # what a change of slope turns forces by
-    spread = np.zeros((2, nodes, turn.shape[1] + 1))
-    spread[0, :, :-1] = friction[:, None] * turn
-    spread[1, :, :-1] = -normal[:, None] * turn
-    spread[0, :, :shared] += sin[:, None] * force_factor[:, 0] - cos[:, None] * force_factor[:, 1]
-    spread[1, :, :shared] += cos[:, None] * force_factor[:, 0] + sin[:, None] * force_factor[:, 1]
-    spread[:, :, -1] = _COMMON * np.stack([normal, friction])
-    totals = spread[:, contact].sum(axis=1)
+    (reach, _, shared), nodes = force_factor.shape, len(normal)
+    spread = np.zeros((2, nodes, lean.shape[1] + 1))
+    zone = slice(first, first + reach)
+    here, s, c = spread[:, zone], sin[zone, None], cos[zone, None]
+    turn = lean * c**2  # what a change of slope turns forces by
+    here[0, :, :-1] = friction[zone, None] * turn
+    here[1, :, :-1] = -normal[zone, None] * turn
+    here[0, :, :shared] += s * force_factor[:, 0] - c * force_factor[:, 1]
+    here[1, :, :shared] += c * force_factor[:, 0] + s * force_factor[:, 1]
+    here[0, :, -1], here[1, :, -1] = _COMMON * normal[zone], _COMMON * friction[zone]
+    totals = contact[zone].astype(float) @ here
     return ForceField(
         position=rest + seen,
         normal=np.maximum(normal, 0.0),
@@ -124,8 +129,9 @@ def object_slope(
     forces: Array,
     force_factor: Array,
     seen_factor: Array,
+    first: int = 0,
 ) -> tuple[Array, Array]:
-    """Slope of the object at every node (N,), and a factor (N, R + 4) of its covariance.
+    """Slope of the object at every node (N,), and a factor (Z, R + 4) of its covariance.
 
     z = a + b·x + c·(x² + z²)/2 + fn/k from the loaded skin's middle is a circle, pressed in.
     Parameters as in `read_contact`.
@@ -134,7 +140,8 @@ def object_slope(
     position, normal = rest + seen, -forces[:, 1]
     unknowns = len(_OBJECT_MEAN)
     slope = np.zeros(len(normal))
-    lean = np.zeros((len(normal), seen_factor.shape[2] + unknowns))
+    zone = slice(first, first + len(seen_factor))
+    lean = np.zeros((len(seen_factor), seen_factor.shape[2] + unknowns))
     for _ in range(_PASSES):
         pressed = np.flatnonzero(normal > threshold)
         if len(pressed) < unknowns:
@@ -150,10 +157,11 @@ def object_slope(
         upright = np.maximum(1.0 - c * z, 0.3)  # beyond the circle's side there is no contact
         slope = (b + c * x) / upright
         normal = (slope * forces[:, 0] - forces[:, 1]) / np.hypot(1.0, slope)
-    sunk = softness * force_factor[pressed, 1] / share[pressed, None]
-    propagated = gain[1:3] @ (seen_factor[pressed, 1] - sunk)
+    factors = pressed - first
+    propagated = gain[1:3] @ seen_factor[factors, 1]
+    propagated -= (gain[1:3] * (softness / share[pressed])) @ force_factor[factors, 1]
     tilt, bend = np.concatenate([propagated, np.linalg.cholesky(covariance)[1:3]], axis=1)
-    return slope, (tilt + (x / upright)[:, None] * bend) / upright[:, None]
+    return slope, (tilt + (x / upright)[zone, None] * bend) / upright[zone, None]
 
 
 @lru_cache(maxsize=64)

@@ -29,7 +29,7 @@ _FARTHEST = 0.5
 #: Slope of the skin below which the jump in its stiffness is smoothed, so that Newton settles.
 _BLUNT = 0.05
 #: Log evidence that a zone must win by: a tie must not make the estimate flicker.
-_ZONE_GAIN = 1.0
+_ZONE_GAIN = 1.5
 #: A step smaller than this ends the passes [m] …
 _SETTLED = 20e-6
 #: … and one that is still larger than this after the last of them is no solution [m].

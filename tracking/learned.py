@@ -19,6 +19,11 @@ Array = NDArray[np.float64]
 MIN_PAIRS = 60
 #: A pair this far from what the others say is not where its track is (χ² of 6).
 _STRAY = 50.0
+#: A pair that lies on another one may be either; it is read this near to what the others say. On
+#: folded skin the right one is up to 170 off, the wrong one 50 000.
+_LIKELY = 1000.0
+#: Standard deviation of a change of all log sizes of a layer, as focus and blur make it.
+_FOCUS = 0.01
 #: Where pairs fit no trained press better than this, they are not read (χ² per measurement).
 _UNLIKE = 9.0
 #: Directions of codes that are noisier than most by more than this widen the interval (variance).
@@ -138,32 +143,39 @@ class Learned:
         self._whiten = np.linalg.inv(np.linalg.cholesky(covariance))
         pairs, codes = len(self._whiten), self._loadings.shape[1]
         loadings = self._loadings.reshape(pairs, MEASURED, codes)
-        self._whitened = (self._whiten @ loadings).reshape(-1, codes)
+        # A change of all sizes is the camera's, not a press.
+        focus = np.broadcast_to(np.eye(MEASURED)[:, 2::3], (pairs, MEASURED, 2))
+        loadings = np.concatenate([loadings, focus], axis=2)
+        self._whitened = (self._whiten @ loadings).reshape(pairs * MEASURED, -1)
         # With what is known of the codes before any image: who sees nothing of a code lets it be.
-        strength = np.square(self._readout.scale) - 1.0
+        strength = np.append(np.square(self._readout.scale) - 1.0, [_FOCUS**2] * 2)
         self._information = self._whitened.T @ self._whitened + np.diag(1.0 / strength)
         drawn = np.asarray(np.linalg.inv(self._information))
         # The read-out was trained on codes with noise, not on codes drawn towards their mean.
         self._undrawn = 1.0 / (1.0 - np.diag(drawn) / strength)
+        self._undrawn[codes:] = 1.0
         self._drawn_covariance = drawn
-        self._variance = self._undrawn * np.diag(drawn)
+        self._variance = (self._undrawn * np.diag(drawn))[:codes]
         self._operator = self._undrawn[:, None] * (drawn @ self._whitened.T)
         # Where markers were missing at rest, some directions are noisier than all were in training.
         typical = float(np.median(self._variance))
-        sizes, directions = np.linalg.eigh(self._undrawn[:, None] * drawn * self._undrawn)
+        raised = (self._undrawn[:, None] * drawn * self._undrawn)[:codes, :codes]
+        sizes, directions = np.linalg.eigh(raised)
         excess = np.where(sizes > _NOISIER * typical, sizes - typical, 0.0)
         self._excess = (directions * excess) @ directions.T
         shaken = self._whiten @ still @ np.swapaxes(self._whiten, 1, 2)
-        operator = self._operator.reshape(codes, pairs, MEASURED)
+        operator = self._operator[:codes].reshape(codes, pairs, MEASURED)
         self._still = np.einsum("kpi,pij,kpj->k", operator, shaken, operator, optimize=True)
 
     def _encode(self, tracks: Tracks) -> tuple[Array, Array]:
         """Codes (K,), and what their covariance is more than in training (K, K)."""
         shifts, seen = self._shifts(tracks, MIN_PAIRS)
         self._weigh(tracks)
+        there = tracks.visible[:, self._shifts.pairs].all(axis=0)
         centred = (limited(shifts.ravel()) - self._means).reshape(-1, MEASURED)
-        centred[~seen] = 0.0
+        centred[~there] = 0.0
         white = np.einsum("pij,pj->pi", self._whiten, centred)
+        seen = self._likely(white, seen, there & ~seen)
         for _ in range(3):
             codes, covariance = self._solve(white, seen)
             left = white - (self._whitened @ codes).reshape(white.shape)
@@ -173,24 +185,41 @@ class Learned:
             if not stray.any():
                 break
             seen = seen & ~stray
-        freedom = MEASURED * seen.sum() - len(codes)
+        count = len(self._readout.scale)
+        freedom = MEASURED * seen.sum() - count
         misfit = float(badness[seen].sum() / freedom)
         if misfit > _UNLIKE:
             raise UnlikeAnyPressError(
                 f"the markers move as no trained press moves them: χ² is {misfit:.0f} a "
                 f"measurement, {_UNLIKE:g} at most is allowed"
             )
-        return codes, covariance
+        return codes[:count], covariance[:count, :count] + self._excess
+
+    def _likely(
+        self, white: Array, certain: NDArray[np.bool_], asked: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Certain pairs, and those asked for that are about where the certain ones say."""
+        if not asked.any():
+            return certain
+        codes, more = self._solve(white, certain)
+        undrawn = more / self._undrawn[:, None] / self._undrawn + self._drawn_covariance
+        taken = certain.copy()
+        for pair in np.flatnonzero(asked):
+            moves = self._whitened[MEASURED * pair : MEASURED * (pair + 1)]
+            off = white[pair] - moves @ (codes / self._undrawn)
+            spread = np.eye(MEASURED) + moves @ undrawn @ moves.T
+            taken[pair] = off @ np.linalg.solve(spread, off) < _LIKELY
+        return taken
 
     def _solve(self, white: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
         if seen.all():
-            return self._operator @ white.ravel(), self._excess
+            return self._operator @ white.ravel(), np.zeros_like(self._information)
         kept = white * seen[:, None]
         lost = self._whitened.reshape(*white.shape, -1)[~seen].reshape(-1, self._whitened.shape[1])
         covariance = np.linalg.inv(self._information - lost.T @ lost)
         codes = self._undrawn * (covariance @ (self._whitened.T @ kept.ravel()))
         more = covariance - self._drawn_covariance
-        return codes, self._undrawn[:, None] * more * self._undrawn + self._excess
+        return codes, self._undrawn[:, None] * more * self._undrawn
 
     def _read(self, codes: Array, variance: Array, more: Array) -> ForceField:
         """Force field of codes with noise of these variances, and more of it in some directions."""

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from ..render.coverage import EDGE_RANGE, edge, togetherness
+from ..render.coverage import EDGE_RANGE, covered_by_both, edge, togetherness
 from .pixel_kernels import (
     ALL_LIGHT,
+    BOTH,
     CHANGE,
     COVERED,
     F0,
@@ -247,7 +248,7 @@ def shade(
             outlines[k, 0], outlines[k, 1:] = fits[other, k, :2], inverse.T
             invert(outlines[k, 1:].T, inverse)
             _cover(outlines[k, 0], inverse, optics.width, row_at(TERM + k), count, buffer)
-        together = togetherness(outlines[0], outlines[1]) if near.all() else 0.0
+        together = togetherness(outlines[0], outlines[1]) if near.all() else 1.0
         for c in range(3):
             a = optics.absorbed[:, c]
             _darken(row_at(GROUND + c), a[0], a[1], a[2], np.float32(together), count, buffer)
@@ -283,7 +284,7 @@ def _darken(
     a0: np.float32,
     a1: np.float32,
     b: np.float32,
-    t: np.float32,
+    odds: np.float32,
     count: int,
     buffer: Array32,
 ) -> None:
@@ -291,7 +292,7 @@ def _darken(
     c0, c1 = row_at(TERM), row_at(TERM + 1)
     for i in range(np.uint64(count)):
         first, second = buffer[c0 + i], buffer[c1 + i]
-        both = (F1 - t) * first * second + t * min(first, second)
+        both = covered_by_both(first, second, odds)
         buffer[row + i] *= F1 - a0 * first - a1 * second + b * both
 
 
@@ -329,7 +330,7 @@ def light_sums(
         if count < FEWEST_PIXELS:
             continue
         shade(optics, present, fits, extents, m, box, count, buffer)
-        t = togetherness(outlines[0], outlines[1]) if present[m].all() else 0.0
+        t = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
         model_pixels(optics, present[m], fits[m], inverses, t, 2, count, lights, says, buffer)
         for i in range(count):
             first, second = buffer[COVERED * ROOM + i], buffer[(COVERED + 1) * ROOM + i]
@@ -337,7 +338,7 @@ def light_sums(
             if _EDGE < first < 1.0 - _EDGE or _EDGE < second < 1.0 - _EDGE:
                 continue
             values[0], values[1], values[2] = 1.0, first, second
-            values[3] = (1.0 - t) * first * second + t * min(first, second)
+            values[3] = buffer[BOTH * ROOM + i]
             for c in range(3):
                 light = buffer[(GROUND + c) * ROOM + i]
                 values[4] = buffer[(SEEN + c) * ROOM + i] / light

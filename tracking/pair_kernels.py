@@ -111,7 +111,7 @@ def fit_step(
             continue
         padded = pad(count, buffer)
         shade(optics, present, fits, extents, m, box, padded, buffer)
-        together = togetherness(outlines[0], outlines[1]) if present[m].all() else 0.0
+        together = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
         squares = model_pixels(
             optics, present[m], fits[m], inverses, together, free, padded, lights, says, buffer
         )

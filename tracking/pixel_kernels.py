@@ -37,11 +37,13 @@ TELLS, PULL, GAIN, MODEL = 23, 26, 28, 34
 #: … where the light is uneven: its terms, and what the model tells of light, of each channel, of
 #: all, what the residuals say, and what it shares with both layers.
 TERM, LIGHT, ALL_LIGHT, LACK, SHARED = 37, 42, 45, 46, 47
-BUFFER = 49 * ROOM
+#: … and coverage by both layers, and how it changes with that of either.
+BOTH, BY = 49, 50
+BUFFER = 52 * ROOM
 #: Terms of uneven light: x, y, x², xy, y²; second powers in units of so many pixels.
 TERMS, UNIT = 5, np.float32(1.0 / 16.0)
 
-F0, F1 = np.float32(0.0), np.float32(1.0)
+F0, F1, F2 = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 TINY = np.float32(1e-12)
 
 
@@ -242,12 +244,35 @@ def model_pixels(
         clear(buffer, row_at(TELLS) + i * np.uint64(ROOM), count)
     clear(buffer, row_at(PULL), count)
     clear(buffer, row_at(PULL + 1), count)
+    _cover_both(np.float32(together), count, buffer)
     # One by one: rows must be known when this is compiled, or it would not be vectorised.
-    t, a = np.float32(together), optics.absorbed
-    squares += _channel(t, a[0, 0], a[1, 0], a[2, 0], 0, count, lights, says, buffer)
-    squares += _channel(t, a[0, 1], a[1, 1], a[2, 1], 1, count, lights, says, buffer)
-    squares += _channel(t, a[0, 2], a[1, 2], a[2, 2], 2, count, lights, says, buffer)
+    a = optics.absorbed
+    squares += _channel(a[0, 0], a[1, 0], a[2, 0], 0, count, lights, says, buffer)
+    squares += _channel(a[0, 1], a[1, 1], a[2, 1], 1, count, lights, says, buffer)
+    squares += _channel(a[0, 2], a[1, 2], a[2, 2], 2, count, lights, says, buffer)
     return squares
+
+
+@njit(reassociate=True)
+def _cover_both(odds: np.float32, count: int, buffer: Array32) -> None:
+    """Coverage by both layers, see `covered_by_both`, and its derivatives by either's."""
+    c0, c1, both, by0, by1 = (
+        row_at(COVERED),
+        row_at(COVERED + 1),
+        row_at(BOTH),
+        row_at(BY),
+        row_at(BY + 1),
+    )
+    more, half = odds - F1, np.float32(0.5)
+    for i in range(np.uint64(count)):
+        first, second = buffer[c0 + i], buffer[c1 + i]
+        apart, sum_ = more * (first - second), first + second
+        square = F1 + F2 * more * (sum_ - F2 * first * second) + apart * apart
+        root = np.sqrt(max(square, TINY))
+        buffer[both + i] = F2 * odds * first * second / (F1 + more * sum_ + root)
+        to_root = half / root
+        buffer[by0 + i] = half - to_root * (F1 - F2 * second + apart)
+        buffer[by1 + i] = half - to_root * (F1 - F2 * first - apart)
 
 
 @njit()
@@ -259,7 +284,6 @@ def clear(buffer: Array32, row: np.uint64, count: int) -> None:
 
 @njit(reassociate=True, inline="always")
 def _channel(
-    t: np.float32,
     a0: np.float32,
     a1: np.float32,
     b: np.float32,
@@ -284,17 +308,13 @@ def _channel(
         row_at(MODEL + c),
     )
     pull0, pull1 = row_at(PULL), row_at(PULL + 1)
+    both, by0, by1 = row_at(BOTH), row_at(BY), row_at(BY + 1)
     information, lack, squares = F0, F0, F0
     for i in range(np.uint64(count)):
         first, second, g, w = buffer[c0 + i], buffer[c1 + i], buffer[light + i], buffer[weight + i]
-        # See `togetherness`: both cover this, and change it so.
-        both = (F1 - t) * first * second + t * min(first, second)
-        smaller = F1 if first < second else F0
-        by_first = (F1 - t) * second + t * smaller
-        by_second = (F1 - t) * first + t * (F1 - smaller)
-        model = g * (F1 - a0 * first - a1 * second + b * both)
+        model = g * (F1 - a0 * first - a1 * second + b * buffer[both + i])
         residual = buffer[seen + i] - model
-        d0, d1 = g * (b * by_first - a0), g * (b * by_second - a1)
+        d0, d1 = g * (b * buffer[by0 + i] - a0), g * (b * buffer[by1 + i] - a1)
         buffer[own0 + i] += w * d0 * d0
         buffer[own1 + i] += w * d1 * d1
         buffer[cross + i] += w * d0 * d1

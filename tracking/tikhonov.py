@@ -43,6 +43,8 @@ class Tikhonov:
         reach = np.deg2rad(_PRIOR.reach_deg) + _MARGIN
         self._shifts = MarkerShifts(calibration, rest, reach)
         basis, correlation = force_basis(tip, _PRIOR)
+        loaded = np.flatnonzero(basis.any(axis=(1, 2)))
+        self._zone = slice(int(loaded[0]), int(loaded[-1]) + 1)
         unloaded = np.zeros((tip.nodes, 2))
         self._basis = basis @ np.linalg.cholesky(correlation)
         self._moves = chain_compliance(tip, unloaded, self._basis, _BLUNT)
@@ -71,12 +73,15 @@ class Tikhonov:
         best = int(np.argmax(evidence))
         filtered = _VARIANCES[best] / scale[best]
         mean, deviation = filtered * found, np.sqrt(filtered)
+        seen, forces = self._eigen_moves @ mean, np.zeros((self._fingertip.nodes, 2))
+        forces[self._zone] = self._eigen_forces @ mean
         return read_contact(
             self._fingertip,
-            self._eigen_moves @ mean,
-            self._eigen_forces @ mean,
+            seen,
+            forces,
             self._eigen_forces * deviation,
-            self._eigen_moves * deviation,
+            self._eigen_moves[self._zone] * deviation,
+            self._zone.start,
         )
 
     def _see(self, visible: NDArray[np.bool_], noise: Array) -> None:
@@ -88,5 +93,6 @@ class Tikhonov:
         self._told, vectors = np.linalg.eigh(jacobian.T @ weighted)
         self._told = np.maximum(self._told, 0.0)
         self._operator = (weighted @ vectors).T
-        self._eigen_forces, self._eigen_moves = self._basis @ vectors, self._moves @ vectors
+        self._eigen_forces = self._basis[self._zone] @ vectors
+        self._eigen_moves = self._moves @ vectors
         self._visible = visible

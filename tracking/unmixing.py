@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..render.coverage import shared_coverage
+
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 #: Linear light; either precision will do.
@@ -82,15 +84,15 @@ def dye_coverages(ratio: Single, transmittance: Array) -> Single:
 def _too_much(coverages: Single) -> Single:
     """By how much the smaller coverage is more than what both cover, shape (H, W).
 
-    Of blurred straight edges at an angle φ, both cover C₀·C₁ of a pixel and (1 − 2φ/π) of what the
-    smaller one covers more: all of it where they run side by side, exactly so where they cross.
+    What both cover depends on the angle of their edges, see `covered_by_both`.
     """
     first, second = np.clip(coverages, 0.0, 1.0)
     x0, x1 = (cv2.Sobel(c, cv2.CV_32F, 1, 0) for c in (first, second))
     y0, y1 = (cv2.Sobel(c, cv2.CV_32F, 0, 1) for c in (first, second))
+    # Edges that face each other are noise.
     along, across = np.maximum(x0 * x1 + y0 * y1, 0.0), np.abs(x0 * y1 - y0 * x1)
     angle: Any = np.arctan2(across, along + np.float32(1e-6))
-    return 2.0 / np.pi * angle * (np.minimum(first, second) - first * second)
+    return np.minimum(first, second) - shared_coverage(first, second, angle)
 
 
 def _solve(lost: Single, absorbed: Array, weight: Array) -> Single:

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 DURATION, STEP, EVERY = 1.0, 2e-3, 5
 #: Onset of the grip, while there is no load [s].
 _ONSET = 0.03
+#: The load is at most so many times what friction holds: somewhat more slides.
+_MOST_HELD = 1.02
 #: Instants kept of a history, spread over the margin in so many bins.
 _KEPT, _BINS = 12, 8
 
@@ -55,21 +57,57 @@ def random_object(rng: np.random.Generator) -> ContactObject:
 def random_drive(rng: np.random.Generator, friction: float) -> Drive:
     """Grip and load that ramp, rest, jump and turn, the load never far above what friction holds.
 
+    In half of the drives the load is a share of what the grip can hold, in the others grip and load
+    go their own ways, as where a controller grips harder under a standing load.
+
     Parameters
     ----------
     rng: source
     friction: µ of the object
     """
-    inner = np.sort(rng.uniform(_ONSET, DURATION, rng.integers(2, 8)))
-    knots = np.concatenate([[0.0, _ONSET], inner, [DURATION]])
+    times = np.linspace(0.0, DURATION, 501)
+    onset = times <= _ONSET
+    apart = rng.random() < 0.5
+    grip = np.exp(np.interp(times, *_wander(rng, 0.05, 7.0)))
+    if apart:
+        load = _own_load(rng, times, friction)
+        load[onset] = 0.0
+        grip = np.maximum(grip, abs(load) / (_MOST_HELD * friction))
+        if rng.random() < 0.3:  # it trembles
+            tremble = rng.standard_normal(len(times) // 5 + 1).repeat(5)[: len(times)]
+            grip *= 1.0 + rng.uniform(0.0, 0.03) * tremble
+    grip[onset] = np.maximum(grip[onset] * times[onset] / _ONSET, 0.02)
+    if not apart:
+        load = _share_held(rng, times) * friction * grip
+        load[onset] = 0.0
+    return Drive(times=times, normal=grip, lateral=load)
+
+
+def _wander(rng: np.random.Generator, low: float, high: float) -> tuple[Array, Array]:
+    """Times [s] and logarithms of a force [N] that is straight between them, and rests at times."""
+    knots = _knots(rng)
     count = len(knots)
-    even = np.log(rng.uniform(0.05, 7.0, count))
-    grip = even if rng.random() < 0.7 else rng.uniform(np.log(0.05), np.log(8.0), count)
-    share = rng.uniform(0.0, 1.02, count)  # of the load that friction holds
-    share[:2] = 0.0
+    level = np.log(rng.uniform(low, high, count))
+    if rng.random() < 0.3:
+        level = rng.uniform(np.log(low), np.log(high), count)
     for k in range(2, count):
         if rng.random() < 0.4:
-            grip[k] = grip[k - 1]
+            level[k] = level[k - 1]
+    return knots, level
+
+
+def _knots(rng: np.random.Generator) -> Array:
+    inner = np.sort(rng.uniform(_ONSET, DURATION, rng.integers(2, 8)))
+    return np.concatenate([[0.0, _ONSET], inner, [DURATION]])
+
+
+def _share_held(rng: np.random.Generator, times: Array) -> Array:
+    """Load over what friction holds."""
+    knots = _knots(rng)
+    count = len(knots)
+    share = rng.uniform(0.0, _MOST_HELD, count)
+    share[:2] = 0.0
+    for k in range(2, count):
         if rng.random() < 0.3:
             share[k] = share[k - 1]
     if rng.random() < 0.5:  # pressed alone, first
@@ -77,16 +115,29 @@ def random_drive(rng: np.random.Generator, friction: float) -> Drive:
     share *= rng.choice([-1.0, 1.0])
     if rng.random() < 0.25:  # the load turns round
         share[rng.integers(2, count) :] *= -1.0
-    times = np.linspace(0.0, DURATION, 501)
-    onset = times <= _ONSET
-    normal = np.exp(np.interp(times, knots, grip))
-    normal[onset] = np.maximum(normal[onset] * times[onset] / _ONSET, 0.02)
     held = np.interp(times, knots, share)
     if rng.random() < 0.3:  # a weight is put on, or taken off
         at = rng.integers(30, 480)
-        held[at:] = np.clip(held[at:] + rng.uniform(-0.6, 0.6), -1.02, 1.02)
-    held[onset] = 0.0
-    return Drive(times=times, normal=normal, lateral=held * friction * normal)
+        held[at:] = np.clip(held[at:] + rng.uniform(-0.6, 0.6), -_MOST_HELD, _MOST_HELD)
+    return held
+
+
+def _own_load(rng: np.random.Generator, times: Array, friction: float) -> Array:
+    """Load [N] that steps, ramps and rests, whatever the grip does."""
+    knots = _knots(rng)
+    most = friction * np.exp(rng.uniform(np.log(0.1), np.log(6.0)))
+    level = most * rng.uniform(0.0, 1.0, len(knots))
+    level[: rng.integers(2, 4)] = 0.0
+    for k in range(3, len(knots)):
+        if rng.random() < 0.5:
+            level[k] = level[k - 1]
+    if rng.random() < 0.2:  # the load turns round
+        level[rng.integers(2, len(knots)) :] *= -1.0
+    if rng.random() < 0.5:  # in steps
+        load = level[np.searchsorted(knots, times, side="right") - 1]
+    else:
+        load = np.interp(times, knots, level)
+    return rng.choice([-1.0, 1.0]) * load
 
 
 def snapshots(fingertip: Fingertip, numbers: range) -> Snapshots:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .model.compiled import njit
-from .render.coverage import signed_distance, togetherness
+from .render.coverage import covered_by_both, signed_distance, togetherness
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def _boxes(shapes: Array, width: float, height: int, wide: int) -> NDArray[np.in
 @njit()
 def _pass(c0: float, c1: float, together: float, absorbed: Array, channel: int) -> float:
     """Share of the light that a pair lets through where its markers cover so much."""
-    both = c0 * c1 + together * (min(c0, c1) - c0 * c1)
+    both = covered_by_both(c0, c1, together)
     a0, a1 = absorbed[0, channel], absorbed[1, channel]
     return 1.0 - a0 * c0 - a1 * c1 + a0 * a1 * both
 
@@ -66,7 +66,7 @@ def _pass(c0: float, c1: float, together: float, absorbed: Array, channel: int) 
 @njit()
 def _together(shapes: Array, m: int) -> float:
     found = togetherness(shapes[0, m], shapes[1, m])
-    return 0.0 if math.isnan(found) else found
+    return 1.0 if math.isnan(found) else found
 
 
 def fisher_information(

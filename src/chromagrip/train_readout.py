@@ -49,8 +49,17 @@ class Basis:
     shifts: Array
 
     def codes(self, shifts: Array) -> Array:
-        """Codes (S, K) of shifts (S, D) without noise."""
+        """Codes (…, K) of shifts (…, D) without noise."""
         return (shifts / self.noise - self.mean) @ self.rows.T
+
+    def codes_without(self, shifts: Array, lost: NDArray[np.int64]) -> Array:
+        """Codes (K,) of shifts (D,) that leaves out some of them, as `Learned` reads them."""
+        white = shifts / self.noise - self.mean
+        strength = self.scale**2 - 1.0
+        rows = self.rows[:, lost]
+        information = np.eye(len(rows)) + np.diag(1.0 / strength) - rows @ rows.T
+        seen = self.rows @ white - rows @ white[lost]
+        return np.linalg.solve(information, seen) * (1.0 + 1.0 / strength)
 
     def shapes(self, seen: Snapshots) -> Array:
         """Amounts of the modes of both forces, shape (S, 2Q)."""

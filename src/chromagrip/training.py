@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: Histories of a part: what is lost at most by an interruption. And of the basis.
 PART, BASIS = 250, 500
+#: Share of the instants at which pairs are lost, and how many at most.
+_LOSING, _MOST_LOST = 0.3, 5
 #: Frames at rest from which the noise of the shifts is found.
 _FRAMES = 8
 
@@ -116,13 +118,29 @@ def _shifts(sensor: SensorDesign, tip: Fingertip, seen: Snapshots) -> Iterator[A
 
 
 def _part(numbers: range, tip: Fingertip, sensor: SensorDesign, basis: Basis, file: Path) -> int:
+    rng = np.random.default_rng([78, numbers[0]])
     seen = with_mirrored(snapshots(tip, numbers))
-    codes = np.array([basis.codes(shifts) for shifts in _shifts(sensor, tip, seen)])
+    codes = np.array([_codes(rng, basis, shifts) for shifts in _shifts(sensor, tip, seen)])
     lessons = Lessons(
         codes=codes, shapes=basis.shapes(seen), totals=seen.totals, history=seen.history
     )
     _write(file, vars(lessons))
     return len(numbers)
+
+
+def _codes(rng: np.random.Generator, basis: Basis, shifts: Array) -> Array:
+    """Codes of shifts (6M,); now and then some pairs side by side are lost.
+
+    Those are lost that the press moves much, or hides.
+    """
+    if rng.random() > _LOSING:
+        return basis.codes(shifts)
+    pairs = shifts.reshape(-1, 6)
+    moved = np.linalg.norm(pairs[:, :2], axis=1)
+    middle = rng.choice(len(moved), p=moved / moved.sum())
+    alike = np.linalg.norm(pairs[:, [0, 1, 3, 4]] - pairs[middle, [0, 1, 3, 4]], axis=1)
+    lost = np.argsort(alike)[: rng.integers(1, _MOST_LOST + 1)]
+    return basis.codes_without(shifts, (6 * lost[:, None] + np.arange(6)).ravel())
 
 
 def _write(path: Path, values: dict[str, Array]) -> None:

@@ -10,6 +10,7 @@ from chromagrip.force_histories import snapshots, with_mirrored
 from chromagrip.model import Fingertip
 from chromagrip.tracking import load_calibration
 from chromagrip.tracking.readout import load_readout
+from chromagrip.train_readout import Basis
 
 TIP = Fingertip()
 KNOWN = load_calibration("thesis")
@@ -48,6 +49,28 @@ def test_an_interrupted_training_goes_on_and_comes_to_the_same(
     assert all(np.array_equal(vars(a)[name], vars(b)[name]) for name in ("codes", "linear", "rows"))
     # Even so few tell more of µ than no image does.
     assert errors["friction_n"] < 0.5
+
+
+def test_codes_without_some_pairs_are_those_of_the_others() -> None:
+    """Where the press is one that codes can write, the pairs that are left tell it as well."""
+    rng = np.random.default_rng(2)
+    pairs, codes = 60, 8
+    rows = np.linalg.qr(rng.standard_normal((6 * pairs, codes)))[0].T
+    spread = np.full(codes, 300.0)
+    none = np.zeros((1, 1, 1))
+    basis = Basis(
+        noise=rng.uniform(0.5, 2.0, 6 * pairs), mean=rng.standard_normal(6 * pairs), rows=rows,
+        left=np.zeros(6 * pairs), scale=np.hypot(spread, 1.0), normal=none, friction=none,
+        seen=none, shifts=none,
+    )  # fmt: skip
+    true = 300.0 * rng.standard_normal(codes)
+    shifts = basis.noise * (basis.mean + true @ rows)
+    assert basis.codes(shifts) == pytest.approx(true)
+    lost = np.arange(60, 60 + 36)
+    assert basis.codes_without(shifts, lost[:0]) == pytest.approx(true)
+    wrong = shifts.copy()
+    wrong[lost] += 1e3
+    assert basis.codes_without(wrong, lost) == pytest.approx(true, rel=2e-3, abs=0.5)
 
 
 def test_histories_are_in_balance_and_respect_the_cone() -> None:

@@ -150,6 +150,31 @@ def test_a_pair_that_is_not_where_it_was_found_is_as_good_as_lost(
     assert a.total_normal == pytest.approx(b.total_normal, rel=1e-9)
 
 
+def test_a_pair_of_doubtful_number_is_read_where_the_others_expect_it(
+    learned: Learned, specimen: Specimen, unseen: Snapshots
+) -> None:
+    """Found right it is as good as certain; with its neighbour's place, as good as lost."""
+    tracks = specimen.tracks(unseen.seen[8], 1.0, 4)
+    moved = np.linalg.norm(tracks.position[0] - specimen.rest.position[0], axis=-1)
+    most = np.argsort(moved)[-6:]
+    doubtful = np.zeros_like(tracks.visible)
+    doubtful[0, most] = True
+    certain = learned.update(tracks)
+    right = learned.update(replace(tracks, ambiguous=doubtful))
+    assert right.total_normal == pytest.approx(certain.total_normal, rel=1e-9)
+    one = most[-1]
+    apart = np.linalg.norm(tracks.position[0] - tracks.position[0, one], axis=-1)
+    two = np.argsort(apart)[1]
+    swapped = tracks.position.copy()
+    swapped[:, [one, two]] = swapped[:, [two, one]]
+    doubtful[0, [one, two]] = True
+    wrong = learned.update(replace(tracks, position=swapped, ambiguous=doubtful))
+    lost = tracks.visible.copy()
+    lost[:, [one, two]] = False
+    without = learned.update(replace(tracks, visible=lost))
+    assert wrong.total_normal == pytest.approx(without.total_normal, rel=1e-9)
+
+
 def test_what_no_press_does_is_refused(learned: Learned, specimen: Specimen) -> None:
     tracks = specimen.tracks(np.zeros((TIP.nodes, 2)), 1.0, 4)
     turned = tracks.position.copy()  # the camera has slipped round its axis
