@@ -232,6 +232,9 @@ class Learned:
         covariance = np.outer(deviations, deviations) * read.correlation
         steep = (read.linear[: len(codes)].T + slope(read.totals, x)[:, :-1]) / read.scale
         covariance += steep @ more @ steep.T
+        # No image tells less of µ than none does.
+        told = np.array([1.0, 1.0, 1.0 / np.hypot(1.0, np.sqrt(covariance[2, 2]) / read.prior)])
+        covariance *= np.outer(told, told)
         normal, friction = BEND * np.sinh(np.clip(totals[0], -_LARGEST, _LARGEST)), totals[1]
         mu = max(totals[2], _SMALLEST_FRICTION)
         # To newtons, and to |ΣFf|.

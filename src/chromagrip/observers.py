@@ -22,6 +22,10 @@ from .tracking import (
     load_reconstructor,
 )
 
+#: Correlation of the sums' errors where stiffnesses are off: the tissue's turn both alike, the
+#: membrane's do not.
+_ALIKE = 0.95
+
 
 class TruthObserver:
     """Reads forces and displacement off the model; µ by the thesis's own estimator (Eq. 8).
@@ -154,9 +158,9 @@ def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float
 
 
 def _as_sure(field: ForceField, stiffness_deviation: float) -> ForceField:
-    """Field whose sums are no surer than the stiffness they were read with."""
-    totals = np.array([field.total_normal, field.total_friction])
-    more = stiffness_deviation**2 * np.outer(totals, totals)
+    """Field whose sums are no surer than the stiffnesses they were read with."""
+    totals = stiffness_deviation * np.array([field.total_normal, field.total_friction])
+    more = np.outer(totals, totals) * [[1.0, _ALIKE], [_ALIKE, 1.0]]
     return replace(field, totals_covariance=field.totals_covariance + more)
 
 

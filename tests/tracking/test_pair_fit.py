@@ -1,9 +1,16 @@
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
-from chromagrip.render import Frame
+from chromagrip.render import Frame, Membrane, load_sensor
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.coverage import EDGE_RANGE, edge, edge_slope
+from chromagrip.render.membrane import rest_membrane
+from chromagrip.render.supersampled import (
+    polygon_centroids,
+    projected_outlines,
+    supersampled_image,
+)
 from chromagrip.tracking import MarkerTracker, Palette
 from chromagrip.tracking.neighbour_kernels import crowded, tie_light
 
@@ -110,3 +117,36 @@ def test_markers_on_each_other_are_crowded() -> None:
     np.testing.assert_array_equal(found, [[0, 0], [1, 0], [1, 0], [0, 0]])
     visible[2, 0] = False
     assert not crowded(fits, visible, near, np.array([5.0, 5.0])).any()
+
+
+def test_sizes_are_right_wherever_the_other_layer_lies() -> None:
+    """On pictures by brute force, which share no code with the fit: both dyes, then the lens."""
+    sensor = load_sensor("thesis")
+    rest = rest_membrane(sensor)
+    rng = np.random.default_rng(6)
+    pixels, angle = rng.uniform(0.0, 5.0, 400), rng.uniform(0.0, 2.0 * np.pi, 400)
+    centres = rest.centres.copy()
+    centres[0, :, :2] += (5.3e-5 * pixels * np.stack([np.cos(angle), np.sin(angle)])).T
+    aside = Membrane(centres=centres, axes=rest.axes)
+    tracker = MarkerTracker(Palette.of_sensor(sensor), 2.0)
+    found = tracker.reset([Frame(image=supersampled_image(sensor, rest), time=0.0)])
+    picture = supersampled_image(sensor, aside)
+    for k in range(3):
+        tracks = tracker.update(Frame(image=picture, time=0.01 * (k + 1)))
+    before, after = (projected_outlines(sensor, m) for m in (rest, aside))
+    grown = 0.5 * np.log(polygon_areas(after) / polygon_areas(before))
+    designed = polygon_centroids(before)[1]
+    distance, number = KDTree(found.position[1]).query(designed)
+    middle = np.linalg.norm(designed - [319.5, 239.5], axis=-1) < 130.0
+    assert distance[middle].max() < 0.1
+    error = tracks.log_size[:, number] - grown
+    for low in range(5):
+        of = middle & (low <= pixels) & (pixels < low + 1)
+        assert of.sum() > 15
+        assert abs(np.median(error[:, of], axis=1)).max() < 1e-3
+
+
+def polygon_areas(corners: np.ndarray) -> np.ndarray:
+    """Areas of polygons, shape (…), from corners (…, K, 2)."""
+    x, y = np.moveaxis(corners - corners[..., :1, :], -1, 0)
+    return abs((x * np.roll(y, -1, axis=-1) - np.roll(x, -1, axis=-1) * y).sum(axis=-1)) / 2
