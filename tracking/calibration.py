@@ -73,7 +73,7 @@ class SensorCalibration:
     position_floor: model error of a marker's motion, added to its noise [px]
     size_floor: model error of a marker's logarithmic size
     stiffness_deviation: standard deviation of what all springs are stiffer, as a share: forces have
-        it too, all alike
+        it too, ΣFn and ΣFf nearly alike
     readout: trained read-out of this kind of sensor; None if it has none
     displacement: gains from image to displacement; None where they were not calibrated
     """

@@ -177,7 +177,7 @@ class Learned:
         white = np.einsum("pij,pj->pi", self._whiten, centred)
         seen = self._likely(white, seen, there & ~seen)
         for _ in range(3):
-            codes, covariance = self._solve(white, seen)
+            codes, drawn = self._solve(white, seen)
             left = white - (self._whitened @ codes).reshape(white.shape)
             badness = (left**2).sum(axis=1)
             typical = max(1.0, float(np.median(badness[seen])) / MEASURED)
@@ -193,7 +193,8 @@ class Learned:
                 f"the markers move as no trained press moves them: χ² is {misfit:.0f} a "
                 f"measurement, {_UNLIKE:g} at most is allowed"
             )
-        return codes[:count], covariance[:count, :count] + self._excess
+        more = self._undrawn[:, None] * (drawn - self._drawn_covariance) * self._undrawn
+        return codes[:count], more[:count, :count] + self._excess
 
     def _likely(
         self, white: Array, certain: NDArray[np.bool_], asked: NDArray[np.bool_]
@@ -201,25 +202,23 @@ class Learned:
         """Certain pairs, and those asked for that are about where the certain ones say."""
         if not asked.any():
             return certain
-        codes, more = self._solve(white, certain)
-        undrawn = more / self._undrawn[:, None] / self._undrawn + self._drawn_covariance
+        codes, drawn = self._solve(white, certain)
         taken = certain.copy()
         for pair in np.flatnonzero(asked):
             moves = self._whitened[MEASURED * pair : MEASURED * (pair + 1)]
             off = white[pair] - moves @ (codes / self._undrawn)
-            spread = np.eye(MEASURED) + moves @ undrawn @ moves.T
+            spread = np.eye(MEASURED) + moves @ drawn @ moves.T
             taken[pair] = off @ np.linalg.solve(spread, off) < _LIKELY
         return taken
 
     def _solve(self, white: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Codes and sizes' changes from the pairs seen, and their covariance as it is drawn."""
         if seen.all():
-            return self._operator @ white.ravel(), np.zeros_like(self._information)
+            return self._operator @ white.ravel(), self._drawn_covariance
         kept = white * seen[:, None]
         lost = self._whitened.reshape(*white.shape, -1)[~seen].reshape(-1, self._whitened.shape[1])
-        covariance = np.linalg.inv(self._information - lost.T @ lost)
-        codes = self._undrawn * (covariance @ (self._whitened.T @ kept.ravel()))
-        more = covariance - self._drawn_covariance
-        return codes, self._undrawn[:, None] * more * self._undrawn
+        drawn = np.asarray(np.linalg.inv(self._information - lost.T @ lost))
+        return self._undrawn * (drawn @ (self._whitened.T @ kept.ravel())), drawn
 
     def _read(self, codes: Array, variance: Array, more: Array) -> ForceField:
         """Force field of codes with noise of these variances, and more of it in some directions."""

@@ -15,7 +15,7 @@ from .model import Fingertip, rest_state
 from .render import SensorDesign, open_renderer
 from .tracking import MarkerTracker, Palette, SensorCalibration
 from .tracking.readout import limited, save_readout
-from .tracking.sensitivity import MarkerResponse
+from .tracking.sensitivity import MEASURED, MarkerResponse
 from .train_readout import Basis, Lessons, fit_readout, make_basis
 
 Array = NDArray[np.float64]
@@ -135,12 +135,12 @@ def _codes(rng: np.random.Generator, basis: Basis, shifts: Array) -> Array:
     """
     if rng.random() > _LOSING:
         return basis.codes(shifts)
-    pairs = shifts.reshape(-1, 6)
+    pairs = shifts.reshape(-1, MEASURED)
     moved = np.linalg.norm(pairs[:, :2], axis=1)
     middle = rng.choice(len(moved), p=moved / moved.sum())
     alike = np.linalg.norm(pairs[:, [0, 1, 3, 4]] - pairs[middle, [0, 1, 3, 4]], axis=1)
     lost = np.argsort(alike)[: rng.integers(1, _MOST_LOST + 1)]
-    return basis.codes_without(shifts, (6 * lost[:, None] + np.arange(6)).ravel())
+    return basis.codes_without(shifts, (MEASURED * lost[:, None] + np.arange(MEASURED)).ravel())
 
 
 def _write(path: Path, values: dict[str, Array]) -> None:
