@@ -17,7 +17,6 @@ from .light_kernels import (
     dot,
     light_step,
     place_of,
-    shade,
     share_light,
     solve_light,
     uneven_light,
@@ -38,6 +37,7 @@ from .pixel_kernels import (
     pad,
     stretch,
 )
+from .shade_kernels import shade
 
 #: Markers do not shrink, grow or stretch by more than this.
 MAX_STRAIN = 0.5
