@@ -104,8 +104,9 @@ def test_without_a_folder_the_next_free_one_is_taken(tmp_path: Path) -> None:
         (["--set", "object.sharpness=3"], "unknown key object.sharpness; allowed here"),
         (["--set", "object.stiffness_kpa=-1"], "object.stiffness_kpa = -1: expected a number > 0"),
         (["--fps", "0"], "camera.rate_hz = 0.0: expected a number > 0"),
-        (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, thesis"),
+        (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, margin-"),
         (["--scene", "none.toml"], "scene file none.toml cannot be read: No such file"),
+        (["--controller", "nowhere:Mine"], "controller 'nowhere:Mine' cannot be imported"),
         (["--out", "/proc/chromagrip"], "folder /proc/chromagrip cannot be written"),
         (["--out", "/etc/hostname"], "/etc/hostname"),
     ],
@@ -174,9 +175,9 @@ def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ("scenes", ["thesis", "camera-100hz"]),
+        ("scenes", ["thesis", "camera-100hz", "margin-30hz", "margin-60hz"]),
         ("sensors", ["dome-2020", "dome-2022", "flat-2019", "fovea", "thesis"]),
-        ("controllers", ["safety-margin", "react-to-slip", "conservative"]),
+        ("controllers", ["safety-margin", "margin-inversion", "react-to-slip", "conservative"]),
         ("renderers", ["painter", "pyrender"]),
     ],
 )
