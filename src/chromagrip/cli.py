@@ -370,6 +370,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 def main() -> None:
     """Entry point of the command line."""
     signal.signal(signal.SIGINT, interrupt)
+    sys.path.append(str(Path.cwd()))  # where a module:Class of one's own lies
     words = sys.argv[1:]
     if words[:2] == ["calibrate", "sensor"]:  # beside pictures of the board, by name
         words[:2] = ["calibrate-sensor"]

@@ -31,7 +31,7 @@ def test_rate_and_lag_together_are_exact(dt: float, command: float) -> None:
     """Straight at 20 N/s until 20·0.05 = 1 N is left, after 0.1 s; then the lag."""
     actuator = ActuatorSettings(lag_ms=50.0, rate_n_per_s=20.0)
     way = math.copysign(1.0, command - 1.0)
-    for end in (0.05, 0.35):
+    for end in (dt * round(0.05 / dt), dt * round(0.35 / dt)):
         left = 3.0 - 20.0 * end if end < 0.1 else math.exp(-(end - 0.1) / 0.05)
         expected = command - way * left
         assert path(actuator, 1.0, command, dt, end) == pytest.approx(expected, abs=1e-9)

@@ -119,6 +119,34 @@ def test_bad_input_is_one_sentence(arguments: list[str], words: str, tmp_path: P
     assert done.stdout == ""
 
 
+MINE = """
+from chromagrip.control import GripCommand
+
+class Mine:
+    def reset(self): pass
+    def command(self, seen): return GripCommand(force=1.25 if seen.time < 0.05 else -1)
+"""
+
+
+def test_a_controller_of_ones_own_lies_where_one_works(tmp_path: Path) -> None:
+    """The installed command does not look there by itself, as `python -m` does: hence -P."""
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
+    words = ["grasp", "--controller", "mine:Mine", "--path", "truth", "--set", "duration_s=0.1"]
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "chromagrip", *words],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "chromagrip: controller mine:Mine commanded -1.0 N at t = 0.05 s" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    folder = tmp_path / "runs" / "camera-100hz-mine-Mine-001"
+    trace = pq.read_table(folder / "trace.parquet").to_pydict()
+    assert trace["grip_n"] == [1.25] * 6
+
+
 def test_unknown_words_are_refused() -> None:
     for arguments in (["squeeze"], ["grasp", "--controller", "pid"], ["grasp", "--grip", "3"], []):
         done = chromagrip(*arguments)
