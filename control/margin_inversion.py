@@ -31,7 +31,7 @@ class MarginInversionSettings:
     release: fastest that the grip gives way [N/s]; it may rise at once
     caution: standard deviations below the µ that is read of the µ that is counted on
     slip_margin: estimated Γ below which the skin slips, so that µ is what it reads
-    lead: how far a rising load is continued [s]
+    lead: how far a rise of what is needed is continued, where it is more than small [s]
     smoothing: time constant of small changes [s]
     band: share of the grip up to which a change is small
     """
@@ -64,7 +64,7 @@ class MarginInversion:
         """Forget the load, the friction and their noise."""
         self._force = self.settings.start
         self._time = math.nan
-        self._load = self._need = math.nan
+        self._need = math.nan
         self._friction = math.nan
         self._noise = 0.0
 
@@ -102,11 +102,18 @@ class MarginInversion:
         """Take the grip to what is needed: at once where that is new, or else slowly."""
         settings = self.settings
         small = max(settings.band * self._force, _UNUSUAL * self._noise)
-        if not math.isnan(self._need):
-            change = min(abs(need - self._need), small)
-            self._noise += (1.0 - math.exp(-period / _MEMORY)) * (change - self._noise)
+        rise = 0.0 if math.isnan(self._need) else need - self._need
         self._need = need
-        error = need - self._force
-        gain = 1.0 if abs(error) > small else 1.0 - math.exp(-period / settings.smoothing)
-        force = self._force + max(gain * error, -settings.release * period)
+        self._noise += _share(period, _MEMORY) * (min(abs(rise), small) - self._noise)
+        change = need - self._force
+        if abs(change) <= small:
+            change *= _share(period, settings.smoothing)
+        elif change > 0.0 and period > 0.0:
+            change += max(rise, 0.0) * settings.lead / period
+        force = self._force + max(change, -settings.release * period)
         self._force = min(max(force, settings.floor), settings.ceiling)
+
+
+def _share(period: float, constant: float) -> float:
+    """Share of a step that a first-order filter of that time constant follows in a period."""
+    return 1.0 - math.exp(-period / constant)
