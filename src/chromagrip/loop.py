@@ -143,7 +143,7 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
     dt = scene.period / substeps
     # The substep after which the middle of the next frame's exposure has come.
     middle = substeps - round(0.5e-3 * scene.camera.exposure_ms / dt)
-    due, waiting = arrivals(scene), deque[tuple[int, GripObservation]]()
+    due, waiting = arrivals(scene), deque[tuple[int, int, GripObservation]]()
     shown = state, field, slip.current
     applied, grip = 0.0, math.nan
     _reset(controller, scene.controller)
@@ -155,12 +155,13 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
             else:
                 frame = camera.expose(replace(shown[0], time=state.time), index)
                 observation, tracks = seen.observe(frame)
-            waiting.append((int(due[index]), observation))
+            waiting.append((int(due[index]), index, observation))
             if index == 0:
                 grip = _answer(controller, observation, scene.controller, index)
                 _reset(controller, scene.controller)
         while waiting and waiting[0][0] <= index:
-            grip = _answer(controller, waiting.popleft()[1], scene.controller, index)
+            _, told, observed = waiting.popleft()
+            grip = _answer(controller, observed, scene.controller, told)
         yield Sample(
             index=index,
             state=state,
@@ -219,7 +220,7 @@ def _reset(controller: Controller, name: str) -> None:
 
 
 def _answer(controller: Controller, observation: GripObservation, name: str, index: int) -> float:
-    """Force that a controller commands [N], at the instant of that frame."""
+    """Force that a controller commands [N] when told of that frame."""
     at = f"at t = {observation.time:.4g} s, sample {index}"
     with _blaming(name, at):
         force = float(controller.command(observation).force)

@@ -280,7 +280,7 @@ def test_a_run_that_its_controller_stops_keeps_its_trace(
     with pytest.raises(UserError, match=f"^controller anybodys:Moody {words}") as caught:
         run(load_scene("camera-100hz", QUICK), tmp_path)
     # It is told of frame k at frame k + 1, and fails at what frame 5 shows.
-    assert "at t = 0.05 s, sample 6" in str(caught.value)
+    assert "at t = 0.05 s, sample 5" in str(caught.value)
     kept = pq.read_table(tmp_path / "trace.parquet").to_pydict()
     assert kept["time_s"] == pytest.approx([0.01 * k for k in range(6)])
     summary = json.loads((tmp_path / "summary.json").read_text())
