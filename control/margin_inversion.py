@@ -31,7 +31,6 @@ class MarginInversionSettings:
     release: fastest that the grip gives way [N/s]; it may rise at once
     caution: standard deviations below the µ that is read of the µ that is counted on
     slip_margin: estimated Γ below which the skin slips, so that µ is what it reads
-    lead: how far a rise of what is needed is continued, where it is more than small [s]
     smoothing: time constant of small changes [s]
     band: share of the grip up to which a change is small
     """
@@ -41,10 +40,9 @@ class MarginInversionSettings:
     floor: float = 0.1
     ceiling: float = 15.0
     release: float = 3.0
-    caution: float = 0.5
+    caution: float = 0.25
     slip_margin: float = 0.1
-    lead: float = 0.0
-    smoothing: float = 0.15
+    smoothing: float = 0.1
     band: float = 0.05
 
 
@@ -71,13 +69,13 @@ class MarginInversion:
     def command(self, observation: GripObservation) -> GripCommand:
         """Grip force for this observation; the last one where it says nothing of the forces."""
         settings = self.settings
+        period = 0.0 if math.isnan(self._time) else observation.time - self._time
+        self._time = observation.time
         if observation.no_estimate:
             return GripCommand(force=self._force)
         if math.isnan(observation.margin):  # nothing touches yet, or any more
             self._force = max(self._force, settings.start)
             return GripCommand(force=self._force)
-        period = 0.0 if math.isnan(self._time) else observation.time - self._time
-        self._time = observation.time
         friction = self._counted_on(observation)
         load = observation.field.total_friction
         need = load / (friction * (1.0 - settings.desired_margin))
@@ -102,14 +100,12 @@ class MarginInversion:
         """Take the grip to what is needed: at once where that is new, or else slowly."""
         settings = self.settings
         small = max(settings.band * self._force, _UNUSUAL * self._noise)
-        rise = 0.0 if math.isnan(self._need) else need - self._need
+        jump = 0.0 if math.isnan(self._need) else abs(need - self._need)
         self._need = need
-        self._noise += _share(period, _MEMORY) * (min(abs(rise), small) - self._noise)
+        self._noise += _share(period, _MEMORY) * (min(jump, small) - self._noise)
         change = need - self._force
         if abs(change) <= small:
             change *= _share(period, settings.smoothing)
-        elif change > 0.0 and period > 0.0:
-            change += max(rise, 0.0) * settings.lead / period
         force = self._force + max(change, -settings.release * period)
         self._force = min(max(force, settings.floor), settings.ceiling)
 

@@ -65,10 +65,9 @@ class MarginInversionTable(Table, frozen=True):
     floor_n: Positive = 0.1
     ceiling_n: Positive = 15.0
     release_n_per_s: Positive = 3.0
-    caution: NotNegative = 0.5
+    caution: NotNegative = 0.25
     slip_margin: Share = 0.1
-    lead_s: NotNegative = 0.0
-    smoothing_s: Positive = 0.15
+    smoothing_s: Positive = 0.1
     band: Share = 0.05
 
     def build(self) -> Controller:
@@ -82,7 +81,6 @@ class MarginInversionTable(Table, frozen=True):
                 release=self.release_n_per_s,
                 caution=self.caution,
                 slip_margin=self.slip_margin,
-                lead=self.lead_s,
                 smoothing=self.smoothing_s,
                 band=self.band,
             )

@@ -73,6 +73,34 @@ def test_printed_gains_slip_at_camera_rate() -> None:
     assert run(load_scene("camera-100hz", {"path": "truth"})).summary["gross_slip"] is False
 
 
+@pytest.mark.parametrize("scene", ["margin-60hz", "margin-30hz"])
+@pytest.mark.parametrize("friction", [0.3, 0.7])
+def test_margin_inversion_holds_where_gains_slip(scene: str, friction: float) -> None:
+    """At camera rate, a frame late: gains printed for 1 kHz drop what the inversion holds."""
+    changes = {"path": "truth", "object.friction": friction}
+    result = run(load_scene(scene, changes))
+    assert result.summary["lateral_displacement_mm"] < 0.1
+    assert result.trace["grip_n"][-1] == pytest.approx(0.65 / (0.7 * friction), rel=0.03)
+    late = result.trace["time_s"] > 1.5
+    assert np.abs(result.trace["margin_true"][late] - 0.30).max() < 0.03
+    printed = {
+        "controller": "safety-margin",
+        "safety_margin.proportional_n": 2.5,
+        "safety_margin.integral_n_per_s": 100.0,
+    }
+    assert run(load_scene(scene, changes | printed)).summary["gross_slip"] is True
+
+
+def test_margin_inversion_through_the_camera() -> None:
+    trace = run(load_scene("margin-60hz", {"duration_s": 1.7})).trace
+    assert trace["lateral_displacement_mm"][-1] < 0.1
+    late = trace["time_s"] > 1.2 - 1e-9
+    assert trace["margin_true"][late].min() > 0.2
+    assert trace["margin_true"][late].max() < 0.4
+    # Sum of changes over time [N/s]: the grip is quiet, with an image's noise in every reading.
+    assert np.abs(np.diff(trace["grip_n"][late])).sum() / 0.5 < 0.5
+
+
 def test_reaction_comes_one_frame_and_the_latency_after_an_event() -> None:
     """(L + 1)·T: the first frame after the event shows it, L frames later it is answered."""
     changes = {

@@ -65,7 +65,7 @@ def test_a_new_load_is_answered_at_once() -> None:
 
     A slipping skin shows no more than µ·Fn, which is answered with 1/(1 − Γ_des) times the grip.
     """
-    controller = MarginInversion(MarginInversionSettings(caution=0.0, lead=0.0))
+    controller = MarginInversion(MarginInversionSettings(caution=0.0))
     before = held(controller, 100, 0.25, 0.5)
     assert held(controller, 1, 0.34, 0.5) == pytest.approx(0.34 / (0.5 * 0.7))
     controller.reset()
