@@ -30,6 +30,7 @@ class MarginInversionSettings:
     floor, ceiling: lowest and highest grip force [N]
     release: fastest that the grip gives way [N/s]; it may rise at once
     caution: standard deviations below the µ that is read of the µ that is counted on
+    tolerance: standard deviations that the µ counted on may be above the one that is read
     slip_margin: estimated Γ below which the skin slips, so that µ is what it reads
     smoothing: time constant of small changes [s]
     band: share of the grip up to which a change is small
@@ -41,6 +42,7 @@ class MarginInversionSettings:
     ceiling: float = 15.0
     release: float = 3.0
     caution: float = 0.25
+    tolerance: float = 1.0
     slip_margin: float = 0.1
     smoothing: float = 0.1
     band: float = 0.05
@@ -51,7 +53,7 @@ class MarginInversion:
 
     That µ is the highest lower bound so far. A grip raised under a standing load lets the skin
     stick again and µ read low, which would raise the grip again; so µ falls only where the margin
-    says that the skin slips.
+    says that the skin slips, or where what is read can no longer be squared with it.
     """
 
     def __init__(self, settings: MarginInversionSettings) -> None:
@@ -94,6 +96,8 @@ class MarginInversion:
         slips = observation.margin < self.settings.slip_margin
         if slips or not self._friction > bound:
             self._friction = bound
+        most = observation.friction + self.settings.tolerance * deviation
+        self._friction = min(self._friction, max(most, _LEAST_FRICTION))
         return self._friction
 
     def _follow(self, need: float, period: float) -> None:
