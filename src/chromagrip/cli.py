@@ -36,11 +36,10 @@ from .cli_options import (
 from .cli_render import render
 from .cli_track import detect, palettes, track, trackers
 from .cli_train import train
+from .controllers import CONTROLLERS
 from .errors import UserError
 from .scene import (
-    CONTROLLERS,
     DEFAULT_SCENE,
-    ControllerName,
     PathName,
     RendererName,
     load_scene,
@@ -69,7 +68,8 @@ def grasp(
         str, option("shipped scene, see `chromagrip scenes`, or a .toml file", "NAME|FILE.toml")
     ] = DEFAULT_SCENE,
     controller: Annotated[
-        ControllerName | None, option("instead of the scene's", "|".join(CONTROLLERS))
+        str | None,
+        option("instead of the scene's; see `chromagrip controllers`", "NAME|MODULE:CLASS"),
     ] = None,
     path: Annotated[
         PathName | None,
@@ -110,7 +110,7 @@ def grasp(
     changed |= dict(parse_change(text) for text in changes)
     resolved = load_scene(scene, changed)
     if out is None and not json_only:
-        out = new_folder(f"{Path(scene).stem}-{resolved.controller}")
+        out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
     from .run_folder import run  # OpenCV, matplotlib and FFmpeg load only when something is run
 
@@ -189,7 +189,7 @@ def sensors() -> int:
 
 def controllers() -> int:
     """List the controllers."""
-    return _list({str(name): text for name, text in CONTROLLERS.items()})
+    return _list(CONTROLLERS)
 
 
 def renderers() -> int:
@@ -370,6 +370,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 def main() -> None:
     """Entry point of the command line."""
     signal.signal(signal.SIGINT, interrupt)
+    sys.path.append(str(Path.cwd()))  # where a module:Class of one's own lies
     words = sys.argv[1:]
     if words[:2] == ["calibrate", "sensor"]:  # beside pictures of the board, by name
         words[:2] = ["calibrate-sensor"]

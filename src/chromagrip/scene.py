@@ -10,14 +10,16 @@ import msgspec
 import tomli_w
 from msgspec import Meta
 
-from .control import (
-    ConservativeControl,
-    ConservativeSettings,
-    Controller,
-    ReactToSlip,
-    ReactToSlipSettings,
-    SafetyMarginControl,
-    SafetyMarginGains,
+from .actuator import ActuatorSettings
+from .control import Controller
+from .controllers import (
+    CONTROLLERS,
+    ConservativeTable,
+    MarginInversionTable,
+    ReactToSlipTable,
+    SafetyMarginSettings,
+    check_controller,
+    foreign_controller,
 )
 from .errors import SceneError
 from .model import ContactObject, Fingertip, SpringLaw, stiffness_from_young
@@ -27,18 +29,10 @@ from .render.tables import Table, convert
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
-Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
+Part = Annotated[float, Meta(ge=0.0, lt=1.0)]
 
-ControllerName = Literal["safety-margin", "react-to-slip", "conservative"]
 PathName = Literal["camera", "truth"]
 RendererName = Literal["painter", "pyrender"]
-
-#: Name and one line about each controller.
-CONTROLLERS: dict[ControllerName, str] = {
-    "safety-margin": "PI control of the safety margin around its desired value",
-    "react-to-slip": "constant force, raised by a step each time slip is seen",
-    "conservative": "constant force, more than is needed",
-}
 
 
 class ObjectSettings(Table, frozen=True):
@@ -92,53 +86,35 @@ class FingertipSettings(Table, frozen=True):
 
 
 class CameraSettings(Table, frozen=True):
-    """When frames come, and how noisy they are."""
+    """When frames come, and how noisy they are.
+
+    A frame shows the middle of its exposure, which ends at the frame's instant; instead of that,
+    `defects.motion_blur` smears it too. Of a dropped frame the controller hears nothing, and the
+    grip holds; a late one comes a frame later than the latency. `dropped` and `late` are shares of
+    all frames.
+    """
 
     rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0
     latency_frames: Annotated[int, Meta(ge=0, le=1000)] = 1
+    exposure_ms: NotNegative = 0.0
+    dropped: Part = 0.0
+    late: Part = 0.0
     noise_levels: Annotated[float, Meta(ge=0.0, le=50.0)] = 2.0
     rest_frames: Annotated[int, Meta(ge=1, le=1000)] = 16
-
-
-class SafetyMarginSettings(Table, frozen=True):
-    """Safety Margin Control and the average of its friction estimate."""
-
-    desired_margin: Share = 0.30
-    feedforward_n: Positive = 0.5
-    proportional_n: NotNegative = 0.25
-    integral_n_per_s: NotNegative = 30.0
-    friction_window_s: Positive = 0.3
-    floor_n: Positive = 0.1
-    start_s: NotNegative = 0.04
-
-
-class ReactToSlipTable(Table, frozen=True):
-    """React To Slip."""
-
-    start_n: Positive = 0.5
-    step_n: Positive = 2.0
-    displacement_mm: Positive = 1.3
-    margin: Share = 0.05
-    hold_s: NotNegative = 0.1
-
-
-class ConservativeTable(Table, frozen=True):
-    """Conservative Control."""
-
-    force_n: Positive = 5.0
 
 
 class Scene(Table, frozen=True):
     """A whole experiment.
 
-    `calibration` is the file that the estimator is told of the sensor, empty for one that is as
-    designed; `reconstructor` is how it reads forces.
+    `controller` is one of CONTROLLERS or anybody's `module:Class`. `calibration` is the file that
+    the estimator is told of the sensor, empty for one that is as designed; `reconstructor` is how
+    it reads forces.
     """
 
     description: str = ""
     duration_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 2.0
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
-    controller: ControllerName = "safety-margin"
+    controller: str = "safety-margin"
     path: PathName = "camera"
     renderer: RendererName = "painter"
     sensor: str = "thesis"
@@ -148,7 +124,9 @@ class Scene(Table, frozen=True):
     load: LoadSettings = LoadSettings()
     fingertip: FingertipSettings = FingertipSettings()
     camera: CameraSettings = CameraSettings()
+    actuator: ActuatorSettings = ActuatorSettings()
     safety_margin: SafetyMarginSettings = SafetyMarginSettings()
+    margin_inversion: MarginInversionTable = MarginInversionTable()
     react_to_slip: ReactToSlipTable = ReactToSlipTable()
     conservative: ConservativeTable = ConservativeTable()
     defects: Defects = Defects()
@@ -156,6 +134,14 @@ class Scene(Table, frozen=True):
     def __post_init__(self) -> None:
         if self.fingertip.nodes % 2 == 0:
             raise ValueError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
+        check_controller(self.controller)
+        if self.camera.exposure_ms > 1e3 * self.period:
+            raise ValueError(
+                f"camera.exposure_ms = {self.camera.exposure_ms} must be at most "
+                f"{1e3 * self.period:g}, the time between frames"
+            )
+        if self.camera.exposure_ms and self.defects.motion_blur:
+            raise ValueError("camera.exposure_ms and defects.motion_blur both delay; set one")
         try:
             sensor = self.build_sensor()
         except SensorError as error:
@@ -198,31 +184,17 @@ class Scene(Table, frozen=True):
         )
 
     def build_controller(self) -> Controller:
-        """The controller the scene names."""
-        if self.controller == "safety-margin":
-            margin = self.safety_margin
-            return SafetyMarginControl(
-                SafetyMarginGains(
-                    desired_margin=margin.desired_margin,
-                    feedforward=margin.feedforward_n,
-                    proportional=margin.proportional_n,
-                    integral=margin.integral_n_per_s,
-                    floor=margin.floor_n,
-                    start=margin.start_s,
-                )
-            )
-        if self.controller == "react-to-slip":
-            slip = self.react_to_slip
-            return ReactToSlip(
-                ReactToSlipSettings(
-                    start_force=slip.start_n,
-                    step_force=slip.step_n,
-                    displacement=slip.displacement_mm * 1e-3,
-                    margin=slip.margin,
-                    hold=slip.hold_s,
-                )
-            )
-        return ConservativeControl(ConservativeSettings(force=self.conservative.force_n))
+        """The controller the scene names.
+
+        Raises
+        ------
+        SceneError
+            When it is anybody's, and cannot be imported or made.
+        """
+        if self.controller not in CONTROLLERS:
+            return foreign_controller(self.controller)
+        made: Controller = getattr(self, self.controller.replace("-", "_")).build()
+        return made
 
 
 DEFAULT_SCENE = "camera-100hz"

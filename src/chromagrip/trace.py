@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .control import GripObservation
 from .loop import Sample
 from .model import GROSS_SLIP
 from .scene import Scene
@@ -17,7 +18,8 @@ Array = NDArray[np.float64]
 COLUMNS = {
     "time_s": "instant of the frame",
     "load_n": "lateral load on the object",
-    "grip_n": "grip force applied from this frame on",
+    "grip_n": "grip force commanded from this frame on",
+    "applied_n": "force of the gripper's drive at this frame",
     "normal_true_n": "ΣFn",
     "friction_true_n": "ΣFf",
     "margin_true": "Γ with the object's µ; NaN without contact",
@@ -25,7 +27,7 @@ COLUMNS = {
     "friction_estimated_n": "ΣFf as observed",
     "normal_deviation_n": "standard deviation of the observed ΣFn",
     "friction_deviation_n": "standard deviation of the observed ΣFf",
-    "mu_estimated": "µ as observed",
+    "mu_estimated": "µ as observed; this and all observed is NaN of a dropped frame",
     "mu_low": "lower end of the 90 % interval of µ",
     "mu_high": "upper end",
     "margin_estimated": "Γ as observed",
@@ -44,24 +46,16 @@ COLUMNS = {
 
 def row(sample: Sample, mu: float) -> tuple[float, ...]:
     """One line of the trace; `mu` is the object's friction coefficient."""
-    seen = sample.observation
-    deviation = np.sqrt(np.diag(seen.field.totals_covariance))
     visible = math.nan if sample.tracks is None else float(sample.tracks.visible.all(axis=0).sum())
     return (
         sample.state.time,
         sample.load,
         sample.grip,
+        sample.applied,
         sample.field.total_normal,
         sample.field.total_friction,
         sample.field.safety_margin(mu),
-        seen.field.total_normal,
-        seen.field.total_friction,
-        float(deviation[0]),
-        float(deviation[1]),
-        seen.friction,
-        *seen.friction_interval,
-        seen.margin,
-        *seen.margin_interval,
+        *_observed(sample.observation),
         sample.pressure,
         sample.pressure_pitch,
         sample.slip.lateral_displacement * 1e3,
@@ -70,6 +64,23 @@ def row(sample: Sample, mu: float) -> tuple[float, ...]:
         sample.state.deformation.rigid_part * 1e3,
         float(sample.field.contact.sum()),
         visible,
+    )
+
+
+def _observed(seen: GripObservation | None) -> tuple[float, ...]:
+    """Columns from ΣFn as observed to the upper end of Γ."""
+    if seen is None:
+        return (math.nan,) * 10
+    deviation = np.sqrt(np.diag(seen.field.totals_covariance))
+    return (
+        seen.field.total_normal,
+        seen.field.total_friction,
+        float(deviation[0]),
+        float(deviation[1]),
+        seen.friction,
+        *seen.friction_interval,
+        seen.margin,
+        *seen.margin_interval,
     )
 
 
