@@ -13,6 +13,8 @@ from .values import GripCommand, GripObservation
 _Z90 = 1.645
 #: No smaller µ is believed, whatever is read before it has shown.
 _LEAST_FRICTION = 0.1
+#: Skin that sticks reads µ low by up to this share, however sure the reading is of itself.
+_STICKS = 0.1
 #: Changes of this many times their usual size are no noise.
 _UNUSUAL = 4.0
 #: Over which the usual size is learned [s].
@@ -30,7 +32,8 @@ class MarginInversionSettings:
     floor, ceiling: lowest and highest grip force [N]
     release: fastest that the grip gives way [N/s]; it may rise at once
     caution: standard deviations below the µ that is read of the µ that is counted on
-    tolerance: standard deviations that the µ counted on may be above the one that is read
+    tolerance: standard deviations, none smaller than a tenth of µ, that the µ counted on may be
+        above the one that is read
     slip_margin: estimated Γ below which the skin slips, so that µ is what it reads
     smoothing: time constant of small changes [s]
     band: share of the grip up to which a change is small
@@ -96,7 +99,8 @@ class MarginInversion:
         slips = observation.margin < self.settings.slip_margin
         if slips or not self._friction > bound:
             self._friction = bound
-        most = observation.friction + self.settings.tolerance * deviation
+        low_by = max(deviation, _STICKS * observation.friction)
+        most = observation.friction + self.settings.tolerance * low_by
         self._friction = min(self._friction, max(most, _LEAST_FRICTION))
         return self._friction
 

@@ -104,7 +104,7 @@ def test_it_stays_where_a_frame_says_nothing() -> None:
     assert controller.command(seen(0.0, 0.0, math.nan, 0.0)).force == 1.0
 
 
-@pytest.mark.parametrize("deviation", [0.02, 0.05])
+@pytest.mark.parametrize("deviation", [0.001, 0.02, 0.05])
 def test_friction_that_reads_low_does_not_run_away(deviation: float) -> None:
     """Skin that sticks again under a raised grip reads µ ever lower the harder it is gripped.
 
