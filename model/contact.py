@@ -22,6 +22,38 @@ class Contact(NamedTuple):
     lift: float  # z of the object's own origin when it just touches the fingertip at rest
     knots: Array  # (M,) x of the profile; empty for flat and round objects
     pieces: Array  # (M + 1, 4) cubic of each piece in x − its knot, the two straight ends included
+    places: Array  # (P,) x on the object where a factor of µ is given; empty where µ is one
+    factors: Array  # (P,)
+
+
+@njit(inline="always")
+def friction_at(contact: Any, x: float) -> float:
+    """µ at a place of the surface, x in the object's own frame."""
+    if contact.places.size == 0:
+        return contact.mu
+    return contact.mu * _factor(contact, x)
+
+
+@njit()
+def _factor(contact: Any, x: float) -> float:
+    """Straight between the places, constant beyond them."""
+    places, factors = contact.places, contact.factors
+    k = np.searchsorted(places, x)
+    if k == 0:
+        return factors[0]
+    if k == places.size:
+        return factors[k - 1]
+    share = (x - places[k - 1]) / (places[k] - places[k - 1])
+    return factors[k - 1] + share * (factors[k] - factors[k - 1])
+
+
+@njit()
+def frictions_at(contact: Any, x: Array) -> Array:
+    """µ at places (N,) of the surface, x in the object's own frame."""
+    mu = np.empty(x.size)
+    for i in range(x.size):
+        mu[i] = friction_at(contact, x[i])
+    return mu
 
 
 @njit()

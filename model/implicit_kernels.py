@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .bordered_kernels import back, linearise, sweep
 from .compiled import njit
-from .contact import contact_frame
+from .contact import contact_frame, friction_at
 from .friction import dahl_path, dahl_tangent
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ def _iterate(
     diagonal, rhs, column, row = w.diagonal, w.rhs, w.column, w.row
     inverse, solved, into, out_of = w.inverse, w.solved, w.into, w.out_of
     now, moved, gap_before, half = w.force, w.slip, w.gap, ch.half
-    stiffness, mu, bristle, exponent = ct.stiffness, ct.mu, ct.bristle, ct.exponent
+    stiffness, bristle, exponent = ct.stiffness, ct.bristle, ct.exponent
     d_object = w.border[1]
     # Border: s_b the right-hand sides, s_rr … s_oo the stiffness of rigid part and object.
     s_rb, s_rr, s_ro = w.corner[0] + target[0], w.corner[1], 0.0
@@ -97,6 +97,7 @@ def _iterate(
         moved[i] = slip
         force = f_x = f_z = a_xx = a_xz = a_zz = 0.0
         if gap < 0.0:
+            mu = friction_at(ct, x - (object_x + d_object))
             force, f_x, f_z, a_xx, a_xz, a_zz = _contact_terms(
                 gap, gap_before[i], n_x, n_z, e_x, e_z, stiffness * share[i], mu,
                 bristle * share[i], exponent, friction[i], slip, slip_before[i], lagged,
@@ -256,7 +257,8 @@ def _step(
         w.gap[i] = w.gap_after[i]
         inside = a <= i <= b
         # The last iteration moved the node a little after its friction was found.
-        limit = ct.mu * ct.stiffness * ch.share[i] * max(0.0, -w.gap[i])
+        mu = friction_at(ct, ch.rest[i, 0] + u[i, 0] - (pose[1] + w.border[1]))
+        limit = mu * ct.stiffness * ch.share[i] * max(0.0, -w.gap[i])
         friction[i] = min(max(w.force[i], -limit), limit) if inside else 0.0
         slip[i] = w.slip[i] / dt if inside else 0.0
     for k in range(2):
@@ -278,8 +280,9 @@ def _return_map(
         normal = ct.stiffness * ch.share[i] * max(0.0, -gap)
         before = -ct.stiffness * ch.share[i] * w.gap[i]
         w.force[i], _ = dahl_path(
-            friction[i], w.slip[i], before, normal, ct.mu, ct.bristle * ch.share[i], ct.exponent
-        )
+            friction[i], w.slip[i], before, normal, friction_at(ct, x - (object_x + w.border[1])),
+            ct.bristle * ch.share[i], ct.exponent,
+        )  # fmt: skip
 
 
 class Record(NamedTuple):

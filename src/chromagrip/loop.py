@@ -19,6 +19,7 @@ from .model import (
     pressure,
     rest_state,
     step,
+    whole_friction,
 )
 from .observers import CameraObserver, TruthObserver
 from .render import Frame, GLMissingError, open_renderer
@@ -50,6 +51,7 @@ class Sample:
     index: of the frame
     state, field, slip: truth
     load: lateral load on the object [N]
+    friction: true µ of the contact as a whole, see `whole_friction`
     grip: force applied from now on [N]
     pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
     observation: what the controller will be told of this frame, after the latency
@@ -61,6 +63,7 @@ class Sample:
     field: ForceField
     slip: SlipRecord
     load: float
+    friction: float
     grip: float
     pressure: float
     pressure_pitch: float
@@ -152,6 +155,7 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
             field=field,
             slip=slip,
             load=scene.load.force(state.time + 1e-9),
+            friction=whole_friction(tip, obj, state, field),
             grip=grip,
             pressure=pressure(field),
             pressure_pitch=pressure(field, tip.pitch),
@@ -162,7 +166,10 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
         )
         start = index * scene.period
         for k in range(substeps):
-            load = scene.load.force(start + (k + 0.5) * dt)
+            middle = start + (k + 0.5) * dt
+            load = scene.load.force(middle)
+            if scene.object.changes:
+                obj = scene.build_object(middle)
             try:
                 state = step(tip, obj, state, dt, grip, load)
             except ModelError as error:

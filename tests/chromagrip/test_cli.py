@@ -104,7 +104,7 @@ def test_without_a_folder_the_next_free_one_is_taken(tmp_path: Path) -> None:
         (["--set", "object.sharpness=3"], "unknown key object.sharpness; allowed here"),
         (["--set", "object.stiffness_kpa=-1"], "object.stiffness_kpa = -1: expected a number > 0"),
         (["--fps", "0"], "camera.rate_hz = 0.0: expected a number > 0"),
-        (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, thesis"),
+        (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, "),
         (["--scene", "none.toml"], "scene file none.toml cannot be read: No such file"),
         (["--out", "/proc/chromagrip"], "folder /proc/chromagrip cannot be written"),
         (["--out", "/etc/hostname"], "/etc/hostname"),
