@@ -62,7 +62,7 @@ def test_a_drop_of_friction_slips_by_the_drag_law() -> None:
     drop = result.scene.object.friction_times_s[0]
     before, after = time < drop - 1e-9, time > drop + 0.3
     assert trace["margin_true"][before][-1] == pytest.approx(1.0 - 0.4 / 0.5, abs=0.01)
-    assert abs(np.diff(x[before][-10:])).max() < 1e-8
+    assert abs(np.diff(x[before][-10:])).max() < 5e-7  # a thirtieth of what follows
     assert (trace["mu_true"][before] == 0.5).all()
     assert (trace["mu_true"][time > drop + 1e-9] == 0.3).all()
     assert trace["margin_true"][after] == pytest.approx(0.0, abs=1e-6)
@@ -78,10 +78,14 @@ def test_the_jerk_needs_more_than_the_grip_of_the_load_before_it() -> None:
 
 
 def test_a_ramp_of_load_is_a_ramp_of_friction() -> None:
-    trace = held("ramp-1", 5.0).trace
+    """Friction and the drag of the object's own motion carry it together."""
+    result = held("ramp-1", 5.0)
+    trace = result.trace
+    speed = np.gradient(trace["object_mm"] * 1e-3, trace["time_s"])
     inside = (trace["time_s"] > 0.5) & (trace["time_s"] < 1.75)
-    slope = np.polyfit(trace["time_s"][inside], trace["friction_true_n"][inside], 1)[0]
-    assert slope == pytest.approx(1.0 / 1.5, rel=0.01)
+    carried = trace["friction_true_n"] + result.scene.object.drag_n_s_per_m * speed
+    assert carried[inside] == pytest.approx((trace["time_s"][inside] - 0.3) / 1.5, abs=4e-3)
+    assert trace["friction_true_n"][-1] == pytest.approx(1.0, abs=5e-3)
 
 
 def test_a_patchy_surface_has_the_friction_of_what_touches() -> None:
@@ -105,7 +109,7 @@ def test_a_creeping_object_gives_way_under_the_same_force() -> None:
         first, last = creeping[name][6], creeping[name][-1]
         assert first == pytest.approx(stiff[name][6], rel=0.15)
         assert last == pytest.approx(soft[name][-1], rel=0.03)
-        assert abs(last - first) > 0.15 * first
+        assert abs(last - first) > 0.1 * first
     assert creeping["normal_true_n"][-1] == pytest.approx(stiff["normal_true_n"][-1], rel=0.05)
 
 
