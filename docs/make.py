@@ -1,7 +1,7 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
-Parts: images, loop, model, render, track, force, limit, stability, stability-track, appendix-b; all
-of them without arguments, an hour and a half alone on two cores. Nothing in docs/images/ and
+Parts: images, loop, control, model, render, track, force, limit, stability, stability-track,
+appendix-b; all of them without arguments, two hours alone on two cores. Nothing in docs/images/ and
 docs/bench-*.md is typed by hand.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 import av
 import cv2
 
-from chromagrip import bench_force, run
+from chromagrip import bench_control, bench_force, run
 from chromagrip.appendix_b import appendix_b
 from chromagrip.bench import bench
 from chromagrip.bench_track import asked, matrix, refusals
@@ -27,6 +27,7 @@ from chromagrip.force_scores import READ
 from chromagrip.poses import Pose
 from chromagrip.render_poses import render_poses
 from chromagrip.scene import load_scene
+from chromagrip.scorecard import NOTES
 from chromagrip.stability_model import stability_model
 from chromagrip.stability_track import stability_track
 from chromagrip.track_scenes import SCENES
@@ -34,6 +35,7 @@ from chromagrip.track_scenes import SCENES
 DOCS = Path(__file__).parent
 TITLES = {
     "loop": "The closed loop, measured",
+    "control": "Controllers, measured",
     "model": "The node models, measured",
     "render": "The renderers, measured",
     "track": "The trackers, measured",
@@ -149,6 +151,15 @@ def force() -> None:
         shutil.copy(Path(folder) / "chart.png", DOCS / "images" / "chart-force.png")
 
 
+def control() -> None:
+    """Every controller's scorecard, and what is asked of them."""
+    report = bench("control", quick=False, progress=print)
+    heading, *body = bench_control.matrix(report["rows"])
+    asked_of_them = figures(bench_control.asked(report["rows"]))
+    lines = [*NOTES, "", *grid(heading, body), "", "What is asked:", "", *asked_of_them]
+    write("control", report, lines)
+
+
 def grid(heading: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table."""
     return ["| " + " | ".join(line) + " |" for line in (heading, ["---"] * len(heading), *body)]
@@ -228,6 +239,7 @@ def figures_of_appendix_b() -> None:
 PARTS = {
     "images": images,
     "loop": lambda: table("loop"),
+    "control": control,
     "model": lambda: table("model"),
     "render": render,
     "track": track,

@@ -61,6 +61,12 @@ Reconstructors = Annotated[
     option("of force: only this one; may be repeated", "NAME|MODULE:CLASS", "reconstructor"),
 ]
 
+Controllers = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("of control: only this one; may be repeated", "NAME|MODULE:CLASS", "controller"),
+]
+
 
 def grasp(
     *,
@@ -208,13 +214,14 @@ def doctor() -> int:
 
 def bench(
     part: Annotated[
-        Literal["force", "loop", "model", "render", "track"],
+        Literal["control", "force", "loop", "model", "render", "track"],
         tyro.conf.Positional,
-        option("what to measure", "force|loop|model|render|track"),
+        option("what to measure", "control|force|loop|model|render|track"),
     ],
     *,
     trackers: Trackers = (),
     reconstructors: Reconstructors = (),
+    controllers: Controllers = (),
     quick: Quick = False,
     json_only: Annotated[Flag, option("one JSON object", name="json")] = False,
 ) -> int:
@@ -222,7 +229,7 @@ def bench(
     from .bench import bench as measure
 
     with Console(stderr=True).status("starting") as status:
-        report = measure(part, quick, telling(status), trackers, reconstructors)
+        report = measure(part, quick, telling(status), trackers, reconstructors, controllers)
     if json_only:
         print(json.dumps(report))
         return 0
@@ -240,6 +247,14 @@ def bench(
 
         print(*lines(errors(rows)), "", *lines(readings(rows)), "", *NOTES, "", sep="\n")
         rows = asked_of_force(rows)
+    if part == "control":
+        from .bench_control import asked as asked_of_control
+        from .bench_control import matrix as cards
+        from .bench_force import matrix_lines as lines
+        from .scorecard import NOTES as SCORED
+
+        print(*lines(cards(rows)), "", *SCORED, "", sep="\n")
+        rows = asked_of_control(rows)
     print_rows(rows)
     return 0
 

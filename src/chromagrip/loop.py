@@ -23,6 +23,7 @@ from .model import (
     pressure,
     rest_state,
     step,
+    whole_friction,
 )
 from .observers import CameraObserver, TruthObserver
 from .render import Frame, GLMissingError, open_renderer
@@ -57,6 +58,7 @@ class Sample:
     index: of the frame
     state, field, slip: truth
     load: lateral load on the object [N]
+    friction: true µ of the contact as a whole, see `whole_friction`
     grip: force commanded from now on [N]
     applied: force of the gripper's drive now [N]
     pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
@@ -71,6 +73,7 @@ class Sample:
     field: ForceField
     slip: SlipRecord
     load: float
+    friction: float
     grip: float
     applied: float
     pressure: float
@@ -168,6 +171,7 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
             field=field,
             slip=slip,
             load=scene.load.force(state.time + 1e-9),
+            friction=whole_friction(tip, obj, state, field),
             grip=grip,
             applied=applied,
             pressure=pressure(field),
@@ -180,7 +184,10 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
         start = index * scene.period
         command = scene.actuator.rounded(grip)
         for k in range(substeps):
-            load = scene.load.force(start + (k + 0.5) * dt)
+            halfway = start + (k + 0.5) * dt
+            load = scene.load.force(halfway)
+            if scene.object.changes:
+                obj = scene.build_object(halfway)
             applied = scene.actuator.follow(applied, command, dt)
             try:
                 state = step(tip, obj, state, dt, applied, load)

@@ -102,7 +102,7 @@ def _record(
                 seconds += time.perf_counter() - begin
                 if sample is None:
                     break
-                rows.append(row(sample, scene.object.friction))
+                rows.append(row(sample))
                 slot = int(sample.state.time * FPS * SLOWDOWN + 1e-6)
                 if video is not None and slot > shown and sample.observation is not None:
                     shown = slot

@@ -22,6 +22,7 @@ COLUMNS = {
     "applied_n": "force of the gripper's drive at this frame",
     "normal_true_n": "ΣFn",
     "friction_true_n": "ΣFf",
+    "mu_true": "Σµᵢ·Fn,i/ΣFn, the object's µ over the contact",
     "margin_true": "Γ with the object's µ; NaN without contact",
     "normal_estimated_n": "ΣFn as observed",
     "friction_estimated_n": "ΣFf as observed",
@@ -44,8 +45,8 @@ COLUMNS = {
 }
 
 
-def row(sample: Sample, mu: float) -> tuple[float, ...]:
-    """One line of the trace; `mu` is the object's friction coefficient."""
+def row(sample: Sample) -> tuple[float, ...]:
+    """One line of the trace."""
     visible = math.nan if sample.tracks is None else float(sample.tracks.visible.all(axis=0).sum())
     return (
         sample.state.time,
@@ -54,7 +55,8 @@ def row(sample: Sample, mu: float) -> tuple[float, ...]:
         sample.applied,
         sample.field.total_normal,
         sample.field.total_friction,
-        sample.field.safety_margin(mu),
+        sample.friction,
+        sample.field.safety_margin(sample.friction),
         *_observed(sample.observation),
         sample.pressure,
         sample.pressure_pitch,
@@ -134,7 +136,7 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> dict[str, Any]:
         "margin_true_min_last_300ms": float(late.min()) if len(late) else math.nan,
         "margin_true_max_last_300ms": float(late.max()) if len(late) else math.nan,
         "margin_rmse": float(np.sqrt((error**2).mean())) if len(error) else math.nan,
-        "final_mu_true": scene.object.friction,
+        "final_mu_true": _last(trace["mu_true"]),
         "final_mu_estimated": _last(trace["mu_estimated"]),
         "max_pressure_n_per_m": _largest(trace["pressure_n_per_m"]),
         "max_pressure_pitch_n_per_m": _largest(trace["pressure_pitch_n_per_m"]),

@@ -13,6 +13,8 @@ import av
 import pyarrow.parquet as pq
 import pytest
 
+from chromagrip.bench_control import SCENES
+
 QUICK = ["--set", "duration_s=0.1"]
 PROMISED = {
     "controller", "path", "renderer", "final_margin_true", "final_margin_estimated",
@@ -104,7 +106,7 @@ def test_without_a_folder_the_next_free_one_is_taken(tmp_path: Path) -> None:
         (["--set", "object.sharpness=3"], "unknown key object.sharpness; allowed here"),
         (["--set", "object.stiffness_kpa=-1"], "object.stiffness_kpa = -1: expected a number > 0"),
         (["--fps", "0"], "camera.rate_hz = 0.0: expected a number > 0"),
-        (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, margin-"),
+        (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, "),
         (["--scene", "none.toml"], "scene file none.toml cannot be read: No such file"),
         (["--controller", "nowhere:Mine"], "controller 'nowhere:Mine' cannot be imported"),
         (["--out", "/proc/chromagrip"], "folder /proc/chromagrip cannot be written"),
@@ -203,7 +205,7 @@ def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ("scenes", ["thesis", "camera-100hz", "margin-30hz", "margin-60hz"]),
+        ("scenes", ["thesis", "camera-100hz", "margin-30hz", "margin-60hz", *SCENES]),
         ("sensors", ["dome-2020", "dome-2022", "flat-2019", "fovea", "thesis"]),
         ("controllers", ["safety-margin", "margin-inversion", "react-to-slip", "conservative"]),
         ("renderers", ["painter", "pyrender"]),

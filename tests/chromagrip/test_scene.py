@@ -16,9 +16,8 @@ def test_a_scene_survives_its_own_file(name: str, tmp_path: Path) -> None:
     assert load_scene(str(file)) == scene
 
 
-def test_presets_are_the_thesis_object() -> None:
+def test_scenes_of_the_thesis_object() -> None:
     for name in ("camera-100hz", "margin-30hz", "margin-60hz", "thesis"):
-        assert name in scene_names()
         scene = load_scene(name)
         obj = scene.build_object()
         assert (obj.friction, obj.stiffness, obj.curvature) == (0.5, 1000.0, 0.0)
@@ -55,6 +54,11 @@ def test_presets_are_the_thesis_object() -> None:
         ("load.times_s", [1.0, 0.5], "times_s must increase"),
         ("load.times_s", [0.1], "times_s has 1 entries and forces_n 2"),
         ("load.forces_n", [0.1, "x"], r"load.forces_n\[1\] = 'x'"),
+        ("load.interpolation", "cubic", "allowed: hold, linear"),
+        ("load.sine_hz", 0.0, "load.sine_hz = 0.0: expected a number > 0.0"),
+        ("object.friction_times_s", [1.0], "friction_times_s has 1 entries and frictions 0"),
+        ("object.friction_factors", [0.5], "friction_places_mm has 0 entries and friction_factors"),
+        ("object.creeps", -1.0, "object.creeps = -1.0: expected a number >= 0.0"),
         ("object.radius_mm", -0.5, "radius_mm = -0.5 must be at least 1, hollow at most -1"),
         ("object.radius_mm", -5.0, "is a hollow of 0.005 m radius, too narrow"),
         ("object.profile_mm", [[0.0, 0.0]], "profile must be at least 3 points"),
@@ -78,7 +82,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         load_scene(str(broken))
     with pytest.raises(UserError, match="cannot be read: No such file"):
         load_scene(str(tmp_path / "none.toml"))
-    with pytest.raises(UserError, match=r"there is camera-100hz, .*thesis"):
+    with pytest.raises(UserError, match=r"there is camera-100hz, .*thesis, "):
         load_scene("strawberry")
 
 
