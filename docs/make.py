@@ -229,17 +229,22 @@ def figures_of_appendix_b() -> None:
             shutil.copy(Path(folder) / name, DOCS / "images" / f"appendix-b-{name}")
 
 
-def reproduction() -> None:
+#: How much of the thesis the documentation shows.
+REPRODUCED = Plan(quick=False, camera="camera-100hz")
+
+
+def reproduction(plan: Plan = REPRODUCED) -> None:
     """The thesis's results beside ours; an interrupted run goes on in runs/reproduction."""
-    folder, camera = Path("runs") / "reproduction", "camera-100hz"
-    plan = Plan(quick=False, camera=camera)
+    folder = Path("runs") / "reproduction"
+    command = "chromagrip reproduce" + (" --quick" if plan.quick else "")
+    command += f" --camera {plan.camera}" if plan.camera else ""
     parts = [name for name in THESIS if name != "appendix-b"]
     report, sections = reproduce(parts, plan, folder, True, os.cpu_count() or 1, print)
     machine = ", ".join(f"{key} {value}" for key, value in report["machine"].items())
     lines = [
         "# The thesis, reproduced",
         "",
-        f"Printed by `docs/make.py` from `chromagrip reproduce --camera {camera}` on: {machine}.",
+        f"Printed by `docs/make.py` from `{command}` on: {machine}.",
         "",
         "What the thesis prints is in `fixtures/thesis/printed.toml`; it has no data of its",
         "figures: numbers and sentences are compared, and curves by their shape only.",
