@@ -88,13 +88,12 @@ class Check:
         return Row(row.name, row.value, row.unit, self.allowed, self.agrees)
 
     def difference(self) -> str:
-        """How much it differs, and why."""
+        """How much it differs."""
         unit = self.statement.unit and f" {self.statement.unit}"
         said = self.statement.value
         wanted = f"thesis {said:g}" if said is not None else f"for that it has to be {self.allowed}"
         share = f", {100 * (self.value / said - 1):+.1f} %" if said else ""
-        why = f"; {self.reason}" if self.reason else ""
-        return f"{self.statement.text}: here {self.value:.4g}{unit}, {wanted}{share}{why}"
+        return f"{self.statement.text}: here {self.value:.4g}{unit}, {wanted}{share}"
 
 
 def near(name: str, value: float, by: float, reason: str = "") -> Check:
@@ -171,16 +170,16 @@ def judged(
     if not checks:
         raise ValueError(f"{part} is compared with nothing")
     broken = [check for check in checks if not check.agrees]
-    held = len(checks) - len(broken)
-    sentence = f"{held} of {len(checks)} statements hold" + "".join(
-        f"; {check.difference()}" for check in broken
-    )
+    held = f"{len(checks) - len(broken)} of {len(checks)} statements hold"
+    sentence = "; ".join([held, *(check.difference() for check in broken)]) + "."
+    for reason in dict.fromkeys(check.reason for check in broken if check.reason):
+        sentence += f" Why: {reason}."
     return Section(
         part=part,
         title=title,
         figure=figure,
         agrees=not broken,
-        sentence=sentence + ".",
+        sentence=sentence,
         checks=checks,
         rows=rows or [],
         tables=tables or [],
