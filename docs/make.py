@@ -1,14 +1,16 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
 Parts: images, loop, control, model, render, track, force, limit, stability, stability-track,
-appendix-b; all of them without arguments, two hours alone on two cores. Nothing in docs/images/ and
-docs/bench-*.md is typed by hand.
+appendix-b, reproduction; all of them without arguments, some hours alone on two cores. Nothing in
+docs/images/, docs/bench-*.md and docs/reproduction.md is typed by hand.
 """
 
+import os
 import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,8 @@ from chromagrip.force_scenes import WORLDS
 from chromagrip.force_scores import READ
 from chromagrip.poses import Pose
 from chromagrip.render_poses import render_poses
+from chromagrip.reproduce import PARTS as THESIS
+from chromagrip.reproduce import Plan, reproduce
 from chromagrip.scene import load_scene
 from chromagrip.scorecard import NOTES
 from chromagrip.stability_model import stability_model
@@ -236,6 +240,53 @@ def figures_of_appendix_b() -> None:
             shutil.copy(Path(folder) / name, DOCS / "images" / f"appendix-b-{name}")
 
 
+#: How much of the thesis the documentation shows.
+REPRODUCED = Plan(quick=False, camera="camera-100hz")
+
+
+def reproduction(plan: Plan = REPRODUCED) -> None:
+    """The thesis's results beside ours; an interrupted run goes on in runs/reproduction."""
+    folder = Path("runs") / "reproduction"
+    command = "chromagrip reproduce" + (" --quick" if plan.quick else "")
+    command += f" --camera {plan.camera}" if plan.camera else ""
+    parts = [name for name in THESIS if name != "appendix-b"]
+    report, sections = reproduce(parts, plan, folder, True, os.cpu_count() or 1, print)
+    machine = ", ".join(f"{key} {value}" for key, value in report["machine"].items())
+    lines = [
+        "# The thesis, reproduced",
+        "",
+        f"Printed by `docs/make.py` from `{command}` on: {machine}.",
+        "",
+        "What the thesis prints is in `fixtures/thesis/printed.toml`; it has no data of its",
+        "figures: numbers and sentences are compared, and curves by their shape only.",
+        "`chromagrip reproduce appendix-b` is about Figs. 20 to 27: see `node-models.md`.",
+        "",
+        *grid(["", "verdict", ""], [[s.heading, s.verdict, s.sentence] for s in sections]),
+    ]
+    for section in sections:
+        name = f"{section.part}.png"
+        shutil.copy(folder / name, DOCS / "images" / f"reproduced-{name}")
+        lines += ["", f"## {section.heading}: {section.title}, {section.verdict}", ""]
+        lines += [f"![{section.title}](images/reproduced-{name})", ""]
+        checks = [
+            [
+                c.statement.text,
+                "–" if c.statement.value is None else f"{c.statement.value:g} {c.statement.unit}",
+                f"{c.value:.4g} {c.statement.unit}",
+                c.allowed,
+                "yes" if c.agrees else "no",
+            ]
+            for c in section.checks
+        ]
+        lines += grid(["the thesis says", "printed", "here", "allowed", "holds"], checks)
+        for heading, *body in section.tables:
+            lines += ["", *grid(heading, body)]
+        if section.rows:
+            lines += ["", *figures([asdict(row) for row in section.rows])]
+        lines += ["", *(f"- {note}" for note in section.notes)]
+    (DOCS / "reproduction.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
 PARTS = {
     "images": images,
     "loop": lambda: table("loop"),
@@ -248,6 +299,7 @@ PARTS = {
     "stability": stability,
     "stability-track": stability_of_trackers,
     "appendix-b": figures_of_appendix_b,
+    "reproduction": reproduction,
 }
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ from .cli_options import (
     telling,
 )
 from .cli_render import render
+from .cli_reproduce import reproduce
 from .cli_track import detect, palettes, track, trackers
 from .cli_train import train
 from .controllers import CONTROLLERS
@@ -322,32 +323,6 @@ def chart(
         return 0
     print_rows(result["rows"])
     print(f"folder {out}, see chart.svg")
-    return 0
-
-
-def reproduce(
-    part: Annotated[
-        Literal["appendix-b"], tyro.conf.Positional, option("part of the thesis", "appendix-b")
-    ],
-    *,
-    out: Out = None,
-    force: Force = False,
-    json_only: JsonOnly = False,
-) -> int:
-    """Reproduce figures of the thesis, with a sentence each on agreement."""
-    from .appendix_b import appendix_b
-
-    if out is None and not json_only:
-        out = new_folder(part)
-    with Console(stderr=True).status("starting") as status:
-        report, verdicts = appendix_b(out, force, telling(status))
-    if json_only:
-        print(json.dumps(report))
-        return 0
-    for verdict in verdicts:
-        word = "reproduced" if verdict.agrees else "DIFFERS"
-        print(f"Fig. {verdict.figure}  {word}: {verdict.sentence}")
-    print(f"folder {out}, open index.html")
     return 0
 
 
