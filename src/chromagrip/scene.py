@@ -122,6 +122,12 @@ class ReactToSlipTable(Table, frozen=True):
     hold_s: NotNegative = 0.1
 
 
+class TruthSettings(Table, frozen=True):
+    """What the truth path tells wrongly: white noise on Γ, its standard deviation."""
+
+    margin_noise: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+
+
 class ConservativeTable(Table, frozen=True):
     """Conservative Control."""
 
@@ -151,6 +157,7 @@ class Scene(Table, frozen=True):
     safety_margin: SafetyMarginSettings = SafetyMarginSettings()
     react_to_slip: ReactToSlipTable = ReactToSlipTable()
     conservative: ConservativeTable = ConservativeTable()
+    truth: TruthSettings = TruthSettings()
     defects: Defects = Defects()
 
     def __post_init__(self) -> None:
