@@ -1,10 +1,11 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
-Parts: images, loop, model, render, track, force, limit, stability, stability-track, appendix-b; all
-of them without arguments, an hour and a half alone on two cores. Nothing in docs/images/ and
-docs/bench-*.md is typed by hand.
+Parts: images, loop, model, render, track, force, limit, stability, stability-track, stability-loop,
+appendix-b; all of them without arguments, an hour and a half alone on two cores. Nothing in
+docs/images/ and docs/bench-*.md is typed by hand.
 """
 
+import os
 import shutil
 import sys
 import tempfile
@@ -24,9 +25,11 @@ from chromagrip.chart_render import chart_render
 from chromagrip.cli_limit import limit
 from chromagrip.force_scenes import WORLDS
 from chromagrip.force_scores import READ
+from chromagrip.loop_maps import maps
 from chromagrip.poses import Pose
 from chromagrip.render_poses import render_poses
 from chromagrip.scene import load_scene
+from chromagrip.stability_loop import stability_loop
 from chromagrip.stability_model import stability_model
 from chromagrip.stability_track import stability_track
 from chromagrip.track_scenes import SCENES
@@ -210,6 +213,18 @@ def stability_of_trackers() -> None:
     print(*sentences, sep="\n")
 
 
+def stability_of_the_loop() -> None:
+    """Maps of the closed loop and its predicted boundaries."""
+    with tempfile.TemporaryDirectory() as folder:
+        _, sentences = stability_loop(False, Path(folder), True, print, os.cpu_count() or 1)
+        for name in maps(False):
+            shutil.copy(
+                Path(folder) / f"{name}.png", DOCS / "images" / f"stability-loop-{name}.png"
+            )
+        shutil.copy(Path(folder) / "boundaries.csv", DOCS / "stability-loop.csv")
+    print(*sentences, sep="\n")
+
+
 def what_an_image_tells() -> None:
     """What one image can tell, for two designs."""
     with tempfile.TemporaryDirectory() as folder:
@@ -235,6 +250,7 @@ PARTS = {
     "limit": what_an_image_tells,
     "stability": stability,
     "stability-track": stability_of_trackers,
+    "stability-loop": stability_of_the_loop,
     "appendix-b": figures_of_appendix_b,
 }
 

@@ -36,7 +36,9 @@ _ROUNDS = 3
 _STEP, _FOLLOWED, _FINE = 0.01, 0.06, 5e-4
 #: Points on the unit circle over which noise is summed.
 _CIRCLE = 4096
-#: Longest and shortest period, and largest gain Ki, that are searched for a boundary.
+#: Values that are tried before the crossing is halved in on.
+_TRIED = 81
+#: Periods [s] and integral gains [N/s] that are searched for a boundary.
 PERIODS = (1e-5, 1.0)
 INTEGRALS = (1e-2, 1e5)
 
@@ -117,7 +119,7 @@ def critical_gain(loop: LinearLoop) -> float:
 
 def _first_unstable(at: Callable[[float], LinearLoop], low: float, high: float) -> float:
     """First of the growing values at which a loop is not stable; 0 or ∞ outside the range."""
-    tried = np.geomspace(low, high, 241)
+    tried = np.geomspace(low, high, _TRIED)
     unstable = [largest_root(at(float(value))) >= 1.0 for value in tried]
     if not any(unstable):
         return np.inf

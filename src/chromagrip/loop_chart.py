@@ -1,6 +1,6 @@
 """Pictures of the closed loop's maps: outcomes as colours, the predicted boundary over them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from .loop_cells import OUTCOMES, WORDS, Cell, Setting
-from .loop_maps import LATE, LINEAR, Map, Panel
+from .loop_maps import LATE, LINEAR, Line, Map, Panel
 
 _STYLES = {LINEAR: "-", LATE: ":"}
 #: Size of a cell, and of what stands around a panel [inches].
@@ -30,12 +30,16 @@ def draw(which: Map, found: Mapping[Setting, Cell], folder: Path, name: str, qui
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, which.columns, squeeze=False)
+    lines: list[Line] = []
     for axes, panel in zip(panels.flat, which.panels, strict=False):
         _panel(axes, which, panel, found)
+        for line in which.lines(panel) if which.lines else []:
+            lines.append(line)
+            axes.plot(line.x, line.y, _STYLES[line.label], color="black", lw=2.0)
     for axes in panels.flat[len(which.panels) :]:
         axes.axis("off")
     figure.suptitle(f"{which.title}{' (quick)' if quick else ''}", fontsize=11)
-    _legend(figure, which, found)
+    _legend(figure, which, found, dict.fromkeys(line.label for line in lines))
     figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
     figure.savefig(folder / f"{name}.png", dpi=110)
 
@@ -55,6 +59,12 @@ def _panel(axes: Axes, which: Map, panel: Panel, found: Mapping[Setting, Cell]) 
                     lw=0.8,
                 )
             )
+            if setting == panel.base:
+                axes.add_patch(
+                    Rectangle(
+                        (column - 0.44, row - 0.44), 0.88, 0.88, fill=False, ec="black", lw=1.2
+                    )
+                )
             if cell.swings and cell.outcome != "limit cycle":
                 axes.plot(column, row, ".", color="white", ms=3)
             if which.lines is None and cell.root >= 1.0:
@@ -64,8 +74,6 @@ def _panel(axes: Axes, which: Map, panel: Panel, found: Mapping[Setting, Cell]) 
                 axes.plot(
                     column, row, "o", ms=9, mec="black", mew=1.2, color=OUTCOMES[seen.outcome]
                 )
-    for line in which.lines(panel) if which.lines else []:
-        axes.plot(line.x, line.y, _STYLES[line.label], color="black", lw=2.0)
     axes.set_xlim(-0.5, len(panel.x) - 0.5)
     axes.set_ylim(-0.5, len(panel.y) - 0.5)
     axes.set_xticks(range(len(panel.x)), [_text(x) for x in panel.x], rotation=90)
@@ -82,7 +90,9 @@ def _text(value: float | int | str) -> str:
     return value if isinstance(value, str) else f"{value:g}"
 
 
-def _legend(figure: Figure, which: Map, found: Mapping[Setting, Cell]) -> None:
+def _legend(
+    figure: Figure, which: Map, found: Mapping[Setting, Cell], lines: Iterable[str]
+) -> None:
     mine = [found[setting] for setting in which.settings()]
     present = [name for name in OUTCOMES if any(cell.outcome == name for cell in mine)]
     handles: list[Patch | Line2D] = [
@@ -92,13 +102,16 @@ def _legend(figure: Figure, which: Map, found: Mapping[Setting, Cell]) -> None:
         handles.append(
             Line2D([], [], color="black", marker="x", ls="", label=f"unstable, {LINEAR}")
         )
-    else:
-        labels = dict.fromkeys(line.label for panel in which.panels for line in which.lines(panel))
-        handles += [Line2D([], [], color="black", ls=_STYLES[x], lw=2, label=x) for x in labels]
+    handles += [Line2D([], [], color="black", ls=_STYLES[x], lw=2, label=x) for x in lines]
     if any(cell.swings and cell.outcome != "limit cycle" for cell in mine):
         # White would not show on the page.
         dot = Line2D([], [], color="0.6", marker=".", ls="", label="white dot: it swings as well")
         handles.append(dot)
+    if any(panel.base in found for panel in which.panels):
+        label = "frame: the gains' own place"
+        handles.append(
+            Line2D([], [], marker="s", ls="", mfc="none", mec="black", ms=8, label=label)
+        )
     if which.camera:
         label = "ring: the same through the camera"
         handles.append(Line2D([], [], marker="o", ls="", mfc="none", mec="black", label=label))

@@ -24,8 +24,8 @@ KINDS = {
     "µ 0.5, flat": {"friction": 0.5},
     "µ 0.7, 5 mm radius": {"friction": 0.7, "radius_mm": 5.0},
 }
-#: A stable value that is next to an unstable one: their distance bounds how well a map can tell.
-_FINE = 200
+#: Points of a predicted curve.
+_FINE = 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,10 +235,10 @@ def maps(quick: bool) -> dict[str, Map]:
             y_label="Ki [N/s]",
             columns=2,
             panels=tuple(
-                Panel(title=title, base=base, x=_KP[thin], y=_KI[thin])
-                for title, base in (
-                    ("1 kHz, no latency, µ over 0.05 s", PRINTED),
-                    ("100 Hz, one frame, µ over 0.3 s", RETUNED),
+                Panel(title=title, base=base, x=kp[thin], y=ki[thin])
+                for title, base, kp, ki in (
+                    ("1 kHz, no latency, µ over 0.05 s", PRINTED, _FAST_KP, _FAST_KI),
+                    ("100 Hz, one frame, µ over 0.3 s", RETUNED, _SLOW_KP, _SLOW_KI),
                 )
             ),
             lines=_gain_lines,
@@ -302,8 +302,10 @@ PRESETS = {
     "retuned, 60 Hz, 1 frame": replace(RETUNED, rate_hz=60.0),
     "retuned, 30 Hz, 1 frame": replace(RETUNED, rate_hz=30.0),
 }
-_KP = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.9, 1.3, 1.8, 2.5, 3.5, 5.0, 7.0)
-_KI = (3.0, 6.0, 12.0, 20.0, 30.0, 45.0, 70.0, 100.0, 150.0, 220.0, 330.0, 500.0, 750.0)
+_FAST_KP = (0.25, 0.4, 0.6, 0.9, 1.3, 1.8, 2.5, 3.2, 4.2, 5.5, 7.0, 9.0, 12.0)
+_FAST_KI = (10.0, 20.0, 40.0, 70.0, 100.0, 150.0, 220.0, 330.0, 500.0, 750.0, 1100.0, 1700.0)
+_SLOW_KP = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.9, 1.3, 1.8, 2.5)
+_SLOW_KI = (3.0, 6.0, 12.0, 20.0, 30.0, 40.0, 55.0, 75.0, 100.0, 150.0, 220.0, 330.0)
 _STEPS = (0.1, 0.15, 0.22, 0.33, 0.4, 0.5, 0.6, 0.75, 1.0, 1.5, 2.2, 3.3)
 _FRICTIONS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2)
 _NOISES = (0.001, 0.002, 0.003, 0.005, 0.008, 0.012, 0.02, 0.03, 0.05, 0.08, 0.12)

@@ -5,13 +5,14 @@ from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from chromagrip import cli, loop_maps
+from chromagrip import cli
 from chromagrip import stability_loop as module
 from chromagrip.errors import FolderError
 from chromagrip.linear_loop import (
@@ -23,7 +24,17 @@ from chromagrip.linear_loop import (
     largest_root,
     noise_gain,
 )
-from chromagrip.loop_cells import CRUSH, MARGIN, OUTCOMES, WORDS, Cell, Setting, cell, outcome, swing
+from chromagrip.loop_cells import (
+    CRUSH,
+    MARGIN,
+    OUTCOMES,
+    WORDS,
+    Cell,
+    Setting,
+    cell,
+    outcome,
+    swing,
+)
 from chromagrip.loop_maps import PRINTED, RETUNED, SLOW, Map, Panel, late_step, maps, place
 from chromagrip.loop_onset import onset
 from chromagrip.model import ForceField
@@ -129,15 +140,8 @@ def test_printed_gains_at_a_camera_s_rate_slip_on_every_object() -> None:
         for radius in panel.y:
             for kpa in panel.x:
                 setting = replace(panel.base, stiffness_kpa=kpa, radius_mm=float(radius))
-                # The first load is enough.
-                scene = load_scene_of(setting, duration_s=0.6)
+                scene = msgspec.structs.replace(setting.scene(), duration_s=0.6)
                 assert run(scene).summary["gross_slip"], setting
-
-
-def load_scene_of(setting: Setting, **changes: object):  # type: ignore[no-untyped-def]
-    import msgspec
-
-    return msgspec.structs.replace(setting.scene(), **changes)
 
 
 def test_printed_gains_hold_at_a_kilohertz() -> None:
@@ -220,7 +224,7 @@ def test_the_late_grip_by_direct_integration() -> None:
 
 
 def test_places_along_an_axis() -> None:
-    assert place([1.0, 10.0, 100.0], np.array([1.0, 10.0 ** 0.5, 100.0, 1000.0])) == pytest.approx(
+    assert place([1.0, 10.0, 100.0], np.array([1.0, 10.0**0.5, 100.0, 1000.0])) == pytest.approx(
         [0.0, 0.5, 2.0, 3.0]
     )
 
@@ -231,7 +235,7 @@ def small_plan(_: bool) -> dict[str, Map]:
     kept = {}
     for name, which in full.items():
         panel = which.panels[-1]
-        thin = replace(panel, x=panel.x[-2:], y=panel.y[:1])
+        thin = replace(panel, x=panel.x[-2:], y=panel.y[:2])
         kept[name] = replace(which, panels=(thin,), camera=())
     noisy = Panel(title="n", base=RETUNED, x=(0.01, 0.02), y=("conservative", "safety-margin"))
     kept["noise"] = replace(kept["noise"], panels=(noisy,))
@@ -249,14 +253,19 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(
         """As deterministic as a run, and told of."""
         ran.append(setting)
         loop = setting.linear()
-        found = {
+        judged = {
             "displacement_mm": loop.delay,
             "margin_min": 0.1 / setting.friction,
             "swing": 1.0 / 3.0 + setting.margin_noise,
             "pressure_n_per_m": setting.stiffness_kpa,
         }
-        given_ = vars(setting)
-        return Cell(**given_, outcome=outcome(**found), **found, root=largest_root(loop), note="a, b")
+        return Cell(
+            **vars(setting),
+            **judged,
+            outcome=outcome(**judged),
+            root=largest_root(loop),
+            note="a, b",
+        )
 
     monkeypatch.setattr(module, "cell", quick_cell)
 
@@ -290,9 +299,7 @@ def test_every_camera_cell_has_its_twin_on_the_truth_path() -> None:
         truth = {replace(one, path="camera", margin_noise=0.0) for one in which.settings()}
         assert which.camera
         assert set(which.camera) <= truth
-        drawn = {
-            which.at(panel, x, y) for panel in which.panels for x in panel.x for y in panel.y
-        }
+        drawn = {which.at(panel, x, y) for panel in which.panels for x in panel.x for y in panel.y}
         assert {module._truthful(one) for one in which.camera} <= drawn
 
 
@@ -317,4 +324,3 @@ def test_maps_name_real_settings() -> None:
     assert SLOW.scene().camera.latency_frames == 1
     assert load_scene("thesis").safety_margin == PRINTED.scene().safety_margin
     assert load_scene("camera-100hz").safety_margin == RETUNED.scene().safety_margin
-    assert loop_maps.LINEAR
