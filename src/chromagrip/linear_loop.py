@@ -7,9 +7,9 @@ Kp·e and Ki·T·Σe with e = Γ_des − Γ. With a = exp(−T/τ) that is
 
     (z − a)·(z − 1)·z^L + (1 − a)·g·(Kp·(z − 1) + Ki·T·z) = 0,
 
-stable while every root lies inside the unit circle. The moving average of µ is taken to stand still,
-which it does where it is longer than the swing; a shorter one follows the ratios as they sink under
-a rising grip, and so weakens the loop.
+stable while every root lies inside the unit circle. The moving average of µ is taken to stand
+still, which it does where it is longer than the swing; a shorter one follows the ratios as they
+sink under a rising grip, and so weakens the loop.
 """
 
 from collections.abc import Callable

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,8 @@ Array = NDArray[np.float64]
 PRINTED = Setting()
 SLOW = Setting(rate_hz=100.0, latency_frames=1)
 RETUNED = replace(SLOW, proportional_n=0.25, integral_n_per_s=30.0, window_s=0.3)
-#: Objects from where the plant's gain over lag is small to where it is large.
-KINDS = {
-    "µ 0.3, flat": {"friction": 0.3},
+#: The thesis's object, and the one whose plant has the largest gain.
+KINDS: dict[str, dict[str, Any]] = {
     "µ 0.5, flat": {"friction": 0.5},
     "µ 0.7, 5 mm radius": {"friction": 0.7, "radius_mm": 5.0},
 }
@@ -183,21 +183,19 @@ LINEAR = "predicted by the linearised loop"
 LATE = "predicted: the grip rises too late, 0.2 mm slip"
 
 _PRINTED_RATES = (
-    *(2000.0, 1600.0, 1250.0, 1000.0, 800.0, 630.0, 500.0, 400.0, 320.0, 250.0, 200.0),
-    *(160.0, 125.0, 100.0, 80.0, 63.0, 50.0),
+    *(2000.0, 1600.0, 1250.0, 1000.0, 800.0, 630.0, 500.0, 400.0, 320.0, 250.0, 200.0, 160.0),
+    *(125.0, 100.0),
 )
-_RETUNED_RATES = (
-    *(320.0, 250.0, 200.0, 160.0, 125.0, 100.0, 80.0, 63.0, 50.0, 40.0, 32.0, 25.0, 20.0),
-    *(16.0, 12.5, 10.0, 8.0),
-)
+_RETUNED_RATES = (*(160.0, 125.0, 100.0, 80.0, 63.0, 50.0, 40.0, 32.0, 25.0, 20.0, 16.0, 12.5),)
 #: Through the camera: rate and latency, of the retuned gains.
-_SEEN = ((200.0, 0), (100.0, 0), (100.0, 1), (63.0, 1), (50.0, 1), (32.0, 1), (20.0, 1), (32.0, 3))
+_SEEN = ((100.0, 0), (50.0, 0), (100.0, 1), (63.0, 1), (50.0, 1), (32.0, 1), (20.0, 1), (32.0, 3))
 _SEEN_SHARP = ((100.0, 1), (63.0, 1), (32.0, 1))
 
 
 def maps(quick: bool) -> dict[str, Map]:
     """Every map by name; a quick one has a few cells of each."""
-    thin = slice(2, None, 3) if quick else slice(None)
+    first, each = (2, 3) if quick else (0, 1)
+    steps, frictions, noises = (all_[first::each] for all_ in (_STEPS, _FRICTIONS, _NOISES))
     kinds = {"µ 0.5, flat": KINDS["µ 0.5, flat"]} if quick else KINDS
     latencies = (0, 1) if quick else (0, 1, 2, 3)
     gains = {"printed": (PRINTED, _PRINTED_RATES), "retuned": (RETUNED, _RETUNED_RATES)}
@@ -218,7 +216,7 @@ def maps(quick: bool) -> dict[str, Map]:
                 Panel(
                     title=f"{name} gains, {kind}",
                     base=replace(base, **changes),
-                    x=rates[thin],
+                    x=rates[first::each],
                     y=latencies,
                 )
                 for name, (base, rates) in gains.items()
@@ -235,7 +233,7 @@ def maps(quick: bool) -> dict[str, Map]:
             y_label="Ki [N/s]",
             columns=2,
             panels=tuple(
-                Panel(title=title, base=base, x=kp[thin], y=ki[thin])
+                Panel(title=title, base=base, x=kp[first::each], y=ki[first::each])
                 for title, base, kp, ki in (
                     ("1 kHz, no latency, µ over 0.05 s", PRINTED, _FAST_KP, _FAST_KI),
                     ("100 Hz, one frame, µ over 0.3 s", RETUNED, _SLOW_KP, _SLOW_KI),
@@ -251,7 +249,7 @@ def maps(quick: bool) -> dict[str, Map]:
             y_label="µ",
             columns=2,
             panels=tuple(
-                Panel(title=f"{title} gains", base=base, x=_STEPS[thin], y=_FRICTIONS[thin])
+                Panel(title=f"{title} gains", base=base, x=steps, y=frictions)
                 for title, base in at_rates.items()
             ),
             lines=_load_lines,
@@ -264,7 +262,7 @@ def maps(quick: bool) -> dict[str, Map]:
             y_label="",
             columns=2,
             panels=tuple(
-                Panel(title=f"{title} gains", base=base, x=_NOISES[thin], y=tuple(CONTROLLERS))
+                Panel(title=f"{title} gains", base=base, x=noises, y=tuple(CONTROLLERS))
                 for title, base in at_rates.items()
             ),
             lines=_noise_lines,
@@ -302,13 +300,13 @@ PRESETS = {
     "retuned, 60 Hz, 1 frame": replace(RETUNED, rate_hz=60.0),
     "retuned, 30 Hz, 1 frame": replace(RETUNED, rate_hz=30.0),
 }
-_FAST_KP = (0.25, 0.4, 0.6, 0.9, 1.3, 1.8, 2.5, 3.2, 4.2, 5.5, 7.0, 9.0, 12.0)
-_FAST_KI = (10.0, 20.0, 40.0, 70.0, 100.0, 150.0, 220.0, 330.0, 500.0, 750.0, 1100.0, 1700.0)
-_SLOW_KP = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.9, 1.3, 1.8, 2.5)
-_SLOW_KI = (3.0, 6.0, 12.0, 20.0, 30.0, 40.0, 55.0, 75.0, 100.0, 150.0, 220.0, 330.0)
-_STEPS = (0.1, 0.15, 0.22, 0.33, 0.4, 0.5, 0.6, 0.75, 1.0, 1.5, 2.2, 3.3)
-_FRICTIONS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2)
-_NOISES = (0.001, 0.002, 0.003, 0.005, 0.008, 0.012, 0.02, 0.03, 0.05, 0.08, 0.12)
+_FAST_KP = (0.6, 1.3, 2.5, 3.5, 5.0, 7.0, 10.0)
+_FAST_KI = (25.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1600.0)
+_SLOW_KP = (0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.9, 1.3, 1.8)
+_SLOW_KI = (6.0, 12.0, 20.0, 30.0, 42.0, 60.0, 85.0, 120.0, 170.0)
+_STEPS = (0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.2, 2.0)
+_FRICTIONS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.9)
+_NOISES = (0.001, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1)
 
 
 def boundary(cells: Sequence[Cell]) -> tuple[int, int] | None:

@@ -175,9 +175,10 @@ def rows_of(
     rows = []
     for name, panel in dict.fromkeys((edge.map, edge.panel) for edge in edges):
         mine = [edge for edge in edges if (edge.map, edge.panel) == (name, panel)]
+        some = [edge for edge in mine if edge.predicted > 0.0]
         ratios = {
-            "small": [edge.small / edge.predicted for edge in mine],
-            "map": [edge.found / edge.predicted for edge in mine if edge.predicted > 0.0],
+            "small": [edge.small / edge.predicted for edge in some],
+            "map": [edge.found / edge.predicted for edge in some],
         }
         for kind, values in ratios.items():
             known = np.array(values)[np.isfinite(values)]
