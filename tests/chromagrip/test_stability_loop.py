@@ -28,6 +28,7 @@ from chromagrip.loop_cells import (
     CRUSH,
     MARGIN,
     OUTCOMES,
+    SWING,
     WORDS,
     Cell,
     Setting,
@@ -37,7 +38,7 @@ from chromagrip.loop_cells import (
 )
 from chromagrip.loop_maps import PRINTED, RETUNED, SLOW, Map, Panel, late_step, maps, place
 from chromagrip.loop_onset import onset
-from chromagrip.model import ForceField
+from chromagrip.model import GROSS_SLIP, ForceField
 from chromagrip.observers import TruthObserver
 from chromagrip.run_folder import run
 from chromagrip.scene import load_scene
@@ -49,7 +50,7 @@ Array = NDArray[np.float64]
 
 def in_time(loop: LinearLoop, frames: int, noise: Array) -> Array:
     """Commands of the linear loop after a unit kick, integrated in time without any polynomial."""
-    fine = 400
+    fine = 60
     dt = loop.period / fine
     normal, total, force = 1.0, 0.0, 0.0
     waiting: deque[float] = deque([0.0] * loop.latency)
@@ -126,24 +127,25 @@ def test_noise_passes_the_loop_as_its_time_series_says() -> None:
     assert noise_gain(replace(loop, period=2 * critical_period(loop))) == math.inf
 
 
-@pytest.mark.parametrize("preset", [PRINTED, RETUNED])
-@pytest.mark.parametrize("latency", [0, 3])
+@pytest.mark.parametrize(("preset", "latency"), [(PRINTED, 0), (PRINTED, 3), (RETUNED, 1)])
 def test_the_node_model_starts_to_swing_near_the_prediction(preset: Setting, latency: int) -> None:
     setting = replace(preset, latency_frames=latency)
     assert onset(setting) / critical_period(setting.linear()) == pytest.approx(1.0, abs=0.3)
 
 
-def test_printed_gains_at_a_camera_s_rate_slip_on_every_object() -> None:
-    for panel in maps(False)["objects"].panels:
-        if not panel.title.startswith("printed, 100 Hz"):
-            continue
-        for radius in panel.y:
-            for kpa in panel.x:
-                setting = replace(panel.base, stiffness_kpa=kpa, radius_mm=float(radius))
-                # For most of them the first load is enough, which saves time.
-                full = setting.scene()
-                short = msgspec.structs.replace(full, duration_s=0.6)
-                assert any(run(scene).summary["gross_slip"] for scene in (short, full)), setting
+def test_printed_gains_at_a_camera_s_rate_never_rest_on_any_object() -> None:
+    kinds = [
+        panel for panel in maps(False)["objects"].panels if panel.title.startswith("printed, 100")
+    ]
+    assert sum(len(panel.x) * len(panel.y) for panel in kinds) == 27
+    for panel in kinds:
+        for kpa, radius in ((16.0, 5.0), (32.0, np.inf), (200.0, 20.0)):  # of the nine, for time
+            setting = replace(panel.base, stiffness_kpa=kpa, radius_mm=radius)
+            scene = msgspec.structs.replace(setting.scene(), duration_s=0.5)
+            assert swing(run(scene).trace, 0.5) > SWING, setting  # under the first load already
+    found = cell(replace(SLOW, friction=0.3, stiffness_kpa=32.0, radius_mm=20.0))
+    assert found.swings
+    assert found.displacement_mm > 1e3 * GROSS_SLIP
 
 
 def test_printed_gains_hold_at_a_kilohertz() -> None:
@@ -175,7 +177,7 @@ def test_a_swing_is_what_a_ramp_is_not() -> None:
     assert swing(trace_of(time, 1.0 + time), 2.0) == pytest.approx(0.0, abs=1e-9)
     # What settles in time is not a swing.
     late = np.where(time < 1.55, wave, 0.0)
-    assert swing(trace_of(time, 1.0 + late), 2.0) == 0.0
+    assert swing(trace_of(time, 1.0 + late), 2.0) == pytest.approx(0.0, abs=1e-12)
     assert swing(trace_of(time, 1.0 + late), 1.0) > 0.3
 
 
