@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from .loop_cells import OUTCOMES, WORDS, Cell, Setting
-from .loop_maps import LATE, LINEAR, Line, Map, Panel
+from .loop_maps import CRUSHING, LINEAR, Line, Map, Panel
 
-_STYLES = {LINEAR: "-", LATE: ":"}
+_STYLES = {LINEAR: "-", CRUSHING: ":"}
 #: Size of a cell, and of what stands around a panel [inches].
 _CELL, _AROUND, _LEGEND = (0.27, 0.33), (1.0, 0.9), 1.5
 
@@ -24,7 +24,7 @@ def draw(which: Map, found: Mapping[Setting, Cell], folder: Path, name: str, qui
     rows = -(-len(which.panels) // which.columns)
     wide, high = len(which.panels[0].x), len(which.panels[0].y)
     size = (
-        max(which.columns * (wide * _CELL[0] + _AROUND[0]), 7.5),
+        max(which.columns * (wide * _CELL[0] + _AROUND[0]), 9.5),
         rows * (high * _CELL[1] + _AROUND[1]) + _LEGEND,
     )
     figure = Figure(figsize=size, layout="constrained")
@@ -59,7 +59,7 @@ def _panel(axes: Axes, which: Map, panel: Panel, found: Mapping[Setting, Cell]) 
                     lw=0.8,
                 )
             )
-            if setting == panel.base:
+            if which.lines and setting == panel.base:
                 axes.add_patch(
                     Rectangle(
                         (column - 0.44, row - 0.44), 0.88, 0.88, fill=False, ec="black", lw=1.2
@@ -68,7 +68,8 @@ def _panel(axes: Axes, which: Map, panel: Panel, found: Mapping[Setting, Cell]) 
             if cell.swings and cell.outcome != "limit cycle":
                 axes.plot(column, row, ".", color="white", ms=3)
             if which.lines is None and cell.root >= 1.0:
-                axes.plot(column, row, "x", color="black", ms=7, mew=1.4)
+                colour = "white" if cell.outcome == "crush" else "black"
+                axes.plot(column, row, "x", color=colour, ms=7, mew=1.4)
             seen = found.get(replace(setting, path="camera", margin_noise=0.0))
             if seen is not None and seen.setting in which.camera:
                 axes.plot(
@@ -107,7 +108,7 @@ def _legend(
         # White would not show on the page.
         dot = Line2D([], [], color="0.6", marker=".", ls="", label="white dot: it swings as well")
         handles.append(dot)
-    if any(panel.base in found for panel in which.panels):
+    if which.lines and any(panel.base in found for panel in which.panels):
         label = "frame: the gains' own place"
         handles.append(
             Line2D([], [], marker="s", ls="", mfc="none", mec="black", ms=8, label=label)

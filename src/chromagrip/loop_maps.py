@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .linear_loop import critical_gain, critical_integral, critical_period, noise_gain
-from .loop_cells import FIRST_LOAD, HELD, MARGIN, SWING, Cell, Setting, plant
-from .model import GROSS_SLIP
+from .linear_loop import critical_gain, critical_integral, critical_period, held, noise_gain
+from .loop_cells import CRUSH, FIRST_LOAD, HELD, MARGIN, SWING, Cell, Setting, plant
+from .model import pressure
 from .scene import CONTROLLERS
 
 Array = NDArray[np.float64]
@@ -125,37 +125,35 @@ def _gain_lines(panel: Panel) -> list[Line]:
 
 
 def _load_lines(panel: Panel) -> list[Line]:
-    """Largest µ that is stable, and the load whose grip rises too late."""
-    friction = [float(mu) for mu in panel.y]
+    """Largest µ that is stable, and the load that cannot be held without crushing."""
+    friction = np.array([float(mu) for mu in panel.y])
     ends = np.array([-0.5, len(panel.x) - 0.5])
     lines = []
     # How far the plant's gain is from the critical one, at every µ; where that changes sign.
     spare = [
         float(np.log(critical_gain(loop) / loop.plant.gain))
-        for loop in (replace(panel.base, friction=mu).linear() for mu in friction)
+        for loop in (replace(panel.base, friction=float(mu)).linear() for mu in friction)
     ]
     for k, (low, high) in enumerate(pairwise(spare)):
         if low > 0.0 >= high:
             lines.append(Line(label=LINEAR, x=ends, y=np.full(2, k + low / (low - high))))
-    steps = np.array([late_step(replace(panel.base, friction=mu)) for mu in friction])
-    lines.append(Line(label=LATE, x=place(panel.x, steps), y=np.arange(len(friction), dtype=float)))
+    steps = (1.0 - MARGIN) * friction * crushing_grip(panel.base) - FIRST_LOAD
+    rows = np.arange(len(friction), dtype=float)
+    lines.append(Line(label=CRUSHING, x=place(panel.x, steps), y=rows))
     return lines
 
 
-def late_step(setting: Setting) -> float:
-    """Step of the load under which the object slides 0.2 mm before the grip has caught up [N].
-
-    While all of the contact slides, e = Γ_des, so the grip is Kp·Γ_des higher and rises by
-    Ki·Γ_des a second, (L + 1)·T late; what friction does not hold pushes the object against its
-    drag.
-    """
-    drag = setting.scene().object.drag_n_s_per_m
-    rise = setting.friction * setting.integral_n_per_s * MARGIN
-    delay = setting.linear().delay
-    # GROSS_SLIP = D²/(2·rise·drag) + D·delay/drag, for the force D that is missing at first.
-    missing = -rise * delay + np.sqrt((rise * delay) ** 2 + 2.0 * rise * drag * GROSS_SLIP)
-    holds = FIRST_LOAD / (1.0 - MARGIN) + setting.friction * setting.proportional_n * MARGIN
-    return float(missing + holds - FIRST_LOAD)
+def crushing_grip(setting: Setting) -> float:
+    """Grip under which the object bears CRUSH, held at the desired margin [N]."""
+    scene = setting.scene()
+    tip, obj = scene.build_fingertip(), scene.build_object()
+    low, high = 1.0, 20.0
+    for _ in range(12):
+        middle = float(np.sqrt(low * high))
+        load = (1.0 - MARGIN) * setting.friction * middle
+        _, field, _ = held(tip, obj, load, MARGIN)
+        low, high = (low, middle) if pressure(field, tip.pitch) > CRUSH else (middle, high)
+    return high
 
 
 def _noise_lines(panel: Panel) -> list[Line]:
@@ -180,7 +178,7 @@ def noise_limit(setting: Setting) -> float:
 
 
 LINEAR = "predicted by the linearised loop"
-LATE = "predicted: the grip rises too late, 0.2 mm slip"
+CRUSHING = "what Γ = 0.3 takes crushes"
 
 _PRINTED_RATES = (
     *(2000.0, 1600.0, 1250.0, 1000.0, 800.0, 630.0, 500.0, 400.0, 320.0, 250.0, 200.0, 160.0),
@@ -204,6 +202,7 @@ def maps(quick: bool) -> dict[str, Map]:
     seen += [replace(sharp, rate_hz=rate, latency_frames=late) for rate, late in _SEEN_SHARP]
     seen += [replace(PRINTED, rate_hz=250.0), SLOW]
     at_rates = {"1 kHz, no latency, printed": PRINTED, "100 Hz, one frame, retuned": RETUNED}
+    slower = {"40 Hz, one frame, retuned": replace(RETUNED, rate_hz=40.0)}
     return {
         "rate-latency": Map(
             title="Camera rate and latency",
@@ -247,10 +246,10 @@ def maps(quick: bool) -> dict[str, Map]:
             y="friction",
             x_label="step of the load [N]",
             y_label="µ",
-            columns=2,
+            columns=3,
             panels=tuple(
                 Panel(title=f"{title} gains", base=base, x=steps, y=frictions)
-                for title, base in at_rates.items()
+                for title, base in (at_rates | slower).items()
             ),
             lines=_load_lines,
         ),
@@ -309,7 +308,7 @@ _FRICTIONS = (0.15, 0.2, 0.3, 0.5, 0.7, 0.9)
 _NOISES = (0.001, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1)
 
 
-def boundary(cells: Sequence[Cell]) -> tuple[int, int] | None:
+def boundary(cells: Sequence[Cell]) -> tuple[Cell, Cell] | None:
     """Last cell of a line that comes to rest, and the next, which swings.
 
     None where the line does not cross from rest to swinging.
@@ -318,7 +317,7 @@ def boundary(cells: Sequence[Cell]) -> tuple[int, int] | None:
     if swings[0] or not any(swings):
         return None
     first = swings.index(True)
-    return first - 1, first
+    return cells[first - 1], cells[first]
 
 
 def plant_text(setting: Setting) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 
 from .bench_rows import Row, report, reported, within
 from .cells import read_cells, write_cells
-from .linear_loop import critical_integral, critical_period
+from .linear_loop import critical_gain, critical_period
 from .loop_cells import Cell, Setting, cell
 from .loop_chart import draw
 from .loop_maps import PRESETS, Map, boundary, maps, plant_text
@@ -42,9 +42,10 @@ class Boundary:
     ----------
     map, panel: of it
     at: latency [frames] or Kp [N] of the line
-    predicted: by the linearised loop: delay (L + 1)·T [s], or Ki [N/s]
+    predicted: by the linearised loop: delay (L + 1)·T [s], or both gains as a multiple of those
+        half-way between the two cells
     small: delay at which a small disturbance of a held grasp grows, on the node model [s]
-    rests, swings: of the map: last cell at rest and first that swings
+    rests, swings: the same of the map's last cell at rest and first that swings
     """
 
     map: str
@@ -138,34 +139,50 @@ def boundaries(
         for late in panel.y:
             progress(f"small disturbances, {panel.title}, latency {late}")
             setting = which.at(panel, panel.x[0], late)
+            found = boundary([done[which.at(panel, x, late)] for x in panel.x])
+            delays = [one.linear().delay for one in found] if found else [np.nan, np.nan]
             delay = setting.latency_frames + 1
-            line = [done[which.at(panel, x, late)] for x in panel.x]
-            found = boundary(line)
-            ends = [delay / line[k].rate_hz for k in found] if found else [np.nan, np.nan]
             yield Boundary(
                 map="rate-latency",
                 panel=panel.title,
                 at=float(late),
                 predicted=delay * critical_period(setting.linear()),
                 small=delay * onset(setting),
-                rests=ends[0],
-                swings=ends[1],
+                rests=delays[0],
+                swings=delays[1],
             )
     which = plan["gains"]
     for panel in which.panels:
-        for kp in panel.x:
-            line = [done[which.at(panel, kp, y)] for y in panel.y]
+        rows = [[done[which.at(panel, x, y)] for x in panel.x] for y in panel.y]
+        for line in (*rows, *map(list, zip(*rows, strict=True))):
             found = boundary(line)
-            ends = [line[k].integral_n_per_s for k in found] if found else [np.nan, np.nan]
-            yield Boundary(
-                map="gains",
-                panel=panel.title,
-                at=kp,
-                predicted=critical_integral(line[0].setting.linear()),
-                small=np.nan,
-                rests=ends[0],
-                swings=ends[1],
-            )
+            if found is not None:
+                yield _between(panel.title, *found)
+
+
+def _between(panel: str, rests: Cell, swings: Cell) -> Boundary:
+    """Boundary half-way between two cells of the map of gains."""
+    step = np.sqrt(
+        max(
+            swings.proportional_n / rests.proportional_n,
+            swings.integral_n_per_s / rests.integral_n_per_s,
+        )
+    )
+    middle = replace(
+        rests.setting,
+        proportional_n=float(np.sqrt(rests.proportional_n * swings.proportional_n)),
+        integral_n_per_s=float(np.sqrt(rests.integral_n_per_s * swings.integral_n_per_s)),
+    ).linear()
+    return Boundary(
+        map="gains",
+        panel=panel,
+        at=middle.proportional,
+        # Both gains times something are the plant's gain times it.
+        predicted=critical_gain(middle) / middle.plant.gain,
+        small=np.nan,
+        rests=float(1.0 / step),
+        swings=float(step),
+    )
 
 
 def rows_of(
@@ -175,10 +192,9 @@ def rows_of(
     rows = []
     for name, panel in dict.fromkeys((edge.map, edge.panel) for edge in edges):
         mine = [edge for edge in edges if (edge.map, edge.panel) == (name, panel)]
-        some = [edge for edge in mine if edge.predicted > 0.0]
         ratios = {
-            "small": [edge.small / edge.predicted for edge in some],
-            "map": [edge.found / edge.predicted for edge in some],
+            "small": [edge.small / edge.predicted for edge in mine],
+            "map": [edge.found / edge.predicted for edge in mine],
         }
         for kind, values in ratios.items():
             known = np.array(values)[np.isfinite(values)]
