@@ -9,7 +9,8 @@ Kp·e and Ki·T·Σe with e = Γ_des − Γ. With a = exp(−T/τ) that is
 
 stable while every root lies inside the unit circle. The moving average of µ is taken to stand
 still, which it does where it is longer than the swing; a shorter one follows the ratios as they
-sink under a rising grip, and so weakens the loop.
+sink under a rising grip, and so weakens the loop. Nor is it known here that friction has a past: a
+falling grip lets skin slip, and until the object has crept on against its drag, Γ answers by half.
 """
 
 from collections.abc import Callable

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, fields
 from functools import cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -182,7 +183,9 @@ def _run(scene: Scene) -> Trace:
     if scene.path == "camera":
         return run(scene).trace
     with threadpool_limits(1):
-        rows = [row(sample, scene.object.friction) for sample in grasp(scene, _unused_camera())]
+        # What comes after the last frame is not looked at.
+        samples = islice(grasp(scene, _unused_camera()), scene.frames)
+        rows = [row(sample, scene.object.friction) for sample in samples]
     return make_trace(rows)
 
 

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .linear_loop import critical_gain, critical_integral, critical_period, held, noise_gain
+from .linear_loop import (
+    critical_gain,
+    critical_integral,
+    critical_period,
+    held,
+    noise_gain,
+)
 from .loop_cells import CRUSH, FIRST_LOAD, HELD, MARGIN, SWING, Cell, Setting, plant
 from .model import pressure
 from .scene import CONTROLLERS
