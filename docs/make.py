@@ -1,8 +1,8 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
 Parts: images, loop, control, model, render, track, force, limit, stability, stability-track,
-appendix-b, reproduction; all of them without arguments, some hours alone on two cores. Nothing in
-docs/images/, docs/bench-*.md and docs/reproduction.md is typed by hand.
+stability-loop, appendix-b, reproduction; all of them without arguments, some hours alone on two
+cores. Nothing in docs/images/, docs/bench-*.md and docs/reproduction.md is typed by hand.
 """
 
 import os
@@ -26,12 +26,14 @@ from chromagrip.chart_render import chart_render
 from chromagrip.cli_limit import limit
 from chromagrip.force_scenes import WORLDS
 from chromagrip.force_scores import READ
+from chromagrip.loop_maps import maps
 from chromagrip.poses import Pose
 from chromagrip.render_poses import render_poses
 from chromagrip.reproduce import PARTS as THESIS
 from chromagrip.reproduce import Plan, reproduce
 from chromagrip.scene import load_scene
 from chromagrip.scorecard import NOTES
+from chromagrip.stability_loop import stability_loop
 from chromagrip.stability_model import stability_model
 from chromagrip.stability_track import stability_track
 from chromagrip.track_scenes import SCENES
@@ -225,6 +227,18 @@ def stability_of_trackers() -> None:
     print(*sentences, sep="\n")
 
 
+def stability_of_the_loop() -> None:
+    """Maps of the closed loop and its predicted boundaries."""
+    with tempfile.TemporaryDirectory() as folder:
+        _, sentences = stability_loop(False, Path(folder), True, print, os.cpu_count() or 1)
+        for name in maps(False):
+            shutil.copy(
+                Path(folder) / f"{name}.png", DOCS / "images" / f"stability-loop-{name}.png"
+            )
+        shutil.copy(Path(folder) / "boundaries.csv", DOCS / "stability-loop.csv")
+    print(*sentences, sep="\n")
+
+
 def what_an_image_tells() -> None:
     """What one image can tell, for two designs."""
     with tempfile.TemporaryDirectory() as folder:
@@ -298,6 +312,7 @@ PARTS = {
     "limit": what_an_image_tells,
     "stability": stability,
     "stability-track": stability_of_trackers,
+    "stability-loop": stability_of_the_loop,
     "appendix-b": figures_of_appendix_b,
     "reproduction": reproduction,
 }

@@ -1,13 +1,10 @@
 """Scorecards of controllers: the scenes beyond the thesis on both paths, and the 27 objects."""
 
 import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
-
-import cv2
 
 from .bench_rows import Row, reported, within
 from .controllers import CONTROLLERS
@@ -16,6 +13,7 @@ from .force_scenes import OBJECTS
 from .run_folder import run
 from .scene import load_scene
 from .scorecard import SCORES, scores, together, worst
+from .workers import start_worker
 
 #: Scenes beyond the thesis; a number behind the name is its version.
 SCENES = (
@@ -110,7 +108,7 @@ def bench_control(
     """
     todo = tasks(quick, chosen(controllers), bool(controllers))
     found: dict[tuple[str, str, str], list[dict[str, float] | str]] = {}
-    with get_context("spawn").Pool(os.cpu_count(), initializer=_start) as pool:
+    with get_context("spawn").Pool(os.cpu_count(), initializer=start_worker) as pool:
         for number, (task, said) in enumerate(zip(todo, pool.imap(ask, todo), strict=True)):
             found.setdefault((task.group, task.path, task.controller), []).append(said)
             progress(f"{task.group}: run {number + 1} of {len(todo)}")
@@ -185,12 +183,6 @@ def ask(task: Task) -> dict[str, float] | str:
         return scores(run(load_scene(task.scene, task.changes)))
     except UserError as error:
         return str(error)
-
-
-def _start() -> None:
-    """One thread a process; who interrupts the bench tells its main process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(1)
 
 
 def _rows(

@@ -26,6 +26,7 @@ from .cli_options import (
     JsonOnly,
     Out,
     Quick,
+    check_least,
     interrupt,
     new_folder,
     option,
@@ -262,25 +263,37 @@ def bench(
 
 def stability(
     part: Annotated[
-        Literal["model", "track"], tyro.conf.Positional, option("what to map", "model|track")
+        Literal["loop", "model", "track"],
+        tyro.conf.Positional,
+        option("what to map", "loop|model|track"),
     ],
     *,
     trackers: Trackers = (),
+    workers: Annotated[
+        int | None, option("of loop: processes; by default one for each core", "N")
+    ] = None,
     quick: Quick = False,
     out: Out = None,
     force: Force = False,
     json_only: JsonOnly = False,
 ) -> int:
-    """Map where each integrator is true and where it is lost, or each tracker."""
+    """Map where each integrator is true and where it is lost, or each tracker, or the grip."""
+    from .stability_loop import stability_loop
     from .stability_model import stability_model
     from .stability_track import stability_track
 
     if trackers and part != "track":
         raise UserError(f"--tracker goes with stability track, not with stability {part}")
+    if workers is not None and part != "loop":
+        raise UserError(f"--workers goes with stability loop, not with stability {part}")
+    check_least(workers=(workers, 1))
     if out is None and not json_only:
         out = new_folder(f"stability-{part}")
     with Console(stderr=True).status("starting") as status:
-        if part == "track":
+        if part == "loop":
+            processes = workers or os.cpu_count() or 1
+            report, sentences = stability_loop(quick, out, force, telling(status), processes)
+        elif part == "track":
             report, sentences = stability_track(quick, out, force, telling(status), trackers)
         else:
             report, sentences = stability_model(quick, out, force, telling(status))

@@ -127,7 +127,7 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
     field = contact_forces(tip, obj, state)
     window = scene.safety_margin.friction_window_s
     seen: CameraObserver | None = None
-    truth = TruthObserver(window)
+    truth = TruthObserver(window, scene.truth.margin_noise, scene.seed)
     if scene.path == "camera":
         rest = camera.expose_rest(state, scene.camera.rest_frames)
         noise = scene.camera.noise_levels

@@ -1,7 +1,6 @@
 """The grasps that a reproduction is made of: in parallel, and kept as they are done."""
 
 import json
-import signal
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -15,6 +14,7 @@ from .cells import read_cells, write_cells
 from .run_folder import run
 from .scene import load_scene
 from .trace import COLUMNS, Trace
+from .workers import start_worker
 
 NAN = float("nan")
 
@@ -146,13 +146,8 @@ def _results(jobs: list[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any
     if workers == 1 or len(jobs) < 2:
         yield from map(_run, jobs)
         return
-    with get_context("spawn").Pool(min(workers, len(jobs)), initializer=_deaf) as pool:
+    with get_context("spawn").Pool(min(workers, len(jobs)), initializer=start_worker) as pool:
         yield from pool.imap_unordered(_run, jobs)
-
-
-def _deaf() -> None:
-    """An interruption is the parent's to hear; it ends its processes itself."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _run(job: Job) -> tuple[Job, dict[str, Any], Trace]:

@@ -159,6 +159,12 @@ class CameraSettings(Table, frozen=True):
     rest_frames: Annotated[int, Meta(ge=1, le=1000)] = 16
 
 
+class TruthSettings(Table, frozen=True):
+    """What the truth path tells wrongly: white noise on Γ, its standard deviation."""
+
+    margin_noise: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+
+
 class Scene(Table, frozen=True):
     """A whole experiment.
 
@@ -185,6 +191,7 @@ class Scene(Table, frozen=True):
     margin_inversion: MarginInversionTable = MarginInversionTable()
     react_to_slip: ReactToSlipTable = ReactToSlipTable()
     conservative: ConservativeTable = ConservativeTable()
+    truth: TruthSettings = TruthSettings()
     defects: Defects = Defects()
 
     def __post_init__(self) -> None:
