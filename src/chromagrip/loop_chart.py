@@ -94,7 +94,8 @@ def _text(value: float | int | str) -> str:
 def _legend(
     figure: Figure, which: Map, found: Mapping[Setting, Cell], lines: Iterable[str]
 ) -> None:
-    mine = [found[setting] for setting in which.settings()]
+    settings = set(which.settings())
+    mine = [found[setting] for setting in settings]
     present = [name for name in OUTCOMES if any(cell.outcome == name for cell in mine)]
     handles: list[Patch | Line2D] = [
         Patch(color=OUTCOMES[name], label=f"{name}: {WORDS[name]}") for name in present
@@ -108,7 +109,7 @@ def _legend(
         # White would not show on the page.
         dot = Line2D([], [], color="0.6", marker=".", ls="", label="white dot: it swings as well")
         handles.append(dot)
-    if which.lines and any(panel.base in found for panel in which.panels):
+    if which.lines and any(panel.base in settings for panel in which.panels):
         label = "frame: the gains' own place"
         handles.append(
             Line2D([], [], marker="s", ls="", mfc="none", mec="black", ms=8, label=label)

@@ -127,8 +127,10 @@ def figure_10() -> Section:
         checks.append(near_share(f"figure-10/first-contact/{mu}", float(said[before]), 0.05))
         checks.append(near_share(f"figure-10/loaded/{mu}", float(said[-1]), 0.05))
     over_time.axvline(LOADED, color="0.4", lw=0.8)
-    finish(over_normal, "µ_est", "ΣFn [N]")
-    finish(over_time, "", "time [s], load from 0.5 s")
+    finish(over_normal, "µ_est", "ΣFn [N]", legend=False)
+    finish(over_time, "", "time [s], load from 0.5 s", legend=False)
+    # Where no curve goes.
+    over_normal.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0.92))
     notes = [
         "The ceiling of 0.4 on first contact is the tissue's Poisson factor, an artefact of the "
         "model (E7).",
