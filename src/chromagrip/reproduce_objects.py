@@ -13,7 +13,14 @@ from scipy.stats import ttest_ind, ttest_ind_from_stats
 
 from .bench_rows import Row, at_least, reported, within
 from .force_scenes import OBJECTS
-from .model import ContactObject, Fingertip, contact_forces, equilibrium, stiffness_from_young
+from .model import (
+    GROSS_SLIP,
+    ContactObject,
+    Fingertip,
+    contact_forces,
+    equilibrium,
+    stiffness_from_young,
+)
 from .reproduce_checks import Section, judged, near, near_share, number, over, under
 from .reproduce_figures import CONTROLLERS, finish, new_figure
 from .reproduce_runs import Cell, Job, Runs, largest, make_job
@@ -24,8 +31,6 @@ Array = NDArray[np.float64]
 Object = tuple[float, float, float]
 
 FRICTIONS, STIFFNESSES, RADII = ((0.3, 0.5, 0.7), (200.0, 32.0, 16.0), (np.inf, 20.0, 5.0))
-#: Gross slip [mm].
-_GROSS = 0.2
 #: Most that a pressure may change with µ and count as not influenced by it [%].
 _INFLUENCE = 5.0
 _LEVEL = 0.05  # of significance
@@ -265,7 +270,7 @@ def _camera_rows(
         start = f"table-2/{camera}/{name}"
         found = list(cells(runs, name, camera=camera).values())
         share = float(seen[name].mean() / true[name].mean())
-        held = sum(cell.displacement <= _GROSS for cell in found)
+        held = sum(cell.displacement <= 1e3 * GROSS_SLIP for cell in found)
         if name == "safety-margin":
             rows.append(within(f"{start}/pressure_over_truth", share, "×", 0.93, 1.07))
             rows.append(at_least(f"{start}/held", held, "of 27", 25))
