@@ -17,8 +17,11 @@ _C9, _C11, _C13 = (np.float32(v) for v in (5.579158215, -2.845730945, 0.63713010
 _D3, _D5, _D7 = np.float32(3) * _C3, np.float32(5) * _C5, np.float32(7) * _C7
 _D9, _D11, _D13 = np.float32(9) * _C9, np.float32(11) * _C11, np.float32(13) * _C13
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+_LITTLE = np.float32(1e-6)
 #: Odds ratios of edges that face each other and that run side by side: what is beyond is rounding.
 _FACING, SIDE_BY_SIDE = 1e-3, 1e6
+#: Edges further apart than this many standard deviations do not meet.
+APART = 4.0
 #: Odds ratios are this power of √η at Φ₂(0, 0): so they fit all of Φ₂ best, instead of its middle.
 _STEEPER = 2.22
 
@@ -92,9 +95,17 @@ def togetherness(first: Array, second: Array) -> float:
     r2 = abs(first[1, 0] * first[2, 1] - first[2, 0] * first[1, 1])
     s2 = abs(second[1, 0] * second[2, 1] - second[2, 0] * second[1, 1])
     apart2 = (first[0, 0] - second[0, 0]) ** 2 + (first[0, 1] - second[0, 1]) ** 2
-    # Law of cosines at the crossing of two circles; those that do not cross have parallel edges.
-    cosine = (r2 + s2 - apart2) / (2.0 * math.sqrt(r2 * s2))
-    return cosine if math.isnan(cosine) else odds_ratio(math.acos(min(max(cosine, -1.0), 1.0)))
+    cosine = crossing(r2, s2, apart2)
+    return cosine if math.isnan(cosine) else odds_ratio(math.acos(cosine))
+
+
+@njit(inline="always")
+def crossing(r2: float, s2: float, apart2: float) -> float:
+    """Cosine of the angle at which two circles cross, from squared radii and distance [px²].
+
+    Those that do not cross have parallel edges where they are next to each other.
+    """
+    return min(max((r2 + s2 - apart2) / (2.0 * math.sqrt(r2 * s2)), -1.0), 1.0)
 
 
 @njit()
@@ -120,6 +131,28 @@ def covered_by_both(first: np.float32, second: np.float32, odds: np.float32) -> 
     square = _ONE + _TWO * more * either + more * more * apart * apart
     root = np.sqrt(max(square, _ZERO))
     return _TWO * odds * first * second / (_ONE + more * (first + second) + root)
+
+
+@njit(inline="always")
+def covered_slope(first: np.float32, second: np.float32, odds: np.float32) -> np.float32:
+    """Derivative of `covered_by_both` by the first coverage."""
+    more, apart = odds - _ONE, first - second
+    either = first + second - _TWO * first * second
+    root = np.sqrt(max(_ONE + _TWO * more * either + more * more * apart * apart, _LITTLE))
+    return _HALF - _HALF * (_ONE - _TWO * second + more * apart) / root
+
+
+@njit(inline="always")
+def beside(first: np.float32, second: np.float32, share: np.float32) -> np.float32:
+    """Light that is left by two pairs side by side, each of which alone leaves so much.
+
+    Parameters
+    ----------
+    first, second: light left over
+    share: coverage by both pairs over the product of their coverages: 0 where their edges face each
+        other, and what they absorb adds up; 1 where one lies on the other
+    """
+    return first + second - _ONE + share * (_ONE - first) * (_ONE - second)
 
 
 @njit()

@@ -20,10 +20,13 @@ from .sensor import SensorDesign
 #: Corners of a disc; its area is short of the circle's by 0.2 %.
 CORNERS = 48
 #: Drawn this much larger and averaged: multisampling alone has too few levels …
-OVERSAMPLING = 2
+OVERSAMPLING = 4
 #: … and with edges that fade over this width [px], which samples catch far better than a step. The
-#: fade is a part of the lens' blur; the rest is added to the picture.
-FADE = 0.6
+#: fade is a part of the lens' blur; the rest is added to the picture. Where both layers' edges lie
+#: on each other a wider one would take more light than dyes do: each fades by itself.
+FADE = 0.2
+#: Pixels that the lens' blur is computed on, for one of the image along each side.
+_FINE = 2
 
 
 class MeshRenderer:
@@ -54,9 +57,7 @@ class MeshRenderer:
         self._dyes = sensor.transmittance
         # A step faded linearly over w has the variance w²/12 of a box.
         fade = min(FADE, 3.0 * sensor.camera.blur_px)
-        if sensor.markers.form == "square":
-            oversampling *= 2  # straight sides fall between the samples all at once
-        self._blur = oversampling * float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
+        self._blur = _FINE * float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
         half = fade / 2 / _mean_half(sensor)
         self._ground = ground_image(sensor)
         self._encoding = encoding_table()
@@ -85,16 +86,25 @@ class MeshRenderer:
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
         pixels = self._view.project(outline_points(membrane, self._outline))
-        magenta, yellow = (self._coverage(layer.reshape(-1, 2))[:, :, None] for layer in pixels)
-        absorbed = (1.0 - self._dyes).astype(np.float32)
+        magenta, yellow = (self._coverage(layer.reshape(-1, 2)) for layer in pixels)
         # Light passes both dyes before the lens blurs it and pixels collect it.
-        light = (1.0 - magenta * absorbed[0]) * (1.0 - yellow * absorbed[1])
-        size = (self._view.width, self._view.height)
-        light = np.asarray(cv2.GaussianBlur(light, (0, 0), self._blur))
-        linear = self._ground * np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA))
+        both = magenta * yellow
+        first, second = (1.0 - self._dyes).astype(np.float32)
+        absorbed = [first, second, -first * second]
+        parts = (self._collected(plane) for plane in (magenta, yellow, both))
+        light = 1.0 - sum(p[:, :, None] * a for p, a in zip(parts, absorbed, strict=True))
+        linear = self._ground * light
         image = np.empty(linear.shape, dtype=np.uint8)
         encode(linear, self._encoding, image)
         return image
+
+    def _collected(self, plane: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What pixels collect of a plane of finer pixels, shape (H, W)."""
+        size = (self._view.width, self._view.height)
+        fine = (_FINE * size[0], _FINE * size[1])
+        fewer = cv2.resize(plane, fine, interpolation=cv2.INTER_AREA)
+        blurred = cv2.GaussianBlur(fewer, (0, 0), self._blur)
+        return np.asarray(cv2.resize(blurred, size, interpolation=cv2.INTER_AREA))
 
     def _coverage(self, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
         """Coverage 0…1 of the finer pixels by triangles with these corners."""

@@ -4,13 +4,14 @@ A tile's pixels depend only on the markers that reach into it, in their order: a
 changed tiles alone were redrawn is, bit for bit, the image redrawn in full.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from .coverage import covered_by_both
+from .coverage import APART, EDGE_RANGE, beside, covered_by_both, crossing, odds_ratio
 from .marker_kernels import LANES, TILE
 
 
@@ -26,6 +27,7 @@ def paint_tiles(
     absorbed: NDArray[np.float32],
     encoding: NDArray[np.uint8],
     dirty: NDArray[np.bool_],
+    width: float,
 ) -> None:
     """Redraw the dirty tiles and mark them clean.
 
@@ -38,6 +40,7 @@ def paint_tiles(
     absorbed: 1 − transmittance of each layer's dye, shape (2, 3)
     encoding: `colour.encoding_table()`
     dirty: tiles to draw
+    width: standard deviation of an edge [px]
     """
     rows, cols = dirty.shape
     # Pairs of each dirty tile, by counting: ends[t] − ends[t − 1] of them, in their order.
@@ -62,6 +65,8 @@ def paint_tiles(
             members = np.empty(ends[-1], dtype=np.int64)
             filled = ends[:-1].copy()
     light = np.empty((TILE, TILE // LANES, 3 * LANES), dtype=np.float32)
+    taken = np.empty((TILE, TILE // LANES, LANES), dtype=np.float32)
+    owner = np.empty((TILE, TILE // LANES, LANES), dtype=np.int64)
     touched = np.empty((TILE, TILE // LANES), dtype=np.bool_)
     place = np.empty(3 * LANES, dtype=np.uint32)
     most, half = np.float32(encoding.shape[0] - 1), np.float32(0.5)
@@ -83,21 +88,16 @@ def paint_tiles(
             for y in range(TILE):
                 for h in range(TILE // LANES):
                     touched[y, h] = False
+            meet = _meet(members[ends[t] : ends[t + 1]], numbers, width)
             for i in range(ends[t], ends[t + 1]):
                 k = members[i]
-                _absorb(
-                    absorbed,
-                    numbers[0, k, 15],
-                    k,
-                    x0,
-                    y0,
-                    y1,
-                    boxes,
-                    spans,
-                    covered,
-                    light,
-                    touched,
-                )
+                if meet:
+                    _absorb_beside(
+                        absorbed, numbers, k, x0, y0, y1, boxes, spans, covered, light, taken,
+                        owner, touched,
+                    )  # fmt: skip
+                else:
+                    _absorb(absorbed, numbers, k, x0, y0, y1, boxes, spans, covered, light, touched)
             for y in range(y1 - y0):
                 for h in range(TILE // LANES):
                     if touched[y, h]:
@@ -121,13 +121,13 @@ def union(boxes: Any, covered: NDArray[np.float32], spans: Any, out: NDArray[np.
         for row in range(boxes[k, 3] - boxes[k, 2]):
             y, start = boxes[k, 2] + row, LANES * spans[k, row, 0]
             for x in range(max(start, 0), min(LANES * spans[k, row, 1], out.shape[1])):
-                out[y, x] = one - (one - out[y, x]) * (one - covered[k, 0, row, x - start])
+                out[y, x] = min(out[y, x] + covered[k, 0, row, x - start], one)
 
 
 @njit()
 def _absorb(
     absorbed: Any,
-    together: Any,
+    numbers: Any,
     k: int,
     x0: int,
     y0: int,
@@ -138,10 +138,11 @@ def _absorb(
     light: Any,
     touched: Any,
 ) -> None:
-    """Take away what a pair's dyes absorb in the tile at (x0, y0)."""
+    """Take away what a pair's dyes absorb in the tile at (x0, y0), where no other one meets it."""
     one, tile = np.float32(1.0), x0 // LANES
     r0, g0, b0 = absorbed[0, 0], absorbed[0, 1], absorbed[0, 2]
     r1, g1, b1 = absorbed[1, 0], absorbed[1, 1], absorbed[1, 2]
+    together = numbers[0, k, 15]
     odds = together if together == together else one  # a lone marker has no partner
     known = covered.shape[1] == 3
     for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
@@ -169,6 +170,92 @@ def _absorb(
                     light[y - y0, h, j] *= red
                     light[y - y0, h, LANES + j] *= green
                     light[y - y0, h, 2 * LANES + j] *= blue
+
+
+@njit()
+def _absorb_beside(
+    absorbed: Any,
+    numbers: Any,
+    k: int,
+    x0: int,
+    y0: int,
+    y1: int,
+    boxes: Any,
+    spans: Any,
+    covered: Any,
+    light: Any,
+    taken: Any,
+    owner: Any,
+    touched: Any,
+) -> None:
+    """The same in a tile in which pairs meet, one pixel after the other.
+
+    `taken` is the share of a pixel that pairs cover so far, `owner` which of them covers most.
+    """
+    one, little, tile = np.float32(1.0), np.float32(1e-6), x0 // LANES
+    together = numbers[0, k, 15]
+    odds = together if together == together else one
+    partner, side = -1, one
+    for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
+        row = y - boxes[k, 2]
+        first = max(spans[k, row, 0] - tile, 0)
+        last = min(spans[k, row, 1] - tile, TILE // LANES)
+        for h in range(first, last):
+            offset = LANES * (h + tile - spans[k, row, 0])
+            if not touched[y - y0, h]:
+                light[y - y0, h], taken[y - y0, h], owner[y - y0, h] = one, 0.0, k
+            touched[y - y0, h] = True
+            for j in range(LANES):
+                c0, c1 = covered[k, 0, row, offset + j], covered[k, 1, row, offset + j]
+                both = covered_by_both(c0, c1, odds)
+                if covered.shape[1] == 3:
+                    both = covered[k, 2, row, offset + j]
+                cover, before, share = c0 + c1 - both, taken[y - y0, h, j], one
+                if before * cover > little:
+                    if owner[y - y0, h, j] != partner:
+                        partner = owner[y - y0, h, j]
+                        side = _side_by_side(numbers, k, partner)
+                    share = covered_by_both(before, cover, side) / (before * cover)
+                if cover > before:
+                    owner[y - y0, h, j] = k
+                taken[y - y0, h, j] = before + cover - share * before * cover
+                for c in range(3):
+                    a, b = absorbed[0, c], absorbed[1, c]
+                    left = one - c0 * a - c1 * b + both * (a * b)
+                    old = light[y - y0, h, LANES * c + j]
+                    light[y - y0, h, LANES * c + j] = beside(old, left, share)
+
+
+@njit()
+def _meet(members: Any, numbers: Any, width: float) -> bool:
+    """Whether edges of different pairs, of discs that reach into a tile, come close."""
+    reach = (APART - 2.0 * EDGE_RANGE) * width  # what is wide is wide with its edges
+    for a in range(1, members.shape[0]):
+        for b in range(a):
+            for i in range(numbers.shape[0]):
+                n = numbers[i, members[a]]
+                for j in range(numbers.shape[0]):
+                    m = numbers[j, members[b]]
+                    near = max(n[13], n[14]) + max(m[13], m[14]) + reach
+                    if (n[0] - m[0]) ** 2 + (n[1] - m[1]) ** 2 < near * near:
+                        return True
+    return False
+
+
+@njit()
+def _side_by_side(numbers: Any, k: int, other: int) -> np.float32:
+    """How much the edges of two pairs go together, where their discs are deepest in each other."""
+    deepest = -1.0
+    for i in range(numbers.shape[0]):
+        n = numbers[i, k]
+        for j in range(numbers.shape[0]):
+            m = numbers[j, other]
+            # A marker that is not there is nowhere, and no larger than anything.
+            apart2 = (n[0] - m[0]) ** 2 + (n[1] - m[1]) ** 2
+            r2, s2 = abs(n[2] * n[5] - n[3] * n[4]), abs(m[2] * m[5] - m[3] * m[4])
+            if apart2 < 4.0 / min(r2, s2):
+                deepest = max(deepest, crossing(1.0 / r2, 1.0 / s2, apart2))
+    return np.float32(odds_ratio(math.acos(deepest)))
 
 
 @njit()

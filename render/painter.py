@@ -86,6 +86,7 @@ class Painter:
             self._absorbed,
             self._encoding,
             self._dirty,
+            self._width,
         )
         return self._image.copy()
 

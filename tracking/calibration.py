@@ -81,7 +81,7 @@ class SensorCalibration:
     sensor: SensorDesign
     fingertip: Fingertip
     position_floor: float = 0.02
-    size_floor: float = 3e-4
+    size_floor: float = 6e-4
     stiffness_deviation: float = 0.0
     readout: Path | None = None
     displacement: DisplacementGains | None = None

@@ -11,9 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from ..render.coverage import EDGE_RANGE, covered_by_both, edge, togetherness
+from ..render.coverage import (
+    APART,
+    EDGE_RANGE,
+    covered_by_both,
+    covered_slope,
+    crossing,
+    edge,
+    odds_ratio,
+    togetherness,
+)
 from .pixel_kernels import (
     ALL_LIGHT,
+    BESIDE,
     BOTH,
     CHANGE,
     COVERED,
@@ -53,6 +63,10 @@ LIGHTS = 3 + TERMS
 _SHADE = 2.4
 #: Coverages this far from 0 and 1 are edges.
 _EDGE = 0.03
+_LITTLE = np.float32(1e-6)
+#: Rows that uneven light needs later: coverages of a pair; how much all other pairs cover, and
+#: absorb of each channel; which of them covers most, or how its edges and the pair's go together.
+_PAIR, _OTHERS, _MOST = TERM, TERM + 3, TERM + 7
 
 
 @njit(reassociate=True)
@@ -226,9 +240,15 @@ def shade(
     count: int,
     buffer: Array32,
 ) -> None:
-    """Darken a pair's ground by the markers of other pairs that reach into its box."""
-    inverse, outlines = np.empty((2, 2)), np.empty((2, 3, 2))
-    near = np.empty(2, dtype=np.bool_)
+    """Take from a pair's light what the markers of other pairs absorb that reach into its box.
+
+    Neighbours lie beside the pair, see `render.coverage.beside`: the ground is darker where they
+    lie on it, and elsewhere leaves less light, whatever the pair covers.
+    """
+    for c in range(3):
+        clear(buffer, row_at(BESIDE + c), count)
+    near, there = np.empty(2, dtype=np.bool_), present.copy()
+    beside, found = np.empty(len(optics.neighbours[m]), dtype=np.int64), 0
     for other in optics.neighbours[m]:
         if other < 0:
             continue
@@ -240,18 +260,85 @@ def shade(
             near[k] = present[other, k] and dx * dx + dy * dy < reach * reach
         if not near.any():
             continue
-        for k in range(2):
-            if not near[k]:
-                clear(buffer, row_at(TERM + k), count)
-                continue
-            stretch(optics.shapes[k, other], fits[other, k], inverse)
-            outlines[k, 0], outlines[k, 1:] = fits[other, k, :2], inverse.T
-            invert(outlines[k, 1:].T, inverse)
-            _cover(outlines[k, 0], inverse, optics.width, row_at(TERM + k), count, buffer)
-        together = togetherness(outlines[0], outlines[1]) if near.all() else 1.0
+        there[other] = near
+        if _meet(optics.width, there, fits, extents, m, other):
+            beside[found] = other
+            found += 1
+            continue
+        _cover_pair(optics, near, fits, other, count, buffer)
         for c in range(3):
             a = optics.absorbed[:, c]
-            _darken(row_at(GROUND + c), a[0], a[1], a[2], np.float32(together), count, buffer)
+            _darken(row_at(GROUND + c), a[0], a[1], a[2], count, buffer)
+    if found == 0:
+        return
+    for row in range(_OTHERS, _MOST):
+        clear(buffer, row_at(row), count)
+    for other in beside[:found]:
+        _cover_pair(optics, there[other], fits, other, count, buffer)
+        _add(optics, there, fits, other, other == beside[0], count, buffer)
+    _cover_pair(optics, present[m], fits, m, count, buffer)
+    _to_odds(optics, there, fits, m, beside[0], count, buffer)
+    for c in range(3):
+        a = optics.absorbed[:, c]
+        _split(c, a[0], a[1], a[2], count, buffer)
+
+
+@njit()
+def _meet(
+    width: float, there: NDArray[np.bool_], fits: Array, extents: Array, m: int, other: int
+) -> bool:
+    """Whether edges of two pairs come close."""
+    for i in range(2):
+        for j in range(2):
+            if there[m, i] and there[other, j]:
+                dx, dy = fits[m, i, 0] - fits[other, j, 0], fits[m, i, 1] - fits[other, j, 1]
+                reach = extents[m, i] + extents[other, j] + APART * width
+                if dx * dx + dy * dy < reach * reach:
+                    return True
+    return False
+
+
+@njit()
+def _side_by_side(
+    optics: Any, there: NDArray[np.bool_], fits: Array, m: int, other: int
+) -> np.float32:
+    """How much the edges of two pairs go together, where their discs are deepest in each other."""
+    deepest, shape = -1.0, np.empty((2, 2))
+    for i in range(2):
+        stretch(optics.shapes[i, m], fits[m, i], shape)
+        r2 = abs(shape[0, 0] * shape[1, 1] - shape[0, 1] * shape[1, 0])
+        for j in range(2):
+            if there[m, i] and there[other, j]:
+                stretch(optics.shapes[j, other], fits[other, j], shape)
+                s2 = abs(shape[0, 0] * shape[1, 1] - shape[0, 1] * shape[1, 0])
+                dx, dy = fits[m, i, 0] - fits[other, j, 0], fits[m, i, 1] - fits[other, j, 1]
+                deepest = max(deepest, crossing(r2, s2, dx * dx + dy * dy))
+    return np.float32(odds_ratio(math.acos(deepest)))
+
+
+@njit()
+def _cover_pair(
+    optics: Any,
+    there: NDArray[np.bool_],
+    fits: Array,
+    m: int,
+    count: int,
+    buffer: Array32,
+) -> None:
+    """Coverage of pixels by the layers of a pair and by both."""
+    inverse, outlines = np.empty((2, 2)), np.empty((2, 3, 2))
+    for k in range(2):
+        if not there[k]:
+            clear(buffer, row_at(_PAIR + k), count)
+            continue
+        stretch(optics.shapes[k, m], fits[m, k], inverse)
+        outlines[k, 0], outlines[k, 1:] = fits[m, k, :2], inverse.T
+        invert(outlines[k, 1:].T, inverse)
+        _cover(outlines[k, 0], inverse, optics.width, row_at(_PAIR + k), count, buffer)
+    odds = np.float32(togetherness(outlines[0], outlines[1]) if there.all() else 1.0)
+    c0, c1, both = row_at(_PAIR), row_at(_PAIR + 1), row_at(_PAIR + 2)
+    for i in range(np.uint64(count)):
+        buffer[both + i] = covered_by_both(buffer[c0 + i], buffer[c1 + i], odds)
 
 
 @njit()
@@ -280,20 +367,87 @@ def _cover(
 
 @njit()
 def _darken(
-    row: np.uint64,
-    a0: np.float32,
-    a1: np.float32,
-    b: np.float32,
-    odds: np.float32,
+    row: np.uint64, a0: np.float32, a1: np.float32, b: np.float32, count: int, buffer: Array32
+) -> None:
+    """Take away what the dyes of a pair absorb that does not meet this one."""
+    c0, c1, both = row_at(_PAIR), row_at(_PAIR + 1), row_at(_PAIR + 2)
+    for i in range(np.uint64(count)):
+        first, second, pair = buffer[c0 + i], buffer[c1 + i], buffer[both + i]
+        buffer[row + i] *= F1 - a0 * first - a1 * second + b * pair
+
+
+@njit()
+def _add(
+    optics: Any,
+    there: NDArray[np.bool_],
+    fits: Array,
+    m: int,
+    first: bool,
     count: int,
     buffer: Array32,
 ) -> None:
-    """Take away what another pair's dyes absorb."""
-    c0, c1 = row_at(TERM), row_at(TERM + 1)
+    """Add a pair, whose coverages are there, to the others."""
+    absorbed, partner, odds = optics.absorbed, -1, F1
     for i in range(np.uint64(count)):
-        first, second = buffer[c0 + i], buffer[c1 + i]
-        both = covered_by_both(first, second, odds)
-        buffer[row + i] *= F1 - a0 * first - a1 * second + b * both
+        c0, c1 = buffer[row_at(_PAIR) + i], buffer[row_at(_PAIR + 1) + i]
+        both = buffer[row_at(_PAIR + 2) + i]
+        cover, before = c0 + c1 - both, buffer[row_at(_OTHERS) + i]
+        share = F1
+        if cover * before > _LITTLE:
+            most = int(buffer[row_at(_MOST) + i])
+            if most != partner:
+                partner, odds = most, _side_by_side(optics, there, fits, m, most)
+            share = covered_by_both(before, cover, odds) / (before * cover)
+        if first or cover > before:
+            buffer[row_at(_MOST) + i] = m
+        buffer[row_at(_OTHERS) + i] = before + cover - share * before * cover
+        for c in range(3):
+            dark = absorbed[0, c] * c0 + absorbed[1, c] * c1 - absorbed[2, c] * both
+            old = buffer[row_at(_OTHERS + 1 + c) + i]
+            buffer[row_at(_OTHERS + 1 + c) + i] = old + dark - share * old * dark
+
+
+@njit()
+def _to_odds(
+    optics: Any,
+    there: NDArray[np.bool_],
+    fits: Array,
+    m: int,
+    other: int,
+    count: int,
+    buffer: Array32,
+) -> None:
+    """How the edges of a pair go together with those of the one that covers most of a pixel."""
+    partner, odds = other, _side_by_side(optics, there, fits, m, other)
+    for i in range(np.uint64(count)):
+        most = int(buffer[row_at(_MOST) + i])
+        if most != partner:
+            partner, odds = most, _side_by_side(optics, there, fits, m, most)
+        buffer[row_at(_MOST) + i] = odds
+
+
+@njit()
+def _split(
+    channel: int, a0: np.float32, a1: np.float32, b: np.float32, count: int, buffer: Array32
+) -> None:
+    """Split the ground's light: what this pair may still absorb, and what it may not.
+
+    Of the light that pairs leave beside each other, see `beside`, the part that changes with what
+    this one absorbs, and the rest at what it absorbs now.
+    """
+    c0, c1, both = row_at(_PAIR), row_at(_PAIR + 1), row_at(_PAIR + 2)
+    cover, taken, odds = row_at(_OTHERS), row_at(_OTHERS + 1 + channel), row_at(_MOST)
+    ground, rest = row_at(GROUND + channel), row_at(BESIDE + channel)
+    for i in range(np.uint64(count)):
+        first, second, pair = buffer[c0 + i], buffer[c1 + i], buffer[both + i]
+        here, there = max(first + second - pair, _LITTLE), max(buffer[cover + i], _LITTLE)
+        now, dark = a0 * first + a1 * second - b * pair, buffer[taken + i]
+        under = dark / there  # what the others absorb of what is under them
+        slope = under * covered_slope(here, there, buffer[odds + i])
+        shared = under * covered_by_both(here, there, buffer[odds + i]) / here
+        light = buffer[ground + i]
+        buffer[rest + i] = light * (slope - dark + now * (shared - slope))
+        buffer[ground + i] = light * (F1 - slope)
 
 
 @njit()
@@ -341,7 +495,8 @@ def light_sums(
             values[3] = buffer[BOTH * ROOM + i]
             for c in range(3):
                 light = buffer[(GROUND + c) * ROOM + i]
-                values[4] = buffer[(SEEN + c) * ROOM + i] / light
+                seen = buffer[(SEEN + c) * ROOM + i] - buffer[(BESIDE + c) * ROOM + i]
+                values[4] = seen / light
                 weight = buffer[(WEIGHT + c) * ROOM + i] * light * light
                 for a in range(5):
                     for b in range(5):

@@ -39,7 +39,9 @@ TELLS, PULL, GAIN, MODEL = 23, 26, 28, 34
 TERM, LIGHT, ALL_LIGHT, LACK, SHARED = 37, 42, 45, 46, 47
 #: … and coverage by both layers, and how it changes with that of either.
 BOTH, BY = 49, 50
-BUFFER = 52 * ROOM
+#: … and light that pairs beside this one leave, whatever it covers.
+BESIDE = 52
+BUFFER = 55 * ROOM
 #: Terms of uneven light: x, y, x², xy, y²; second powers in units of so many pixels.
 TERMS, UNIT = 5, np.float32(1.0 / 16.0)
 
@@ -295,6 +297,7 @@ def _channel(
 ) -> float:
     """What one channel says, added to the rows of all; returns its sum of squared residuals."""
     light, seen, weight = row_at(GROUND + c), row_at(SEEN + c), row_at(WEIGHT + c)
+    rest = row_at(BESIDE + c)
     c0, c1, gain0, gain1 = (
         row_at(COVERED),
         row_at(COVERED + 1),
@@ -312,7 +315,7 @@ def _channel(
     information, lack, squares = F0, F0, F0
     for i in range(np.uint64(count)):
         first, second, g, w = buffer[c0 + i], buffer[c1 + i], buffer[light + i], buffer[weight + i]
-        model = g * (F1 - a0 * first - a1 * second + b * buffer[both + i])
+        model = g * (F1 - a0 * first - a1 * second + b * buffer[both + i]) + buffer[rest + i]
         residual = buffer[seen + i] - model
         d0, d1 = g * (b * buffer[by0 + i] - a0), g * (b * buffer[by1 + i] - a1)
         buffer[own0 + i] += w * d0 * d0

@@ -146,6 +146,41 @@ def test_sizes_are_right_wherever_the_other_layer_lies() -> None:
         assert abs(np.median(error[:, of], axis=1)).max() < 1e-3
 
 
+def test_sizes_are_right_where_pairs_touch() -> None:
+    """Brute force again: edges of neighbours face each other, and what they absorb adds up."""
+    sensor = load_sensor("thesis")
+    rest = rest_membrane(sensor)
+    # Two and two, both layers alike, move together until half a pixel is left, or less.
+    flat = rest.centres[0, :, :2]
+    move, alone = np.zeros_like(flat), np.ones(len(flat), dtype=bool)
+    for k, near in enumerate(KDTree(flat).query(flat, k=7)[1]):
+        free = [other for other in near[1:] if alone[other]]
+        if alone[k] and free:
+            way = flat[free[0]] - flat[k]
+            apart = np.linalg.norm(way)
+            move[k] = 0.5 * way / apart * (apart - 2.05 * sensor.half_sizes[1])
+            move[free[0]] = -move[k]
+            alone[[k, free[0]]] = False
+    tracker = MarkerTracker(Palette.of_sensor(sensor), 2.0)
+    found = tracker.reset([Frame(image=supersampled_image(sensor, rest), time=0.0)])
+    centres = rest.centres.copy()
+    centres[:, :, :2] += move
+    together = Membrane(centres=centres, axes=rest.axes)
+    picture = supersampled_image(sensor, together)
+    for k in range(3):
+        tracks = tracker.update(Frame(image=picture, time=0.01 * (k + 1)))
+    before, after = (projected_outlines(sensor, m) for m in (rest, together))
+    grown = 0.5 * np.log(polygon_areas(after) / polygon_areas(before))
+    designed, now = polygon_centroids(before)[1], polygon_centroids(after)[1]
+    number = KDTree(found.position[1]).query(designed)[1]
+    gap = KDTree(now).query(now, k=2)[0][:, 1] - 2.0 * np.sqrt(polygon_areas(after)[1] / np.pi)
+    touching = (np.linalg.norm(designed - [319.5, 239.5], axis=-1) < 130.0) & (gap < 1.5)
+    assert touching.sum() > 30
+    error = tracks.log_size[:, number[touching]] - grown[:, touching]
+    assert abs(np.median(error, axis=1)).max() < 1e-3
+    assert error.std(axis=1).max() < 2e-3
+
+
 def polygon_areas(corners: np.ndarray) -> np.ndarray:
     """Areas of polygons, shape (…), from corners (…, K, 2)."""
     x, y = np.moveaxis(corners - corners[..., :1, :], -1, 0)
