@@ -236,6 +236,7 @@ def shade(
     fits: Array,
     extents: Array,
     m: int,
+    beside: bool,
     box: Array,
     count: int,
     buffer: Array32,
@@ -243,12 +244,13 @@ def shade(
     """Take from a pair's light what the markers of other pairs absorb that reach into its box.
 
     Neighbours lie beside the pair, see `render.coverage.beside`: the ground is darker where they
-    lie on it, and elsewhere leaves less light, whatever the pair covers.
+    lie on it, and elsewhere leaves less light, whatever the pair covers. That holds where the pair
+    is, and not where it may be far from; unless `beside`, pairs darken each other by chance.
     """
     for c in range(3):
         clear(buffer, row_at(BESIDE + c), count)
     near, there = np.empty(2, dtype=np.bool_), present.copy()
-    beside, found = np.empty(len(optics.neighbours[m]), dtype=np.int64), 0
+    meeting, found = np.empty(len(optics.neighbours[m]), dtype=np.int64), 0
     for other in optics.neighbours[m]:
         if other < 0:
             continue
@@ -261,8 +263,8 @@ def shade(
         if not near.any():
             continue
         there[other] = near
-        if _meet(optics.width, there, fits, extents, m, other):
-            beside[found] = other
+        if beside and _meet(optics.width, there, fits, extents, m, other):
+            meeting[found] = other
             found += 1
             continue
         _cover_pair(optics, near, fits, other, count, buffer)
@@ -273,11 +275,11 @@ def shade(
         return
     for row in range(_OTHERS, _MOST):
         clear(buffer, row_at(row), count)
-    for other in beside[:found]:
+    for other in meeting[:found]:
         _cover_pair(optics, there[other], fits, other, count, buffer)
-        _add(optics, there, fits, other, other == beside[0], count, buffer)
+        _add(optics, there, fits, other, other == meeting[0], count, buffer)
     _cover_pair(optics, present[m], fits, m, count, buffer)
-    _to_odds(optics, there, fits, m, beside[0], count, buffer)
+    _to_odds(optics, there, fits, m, meeting[0], count, buffer)
     for c in range(3):
         a = optics.absorbed[:, c]
         _split(c, a[0], a[1], a[2], count, buffer)
@@ -483,7 +485,7 @@ def light_sums(
         sums[m] = 0.0
         if count < FEWEST_PIXELS:
             continue
-        shade(optics, present, fits, extents, m, box, count, buffer)
+        shade(optics, present, fits, extents, m, False, box, count, buffer)
         t = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
         model_pixels(optics, present[m], fits[m], inverses, t, 2, count, lights, says, buffer)
         for i in range(count):
@@ -495,8 +497,7 @@ def light_sums(
             values[3] = buffer[BOTH * ROOM + i]
             for c in range(3):
                 light = buffer[(GROUND + c) * ROOM + i]
-                seen = buffer[(SEEN + c) * ROOM + i] - buffer[(BESIDE + c) * ROOM + i]
-                values[4] = seen / light
+                values[4] = buffer[(SEEN + c) * ROOM + i] / light
                 weight = buffer[(WEIGHT + c) * ROOM + i] * light * light
                 for a in range(5):
                     for b in range(5):

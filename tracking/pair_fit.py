@@ -48,10 +48,13 @@ _FADED = 0.15
 _NEIGHBOURS = 6
 #: Pairs next to each pair at rest that may come to lie on it.
 _OVERLAPPING = 12
-#: Markers of a layer within this many radii of each other are not told apart with certainty, and
-#: within this many are fitted in so many more, and so much smaller steps.
-_CROWDED, _TOUCHING = 1.2, 2.0
-_TOUCHING_STEPS, _SMALLER = 12, 0.1
+#: Markers of a layer within this many radii of each other are not told apart with certainty, within
+#: this many are fitted in so many more, and so much smaller steps, and within this many lie so near
+#: that their edges' light goes together.
+_CROWDED, _TOUCHING, _BESIDE = 1.2, 2.1, 2.7
+_TOUCHING_STEPS, _SMALLER = 30, 0.1
+#: How light goes between pairs that touch is not believed where it explains them so much less.
+_WORSE = 1.1
 
 
 @dataclass(frozen=True)
@@ -196,11 +199,11 @@ class PairFit:
         count = len(state.fits)
         covariance, misfit = np.full((count, 9, 9), np.nan), np.full(count, np.inf)
         optics = self._optics_of(state)
-        moved, uneven = np.zeros(count), np.zeros(count, dtype=np.bool_)
+        moved, no = np.zeros(count), np.zeros(count, dtype=np.bool_)
         active = state.present.any(axis=1)
         for _ in range(_GLANCES):
             fit_step(
-                image, optics, active, state.present, uneven, self._free, self._stride, state.fits,
+                image, optics, active, state.present, no, no, self._free, self._stride, state.fits,
                 state.gains, state.slopes, moved, covariance, misfit, self._buffer,
             )  # fmt: skip
             active = moved > self._arrived
@@ -294,11 +297,13 @@ class PairFit:
         optics = self._optics_of(state)
         moved, asked = np.zeros(len(active)), active
         uneven = np.zeros(len(active), dtype=np.bool_)
+        # Those that touch may be far from where they will be found.
+        beside = self._within(_BESIDE, state) & ~self._within(_TOUCHING, state)
 
         def step() -> None:
             fit_step(
-                image, optics, active, state.present, uneven, self._free, self._stride, state.fits,
-                state.gains, state.slopes, moved, covariance, misfit, self._buffer,
+                image, optics, active, state.present, uneven, beside, self._free, self._stride,
+                state.fits, state.gains, state.slopes, moved, covariance, misfit, self._buffer,
             )  # fmt: skip
 
         for _ in range(steps):
@@ -310,15 +315,25 @@ class PairFit:
             if not active.any():
                 break
         # Each of those that touch is fitted to where the others were: they creep.
-        touching = crowded(
-            state.fits, state.present, self._optics.neighbours, _TOUCHING * self._radius
-        )
-        active = asked & touching.any(axis=1)
+        touching = self._within(_TOUCHING, state) | (self._within(_BESIDE, state) & ~beside)
+        active = asked & touching & np.isfinite(misfit)
+        apart, before = _copy(state), (misfit.copy(), covariance.copy(), moved.copy())
+        refined = active
+        beside = beside | refined
         for _ in range(_TOUCHING_STEPS):
-            active = active & np.isfinite(misfit) & (moved > _SMALLER * self._arrived)
             if not active.any():
                 break
             step()
+            active = active & np.isfinite(misfit) & (moved > _SMALLER * self._arrived)
+        worse = refined & ~(misfit < _WORSE * before[0])
+        if worse.any():
+            for ours, theirs in zip(
+                (state.fits, state.gains, state.slopes, misfit, covariance, moved),
+                (apart.fits, apart.gains, apart.slopes, before[0], before[1], before[2]),
+                strict=True,
+            ):
+                ours[worse] = theirs[worse]
+            beside = beside & ~worse
         # What is explained badly may lie at the edge of a shadow.
         typical = max(1.0, float(np.median(misfit)))
         uneven = asked & np.isfinite(misfit) & (misfit > _UNEVEN * typical)
@@ -331,6 +346,12 @@ class PairFit:
             active = active & np.isfinite(misfit) & ((moved > self._arrived) | (turn == 0))
         # Not arrived is not found.
         misfit[asked & (moved > max(self._arrived, _NEARLY))] = np.inf
+
+    def _within(self, radii: float, state: PairState) -> NDArray[np.bool_]:
+        """Pairs with a marker that lies within so many radii of another one, shape (M,)."""
+        near = self._optics.neighbours
+        found = np.asarray(crowded(state.fits, state.present, near, radii * self._radius))
+        return np.logical_or(found[:, 0], found[:, 1])
 
     def _slopes(self, gains: Array) -> Array:
         """Relative slope of the gains at each pair [1/px], shape (M, 2)."""

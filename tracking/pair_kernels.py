@@ -54,6 +54,7 @@ def fit_step(
     active: NDArray[np.bool_],
     present: NDArray[np.bool_],
     uneven: NDArray[np.bool_],
+    beside: NDArray[np.bool_],
     free: int,
     stride: int,
     fits: Array,
@@ -73,6 +74,7 @@ def fit_step(
     active: pairs to step, shape (M,)
     present: layers that are taken to be there, shape (M, 2)
     uneven: pairs whose light is fitted to second order, else its slopes are as given, shape (M,)
+    beside: pairs of which is minded how they lie beside others, see `shade`, shape (M,)
     free: numbers of each layer that are free, 5 or the first 2
     stride: every so manieth row of the image is read
     fits: (x, y, e, p, q) of each layer, shape (M, 2, 5)
@@ -110,7 +112,7 @@ def fit_step(
         if count < FEWEST_PIXELS:
             continue
         padded = pad(count, buffer)
-        shade(optics, present, fits, extents, m, box, padded, buffer)
+        shade(optics, present, fits, extents, m, beside[m], box, padded, buffer)
         together = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
         squares = model_pixels(
             optics, present[m], fits[m], inverses, together, free, padded, lights, says, buffer
