@@ -2,17 +2,24 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
 
+import cv2
+import numpy as np
+from threadpoolctl import threadpool_limits
+
 from .bench_rows import Row, reported, within
 from .controllers import CONTROLLERS
 from .errors import UserError
-from .force_scenes import OBJECTS
-from .run_folder import run
-from .scene import load_scene
+from .force_scenes import OBJECTS, WORLDS, calibration, seed_of
+from .loop import grasp
+from .run_folder import Result, run
+from .scene import Scene, load_scene
 from .scorecard import SCORES, scores, together, worst
+from .trace import make_trace, row
 from .workers import start_worker
 
 #: Scenes beyond the thesis; a number behind the name is its version.
@@ -38,13 +45,17 @@ Change = dict[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A run of one controller; `group` and `path` name the runs that are scored together."""
+    """A run of one controller; `group` and `path` name the runs that are scored together.
+
+    `specimen` is the number of a sensor that is not what its calibration says; None is as designed.
+    """
 
     group: str
     path: str
     controller: str
     scene: str
     changes: Change
+    specimen: int | None = None
 
 
 #: The 27 objects of the thesis.
@@ -54,11 +65,14 @@ _OBJECTS: list[Change] = [
 ]
 #: What a controller is shown with, whatever the scene: the average of µ that its own scene has.
 PRESETS: dict[str, Change] = {"margin-inversion": {"safety_margin.friction_window_s": 0.1}}
+MISMATCHED = "objects-mismatched"
 #: Grasps of many objects through the camera: scene, changes of each run, seeds.
 OBJECT_SETS: dict[str, tuple[str, list[Change], int]] = {
     "objects-100hz": ("camera-100hz", _OBJECTS, 1),
     "objects-60hz": ("margin-60hz", _OBJECTS, SEEDS),
     "objects-30hz": ("margin-30hz", _OBJECTS, SEEDS),
+    # Each with a sensor of its own of the mismatched world of `bench force`.
+    MISMATCHED: ("margin-60hz", _OBJECTS, 1),
     "objects-jerk": ("jerk-1", _OBJECTS, 1),
     # It is no drop to those of µ 0.3, and more of one than told to those of 0.7.
     "objects-moisture": (
@@ -81,6 +95,7 @@ TARGETS: dict[tuple[str, str, str], tuple[float, float]] = {
                 "chatter": 0.3,
             },
             "objects-30hz": {"gross": 0.0, "displacement": 0.20, "pressure_max": 540.0},
+            MISMATCHED: {"gross": 0.0, "pressure_max": 600.0},
             "objects-jerk": {"gross": 2.0},
             "objects-moisture": {"settling": 0.5},
         }.items()
@@ -144,16 +159,16 @@ def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
     names: of the controllers
     everything: every set of objects for each of them, not only where something is asked
     """
-    runs: list[tuple[str, str, str, Change, int]] = [
-        (scene, path, scene, {}, 1 if path == "truth" or quick else SEEDS)
+    runs: list[tuple[str, str, str, Change, int, int | None]] = [
+        (scene, path, scene, {}, 1 if path == "truth" or quick else SEEDS, None)
         for path in PATHS
         for scene in (_QUICK if quick and path == "camera" else SCENES)
     ]
     if not quick:
         runs += [
-            (group, "camera", scene, changes, seeds)
+            (group, "camera", scene, changes, seeds, number if group == MISMATCHED else None)
             for group, (scene, each, seeds) in OBJECT_SETS.items()
-            for changes in each
+            for number, changes in enumerate(each)
         ]
     asked = {(name, group) for name, group, _ in TARGETS}
     return [
@@ -169,9 +184,10 @@ def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
                 **PRESETS.get(name, {}),
                 **changes,
             },
+            specimen=specimen,
         )
         for name in names
-        for group, path, scene, changes, seeds in runs
+        for group, path, scene, changes, seeds, specimen in runs
         if everything or group not in OBJECT_SETS or (name, group) in asked
         for seed in range(seeds)
     ]
@@ -180,9 +196,20 @@ def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
 def ask(task: Task) -> dict[str, float] | str:
     """Scores of a run, or why there are none."""
     try:
-        return scores(run(load_scene(task.scene, task.changes)))
+        scene = load_scene(task.scene, task.changes)
+        return scores(run(scene) if task.specimen is None else _with(task.specimen, scene))
     except UserError as error:
         return str(error)
+
+
+def _with(number: int, scene: Scene) -> Result:
+    """A run with a sensor of the mismatched world."""
+    rng = np.random.default_rng(seed_of("mismatched", "controlled", number))
+    specimen, known = WORLDS["mismatched"](rng), calibration("mismatched")
+    with closing(specimen.camera(int(rng.integers(2**32)))) as camera, threadpool_limits(1):
+        cv2.setNumThreads(1)
+        rows = [row(sample) for sample in grasp(scene, camera, specimen.fingertip, known)]
+    return Result(scene=scene, summary={}, trace=make_trace(rows), folder=None)
 
 
 def _rows(

@@ -13,6 +13,7 @@ from .camera import SimulatedCamera
 from .control import Controller, GripObservation
 from .errors import UserError
 from .model import (
+    Fingertip,
     ForceField,
     ModelError,
     SlipRecord,
@@ -107,11 +108,22 @@ def open_camera(scene: Scene) -> SimulatedCamera:
     )
 
 
-def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
+def grasp(
+    scene: Scene,
+    camera: SimulatedCamera,
+    fingertip: Fingertip | None = None,
+    known: SensorCalibration | None = None,
+) -> Iterator[Sample]:
     """Samples of a grasp, as they happen.
 
     With a latency of L frames the command of frame k rests on frame k − L; until then, and while
     no frame arrives, the grip holds: at first the controller's answer to the first frame.
+
+    Parameters
+    ----------
+    scene: what happens
+    camera: that looks on
+    fingertip, known: that grasps, and what the estimator is told of it; None are the scene's
 
     Raises
     ------
@@ -122,7 +134,8 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
         raise UserError(
             f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
         )
-    tip, obj, controller = scene.build_fingertip(), scene.build_object(), scene.build_controller()
+    tip = scene.build_fingertip() if fingertip is None else fingertip
+    obj, controller = scene.build_object(), scene.build_controller()
     state, slip = rest_state(tip), no_slip(tip.nodes)
     field = contact_forces(tip, obj, state)
     window = scene.safety_margin.friction_window_s
@@ -132,8 +145,8 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
         rest = camera.expose_rest(state, scene.camera.rest_frames)
         noise = scene.camera.noise_levels
         try:
-            known = _known(scene)
-            seen = CameraObserver(known, scene.reconstructor, noise, window, rest)
+            told = _known(scene) if known is None else known
+            seen = CameraObserver(told, scene.reconstructor, noise, window, rest)
         except (
             CalibrationFileError,
             DetectionError,
@@ -163,8 +176,8 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
                 grip = _answer(controller, observation, scene.controller, index)
                 _reset(controller, scene.controller)
         while waiting and waiting[0][0] <= index:
-            _, told, observed = waiting.popleft()
-            grip = _answer(controller, observed, scene.controller, told)
+            _, number, observed = waiting.popleft()
+            grip = _answer(controller, observed, scene.controller, number)
         yield Sample(
             index=index,
             state=state,

@@ -12,6 +12,7 @@ import pytest
 
 from chromagrip import UserError, bench_control, load_scene
 from chromagrip.bench_control import OBJECT_SETS, SCENES, TARGETS, Task, ask, matrix, tasks
+from chromagrip.render.gl import gl_problem
 from chromagrip.run_folder import Result
 from chromagrip.scorecard import SCORES, scores, settling, together, worst
 from chromagrip.trace import COLUMNS, Trace
@@ -126,12 +127,14 @@ def test_a_run_that_stops_is_a_row_and_spoils_no_other(monkeypatch: pytest.Monke
 
 def test_everything_is_run_once_with_each_seed() -> None:
     every = tasks(False, ["conservative"], True)
-    assert len({(t.scene, repr(sorted(t.changes.items()))) for t in every}) == len(every)
+    keys = {(t.scene, t.specimen, repr(sorted(t.changes.items()))) for t in every}
+    assert len(keys) == len(every)
     count = {group: sum(t.group == group for t in every) for group in OBJECT_SETS}
     assert count == {
         "objects-100hz": 27,
         "objects-60hz": 81,
         "objects-30hz": 81,
+        "objects-mismatched": 27,
         "objects-jerk": 27,
         "objects-moisture": 27,
     }
@@ -145,6 +148,21 @@ def test_everything_is_run_once_with_each_seed() -> None:
     for task in tasks(True, ["conservative"], True):
         scene = load_scene(task.scene, task.changes)
         assert (scene.controller, scene.path) == ("conservative", task.path)
+
+
+@pytest.mark.skipif(gl_problem() is not None, reason="needs off-screen OpenGL")
+def test_a_sensor_that_is_not_what_is_told_grasps() -> None:
+    """Its chain has twice the nodes, and its stiffnesses are off: so is the pressure."""
+    changes = {"duration_s": 0.1, "controller": "conservative", "path": "camera"}
+    found = []
+    for specimen in (None, 1, 2):
+        task = Task(group="", path="camera", controller="conservative", scene="margin-60hz",
+                    changes=changes, specimen=specimen)  # fmt: skip
+        said = ask(task)
+        assert isinstance(said, dict)
+        found.append(said["pressure_max"])
+    assert len(set(found)) == 3
+    assert found[1:] == pytest.approx([found[0]] * 2, rel=0.15)
 
 
 def test_a_controller_that_is_not_there_is_refused_before_the_work() -> None:
