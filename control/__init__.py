@@ -1,4 +1,4 @@
-"""What the gripper does: a grip force from a force field, F = u + Kp·e + Ki·Σe (thesis Eq. 6)."""
+"""What the gripper does: a grip force from what is known of the grip."""
 
 from .controllers import (
     ConservativeControl,
@@ -9,6 +9,7 @@ from .controllers import (
     SafetyMarginControl,
     SafetyMarginGains,
 )
+from .margin_inversion import MarginInversion, MarginInversionSettings
 from .values import GripCommand, GripObservation
 
 __all__ = [
@@ -17,6 +18,8 @@ __all__ = [
     "Controller",
     "GripCommand",
     "GripObservation",
+    "MarginInversion",
+    "MarginInversionSettings",
     "ReactToSlip",
     "ReactToSlipSettings",
     "SafetyMarginControl",

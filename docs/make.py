@@ -1,21 +1,23 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
-Parts: images, loop, model, render, track, force, limit, stability, stability-track, appendix-b; all
-of them without arguments, an hour and a half alone on two cores. Nothing in docs/images/ and
-docs/bench-*.md is typed by hand.
+Parts: images, loop, control, model, render, track, force, limit, stability, stability-track,
+stability-loop, appendix-b, reproduction; all of them without arguments, some hours alone on two
+cores. Nothing in docs/images/, docs/bench-*.md and docs/reproduction.md is typed by hand.
 """
 
+import os
 import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import av
 import cv2
 
-from chromagrip import bench_force, run
+from chromagrip import bench_control, bench_force, run
 from chromagrip.appendix_b import appendix_b
 from chromagrip.bench import bench
 from chromagrip.bench_track import asked, matrix, refusals
@@ -24,9 +26,14 @@ from chromagrip.chart_render import chart_render
 from chromagrip.cli_limit import limit
 from chromagrip.force_scenes import WORLDS
 from chromagrip.force_scores import READ
+from chromagrip.loop_maps import maps
 from chromagrip.poses import Pose
 from chromagrip.render_poses import render_poses
+from chromagrip.reproduce import PARTS as THESIS
+from chromagrip.reproduce import Plan, reproduce
 from chromagrip.scene import load_scene
+from chromagrip.scorecard import NOTES
+from chromagrip.stability_loop import stability_loop
 from chromagrip.stability_model import stability_model
 from chromagrip.stability_track import stability_track
 from chromagrip.track_scenes import SCENES
@@ -34,6 +41,7 @@ from chromagrip.track_scenes import SCENES
 DOCS = Path(__file__).parent
 TITLES = {
     "loop": "The closed loop, measured",
+    "control": "Controllers, measured",
     "model": "The node models, measured",
     "render": "The renderers, measured",
     "track": "The trackers, measured",
@@ -149,6 +157,15 @@ def force() -> None:
         shutil.copy(Path(folder) / "chart.png", DOCS / "images" / "chart-force.png")
 
 
+def control() -> None:
+    """Every controller's scorecard, and what is asked of them."""
+    report = bench("control", quick=False, progress=print)
+    heading, *body = bench_control.matrix(report["rows"])
+    asked_of_them = figures(bench_control.asked(report["rows"]))
+    lines = [*NOTES, "", *grid(heading, body), "", "What is asked:", "", *asked_of_them]
+    write("control", report, lines)
+
+
 def grid(heading: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table."""
     return ["| " + " | ".join(line) + " |" for line in (heading, ["---"] * len(heading), *body)]
@@ -210,6 +227,18 @@ def stability_of_trackers() -> None:
     print(*sentences, sep="\n")
 
 
+def stability_of_the_loop() -> None:
+    """Maps of the closed loop and its predicted boundaries."""
+    with tempfile.TemporaryDirectory() as folder:
+        _, sentences = stability_loop(False, Path(folder), True, print, os.cpu_count() or 1)
+        for name in maps(False):
+            shutil.copy(
+                Path(folder) / f"{name}.png", DOCS / "images" / f"stability-loop-{name}.png"
+            )
+        shutil.copy(Path(folder) / "boundaries.csv", DOCS / "stability-loop.csv")
+    print(*sentences, sep="\n")
+
+
 def what_an_image_tells() -> None:
     """What one image can tell, for two designs."""
     with tempfile.TemporaryDirectory() as folder:
@@ -225,9 +254,57 @@ def figures_of_appendix_b() -> None:
             shutil.copy(Path(folder) / name, DOCS / "images" / f"appendix-b-{name}")
 
 
+#: How much of the thesis the documentation shows.
+REPRODUCED = Plan(quick=False, camera="camera-100hz")
+
+
+def reproduction(plan: Plan = REPRODUCED) -> None:
+    """The thesis's results beside ours; an interrupted run goes on in runs/reproduction."""
+    folder = Path("runs") / "reproduction"
+    command = "chromagrip reproduce" + (" --quick" if plan.quick else "")
+    command += f" --camera {plan.camera}" if plan.camera else ""
+    parts = [name for name in THESIS if name != "appendix-b"]
+    report, sections = reproduce(parts, plan, folder, True, os.cpu_count() or 1, print)
+    machine = ", ".join(f"{key} {value}" for key, value in report["machine"].items())
+    lines = [
+        "# The thesis, reproduced",
+        "",
+        f"Printed by `docs/make.py` from `{command}` on: {machine}.",
+        "",
+        "What the thesis prints is in `fixtures/thesis/printed.toml`; it has no data of its",
+        "figures: numbers and sentences are compared, and curves by their shape only.",
+        "`chromagrip reproduce appendix-b` is about Figs. 20 to 27: see `node-models.md`.",
+        "",
+        *grid(["", "verdict", ""], [[s.heading, s.verdict, s.sentence] for s in sections]),
+    ]
+    for section in sections:
+        name = f"{section.part}.png"
+        shutil.copy(folder / name, DOCS / "images" / f"reproduced-{name}")
+        lines += ["", f"## {section.heading}: {section.title}, {section.verdict}", ""]
+        lines += [f"![{section.title}](images/reproduced-{name})", ""]
+        checks = [
+            [
+                c.statement.text,
+                "–" if c.statement.value is None else f"{c.statement.value:g} {c.statement.unit}",
+                f"{c.value:.4g} {c.statement.unit}",
+                c.allowed,
+                "yes" if c.agrees else "no",
+            ]
+            for c in section.checks
+        ]
+        lines += grid(["the thesis says", "printed", "here", "allowed", "holds"], checks)
+        for heading, *body in section.tables:
+            lines += ["", *grid(heading, body)]
+        if section.rows:
+            lines += ["", *figures([asdict(row) for row in section.rows])]
+        lines += ["", *(f"- {note}" for note in section.notes)]
+    (DOCS / "reproduction.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
 PARTS = {
     "images": images,
     "loop": lambda: table("loop"),
+    "control": control,
     "model": lambda: table("model"),
     "render": render,
     "track": track,
@@ -235,7 +312,9 @@ PARTS = {
     "limit": what_an_image_tells,
     "stability": stability,
     "stability-track": stability_of_trackers,
+    "stability-loop": stability_of_the_loop,
     "appendix-b": figures_of_appendix_b,
+    "reproduction": reproduction,
 }
 
 if __name__ == "__main__":

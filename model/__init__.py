@@ -11,7 +11,13 @@ from .errors import (
     PiercedError,
 )
 from .fingertip import REFERENCE_NODES, Fingertip, SpringLaw
-from .force_field import ForceField, FrictionReading, contact_forces
+from .force_field import (
+    ForceField,
+    FrictionReading,
+    contact_forces,
+    node_friction,
+    whole_friction,
+)
 from .integrators import INTEGRATORS, Method, explicit_limit, simulate
 from .metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
 from .objects import ContactObject, stiffness_from_young
@@ -50,6 +56,7 @@ __all__ = [
     "follow_slip",
     "load_state",
     "no_slip",
+    "node_friction",
     "pressure",
     "rest_ensemble",
     "rest_state",
@@ -60,4 +67,5 @@ __all__ = [
     "step",
     "step_many",
     "stiffness_from_young",
+    "whole_friction",
 ]

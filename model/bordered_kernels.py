@@ -33,6 +33,7 @@ class Scratch(NamedTuple):
     slip: Array  # (N,) tangential motion in the step
     gap: Array  # (N,) at the start of the step
     gap_after: Array  # (N,) at its end
+    mu: Array  # (N,) of the object under each node
     iterations: Array  # (1,) on contact and friction, of all steps so far
 
 
@@ -41,7 +42,7 @@ def scratch(nodes: int) -> Scratch:
     n = nodes
     blocks = ((n, 4), (n - 1, 4), (n - 1, 4))
     shapes = (*blocks, (n, 2), (n, 2), (n, 2), (2,), (n, 4), (n, 6), (2,), (n, 2))
-    return Scratch(*(np.zeros(shape) for shape in (*shapes, (n,), (n,), (n,), (n,), (1,))))
+    return Scratch(*(np.zeros(shape) for shape in (*shapes, (n,), (n,), (n,), (n,), (n,), (1,))))
 
 
 @njit(nogil=True)

@@ -86,6 +86,7 @@ def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
         When a hollow is too narrow for the fingertip to enter.
     """
     knots, pieces = _spline(obj.profile)
+    places, factors = np.array(obj.patches, dtype=float).reshape(-1, 2).T.copy()
     return Contact(
         stiffness=obj.stiffness,
         mu=obj.friction,
@@ -96,6 +97,8 @@ def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
         lift=_lift(fingertip, obj, knots, pieces),
         knots=knots,
         pieces=pieces,
+        places=places,
+        factors=factors,
     )
 
 

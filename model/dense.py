@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from .chain import Chain
-from .contact import Contact, contact_frames
+from .contact import Contact, contact_frames, frictions_at
 from .drive import Drive
 from .errors import DivergedError
 from .springs import AXIAL, SPLIT
@@ -121,7 +121,8 @@ def equations(ch: Chain, ct: Contact, drive: Drive) -> Rates:
         gap, normal = contact_frames(ct, ch.rest + u, object_x)
         tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
         f_n = ct.stiffness * ch.share * np.maximum(0.0, -gap)
-        limit = ct.mu * f_n
+        mu = frictions_at(ct, ch.rest[:, 0] + u[:, 0] - object_x)
+        limit = mu * f_n
         f_f = np.clip(held_friction, -limit, limit)
         on_node = f_n[:, None] * normal + f_f[:, None] * tangent
         v = (on_node - forces[:-1]) / damping
@@ -133,7 +134,7 @@ def equations(ch: Chain, ct: Contact, drive: Drive) -> Rates:
         relative = np.array([v_object, 0.0]) - v
         speed = (relative * tangent).sum(axis=1)
         closing = ct.stiffness * ch.share * (relative * normal).sum(axis=1) * (gap < 0.0)
-        friction = _dahl_rate(held_friction, speed, limit, ct.mu * closing, ch, ct)
+        friction = _dahl_rate(held_friction, speed, limit, mu * closing, ch, ct)
         return np.concatenate([v[:, 0], v[:, 1], [v_rigid, v_object], friction])
 
     return rates

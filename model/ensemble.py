@@ -93,7 +93,7 @@ def step_many(
     Parameters
     ----------
     fingertip: all of them
-    objects: one for each, flat or round
+    objects: one for each, flat or round, of one µ each
     ensemble: B states to start from; not changed
     dt: step [s]
     grip, load: force on rigid part and object at the end of each step [N], shape (B, steps) or (B,)
@@ -102,7 +102,7 @@ def step_many(
     Raises
     ------
     ValueError
-        When the shapes do not fit, or an object has a profile.
+        When the shapes do not fit, or an object has a profile or patches.
     ModelError
         When one of them cannot go on, with its number.
     """
@@ -120,6 +120,8 @@ def step_many(
         raise ValueError(f"a step needs dt > 0 and finite forces, got {dt=}")
     if any(obj.profile is not None for obj in objects):
         raise ValueError("an ensemble takes flat and round objects, not profiles")
+    if any(obj.patches for obj in objects):
+        raise ValueError("an ensemble takes objects of one friction each, not patches")
     ch = chain(fingertip)
     contacts = np.array([contact(fingertip, obj)[:7] for obj in objects])
     y = tuple(
@@ -184,7 +186,9 @@ def _advance_many(
     steps = goals.shape[1]
     for b in range(begin, stop):
         c = contacts[b]
-        ct = Contact(c[0], c[1], c[2], c[3], c[4], c[5], c[6], no_knots, no_pieces)
+        ct = Contact(
+            c[0], c[1], c[2], c[3], c[4], c[5], c[6], no_knots, no_pieces, no_knots, no_knots
+        )
         start = done if b == begin else 0
         last = before if start == 0 else dt
         reached, ended = advance(

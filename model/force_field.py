@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .chain import chain, contact
-from .contact import contact_frames
+from .contact import contact_frames, frictions_at
 from .fingertip import CONTACT_THRESHOLD, Fingertip
 from .objects import ContactObject
 from .state import State
@@ -88,3 +88,25 @@ def contact_forces(fingertip: Fingertip, obj: ContactObject, state: State) -> Fo
         contact=normal > CONTACT_THRESHOLD * ch.share,
         totals_covariance=np.zeros((2, 2)),
     )
+
+
+def node_friction(fingertip: Fingertip, obj: ContactObject, state: State) -> Array:
+    """µ of the object's surface at each node of a state, shape (N,)."""
+    deformation = state.deformation
+    places = chain(fingertip).rest[:, 0] + deformation.nodes[:, 0] - deformation.object_position
+    return frictions_at(contact(fingertip, obj), places)
+
+
+def whole_friction(
+    fingertip: Fingertip, obj: ContactObject, state: State, field: ForceField
+) -> float:
+    """µ of the contact as a whole, Σµᵢ·Fn,i/ΣFn: with it Γ = 1 − ΣFf/Σ(µᵢ·Fn,i).
+
+    Where µ is one everywhere it is that; elsewhere it is NaN with nothing in contact.
+    """
+    if not obj.patches:
+        return obj.friction
+    normal = np.where(field.contact, field.normal, 0.0)
+    if not normal.any():
+        return float("nan")
+    return float(node_friction(fingertip, obj, state) @ normal / normal.sum())

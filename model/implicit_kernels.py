@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .bordered_kernels import back, linearise, sweep
 from .compiled import njit
-from .contact import contact_frame
+from .contact import contact_frame, friction_at
 from .friction import dahl_path, dahl_tangent
 
 Array = NDArray[np.float64]
@@ -81,7 +81,8 @@ def _iterate(
     diagonal, rhs, column, row = w.diagonal, w.rhs, w.column, w.row
     inverse, solved, into, out_of = w.inverse, w.solved, w.into, w.out_of
     now, moved, gap_before, half = w.force, w.slip, w.gap, ch.half
-    stiffness, mu, bristle, exponent = ct.stiffness, ct.mu, ct.bristle, ct.exponent
+    stiffness, mu, bristle, exponent = ct.stiffness, w.mu, ct.bristle, ct.exponent
+    knots, pieces, curvature, lift = ct.knots, ct.pieces, ct.curvature, ct.lift
     d_object = w.border[1]
     # Border: s_b the right-hand sides, s_rr … s_oo the stiffness of rigid part and object.
     s_rb, s_rr, s_ro = w.corner[0] + target[0], w.corner[1], 0.0
@@ -91,14 +92,14 @@ def _iterate(
     for i in range(a, b + 1):
         d_x, d_z = delta[i, 0], delta[i, 1]
         x, z = rest[i, 0] + u[i, 0] + d_x, rest[i, 1] + u[i, 1] + d_z
-        gap, n_x, n_z = contact_frame(ct, x, z, object_x + d_object)
+        gap, n_x, n_z = contact_frame(knots, pieces, curvature, x - (object_x + d_object), z - lift)
         e_x, e_z = d_x - d_object, d_z
         slip = n_z * e_x - n_x * e_z
         moved[i] = slip
         force = f_x = f_z = a_xx = a_xz = a_zz = 0.0
         if gap < 0.0:
             force, f_x, f_z, a_xx, a_xz, a_zz = _contact_terms(
-                gap, gap_before[i], n_x, n_z, e_x, e_z, stiffness * share[i], mu,
+                gap, gap_before[i], n_x, n_z, e_x, e_z, stiffness * share[i], mu[i],
                 bristle * share[i], exponent, friction[i], slip, slip_before[i], lagged,
             )  # fmt: skip
             s_ob -= f_x
@@ -161,6 +162,14 @@ def _iterate(
 
 
 @njit(nogil=True)
+def _frictions(ch: Any, ct: Any, w: Any, u: Array, object_x: float, a: int, b: int) -> None:
+    """µ under each node of a window, where it now is on the object."""
+    for i in range(a, b + 1):
+        x = ch.rest[i, 0] + u[i, 0] + w.delta[i, 0]
+        w.mu[i] = friction_at(ct, x - (object_x + w.border[1]))
+
+
+@njit(nogil=True)
 def _scan(
     ch: Any, ct: Any, w: Any, u: Array, object_x: float, a: int, b: int
 ) -> tuple[int, int, int, int, float]:
@@ -169,11 +178,12 @@ def _scan(
     first = 0 if ch.half else 1
     left, right, low, high = a, b, n, -1
     smallest = np.inf
+    knots, pieces, curvature, lift = ct.knots, ct.pieces, ct.curvature, ct.lift
     for i in range(first, n - 1):
         # Summed as the next step will: a run that is cut here goes on bit for bit.
         x = ch.rest[i, 0] + (u[i, 0] + w.delta[i, 0])
         z = ch.rest[i, 1] + (u[i, 1] + w.delta[i, 1])
-        gap, _, _ = contact_frame(ct, x, z, object_x + w.border[1])
+        gap, _, _ = contact_frame(knots, pieces, curvature, x - (object_x + w.border[1]), z - lift)
         w.gap_after[i] = gap
         smallest = min(smallest, gap)
         if gap < REACH:
@@ -207,6 +217,7 @@ def _step(
     w.border[0], w.border[1] = guess * rate[n, 0], guess * rate[n, 1]
     drag, drag_before = ct.drag * pace, ct.drag * carry * rate[n, 1]
     farthest = LEAP * abs(ch.rest[n - 1, 0])
+    varies = ct.places.size > 0
     fresh, ended = True, UNSOLVED
     gap = 0.0
     for k in range(rule.max_iterations):
@@ -216,6 +227,8 @@ def _step(
             linearise(ch, w, u, pose, rate, pace, carry, turning)
             sweep(w, first, a, 1)
             sweep(w, last, b, -1)
+        if varies:
+            _frictions(ch, ct, w, u, pose[1], a, b)
         change, leap = _iterate(
             ch, ct, w, u, friction, slip, pose[1], a, b, drag, drag_before, held, target,
             rule.lagged,
@@ -238,6 +251,8 @@ def _step(
         a, b, fresh = left, right, True
     if ended != SOLVED:
         return UNSOLVED, a, b
+    if varies:  # at the end of the step
+        _frictions(ch, ct, w, u, pose[1], a, b)
     if rule.lagged:
         _return_map(ch, ct, w, u, friction, pose[1], a, b)
     if not np.isfinite(w.delta).all():
@@ -256,7 +271,7 @@ def _step(
         w.gap[i] = w.gap_after[i]
         inside = a <= i <= b
         # The last iteration moved the node a little after its friction was found.
-        limit = ct.mu * ct.stiffness * ch.share[i] * max(0.0, -w.gap[i])
+        limit = w.mu[i] * ct.stiffness * ch.share[i] * max(0.0, -w.gap[i])
         friction[i] = min(max(w.force[i], -limit), limit) if inside else 0.0
         slip[i] = w.slip[i] / dt if inside else 0.0
     for k in range(2):
@@ -270,15 +285,18 @@ def _return_map(
     ch: Any, ct: Any, w: Any, u: Array, friction: Array, object_x: float, a: int, b: int
 ) -> None:
     """Friction of a lagged step, after it: the map that cannot leave the cone."""
+    knots, pieces, curvature, lift = ct.knots, ct.pieces, ct.curvature, ct.lift
     for i in range(a, b + 1):
         d_x, d_z = w.delta[i, 0], w.delta[i, 1]
         x, z = ch.rest[i, 0] + u[i, 0] + d_x, ch.rest[i, 1] + u[i, 1] + d_z
-        gap, n_x, n_z = contact_frame(ct, x, z, object_x + w.border[1])
+        gap, n_x, n_z = contact_frame(
+            knots, pieces, curvature, x - (object_x + w.border[1]), z - lift
+        )
         w.slip[i] = n_z * (d_x - w.border[1]) - n_x * d_z
         normal = ct.stiffness * ch.share[i] * max(0.0, -gap)
         before = -ct.stiffness * ch.share[i] * w.gap[i]
         w.force[i], _ = dahl_path(
-            friction[i], w.slip[i], before, normal, ct.mu, ct.bristle * ch.share[i], ct.exponent
+            friction[i], w.slip[i], before, normal, w.mu[i], ct.bristle * ch.share[i], ct.exponent
         )
 
 
@@ -325,6 +343,7 @@ def advance(
     """
     w.delta[:] = 0.0
     w.border[:] = 0.0
+    w.mu[:] = ct.mu
     _, _, low, high, _ = _scan(ch, ct, w, u, pose[1], 0, 0)
     w.gap[:] = w.gap_after
     first, last = (0 if ch.half else 1), ch.rest.shape[0] - 2

@@ -121,6 +121,8 @@ def _march_half(
         raise ValueError("a half chain needs a drive and a state without lateral load or motion")
     if obj.profile is not None and not _mirrors(obj.profile):
         raise ValueError("a half chain needs an object that mirrors itself about x = 0")
+    if obj.patches and not np.allclose(obj.patches, np.array(obj.patches)[::-1] * [-1.0, 1.0]):
+        raise ValueError("a half chain needs patches of friction that mirror themselves")
     ch = chain(fingertip, half=True)
     middle = fingertip.nodes // 2
     d = start.deformation

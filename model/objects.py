@@ -21,6 +21,9 @@ class ContactObject:
     ----------
     stiffness: normal penalty stiffness k_c per node (thesis Eq. 4 with erratum E4) [N/m]
     friction: friction coefficient µ
+    patches: points (x, factor): at a place x of the surface [m], in the object's own frame, µ is
+        `friction` times the factor, straight between the points and constant beyond; x increasing.
+        Empty is one µ everywhere
     curvature: 1/radius of a round object, 0 for a flat one, negative for a hollow [1/m]
     profile: surface as points (x, z), x increasing, z from the fingertip into the object [m]; a
         smooth curve goes through them and on straight beyond the ends. Only its shape counts: it is
@@ -32,6 +35,7 @@ class ContactObject:
 
     stiffness: float = 1000.0
     friction: float = 0.5
+    patches: tuple[tuple[float, float], ...] = ()
     curvature: float = 0.0
     profile: tuple[tuple[float, float], ...] | None = None
     dahl_stiffness: float = 5000.0
@@ -47,6 +51,8 @@ class ContactObject:
         within("Dahl exponent", self.dahl_exponent, "", 0.1, 2.0)
         if self.profile is not None:
             _check_profile(self.profile, self.curvature)
+        if self.patches:
+            _check_patches(self.patches)
 
 
 def _check_profile(profile: tuple[tuple[float, float], ...], curvature: float) -> None:
@@ -58,6 +64,16 @@ def _check_profile(profile: tuple[tuple[float, float], ...], curvature: float) -
         raise ValueError("object profile must be finite")
     if not (np.diff([x for x, _ in profile]) > 0.0).all():
         raise ValueError("object profile must have increasing x")
+
+
+def _check_patches(patches: tuple[tuple[float, float], ...]) -> None:
+    if any(len(point) != 2 for point in patches):
+        raise ValueError(f"object patches must be points (x, factor), got {patches!r}")
+    for place, factor in patches:
+        within("place of an object patch", place, "m", -1.0, 1.0)
+        within("factor of an object patch", factor, "", 1e-3, 1e3)
+    if not (np.diff([x for x, _ in patches]) > 0.0).all():
+        raise ValueError("object patches must have increasing x")
 
 
 def stiffness_from_young(young_modulus: float) -> float:

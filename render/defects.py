@@ -22,6 +22,7 @@ Offset = Annotated[float, Meta(ge=0.0, le=2.0)]
 # Streams of random numbers: each defect's own, so that no dial changes what another draws. Their
 # numbers stand last and start at 1: NumPy takes trailing zeros of a seed for no seed at all.
 LEDS, DUST, SPECULAR, NOISE, WHITE_BALANCE, GAIN, MISSING, MISALIGNMENT, MISPLACEMENT = range(1, 10)
+WORN = 10
 
 
 class Defects(Table, frozen=True):
@@ -48,6 +49,8 @@ class Defects(Table, frozen=True):
     dust: number of specks on the skin's image
     specular: number of LEDs that the silicone mirrors
     missing_markers: share of each layer's markers that are not there
+    worn_markers: share of the outer layer's markers that are rubbed off, around the middle, where
+        the sensor touches: a patch with a ragged edge
     seam_tint: strength of the gores' tinted seams, the design's or else four
     misalignment_mm: shift of the yellow layer along the skin, and a turn of up to that at the rim
     misplacement_mm: standard deviation of each marker's place, along each direction of the skin
@@ -69,6 +72,7 @@ class Defects(Table, frozen=True):
     dust: Annotated[int, Meta(ge=0, le=1000)] = 0
     specular: Annotated[int, Meta(ge=0, le=100)] = 0
     missing_markers: Share = 0.0
+    worn_markers: Share = 0.0
     seam_tint: Share = 0.0
     misalignment_mm: Offset = 0.0
     misplacement_mm: Offset = 0.0
@@ -99,6 +103,11 @@ class Flaws:
         for layer in range(2):
             order = np.random.default_rng([seed, layer, MISSING]).permutation(count)
             self.missing[layer, order[:absent]] = True
+        # Half as far from the middle, or half as far again: the edge is ragged.
+        ragged = np.random.default_rng([seed, WORN]).uniform(0.5, 1.5, count)
+        nearest = np.argsort(sensor.places[:, 0] * ragged, kind="stable")
+        outer = int(np.argmin(sensor.depths))
+        self.missing[outer, nearest[: round(defects.worn_markers * count)]] = True
 
     def __call__(self, membrane: Membrane) -> Membrane:
         """Membrane without the missing markers, whose centres are NaN."""

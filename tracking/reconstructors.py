@@ -5,7 +5,7 @@ from importlib import import_module
 from typing import Protocol
 
 from ..model import ForceField
-from .by_name import import_class
+from ..render.by_name import import_class
 from .calibration import SensorCalibration
 from .tracks import Tracks
 
@@ -77,5 +77,5 @@ def load_reconstructor(name: str) -> Callable[[SensorCalibration, Tracks], Recon
         raise ReconstructorError(
             f"no reconstructor {name!r}; there is {known}, or give module:Class"
         )
-    found = import_class(name, name, "reconstructor", ReconstructorError)
+    found = import_class(name, name, Reconstructor, ReconstructorError)
     return found

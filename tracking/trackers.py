@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..render import Frame
-from .by_name import import_class
+from ..render.by_name import import_class
 from .palette import Palette
 from .tracks import Tracks
 
@@ -110,5 +110,5 @@ def load_tracker(name: str) -> Callable[[Palette, float], Tracker]:
     if ":" not in target:
         known = ", ".join(tracker_names())
         raise TrackerError(f"no tracker {name!r}; there is {known}, or give module:Class")
-    found = import_class(target, name, "tracker", TrackerError)
+    found = import_class(target, name, Tracker, TrackerError)
     return found

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from .bench_control import bench_control
 from .bench_force import bench_force
 from .bench_model import bench_model
 from .bench_render import bench_render
@@ -93,6 +94,7 @@ PARTS: dict[str, Callable[..., list[Row]]] = {
     "render": bench_render,
     "track": bench_track,
     "force": bench_force,
+    "control": bench_control,
 }
 
 
@@ -102,15 +104,21 @@ def bench(
     progress: Callable[[str], None],
     trackers: tuple[str, ...] = (),
     reconstructors: tuple[str, ...] = (),
+    controllers: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Measure a part: the machine, and a row per figure.
 
     Raises
     ------
     UserError
-        When trackers or reconstructors are given for a part without any, or are not there.
+        When trackers, reconstructors or controllers are given for a part without any, or are not
+        there.
     """
-    chosen = {"track": ("--tracker", trackers), "force": ("--reconstructor", reconstructors)}
+    chosen = {
+        "track": ("--tracker", trackers),
+        "force": ("--reconstructor", reconstructors),
+        "control": ("--controller", controllers),
+    }
     for its_part, (option, names) in chosen.items():
         if names and part != its_part:
             raise UserError(f"{option} goes with bench {its_part}, not with bench {part}")

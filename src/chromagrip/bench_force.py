@@ -1,14 +1,12 @@
 """Figures of force and friction estimates: all reconstructors on the same tracks, in two worlds."""
 
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from multiprocessing import get_context
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
@@ -31,6 +29,7 @@ from .force_scores import (
 )
 from .render.gl import gl_problem
 from .tracking import RECONSTRUCTORS, ReconstructorError, load_reconstructor
+from .workers import start_worker
 
 Array = NDArray[np.float64]
 
@@ -209,7 +208,7 @@ def measure(
         for k in range(count)
     ]
     done: dict[str, list[Measured]] = {}
-    with get_context("spawn").Pool(os.cpu_count(), initializer=_start) as pool:
+    with get_context("spawn").Pool(os.cpu_count(), initializer=start_worker) as pool:
         for number, (task, part) in enumerate(zip(tasks, pool.imap(ask, tasks), strict=True)):
             name = set_name(task.world, task.kind)
             done.setdefault(name, []).append(part)
@@ -223,12 +222,6 @@ def _joined(parts: Sequence[Measured]) -> Measured:
         said={key: Answers.joined([part.said[key] for part in parts]) for key in parts[0].said},
         limit={read: np.concatenate([part.limit[read] for part in parts]) for read in READ},
     )
-
-
-def _start() -> None:
-    """One thread a process; who interrupts the bench tells its main process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(1)
 
 
 def ask(task: Task) -> Measured:

@@ -26,6 +26,7 @@ from .cli_options import (
     JsonOnly,
     Out,
     Quick,
+    check_least,
     interrupt,
     new_folder,
     option,
@@ -34,13 +35,13 @@ from .cli_options import (
     telling,
 )
 from .cli_render import render
+from .cli_reproduce import reproduce
 from .cli_track import detect, palettes, track, trackers
 from .cli_train import train
+from .controllers import CONTROLLERS
 from .errors import UserError
 from .scene import (
-    CONTROLLERS,
     DEFAULT_SCENE,
-    ControllerName,
     PathName,
     RendererName,
     load_scene,
@@ -62,6 +63,12 @@ Reconstructors = Annotated[
     option("of force: only this one; may be repeated", "NAME|MODULE:CLASS", "reconstructor"),
 ]
 
+Controllers = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("of control: only this one; may be repeated", "NAME|MODULE:CLASS", "controller"),
+]
+
 
 def grasp(
     *,
@@ -69,7 +76,8 @@ def grasp(
         str, option("shipped scene, see `chromagrip scenes`, or a .toml file", "NAME|FILE.toml")
     ] = DEFAULT_SCENE,
     controller: Annotated[
-        ControllerName | None, option("instead of the scene's", "|".join(CONTROLLERS))
+        str | None,
+        option("instead of the scene's; see `chromagrip controllers`", "NAME|MODULE:CLASS"),
     ] = None,
     path: Annotated[
         PathName | None,
@@ -110,7 +118,7 @@ def grasp(
     changed |= dict(parse_change(text) for text in changes)
     resolved = load_scene(scene, changed)
     if out is None and not json_only:
-        out = new_folder(f"{Path(scene).stem}-{resolved.controller}")
+        out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
     from .run_folder import run  # OpenCV, matplotlib and FFmpeg load only when something is run
 
@@ -189,7 +197,7 @@ def sensors() -> int:
 
 def controllers() -> int:
     """List the controllers."""
-    return _list({str(name): text for name, text in CONTROLLERS.items()})
+    return _list(CONTROLLERS)
 
 
 def renderers() -> int:
@@ -208,13 +216,14 @@ def doctor() -> int:
 
 def bench(
     part: Annotated[
-        Literal["force", "loop", "model", "render", "track"],
+        Literal["control", "force", "loop", "model", "render", "track"],
         tyro.conf.Positional,
-        option("what to measure", "force|loop|model|render|track"),
+        option("what to measure", "control|force|loop|model|render|track"),
     ],
     *,
     trackers: Trackers = (),
     reconstructors: Reconstructors = (),
+    controllers: Controllers = (),
     quick: Quick = False,
     json_only: Annotated[Flag, option("one JSON object", name="json")] = False,
 ) -> int:
@@ -222,7 +231,7 @@ def bench(
     from .bench import bench as measure
 
     with Console(stderr=True).status("starting") as status:
-        report = measure(part, quick, telling(status), trackers, reconstructors)
+        report = measure(part, quick, telling(status), trackers, reconstructors, controllers)
     if json_only:
         print(json.dumps(report))
         return 0
@@ -240,31 +249,51 @@ def bench(
 
         print(*lines(errors(rows)), "", *lines(readings(rows)), "", *NOTES, "", sep="\n")
         rows = asked_of_force(rows)
+    if part == "control":
+        from .bench_control import asked as asked_of_control
+        from .bench_control import matrix as cards
+        from .bench_force import matrix_lines as lines
+        from .scorecard import NOTES as SCORED
+
+        print(*lines(cards(rows)), "", *SCORED, "", sep="\n")
+        rows = asked_of_control(rows)
     print_rows(rows)
     return 0
 
 
 def stability(
     part: Annotated[
-        Literal["model", "track"], tyro.conf.Positional, option("what to map", "model|track")
+        Literal["loop", "model", "track"],
+        tyro.conf.Positional,
+        option("what to map", "loop|model|track"),
     ],
     *,
     trackers: Trackers = (),
+    workers: Annotated[
+        int | None, option("of loop: processes; by default one for each core", "N")
+    ] = None,
     quick: Quick = False,
     out: Out = None,
     force: Force = False,
     json_only: JsonOnly = False,
 ) -> int:
-    """Map where each integrator is true and where it is lost, or each tracker."""
+    """Map where each integrator is true and where it is lost, or each tracker, or the grip."""
+    from .stability_loop import stability_loop
     from .stability_model import stability_model
     from .stability_track import stability_track
 
     if trackers and part != "track":
         raise UserError(f"--tracker goes with stability track, not with stability {part}")
+    if workers is not None and part != "loop":
+        raise UserError(f"--workers goes with stability loop, not with stability {part}")
+    check_least(workers=(workers, 1))
     if out is None and not json_only:
         out = new_folder(f"stability-{part}")
     with Console(stderr=True).status("starting") as status:
-        if part == "track":
+        if part == "loop":
+            processes = workers or os.cpu_count() or 1
+            report, sentences = stability_loop(quick, out, force, telling(status), processes)
+        elif part == "track":
             report, sentences = stability_track(quick, out, force, telling(status), trackers)
         else:
             report, sentences = stability_model(quick, out, force, telling(status))
@@ -310,32 +339,6 @@ def chart(
     return 0
 
 
-def reproduce(
-    part: Annotated[
-        Literal["appendix-b"], tyro.conf.Positional, option("part of the thesis", "appendix-b")
-    ],
-    *,
-    out: Out = None,
-    force: Force = False,
-    json_only: JsonOnly = False,
-) -> int:
-    """Reproduce figures of the thesis, with a sentence each on agreement."""
-    from .appendix_b import appendix_b
-
-    if out is None and not json_only:
-        out = new_folder(part)
-    with Console(stderr=True).status("starting") as status:
-        report, verdicts = appendix_b(out, force, telling(status))
-    if json_only:
-        print(json.dumps(report))
-        return 0
-    for verdict in verdicts:
-        word = "reproduced" if verdict.agrees else "DIFFERS"
-        print(f"Fig. {verdict.figure}  {word}: {verdict.sentence}")
-    print(f"folder {out}, open index.html")
-    return 0
-
-
 def _list(entries: dict[str, str]) -> int:
     width = max(map(len, entries))
     for name, text in entries.items():
@@ -370,6 +373,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 def main() -> None:
     """Entry point of the command line."""
     signal.signal(signal.SIGINT, interrupt)
+    sys.path.append(str(Path.cwd()))  # where a module:Class of one's own lies
     words = sys.argv[1:]
     if words[:2] == ["calibrate", "sensor"]:  # beside pictures of the board, by name
         words[:2] = ["calibrate-sensor"]

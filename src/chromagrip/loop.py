@@ -3,12 +3,17 @@
 import math
 from collections import deque
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .camera import SimulatedCamera
-from .control import Controller, GripCommand, GripObservation
+from .control import Controller, GripObservation
 from .errors import UserError
 from .model import (
+    Fingertip,
     ForceField,
     ModelError,
     SlipRecord,
@@ -19,6 +24,7 @@ from .model import (
     pressure,
     rest_state,
     step,
+    whole_friction,
 )
 from .observers import CameraObserver, TruthObserver
 from .render import Frame, GLMissingError, open_renderer
@@ -36,9 +42,12 @@ from .tracking import (
     shipped_readout,
 )
 
+#: Stream of random numbers that lost and late frames are drawn from; those below are defects'.
+_DELIVERY = 20
+
 
 class ControllerError(UserError):
-    """A controller that answered something no gripper can do."""
+    """A controller that failed, or answered something no gripper can do."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,10 +59,14 @@ class Sample:
     index: of the frame
     state, field, slip: truth
     load: lateral load on the object [N]
-    grip: force applied from now on [N]
+    friction: true µ of the contact as a whole, see `whole_friction`
+    grip: force commanded from now on [N]
+    applied: force of the gripper's drive now [N]
     pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
-    observation: what the controller will be told of this frame, after the latency
-    frame, tracks, rest: image, markers in it and at rest; None on the truth path
+    observation: what the controller will be told of this frame, after the latency; None of a
+        dropped one
+    frame, tracks, rest: image, markers in it and at rest; None on the truth path, the first two
+        also of a dropped frame
     """
 
     index: int
@@ -61,10 +74,12 @@ class Sample:
     field: ForceField
     slip: SlipRecord
     load: float
+    friction: float
     grip: float
+    applied: float
     pressure: float
     pressure_pitch: float
-    observation: GripObservation
+    observation: GripObservation | None
     frame: Frame | None
     tracks: Tracks | None
     rest: Tracks | None
@@ -93,33 +108,45 @@ def open_camera(scene: Scene) -> SimulatedCamera:
     )
 
 
-def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
+def grasp(
+    scene: Scene,
+    camera: SimulatedCamera,
+    fingertip: Fingertip | None = None,
+    known: SensorCalibration | None = None,
+) -> Iterator[Sample]:
     """Samples of a grasp, as they happen.
 
-    With a latency of L frames the command of frame k rests on frame k − L; until then the grip
-    holds the controller's answer to the first frame.
+    With a latency of L frames the command of frame k rests on frame k − L; until then, and while
+    no frame arrives, the grip holds: at first the controller's answer to the first frame.
+
+    Parameters
+    ----------
+    scene: what happens
+    camera: that looks on
+    fingertip, known: that grasps, and what the estimator is told of it; None are the scene's
 
     Raises
     ------
     ControllerError
-        When a controller answers NaN or a negative force.
+        When a controller raises, or answers what is no finite force of at least 0.
     """
     if scene.build_sensor().shape.flat:
         raise UserError(
             f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
         )
-    tip, obj, controller = scene.build_fingertip(), scene.build_object(), scene.build_controller()
+    tip = scene.build_fingertip() if fingertip is None else fingertip
+    obj, controller = scene.build_object(), scene.build_controller()
     state, slip = rest_state(tip), no_slip(tip.nodes)
     field = contact_forces(tip, obj, state)
     window = scene.safety_margin.friction_window_s
     seen: CameraObserver | None = None
-    truth = TruthObserver(window)
+    truth = TruthObserver(window, scene.truth.margin_noise, scene.seed)
     if scene.path == "camera":
         rest = camera.expose_rest(state, scene.camera.rest_frames)
         noise = scene.camera.noise_levels
         try:
-            known = _known(scene)
-            seen = CameraObserver(known, scene.reconstructor, noise, window, rest)
+            told = _known(scene) if known is None else known
+            seen = CameraObserver(told, scene.reconstructor, noise, window, rest)
         except (
             CalibrationFileError,
             DetectionError,
@@ -130,29 +157,36 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
             raise UserError(f"sensor {scene.sensor}: {error}") from None
     substeps = max(1, math.ceil(scene.period * 1e3 / scene.fingertip.step_ms - 1e-9))
     dt = scene.period / substeps
-    waiting: deque[GripObservation] = deque()
-    grip = math.nan
-    controller.reset()
+    # The substep after which the middle of the next frame's exposure has come.
+    middle = substeps - round(0.5e-3 * scene.camera.exposure_ms / dt)
+    due, waiting = arrivals(scene), deque[tuple[int, int, GripObservation]]()
+    shown = state, field, slip.current
+    applied, grip = 0.0, math.nan
+    _reset(controller, scene.controller)
     for index in range(scene.frames):
-        frame, tracks = None, None
-        if seen is None:
-            observation = truth.observe(state.time, field, slip.current)
-        else:
-            frame = camera.expose(state, index)
-            observation, tracks = seen.observe(frame)
-        if index == 0:
-            grip = _checked(controller, observation, scene.controller)
-            controller.reset()
-        waiting.append(observation)
-        if index >= scene.camera.latency_frames:
-            grip = _checked(controller, waiting.popleft(), scene.controller)
+        observation, frame, tracks = None, None, None
+        if due[index] >= 0:
+            if seen is None:
+                observation = truth.observe(state.time, *shown[1:])
+            else:
+                frame = camera.expose(replace(shown[0], time=state.time), index)
+                observation, tracks = seen.observe(frame)
+            waiting.append((int(due[index]), index, observation))
+            if index == 0:
+                grip = _answer(controller, observation, scene.controller, index)
+                _reset(controller, scene.controller)
+        while waiting and waiting[0][0] <= index:
+            _, number, observed = waiting.popleft()
+            grip = _answer(controller, observed, scene.controller, number)
         yield Sample(
             index=index,
             state=state,
             field=field,
             slip=slip,
             load=scene.load.force(state.time + 1e-9),
+            friction=whole_friction(tip, obj, state, field),
             grip=grip,
+            applied=applied,
             pressure=pressure(field),
             pressure_pitch=pressure(field, tip.pitch),
             observation=observation,
@@ -161,16 +195,35 @@ def grasp(scene: Scene, camera: SimulatedCamera) -> Iterator[Sample]:
             rest=None if seen is None else seen.rest,
         )
         start = index * scene.period
+        command = scene.actuator.rounded(grip)
         for k in range(substeps):
-            load = scene.load.force(start + (k + 0.5) * dt)
+            halfway = start + (k + 0.5) * dt
+            load = scene.load.force(halfway)
+            if scene.object.changes:
+                obj = scene.build_object(halfway)
+            applied = scene.actuator.follow(applied, command, dt)
             try:
-                state = step(tip, obj, state, dt, grip, load)
+                state = step(tip, obj, state, dt, applied, load)
             except ModelError as error:
                 raise UserError(f"the node model gave up: {error}") from None
             field = contact_forces(tip, obj, state)
             slip = follow_slip(slip, state, field, dt)
+            if k + 1 == middle:
+                shown = state, field, slip.current
         # Sums of steps round; frames are counted.
         state = replace(state, time=(index + 1) * scene.period)
+
+
+def arrivals(scene: Scene) -> NDArray[np.intp]:
+    """Number of the frame at whose instant each frame reaches the controller, −1 for dropped ones.
+
+    Drawn from the scene's seed; the first frame, which starts the grip, is never dropped.
+    """
+    rng = np.random.default_rng([scene.seed, _DELIVERY])
+    lost, late = rng.random((scene.frames, 2)).T
+    due = np.arange(scene.frames) + scene.camera.latency_frames + (late < scene.camera.late)
+    due[1:][lost[1:] < scene.camera.dropped] = -1
+    return due
 
 
 def _known(scene: Scene) -> SensorCalibration:
@@ -181,11 +234,29 @@ def _known(scene: Scene) -> SensorCalibration:
     return replace(known, readout=shipped_readout(scene.sensor))
 
 
-def _checked(controller: Controller, observation: GripObservation, name: str) -> float:
-    command: GripCommand = controller.command(observation)
-    if math.isfinite(command.force) and command.force >= 0.0:
-        return command.force
+def _reset(controller: Controller, name: str) -> None:
+    with _blaming(name, "before the first sample"):
+        controller.reset()
+
+
+def _answer(controller: Controller, observation: GripObservation, name: str, index: int) -> float:
+    """Force that a controller commands [N] when told of that frame."""
+    at = f"at t = {observation.time:.4g} s, sample {index}"
+    with _blaming(name, at):
+        force = float(controller.command(observation).force)
+    if math.isfinite(force) and force >= 0.0:
+        return force
     raise ControllerError(
-        f"controller {name} commanded {command.force!r} N at t = {observation.time:.4g} s; "
-        "a grip force is finite and not negative"
+        f"controller {name} commanded {force!r} N {at}; a grip force is finite and not negative"
     )
+
+
+@contextmanager
+def _blaming(name: str, at: str) -> Iterator[None]:
+    """Say which controller raised what is raised in here."""
+    try:
+        yield
+    except Exception as reason:  # whatever anybody's controller raises
+        raise ControllerError(
+            f"controller {name} failed {at}: {type(reason).__name__}: {reason}"
+        ) from reason

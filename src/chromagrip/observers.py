@@ -25,6 +25,8 @@ from .tracking import (
 #: Correlation of the sums' errors where stiffnesses are off: the tissue's turn both alike, the
 #: membrane's do not.
 _ALIKE = 0.95
+#: Marks the random numbers of the truth path's noise among those of a seed.
+_MARGIN_NOISE = 7
 
 
 class TruthObserver:
@@ -33,16 +35,39 @@ class TruthObserver:
     Parameters
     ----------
     window: moving average of the friction estimate [s]
+    margin_noise: standard deviation of white noise on Γ, as wrong friction forces; µ is left alone
+    seed: of the noise
     """
 
-    def __init__(self, window: float) -> None:
+    def __init__(self, window: float, margin_noise: float = 0.0, seed: int = 0) -> None:
         self._friction = FrictionEstimate(THESIS_RULE, window)
+        self._noise = margin_noise
+        self._random = np.random.default_rng([seed, _MARGIN_NOISE])
 
     def observe(
         self, time: float, field: ForceField, lateral_displacement: float
     ) -> GripObservation:
         """Observation of the true contact forces."""
-        return _observation(time, field, self._friction, lateral_displacement)
+        seen = _observation(time, field, self._friction, lateral_displacement)
+        if self._noise == 0.0 or math.isnan(seen.margin):
+            return seen
+        return _with_margin_noise(seen, self._noise, float(self._random.standard_normal()))
+
+
+def _with_margin_noise(seen: GripObservation, sigma: float, drawn: float) -> GripObservation:
+    """The observation with friction forces that are wrong by what puts the margin off by σ·drawn.
+
+    Nodes share the error as they share ΣFn; near Γ = 1 the sum may change its sign.
+    """
+    field = seen.field
+    side = 1.0 if field.friction[field.contact].sum() >= 0.0 else -1.0
+    share = np.where(field.contact, field.normal, 0.0)
+    spread = side * seen.friction * share * sigma
+    covariance = np.diag([0.0, (seen.friction * field.total_normal * sigma) ** 2])
+    noisy = replace(field, friction=field.friction - drawn * spread, totals_covariance=covariance)
+    margin = noisy.safety_margin(seen.friction)
+    interval = (margin - Z90 * sigma, margin + Z90 * sigma)
+    return replace(seen, field=noisy, margin=margin, margin_interval=interval)
 
 
 class ForceObserver:

@@ -44,6 +44,7 @@ class Shot:
     truth: of that image
     seen: node displacements relative to the rigid part [m], shape (N, 2)
     field: contact forces; None for a pad
+    friction: µ of the contact as a whole, see `whole_friction`
     """
 
     pose: Pose
@@ -51,6 +52,7 @@ class Shot:
     truth: GroundTruth
     seen: Array
     field: ForceField | None
+    friction: float
 
 
 def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:

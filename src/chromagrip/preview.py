@@ -36,8 +36,8 @@ def _title(scene: Scene, shot: Shot) -> str:
     if field is None:
         what = f"pressed {pose.depth * 1e3:g} mm, sheared {pose.shear * 1e3:g} mm"
     else:
-        margin = field.safety_margin(scene.object.friction)
-        what = f"grip {pose.grip:g} N, load {pose.load:g} N, µ {scene.object.friction:g}" + (
+        margin = field.safety_margin(shot.friction)
+        what = f"grip {pose.grip:g} N, load {pose.load:g} N, µ {shot.friction:.3g}" + (
             f", safety margin {margin:.2f}" if np.isfinite(margin) else ", no contact"
         )
     return f"{Path(scene.sensor).stem}, {scene.renderer}: {what}"

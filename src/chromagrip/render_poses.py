@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from .errors import FolderError
 from .loop import open_camera
-from .model import ForceField, State, rest_state
+from .model import ForceField, State, rest_state, whole_friction
 from .out_folder import prepare
 from .poses import Pose, Shot, settle
 from .preview import draw_preview
@@ -112,13 +112,13 @@ def _shots(
 ) -> Iterator[Shot]:
     """Pictures of settled poses, in order; the rest frame is written on the way."""
     sensor, nodes = scene.build_sensor(), scene.fingertip.nodes
-    truth = TruthMap(sensor, nodes)
+    truth, tip, obj = TruthMap(sensor, nodes), scene.build_fingertip(), scene.build_object()
     with closing(open_camera(scene)) as camera, threadpool_limits(1):
         cv2.setNumThreads(1)
         if out is not None:
             _save_image(
                 out / "rest.png",
-                camera.expose_rest(rest_state(scene.build_fingertip()), 1)[0].image,
+                camera.expose_rest(rest_state(tip), 1)[0].image,
             )
         for number, (pose, state, field) in enumerate(settled):
             seen = state.deformation.seen
@@ -128,6 +128,7 @@ def _shots(
                 truth=truth(camera.membrane(seen), seen),
                 seen=seen,
                 field=field,
+                friction=(np.nan if field is None else whole_friction(tip, obj, state, field)),
             )
 
 
@@ -141,13 +142,13 @@ def _entry(scene: Scene, shot: Shot, number: int) -> dict[str, Any]:
     if field is None:
         entry |= {"press_mm": pose.depth * 1e3, "shear_mm": pose.shear * 1e3}
     else:
-        margin = field.safety_margin(scene.object.friction)
+        margin = field.safety_margin(shot.friction)
         entry |= {
             "grip_n": pose.grip,
             "load_n": pose.load,
             "normal_n": field.total_normal,
             "friction_n": field.total_friction,
-            "mu": scene.object.friction,
+            "mu": shot.friction if np.isfinite(shot.friction) else None,
             "margin": margin if np.isfinite(margin) else None,
         }
     return entry | {"markers_visible": int(shot.truth.visible.all(axis=0).sum())}

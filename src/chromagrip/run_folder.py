@@ -75,6 +75,7 @@ def run(
     """
     if isinstance(scene, str):
         scene = load_scene(scene)
+    scene.build_controller()  # refuses one that is not there before there is a folder
     with closing(open_camera(scene)) as camera, threadpool_limits(1):
         # One thread: frames are small, and runs are made side by side.
         cv2.setNumThreads(1)
@@ -101,9 +102,9 @@ def _record(
                 seconds += time.perf_counter() - begin
                 if sample is None:
                     break
-                rows.append(row(sample, scene.object.friction))
+                rows.append(row(sample))
                 slot = int(sample.state.time * FPS * SLOWDOWN + 1e-6)
-                if video is not None and slot > shown:
+                if video is not None and slot > shown and sample.observation is not None:
                     shown = slot
                     frame = sample.frame or camera.expose(sample.state, sample.index)
                     video.add(frame.image, sample)

@@ -7,17 +7,20 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
+import numpy as np
 import tomli_w
 from msgspec import Meta
 
-from .control import (
-    ConservativeControl,
-    ConservativeSettings,
-    Controller,
-    ReactToSlip,
-    ReactToSlipSettings,
-    SafetyMarginControl,
-    SafetyMarginGains,
+from .actuator import ActuatorSettings
+from .control import Controller
+from .controllers import (
+    CONTROLLERS,
+    ConservativeTable,
+    MarginInversionTable,
+    ReactToSlipTable,
+    SafetyMarginSettings,
+    check_controller,
+    foreign_controller,
 )
 from .errors import SceneError
 from .model import ContactObject, Fingertip, SpringLaw, stiffness_from_young
@@ -27,28 +30,32 @@ from .render.tables import Table, convert
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
-Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
+Part = Annotated[float, Meta(ge=0.0, lt=1.0)]
+Force = Annotated[float, Meta(ge=-100.0, le=100.0)]
+Friction = Annotated[float, Meta(gt=0.0, le=5.0)]
 
-ControllerName = Literal["safety-margin", "react-to-slip", "conservative"]
 PathName = Literal["camera", "truth"]
 RendererName = Literal["painter", "pyrender"]
-
-#: Name and one line about each controller.
-CONTROLLERS: dict[ControllerName, str] = {
-    "safety-margin": "PI control of the safety margin around its desired value",
-    "react-to-slip": "constant force, raised by a step each time slip is seen",
-    "conservative": "constant force, more than is needed",
-}
 
 
 class ObjectSettings(Table, frozen=True):
     """The object that is gripped; `radius_mm = inf` is flat, a negative one hollow.
 
-    `profile_mm` are points (x, z) of its surface, z into the object; empty is flat or round.
+    `profile_mm` are points (x, z) of its surface, z into the object; empty is flat or round. From
+    each of `friction_times_s` on, µ is that of `frictions` instead of `friction`. Along the surface
+    it is multiplied with `friction_factors` at `friction_places_mm`, straight between them and
+    constant beyond. An object that `creeps` gives way by that share more, with the time constant
+    `creep_s` from the start on.
     """
 
     stiffness_kpa: Positive = 200.0
-    friction: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.5
+    friction: Friction = 0.5
+    friction_times_s: tuple[NotNegative, ...] = ()
+    frictions: tuple[Friction, ...] = ()
+    friction_places_mm: tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], ...] = ()
+    friction_factors: tuple[Annotated[float, Meta(ge=0.01, le=100.0)], ...] = ()
+    creeps: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    creep_s: Positive = 1.0
     radius_mm: float = math.inf
     profile_mm: tuple[tuple[float, float], ...] = ()
     dahl_stiffness_n_per_m: Positive = 5000.0
@@ -60,27 +67,70 @@ class ObjectSettings(Table, frozen=True):
             raise ValueError(f"radius_mm = {self.radius_mm} must be at least 1, hollow at most -1")
         if self.profile_mm and self.radius_mm != math.inf:
             raise ValueError("radius_mm must be inf beside profile_mm")
+        _check_knots("friction_times_s", self.friction_times_s, "frictions", self.frictions)
+        places, factors = self.friction_places_mm, self.friction_factors
+        _check_knots("friction_places_mm", places, "friction_factors", factors)
+
+    @property
+    def changes(self) -> bool:
+        """Whether it is another object at another time."""
+        return bool(self.friction_times_s) or self.creeps > 0.0
+
+    def friction_at(self, time: float) -> float:
+        """µ at `time`, before its factor along the surface."""
+        return _held(self.friction_times_s, self.frictions, time, self.friction)
+
+    def stiffness_kpa_at(self, time: float) -> float:
+        """Stiffness at `time` [kPa]: its inverse creeps as that of a standard linear solid."""
+        return self.stiffness_kpa / (1.0 - self.creeps * math.expm1(-time / self.creep_s))
 
 
 class LoadSettings(Table, frozen=True):
-    """Lateral load: each force holds from its time on; before the first there is none."""
+    """Lateral load, none before the first of its times.
+
+    Each force holds from its time on, or the load goes straight from one to the next, as
+    `interpolation` says; a sine of `sine_n` and `sine_hz` is added from the first time on.
+    """
 
     times_s: tuple[NotNegative, ...] = (0.04, 1.0)
-    forces_n: tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], ...] = (0.25, 0.65)
+    forces_n: tuple[Force, ...] = (0.25, 0.65)
+    interpolation: Literal["hold", "linear"] = "hold"
+    sine_n: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
+    sine_hz: Positive = 1.0
 
     def __post_init__(self) -> None:
-        if len(self.times_s) != len(self.forces_n):
-            raise ValueError(
-                f"times_s has {len(self.times_s)} entries and forces_n {len(self.forces_n)}; "
-                "they must be as many"
-            )
-        if tuple(sorted(set(self.times_s))) != self.times_s:
-            raise ValueError(f"times_s must increase, got {list(self.times_s)}")
+        _check_knots("times_s", self.times_s, "forces_n", self.forces_n)
 
     def force(self, time: float) -> float:
         """Load at `time` [N]."""
-        past = [f for t, f in zip(self.times_s, self.forces_n, strict=True) if t <= time]
-        return past[-1] if past else 0.0
+        times, forces = self.times_s, self.forces_n
+        if not times or time < times[0]:
+            return 0.0
+        if self.interpolation == "hold":
+            force = _held(times, forces, time, 0.0)
+        else:
+            force = float(np.interp(time, times, forces))
+        if not self.sine_n:
+            return force
+        return force + self.sine_n * math.sin(2.0 * math.pi * self.sine_hz * (time - times[0]))
+
+
+def _check_knots(
+    knots_name: str, knots: tuple[float, ...], values_name: str, values: tuple[float, ...]
+) -> None:
+    if len(knots) != len(values):
+        raise ValueError(
+            f"{knots_name} has {len(knots)} entries and {values_name} {len(values)}; "
+            "they must be as many"
+        )
+    if tuple(sorted(set(knots))) != knots:
+        raise ValueError(f"{knots_name} must increase, got {list(knots)}")
+
+
+def _held(times: tuple[float, ...], values: tuple[float, ...], time: float, before: float) -> float:
+    """Value of the last time that is past; `before` the first."""
+    past = [value for t, value in zip(times, values, strict=True) if t <= time]
+    return past[-1] if past else before
 
 
 class FingertipSettings(Table, frozen=True):
@@ -92,53 +142,41 @@ class FingertipSettings(Table, frozen=True):
 
 
 class CameraSettings(Table, frozen=True):
-    """When frames come, and how noisy they are."""
+    """When frames come, and how noisy they are.
+
+    A frame shows the middle of its exposure, which ends at the frame's instant; instead of that,
+    `defects.motion_blur` smears it too. Of a dropped frame the controller hears nothing, and the
+    grip holds; a late one comes a frame later than the latency. `dropped` and `late` are shares of
+    all frames.
+    """
 
     rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0
     latency_frames: Annotated[int, Meta(ge=0, le=1000)] = 1
+    exposure_ms: NotNegative = 0.0
+    dropped: Part = 0.0
+    late: Part = 0.0
     noise_levels: Annotated[float, Meta(ge=0.0, le=50.0)] = 2.0
     rest_frames: Annotated[int, Meta(ge=1, le=1000)] = 16
 
 
-class SafetyMarginSettings(Table, frozen=True):
-    """Safety Margin Control and the average of its friction estimate."""
+class TruthSettings(Table, frozen=True):
+    """What the truth path tells wrongly: white noise on Γ, its standard deviation."""
 
-    desired_margin: Share = 0.30
-    feedforward_n: Positive = 0.5
-    proportional_n: NotNegative = 0.25
-    integral_n_per_s: NotNegative = 30.0
-    friction_window_s: Positive = 0.3
-    floor_n: Positive = 0.1
-    start_s: NotNegative = 0.04
-
-
-class ReactToSlipTable(Table, frozen=True):
-    """React To Slip."""
-
-    start_n: Positive = 0.5
-    step_n: Positive = 2.0
-    displacement_mm: Positive = 1.3
-    margin: Share = 0.05
-    hold_s: NotNegative = 0.1
-
-
-class ConservativeTable(Table, frozen=True):
-    """Conservative Control."""
-
-    force_n: Positive = 5.0
+    margin_noise: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
 
 
 class Scene(Table, frozen=True):
     """A whole experiment.
 
-    `calibration` is the file that the estimator is told of the sensor, empty for one that is as
-    designed; `reconstructor` is how it reads forces.
+    `controller` is one of CONTROLLERS or anybody's `module:Class`. `calibration` is the file that
+    the estimator is told of the sensor, empty for one that is as designed; `reconstructor` is how
+    it reads forces.
     """
 
     description: str = ""
     duration_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 2.0
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
-    controller: ControllerName = "safety-margin"
+    controller: str = "safety-margin"
     path: PathName = "camera"
     renderer: RendererName = "painter"
     sensor: str = "thesis"
@@ -148,20 +186,37 @@ class Scene(Table, frozen=True):
     load: LoadSettings = LoadSettings()
     fingertip: FingertipSettings = FingertipSettings()
     camera: CameraSettings = CameraSettings()
+    actuator: ActuatorSettings = ActuatorSettings()
     safety_margin: SafetyMarginSettings = SafetyMarginSettings()
+    margin_inversion: MarginInversionTable = MarginInversionTable()
     react_to_slip: ReactToSlipTable = ReactToSlipTable()
     conservative: ConservativeTable = ConservativeTable()
+    truth: TruthSettings = TruthSettings()
     defects: Defects = Defects()
 
     def __post_init__(self) -> None:
         if self.fingertip.nodes % 2 == 0:
             raise ValueError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
+        check_controller(self.controller)
+        if self.camera.exposure_ms > 1e3 * self.period:
+            raise ValueError(
+                f"camera.exposure_ms = {self.camera.exposure_ms} must be at most "
+                f"{1e3 * self.period:g}, the time between frames"
+            )
+        if self.camera.exposure_ms and self.defects.motion_blur:
+            raise ValueError("camera.exposure_ms and defects.motion_blur both delay; set one")
         try:
             sensor = self.build_sensor()
         except SensorError as error:
             raise ValueError(str(error)) from None
         if not sensor.shape.flat:  # the node model is a dome
             contact(self.build_fingertip(), self.build_object())  # refuses what cannot touch
+
+    @property
+    def last_change(self) -> float:
+        """Time of the last change of load or friction that is told; 0 if there is none [s]."""
+        times = (*self.load.times_s, *self.object.friction_times_s)
+        return max((time for time in times if time < self.duration_s), default=0.0)
 
     @property
     def period(self) -> float:
@@ -185,44 +240,33 @@ class Scene(Table, frozen=True):
             law=self.fingertip.model,
         )
 
-    def build_object(self) -> ContactObject:
-        """The model's object."""
+    def build_object(self, time: float = 0.0) -> ContactObject:
+        """The model's object, as it is at `time` [s]."""
+        told = self.object
+        places = zip(told.friction_places_mm, told.friction_factors, strict=True)
         return ContactObject(
-            stiffness=stiffness_from_young(self.object.stiffness_kpa * 1e3),
-            friction=self.object.friction,
-            curvature=0.0 if self.object.profile_mm else 1e3 / self.object.radius_mm,
-            profile=tuple((1e-3 * x, 1e-3 * z) for x, z in self.object.profile_mm) or None,
-            dahl_stiffness=self.object.dahl_stiffness_n_per_m,
-            dahl_exponent=self.object.dahl_exponent,
-            drag=self.object.drag_n_s_per_m,
+            stiffness=stiffness_from_young(told.stiffness_kpa_at(time) * 1e3),
+            friction=told.friction_at(time),
+            patches=tuple((1e-3 * x, factor) for x, factor in places),
+            curvature=0.0 if told.profile_mm else 1e3 / told.radius_mm,
+            profile=tuple((1e-3 * x, 1e-3 * z) for x, z in told.profile_mm) or None,
+            dahl_stiffness=told.dahl_stiffness_n_per_m,
+            dahl_exponent=told.dahl_exponent,
+            drag=told.drag_n_s_per_m,
         )
 
     def build_controller(self) -> Controller:
-        """The controller the scene names."""
-        if self.controller == "safety-margin":
-            margin = self.safety_margin
-            return SafetyMarginControl(
-                SafetyMarginGains(
-                    desired_margin=margin.desired_margin,
-                    feedforward=margin.feedforward_n,
-                    proportional=margin.proportional_n,
-                    integral=margin.integral_n_per_s,
-                    floor=margin.floor_n,
-                    start=margin.start_s,
-                )
-            )
-        if self.controller == "react-to-slip":
-            slip = self.react_to_slip
-            return ReactToSlip(
-                ReactToSlipSettings(
-                    start_force=slip.start_n,
-                    step_force=slip.step_n,
-                    displacement=slip.displacement_mm * 1e-3,
-                    margin=slip.margin,
-                    hold=slip.hold_s,
-                )
-            )
-        return ConservativeControl(ConservativeSettings(force=self.conservative.force_n))
+        """The controller the scene names.
+
+        Raises
+        ------
+        SceneError
+            When it is anybody's, and cannot be imported or made.
+        """
+        if self.controller not in CONTROLLERS:
+            return foreign_controller(self.controller)
+        made: Controller = getattr(self, self.controller.replace("-", "_")).build()
+        return made
 
 
 DEFAULT_SCENE = "camera-100hz"

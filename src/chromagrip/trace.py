@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .control import GripObservation
 from .loop import Sample
 from .model import GROSS_SLIP
 from .scene import Scene
@@ -17,15 +18,17 @@ Array = NDArray[np.float64]
 COLUMNS = {
     "time_s": "instant of the frame",
     "load_n": "lateral load on the object",
-    "grip_n": "grip force applied from this frame on",
+    "grip_n": "grip force commanded from this frame on",
+    "applied_n": "force of the gripper's drive at this frame",
     "normal_true_n": "ΣFn",
     "friction_true_n": "ΣFf",
+    "mu_true": "Σµᵢ·Fn,i/ΣFn, the object's µ over the contact",
     "margin_true": "Γ with the object's µ; NaN without contact",
     "normal_estimated_n": "ΣFn as observed",
     "friction_estimated_n": "ΣFf as observed",
     "normal_deviation_n": "standard deviation of the observed ΣFn",
     "friction_deviation_n": "standard deviation of the observed ΣFf",
-    "mu_estimated": "µ as observed",
+    "mu_estimated": "µ as observed; this and all observed is NaN of a dropped frame",
     "mu_low": "lower end of the 90 % interval of µ",
     "mu_high": "upper end",
     "margin_estimated": "Γ as observed",
@@ -42,26 +45,19 @@ COLUMNS = {
 }
 
 
-def row(sample: Sample, mu: float) -> tuple[float, ...]:
-    """One line of the trace; `mu` is the object's friction coefficient."""
-    seen = sample.observation
-    deviation = np.sqrt(np.diag(seen.field.totals_covariance))
+def row(sample: Sample) -> tuple[float, ...]:
+    """One line of the trace."""
     visible = math.nan if sample.tracks is None else float(sample.tracks.visible.all(axis=0).sum())
     return (
         sample.state.time,
         sample.load,
         sample.grip,
+        sample.applied,
         sample.field.total_normal,
         sample.field.total_friction,
-        sample.field.safety_margin(mu),
-        seen.field.total_normal,
-        seen.field.total_friction,
-        float(deviation[0]),
-        float(deviation[1]),
-        seen.friction,
-        *seen.friction_interval,
-        seen.margin,
-        *seen.margin_interval,
+        sample.friction,
+        sample.field.safety_margin(sample.friction),
+        *_observed(sample.observation),
         sample.pressure,
         sample.pressure_pitch,
         sample.slip.lateral_displacement * 1e3,
@@ -70,6 +66,23 @@ def row(sample: Sample, mu: float) -> tuple[float, ...]:
         sample.state.deformation.rigid_part * 1e3,
         float(sample.field.contact.sum()),
         visible,
+    )
+
+
+def _observed(seen: GripObservation | None) -> tuple[float, ...]:
+    """Columns from ΣFn as observed to the upper end of Γ."""
+    if seen is None:
+        return (math.nan,) * 10
+    deviation = np.sqrt(np.diag(seen.field.totals_covariance))
+    return (
+        seen.field.total_normal,
+        seen.field.total_friction,
+        float(deviation[0]),
+        float(deviation[1]),
+        seen.friction,
+        *seen.friction_interval,
+        seen.margin,
+        *seen.margin_interval,
     )
 
 
@@ -123,7 +136,7 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> dict[str, Any]:
         "margin_true_min_last_300ms": float(late.min()) if len(late) else math.nan,
         "margin_true_max_last_300ms": float(late.max()) if len(late) else math.nan,
         "margin_rmse": float(np.sqrt((error**2).mean())) if len(error) else math.nan,
-        "final_mu_true": scene.object.friction,
+        "final_mu_true": _last(trace["mu_true"]),
         "final_mu_estimated": _last(trace["mu_estimated"]),
         "max_pressure_n_per_m": _largest(trace["pressure_n_per_m"]),
         "max_pressure_pitch_n_per_m": _largest(trace["pressure_pitch_n_per_m"]),

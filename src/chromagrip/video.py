@@ -42,8 +42,10 @@ class TactileVideo(VideoFile):
         self._view = sensor.view
 
     def add(self, image: Image, sample: Sample) -> None:
-        """Append one sample and the image that belongs to it."""
+        """Append one sample and the image that belongs to it; nothing of a dropped frame."""
         seen = sample.observation
+        if seen is None:
+            return
         overlay = draw_overlay(image, seen.field, self._view, sample.tracks, sample.rest)
         source = "true" if sample.tracks is None else "estimated"
         _write(

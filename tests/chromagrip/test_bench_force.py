@@ -317,7 +317,7 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
     )
     monkeypatch.setattr(bench_force, "scenes", lambda *_: [scene])
     monkeypatch.setattr(bench_force, "get_context", lambda _: multiprocessing.dummy)
-    monkeypatch.setattr(bench_force, "_start", lambda: None)
+    monkeypatch.setattr(bench_force, "start_worker", lambda: None)
     names = ("users_readers:Told", "users_readers:Refusing")
     rows = report(bench_force.bench_force(True, lambda _: None, names))["rows"]
     found = {row["name"]: row for row in rows}

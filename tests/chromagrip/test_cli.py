@@ -13,6 +13,8 @@ import av
 import pyarrow.parquet as pq
 import pytest
 
+from chromagrip.bench_control import SCENES
+
 QUICK = ["--set", "duration_s=0.1"]
 PROMISED = {
     "controller", "path", "renderer", "final_margin_true", "final_margin_estimated",
@@ -104,8 +106,9 @@ def test_without_a_folder_the_next_free_one_is_taken(tmp_path: Path) -> None:
         (["--set", "object.sharpness=3"], "unknown key object.sharpness; allowed here"),
         (["--set", "object.stiffness_kpa=-1"], "object.stiffness_kpa = -1: expected a number > 0"),
         (["--fps", "0"], "camera.rate_hz = 0.0: expected a number > 0"),
-        (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, thesis"),
+        (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, "),
         (["--scene", "none.toml"], "scene file none.toml cannot be read: No such file"),
+        (["--controller", "nowhere:Mine"], "controller 'nowhere:Mine' cannot be imported"),
         (["--out", "/proc/chromagrip"], "folder /proc/chromagrip cannot be written"),
         (["--out", "/etc/hostname"], "/etc/hostname"),
     ],
@@ -116,6 +119,34 @@ def test_bad_input_is_one_sentence(arguments: list[str], words: str, tmp_path: P
     assert words in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert done.stdout == ""
+
+
+MINE = """
+from chromagrip.control import GripCommand
+
+class Mine:
+    def reset(self): pass
+    def command(self, seen): return GripCommand(force=1.25 if seen.time < 0.05 else -1)
+"""
+
+
+def test_a_controller_of_ones_own_lies_where_one_works(tmp_path: Path) -> None:
+    """The installed command does not look there by itself, as `python -m` does: hence -P."""
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
+    words = ["grasp", "--controller", "mine:Mine", "--path", "truth", "--set", "duration_s=0.1"]
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "chromagrip", *words],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "chromagrip: controller mine:Mine commanded -1.0 N at t = 0.05 s" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    folder = tmp_path / "runs" / "camera-100hz-mine-Mine-001"
+    trace = pq.read_table(folder / "trace.parquet").to_pydict()
+    assert trace["grip_n"] == [1.25] * 6
 
 
 def test_unknown_words_are_refused() -> None:
@@ -174,9 +205,9 @@ def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ("scenes", ["thesis", "camera-100hz"]),
+        ("scenes", ["thesis", "camera-100hz", "margin-30hz", "margin-60hz", *SCENES]),
         ("sensors", ["dome-2020", "dome-2022", "flat-2019", "fovea", "thesis"]),
-        ("controllers", ["safety-margin", "react-to-slip", "conservative"]),
+        ("controllers", ["safety-margin", "margin-inversion", "react-to-slip", "conservative"]),
         ("renderers", ["painter", "pyrender"]),
     ],
 )

@@ -104,3 +104,4 @@ def test_the_wheel_holds_every_module(tmp_path: Path) -> None:
             assert f"chromagrip/{folder}/{path.name}".replace("//", "/") in held
     assert "chromagrip/scenes/camera-100hz.toml" in held
     assert "chromagrip/render/designs/thesis.toml" in held
+    assert "chromagrip/thesis/printed.toml" in held

@@ -1,14 +1,22 @@
 """The closed loop, stage by stage from what the issue promises of it."""
 
+import json
+import sys
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import ClassVar
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from chromagrip import Result, UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
-from chromagrip.loop import Sample, grasp, open_camera
+from chromagrip.loop import Sample, arrivals, grasp, open_camera
 from chromagrip.model import State
 from chromagrip.render import Frame
 from chromagrip.scene import Scene
@@ -63,6 +71,34 @@ def test_printed_gains_slip_at_camera_rate() -> None:
     }
     assert run(load_scene("camera-100hz", printed)).summary["gross_slip"] is True
     assert run(load_scene("camera-100hz", {"path": "truth"})).summary["gross_slip"] is False
+
+
+@pytest.mark.parametrize("scene", ["margin-60hz", "margin-30hz"])
+@pytest.mark.parametrize("friction", [0.3, 0.7])
+def test_margin_inversion_holds_where_gains_slip(scene: str, friction: float) -> None:
+    """At camera rate, a frame late: gains printed for 1 kHz drop what the inversion holds."""
+    changes = {"path": "truth", "object.friction": friction}
+    result = run(load_scene(scene, changes))
+    assert result.summary["lateral_displacement_mm"] < 0.1
+    assert result.trace["grip_n"][-1] == pytest.approx(0.65 / (0.7 * friction), rel=0.03)
+    late = result.trace["time_s"] > 1.5
+    assert np.abs(result.trace["margin_true"][late] - 0.30).max() < 0.03
+    printed = {
+        "controller": "safety-margin",
+        "safety_margin.proportional_n": 2.5,
+        "safety_margin.integral_n_per_s": 100.0,
+    }
+    assert run(load_scene(scene, changes | printed)).summary["gross_slip"] is True
+
+
+def test_margin_inversion_through_the_camera() -> None:
+    trace = run(load_scene("margin-60hz", {"duration_s": 1.7})).trace
+    assert trace["lateral_displacement_mm"][-1] < 0.1
+    late = trace["time_s"] > 1.2 - 1e-9
+    assert trace["margin_true"][late].min() > 0.2
+    assert trace["margin_true"][late].max() < 0.4
+    # Sum of changes over time [N/s]: the grip is quiet, with an image's noise in every reading.
+    assert np.abs(np.diff(trace["grip_n"][late])).sum() / 0.5 < 0.5
 
 
 def test_reaction_comes_one_frame_and_the_latency_after_an_event() -> None:
@@ -191,3 +227,170 @@ def test_a_controller_that_answers_nonsense_is_stopped(
     scene = load_scene("camera-100hz", {"path": "truth", "controller": "conservative"})
     with pytest.raises(UserError, match=r"controller conservative commanded .* at t = 0.06 s"):
         run(scene)
+
+
+class Moody:
+    """Anybody's controller: constant, until it does something else at its sixth sample."""
+
+    answer: object = GripCommand(force=1.5)
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        self._told = 0
+
+    def command(self, observation: GripObservation) -> GripCommand:
+        self._told += 1
+        if self._told < 6:
+            return GripCommand(force=1.5)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer  # type: ignore[return-value]
+
+
+class Demanding(Moody):
+    """Anybody's controller that cannot be made."""
+
+    def __init__(self, gain: float) -> None:
+        super().__init__()
+
+
+@pytest.fixture
+def anybodys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both, in a module that can be imported."""
+    module = ModuleType("anybodys")
+    module.__dict__.update(Moody=Moody, Demanding=Demanding)
+    monkeypatch.setitem(sys.modules, "anybodys", module)
+
+
+QUICK = {"path": "truth", "duration_s": 0.2, "controller": "anybodys:Moody"}
+
+
+@pytest.mark.usefixtures("anybodys")
+def test_anybodys_controller_grips() -> None:
+    trace = run(load_scene("camera-100hz", QUICK)).trace
+    assert (trace["grip_n"] == 1.5).all()
+    assert trace["normal_true_n"][-1] == pytest.approx(1.5, rel=0.02)
+
+
+@pytest.mark.usefixtures("anybodys")
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("anybodys:Nobody", "controller 'anybodys:Nobody' cannot be imported: AttributeError"),
+        ("anybodys:Demanding", "cannot be made without arguments: TypeError: .*gain"),
+        ("json:JSONDecoder", r"has no reset; see chromagrip\.control\.Controller"),
+    ],
+)
+def test_what_is_no_controller_is_refused_before_there_is_a_folder(
+    name: str, words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UserError, match=words):
+        run(load_scene("camera-100hz", QUICK | {"controller": name}), tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("anybodys")
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (ZeroDivisionError("no load"), "failed at t = .*: ZeroDivisionError: no load"),
+        (None, "failed at t = .*: AttributeError"),
+        (GripCommand(force=float("nan")), "commanded nan N at t = .*; a grip force is finite"),
+        (GripCommand(force=-0.1), "commanded -0.1 N at t = "),
+    ],
+)
+def test_a_run_that_its_controller_stops_keeps_its_trace(
+    answer: object, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Moody, "answer", answer)
+    with pytest.raises(UserError, match=f"^controller anybodys:Moody {words}") as caught:
+        run(load_scene("camera-100hz", QUICK), tmp_path)
+    # It is told of frame k at frame k + 1, and fails at what frame 5 shows.
+    assert "at t = 0.05 s, sample 5" in str(caught.value)
+    kept = pq.read_table(tmp_path / "trace.parquet").to_pydict()
+    assert kept["time_s"] == pytest.approx([0.01 * k for k in range(6)])
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["complete"], summary["frames"]) == (False, 6)
+
+
+class Listening(Moody):
+    """Anybody's controller that keeps what it is told."""
+
+    told: ClassVar[list[GripObservation]] = []
+
+    def command(self, observation: GripObservation) -> GripCommand:
+        self.told.append(observation)
+        return GripCommand(force=1.0 + len(self.told))
+
+
+def listen(monkeypatch: pytest.MonkeyPatch, changes: dict[str, object]) -> list[Sample]:
+    monkeypatch.setattr(Listening, "told", [])
+    monkeypatch.setitem(sys.modules["anybodys"].__dict__, "Listening", Listening)
+    scene = load_scene("camera-100hz", QUICK | {"controller": "anybodys:Listening"} | changes)
+    with closing(open_camera(scene)) as camera:
+        return list(grasp(scene, camera))
+
+
+@pytest.mark.usefixtures("anybodys")
+def test_a_dropped_frame_is_never_heard_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = listen(monkeypatch, {"camera.dropped": 0.4, "duration_s": 1.0})
+    kept = [s.index for s in seen if s.observation is not None]
+    assert 0 < len(kept) < len(seen)
+    assert kept[0] == 0
+    # The first frame is answered twice: at once, and after the latency.
+    expected = [0.0, *(0.01 * k for k in kept if k < 100)]
+    assert [told.time for told in Listening.told] == pytest.approx(expected)
+    for before, now in pairwise(seen):
+        assert (now.grip != before.grip) == (before.observation is not None)
+    again = listen(monkeypatch, {"camera.dropped": 0.4, "duration_s": 1.0})
+    assert [s.grip for s in again] == [s.grip for s in seen]
+    other = listen(monkeypatch, {"camera.dropped": 0.4, "duration_s": 1.0, "seed": 1})
+    assert [s.grip for s in other] != [s.grip for s in seen]
+
+
+def test_shares_of_dropped_and_late_frames_are_what_is_asked_for() -> None:
+    changes = {"duration_s": 100.0, "camera.dropped": 0.1, "camera.late": 0.3}
+    due = arrivals(load_scene("camera-100hz", changes))
+    there = np.flatnonzero(due >= 0)
+    spread = 3.0 / np.sqrt(len(due))
+    assert 1.0 - len(there) / len(due) == pytest.approx(0.1, abs=0.3 * spread)
+    delay = due[there] - there
+    assert set(delay) == {1, 2}
+    assert (delay == 2).mean() == pytest.approx(0.3, abs=0.46 * spread)
+    assert (np.diff(due[there]) >= 0).all()  # none overtakes another
+
+
+@pytest.mark.usefixtures("anybodys")
+def test_late_frames_come_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = listen(monkeypatch, {"camera.late": 0.5, "duration_s": 0.5})
+    times = [told.time for told in Listening.told[1:]]
+    assert times == sorted(times)
+    assert len(times) >= len(seen) - 2
+    due = arrivals(load_scene("camera-100hz", {"camera.late": 0.5, "duration_s": 0.5}))
+    assert {now.index for before, now in pairwise(seen) if now.grip != before.grip} == set(due) & {
+        *range(len(seen))
+    }
+
+
+def test_a_frame_shows_the_middle_of_its_exposure() -> None:
+    """While the pull rises evenly, half an exposure is worth that much less friction."""
+    changes = {
+        "path": "truth",
+        "controller": "conservative",
+        "camera.rate_hz": 50.0,
+        "duration_s": 0.5,
+    }
+
+    def observed(exposure: float) -> tuple[np.ndarray, np.ndarray]:
+        trace = run(load_scene("camera-100hz", changes | {"camera.exposure_ms": exposure})).trace
+        return trace["friction_estimated_n"], trace["friction_true_n"]
+
+    still, true = observed(0.0)
+    np.testing.assert_array_equal(still, true)
+    earlier, same = observed(20.0)
+    np.testing.assert_array_equal(same, true)  # the world is as it was
+    fine = run(load_scene("camera-100hz", changes | {"camera.rate_hz": 100.0})).trace
+    # Ten milliseconds before a frame at 50 Hz is a frame at 100 Hz.
+    np.testing.assert_allclose(earlier[1:], fine["friction_true_n"][1:-1:2], atol=1e-9)

@@ -10,6 +10,8 @@ from chromagrip.control import (
     ConservativeSettings,
     Controller,
     GripObservation,
+    MarginInversion,
+    MarginInversionSettings,
     ReactToSlip,
     ReactToSlipSettings,
     SafetyMarginControl,
@@ -43,6 +45,7 @@ EVERY: list[Callable[[], Controller]] = [
     lambda: SafetyMarginControl(SafetyMarginGains()),
     lambda: ReactToSlip(ReactToSlipSettings()),
     lambda: ConservativeControl(ConservativeSettings()),
+    lambda: MarginInversion(MarginInversionSettings()),
 ]
 
 

@@ -49,6 +49,38 @@ def test_displacement_counts_from_where_contact_began() -> None:
     assert record.lateral_displacement == pytest.approx(0.3e-3)
 
 
+def test_a_contact_that_wanders_along_slips_as_far_as_the_object() -> None:
+    """A round object that slides takes its contact along: each node touches it for a while only."""
+    state, record = rest_state(TIP), no_slip(11)
+
+    def slide(first: int, position: float, speed: float) -> None:
+        nonlocal record
+        moved = replace(state.deformation, object_position=position)
+        rates = np.full(11, speed)
+        now = replace(state, deformation=moved, slip_rate=rates)
+        record = follow_slip(record, now, field([first, first + 1, first + 2]), 0.01)
+
+    for k in range(8):  # the back node leaves and another joins with every 0.1 mm
+        slide(k, -1e-4 * k, -1e-2 if k else 0.0)
+    assert record.current == pytest.approx(0.7e-3)
+    for k in range(6, 3, -1):  # what it slides back is taken back
+        slide(k, -1e-4 * k, 1e-2)
+    assert record.current == pytest.approx(0.4e-3)
+    assert record.lateral_displacement == pytest.approx(0.7e-3)
+    assert record.rigid_slip == pytest.approx(1.0e-3)
+
+
+def test_a_contact_that_wanders_without_sliding_does_not_slip() -> None:
+    """As a wheel rolls: the object moves on, and each node that joins sticks."""
+    state, record = rest_state(TIP), no_slip(11)
+    for k in range(8):
+        nodes = np.zeros((11, 2))
+        nodes[k : k + 3, 0] = 1e-4 * k - np.arange(3) * 1e-4
+        moved = replace(state.deformation, nodes=nodes, object_position=1e-4 * k)
+        record = follow_slip(record, replace(state, deformation=moved), field([k + 2]), 0.01)
+    assert record.lateral_displacement == 0.0
+
+
 def test_rigid_slip_integrates_the_slowest_node() -> None:
     state, record = rest_state(TIP), no_slip(11)
     rates = np.zeros(11)

@@ -44,6 +44,7 @@ EVERYTHING = Defects(
     dust=25,
     specular=6,
     missing_markers=0.03,
+    worn_markers=0.05,
     seam_tint=0.7,
     misalignment_mm=0.12,
     misplacement_mm=0.05,
@@ -383,6 +384,22 @@ def test_missing_markers(share: float) -> None:
     assert (at[neither] == picture()[place[neither, 1], place[neither, 0]]).all()
 
 
+@pytest.mark.parametrize("share", [0.0, 0.125, 1.0])
+def test_the_outer_layer_wears_off_where_it_touches(share: float) -> None:
+    worn = Flaws(SENSOR, Defects(worn_markers=share), 7).missing
+    outer = int(np.argmin(SENSOR.depths))
+    assert worn[outer].sum() == round(share * 400)
+    assert not worn[1 - outer].any()
+    if 0.0 < share < 1.0:
+        theta = SENSOR.places[:, 0]
+        # A smooth edge has every worn marker nearer than every other; a ragged one nearly.
+        edge = np.sort(theta)[worn[outer].sum()]
+        assert theta[worn[outer]].max() < 3.0 * edge
+        assert worn[outer][theta < edge / 3].all()
+        assert 0.5 < worn[outer][theta < edge].mean() < 1.0
+        assert (Flaws(SENSOR, Defects(worn_markers=share), 8).missing != worn).any()
+
+
 def made(sensor: SensorDesign, defects: Defects, seed: int) -> Membrane:
     """Resting markers of a specimen."""
     flaws = Flaws(sensor, defects, seed)
@@ -544,6 +561,7 @@ SHARE = st.one_of(st.just(0.0), st.floats(0.0, 1.0))
         dust=st.integers(0, 30),
         specular=st.integers(0, 10),
         missing_markers=SHARE,
+        worn_markers=SHARE,
         seam_tint=SHARE,
         misalignment_mm=st.floats(0.0, 2.0),
         misplacement_mm=st.floats(0.0, 2.0),

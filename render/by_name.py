@@ -4,16 +4,17 @@ from importlib import import_module
 from typing import Any
 
 
-def import_class(target: str, name: str, what: str, error: type[ValueError]) -> Any:
-    """Class at `module:Class` that can be reset and updated.
+def import_class(target: str, name: str, protocol: type, error: type[ValueError]) -> Any:
+    """Class at `module:Class` that has the methods of a protocol.
 
     Parameters
     ----------
     target: where it is
     name: by which it was asked for
-    what: it is to be, in messages; its protocol is chromagrip.tracking's of that name
+    protocol: of ours that it is to follow; its name is what messages call it
     error: raised when it cannot be imported, or is none
     """
+    what = protocol.__name__.lower()
     module, _, kind = target.partition(":")
     try:
         found = getattr(import_module(module), kind)
@@ -21,9 +22,8 @@ def import_class(target: str, name: str, what: str, error: type[ValueError]) -> 
         raise error(
             f"{what} {name!r} cannot be imported: {type(reason).__name__}: {reason}"
         ) from None
-    for method in ("reset", "update"):
+    for method in (key for key in vars(protocol) if not key.startswith("_")):
         if not hasattr(found, method):
-            raise error(
-                f"{what} {name!r} has no {method}; see chromagrip.tracking.{what.capitalize()}"
-            )
+            home = protocol.__module__.rpartition(".")[0]
+            raise error(f"{what} {name!r} has no {method}; see {home}.{protocol.__name__}")
     return found

@@ -1,0 +1,168 @@
+"""Margin Inversion, against what is known of the grip that it is to find."""
+
+import math
+
+import numpy as np
+import pytest
+
+from chromagrip.control import GripObservation, MarginInversion, MarginInversionSettings
+from chromagrip.model import ForceField
+
+PERIOD = 1.0 / 60.0
+Z90 = 1.645
+
+
+def seen(
+    time: float,
+    load: float,
+    mu: float,
+    normal: float,
+    deviation: float = 0.0,
+    observable: bool = True,
+    reason: str = "",
+) -> GripObservation:
+    field = ForceField(
+        position=np.zeros((1, 2)),
+        normal=np.array([normal]),
+        friction=np.array([load]),
+        contact=np.array([normal > 0.0]),
+        totals_covariance=np.zeros((2, 2)),
+    )
+    margin = field.safety_margin(mu)
+    return GripObservation(
+        time=time,
+        field=field,
+        friction=mu,
+        friction_interval=(mu - Z90 * deviation, mu + Z90 * deviation),
+        friction_observable=observable,
+        margin=margin,
+        margin_interval=(margin, margin),
+        lateral_displacement=math.nan,
+        no_estimate=reason,
+    )
+
+
+def held(controller: MarginInversion, frames: int, load: float, mu: float, **more: float) -> float:
+    """Force after some frames in which what is commanded is what presses, and may slip."""
+    start = 0.0 if math.isnan(controller._time) else controller._time + PERIOD
+    force = controller._force
+    for k in range(frames):
+        there = min(load, mu * force)
+        force = controller.command(seen(start + PERIOD * k, there, mu, force, **more)).force
+    return force
+
+
+@pytest.mark.parametrize("mu", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize("desired", [0.1, 0.3, 0.6])
+def test_it_settles_at_the_desired_margin(mu: float, desired: float) -> None:
+    controller = MarginInversion(MarginInversionSettings(desired_margin=desired))
+    force = held(controller, 200, 0.25, mu)
+    assert 1.0 - 0.25 / (mu * force) == pytest.approx(desired, abs=0.02)
+
+
+def test_a_new_load_is_answered_at_once() -> None:
+    """No gain, no build-up: the first frame that shows a load commands the grip for it.
+
+    A slipping skin shows no more than µ·Fn, which is answered with 1/(1 − Γ_des) times the grip.
+    """
+    controller = MarginInversion(MarginInversionSettings(caution=0.0))
+    before = held(controller, 100, 0.25, 0.5)
+    assert held(controller, 1, 0.34, 0.5) == pytest.approx(0.34 / (0.5 * 0.7))
+    controller.reset()
+    held(controller, 100, 0.25, 0.5)
+    assert held(controller, 1, 0.65, 0.5) == pytest.approx(before / 0.7)
+    assert held(controller, 2, 0.65, 0.5) == pytest.approx(0.65 / (0.5 * 0.7))
+
+
+def test_it_gives_way_no_faster_than_its_release() -> None:
+    controller = MarginInversion(MarginInversionSettings(release=3.0))
+    before = held(controller, 100, 0.65, 0.5)
+    after = held(controller, 6, 0.1, 0.5)
+    assert before - after == pytest.approx(3.0 * 6 * PERIOD)
+    assert held(controller, 100, 0.1, 0.5) == pytest.approx(0.1 / 0.35, rel=0.02)
+
+
+def test_without_a_view_of_friction_it_holds_its_start() -> None:
+    """A pure press: ratios near the tissue's Poisson factor say nothing of µ (E7)."""
+    controller = MarginInversion(MarginInversionSettings(start=1.0))
+    assert held(controller, 30, 0.001, 0.4, deviation=0.2, observable=False) == 1.0
+
+
+def test_a_heavy_load_raises_the_grip_before_friction_has_shown() -> None:
+    controller = MarginInversion(MarginInversionSettings(start=1.0))
+    assert held(controller, 30, 2.0, 0.5, deviation=0.1, observable=False) > 2.0 / (0.5 * 0.7)
+
+
+def test_it_stays_where_a_frame_says_nothing() -> None:
+    controller = MarginInversion(MarginInversionSettings())
+    before = held(controller, 50, 0.65, 0.5)
+    for k in range(20):
+        blind = seen(1.0 + PERIOD * k, 0.0, math.nan, 0.0, reason="too few markers")
+        assert controller.command(blind).force == before
+    # Nothing touches: at least the force that makes contact.
+    controller.reset()
+    assert controller.command(seen(0.0, 0.0, math.nan, 0.0)).force == 1.0
+
+
+@pytest.mark.parametrize("deviation", [0.001, 0.02, 0.05])
+def test_friction_that_reads_low_does_not_run_away(deviation: float) -> None:
+    """Skin that sticks again under a raised grip reads µ ever lower the harder it is gripped.
+
+    Followed down, µ = 0.49 − 0.4·(F − F0) and F = 0.65/(0.7·µ) chase each other to the lowest µ
+    that is believed; counted on as far as a deviation allows, µ and the grip stay.
+    """
+    balance = 0.65 / (0.7 * 0.5)
+    forces = []
+    for tolerance in (1.0, 0.0):
+        controller = MarginInversion(MarginInversionSettings(caution=0.0, tolerance=tolerance))
+        force = held(controller, 100, 0.65, 0.5, deviation=deviation)
+        for k in range(600):
+            read = max(0.49 - 0.4 * (force - balance), 0.02)
+            told = seen(10.0 + PERIOD * k, 0.65, read, force * 0.5 / read, deviation)
+            force = controller.command(told).force
+        forces.append(force)
+    assert forces[0] == pytest.approx(balance, rel=0.02)
+    assert forces[1] > 3.0 * balance
+
+
+def test_friction_falls_where_it_slips() -> None:
+    """Moisture: µ drops from 0.5 to 0.3, the contact slips, and friction there is µ·Fn."""
+    controller = MarginInversion(MarginInversionSettings())
+    force = held(controller, 100, 0.65, 0.5)
+    for k in range(30):
+        load = min(0.65, 0.3 * force)
+        force = controller.command(seen(10.0 + PERIOD * k, load, 0.3, force)).force
+    assert 1.0 - 0.65 / (0.3 * force) == pytest.approx(0.3, abs=0.05)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.01, 0.02])
+def test_noise_neither_shakes_nor_lifts_the_grip(noise: float) -> None:
+    """Whatever the noise of the load is, it is learned: the grip stays, and stays low."""
+    rng = np.random.default_rng(3)
+    controller = MarginInversion(MarginInversionSettings(caution=0.0))
+    forces = []
+    for k in range(600):
+        load = 0.65 + noise * rng.standard_normal()
+        force = forces[-1] if forces else 1.9
+        forces.append(controller.command(seen(PERIOD * k, load, 0.5, force)).force)
+    late = np.array(forces[300:])
+    assert late.mean() == pytest.approx(0.65 / 0.35, rel=0.03)
+    chatter = abs(np.diff(late)).sum() / (len(late) * PERIOD)
+    # Mean change of a first-order filter of white noise, plus what the odd frame adds.
+    gain = 1.0 - math.exp(-PERIOD / controller.settings.smoothing)
+    white = gain * math.sqrt(2.0 / (2.0 - gain)) * noise / 0.35 * math.sqrt(2.0 / math.pi) / PERIOD
+    assert chatter < 1.5 * white
+
+
+def test_an_unsure_friction_is_counted_on_less() -> None:
+    sure, unsure = (
+        held(MarginInversion(MarginInversionSettings(caution=1.0)), 100, 0.65, 0.5, deviation=d)
+        for d in (0.0, 0.05)
+    )
+    assert unsure / sure == pytest.approx(0.5 / 0.45, rel=0.02)
+
+
+def test_the_grip_stays_between_floor_and_ceiling() -> None:
+    controller = MarginInversion(MarginInversionSettings(floor=0.2, ceiling=5.0))
+    assert held(controller, 200, 0.001, 0.5) == 0.2
+    assert held(controller, 20, 40.0, 0.5) == 5.0
