@@ -114,10 +114,10 @@ def test_a_creeping_object_gives_way_under_the_same_force() -> None:
 
 
 def test_what_is_worn_off_is_not_tracked() -> None:
-    trace = held("worn-1", 1.0, path="camera", duration_s=0.3).trace
+    # A press of 1 N moves too few of those that are left to say how hard it is.
+    trace = held("worn-1", 1.5, path="camera", duration_s=0.3).trace
     assert trace["markers_visible"].max() <= 400 - 12
     assert trace["markers_visible"].min() > 350
-    # Here and there a frame says that it cannot tell; the others are right.
     read = (trace["time_s"] > 0.15) & np.isfinite(trace["friction_deviation_n"])
     assert read.sum() >= 5
     error = trace["friction_estimated_n"][read] - trace["friction_true_n"][read]
