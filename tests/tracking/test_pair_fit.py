@@ -1,10 +1,13 @@
+from contextlib import closing
+
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from chromagrip.render import Frame, Membrane, load_sensor
+from chromagrip.render import Frame, Membrane, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.coverage import EDGE_RANGE, edge, edge_slope
+from chromagrip.render.gl import gl_problem
 from chromagrip.render.membrane import rest_membrane
 from chromagrip.render.supersampled import (
     polygon_centroids,
@@ -119,18 +122,25 @@ def test_markers_on_each_other_are_crowded() -> None:
     assert not crowded(fits, visible, near, np.array([5.0, 5.0])).any()
 
 
-def test_sizes_are_right_wherever_the_other_layer_lies() -> None:
-    """On pictures by brute force, which share no code with the fit: both dyes, then the lens."""
+@pytest.mark.parametrize("pictures", ["brute force", "pyrender"])
+def test_sizes_are_right_wherever_the_other_layer_lies(pictures: str) -> None:
+    """On pictures that share no code with the fit: both dyes, then the lens."""
     sensor = load_sensor("thesis")
+    if pictures == "pyrender" and gl_problem() is not None:
+        pytest.skip(str(gl_problem()))
     rest = rest_membrane(sensor)
     rng = np.random.default_rng(6)
     pixels, angle = rng.uniform(0.0, 5.0, 400), rng.uniform(0.0, 2.0 * np.pi, 400)
     centres = rest.centres.copy()
     centres[0, :, :2] += (5.3e-5 * pixels * np.stack([np.cos(angle), np.sin(angle)])).T
     aside = Membrane(centres=centres, axes=rest.axes)
+    if pictures == "pyrender":
+        with closing(open_renderer("pyrender", sensor)) as meshes:
+            still, picture = (meshes.render(m) for m in (rest, aside))
+    else:
+        still, picture = (supersampled_image(sensor, m) for m in (rest, aside))
     tracker = MarkerTracker(Palette.of_sensor(sensor), 2.0)
-    found = tracker.reset([Frame(image=supersampled_image(sensor, rest), time=0.0)])
-    picture = supersampled_image(sensor, aside)
+    found = tracker.reset([Frame(image=still, time=0.0)])
     for k in range(3):
         tracks = tracker.update(Frame(image=picture, time=0.01 * (k + 1)))
     before, after = (projected_outlines(sensor, m) for m in (rest, aside))
