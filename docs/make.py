@@ -31,6 +31,7 @@ from chromagrip.poses import Pose
 from chromagrip.render_poses import render_poses
 from chromagrip.reproduce import PARTS as THESIS
 from chromagrip.reproduce import Plan, reproduce
+from chromagrip.reproduce_page import HEADING, cells
 from chromagrip.scene import load_scene
 from chromagrip.scorecard import NOTES
 from chromagrip.stability_loop import stability_loop
@@ -282,17 +283,7 @@ def reproduction(plan: Plan = REPRODUCED) -> None:
         shutil.copy(folder / name, DOCS / "images" / f"reproduced-{name}")
         lines += ["", f"## {section.heading}: {section.title}, {section.verdict}", ""]
         lines += [f"![{section.title}](images/reproduced-{name})", ""]
-        checks = [
-            [
-                c.statement.text,
-                "–" if c.statement.value is None else f"{c.statement.value:g} {c.statement.unit}",
-                f"{c.value:.4g} {c.statement.unit}",
-                c.allowed,
-                "yes" if c.agrees else "no",
-            ]
-            for c in section.checks
-        ]
-        lines += grid(["the thesis says", "printed", "here", "allowed", "holds"], checks)
+        lines += grid(HEADING, [cells(check) for check in section.checks])
         for heading, *body in section.tables:
             lines += ["", *grid(heading, body)]
         if section.rows:

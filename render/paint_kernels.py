@@ -124,6 +124,12 @@ def union(boxes: Any, covered: NDArray[np.float32], spans: Any, out: NDArray[np.
                 out[y, x] = min(out[y, x] + covered[k, 0, row, x - start], one)
 
 
+@njit(inline="always")
+def _blocks(span: Any, tile: int) -> tuple[int, int]:
+    """First and last + 1 block of a row that lie in the tile which starts at block `tile`."""
+    return max(span[0] - tile, 0), min(span[1] - tile, TILE // LANES)
+
+
 @njit()
 def _absorb(
     absorbed: Any,
@@ -147,8 +153,7 @@ def _absorb(
     known = covered.shape[1] == 3
     for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
         row = y - boxes[k, 2]
-        first = max(spans[k, row, 0] - tile, 0)
-        last = min(spans[k, row, 1] - tile, TILE // LANES)
+        first, last = _blocks(spans[k, row], tile)
         for h in range(first, last):
             offset = LANES * (h + tile - spans[k, row, 0])
             fresh = not touched[y - y0, h]
@@ -198,8 +203,7 @@ def _absorb_beside(
     partner, side = -1, one
     for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
         row = y - boxes[k, 2]
-        first = max(spans[k, row, 0] - tile, 0)
-        last = min(spans[k, row, 1] - tile, TILE // LANES)
+        first, last = _blocks(spans[k, row], tile)
         for h in range(first, last):
             offset = LANES * (h + tile - spans[k, row, 0])
             if not touched[y - y0, h]:

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model.compiled import njit
-from ..render.coverage import (
-    togetherness,
-)
+from ..render.coverage import togetherness
 from .pixel_kernels import (
     ALL_LIGHT,
     BOTH,

@@ -316,24 +316,20 @@ class PairFit:
                 break
         # Each of those that touch is fitted to where the others were: they creep.
         touching = self._within(_TOUCHING, state) | (self._within(_BESIDE, state) & ~beside)
-        active = asked & touching & np.isfinite(misfit)
-        apart, before = _copy(state), (misfit.copy(), covariance.copy(), moved.copy())
-        refined = active
+        refined = active = asked & touching & np.isfinite(misfit)
+        results = (state.fits, state.gains, state.slopes, misfit, covariance, moved)
+        before = [values[refined] for values in results]
         beside = beside | refined
         for _ in range(_TOUCHING_STEPS):
             if not active.any():
                 break
             step()
             active = active & np.isfinite(misfit) & (moved > _SMALLER * self._arrived)
-        worse = refined & ~(misfit < _WORSE * before[0])
-        if worse.any():
-            for ours, theirs in zip(
-                (state.fits, state.gains, state.slopes, misfit, covariance, moved),
-                (apart.fits, apart.gains, apart.slopes, before[0], before[1], before[2]),
-                strict=True,
-            ):
-                ours[worse] = theirs[worse]
-            beside = beside & ~worse
+        worse = ~(misfit[refined] < _WORSE * before[3])
+        back = np.flatnonzero(refined)[worse]
+        for values, kept in zip(results, before, strict=True):
+            values[back] = kept[worse]
+        beside[back] = False
         # What is explained badly may lie at the edge of a shadow.
         typical = max(1.0, float(np.median(misfit)))
         uneven = asked & np.isfinite(misfit) & (misfit > _UNEVEN * typical)

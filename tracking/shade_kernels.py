@@ -65,9 +65,9 @@ def shade(
     """
     for c in range(3):
         clear(buffer, row_at(BESIDE + c), count)
-    near, there = np.empty(2, dtype=np.bool_), present.copy()
-    meeting, found = np.empty(len(optics.neighbours[m]), dtype=np.int64), 0
-    for other in optics.neighbours[m]:
+    near = np.empty((len(optics.neighbours[m]), 2), dtype=np.bool_)
+    meeting, found = np.empty(len(near), dtype=np.int64), 0
+    for n, other in enumerate(optics.neighbours[m]):
         if other < 0:
             continue
         for k in range(2):
@@ -75,15 +75,14 @@ def shade(
             reach = _SHADE * optics.width + extents[other, k]
             dx = max(box[0] - x, 0.0, x - box[1])
             dy = max(box[2] - y, 0.0, y - box[3])
-            near[k] = present[other, k] and dx * dx + dy * dy < reach * reach
-        if not near.any():
+            near[n, k] = present[other, k] and dx * dx + dy * dy < reach * reach
+        if not near[n].any():
             continue
-        there[other] = near
-        if beside and _meet(optics.width, there, fits, extents, m, other):
-            meeting[found] = other
+        if beside and _meet(optics.width, present, fits, extents, m, other):
+            meeting[found] = n
             found += 1
             continue
-        _cover_pair(optics, near, fits, other, count, buffer)
+        _cover_pair(optics, near[n], fits, other, count, buffer)
         for c in range(3):
             a = optics.absorbed[:, c]
             _darken(row_at(GROUND + c), a[0], a[1], a[2], count, buffer)
@@ -91,11 +90,12 @@ def shade(
         return
     for row in range(_OTHERS, _MOST):
         clear(buffer, row_at(row), count)
-    for other in meeting[:found]:
-        _cover_pair(optics, there[other], fits, other, count, buffer)
-        _add(optics, there, fits, other, other == meeting[0], count, buffer)
+    for n in meeting[:found]:
+        other = optics.neighbours[m, n]
+        _cover_pair(optics, near[n], fits, other, count, buffer)
+        _add(optics, present, fits, other, n == meeting[0], count, buffer)
     _cover_pair(optics, present[m], fits, m, count, buffer)
-    _to_odds(optics, there, fits, m, meeting[0], count, buffer)
+    _to_odds(optics, present, fits, m, count, buffer)
     for c in range(3):
         a = optics.absorbed[:, c]
         _split(c, a[0], a[1], a[2], count, buffer)
@@ -103,12 +103,12 @@ def shade(
 
 @njit()
 def _meet(
-    width: float, there: NDArray[np.bool_], fits: Array, extents: Array, m: int, other: int
+    width: float, present: NDArray[np.bool_], fits: Array, extents: Array, m: int, other: int
 ) -> bool:
     """Whether edges of two pairs come close."""
     for i in range(2):
         for j in range(2):
-            if there[m, i] and there[other, j]:
+            if present[m, i] and present[other, j]:
                 dx, dy = fits[m, i, 0] - fits[other, j, 0], fits[m, i, 1] - fits[other, j, 1]
                 reach = extents[m, i] + extents[other, j] + APART * width
                 if dx * dx + dy * dy < reach * reach:
@@ -118,7 +118,7 @@ def _meet(
 
 @njit()
 def _side_by_side(
-    optics: Any, there: NDArray[np.bool_], fits: Array, m: int, other: int
+    optics: Any, present: NDArray[np.bool_], fits: Array, m: int, other: int
 ) -> np.float32:
     """How much the edges of two pairs go together, where their discs are deepest in each other."""
     deepest, shape = -1.0, np.empty((2, 2))
@@ -126,7 +126,7 @@ def _side_by_side(
         stretch(optics.shapes[i, m], fits[m, i], shape)
         r2 = abs(shape[0, 0] * shape[1, 1] - shape[0, 1] * shape[1, 0])
         for j in range(2):
-            if there[m, i] and there[other, j]:
+            if present[m, i] and present[other, j]:
                 stretch(optics.shapes[j, other], fits[other, j], shape)
                 s2 = abs(shape[0, 0] * shape[1, 1] - shape[0, 1] * shape[1, 0])
                 dx, dy = fits[m, i, 0] - fits[other, j, 0], fits[m, i, 1] - fits[other, j, 1]
@@ -197,7 +197,7 @@ def _darken(
 @njit()
 def _add(
     optics: Any,
-    there: NDArray[np.bool_],
+    present: NDArray[np.bool_],
     fits: Array,
     m: int,
     first: bool,
@@ -214,7 +214,7 @@ def _add(
         if cover * before > _LITTLE:
             most = int(buffer[row_at(_MOST) + i])
             if most != partner:
-                partner, odds = most, _side_by_side(optics, there, fits, m, most)
+                partner, odds = most, _side_by_side(optics, present, fits, m, most)
             share = covered_by_both(before, cover, odds) / (before * cover)
         if first or cover > before:
             buffer[row_at(_MOST) + i] = m
@@ -228,19 +228,18 @@ def _add(
 @njit()
 def _to_odds(
     optics: Any,
-    there: NDArray[np.bool_],
+    present: NDArray[np.bool_],
     fits: Array,
     m: int,
-    other: int,
     count: int,
     buffer: Array32,
 ) -> None:
     """How the edges of a pair go together with those of the one that covers most of a pixel."""
-    partner, odds = other, _side_by_side(optics, there, fits, m, other)
+    partner, odds = -1, F1
     for i in range(np.uint64(count)):
         most = int(buffer[row_at(_MOST) + i])
         if most != partner:
-            partner, odds = most, _side_by_side(optics, there, fits, m, most)
+            partner, odds = most, _side_by_side(optics, present, fits, m, most)
         buffer[row_at(_MOST) + i] = odds
 
 

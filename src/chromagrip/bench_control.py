@@ -16,6 +16,7 @@ from .controllers import CONTROLLERS
 from .errors import UserError
 from .force_scenes import OBJECTS, WORLDS, calibration, seed_of
 from .loop import grasp
+from .render import GLMissingError
 from .run_folder import Result, run
 from .scene import Scene, load_scene
 from .scorecard import SCORES, scores, together, worst
@@ -198,7 +199,7 @@ def ask(task: Task) -> dict[str, float] | str:
     try:
         scene = load_scene(task.scene, task.changes)
         return scores(run(scene) if task.specimen is None else _with(task.specimen, scene))
-    except UserError as error:
+    except (UserError, GLMissingError) as error:
         return str(error)
 
 

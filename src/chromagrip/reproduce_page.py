@@ -13,6 +13,9 @@ from .bench_rows import Row
 from .reproduce_checks import Check, Section
 from .reproduce_figures import UNPRINTED
 
+#: Over what `cells` says of a statement.
+HEADING = ["the thesis says", "where", "printed", "here", "allowed", ""]
+
 
 def picture(figure: Figure) -> bytes:
     """PNG of a figure, the same bytes for the same figure."""
@@ -55,8 +58,7 @@ def _section(section: Section) -> str:
         f'<img src="data:image/png;base64,{data}" alt="{title}">',
     ]
     if section.checks:
-        heading = ["the thesis says", "where", "printed", "here", "allowed", ""]
-        parts.append(_table([heading, *map(_line, section.checks)]))
+        parts.append(_table([HEADING, *map(cells, section.checks)]))
     parts += map(_table, section.tables)
     if section.rows:
         lines = [[row.name, _row_value(row), row.target, _met(row)] for row in section.rows]
@@ -69,7 +71,8 @@ def _verdict(section: Section) -> str:
     return f"<em class={section.verdict}>{section.verdict}</em>"
 
 
-def _line(check: Check) -> list[str]:
+def cells(check: Check) -> list[str]:
+    """A statement as a line under HEADING."""
     said = check.statement
     return [
         said.text,
