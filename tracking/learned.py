@@ -17,8 +17,9 @@ Array = NDArray[np.float64]
 
 #: Fewer visible pairs than this do not determine the codes.
 MIN_PAIRS = 60
-#: A pair this far from what the others say is not where its track is (χ² of 6).
-_STRAY = 50.0
+#: A pair this far from what the others say is not where its track is (χ² of 6). It draws the others
+#: with it: those that are off by less than this share of the worst are judged without it.
+_STRAY, _NEAR_WORST = 50.0, 0.25
 #: A pair that lies on another one may be either; it is read this near to what the others say. On
 #: folded skin the right one is up to 170 off, the wrong one 50 000.
 _LIKELY = 1000.0
@@ -175,19 +176,14 @@ class Learned:
         centred = (limited(shifts.ravel()) - self._means).reshape(-1, MEASURED)
         centred[~there] = 0.0
         white = np.einsum("pij,pj->pi", self._whiten, centred)
-        seen = self._likely(white, seen, there & ~seen)
-        for _ in range(3):
-            codes, drawn = self._solve(white, seen)
-            left = white - (self._whitened @ codes).reshape(white.shape)
-            badness = (left**2).sum(axis=1)
-            typical = max(1.0, float(np.median(badness[seen])) / MEASURED)
-            stray = seen & (badness > _STRAY * typical)
-            if not stray.any():
-                break
-            seen = seen & ~stray
+        asked = there & ~seen
+        if asked.any():
+            seen = self._likely(white, self._at_one(white, seen), asked)
+        seen = self._at_one(white, seen)
+        codes, drawn = self._solve(white, seen)
         count = len(self._readout.scale)
         freedom = MEASURED * seen.sum() - count
-        misfit = float(badness[seen].sum() / freedom)
+        misfit = float(self._badness(white, codes)[seen].sum() / freedom)
         if misfit > _UNLIKE:
             raise UnlikeAnyPressError(
                 f"the markers move as no trained press moves them: χ² is {misfit:.0f} a "
@@ -196,12 +192,25 @@ class Learned:
         more = self._undrawn[:, None] * (drawn - self._drawn_covariance) * self._undrawn
         return codes[:count], more[:count, :count] + self._excess
 
+    def _at_one(self, white: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Seen pairs without those that stray from what the others say."""
+        while True:
+            badness = self._badness(white, self._solve(white, seen)[0])
+            typical = max(1.0, float(np.median(badness[seen])) / MEASURED)
+            stray = seen & (badness > max(_STRAY * typical, _NEAR_WORST * badness[seen].max()))
+            if not stray.any():
+                return seen
+            seen = seen & ~stray
+
+    def _badness(self, white: Array, codes: Array) -> Array:
+        """χ² of each pair, shape (P,)."""
+        left = white - (self._whitened @ codes).reshape(white.shape)
+        return np.asarray((left**2).sum(axis=1))
+
     def _likely(
         self, white: Array, certain: NDArray[np.bool_], asked: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """Certain pairs, and those asked for that are about where the certain ones say."""
-        if not asked.any():
-            return certain
         codes, drawn = self._solve(white, certain)
         taken = certain.copy()
         for pair in np.flatnonzero(asked):
