@@ -1,5 +1,7 @@
 """The reconstructors that read forces with a trained read-out: of a frame alone, and over time."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
@@ -31,8 +33,10 @@ _UNLIKE = 9.0
 _NOISIER = 2.0
 #: ΣFn is not known where its deviation is more than this share of it, and this much more [N].
 _VAGUE_SHARE, _VAGUE = 0.4, 0.1
-#: Weights follow the noise when it has changed by more than this share.
-_NOISE_CHANGE = 0.25
+#: Weights follow the noise when it has changed by more than this share; those of single pairs when
+#: the variance of a size has grown so many times.
+_NOISE_CHANGE, _VAGUER = 0.25, 4.0
+_SIZES = [2, 5]
 #: µ is seen where its deviation is less than this share of what it is before any image.
 _OBSERVABLE = 0.4
 #: No ΣFn is read above 30 N, nor µ below this.
@@ -43,6 +47,21 @@ _NOTHING = 0.01
 
 class UnlikeAnyPressError(NoEstimateError):
     """Markers that move as no press moves them, or that do not show how hard it is."""
+
+
+class Weights(NamedTuple):
+    """How P pairs tell of C codes and sizes' changes, in units of their noise.
+
+    Attributes
+    ----------
+    whiten: of each pair's shifts, shape (P, 6, 6)
+    rows: what each shift then shows of the codes, shape (6P, C)
+    information: of all pairs and of what is known before any image, shape (C, C)
+    """
+
+    whiten: Array
+    rows: Array
+    information: Array
 
 
 class Learned:
@@ -140,31 +159,31 @@ class Learned:
         # What is the same in every frame: errors of the rest frame and of the calibration.
         still = self._shifts.rest_covariance + np.diag(self._shifts.floor)
         still = still + self._unexplained[:, :, None] * np.eye(MEASURED)
-        covariance = frame + still
-        self._whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-        pairs, codes = len(self._whiten), self._loadings.shape[1]
+        self._covariance, self._still_covariance = frame, still
+        whiten = np.linalg.inv(np.linalg.cholesky(frame + still))
+        pairs, codes = len(whiten), self._loadings.shape[1]
         loadings = self._loadings.reshape(pairs, MEASURED, codes)
         # A change of all sizes is the camera's, not a press.
         focus = np.broadcast_to(np.eye(MEASURED)[:, 2::3], (pairs, MEASURED, 2))
-        loadings = np.concatenate([loadings, focus], axis=2)
-        self._whitened = (self._whiten @ loadings).reshape(pairs * MEASURED, -1)
+        self._shows = np.concatenate([loadings, focus], axis=2)
+        rows = (whiten @ self._shows).reshape(pairs * MEASURED, -1)
         # With what is known of the codes before any image: who sees nothing of a code lets it be.
         strength = np.append(np.square(self._readout.scale) - 1.0, [_FOCUS**2] * 2)
-        self._information = self._whitened.T @ self._whitened + np.diag(1.0 / strength)
-        drawn = np.asarray(np.linalg.inv(self._information))
+        self._weights = Weights(whiten, rows, rows.T @ rows + np.diag(1.0 / strength))
+        drawn = np.asarray(np.linalg.inv(self._weights.information))
         # The read-out was trained on codes with noise, not on codes drawn towards their mean.
         self._undrawn = 1.0 / (1.0 - np.diag(drawn) / strength)
         self._undrawn[codes:] = 1.0
         self._drawn_covariance = drawn
         self._variance = (self._undrawn * np.diag(drawn))[:codes]
-        self._operator = self._undrawn[:, None] * (drawn @ self._whitened.T)
+        self._operator = self._undrawn[:, None] * (drawn @ rows.T)
         # Where markers were missing at rest, some directions are noisier than all were in training.
         typical = float(np.median(self._variance))
         raised = (self._undrawn[:, None] * drawn * self._undrawn)[:codes, :codes]
         sizes, directions = np.linalg.eigh(raised)
         excess = np.where(sizes > _NOISIER * typical, sizes - typical, 0.0)
         self._excess = (directions * excess) @ directions.T
-        shaken = self._whiten @ still @ np.swapaxes(self._whiten, 1, 2)
+        shaken = whiten @ still @ np.swapaxes(whiten, 1, 2)
         operator = self._operator[:codes].reshape(codes, pairs, MEASURED)
         self._still = np.einsum("kpi,pij,kpj->k", operator, shaken, operator, optimize=True)
 
@@ -172,18 +191,20 @@ class Learned:
         """Codes (K,), and what their covariance is more than in training (K, K)."""
         shifts, seen = self._shifts(tracks, MIN_PAIRS)
         self._weigh(tracks)
-        there = tracks.visible[:, self._shifts.pairs].all(axis=0)
+        there = np.asarray(tracks.visible[:, self._shifts.pairs].all(axis=0))
         centred = (limited(shifts.ravel()) - self._means).reshape(-1, MEASURED)
         centred[~there] = 0.0
-        white = np.einsum("pij,pj->pi", self._whiten, centred)
+        weights = self._weights_of(tracks, there)
+        white = np.einsum("pij,pj->pi", weights.whiten, centred)
         asked = there & ~seen
         if asked.any():
-            seen = self._likely(white, self._at_one(white, seen), asked)
-        seen = self._at_one(white, seen)
-        codes, drawn = self._solve(white, seen)
+            certain = self._at_one(weights, white, seen)
+            seen = self._likely(weights, white, certain, asked, _LIKELY)
+        seen = self._at_one(weights, white, seen)
+        codes, drawn = self._solve(weights, white, seen)
         count = len(self._readout.scale)
         freedom = MEASURED * seen.sum() - count
-        misfit = float(self._badness(white, codes)[seen].sum() / freedom)
+        misfit = float(_badness(weights, white, codes)[seen].sum() / freedom)
         if misfit > _UNLIKE:
             raise UnlikeAnyPressError(
                 f"the markers move as no trained press moves them: χ² is {misfit:.0f} a "
@@ -192,42 +213,68 @@ class Learned:
         more = self._undrawn[:, None] * (drawn - self._drawn_covariance) * self._undrawn
         return codes[:count], more[:count, :count] + self._excess
 
-    def _at_one(self, white: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Seen pairs without those that stray from what the others say."""
-        while True:
-            badness = self._badness(white, self._solve(white, seen)[0])
-            typical = max(1.0, float(np.median(badness[seen])) / MEASURED)
-            stray = seen & (badness > max(_STRAY * typical, _NEAR_WORST * badness[seen].max()))
-            if not stray.any():
-                return seen
-            seen = seen & ~stray
+    def _weights_of(self, tracks: Tracks, there: NDArray[np.bool_]) -> Weights:
+        """Those of a frame: sizes of pairs that touch others now tell less than they did."""
+        covariance = tracks.covariance[self._shifts.pairs]
+        size, before = (c[:, _SIZES, _SIZES] for c in (covariance, self._covariance))
+        vaguer = there & (size > _VAGUER * before).any(axis=1)
+        if not vaguer.any():
+            return self._weights
+        whiten, rows, information = self._weights
+        whiten, rows = whiten.copy(), rows.reshape(len(there), MEASURED, -1).copy()
+        sure = rows[vaguer].reshape(-1, rows.shape[-1])
+        total = covariance[vaguer] + self._still_covariance[vaguer]
+        whiten[vaguer] = np.linalg.inv(np.linalg.cholesky(total))
+        rows[vaguer] = whiten[vaguer] @ self._shows[vaguer]
+        vague = rows[vaguer].reshape(sure.shape)
+        return Weights(
+            whiten,
+            rows.reshape(self._weights.rows.shape),
+            information - sure.T @ sure + vague.T @ vague,
+        )
 
-    def _badness(self, white: Array, codes: Array) -> Array:
-        """χ² of each pair, shape (P,)."""
-        left = white - (self._whitened @ codes).reshape(white.shape)
-        return np.asarray((left**2).sum(axis=1))
+    def _at_one(self, weights: Weights, white: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Seen pairs without those that stray from what the others say."""
+        left = seen
+        while True:
+            badness = _badness(weights, white, self._solve(weights, white, left)[0])
+            limit = _STRAY * max(1.0, float(np.median(badness[left])) / MEASURED)
+            stray = left & (badness > max(limit, _NEAR_WORST * badness[left].max()))
+            if not stray.any():
+                # Who was only drawn along comes back.
+                return self._likely(weights, white, left, seen & ~left, limit)
+            left = left & ~stray
 
     def _likely(
-        self, white: Array, certain: NDArray[np.bool_], asked: NDArray[np.bool_]
+        self,
+        weights: Weights,
+        white: Array,
+        certain: NDArray[np.bool_],
+        asked: NDArray[np.bool_],
+        limit: float,
     ) -> NDArray[np.bool_]:
-        """Certain pairs, and those asked for that are about where the certain ones say."""
-        codes, drawn = self._solve(white, certain)
+        """Certain pairs, and those asked for whose χ² by the certain ones is below a limit."""
+        if not asked.any():
+            return certain
+        codes, drawn = self._solve(weights, white, certain)
         taken = certain.copy()
         for pair in np.flatnonzero(asked):
-            moves = self._whitened[MEASURED * pair : MEASURED * (pair + 1)]
+            moves = weights.rows[MEASURED * pair : MEASURED * (pair + 1)]
             off = white[pair] - moves @ (codes / self._undrawn)
             spread = np.eye(MEASURED) + moves @ drawn @ moves.T
-            taken[pair] = off @ np.linalg.solve(spread, off) < _LIKELY
+            taken[pair] = off @ np.linalg.solve(spread, off) < limit
         return taken
 
-    def _solve(self, white: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _solve(
+        self, weights: Weights, white: Array, seen: NDArray[np.bool_]
+    ) -> tuple[Array, Array]:
         """Codes and sizes' changes from the pairs seen, and their covariance as it is drawn."""
-        if seen.all():
+        if weights is self._weights and seen.all():
             return self._operator @ white.ravel(), self._drawn_covariance
         kept = white * seen[:, None]
-        lost = self._whitened.reshape(*white.shape, -1)[~seen].reshape(-1, self._whitened.shape[1])
-        drawn = np.asarray(np.linalg.inv(self._information - lost.T @ lost))
-        return self._undrawn * (drawn @ (self._whitened.T @ kept.ravel())), drawn
+        lost = weights.rows.reshape(*white.shape, -1)[~seen].reshape(-1, weights.rows.shape[1])
+        drawn = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
+        return self._undrawn * (drawn @ (weights.rows.T @ kept.ravel())), drawn
 
     def _read(self, codes: Array, variance: Array, more: Array) -> ForceField:
         """Force field of codes with noise of these variances, and more of it in some directions."""
@@ -293,6 +340,12 @@ class Learned:
                 totals_covariance=(float(covariance[0, 2]), float(covariance[1, 2])),
             ),
         )
+
+
+def _badness(weights: Weights, white: Array, codes: Array) -> Array:
+    """χ² of each pair that codes and sizes' changes leave, shape (P,)."""
+    left = white - (weights.rows @ codes).reshape(white.shape)
+    return np.asarray((left**2).sum(axis=1))
 
 
 #: Activities of the skin that are weighed against each other: variance of a code's change over a

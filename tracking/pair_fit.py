@@ -280,6 +280,10 @@ class PairFit:
         """Visible markers that lie on another one of their layer, shape (M, 2)."""
         return np.asarray(crowded(fits, visible, self._optics.neighbours, _CROWDED * self._radius))
 
+    def touching(self, fits: Array, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Pairs with a marker that touches another one of its layer, shape (M,)."""
+        return self._within(_TOUCHING, fits, visible)
+
     def hues(self, image: Image, fits: Array) -> Array:
         """Mean hue inside each first-layer marker [°], shape (M,)."""
         return np.asarray(mean_hues(image, self._optics.shapes, fits))
@@ -298,7 +302,9 @@ class PairFit:
         moved, asked = np.zeros(len(active)), active
         uneven = np.zeros(len(active), dtype=np.bool_)
         # Those that touch may be far from where they will be found.
-        beside = self._within(_BESIDE, state) & ~self._within(_TOUCHING, state)
+        beside = self._within(_BESIDE, state.fits, state.present) & ~self._within(
+            _TOUCHING, state.fits, state.present
+        )
 
         def step() -> None:
             fit_step(
@@ -315,7 +321,9 @@ class PairFit:
             if not active.any():
                 break
         # Each of those that touch is fitted to where the others were: they creep.
-        touching = self._within(_TOUCHING, state) | (self._within(_BESIDE, state) & ~beside)
+        touching = self._within(_TOUCHING, state.fits, state.present) | (
+            self._within(_BESIDE, state.fits, state.present) & ~beside
+        )
         refined = active = asked & touching & np.isfinite(misfit)
         results = (state.fits, state.gains, state.slopes, misfit, covariance, moved)
         before = [values[refined] for values in results]
@@ -343,10 +351,10 @@ class PairFit:
         # Not arrived is not found.
         misfit[asked & (moved > max(self._arrived, _NEARLY))] = np.inf
 
-    def _within(self, radii: float, state: PairState) -> NDArray[np.bool_]:
+    def _within(self, radii: float, fits: Array, there: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Pairs with a marker that lies within so many radii of another one, shape (M,)."""
         near = self._optics.neighbours
-        found = np.asarray(crowded(state.fits, state.present, near, radii * self._radius))
+        found = np.asarray(crowded(fits, there, near, radii * self._radius))
         return np.logical_or(found[:, 0], found[:, 1])
 
     def _slopes(self, gains: Array) -> Array:

@@ -37,6 +37,8 @@ _WENT_ON = 0.2
 _FEW, _FEW_SHARE = 3, 0.02
 #: Of a rest frame's markers, at least this share must look like markers.
 _AT_REST = 0.7
+#: How wrong the log size of a marker may be that touches another one of its layer.
+_TOUCHING_SIZE = 0.003
 _STEPS, _REST_STEPS = 6, 24
 #: Frames until the quick tracker looks again for what it has lost.
 _GLANCES = 8
@@ -282,6 +284,10 @@ class MarkerTracker:
             p, q = fits[..., 3], fits[..., 4]
             log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)
             hue = self._fit.hues(frame.image, fits)
+            # Where markers touch, sizes are only as good as what is known of light between them.
+            doubt = _TOUCHING_SIZE**2 * self._fit.touching(fits, visible)
+            covariance[:, 2, 2] += doubt
+            covariance[:, 5, 5] += doubt
         ambiguous = ambiguous | self._fit.crowded(fits, visible)
         covariance = covariance[:, : 3 * layers, : 3 * layers]
         covariance[np.repeat(~visible[:, :layers], 3, axis=1)] = np.nan

@@ -156,8 +156,12 @@ def test_sizes_are_right_wherever_the_other_layer_lies(pictures: str) -> None:
         assert abs(np.median(error[:, of], axis=1)).max() < 1e-3
 
 
-def test_sizes_are_right_where_pairs_touch() -> None:
-    """Brute force again: edges of neighbours face each other, and what they absorb adds up."""
+@pytest.mark.parametrize("apart_by", [2.05, 1.6])
+def test_sizes_are_right_where_pairs_touch(apart_by: float) -> None:
+    """Brute force again: edges of neighbours face each other, and what they absorb adds up.
+
+    Where they lie on each other it is less certain how much, and that is said.
+    """
     sensor = load_sensor("thesis")
     rest = rest_membrane(sensor)
     # Two and two, both layers alike, move together until half a pixel is left, or less.
@@ -168,7 +172,7 @@ def test_sizes_are_right_where_pairs_touch() -> None:
         if alone[k] and free:
             way = flat[free[0]] - flat[k]
             apart = np.linalg.norm(way)
-            move[k] = 0.5 * way / apart * (apart - 2.05 * sensor.half_sizes[1])
+            move[k] = 0.5 * way / apart * (apart - apart_by * sensor.half_sizes[1])
             move[free[0]] = -move[k]
             alone[[k, free[0]]] = False
     tracker = MarkerTracker(Palette.of_sensor(sensor), 2.0)
@@ -187,8 +191,19 @@ def test_sizes_are_right_where_pairs_touch() -> None:
     touching = (np.linalg.norm(designed - [319.5, 239.5], axis=-1) < 130.0) & (gap < 1.5)
     assert touching.sum() > 30
     error = tracks.log_size[:, number[touching]] - grown[:, touching]
-    assert abs(np.median(error, axis=1)).max() < 1e-3
-    assert error.std(axis=1).max() < 2e-3
+    if apart_by > 2.0:
+        assert abs(np.median(error, axis=1)).max() < 1e-3
+        assert error.std(axis=1).max() < 2e-3
+    # There is no noise but what the tracker counts with: its own errors are all there is.
+    stated = np.sqrt(tracks.covariance[number[touching]][:, [2, 5], [2, 5]].T)
+    assert np.sqrt(((error / stated) ** 2).mean()) < 1.2
+    print(
+        apart_by,
+        np.median(error, axis=1),
+        error.std(axis=1),
+        stated.mean(axis=1),
+        np.sqrt(((error / stated) ** 2).mean(1)),
+    )
 
 
 def polygon_areas(corners: np.ndarray) -> np.ndarray:
