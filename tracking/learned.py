@@ -197,11 +197,10 @@ class Learned:
         weights = self._weights_of(tracks, there)
         white = np.einsum("pij,pj->pi", weights.whiten, centred)
         asked = there & ~seen
+        seen, codes, drawn = self._at_one(weights, white, seen)
         if asked.any():
-            certain = self._at_one(weights, white, seen)
-            seen = self._likely(weights, white, certain, asked, _LIKELY)
-        seen = self._at_one(weights, white, seen)
-        codes, drawn = self._solve(weights, white, seen)
+            seen = self._likely(weights, white, (codes, drawn), seen, asked, _LIKELY)
+            seen, codes, drawn = self._at_one(weights, white, seen)
         count = len(self._readout.scale)
         freedom = MEASURED * seen.sum() - count
         misfit = float(_badness(weights, white, codes)[seen].sum() / freedom)
@@ -233,30 +232,36 @@ class Learned:
             information - sure.T @ sure + vague.T @ vague,
         )
 
-    def _at_one(self, weights: Weights, white: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Seen pairs without those that stray from what the others say."""
+    def _at_one(
+        self, weights: Weights, white: Array, seen: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.bool_], Array, Array]:
+        """Seen pairs without those that stray from the others, and what `_solve` says of them."""
         left = seen
         while True:
-            badness = _badness(weights, white, self._solve(weights, white, left)[0])
+            codes, drawn = self._solve(weights, white, left)
+            badness = _badness(weights, white, codes)
             limit = _STRAY * max(1.0, float(np.median(badness[left])) / MEASURED)
             stray = left & (badness > max(limit, _NEAR_WORST * badness[left].max()))
             if not stray.any():
-                # Who was only drawn along comes back.
-                return self._likely(weights, white, left, seen & ~left, limit)
+                break
             left = left & ~stray
+        # Who was only drawn along comes back.
+        whole = self._likely(weights, white, (codes, drawn), left, seen & ~left, limit)
+        if (whole & ~left).any():
+            codes, drawn = self._solve(weights, white, whole)
+        return whole, codes, drawn
 
     def _likely(
         self,
         weights: Weights,
         white: Array,
+        solved: tuple[Array, Array],
         certain: NDArray[np.bool_],
         asked: NDArray[np.bool_],
         limit: float,
     ) -> NDArray[np.bool_]:
-        """Certain pairs, and those asked for whose χ² by the certain ones is below a limit."""
-        if not asked.any():
-            return certain
-        codes, drawn = self._solve(weights, white, certain)
+        """Certain pairs, which were solved for, and those asked for of χ² by them below a limit."""
+        codes, drawn = solved
         taken = certain.copy()
         for pair in np.flatnonzero(asked):
             moves = weights.rows[MEASURED * pair : MEASURED * (pair + 1)]

@@ -302,9 +302,8 @@ class PairFit:
         moved, asked = np.zeros(len(active)), active
         uneven = np.zeros(len(active), dtype=np.bool_)
         # Those that touch may be far from where they will be found.
-        beside = self._within(_BESIDE, state.fits, state.present) & ~self._within(
-            _TOUCHING, state.fits, state.present
-        )
+        lying = (state.fits, state.present)
+        beside = self._within(_BESIDE, *lying) & ~self._within(_TOUCHING, *lying)
 
         def step() -> None:
             fit_step(
@@ -321,9 +320,7 @@ class PairFit:
             if not active.any():
                 break
         # Each of those that touch is fitted to where the others were: they creep.
-        touching = self._within(_TOUCHING, state.fits, state.present) | (
-            self._within(_BESIDE, state.fits, state.present) & ~beside
-        )
+        touching = self._within(_TOUCHING, *lying) | (self._within(_BESIDE, *lying) & ~beside)
         refined = active = asked & touching & np.isfinite(misfit)
         results = (state.fits, state.gains, state.slopes, misfit, covariance, moved)
         before = [values[refined] for values in results]
