@@ -35,6 +35,7 @@ class MarginInversionSettings:
     tolerance: standard deviations, none smaller than a tenth of µ, that the µ counted on may be
         above the one that is read
     slip_margin: estimated Γ below which the skin slips, so that µ is what it reads
+    surge: times more grip while it slips than the friction seen asks for: the load is more
     smoothing: time constant of small changes [s]
     band: share of the grip up to which a change is small
     """
@@ -47,6 +48,7 @@ class MarginInversionSettings:
     caution: float = 0.25
     tolerance: float = 1.0
     slip_margin: float = 0.1
+    surge: float = 1.5
     smoothing: float = 0.1
     band: float = 0.05
 
@@ -86,6 +88,8 @@ class MarginInversion:
         need = load / (friction * (1.0 - settings.desired_margin))
         if not observation.friction_observable:
             need = max(need, settings.start)
+        elif observation.margin < settings.slip_margin:
+            need *= settings.surge
         self._follow(need, period)
         return GripCommand(force=self._force)
 

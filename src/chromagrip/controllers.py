@@ -22,6 +22,7 @@ from .render.tables import Table
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
 Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
+AtLeastOne = Annotated[float, Meta(ge=1.0, le=1e3)]
 
 #: Name and one line about each controller of ours; its table has the same name.
 CONTROLLERS = {
@@ -68,6 +69,7 @@ class MarginInversionTable(Table, frozen=True):
     caution: NotNegative = 0.25
     tolerance: NotNegative = 1.0
     slip_margin: Share = 0.1
+    surge: AtLeastOne = 1.5
     smoothing_s: Positive = 0.1
     band: Share = 0.05
 
@@ -83,6 +85,7 @@ class MarginInversionTable(Table, frozen=True):
                 caution=self.caution,
                 tolerance=self.tolerance,
                 slip_margin=self.slip_margin,
+                surge=self.surge,
                 smoothing=self.smoothing_s,
                 band=self.band,
             )
