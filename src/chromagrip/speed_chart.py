@@ -11,6 +11,9 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+#: Points within this factor of each other in time and error are close.
+_CLOSE = 2.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
@@ -95,7 +98,7 @@ def write_chart(
 def _draw(panel: Any, points: Sequence[Point], axis: Axis, per: str) -> None:
     best = front(points, axis.key)
     panel.plot([p.milliseconds for p in best], [p.errors[axis.key] for p in best], "-", color="0.8")
-    for number, point in enumerate(points):
+    for point in points:
         x, y = point.milliseconds, point.errors[axis.key]
         panel.errorbar(
             x,
@@ -108,7 +111,7 @@ def _draw(panel: Any, points: Sequence[Point], axis: Axis, per: str) -> None:
             point.name,
             (x, y),
             textcoords="offset points",
-            xytext=(6, -12 if number % 2 else 6),
+            xytext=(6, -12 if _below_another(point, points, axis.key) else 6),
             fontsize=8,
         )
     for name, level in axis.lines.items():
@@ -128,6 +131,21 @@ def _draw(panel: Any, points: Sequence[Point], axis: Axis, per: str) -> None:
     )
     panel.grid(alpha=0.3, which="both")
     panel.margins(0.2)
+
+
+def _below_another(point: Point, points: Sequence[Point], key: str) -> bool:
+    """Whether another point stands close above, so that names must part."""
+
+    def close(a: float, b: float) -> bool:
+        return a < _CLOSE * b and b < _CLOSE * a
+
+    rank = (point.errors[key], point.name)
+    return any(
+        close(other.milliseconds, point.milliseconds)
+        and close(other.errors[key], point.errors[key])
+        and (other.errors[key], other.name) > rank
+        for other in points
+    )
 
 
 def front(points: Sequence[Point], key: str) -> list[Point]:
