@@ -63,7 +63,8 @@ def test_it_settles_at_the_desired_margin(mu: float, desired: float) -> None:
 def test_a_new_load_is_answered_at_once() -> None:
     """No gain, no build-up: the first frame that shows a load commands the grip for it.
 
-    A slipping skin shows no more than µ·Fn, which is answered with surge/(1 − Γ_des) times the grip.
+    A slipping skin shows no more than µ·Fn, which is answered with surge/(1 − Γ_des) times the
+    grip.
     """
     controller = MarginInversion(MarginInversionSettings(caution=0.0, surge=1.2))
     before = held(controller, 100, 0.25, 0.5)
