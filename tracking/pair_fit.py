@@ -168,6 +168,11 @@ class PairFit:
         return other
 
     @property
+    def radius(self) -> Array:
+        """Of the markers of each layer at rest [px], shape (2,)."""
+        return self._radius
+
+    @property
     def near(self) -> NDArray[np.int64]:
         """Pairs next to each pair, shape (M, K)."""
         return self._near

@@ -31,6 +31,9 @@ _WORSE = 1.1
 _PATIENCE, _BETTER = 4, 0.98
 #: Neighbours that moved this much apart, and layers off each other, are torn [pitch].
 _TORN = 0.4
+#: A marker that lies on another one, this far from where its pair's other layer has it, is another
+#: one, or both [radii]; pairs that moved by this tell how far the layers move [pitch].
+_ASIDE, _MOVED = 0.2, 0.1
 #: A marker that held together and went on within this of where it was expected is itself [pitch].
 _WENT_ON = 0.2
 #: Newly lost markers that make all be looked for: this many, or this share.
@@ -131,8 +134,14 @@ class MarkerTracker:
         image = frame.image
         start = replace(self._next, fits=self._next.fits + self._velocity)
         look = self._judge(image, self._fit.fit(image, start, _STEPS), start)
+        if self._astray(look, 0):
+            # The skin may have turned round.
+            still = replace(self._next, slopes=np.zeros_like(self._rest.slopes))
+            look = _better(look, self._judge(image, self._fit.fit(image, still, _STEPS), still))
+        look = self._untangled(image, look)
         ambiguous = look.torn
-        steady = not self._astray(look)
+        few = max(_FEW, int(_FEW_SHARE * len(look.visible)))
+        steady = not self._astray(look, few)
         if not steady:
             located = self._relocator(image)
             start = self._located(located.position, located.gains)
@@ -198,10 +207,39 @@ class MarkerTracker:
         visible = self._visible(found)
         return Look(found, visible, self._torn(found, visible))
 
-    def _astray(self, look: Look) -> bool:
-        """Whether markers have been taken for others, or many have been lost at once."""
+    def _untangled(self, image: Image, look: Look) -> Look:
+        """Look again at markers that lie on others, from where the other layer has them.
+
+        Two discs that pass over each other can be taken for each other, or both for what they cover
+        together. Their other layer moves less, or more, and lies apart.
+        """
+        if self._share is None:
+            return look
+        state, visible = look.fits.state, look.visible
+        on_others = self._fit.crowded(state.fits, visible)
+        if not on_others.any():
+            return look
+        moved = (state.fits - self._rest.fits)[..., :2]
+        clear = visible & ~on_others
+        far = clear.all(axis=1) & (abs(moved[:, 0]).max(axis=1) > _MOVED * self._pitch)
+        first, second = moved[far, 0], moved[far, 1]
+        # What a layer moves in the image is not quite its share: it lies deeper.
+        share = (first * second).sum() / (first**2).sum() if far.any() else self._share
+        expected = np.stack([moved[:, 1] / share, moved[:, 0] * share], axis=1)
+        off = np.linalg.norm(moved - expected, axis=2)
+        wrong = on_others & clear[:, ::-1] & (off > _ASIDE * self._fit.radius)
+        if not wrong.any():
+            return look
+        fits = state.fits.copy()
+        fits[wrong, :2] = (self._rest.fits[..., :2] + expected)[wrong]
+        start = replace(state, fits=fits)
+        again = self._judge(image, self._fit.fit(image, start, _STEPS), start)
+        return _better(look, again)
+
+    def _astray(self, look: Look, few: int) -> bool:
+        """Whether markers have been taken for others, or more than a few have been lost at once."""
         newly = self._lost(look.visible) - self._lost(self._seen)
-        return bool(look.torn.any()) or newly > max(_FEW, _FEW_SHARE * len(look.visible))
+        return bool(look.torn.any()) or newly > few
 
     def _lost(self, visible: NDArray[np.bool_]) -> int:
         """Markers that were there at rest and are not visible."""
@@ -225,9 +263,13 @@ class MarkerTracker:
             torn |= (off & visible.all(axis=1))[:, None]
         if not torn.any():
             return np.asarray(torn)
-        # Skin that is pressed together strongly is not torn: its markers got there step by step.
-        expected = (self._next.fits + self._velocity)[..., :2]
-        off_course = abs(found.state.fits[..., :2] - expected).max(axis=2) > _WENT_ON * self._pitch
+        # Skin that is pressed together strongly is not torn: its markers got there step by step,
+        # as they went before or as those around them go now.
+        went, seen, near = (found.state.fits - self._next.fits)[..., :2], visible, self._fit.near
+        around = np.where(seen[..., None], went, 0.0)[near].sum(axis=1)
+        around /= np.maximum(seen[near].sum(axis=1), 1)[..., None]
+        off = [abs(went - way).max(axis=2) for way in (self._velocity[..., :2], around)]
+        off_course = np.minimum(*off) > _WENT_ON * self._pitch
         return np.asarray(torn & (off_course | ~self._whole))
 
     def _located(self, position: Array, gains: Array) -> PairState:
@@ -306,6 +348,15 @@ class MarkerTracker:
 def _worth(look: Look) -> int:
     """Markers that are found and hold together, less those that do not."""
     return int(look.visible.sum()) - 2 * int(look.torn.sum())
+
+
+def _better(first: Look, second: Look) -> Look:
+    """The look that finds more, or else explains it better."""
+
+    def rank(look: Look) -> tuple[int, float]:
+        return _worth(look), -float(look.fits.misfit[look.visible.any(axis=1)].sum())
+
+    return max(first, second, key=rank)
 
 
 class QuickTracker(MarkerTracker):

@@ -19,6 +19,9 @@ DURATION, STEP, EVERY = 1.0, 2e-3, 5
 _ONSET = 0.03
 #: The load is at most so many times what friction holds: somewhat more slides.
 _MOST_HELD = 1.02
+#: Share of the drives in which it slides for a moment: load over what friction holds, at most so
+#: much more [N], and how long [s].
+_SLIDING, _SLIDES_BY, _MOST_MORE, _MOMENT = 0.3, (1.05, 2.5), 0.5, (0.02, 0.15)
 #: Instants kept of a history, spread over the margin in so many bins.
 _KEPT, _BINS = 12, 8
 
@@ -58,7 +61,8 @@ def random_drive(rng: np.random.Generator, friction: float) -> Drive:
     """Grip and load that ramp, rest, jump and turn, the load never far above what friction holds.
 
     In half of the drives the load is a share of what the grip can hold, in the others grip and load
-    go their own ways, as where a controller grips harder under a standing load.
+    go their own ways, as where a controller grips harder under a standing load. Now and then it is
+    more for a moment, as where a weight is put on before a controller grips harder.
 
     Parameters
     ----------
@@ -80,7 +84,18 @@ def random_drive(rng: np.random.Generator, friction: float) -> Drive:
     if not apart:
         load = _share_held(rng, times) * friction * grip
         load[onset] = 0.0
+    if rng.random() < _SLIDING:
+        _slide(rng, times, friction * grip, load)
     return Drive(times=times, normal=grip, lateral=load)
+
+
+def _slide(rng: np.random.Generator, times: Array, held: Array, load: Array) -> None:
+    """Let the load be more than what is held [N] for a moment, in place."""
+    start = rng.uniform(2.0 * _ONSET, DURATION)
+    during = (times >= start) & (times < start + rng.uniform(*_MOMENT))
+    side = np.sign(load[during].sum()) or rng.choice([-1.0, 1.0])
+    more = np.minimum((rng.uniform(*_SLIDES_BY) - 1.0) * held[during], _MOST_MORE)
+    load[during] = side * (held[during] + more)
 
 
 def _wander(rng: np.random.Generator, low: float, high: float) -> tuple[Array, Array]:
