@@ -256,7 +256,7 @@ def figures_of_appendix_b() -> None:
 
 
 #: How much of the thesis the documentation shows.
-REPRODUCED = Plan(quick=False, camera="camera-100hz")
+REPRODUCED = Plan(quick=False, camera="thesis")
 
 
 def reproduction(plan: Plan = REPRODUCED) -> None:
