@@ -72,6 +72,7 @@ OBJECT_SETS: dict[str, tuple[str, list[Change], int]] = {
     "objects-100hz": ("camera-100hz", _OBJECTS, 1),
     "objects-60hz": ("margin-60hz", _OBJECTS, SEEDS),
     "objects-30hz": ("margin-30hz", _OBJECTS, SEEDS),
+    "objects-bias": ("margin-30hz", [one | {"camera.friction_bias": 0.05} for one in _OBJECTS], 1),
     # Each with a sensor of its own of the mismatched world of `bench force`.
     MISMATCHED: ("margin-60hz", _OBJECTS, 1),
     "objects-jerk": ("jerk-1", _OBJECTS, 1),
@@ -92,11 +93,13 @@ TARGETS: dict[tuple[str, str, str], tuple[float, float]] = {
                 "gross": 0.0,
                 "displacement": 0.10,
                 "settling": 0.45,
+                "overshoot": 30.0,
                 "pressure_max": 520.0,
                 "chatter": 0.3,
             },
             "objects-30hz": {"gross": 0.0, "displacement": 0.20, "pressure_max": 540.0},
             MISMATCHED: {"gross": 0.0, "pressure_max": 600.0},
+            "objects-bias": {"gross": 0.0},
             "objects-jerk": {"gross": 2.0},
             "objects-moisture": {"settling": 0.5},
         }.items()

@@ -26,7 +26,7 @@ from .model import (
     step,
     whole_friction,
 )
-from .observers import CameraObserver, TruthObserver
+from .observers import CameraObserver, TruthObserver, with_friction_off
 from .render import Frame, GLMissingError, open_renderer
 from .scene import Scene
 from .tracking import (
@@ -171,6 +171,7 @@ def grasp(
             else:
                 frame = camera.expose(replace(shown[0], time=state.time), index)
                 observation, tracks = seen.observe(frame)
+            observation = with_friction_off(observation, scene.camera.friction_bias)
             waiting.append((int(due[index]), index, observation))
             if index == 0:
                 grip = _answer(controller, observation, scene.controller, index)

@@ -25,6 +25,8 @@ from .tracking import (
 #: Correlation of the sums' errors where stiffnesses are off: the tissue's turn both alike, the
 #: membrane's do not.
 _ALIKE = 0.95
+#: µ that is put off is no less.
+_LEAST_FRICTION = 0.01
 #: Marks the random numbers of the truth path's noise among those of a seed.
 _MARGIN_NOISE = 7
 
@@ -107,6 +109,23 @@ class ForceObserver:
         except NoEstimateError as error:
             field, reason = _empty_field(self._fingertip), str(error)
         return _observation(time, field, self._friction, math.nan, reason)
+
+
+def with_friction_off(seen: GripObservation, bias: float) -> GripObservation:
+    """The observation with µ that is off by so much, 0.01 at least, and Γ that goes with it."""
+    if bias == 0.0 or math.isnan(seen.margin):
+        return seen
+    mu = max(seen.friction + bias, _LEAST_FRICTION)
+    margin = seen.field.safety_margin(mu)
+    low, high = (value + mu - seen.friction for value in seen.friction_interval)
+    margin_low, margin_high = (value + margin - seen.margin for value in seen.margin_interval)
+    return replace(
+        seen,
+        friction=mu,
+        friction_interval=(low, high),
+        margin=margin,
+        margin_interval=(margin_low, margin_high),
+    )
 
 
 class CameraObserver:

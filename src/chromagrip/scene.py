@@ -147,7 +147,8 @@ class CameraSettings(Table, frozen=True):
     A frame shows the middle of its exposure, which ends at the frame's instant; instead of that,
     `defects.motion_blur` smears it too. Of a dropped frame the controller hears nothing, and the
     grip holds; a late one comes a frame later than the latency. `dropped` and `late` are shares of
-    all frames.
+    all frames. `friction_bias` puts µ as the controller is told it off by so much, as a wrong
+    calibration does, and Γ with it.
     """
 
     rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0
@@ -155,6 +156,7 @@ class CameraSettings(Table, frozen=True):
     exposure_ms: NotNegative = 0.0
     dropped: Part = 0.0
     late: Part = 0.0
+    friction_bias: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
     noise_levels: Annotated[float, Meta(ge=0.0, le=50.0)] = 2.0
     rest_frames: Annotated[int, Meta(ge=1, le=1000)] = 16
 

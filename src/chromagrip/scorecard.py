@@ -27,6 +27,7 @@ SCORES: dict[str, tuple[str, Callable[[Array], float]]] = {
     "displacement": ("mm", np.max),
     "overloaded": ("s", np.max),
     "settling": ("s", _p90),
+    "overshoot": ("points", np.max),
     "pressure_max": ("N/m", np.mean),
     "pressure_mean": ("N/m", np.mean),
     "energy": ("N²/s", np.mean),
@@ -38,8 +39,9 @@ NOTES = (
     "gross: runs that slip by more than 0.2 mm; displacement: of object over fingertip, the",
     "largest; overloaded: time at Γ < 0 with the load for ΣFf (friction itself is never more than",
     "holds), the longest; settling: from the last change of load or friction to the last exit of Γ",
-    "from 0.30 ± 0.05, or to the end, 90th percentile; pressure: over the contact's width plus one",
-    "node pitch; energy: ∫(dF/dt)² of the command; chatter: Σ|ΔF| per second over the last 0.5 s;",
+    "from 0.30 ± 0.05, or to the end, 90th percentile; overshoot: the most that Γ is above 0.30",
+    "after that change, the largest; pressure: over the contact's width plus one node pitch;",
+    "energy: ∫(dF/dt)² of the command; chatter: Σ|ΔF| per second over the last 0.5 s;",
     "all three are means over the runs. worst: the worst single run of any scene, score by score.",
 )
 
@@ -59,6 +61,7 @@ def scores(result: Result) -> dict[str, float]:
         "overloaded": scene.period
         * float((abs(trace["load_n"][touching]) > holds[touching]).sum()),
         "settling": settling(trace, scene.last_change),
+        "overshoot": overshoot(trace, scene.last_change),
         "pressure_max": float(pressure.max()),
         "pressure_mean": float(pressure[touching].mean()) if touching.any() else 0.0,
         "energy": float((steps**2).sum()) / scene.period,
@@ -75,6 +78,13 @@ def settling(trace: Trace, since: float) -> float:
     if not len(last):
         return 0.0
     return float(time[min(last[-1] + 1, len(time) - 1)]) - since
+
+
+def overshoot(trace: Trace, since: float) -> float:
+    """Most that the true Γ is above what is desired after an instant [points]."""
+    margin = trace["margin_true"][trace["time_s"] > since + 1e-9]
+    margin = margin[np.isfinite(margin)]
+    return 100.0 * max(float(margin.max()) - MARGIN, 0.0) if len(margin) else 0.0
 
 
 def together(runs: Sequence[Mapping[str, float]]) -> dict[str, float]:

@@ -14,7 +14,7 @@ from chromagrip import UserError, bench_control, load_scene
 from chromagrip.bench_control import OBJECT_SETS, SCENES, TARGETS, Task, ask, matrix, tasks
 from chromagrip.render.gl import gl_problem
 from chromagrip.run_folder import Result
-from chromagrip.scorecard import SCORES, scores, settling, together, worst
+from chromagrip.scorecard import SCORES, overshoot, scores, settling, together, worst
 from chromagrip.trace import COLUMNS, Trace
 
 
@@ -44,6 +44,14 @@ def test_energy_of_a_ramp_and_chatter_of_a_sawtooth() -> None:
     assert scores(result(grip_n=sawtooth))["chatter"] == pytest.approx(0.6, rel=0.02)
     early = np.where(TIME < 1.5, sawtooth, 1.0)
     assert scores(result(grip_n=early))["chatter"] == 0.0
+
+
+def test_overshoot_is_what_the_margin_rises_to_after_the_change() -> None:
+    margin = np.interp(TIME, [0.0, 1.2, 1.3, 2.0], [0.9, 0.3, 0.45, 0.28])
+    assert overshoot(result(margin_true=margin).trace, 1.25) == pytest.approx(15.0, abs=0.1)
+    margin = np.where(TIME > 1.25, 0.2, 0.9)
+    assert overshoot(result(margin_true=margin).trace, 1.25) == 0.0
+    assert overshoot(result(margin_true=np.full(len(TIME), np.nan)).trace, 1.25) == 0.0
 
 
 def test_settling_is_the_last_exit_after_the_change() -> None:

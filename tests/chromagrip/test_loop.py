@@ -394,3 +394,20 @@ def test_a_frame_shows_the_middle_of_its_exposure() -> None:
     fine = run(load_scene("camera-100hz", changes | {"camera.rate_hz": 100.0})).trace
     # Ten milliseconds before a frame at 50 Hz is a frame at 100 Hz.
     np.testing.assert_allclose(earlier[1:], fine["friction_true_n"][1:-1:2], atol=1e-9)
+
+
+def test_friction_that_is_read_off_moves_the_margin_with_it() -> None:
+    """Γ = 1 − ΣFf/(µ·ΣFn) of µ as it is told; what is true stays."""
+    changes = {"path": "truth", "controller": "conservative", "duration_s": 0.3}
+    plain, off = (
+        run(load_scene("thesis", changes | {"camera.friction_bias": bias})).trace
+        for bias in (0.0, 0.05)
+    )
+    touching = ~np.isnan(plain["margin_estimated"])
+    assert touching.sum() > 200
+    told = off["mu_estimated"][touching]
+    assert told == pytest.approx(plain["mu_estimated"][touching] + 0.05, abs=1e-12)
+    load = off["friction_true_n"][touching] / off["normal_true_n"][touching]
+    margin = 1.0 - load / told
+    assert off["margin_estimated"][touching] == pytest.approx(margin, abs=1e-9)
+    assert off["margin_true"][touching] == pytest.approx(plain["margin_true"][touching], abs=1e-12)
