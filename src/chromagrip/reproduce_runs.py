@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from .cells import read_cells, write_cells
+from .errors import UserError
 from .run_folder import run
 from .scene import load_scene
 from .trace import COLUMNS, Trace
@@ -59,6 +60,7 @@ class Cell:
     margin_rmse: error of the observed Γ
     final_margin: true
     reactions: of React To Slip
+    stopped: why it did not come to its end, as where the object is let go; else empty
     """
 
     scene: str
@@ -70,6 +72,7 @@ class Cell:
     margin_rmse: float
     final_margin: float
     reactions: int
+    stopped: str = ""
 
     @property
     def job(self) -> Job:
@@ -101,6 +104,11 @@ def run_jobs(
     out: folder of `runs.csv` and `traces`; None writes nothing
     workers: processes; one runs in this process
     progress: told how many are done
+
+    Raises
+    ------
+    UserError
+        When a run stops of which a trace is wanted.
     """
     wanted = list(dict.fromkeys([*traced, *jobs]))  # long ones first: the camera's traces
     wanted.sort(key=lambda job: job.values["path"] != "camera")
@@ -110,9 +118,11 @@ def run_jobs(
     ]
     done = len(wanted) - len(waiting)
     progress(f"runs: {done} of {len(wanted)}")
-    for job, summary, trace in _results(waiting, workers):
-        runs.cells[job] = _cell(job, summary)
+    for job, cell, trace in _results(waiting, workers):
+        runs.cells[job] = cell
         if job in traced:
+            if trace is None:
+                raise UserError(f"{job.scene}, {job.changes}: {cell.stopped}")
             runs.traces[job] = trace
             if out is not None:
                 _write_trace(trace, out / "traces" / job.file)
@@ -141,7 +151,7 @@ def _done(wanted: list[Job], traced: list[Job], out: Path) -> Runs:
     return Runs(cells, {job: _read_trace(path) for job, path in paths.items() if path.exists()})
 
 
-def _results(jobs: list[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any], Trace]]:
+def _results(jobs: list[Job], workers: int) -> Iterator[tuple[Job, Cell, Trace | None]]:
     """Results in the order in which they come."""
     if workers == 1 or len(jobs) < 2:
         yield from map(_run, jobs)
@@ -150,9 +160,13 @@ def _results(jobs: list[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any
         yield from pool.imap_unordered(_run, jobs)
 
 
-def _run(job: Job) -> tuple[Job, dict[str, Any], Trace]:
-    result = run(load_scene(job.scene, job.values))
-    return job, result.summary, result.trace
+def _run(job: Job) -> tuple[Job, Cell, Trace | None]:
+    try:
+        result = run(load_scene(job.scene, job.values))
+    except UserError as error:
+        nothing = (NAN,) * 6
+        return job, Cell(job.scene, job.changes, *nothing, 0, str(error)), None
+    return job, _cell(job, result.summary), result.trace
 
 
 def _cell(job: Job, summary: dict[str, Any]) -> Cell:

@@ -365,6 +365,22 @@ def test_interrupted_runs_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         np.testing.assert_array_equal(kept, fresh)
 
 
+def test_an_object_that_is_let_go_stops_nothing_else(tmp_path: Path) -> None:
+    """With little drag React To Slip lets a sharp, slippery object go; it is counted."""
+    slippery = {"object.friction": 0.3, "object.radius_mm": 5.0, "object.drag_n_s_per_m": 25.0}
+    lost = make_job("react-to-slip", slippery)
+    held = make_job("conservative", slippery | {"duration_s": 0.2})
+    found = run_jobs([lost, held], [], tmp_path, 1, print).cells
+    assert "nothing touches the object" in found[lost].stopped
+    assert math.isnan(found[lost].pressure_pitch)
+    assert found[held].stopped == ""
+    assert found[held].pressure_pitch > 0.0
+    # It is known when the rest is gone on with, too.
+    assert run_jobs([lost, held], [], tmp_path, 1, print).cells.keys() == found.keys()
+    with pytest.raises(UserError, match="nothing touches the object"):
+        run_jobs([], [lost], None, 1, print)
+
+
 def test_processes_say_what_one_says(tmp_path: Path) -> None:
     jobs = [make_job(name, SHORT) for name in ("safety-margin", "react-to-slip")]
     assert (
