@@ -21,8 +21,7 @@ from chromagrip import bench_control, bench_force, run
 from chromagrip.appendix_b import appendix_b
 from chromagrip.bench import bench
 from chromagrip.bench_track import asked, matrix, refusals
-from chromagrip.chart_force import chart_force
-from chromagrip.chart_render import chart_render
+from chromagrip.charts import charts
 from chromagrip.cli_limit import limit
 from chromagrip.force_scenes import WORLDS
 from chromagrip.force_scores import READ
@@ -154,8 +153,8 @@ def force() -> None:
         lines += ["", f"Every score, {name}, {read}:", "", *grid(["score", *who], each)]
     write("force", report, lines)
     with tempfile.TemporaryDirectory() as folder:
-        chart_force(False, Path(folder), True, print)
-        shutil.copy(Path(folder) / "chart.png", DOCS / "images" / "chart-force.png")
+        charts(["force"], False, Path(folder), True, print)
+        shutil.copy(Path(folder) / "force.png", DOCS / "images" / "chart-force.png")
 
 
 def control() -> None:
@@ -176,8 +175,8 @@ def render() -> None:
     """The renderers' table and chart, a pose's preview, a real-looking frame beside an ideal."""
     table("render")
     with tempfile.TemporaryDirectory() as folder:
-        chart_render(False, Path(folder), True, print)
-        shutil.copy(Path(folder) / "chart.png", DOCS / "images" / "chart-render.png")
+        charts(["render"], False, Path(folder), True, print)
+        shutil.copy(Path(folder) / "render.png", DOCS / "images" / "chart-render.png")
     with tempfile.TemporaryDirectory() as folder:
         render_poses(load_scene("camera-100hz"), [Pose(grip=2.0, load=0.6)], Path(folder), True)
         preview = cv2.imread(str(Path(folder) / "preview-000.png"))

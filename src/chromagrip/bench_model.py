@@ -66,7 +66,7 @@ def _smooth(t: Array, start: float, end: float) -> Array:
     return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
-def _smooth_grasp(grip: float, load: float) -> Drive:
+def smooth_grasp(grip: float, load: float) -> Drive:
     """Grip rises over 0.2 s, the load in two rises to 0.9 s."""
     t = np.linspace(0.0, 1.2, 2401)
     loads = load * (0.4 * _smooth(t, 0.2, 0.5) + 0.6 * _smooth(t, 0.6, 0.9))
@@ -139,7 +139,7 @@ def _real_time(progress: Progress) -> Iterator[Row]:
 
 def _cost_over_nodes(progress: Progress) -> Iterator[Row]:
     counts = (101, 251, 501, 1001, 2001, 4001)
-    obj, drive = OBJECTS[9], _smooth_grasp(2.0, 0.4)
+    obj, drive = OBJECTS[9], smooth_grasp(2.0, 0.4)
     spent = []
     for nodes in counts:
         progress(f"cost of {nodes} nodes")
@@ -204,7 +204,7 @@ def _graded(quick: bool, progress: Progress) -> Iterator[Row]:
     for obj in OBJECTS[:: 5 if quick else 1]:
         for grip in (0.3, 1.0, 3.0, 5.0):
             progress(f"graded chain, µ {obj.friction}, {obj.stiffness:g} N/m, {grip} N")
-            drive = _smooth_grasp(grip, 0.5 * obj.friction * grip)
+            drive = smooth_grasp(grip, 0.5 * obj.friction * grip)
             a, b = (
                 _measures(tip, obj, simulate(tip, obj, drive, dt=1e-3, duration=1.2, every=300))
                 for tip in (fine, graded)
@@ -223,7 +223,7 @@ def _reductions(progress: Progress) -> Iterator[Row]:
     """What the other choices of less cost and save, on a press without load."""
     progress("half chain, no friction")
     tip, obj = Fingertip(), OBJECTS[9]
-    drive = _smooth_grasp(2.0, 0.0)
+    drive = smooth_grasp(2.0, 0.0)
 
     def press(half: bool = False, friction: bool = True) -> tuple[float, Array]:
         def run() -> History:
@@ -265,7 +265,7 @@ def _true_steps(quick: bool, progress: Progress) -> Iterator[Row]:
         progress(
             f"steps: µ {obj.friction}, {obj.stiffness:g} N/m, {obj.curvature:g} /m, grip {grip} N"
         )
-        drive = _smooth_grasp(grip, 0.5 * obj.friction * grip)
+        drive = smooth_grasp(grip, 0.5 * obj.friction * grip)
 
         def run(dt: float, obj: ContactObject = obj, drive: Drive = drive) -> History:
             every = round(0.1 / dt)

@@ -1,17 +1,13 @@
-"""`chromagrip chart force`: time per field of each reconstructor against its error."""
+"""Time per field of each reconstructor against its error."""
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from .bench_force import BEST, Measured, chosen, measure, timed_scenes
-from .bench_rows import report, reported
 from .force_scenes import LIBRARY
 from .force_scores import CONSTANT, READ, UNITS, constant, scores, times
-from .out_folder import prepare
-from .speed_chart import Axis, Point, write_chart
+from .speed_chart import Axis, Chart, Point
 from .tracking import RECONSTRUCTORS
 
 #: Grasps and turns of the speed, and those of a quick run.
@@ -22,30 +18,22 @@ _ERRORS = {"normal_rms": "ΣFn, RMS error [%]", "margin_rms": "Γ, RMS error"}
 
 
 def chart_force(
-    quick: bool,
-    out: Path | None,
-    force: bool,
-    progress: Callable[[str], None],
-    reconstructors: tuple[str, ...] = (),
-) -> dict[str, Any]:
-    """Measure reconstructors on the matched library and draw time against error.
+    quick: bool, progress: Callable[[str], None], reconstructors: tuple[str, ...] = ()
+) -> Chart:
+    """Measure reconstructors on the matched library.
 
     Parameters
     ----------
     quick: few grasps
-    out: folder for chart.svg, chart.png, chart.csv and chart.json
-    force: write into a folder that is not empty
     progress: told what is being measured
     reconstructors: names or module:Class; none are all of ours
 
     Raises
     ------
     UserError
-        When there is no such reconstructor, or for a folder that will not do.
+        When there is no such reconstructor.
     """
     names = chosen(reconstructors or tuple(RECONSTRUCTORS))
-    if out is not None:
-        prepare(out, force)
     grasps, turns = (_QUICK_GRASPS, _QUICK_TURNS) if quick else (_GRASPS, _TURNS)
     found = measure({("matched", LIBRARY): grasps}, names, grasps, progress)["matched"]
     progress("speed")
@@ -74,18 +62,13 @@ def chart_force(
                 f"{read}/{score}": known[name][read][score] for read in READ for score in _ERRORS
             },
             ours=name in BEST.values(),
+            settings=f"tracks of the default tracker, {grasps} random grasps",
+            command=f"chromagrip chart force --reconstructor {name}",
         )
         for name in names
     ]
-    rows = [reported(f"{point.name}/time", point.milliseconds, "ms") for point in points]
-    for axis in axes:
-        levels = {point.name: point.errors[axis.key] for point in points} | axis.lines
-        rows += [reported(f"{name}/{axis.key}", level, axis.unit) for name, level in levels.items()]
-    result = report(rows, quick)
-    if out is not None:
-        title = f"Reconstructors: sensor thesis, 640×480, noise of 2 levels, {grasps} random grasps"
-        write_chart(points, axes, title, "field", result, out)
-    return result
+    title = f"Reconstructors: sensor thesis, 640×480, noise of 2 levels, {grasps} random grasps"
+    return Chart(part="force", title=title, per="field", points=points, axes=axes)
 
 
 def _limit(found: Measured, read: str, score: str) -> float:

@@ -1,9 +1,8 @@
-"""`chromagrip chart render`: time per frame of each renderer against its error."""
+"""Time per frame of each renderer against its error."""
 
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -11,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from .bench_rows import Row, report, reported
 from .judge import colour_difference, layer_centroids, poses_of
-from .out_folder import prepare
 from .render import Membrane, MembraneMap, Renderer, SensorDesign, TruthMap, load_sensor
 from .render.colour import encode_srgb, encoding_table
 from .render.gl import gl_problem
@@ -23,7 +20,7 @@ from .render.outlines import outline_points
 from .render.paint_kernels import encode
 from .render.painter import Painter
 from .render.supersampled import polygon_centroids, projected_outlines, supersampled_image
-from .speed_chart import Axis, Point, write_chart
+from .speed_chart import Axis, Chart, Point
 
 Image = NDArray[np.uint8]
 
@@ -35,33 +32,13 @@ AXES = (
 )
 
 
-def chart_render(
-    quick: bool, out: Path | None, force: bool, progress: Callable[[str], None]
-) -> dict[str, Any]:
-    """Measure every renderer and draw cost against error.
-
-    Parameters
-    ----------
-    quick: fewer passes
-    out: folder for chart.svg, chart.png, chart.csv and chart.json
-    force: write into a folder that is not empty
-    progress: told what is being measured
-    """
-    if out is not None:
-        prepare(out, force)
+def chart_render(quick: bool, progress: Callable[[str], None]) -> Chart:
+    """Measure every renderer, with fewer passes where it has to be quick."""
     with threadpool_limits(1):
         cv2.setNumThreads(1)
         points = _measure(load_sensor("thesis"), quick, progress)
-    rows: list[Row] = []
-    for point in points:
-        rows.append(reported(f"{point.name}/time", point.milliseconds, "ms"))
-        for axis in AXES:
-            rows.append(reported(f"{point.name}/{axis.key}", point.errors[axis.key], axis.unit))
-    result = report(rows, quick)
-    if out is not None:
-        title = "Renderers: 400 markers in two layers, 640×480"
-        write_chart(points, AXES, title, "frame", result, out)
-    return result
+    title = "Renderers: 400 markers in two layers, 640×480"
+    return Chart(part="render", title=title, per="frame", points=points, axes=AXES)
 
 
 def _measure(sensor: SensorDesign, quick: bool, progress: Callable[[str], None]) -> list[Point]:
@@ -101,7 +78,14 @@ def _measure(sensor: SensorDesign, quick: bool, progress: Callable[[str], None])
                 }
             renderer.close()
     return [
-        Point(name=name, times=spent, errors=errors[name], ours="painter" in name)
+        Point(
+            name=name,
+            times=spent,
+            errors=errors[name],
+            ours="painter" in name,
+            settings="sensor thesis, a load that grows over ten frames",
+            command="chromagrip chart render",
+        )
         for name, spent in times.items()
     ]
 

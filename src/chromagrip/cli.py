@@ -309,8 +309,10 @@ def stability(
 
 def chart(
     part: Annotated[
-        Literal["force", "render"], tyro.conf.Positional, option("what to chart", "force|render")
-    ],
+        Literal["all", "force", "loop", "model", "render", "track"],
+        tyro.conf.Positional,
+        option("what to chart", "all|force|loop|model|render|track"),
+    ] = "all",
     *,
     reconstructors: Reconstructors = (),
     quick: Quick = False,
@@ -318,24 +320,21 @@ def chart(
     force: Force = False,
     json_only: JsonOnly = False,
 ) -> int:
-    """Draw the speed of every method of a part against its error."""
-    from .chart_force import chart_force
-    from .chart_render import chart_render
+    """Draw the speed of every method of a stage against its error, and the best of them."""
+    from .charts import PARTS, charts
 
     if reconstructors and part != "force":
         raise UserError(f"--reconstructor goes with chart force, not with chart {part}")
     if out is None and not json_only:
         out = new_folder(f"chart-{part}")
+    parts = list(PARTS) if part == "all" else [part]
     with Console(stderr=True).status("starting") as status:
-        if part == "force":
-            result = chart_force(quick, out, force, telling(status), reconstructors)
-        else:
-            result = chart_render(quick, out, force, telling(status))
+        result = charts(parts, quick, out, force, telling(status), reconstructors)
     if json_only:
         print(json.dumps(result))
         return 0
     print_rows(result["rows"])
-    print(f"folder {out}, see chart.svg")
+    print(f"folder {out}, open index.html")
     return 0
 
 

@@ -35,6 +35,7 @@ from .tracking import (
     ReadOutError,
     ReconstructorError,
     SensorCalibration,
+    TrackerError,
     Tracks,
     UnsupportedSensorError,
     load_calibration,
@@ -146,12 +147,13 @@ def grasp(
         noise = scene.camera.noise_levels
         try:
             told = _known(scene) if known is None else known
-            seen = CameraObserver(told, scene.reconstructor, noise, window, rest)
+            seen = CameraObserver(told, scene.tracker, scene.reconstructor, noise, window, rest)
         except (
             CalibrationFileError,
             DetectionError,
             ReadOutError,
             ReconstructorError,
+            TrackerError,
             UnsupportedSensorError,
         ) as error:
             raise UserError(f"sensor {scene.sensor}: {error}") from None

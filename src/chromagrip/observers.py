@@ -14,12 +14,12 @@ from .tracking import (
     Z90,
     FrictionEstimate,
     FrictionRule,
-    MarkerTracker,
     NoEstimateError,
     Palette,
     SensorCalibration,
     Tracks,
     load_reconstructor,
+    load_tracker,
 )
 
 #: Correlation of the sums' errors where stiffnesses are off: the tissue's turn both alike, the
@@ -134,6 +134,7 @@ class CameraObserver:
     Parameters
     ----------
     calibration: of the sensor
+    tracker: see `load_tracker`
     reconstructor: see `load_reconstructor`
     noise: camera noise, from its data sheet [grey levels]
     window: moving average of the friction estimate [s]
@@ -143,12 +144,13 @@ class CameraObserver:
     def __init__(
         self,
         calibration: SensorCalibration,
+        tracker: str,
         reconstructor: str,
         noise: float,
         window: float,
         rest: list[Frame],
     ) -> None:
-        self._tracker = MarkerTracker(Palette.of_sensor(calibration.sensor), noise)
+        self._tracker = load_tracker(tracker)(Palette.of_sensor(calibration.sensor), noise)
         #: Tracks of the rest frames, from which displacements are counted.
         self.rest: Tracks = self._tracker.reset(rest)
         self._forces = ForceObserver(calibration, self.rest, reconstructor, window)

@@ -99,7 +99,8 @@ def _record(
             while True:
                 begin = time.perf_counter()
                 sample = next(samples, None)
-                seconds += time.perf_counter() - begin
+                if rows:  # the first one reads the frames of rest, too
+                    seconds += time.perf_counter() - begin
                 if sample is None:
                     break
                 rows.append(row(sample))

@@ -171,8 +171,8 @@ class Scene(Table, frozen=True):
     """A whole experiment.
 
     `controller` is one of CONTROLLERS or anybody's `module:Class`. `calibration` is the file that
-    the estimator is told of the sensor, empty for one that is as designed; `reconstructor` is how
-    it reads forces.
+    the estimator is told of the sensor, empty for one that is as designed; `tracker` is how it
+    follows markers, and `reconstructor` how it reads forces.
     """
 
     description: str = ""
@@ -183,6 +183,7 @@ class Scene(Table, frozen=True):
     renderer: RendererName = "painter"
     sensor: str = "thesis"
     calibration: str = ""
+    tracker: str = "fit"
     reconstructor: str = "auto"
     object: ObjectSettings = ObjectSettings()
     load: LoadSettings = LoadSettings()

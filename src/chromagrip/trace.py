@@ -114,7 +114,7 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> dict[str, Any]:
     ----------
     scene: that was run
     trace: of the frames up to the end or an interruption
-    seconds: wall-clock time the loop took, without writing anything
+    seconds: wall-clock time of the loop from the second frame on, without writing anything
     """
     both = np.isfinite(trace["margin_true"]) & np.isfinite(trace["margin_estimated"])
     error = (trace["margin_estimated"] - trace["margin_true"])[both]
@@ -130,7 +130,7 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> dict[str, Any]:
         "complete": len(trace) == scene.frames,
         "frames": len(trace),
         "duration_s": float(trace["time_s"][-1]) if len(trace) else 0.0,
-        "frames_per_second": len(trace) / seconds if seconds > 0 else math.nan,
+        "frames_per_second": (len(trace) - 1) / seconds if seconds > 0 else math.nan,
         "final_margin_true": _last(trace["margin_true"]),
         "final_margin_estimated": _last(trace["margin_estimated"]),
         "margin_true_min_last_300ms": float(late.min()) if len(late) else math.nan,

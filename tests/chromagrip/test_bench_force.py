@@ -1,6 +1,5 @@
 """The score of force estimates: its scenes are what they say, its counts are what they must be."""
 
-import csv
 import multiprocessing.dummy
 from contextlib import closing
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from chromagrip import bench_force, chart_force, force_scenes, force_scores
+from chromagrip import bench_force, force_scenes, force_scores
 from chromagrip.bench import bench
 from chromagrip.bench_rows import report
 from chromagrip.errors import UserError
@@ -28,7 +27,6 @@ from chromagrip.force_scenes import (
 from chromagrip.force_scores import QUANTITIES, UNITS, Answers, answers, constant, scores, truth
 from chromagrip.model import contact_forces, rest_state
 from chromagrip.render.gl import gl_problem
-from chromagrip.speed_chart import Axis, Point, front, write_chart
 from chromagrip.tracking import Z90, MarkerTracker, Palette
 
 INDEX = 5  # of a grasp that the tracker follows quickly
@@ -361,49 +359,3 @@ def test_who_is_not_there_is_named() -> None:
         bench("force", True, lambda _: None, reconstructors=("nobody",))
     with pytest.raises(UserError, match="--reconstructor goes with bench force"):
         bench("model", True, lambda _: None, reconstructors=("gp",))
-
-
-# ---- the chart ----
-
-
-def test_the_front_holds_what_no_other_point_beats(tmp_path: Path) -> None:
-    points = [
-        Point(name=name, times=[time, 1.5 * time, 3.0 * time], errors={"e": error}, ours=False)
-        for name, time, error in (
-            ("a", 1.0, 9.0),
-            ("b", 2.0, 3.0),
-            ("c", 3.0, 4.0),
-            ("d", 9.0, 1.0),
-        )
-    ]
-    assert [point.name for point in front(points, "e")] == ["a", "b", "d"]
-    axis = Axis(key="e", label="error", unit="", lines={"constant": 5.0})
-    write_chart(points, [axis, axis], "Points", "field", {"machine": {}}, tmp_path)
-    with (tmp_path / "chart.csv").open(encoding="utf-8", newline="") as file:
-        first = next(csv.DictReader(file))
-    assert (first["name"], float(first["milliseconds"]), float(first["slowest"])) == ("a", 1.5, 3.0)
-    for name in ("chart.svg", "chart.png", "chart.json"):
-        assert (tmp_path / name).stat().st_size > 0
-
-
-def test_the_chart_draws_errors_beside_the_constant_and_the_limit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    value = TRUE + np.array([0.1, 0.0, 0.0, 0.02])
-    said = Answers(value=value, interval=np.stack([value] * 2, axis=-1), flagged=TRUE[:, 0] < 0.0)
-    found = bench_force.Measured(
-        true=TRUE,
-        said={("gp", read): said for read in force_scores.READ},
-        limit={"single": 0.01 * TRUE, "0.1s": np.full(TRUE.shape, 0.005)},
-    )
-    monkeypatch.setattr(chart_force, "measure", lambda *_: {"matched": found})
-    monkeypatch.setattr(chart_force, "timed_scenes", list)
-    monkeypatch.setattr(chart_force, "times", lambda *_: {"gp": [1.0, 2.0, 4.0]})
-    result = chart_force.chart_force(True, tmp_path / "new", False, lambda _: None, ("gp",))
-    rows = {row["name"]: row["value"] for row in result["rows"]}
-    assert rows["gp/time"] == 2.0
-    assert rows["gp/single/margin_rms"] == pytest.approx(0.02)
-    assert rows["constant/0.1s/margin_rms"] == pytest.approx(TRUE[:, 3].std())
-    assert rows["limit/single/normal_rms"] == pytest.approx(1.0)
-    assert rows["limit/0.1s/margin_rms"] == pytest.approx(0.005)
-    assert (tmp_path / "new" / "chart.png").stat().st_size > 0

@@ -1,0 +1,83 @@
+"""Time per frame of the closed loop against the error of Γ and the slip, by its methods."""
+
+from collections.abc import Callable
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from .run_folder import run
+from .scene import load_scene
+from .speed_chart import Axis, Chart, Point
+
+_SCENE = "margin-60hz"
+#: Of the thesis's 27: flat and hard, in between, sharp and soft.
+_OBJECTS: tuple[dict[str, Any], ...] = (
+    {"object.friction": 0.5, "object.stiffness_kpa": 200.0},
+    {"object.friction": 0.3, "object.stiffness_kpa": 32.0, "object.radius_mm": 20.0},
+    {"object.friction": 0.7, "object.stiffness_kpa": 16.0, "object.radius_mm": 5.0},
+)
+_TURNS, _QUICK_TURNS = 3, 1
+#: From here on Γ is compared: the first load is held [s].
+_HELD = 0.5
+AXES = (
+    Axis(key="margin_error", label="Γ, RMS error", unit=""),
+    Axis(key="displacement", label="largest slip [mm]", unit="mm"),
+)
+#: What is combined; the first of each is the default.
+_TRACKERS = ("fit", "quick", "centroid", "lk")
+_RECONSTRUCTORS = ("sequential", "learned", "gp", "tikhonov")
+
+
+def settings(quick: bool) -> dict[str, dict[str, Any]]:
+    """Changes of the scene, by name."""
+    found: dict[str, dict[str, Any]] = {}
+    trackers = _TRACKERS[:2] if quick else _TRACKERS
+    reconstructors = _RECONSTRUCTORS[:2] if quick else _RECONSTRUCTORS
+    for tracker, reconstructor in product(trackers, reconstructors):
+        changes = {"tracker": tracker, "reconstructor": reconstructor}
+        found[f"{tracker}, {reconstructor}"] = changes
+    found["truth path"] = {"path": "truth"}
+    if not quick:
+        found["truth path, 5 ms"] = {"path": "truth", "fingertip.step_ms": 5.0}
+    return found
+
+
+def chart_loop(quick: bool, progress: Callable[[str], None]) -> Chart:
+    """Measure the loop with methods on the fronts; fewer of them where it has to be quick."""
+    chosen = settings(quick)
+    times: dict[str, list[float]] = {name: [] for name in chosen}
+    errors: dict[str, dict[str, float]] = {}
+    objects = _OBJECTS[:1] if quick else _OBJECTS
+    for turn in range(_QUICK_TURNS if quick else _TURNS):
+        for name, changes in chosen.items():
+            squares, slip, spent = [], 0.0, []
+            for obj in objects:
+                progress(f"{name}, turn {turn + 1}")
+                scene = load_scene(_SCENE, {"controller": "margin-inversion", **changes, **obj})
+                result = run(scene)
+                trace = result.trace
+                spent.append(1e3 / result.summary["frames_per_second"])
+                held = trace["time_s"] > _HELD
+                off = (trace["margin_estimated"] - trace["margin_true"])[held]
+                squares.append(np.nanmean(off**2))
+                slip = max(slip, float(trace["lateral_displacement_mm"][-1]))
+            times[name].append(float(np.median(spent)))
+            errors[name] = {
+                "margin_error": float(np.sqrt(np.mean(squares))),
+                "displacement": slip,
+            }
+    points = [
+        Point(
+            name=name,
+            times=times[name],
+            errors=errors[name],
+            ours=name == "fit, sequential",
+            settings=", ".join(f"{key} {value}" for key, value in changes.items()),
+            command=f"chromagrip grasp --scene {_SCENE} --controller margin-inversion "
+            + " ".join(f"--set {key}={value}" for key, value in changes.items()),
+        )
+        for name, changes in chosen.items()
+    ]
+    title = "The closed loop at 60 Hz: 400 markers in two layers, 640×480"
+    return Chart(part="loop", title=title, per="frame", points=points, axes=AXES)
