@@ -16,12 +16,13 @@ from .force_field import (
     FrictionReading,
     contact_forces,
     node_friction,
+    touching,
     whole_friction,
 )
 from .integrators import INTEGRATORS, Method, explicit_limit, simulate
 from .metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
 from .objects import ContactObject, stiffness_from_young
-from .plant import History, step
+from .plant import History, step, steps
 from .state import Deformation, State, load_state, rest_state, save_state
 from .statics import equilibrium
 from .stiffness import chain_compliance, chain_forces, spring_force, spring_forces
@@ -66,6 +67,8 @@ __all__ = [
     "spring_forces",
     "step",
     "step_many",
+    "steps",
     "stiffness_from_young",
+    "touching",
     "whole_friction",
 ]

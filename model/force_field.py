@@ -9,6 +9,8 @@ from .chain import chain, contact
 from .contact import contact_frames, frictions_at
 from .fingertip import CONTACT_THRESHOLD, Fingertip
 from .objects import ContactObject
+from .plant import History
+from .slip_kernels import touch
 from .state import State
 
 Array = NDArray[np.float64]
@@ -88,6 +90,15 @@ def contact_forces(fingertip: Fingertip, obj: ContactObject, state: State) -> Fo
         contact=normal > CONTACT_THRESHOLD * ch.share,
         totals_covariance=np.zeros((2, 2)),
     )
+
+
+def touching(fingertip: Fingertip, obj: ContactObject, run: History) -> NDArray[np.bool_]:
+    """Nodes in contact at each instant of a run, as `contact_forces` says, shape (R, N)."""
+    ch, ct = chain(fingertip), contact(fingertip, obj)
+    found: NDArray[np.bool_] = touch(
+        ch.rest, ch.share, ct, obj.stiffness, run.nodes, run.pose[:, 1], CONTACT_THRESHOLD
+    )
+    return found
 
 
 def node_friction(fingertip: Fingertip, obj: ContactObject, state: State) -> Array:

@@ -1,12 +1,13 @@
 """Measured words of a grasp, all from truth: lateral displacement, rigid slip, pressure."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .force_field import ForceField
-from .state import State
+from .plant import History
+from .slip_kernels import slip_step
 
 #: Lateral displacement above which a grasp counts as gross slip [m].
 GROSS_SLIP = 0.2e-3
@@ -38,30 +39,32 @@ def no_slip(nodes: int) -> SlipRecord:
     return SlipRecord(origin=np.full(nodes, np.nan))
 
 
-def follow_slip(record: SlipRecord, state: State, field: ForceField, dt: float) -> SlipRecord:
-    """Record after a step of `dt` seconds that ended in `state` with contact forces `field`.
+def follow_slip(
+    record: SlipRecord, run: History, touching: NDArray[np.bool_], dt: float
+) -> list[SlipRecord]:
+    """Record after each step of `dt` seconds of a run whose nodes touch as given, shape (R, N).
 
     A round object that slides takes its contact along: nodes at the back leave, others join at the
     front. Those take over how far the whole contact has slid; counted from zero, they would hide
     slip of any length.
     """
-    touching = field.contact
-    offset = state.deformation.object_position - state.deformation.nodes[:, 0]
-    if not touching.any():
-        return replace(record, origin=np.full_like(offset, np.nan), current=0.0, slid=0.0)
-    rates = state.slip_rate[touching]
-    step = float(rates[np.abs(rates).argmin()]) * dt
-    slid = record.slid + step
-    begun = np.where(np.isnan(record.origin), offset - slid, record.origin)
-    origin = np.where(touching, begun, np.nan)
-    current = float(np.abs(offset - origin)[touching].min())
-    return SlipRecord(
-        origin=origin,
-        current=current,
-        lateral_displacement=max(record.lateral_displacement, current),
-        rigid_slip=record.rigid_slip + abs(step),
-        slid=slid,
-    )
+    found = []
+    for k in range(1, len(run)):
+        origin = record.origin.copy()
+        now = np.array(
+            [record.current, record.lateral_displacement, record.rigid_slip, record.slid]
+        )
+        slip_step(origin, now, run.nodes[k], run.pose[k, 1], run.slip_rate[k], touching[k], dt)
+        current, lateral, rigid, slid = now.tolist()
+        record = SlipRecord(
+            origin=origin,
+            current=current,
+            lateral_displacement=lateral,
+            rigid_slip=rigid,
+            slid=slid,
+        )
+        found.append(record)
+    return found
 
 
 def pressure(field: ForceField, pitch: float = 0.0) -> float:

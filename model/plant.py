@@ -5,6 +5,7 @@ driven along z by the grip force and held in x (E9).
 """
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,22 +64,29 @@ def step(
     PiercedError
         When the fingertip goes through a round object.
     """
-    if not (dt > 0.0 and np.isfinite([dt, grip, load]).all()):
-        raise ValueError(f"a step needs dt > 0 and finite forces, got {dt=}, {grip=}, {load=}")
+    return steps(fingertip, obj, state, dt, np.array([[grip, load]])).state(-1)
+
+
+def steps(
+    fingertip: Fingertip, obj: ContactObject, state: State, dt: float, forces: Array
+) -> "History":
+    """State and what it is after each of some implicit steps, forces constant within each.
+
+    Parameters
+    ----------
+    fingertip, obj, state, dt: see `step`
+    forces: grip and load of each step [N], shape (S, 2)
+
+    Raises
+    ------
+    ModelError
+        As `step` does.
+    """
+    if not (dt > 0.0 and np.isfinite(dt) and np.isfinite(forces).all()):
+        raise ValueError(f"a step needs dt > 0 and finite forces, got {dt=}, {forces=}")
     ch, ct = chain(fingertip), contact(fingertip, obj)
-    memory = _memory(len(ch.share))
-    y = _copied(state)
-    goal = np.array([[grip, load]])
-    _, ended = advance(
-        ch, ct, memory, *y, dt, state.step, (False, False), goal, IMPLICIT, NO_RECORD, 0, 2
-    )
-    if ended == UNSOLVED:
-        drive = Drive.constant(grip, load)
-        _in_parts(ch, ct, memory, y, drive, state.time, dt, state.step, IMPLICIT)
-    elif ended != SOLVED:
-        raise _broken(ended, state.time + dt, goal[0], dt)
-    u, friction, slip, pose, rate = y
-    return state_of(state.time + dt, u, pose, friction, slip, rate, dt)
+    constant = [Drive.constant(*goal) for goal in forces.tolist()]
+    return _march(ch, ct, state, forces, (False, False), constant.__getitem__, dt, 1, IMPLICIT)
 
 
 _local = threading.local()
@@ -150,25 +158,38 @@ def march(
     rule: Rule,
 ) -> History:
     """Run an implicit rule, recording the start and then every so many steps."""
+    goals = drive.at(state.time + dt * np.arange(1.0, steps + 1.0))
+    return _march(ch, ct, state, goals, drive.held, lambda _: drive, dt, every, rule)
+
+
+def _march(
+    ch: Chain,
+    ct: Contact,
+    state: State,
+    goals: Array,
+    held: tuple[bool, bool],
+    drive_of: Callable[[int], Drive],
+    dt: float,
+    every: int,
+    rule: Rule,
+) -> History:
+    """Run a rule under what is given for the end of each step; `drive_of` says it within one."""
     y = _copied(state)
     u, friction, slip, pose, rate = y
-    n = len(ch.share)
+    n, steps = len(ch.share), len(goals)
     out, memory = record(steps // every + 1, n), _memory(n)
     times: Array = state.time + dt * np.arange(1.0, steps + 1.0)
-    goals = drive.at(times)
     for kept, now in zip(out, (u, pose, friction, slip, rate), strict=True):
         kept[0] = now
     done, before = 0, state.step
     while True:
-        done, ended = advance(
-            ch, ct, memory, *y, dt, before, drive.held, goals, rule, out, done, every
-        )
+        done, ended = advance(ch, ct, memory, *y, dt, before, held, goals, rule, out, done, every)
         if done == steps:
             break
         if ended != UNSOLVED:
             raise _broken(ended, float(times[done]), goals[done], dt)
         start = state.time + done * dt
-        _in_parts(ch, ct, memory, y, drive, start, dt, before, rule)
+        _in_parts(ch, ct, memory, y, drive_of(done), start, dt, before, rule)
         done, before = done + 1, dt
         if done % every == 0:
             for kept, now in zip(out, (u, pose, friction, slip, rate), strict=True):

@@ -23,7 +23,8 @@ from .model import (
     no_slip,
     pressure,
     rest_state,
-    step,
+    steps,
+    touching,
     whole_friction,
 )
 from .observers import CameraObserver, TruthObserver, with_friction_off
@@ -199,20 +200,26 @@ def grasp(
         )
         start = index * scene.period
         command = scene.actuator.rounded(grip)
-        for k in range(substeps):
-            halfway = start + (k + 0.5) * dt
-            load = scene.load.force(halfway)
-            if scene.object.changes:
-                obj = scene.build_object(halfway)
+        halfway = start + (np.arange(substeps) + 0.5) * dt
+        forces = np.empty((substeps, 2))
+        for k, time in enumerate(halfway.tolist()):
             applied = scene.actuator.follow(applied, command, dt)
+            forces[k] = applied, scene.load.force(time)
+        # Steps that are done in one go: an object that changes is another one in each.
+        whole = 1 if scene.object.changes else substeps
+        for first in range(0, substeps, whole):
+            if scene.object.changes:
+                obj = scene.build_object(halfway[first])
             try:
-                state = step(tip, obj, state, dt, applied, load)
+                run = steps(tip, obj, state, dt, forces[first : first + whole])
             except ModelError as error:
                 raise UserError(f"the node model gave up: {error}") from None
-            field = contact_forces(tip, obj, state)
-            slip = follow_slip(slip, state, field, dt)
-            if k + 1 == middle:
-                shown = state, field, slip.current
+            slips = follow_slip(slip, run, touching(tip, obj, run), dt)
+            if first < middle <= first + whole:
+                then, slipped = run.state(middle - first), slips[middle - first - 1]
+                shown = then, contact_forces(tip, obj, then), slipped.current
+            state, slip = run.state(-1), slips[-1]
+        field = contact_forces(tip, obj, state)
         # Sums of steps round; frames are counted.
         state = replace(state, time=(index + 1) * scene.period)
 

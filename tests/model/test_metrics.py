@@ -3,7 +3,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from chromagrip.model import Fingertip, ForceField, follow_slip, no_slip, pressure, rest_state
+from chromagrip.model import (
+    Fingertip,
+    ForceField,
+    History,
+    SlipRecord,
+    State,
+    follow_slip,
+    no_slip,
+    pressure,
+    rest_state,
+)
 
 TIP = Fingertip(nodes=11)
 
@@ -17,6 +27,22 @@ def field(contact: list[int], normal: float = 0.1) -> ForceField:
         contact=touching,
         totals_covariance=np.zeros((2, 2)),
     )
+
+
+def followed(record: SlipRecord, state: State, contact: list[int]) -> SlipRecord:
+    """Record after a step of 0.01 s that ended in a state with these nodes in contact."""
+    d = state.deformation
+    run = History(
+        time=np.zeros(2),
+        nodes=np.stack([d.nodes] * 2),
+        pose=np.full((2, 2), d.object_position),
+        friction=np.zeros((2, 11)),
+        slip_rate=np.stack([state.slip_rate] * 2),
+        rate=np.zeros((2, 12, 2)),
+        step=np.zeros(2),
+    )
+    (after,) = follow_slip(record, run, np.stack([field(contact).contact] * 2), 0.01)
+    return after
 
 
 def test_margin_is_one_in_a_pure_press_and_nan_without_contact() -> None:
@@ -41,10 +67,10 @@ def test_displacement_counts_from_where_contact_began() -> None:
         nodes = np.zeros((11, 2))
         nodes[5, 0] = carried
         moved = replace(state.deformation, nodes=nodes, object_position=position)
-        record = follow_slip(record, replace(state, deformation=moved), field([4, 5]), 0.01)
+        record = followed(record, replace(state, deformation=moved), [4, 5])
     # Node 4 stayed behind by 2 mm, node 5 by 0.3 mm: the whole contact has slipped 0.3 mm.
     assert record.current == pytest.approx(0.3e-3)
-    record = follow_slip(record, replace(state, deformation=moved), field([]), 0.01)
+    record = followed(record, replace(state, deformation=moved), [])
     assert record.current == 0.0
     assert record.lateral_displacement == pytest.approx(0.3e-3)
 
@@ -58,7 +84,7 @@ def test_a_contact_that_wanders_along_slips_as_far_as_the_object() -> None:
         moved = replace(state.deformation, object_position=position)
         rates = np.full(11, speed)
         now = replace(state, deformation=moved, slip_rate=rates)
-        record = follow_slip(record, now, field([first, first + 1, first + 2]), 0.01)
+        record = followed(record, now, [first, first + 1, first + 2])
 
     for k in range(8):  # the back node leaves and another joins with every 0.1 mm
         slide(k, -1e-4 * k, -1e-2 if k else 0.0)
@@ -77,7 +103,7 @@ def test_a_contact_that_wanders_without_sliding_does_not_slip() -> None:
         nodes = np.zeros((11, 2))
         nodes[k : k + 3, 0] = 1e-4 * k - np.arange(3) * 1e-4
         moved = replace(state.deformation, nodes=nodes, object_position=1e-4 * k)
-        record = follow_slip(record, replace(state, deformation=moved), field([k + 2]), 0.01)
+        record = followed(record, replace(state, deformation=moved), [k + 2])
     assert record.lateral_displacement == 0.0
 
 
@@ -86,5 +112,5 @@ def test_rigid_slip_integrates_the_slowest_node() -> None:
     rates = np.zeros(11)
     rates[[4, 5]] = [3e-3, -1e-3]
     for _ in range(10):
-        record = follow_slip(record, replace(state, slip_rate=rates), field([4, 5]), 0.01)
+        record = followed(record, replace(state, slip_rate=rates), [4, 5])
     assert record.rigid_slip == pytest.approx(1e-4)

@@ -11,9 +11,13 @@ from chromagrip.model import (
     PiercedError,
     State,
     contact_forces,
+    follow_slip,
+    no_slip,
     rest_state,
     step,
+    steps,
     stiffness_from_young,
+    touching,
 )
 
 TIP = Fingertip()
@@ -91,6 +95,28 @@ def test_step_length_does_not_matter() -> None:
         margins = [field.safety_margin(FLAT.friction) for field in fields]
         assert margins[1] == pytest.approx(margins[0], abs=0.02)
         assert fields[1].total_normal == pytest.approx(fields[0].total_normal, rel=0.02)
+
+
+def test_steps_in_one_go_are_the_steps_one_by_one() -> None:
+    """Bit by bit, sliding too; and so are the nodes that touch, and slip."""
+    tip, obj = Fingertip(nodes=101), ContactObject(friction=0.3, curvature=100.0)
+    forces = np.column_stack([np.linspace(0.2, 1.0, 40), np.linspace(-0.1, 0.5, 40)])
+    state, slip = rest_state(tip), no_slip(tip.nodes)
+    run = steps(tip, obj, state, 2e-3, forces)
+    slips = follow_slip(slip, run, touching(tip, obj, run), 2e-3)
+    for k, (grip, load) in enumerate(forces.tolist()):
+        state = step(tip, obj, state, 2e-3, grip, load)
+        alone = run.state(k + 1)
+        assert (state.deformation.nodes == alone.deformation.nodes).all()
+        assert state.deformation.object_position == alone.deformation.object_position
+        assert (state.friction == alone.friction).all()
+        field = contact_forces(tip, obj, state)
+        assert (touching(tip, obj, run)[k + 1] == field.contact).all()
+        # Slip by its definition: the node of the contact that moved least against the object.
+        rates = abs(state.slip_rate[field.contact])
+        moved = slips[k].rigid_slip - (slips[k - 1].rigid_slip if k else 0.0)
+        assert moved == pytest.approx(rates.min() * 2e-3, abs=1e-15)
+    assert slips[-1].rigid_slip > 1e-4
 
 
 def test_mirrored_load_mirrors_the_contact() -> None:
