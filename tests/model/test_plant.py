@@ -115,7 +115,7 @@ def test_steps_in_one_go_are_the_steps_one_by_one() -> None:
         # Slip by its definition: the node of the contact that moved least against the object.
         rates = abs(state.slip_rate[field.contact])
         moved = slips[k].rigid_slip - (slips[k - 1].rigid_slip if k else 0.0)
-        assert moved == pytest.approx(rates.min() * 2e-3, abs=1e-15)
+        assert moved == pytest.approx(rates.min() * 2e-3 if rates.size else 0.0, abs=1e-15)
     assert slips[-1].rigid_slip > 1e-4
 
 
