@@ -9,6 +9,8 @@ from scipy.special import ndtri
 from ..model.compiled import njit
 
 _TABLE_BITS = 12
+#: Draws for which offsets are made before any is added.
+_DRAWS = 640
 
 
 @lru_cache(maxsize=8)
@@ -20,21 +22,30 @@ def _levels(sigma: float) -> NDArray[np.int16]:
 
 @njit()
 def _add(image: NDArray[np.uint8], levels: NDArray[np.int16], seed: np.uint64) -> None:
+    """Draw offsets for a run of bytes, then add them: the one is a chain of numbers, the other not.
+
+    splitmix64 is a counter through a mixer; 60 of its 64 bits serve five bytes.
+    """
     flat = image.reshape(-1)
     mask = np.uint64(levels.shape[0] - 1)
+    offsets = np.empty(5 * _DRAWS, dtype=np.int16)
     state = seed
-    bits = np.uint64(0)
-    for i in range(flat.shape[0]):
-        if i % 5 == 0:
-            # splitmix64: a counter through a mixer; 60 of its 64 bits serve five pixels.
+    for start in range(0, flat.shape[0], 5 * _DRAWS):
+        for j in range(_DRAWS):
             state += np.uint64(0x9E3779B97F4A7C15)
             z = state
             z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
             z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
             bits = z ^ (z >> np.uint64(31))
-        value = np.int64(flat[i]) + levels[bits & mask]
-        bits >>= np.uint64(12)
-        flat[i] = min(max(value, 0), 255)
+            offsets[5 * j] = levels[bits & mask]
+            offsets[5 * j + 1] = levels[(bits >> np.uint64(12)) & mask]
+            offsets[5 * j + 2] = levels[(bits >> np.uint64(24)) & mask]
+            offsets[5 * j + 3] = levels[(bits >> np.uint64(36)) & mask]
+            offsets[5 * j + 4] = levels[(bits >> np.uint64(48)) & mask]
+        part = flat[start : start + 5 * _DRAWS]
+        for i in range(part.shape[0]):
+            value = np.int16(part[i]) + offsets[i]
+            part[i] = np.uint8(min(max(value, np.int16(0)), np.int16(255)))
 
 
 def add_noise(image: NDArray[np.uint8], sigma: float, seed: int, index: int) -> None:

@@ -100,7 +100,7 @@ def test_step_length_does_not_matter() -> None:
 def test_steps_in_one_go_are_the_steps_one_by_one() -> None:
     """Bit by bit, sliding too; and so are the nodes that touch, and slip."""
     tip, obj = Fingertip(nodes=101), ContactObject(friction=0.3, curvature=100.0)
-    forces = np.column_stack([np.linspace(0.2, 1.0, 40), np.linspace(-0.1, 0.5, 40)])
+    forces = np.column_stack([np.linspace(0.2, 1.0, 40), np.linspace(-0.1, 3.0, 40)])
     state, slip = rest_state(tip), no_slip(tip.nodes)
     run = steps(tip, obj, state, 2e-3, forces)
     slips = follow_slip(slip, run, touching(tip, obj, run), 2e-3)
