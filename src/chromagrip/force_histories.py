@@ -22,6 +22,9 @@ _MOST_HELD = 1.02
 #: Share of the drives in which it slides for a moment: load over what friction holds, at most so
 #: much more [N], and how long [s].
 _SLIDING, _SLIDES_BY, _MOST_MORE, _MOMENT = 0.3, (1.05, 2.5), 0.5, (0.02, 0.15)
+#: Share of the drives in which the grip trembles: by which share of itself, standard deviation,
+#: what at least is left of it, and how many steps a value is held.
+_TREMBLING, _TREMBLES_BY, _LEAST_OF_GRIP, _HELD_STEPS = 0.3, (0.003, 0.15), 0.3, (1, 6)
 #: Instants kept of a history, spread over the margin in so many bins.
 _KEPT, _BINS = 12, 8
 
@@ -62,7 +65,8 @@ def random_drive(rng: np.random.Generator, friction: float) -> Drive:
 
     In half of the drives the load is a share of what the grip can hold, in the others grip and load
     go their own ways, as where a controller grips harder under a standing load. Now and then it is
-    more for a moment, as where a weight is put on before a controller grips harder.
+    more for a moment, as where a weight is put on before a controller grips harder. Some grips
+    tremble, as where a controller takes noise of the image for a change.
 
     Parameters
     ----------
@@ -77,15 +81,14 @@ def random_drive(rng: np.random.Generator, friction: float) -> Drive:
         load = _own_load(rng, times, friction)
         load[onset] = 0.0
         grip = np.maximum(grip, abs(load) / (_MOST_HELD * friction))
-        if rng.random() < 0.3:  # it trembles
-            tremble = rng.standard_normal(len(times) // 5 + 1).repeat(5)[: len(times)]
-            grip *= 1.0 + rng.uniform(0.0, 0.03) * tremble
     grip[onset] = np.maximum(grip[onset] * times[onset] / _ONSET, 0.02)
     if not apart:
         load = _share_held(rng, times) * friction * grip
         load[onset] = 0.0
     if rng.random() < _SLIDING:
         _slide(rng, times, friction * grip, load)
+    if rng.random() < _TREMBLING:
+        grip *= _tremble(rng, len(times))
     return Drive(times=times, normal=grip, lateral=load)
 
 
@@ -96,6 +99,14 @@ def _slide(rng: np.random.Generator, times: Array, held: Array, load: Array) -> 
     side = np.sign(load[during].sum()) or rng.choice([-1.0, 1.0])
     more = np.minimum((rng.uniform(*_SLIDES_BY) - 1.0) * held[during], _MOST_MORE)
     load[during] = side * (held[during] + more)
+
+
+def _tremble(rng: np.random.Generator, count: int) -> Array:
+    """Factors of a grip that trembles, each held for some steps."""
+    held = rng.integers(*_HELD_STEPS)
+    noise = rng.standard_normal(count // held + 1).repeat(held)[:count]
+    size = np.exp(rng.uniform(*np.log(_TREMBLES_BY)))
+    return np.maximum(1.0 + size * noise, _LEAST_OF_GRIP)
 
 
 def _wander(rng: np.random.Generator, low: float, high: float) -> tuple[Array, Array]:
