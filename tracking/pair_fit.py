@@ -198,6 +198,23 @@ class PairFit:
         self._step(image, state, np.ones(count, dtype=np.bool_), steps, covariance, misfit)
         return PairFits(state, misfit, covariance)
 
+    def refit(
+        self,
+        image: Image,
+        start: PairState,
+        before: PairFits,
+        active: NDArray[np.bool_],
+        steps: int,
+    ) -> PairFits:
+        """Fit some pairs, shape (M,), of an image; the others stay as they were found before."""
+        state = _chosen(active, start, before.state)
+        state = replace(state, absorbed=start.absorbed, width=start.width, black=start.black)
+        state.slopes[active, 2:] = 0.0
+        covariance, misfit = before.covariance.copy(), before.misfit.copy()
+        misfit[active] = np.inf
+        self._step(image, state, active, steps, covariance, misfit)
+        return PairFits(state, misfit, covariance)
+
     def glance(self, image: Image, start: PairState) -> PairFits:
         """Single steps from a state, a few more for pairs that have not arrived."""
         state = _copy(start)

@@ -133,7 +133,7 @@ class MarkerTracker:
         check_frame(frame, self._shape)
         image = frame.image
         start = replace(self._next, fits=self._next.fits + self._velocity)
-        look = self._judge(image, self._fit.fit(image, start, _STEPS), start)
+        look = self._judge(image, self._first_fit(image, start), start)
         if self._astray(look, 0):
             # The skin may have turned round.
             still = replace(self._next, slopes=np.zeros_like(self._rest.slopes))
@@ -198,6 +198,10 @@ class MarkerTracker:
         self._seen, self._glances = np.array(own.pop("seen")), int(own.pop("glances"))
         self._whole = np.array(own.pop("whole"))
         self._next = PairState(**own)
+
+    def _first_fit(self, image: Image, start: PairState) -> PairFits:
+        """Fit of a frame from where its markers are expected."""
+        return self._fit.fit(image, start, _STEPS)
 
     def _judge(self, image: Image, found: PairFits, start: PairState) -> Look:
         """What of a fit is visible; of pairs that are not, each layer is tried alone."""
