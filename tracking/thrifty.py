@@ -59,3 +59,9 @@ class ThriftyTracker(MarkerTracker):
     def _remember(self, look: Look, steady: bool) -> None:
         super()._remember(look, steady)
         self._last = look.fits
+
+
+class SparseTracker(ThriftyTracker):
+    """The same, from every other row of the image: noisier by a half, in half the time."""
+
+    stride, arrived = 2, 0.1

@@ -34,6 +34,7 @@ from .cli_options import (
     stop_if_interrupted,
     telling,
 )
+from .cli_plan import plan
 from .cli_render import render
 from .cli_reproduce import reproduce
 from .cli_track import detect, palettes, track, trackers
@@ -315,12 +316,18 @@ def chart(
     ] = "all",
     *,
     reconstructors: Reconstructors = (),
+    update: Annotated[
+        Flag,
+        option("of loop: measure anew the table that `chromagrip plan` chooses from"),
+    ] = False,
     quick: Quick = False,
     out: Out = None,
     force: Force = False,
     json_only: JsonOnly = False,
 ) -> int:
     """Draw the speed of every method of a stage against its error, and the best of them."""
+    if update:
+        return _update(part)
     from .charts import PARTS, charts
 
     if reconstructors and part != "force":
@@ -335,6 +342,18 @@ def chart(
         return 0
     print_rows(result["rows"])
     print(f"folder {out}, open index.html")
+    return 0
+
+
+def _update(part: str) -> int:
+    from .fidelity import TABLE
+    from .fidelity_table import update
+
+    if part not in ("all", "loop"):
+        raise UserError(f"--update goes with chart loop, not with chart {part}")
+    with Console(stderr=True).status("starting") as status:
+        found = update(TABLE, telling(status))
+    print(f"{len(found)} measurements in {TABLE}")
     return 0
 
 
@@ -359,6 +378,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "palettes": palettes,
     "bench": bench,
     "chart": chart,
+    "plan": plan,
     "stability": stability,
     "reproduce": reproduce,
     "calibrate": calibrate,
