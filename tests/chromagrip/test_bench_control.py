@@ -142,6 +142,7 @@ def test_everything_is_run_once_with_each_seed() -> None:
         "objects-100hz": 27,
         "objects-60hz": 81,
         "objects-30hz": 81,
+        "objects-bias": 27,
         "objects-mismatched": 27,
         "objects-jerk": 27,
         "objects-moisture": 27,
