@@ -50,6 +50,7 @@ class SimulatedCamera:
         # In periods: how long before a frame's instant its light was gathered.
         self._shutter = shutter_times(defects, 1.0)
         self._before: Array | None = None
+        self._still: NDArray[np.uint8] | None = None
         self._noise = noise
         self._seed = seed
 
@@ -66,8 +67,13 @@ class SimulatedCamera:
         before = seen if self._before is None else self._before
         self._before = seen.copy()
         moved = seen - before
-        shutter = self._shutter if moved.any() else np.zeros(1)
-        images = [self._renderer.render(self.membrane(seen + t * moved)) for t in shutter]
+        if moved.any():
+            images = [self._renderer.render(self.membrane(seen + t * moved)) for t in self._shutter]
+            self._still = None
+        else:  # the same picture as long as nothing moves
+            if self._still is None:
+                self._still = self._renderer.render(self.membrane(seen))
+            images = [self._still.copy()]
         return self._finish(images, state.time, index)
 
     def expose_rest(self, state: State, count: int) -> list[Frame]:

@@ -44,6 +44,8 @@ from .tracking import (
     shipped_readout,
 )
 
+#: Share of itself by which a force may change within what counts as calm.
+_LITTLE = 0.01
 #: Stream of random numbers that lost and late frames are drawn from; those below are defects'.
 _DELIVERY = 20
 
@@ -165,6 +167,7 @@ def grasp(
     due, waiting = arrivals(scene), deque[tuple[int, int, GripObservation]]()
     shown = state, field, slip.current
     applied, grip = 0.0, math.nan
+    before = np.full(2, math.inf)
     _reset(controller, scene.controller)
     for index in range(scene.frames):
         observation, frame, tracks = None, None, None
@@ -205,23 +208,40 @@ def grasp(
         for k, time in enumerate(halfway.tolist()):
             applied = scene.actuator.follow(applied, command, dt)
             forces[k] = applied, scene.load.force(time)
-        # Steps that are done in one go: an object that changes is another one in each.
-        whole = 1 if scene.object.changes else substeps
-        for first in range(0, substeps, whole):
-            if scene.object.changes:
-                obj = scene.build_object(halfway[first])
+        parts = [(obj, dt, forces)]
+        at = middle
+        if scene.object.changes:  # it is another one in each step
+            parts = [
+                (scene.build_object(time), dt, forces[k : k + 1])
+                for k, time in enumerate(halfway.tolist())
+            ]
+        elif middle == substeps and _calm(scene, state, np.vstack([before, forces])):
+            parts, at = [(obj, scene.period, forces[-1:])], 1
+        before = forces[-1]
+        for obj, length, pushed in parts:
             try:
-                run = steps(tip, obj, state, dt, forces[first : first + whole])
+                run = steps(tip, obj, state, length, pushed)
             except ModelError as error:
                 raise UserError(f"the node model gave up: {error}") from None
-            slips = follow_slip(slip, run, touching(tip, obj, run), dt)
-            if first < middle <= first + whole:
-                then, slipped = run.state(middle - first), slips[middle - first - 1]
+            slips = follow_slip(slip, run, touching(tip, obj, run), length)
+            if 0 < at <= len(pushed):
+                then, slipped = run.state(at), slips[at - 1]
                 shown = then, contact_forces(tip, obj, then), slipped.current
+            at -= len(pushed)
             state, slip = run.state(-1), slips[-1]
         field = contact_forces(tip, obj, state)
         # Sums of steps round; frames are counted.
         state = replace(state, time=(index + 1) * scene.period)
+
+
+def _calm(scene: Scene, state: State, forces: NDArray[np.float64]) -> bool:
+    """Whether so little moves, and grip and load (K, 2) change so little, that one step is enough.
+
+    An implicit step follows what is slow whatever its length; a change within it comes at its end.
+    """
+    if abs(state.rate).max() >= 1e-6 * scene.fingertip.calm_um_per_s:
+        return False
+    return bool((np.ptp(forces, axis=0) <= _LITTLE * abs(forces[-1])).all())
 
 
 def arrivals(scene: Scene) -> NDArray[np.intp]:

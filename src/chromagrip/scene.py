@@ -134,11 +134,16 @@ def _held(times: tuple[float, ...], values: tuple[float, ...], time: float, befo
 
 
 class FingertipSettings(Table, frozen=True):
-    """The chain of the node model; see `Fingertip.law` for its models."""
+    """The chain of the node model; see `Fingertip.law` for its models.
+
+    Where it moves by less than `calm_um_per_s`, and grip and load change by less than a hundredth,
+    the time between frames is one step.
+    """
 
     model: SpringLaw = "split"
     nodes: Annotated[int, Meta(ge=11, le=20001)] = 251
     step_ms: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
+    calm_um_per_s: NotNegative = 0.0
 
 
 class CameraSettings(Table, frozen=True):

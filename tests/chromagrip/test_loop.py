@@ -411,3 +411,29 @@ def test_friction_that_is_read_off_moves_the_margin_with_it() -> None:
     margin = 1.0 - load / told
     assert off["margin_estimated"][touching] == pytest.approx(margin, abs=1e-9)
     assert off["margin_true"][touching] == pytest.approx(plain["margin_true"][touching], abs=1e-12)
+
+
+def test_calm_phases_take_longer_steps_and_err_little() -> None:
+    """A held load on a held grip: Γ and slip as with short steps, within what both are worth."""
+    changes = {"path": "truth", "controller": "margin-inversion", "object.radius_mm": 20.0}
+    fine, coarse = (
+        run(load_scene("margin-60hz", changes | {"fingertip.calm_um_per_s": calm})).trace
+        for calm in (0.0, 300.0)
+    )
+    assert (coarse["normal_true_n"] != fine["normal_true_n"]).mean() > 0.3
+    touching = np.isfinite(fine["margin_true"])
+    off = abs(coarse["margin_true"] - fine["margin_true"])[touching]
+    assert off.max() < 0.01
+    slipped = coarse["lateral_displacement_mm"][-1] - fine["lateral_displacement_mm"][-1]
+    assert abs(slipped) < 1e-3
+
+
+def test_a_picture_of_what_does_not_move_is_not_drawn_again() -> None:
+    """The same bytes as drawn anew, noise apart."""
+    scene = load_scene("margin-60hz")
+    with closing(open_camera(scene)) as one, closing(open_camera(scene)) as other:
+        state = next(grasp(scene, one)).state
+        kept = [one.expose(state, k).image for k in range(1, 4)]
+        fresh = other.expose(state, 3).image
+    assert (kept[2] == fresh).all()
+    assert (kept[1] != kept[2]).any()
