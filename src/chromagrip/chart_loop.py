@@ -25,8 +25,9 @@ AXES = (
     Axis(key="displacement", label="largest slip [mm]", unit="mm"),
 )
 #: What is combined; the first of each is the default.
-_TRACKERS = ("fit", "quick", "centroid", "lk")
-_RECONSTRUCTORS = ("sequential", "learned", "gp", "tikhonov")
+#: Trackers that measure sizes, without which no reconstructor reads a normal force.
+_TRACKERS = ("fit", "thrifty", "sparse")
+_RECONSTRUCTORS = ("sequential", "gp", "tikhonov", "stiffness")
 
 
 def settings(quick: bool) -> dict[str, dict[str, Any]]:

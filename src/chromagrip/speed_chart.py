@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 
 #: Points within this factor of each other in time and error are close.
 _CLOSE = 2.0
+#: A name is about as wide as this factor in time, and as high as this logarithm in error.
+_NAME_WIDTH, _NAME_HEIGHT = 3.0, 0.1
 _SVG = "http://www.w3.org/2000/svg"
 
 
@@ -126,7 +128,7 @@ def draw(chart: Chart, machine: dict[str, Any]) -> Figure:
     matplotlib.use("Agg", force=False)
     rows = -(-len(chart.axes) // 2)
     cols = min(len(chart.axes), 2)
-    figure = Figure(figsize=(5.5 * cols, 1.0 + 4.0 * rows), layout="constrained")
+    figure = Figure(figsize=(max(5.5 * cols, 8.0), 1.0 + 4.0 * rows), layout="constrained")
     panels = figure.subplots(rows, cols, squeeze=False).flat
     for number, (panel, axis) in enumerate(zip(panels, chart.axes, strict=False)):
         _draw(panel, chart, axis, number)
@@ -192,11 +194,11 @@ def _draw(panel: Any, chart: Chart, axis: Axis, number: int) -> None:
         )
         panel.hlines(y, min(point.times), max(point.times), color=mark.get_color(), lw=1.0)
         low = _below_another(point, points, axis.key)
-        _write(panel, point.name, (x, y), low, "black")
+        _write(panel, point.name, (x, y), low, _left_of_another(point, points, axis.key), "black")
     for k, peer in enumerate(axis.peers):
         at = (peer.milliseconds, peer.error)
         panel.plot(*at, "^", color="0.55", ms=5, gid=f"peer-{number}-{k}")
-        _write(panel, peer.name, at, False, "0.45")
+        _write(panel, peer.name, at, False, False, "0.45")
     for name, level in axis.lines.items():
         panel.axhline(level, color="0.5", linestyle="--", linewidth=0.8)
         # Named at the left edge, above its line.
@@ -212,12 +214,30 @@ def _draw(panel: Any, chart: Chart, axis: Axis, number: int) -> None:
     unit = f"time per {chart.per} [ms], one core"
     panel.set(xscale="log", yscale="log", xlabel=unit, ylabel=axis.label)
     panel.grid(alpha=0.3, which="both")
-    panel.margins(0.2)
+    panel.margins(x=0.3, y=0.2)
 
 
-def _write(panel: Any, text: str, at: tuple[float, float], low: bool, color: str) -> None:
-    offset = (6, -12 if low else 6)
-    panel.annotate(text, at, textcoords="offset points", xytext=offset, fontsize=8, color=color)
+def _write(
+    panel: Any, text: str, at: tuple[float, float], low: bool, left: bool, color: str
+) -> None:
+    panel.annotate(
+        text,
+        at,
+        textcoords="offset points",
+        xytext=(-6 if left else 6, -12 if low else 6),
+        ha="right" if left else "left",
+        fontsize=8,
+        color=color,
+    )
+
+
+def _left_of_another(point: Point, points: Sequence[Point], key: str) -> bool:
+    """Whether another point stands where the name would be written."""
+    return any(
+        1.0 < other.milliseconds / point.milliseconds < _NAME_WIDTH
+        and abs(np.log(other.errors[key] / point.errors[key])) < _NAME_HEIGHT
+        for other in points
+    )
 
 
 def _below_another(point: Point, points: Sequence[Point], key: str) -> bool:
