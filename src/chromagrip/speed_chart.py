@@ -12,10 +12,9 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-#: Points within this factor of each other in time and error are close.
-_CLOSE = 2.0
-#: A name is about as wide as this factor in time, and as high as this logarithm in error.
-_NAME_WIDTH, _NAME_HEIGHT = 3.0, 0.1
+Box = tuple[float, float, float, float]
+#: Width of a character of a name [px of the figure].
+_CHARACTER = 6.6
 _SVG = "http://www.w3.org/2000/svg"
 
 
@@ -185,20 +184,12 @@ def _draw(panel: Any, chart: Chart, axis: Axis, number: int) -> None:
     panel.plot([p.milliseconds for p in best], [p.errors[axis.key] for p in best], "-", color="0.8")
     for k, point in enumerate(points):
         x, y = point.milliseconds, point.errors[axis.key]
-        (mark,) = panel.plot(
-            x,
-            y,
-            "o" if point in best else "x",
-            color="tab:blue" if point.ours else "tab:orange",
-            gid=f"point-{number}-{k}",
-        )
-        panel.hlines(y, min(point.times), max(point.times), color=mark.get_color(), lw=1.0)
-        low = _below_another(point, points, axis.key)
-        _write(panel, point.name, (x, y), low, _left_of_another(point, points, axis.key), "black")
+        shape, color = "o" if point in best else "x", "tab:blue" if point.ours else "tab:orange"
+        panel.plot(x, y, shape, color=color, gid=f"point-{number}-{k}")
+        panel.hlines(y, min(point.times), max(point.times), color=color, lw=1.0)
     for k, peer in enumerate(axis.peers):
         at = (peer.milliseconds, peer.error)
         panel.plot(*at, "^", color="0.55", ms=5, gid=f"peer-{number}-{k}")
-        _write(panel, peer.name, at, False, False, "0.45")
     for name, level in axis.lines.items():
         panel.axhline(level, color="0.5", linestyle="--", linewidth=0.8)
         # Named at the left edge, above its line.
@@ -215,44 +206,40 @@ def _draw(panel: Any, chart: Chart, axis: Axis, number: int) -> None:
     panel.set(xscale="log", yscale="log", xlabel=unit, ylabel=axis.label)
     panel.grid(alpha=0.3, which="both")
     panel.margins(x=0.3, y=0.2)
+    # Who is on the front, or ours, is named first; who finds no room has a tooltip all the same.
+    first = sorted(points, key=lambda p: (p not in best, not p.ours))
+    named = [(p.name, (p.milliseconds, p.errors[axis.key]), "black") for p in first]
+    named += [(peer.name, (peer.milliseconds, peer.error), "0.45") for peer in axis.peers]
+    _write(panel, named)
 
 
-def _write(
-    panel: Any, text: str, at: tuple[float, float], low: bool, left: bool, color: str
-) -> None:
-    panel.annotate(
-        text,
-        at,
-        textcoords="offset points",
-        xytext=(-6 if left else 6, -12 if low else 6),
-        ha="right" if left else "left",
-        fontsize=8,
-        color=color,
-    )
+def _write(panel: Any, named: Sequence[tuple[str, tuple[float, float], str]]) -> None:
+    """Names beside their points, where there is room for them."""
+    places = [panel.transData.transform(at) for _, at, _ in named]
+    taken = [(x - 4.0, y - 4.0, x + 4.0, y + 4.0) for x, y in places]
+    for (text, at, color), (x, y) in zip(named, places, strict=True):
+        width = _CHARACTER * len(text)
+        for right, up in ((True, True), (True, False), (False, True), (False, False)):
+            left = x + 7.0 if right else x - 7.0 - width
+            low = y + 5.0 if up else y - 17.0
+            box = (left, low, left + width, low + 12.0)
+            if any(_overlap(box, other) for other in taken):
+                continue
+            taken.append(box)
+            panel.annotate(
+                text,
+                at,
+                textcoords="offset points",
+                xytext=(5 if right else -5, 4 if up else -11),
+                ha="left" if right else "right",
+                fontsize=8,
+                color=color,
+            )
+            break
 
 
-def _left_of_another(point: Point, points: Sequence[Point], key: str) -> bool:
-    """Whether another point stands where the name would be written."""
-    return any(
-        1.0 < other.milliseconds / point.milliseconds < _NAME_WIDTH
-        and abs(np.log(other.errors[key] / point.errors[key])) < _NAME_HEIGHT
-        for other in points
-    )
-
-
-def _below_another(point: Point, points: Sequence[Point], key: str) -> bool:
-    """Whether another point stands close above, so that names must part."""
-
-    def close(a: float, b: float) -> bool:
-        return a < _CLOSE * b and b < _CLOSE * a
-
-    rank = (point.errors[key], point.name)
-    return any(
-        close(other.milliseconds, point.milliseconds)
-        and close(other.errors[key], point.errors[key])
-        and (other.errors[key], other.name) > rank
-        for other in points
-    )
+def _overlap(a: Box, b: Box) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
 def front(points: Sequence[Point], key: str) -> list[Point]:
