@@ -96,7 +96,7 @@ def touching(fingertip: Fingertip, obj: ContactObject, run: History) -> NDArray[
     """Nodes in contact at each instant of a run, as `contact_forces` says, shape (R, N)."""
     ch, ct = chain(fingertip), contact(fingertip, obj)
     found: NDArray[np.bool_] = touch(
-        ch.rest, ch.share, ct, obj.stiffness, run.nodes, run.pose[:, 1], CONTACT_THRESHOLD
+        ch.rest, ch.share, ct, run.nodes, run.pose[:, 1], CONTACT_THRESHOLD
     )
     return found
 

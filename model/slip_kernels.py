@@ -54,7 +54,7 @@ def slip_step(
 
 @njit()
 def touch(
-    rest: Array, share: Array, ct: Any, stiffness: float, nodes: Any, place: Any, threshold: float
+    rest: Array, share: Array, ct: Any, nodes: Any, place: Any, threshold: float
 ) -> NDArray[np.bool_]:
     """Nodes whose normal force is above a threshold, at R instants, shape (R, N).
 
@@ -62,7 +62,6 @@ def touch(
     ----------
     rest, share: of the chain, shapes (N, 2) and (N,)
     ct: Contact
-    stiffness: of the object, of a node with a share of 1 [N/m]
     nodes, place: displacements of the nodes (R, N, 2) and of the object (R,) [m]
     threshold: of a node with a share of 1 [N]
     """
@@ -74,5 +73,5 @@ def touch(
             z = rest[i, 1] + nodes[k, i, 1] - ct.lift
             gap, _, _ = contact_frame(knots, pieces, curvature, x, z)
             # As the forces are compared, in this order, so that both say the same of every node.
-            found[k, i] = stiffness * share[i] * max(0.0, -gap) > threshold * share[i]
+            found[k, i] = ct.stiffness * share[i] * max(0.0, -gap) > threshold * share[i]
     return found

@@ -202,16 +202,18 @@ class PairFit:
         self,
         image: Image,
         start: PairState,
-        before: PairFits,
         active: NDArray[np.bool_],
+        covariance: Array,
+        misfit: Array,
         steps: int,
     ) -> PairFits:
-        """Fit some pairs, shape (M,), of an image; the others stay as they were found before."""
-        state = _chosen(active, start, before.state)
-        state = replace(state, absorbed=start.absorbed, width=start.width, black=start.black)
+        """Fit some pairs, shape (M,), of an image; the others stay as they are in a state.
+
+        What is known of those is given: covariance (M, 9, 9) and misfit (M,).
+        """
+        state = _copy(start)
         state.slopes[active, 2:] = 0.0
-        covariance, misfit = before.covariance.copy(), before.misfit.copy()
-        misfit[active] = np.inf
+        covariance, misfit = covariance.copy(), np.where(active, np.inf, misfit)
         self._step(image, state, active, steps, covariance, misfit)
         return PairFits(state, misfit, covariance)
 

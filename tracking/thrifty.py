@@ -1,5 +1,6 @@
 """A tracker that looks at markers far from the contact only now and then."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..render import Frame
 from .pair_fit import PairFits, PairState
-from .tracker import _STEPS, Look, MarkerTracker
+from .tracker import STEPS, Look, MarkerTracker
 from .tracks import Tracks
 
 Image = NDArray[np.uint8]
@@ -27,38 +28,46 @@ class ThriftyTracker(MarkerTracker):
 
     def reset(self, rest: list[Frame]) -> Tracks:
         """Find the markers in frames of the unloaded sensor."""
-        self._last: PairFits | None = None
+        tracks = super().reset(rest)
+        count = len(self._rest.fits)
         self._turn = 0
-        return super().reset(rest)
+        self._covariance, self._misfit = np.full((count, 9, 9), np.nan), np.full(count, np.inf)
+        return tracks
 
     @property
     def state(self) -> dict[str, Any]:
-        """Everything that changes from frame to frame; after it is set, the next frame is whole."""
-        return {**super().state, "turn": self._turn}
+        """Everything that changes from frame to frame."""
+        own = {"turn": self._turn, "covariance": self._covariance, "misfit": self._misfit}
+        return {**super().state, **own}
 
     @state.setter
     def state(self, values: dict[str, Any]) -> None:
         own = dict(values)
-        self._turn, self._last = int(own.pop("turn")), None
+        self._turn = int(own.pop("turn"))
+        self._covariance, self._misfit = own.pop("covariance"), own.pop("misfit")
         MarkerTracker.state.fset(self, own)  # type: ignore[attr-defined]
 
     def _first_fit(self, image: Image, start: PairState) -> PairFits:
         self._turn = (self._turn + 1) % _TURNS
-        before = self._last
-        if before is None or not self._seen[self._rest.present].all():
+        there = self._rest.present
+        known = np.isfinite(self._misfit[there.any(axis=1)]).all()
+        if not (known and self._seen[there].all()):
             return super()._first_fit(image, start)
         moved = abs((start.fits - self._rest.fits)[..., :2]).max(axis=(1, 2)) > _STILL
         turn = np.arange(len(moved)) % _TURNS == self._turn
         active = moved | moved[self._fit.near].any(axis=1) | turn
-        found = self._fit.refit(image, start, before, active, _STEPS)
+        fits = np.where(active[:, None, None], start.fits, self._next.fits)
+        found = self._fit.refit(
+            image, replace(start, fits=fits), active, self._covariance, self._misfit, STEPS
+        )
         still = turn & ~moved
-        if np.median(found.misfit[still]) > _CHANGED * max(1.0, np.median(before.misfit[still])):
+        if np.median(found.misfit[still]) > _CHANGED * max(1.0, np.median(self._misfit[still])):
             return super()._first_fit(image, start)
         return found
 
     def _remember(self, look: Look, steady: bool) -> None:
         super()._remember(look, steady)
-        self._last = look.fits
+        self._covariance, self._misfit = look.fits.covariance, look.fits.misfit
 
 
 class SparseTracker(ThriftyTracker):

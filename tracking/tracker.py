@@ -42,7 +42,8 @@ _FEW, _FEW_SHARE = 3, 0.02
 _AT_REST = 0.7
 #: How wrong the log size of a marker may be that touches another one of its layer.
 _TOUCHING_SIZE = 0.003
-_STEPS, _REST_STEPS = 6, 24
+#: Of a fit to a frame, and to the frames of rest, at most.
+STEPS, _REST_STEPS = 6, 24
 #: Frames until the quick tracker looks again for what it has lost.
 _GLANCES = 8
 
@@ -104,7 +105,7 @@ class MarkerTracker:
         fit = PairFit(seen, self._palette, self._noise)
         found = fit.fit(mean, fit.start, _REST_STEPS)
         if np.median(found.misfit) > _WORSE:
-            found = fit.tune(mean, found, found.state.fits, _STEPS)
+            found = fit.tune(mean, found, found.state.fits, STEPS)
         good: Any = self._visible(found).any(axis=1)
         if good.sum() < _AT_REST * len(good):
             raise DetectionError(
@@ -112,7 +113,7 @@ class MarkerTracker:
             )
         start = fit.take_shapes(found.state)
         fit = fit.with_effort(self.free, self.stride, self.arrived)
-        fits = [fit.fit(frame.image, start, _STEPS) for frame in rest]
+        fits = [fit.fit(frame.image, start, STEPS) for frame in rest]
         at_rest = replace(
             start,
             fits=np.mean([f.state.fits for f in fits], axis=0),
@@ -137,7 +138,7 @@ class MarkerTracker:
         if self._astray(look, 0):
             # The skin may have turned round.
             still = replace(self._next, slopes=np.zeros_like(self._rest.slopes))
-            look = _better(look, self._judge(image, self._fit.fit(image, still, _STEPS), still))
+            look = _better(look, self._judge(image, self._fit.fit(image, still, STEPS), still))
         look = self._untangled(image, look)
         ambiguous = look.torn
         few = max(_FEW, int(_FEW_SHARE * len(look.visible)))
@@ -145,7 +146,7 @@ class MarkerTracker:
         if not steady:
             located = self._relocator(image)
             start = self._located(located.position, located.gains)
-            again = self._judge(image, self._fit.fit(image, start, _STEPS), start)
+            again = self._judge(image, self._fit.fit(image, start, STEPS), start)
             if _worth(again) >= _worth(look):
                 look = again
                 unsure = np.zeros_like(look.visible)
@@ -158,7 +159,7 @@ class MarkerTracker:
         tried = worse or (typical > _WORSE and self._waited > self._patience)
         if tried:
             self._waited, self._patience = 0, _PATIENCE if worse else 2 * self._patience
-            tuned = self._fit.tune(image, look.fits, self._next.fits, _STEPS)
+            tuned = self._fit.tune(image, look.fits, self._next.fits, STEPS)
             if not self._fit.faded(tuned.state):
                 how = tuned.state
                 now = replace(start, absorbed=how.absorbed, width=how.width, black=how.black)
@@ -201,13 +202,13 @@ class MarkerTracker:
 
     def _first_fit(self, image: Image, start: PairState) -> PairFits:
         """Fit of a frame from where its markers are expected."""
-        return self._fit.fit(image, start, _STEPS)
+        return self._fit.fit(image, start, STEPS)
 
     def _judge(self, image: Image, found: PairFits, start: PairState) -> Look:
         """What of a fit is visible; of pairs that are not, each layer is tried alone."""
         limit = self._limit(found)
         if (found.misfit > limit).any():
-            found = self._fit.fit_apart(image, found, start, limit, _STEPS)
+            found = self._fit.fit_apart(image, found, start, limit, STEPS)
         visible = self._visible(found)
         return Look(found, visible, self._torn(found, visible))
 
@@ -237,7 +238,7 @@ class MarkerTracker:
         fits = state.fits.copy()
         fits[wrong, :2] = (self._rest.fits[..., :2] + expected)[wrong]
         start = replace(state, fits=fits)
-        again = self._judge(image, self._fit.fit(image, start, _STEPS), start)
+        again = self._judge(image, self._fit.fit(image, start, STEPS), start)
         return _better(look, again)
 
     def _astray(self, look: Look, few: int) -> bool:

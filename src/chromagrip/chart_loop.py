@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from .fidelity_table import margin_error
 from .run_folder import run
-from .scene import load_scene
+from .scene import grasp_command, load_scene
 from .speed_chart import Axis, Chart, Point
 
 _SCENE = "margin-60hz"
@@ -18,14 +19,12 @@ _OBJECTS: tuple[dict[str, Any], ...] = (
     {"object.friction": 0.7, "object.stiffness_kpa": 16.0, "object.radius_mm": 5.0},
 )
 _TURNS, _QUICK_TURNS = 3, 1
-#: From here on Γ is compared: the first load is held [s].
-_HELD = 0.5
 AXES = (
     Axis(key="margin_error", label="Γ, RMS error", unit=""),
     Axis(key="displacement", label="largest slip [mm]", unit="mm"),
 )
-#: What is combined; the first of each is the default.
-#: Trackers that measure sizes, without which no reconstructor reads a normal force.
+#: What is combined, the default first; only trackers that measure sizes, without which no
+#: reconstructor reads a normal force.
 _TRACKERS = ("fit", "thrifty", "sparse")
 _RECONSTRUCTORS = ("sequential", "gp", "tikhonov", "stiffness")
 
@@ -59,9 +58,7 @@ def chart_loop(quick: bool, progress: Callable[[str], None]) -> Chart:
                 result = run(scene)
                 trace = result.trace
                 spent.append(1e3 / result.summary["frames_per_second"])
-                held = trace["time_s"] > _HELD
-                off = (trace["margin_estimated"] - trace["margin_true"])[held]
-                squares.append(np.nanmean(off**2))
+                squares.append(margin_error(trace) ** 2)
                 slip = max(slip, float(trace["lateral_displacement_mm"][-1]))
             times[name].append(float(np.median(spent)))
             errors[name] = {
@@ -75,8 +72,7 @@ def chart_loop(quick: bool, progress: Callable[[str], None]) -> Chart:
             errors=errors[name],
             ours=name == "fit, sequential",
             settings=", ".join(f"{key} {value}" for key, value in changes.items()),
-            command=f"chromagrip grasp --scene {_SCENE} --controller margin-inversion "
-            + " ".join(f"--set {key}={value}" for key, value in changes.items()),
+            command=grasp_command(_SCENE, {"controller": "margin-inversion", **changes}),
         )
         for name, changes in chosen.items()
     ]

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 from .render import LAYERS
 from .speed_chart import Axis, Chart, Peer, Point
 from .track_scenes import SCENES, Sequence, sequence
-from .track_scores import CONSTANT, follow, scores
+from .track_scores import follow, scores
 from .tracking import DEFAULT_TRACKER, tracker_names
 
 #: Scenes of the chart, and what an error in them is called.
@@ -28,7 +28,7 @@ _PEERS = (
 def chart_track(quick: bool, progress: Callable[[str], None]) -> Chart:
     """Measure every tracker that is there; few frames of one scene where it has to be quick."""
     frames, turns = (_QUICK_FRAMES, _QUICK_TURNS) if quick else (_FRAMES, _TURNS)
-    names = [name for name in tracker_names() if name != CONSTANT]
+    names = list(tracker_names())
     times: dict[str, list[float]] = {}
     errors: dict[str, dict[str, float]] = {}
     axes = []

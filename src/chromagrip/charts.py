@@ -13,7 +13,7 @@ from .chart_model import chart_model
 from .chart_render import chart_render
 from .chart_track import chart_track
 from .out_folder import prepare
-from .speed_chart import Chart, draw, front, svg_of, write_chart
+from .speed_chart import Chart, front, write_chart
 
 #: What draws the chart of each stage.
 PARTS: dict[str, Callable[..., Chart]] = {
@@ -65,11 +65,10 @@ def charts(
         made.append(PARTS[part](quick, tell, *more))
     result = report([row for chart in made for row in rows_of(chart)], quick)
     if out is not None:
-        for chart in made:
-            write_chart(chart, result["machine"], out)
+        drawn = [(chart, write_chart(chart, result["machine"], out)) for chart in made]
         text = json.dumps(result, indent=2, ensure_ascii=False)
         (out / "charts.json").write_text(text + "\n", encoding="utf-8")
-        write_page(made, result["machine"], quick, out / "index.html")
+        write_page(drawn, result["machine"], quick, out / "index.html")
     return result
 
 
@@ -91,19 +90,21 @@ def rows_of(chart: Chart) -> list[Row]:
     return rows
 
 
-def write_page(made: Sequence[Chart], machine: dict[str, Any], quick: bool, path: Path) -> None:
-    """One page with every chart and its figures in it: nothing is loaded from elsewhere."""
+def write_page(
+    drawn: Sequence[tuple[Chart, str]], machine: dict[str, Any], quick: bool, path: Path
+) -> None:
+    """One page with every chart (its SVG) and its figures: nothing is loaded from elsewhere."""
     listed = ", ".join(f"{key} {value}" for key, value in machine.items())
     page = _PAGE.format(
         quick="A quick run: few repeats. " if quick else "",
-        links=" · ".join(f'<a href="#{c.part}">{c.part}</a>' for c in made),
-        sections="\n".join(_section(chart, machine) for chart in made),
+        links=" · ".join(f'<a href="#{c.part}">{c.part}</a>' for c, _ in drawn),
+        sections="\n".join(_section(*one) for one in drawn),
         machine=html.escape(listed),
     )
     path.write_text(page, encoding="utf-8")
 
 
-def _section(chart: Chart, machine: dict[str, Any]) -> str:
+def _section(chart: Chart, svg: str) -> str:
     heading = ["", "settings", f"ms a {chart.per}", *(axis.label for axis in chart.axes), "again"]
     lines = [heading]
     best = [front(chart.points, axis.key) for axis in chart.axes]
@@ -128,11 +129,10 @@ def _section(chart: Chart, machine: dict[str, Any]) -> str:
         for axis in chart.axes
         for peer in axis.peers
     ]
-    said = (*levels, *peers, *chart.notes)
-    notes = "".join(f"<p class=note>{html.escape(text)}</p>" for text in said)
+    notes = "".join(f"<p class=note>{html.escape(text)}</p>" for text in (*levels, *peers))
     return (
         f'<section id="{chart.part}"><h2>{html.escape(chart.title)}</h2>'
-        f"{svg_of(chart, draw(chart, machine))}<table>{table}</table>{notes}</section>"
+        f"{svg}<table>{table}</table>{notes}</section>"
     )
 
 

@@ -28,7 +28,7 @@ def plan(
     The choice rests on what `chromagrip chart --update` measured, in situations like the scene's.
     """
     from .fidelity import Fidelity
-    from .scene import load_scene, parse_change
+    from .scene import grasp_command, load_scene, parse_change
 
     told = load_scene(scene, dict(parse_change(text) for text in changes))
     choice = Fidelity.auto(tolerance, told)
@@ -42,7 +42,6 @@ def plan(
         print(json.dumps(report, ensure_ascii=False))
         return 0
     print(*choice.lines, sep="\n")
-    options = " ".join(f"--set {key}={value}" for key, value in choice.fidelity.changes.items())
-    kept = "".join(f" --set {text}" for text in changes)
-    print(f"chromagrip grasp --scene {scene}{kept} {options}")
+    kept = dict(text.split("=", 1) for text in changes)
+    print(grasp_command(scene, kept | choice.fidelity.changes))
     return 0

@@ -10,6 +10,7 @@ import numpy as np
 
 from .cells import read_cells
 from .errors import UserError
+from .render import Defects
 from .scene import Scene
 
 #: Of the measured situations, so many that are most like a scene speak for it, the worst of them …
@@ -148,7 +149,7 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
         raise UserError(
             f"sensor {scene.sensor} was not measured; a fidelity is planned for the sensor thesis"
         )
-    if scene.path == "camera" and scene.defects != type(scene.defects)():
+    if scene.path == "camera" and scene.defects != Defects():
         raise UserError("a fidelity is planned for an image without [defects]: none was measured")
     here = [m for m in measured if bool(m.tracker) == (scene.path == "camera")]
     found: dict[Fidelity, list[Measured]] = {}
@@ -181,11 +182,10 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
 def _distance(m: Measured, scene: Scene) -> float:
     """How unlike a situation and a scene are."""
     obj, camera = scene.object, scene.camera
-    curvature = 0.0 if np.isinf(obj.radius_mm) else 1e3 / obj.radius_mm
     steps = [
         (m.friction - obj.friction) / _FRICTION,
         np.log(m.stiffness_kpa / obj.stiffness_kpa) / _STIFFNESS,
-        np.log((abs(m.curvature) + _FLAT) / (abs(curvature) + _FLAT)) / _CURVED,
+        np.log((abs(m.curvature) + _FLAT) / (abs(1e3 / obj.radius_mm) + _FLAT)) / _CURVED,
         np.log((m.noise + 0.5) / (camera.noise_levels + 0.5)) / _NOISE,
         np.log(m.rate_hz / camera.rate_hz) / _RATE,
     ]

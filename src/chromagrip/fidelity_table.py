@@ -76,7 +76,7 @@ def measure(progress: Callable[[str], None]) -> list[Measured]:
             result = run(load_scene(SCENE, obj | path | controller | fidelity.changes))
             trace, seen = result.trace, 0.0
             if fidelity.tracker:
-                seen = _rms((trace["margin_estimated"] - trace["margin_true"])[_held(trace)])
+                seen = margin_error(trace)
             rate = result.scene.camera.rate_hz
             found.append(
                 Measured(
@@ -88,7 +88,7 @@ def measure(progress: Callable[[str], None]) -> list[Measured]:
                     noise=noise,
                     friction=friction,
                     stiffness_kpa=kpa,
-                    curvature=0.0 if np.isinf(radius) else 1e3 / radius,
+                    curvature=1e3 / radius,
                     milliseconds=1e3 / result.summary["frames_per_second"],
                     seen=seen,
                     plant=plants[chain],
@@ -113,6 +113,11 @@ def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
     except OSError as error:
         raise FolderError(f"{path} cannot be written: {error.strerror}") from None
     return found
+
+
+def margin_error(trace: Trace) -> float:
+    """RMS error of Γ as it was read, while loads are held."""
+    return _rms((trace["margin_estimated"] - trace["margin_true"])[_held(trace)])
 
 
 def _held_margin(fidelity: Fidelity, obj: dict[str, Any]) -> Array:

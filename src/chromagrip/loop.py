@@ -215,7 +215,7 @@ def grasp(
                 (scene.build_object(time), dt, forces[k : k + 1])
                 for k, time in enumerate(halfway.tolist())
             ]
-        elif middle == substeps and _calm(scene, state, np.vstack([before, forces])):
+        elif middle == substeps and _calm(scene, state, before, forces):
             parts, at = [(obj, scene.period, forces[-1:])], 1
         before = forces[-1]
         for obj, length, pushed in parts:
@@ -224,24 +224,29 @@ def grasp(
             except ModelError as error:
                 raise UserError(f"the node model gave up: {error}") from None
             slips = follow_slip(slip, run, touching(tip, obj, run), length)
-            if 0 < at <= len(pushed):
-                then, slipped = run.state(at), slips[at - 1]
-                shown = then, contact_forces(tip, obj, then), slipped.current
-            at -= len(pushed)
             state, slip = run.state(-1), slips[-1]
-        field = contact_forces(tip, obj, state)
+            field = contact_forces(tip, obj, state)
+            if at == len(pushed):
+                shown = state, field, slip.current
+            elif 0 < at < len(pushed):
+                then = run.state(at)
+                shown = then, contact_forces(tip, obj, then), slips[at - 1].current
+            at -= len(pushed)
         # Sums of steps round; frames are counted.
         state = replace(state, time=(index + 1) * scene.period)
 
 
-def _calm(scene: Scene, state: State, forces: NDArray[np.float64]) -> bool:
-    """Whether so little moves, and grip and load (K, 2) change so little, that one step is enough.
+def _calm(
+    scene: Scene, state: State, before: NDArray[np.float64], forces: NDArray[np.float64]
+) -> bool:
+    """Whether so little moves, and grip and load change so little, that one step is enough.
 
     An implicit step follows what is slow whatever its length; a change within it comes at its end.
     """
     if abs(state.rate).max() >= 1e-6 * scene.fingertip.calm_um_per_s:
         return False
-    return bool((np.ptp(forces, axis=0) <= _LITTLE * abs(forces[-1])).all())
+    changes = np.ptp(np.vstack([before, forces]), axis=0)
+    return bool((changes <= _LITTLE * abs(forces[-1])).all())
 
 
 def arrivals(scene: Scene) -> NDArray[np.intp]:

@@ -343,6 +343,12 @@ def dump_scene(scene: Scene) -> str:
     return tomli_w.dumps(msgspec.to_builtins(scene))
 
 
+def grasp_command(scene: str, changes: dict[str, Any]) -> str:
+    """What one types to run a scene with changes, each by its dotted key."""
+    options = [f" --set {key}={value}" for key, value in changes.items()]
+    return f"chromagrip grasp --scene {scene}{''.join(options)}"
+
+
 def parse_change(text: str) -> tuple[str, Any]:
     """Key and value of `key=value`, the value in TOML, bare words taken as strings."""
     key, equals, value = text.partition("=")

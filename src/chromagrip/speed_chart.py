@@ -94,7 +94,6 @@ class Chart:
     per: what the time is of, such as "frame"
     points: methods
     axes: errors, two a row
-    notes: sentences below it
     """
 
     part: str
@@ -102,14 +101,14 @@ class Chart:
     per: str
     points: Sequence[Point]
     axes: Sequence[Axis]
-    notes: tuple[str, ...] = ()
 
 
-def write_chart(chart: Chart, machine: dict[str, Any], out: Path) -> None:
-    """Leave PART.svg, PART.png and PART.csv in a folder."""
+def write_chart(chart: Chart, machine: dict[str, Any], out: Path) -> str:
+    """Leave PART.svg, PART.png and PART.csv in a folder; returns the SVG."""
     figure = draw(chart, machine)
     figure.savefig(out / f"{chart.part}.png", dpi=110)
-    (out / f"{chart.part}.svg").write_text(svg_of(chart, figure), encoding="utf-8")
+    svg = svg_of(chart, figure)
+    (out / f"{chart.part}.svg").write_text(svg, encoding="utf-8")
     with (out / f"{chart.part}.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)
         keys = [axis.key for axis in chart.axes]
@@ -120,6 +119,7 @@ def write_chart(chart: Chart, machine: dict[str, Any], out: Path) -> None:
         for p in chart.points:
             said = [p.name, p.settings, p.command, p.milliseconds, min(p.times), max(p.times)]
             table.writerow([*said, *(p.errors[k] for k in keys), *(int(p in b) for b in best)])
+    return svg
 
 
 def draw(chart: Chart, machine: dict[str, Any]) -> Figure:

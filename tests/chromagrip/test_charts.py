@@ -132,7 +132,8 @@ class Page(HTMLParser):
 
 def test_the_page_holds_all_that_it_shows(tmp_path: Path) -> None:
     chart = made_chart()
-    write_page([chart], MACHINE, False, tmp_path / "index.html")
+    drawn = write_chart(chart, MACHINE, tmp_path)
+    write_page([(chart, drawn)], MACHINE, False, tmp_path / "index.html")
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     page = Page()
     page.feed(text)
@@ -149,7 +150,9 @@ def test_the_page_opens_from_disk(tmp_path: Path) -> None:
     browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
     if browser is None:
         pytest.skip("no Chromium is installed; `apt install chromium` brings one")
-    write_page([made_chart()], MACHINE, False, tmp_path / "index.html")
+    chart = made_chart()
+    drawn = write_chart(chart, MACHINE, tmp_path)
+    write_page([(chart, drawn)], MACHINE, False, tmp_path / "index.html")
     shown = subprocess.run(
         [
             browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom",

@@ -10,6 +10,7 @@ from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sens
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import DetectionError, MarkerTracker, Palette, Tracks
+from chromagrip.tracking.thrifty import SparseTracker, ThriftyTracker
 from chromagrip.tracking.tracker import QuickTracker
 
 SENSOR = load_sensor("thesis")
@@ -340,7 +341,7 @@ def test_errors_do_not_add_up() -> None:
     assert np.mean(rms[-20:]) == pytest.approx(np.mean(rms[:20]), rel=0.1)
 
 
-@pytest.mark.parametrize("kind", [MarkerTracker, QuickTracker])
+@pytest.mark.parametrize("kind", [MarkerTracker, QuickTracker, ThriftyTracker, SparseTracker])
 def test_a_state_goes_on_where_it_was_taken(kind: type[MarkerTracker]) -> None:
     first, second = fresh(kind=kind), fresh(kind=kind)
     frames = [shoot(MAP(sheared(0.1 * k)), k) for k in range(6)]
@@ -351,6 +352,23 @@ def test_a_state_goes_on_where_it_was_taken(kind: type[MarkerTracker]) -> None:
         a, b = first.update(frame), second.update(frame)
         np.testing.assert_array_equal(a.position, b.position)
         np.testing.assert_array_equal(a.last_seen, b.last_seen)
+
+
+def test_markers_at_rest_take_turns_and_others_do_not() -> None:
+    """Pairs that moved are fitted as ever; of the others a quarter in each frame."""
+    whole, thrifty = fresh(kind=MarkerTracker), fresh(kind=ThriftyTracker)
+    centres = REST.centres.copy()
+    centres[:, SENSOR.places[:, 0] < 0.6, 0] += 6e-5  # 1.2 px
+    frames = [shoot(Membrane(centres=centres, axes=REST.axes), k) for k in range(6)]
+    said = [(whole.update(frame), thrifty.update(frame)) for frame in frames]
+    before, (fitted, last) = said[-2][1], said[-1]
+    place = SENSOR.places[numbers(whole.rest), 0]
+    moved, far = place < 0.6, place > 1.0  # in between: next to what moved
+    assert min(moved.sum(), far.sum()) > 60
+    np.testing.assert_allclose(last.position[:, moved], fitted.position[:, moved], atol=5e-3)
+    kept = abs(last.position - before.position).max(axis=(0, 2)) < 1e-3
+    assert not kept[moved].any()
+    assert kept[far].mean() == pytest.approx(0.75, abs=0.05)
 
 
 def test_less_effort_costs_less_than_twice_the_error() -> None:
