@@ -22,21 +22,23 @@ def _levels(sigma: float) -> NDArray[np.int16]:
 
 @njit()
 def _add(image: NDArray[np.uint8], levels: NDArray[np.int16], seed: np.uint64) -> None:
-    """Draw offsets for a run of bytes, then add them: the one is a chain of numbers, the other not.
+    """Draw for a run of bytes, look offsets up, then add them: loops that vectorise apart.
 
     splitmix64 is a counter through a mixer; 60 of its 64 bits serve five bytes.
     """
     flat = image.reshape(-1)
     mask = np.uint64(levels.shape[0] - 1)
-    offsets = np.empty(5 * _DRAWS, dtype=np.int16)
-    state = seed
+    offsets, draws = np.empty(5 * _DRAWS, dtype=np.int16), np.empty(_DRAWS, dtype=np.uint64)
+    step, state = np.uint64(0x9E3779B97F4A7C15), seed
     for start in range(0, flat.shape[0], 5 * _DRAWS):
         for j in range(_DRAWS):
-            state += np.uint64(0x9E3779B97F4A7C15)
-            z = state
+            z = state + np.uint64(j + 1) * step
             z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
             z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-            bits = z ^ (z >> np.uint64(31))
+            draws[j] = z ^ (z >> np.uint64(31))
+        state += np.uint64(_DRAWS) * step
+        for j in range(_DRAWS):
+            bits = draws[j]
             offsets[5 * j] = levels[bits & mask]
             offsets[5 * j + 1] = levels[(bits >> np.uint64(12)) & mask]
             offsets[5 * j + 2] = levels[(bits >> np.uint64(24)) & mask]

@@ -170,6 +170,12 @@ class Learned:
         # With what is known of the codes before any image: who sees nothing of a code lets it be.
         strength = np.append(np.square(self._readout.scale) - 1.0, [_FOCUS**2] * 2)
         self._weights = Weights(whiten, rows, rows.T @ rows + np.diag(1.0 / strength))
+        #: Pairs that tell less of sizes than these weights have it, their variances, and weights.
+        self._vague = np.zeros(pairs, dtype=bool), np.empty((0, MEASURED)), self._weights
+        #: Weights and pairs seen, and the covariance of the codes that goes with them.
+        self._solved: tuple[Weights, NDArray[np.bool_], Array] = (
+            self._weights, np.zeros(pairs, dtype=bool), np.empty((0, 0)),
+        )  # fmt: skip
         drawn = np.asarray(np.linalg.inv(self._weights.information))
         # The read-out was trained on codes with noise, not on codes drawn towards their mean.
         self._undrawn = 1.0 / (1.0 - np.diag(drawn) / strength)
@@ -219,6 +225,10 @@ class Learned:
         vaguer = there & (size > _VAGUER * before).any(axis=1)
         if not vaguer.any():
             return self._weights
+        known, noise, weights = self._vague
+        diagonal = covariance[vaguer].diagonal(axis1=1, axis2=2)
+        if (vaguer == known).all() and (abs(diagonal - noise) < _NOISE_CHANGE * noise).all():
+            return weights
         whiten, rows, information = self._weights
         whiten, rows = whiten.copy(), rows.reshape(len(there), MEASURED, -1).copy()
         sure = rows[vaguer].reshape(-1, rows.shape[-1])
@@ -226,11 +236,13 @@ class Learned:
         whiten[vaguer] = np.linalg.inv(np.linalg.cholesky(total))
         rows[vaguer] = whiten[vaguer] @ self._shows[vaguer]
         vague = rows[vaguer].reshape(sure.shape)
-        return Weights(
+        weights = Weights(
             whiten,
             rows.reshape(self._weights.rows.shape),
             information - sure.T @ sure + vague.T @ vague,
         )
+        self._vague = vaguer, diagonal, weights
+        return weights
 
     def _at_one(
         self, weights: Weights, white: Array, seen: NDArray[np.bool_]
@@ -277,8 +289,11 @@ class Learned:
         if weights is self._weights and seen.all():
             return self._operator @ white.ravel(), self._drawn_covariance
         kept = white * seen[:, None]
-        lost = weights.rows.reshape(*white.shape, -1)[~seen].reshape(-1, weights.rows.shape[1])
-        drawn = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
+        before, those, drawn = self._solved
+        if weights is not before or (seen != those).any():
+            lost = weights.rows.reshape(*white.shape, -1)[~seen].reshape(-1, weights.rows.shape[1])
+            drawn = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
+            self._solved = weights, seen.copy(), drawn
         return self._undrawn * (drawn @ (weights.rows.T @ kept.ravel())), drawn
 
     def _read(self, codes: Array, variance: Array, more: Array) -> ForceField:

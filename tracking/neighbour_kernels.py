@@ -14,6 +14,12 @@ _FEWEST = 3
 
 
 @njit()
+def median(values: Array) -> float:
+    """Median of some numbers (K,), none of them NaN."""
+    return float(np.median(values))
+
+
+@njit()
 def tie_light(
     light: Array,
     seen: NDArray[np.bool_],

@@ -7,6 +7,7 @@ explained, the colours and the blur are fitted too, to all pairs together.
 
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from ..render.coverage import edge_width
 from .colours import fit_colours, level_tables
 from .detection import RestFrame, neighbours
 from .light_kernels import light_sums
-from .neighbour_kernels import crowded
+from .neighbour_kernels import crowded, median
 from .pair_kernels import fit_step, mean_hues
 from .palette import Palette
 from .pixel_kernels import BUFFER, TERMS, Optics
@@ -95,6 +96,11 @@ class PairFits:
     state: PairState
     misfit: Array
     covariance: Array
+
+    @cached_property
+    def typical(self) -> float:
+        """Median misfit."""
+        return float(median(self.misfit))
 
 
 class PairFit:
@@ -261,7 +267,7 @@ class PairFit:
             explained = active & (tried_misfit < limit)
             state = _chosen(explained, tried, state)
             misfit = np.where(explained, tried_misfit, misfit)
-        shaded = misfit > _UNEVEN * max(1.0, float(np.median(misfit)))
+        shaded = misfit > _UNEVEN * max(1.0, median(misfit))
         self._step(image, state, shaded & np.isfinite(misfit), steps, covariance, misfit)
         return PairFits(state, misfit, covariance)
 
@@ -360,7 +366,7 @@ class PairFit:
             values[back] = kept[worse]
         beside[back] = False
         # What is explained badly may lie at the edge of a shadow.
-        typical = max(1.0, float(np.median(misfit)))
+        typical = max(1.0, median(misfit))
         uneven = asked & np.isfinite(misfit) & (misfit > _UNEVEN * typical)
         active = uneven
         for turn in range(_UNEVEN_STEPS):
@@ -442,4 +448,4 @@ def _chosen(which: NDArray[np.bool_], first: PairState, second: PairState) -> Pa
 
 def _score(found: PairFits) -> float:
     """Median misfit, those that were not found counted."""
-    return float(np.median(np.minimum(found.misfit, 1e9)))
+    return float(median(np.minimum(found.misfit, 1e9)))

@@ -7,22 +7,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..render import Frame
+from .neighbour_kernels import median
 from .pair_fit import PairFits, PairState
 from .tracker import STEPS, Look, MarkerTracker
 from .tracks import Tracks
 
 Image = NDArray[np.uint8]
 
-#: Pairs that lie within this of where they lay at rest take turns of so many frames [px].
-_STILL, _TURNS = 0.25, 4
+#: Pairs that moved less than this in a frame take turns of so many frames [px].
+_STILL, _TURNS = 0.05, 4
 #: Where those whose turn it is are explained so much worse than before, all are looked at.
 _CHANGED = 1.1
 
 
 class ThriftyTracker(MarkerTracker):
-    """Fits as `MarkerTracker` does, but pairs that lie still at rest only every fourth frame.
+    """Fits as `MarkerTracker` does, but pairs that hold still only every fourth frame.
 
-    What moved, and what lies next to it, is fitted in every frame; what is not fitted stays as it
+    What moves, and what lies next to it, is fitted in every frame; what is not fitted stays as it
     was found last. Where light changes, or any pair is lost, all are fitted.
     """
 
@@ -53,17 +54,26 @@ class ThriftyTracker(MarkerTracker):
         known = np.isfinite(self._misfit[there.any(axis=1)]).all()
         if not (known and self._seen[there].all()):
             return super()._first_fit(image, start)
-        moved = abs((start.fits - self._rest.fits)[..., :2]).max(axis=(1, 2)) > _STILL
-        turn = np.arange(len(moved)) % _TURNS == self._turn
-        active = moved | moved[self._fit.near].any(axis=1) | turn
+        moving = abs(self._velocity[..., :2]).max(axis=(1, 2)) > _STILL
+        turn = np.arange(len(moving)) % _TURNS == self._turn
+        active = self._and_around(moving) | turn
         fits = np.where(active[:, None, None], start.fits, self._next.fits)
         found = self._fit.refit(
             image, replace(start, fits=fits), active, self._covariance, self._misfit, STEPS
         )
-        still = turn & ~moved
-        if np.median(found.misfit[still]) > _CHANGED * max(1.0, np.median(self._misfit[still])):
+        still = turn & ~moving
+        if median(found.misfit[still]) > _CHANGED * max(1.0, median(self._misfit[still])):
             return super()._first_fit(image, start)
-        return found
+        # Who moves after all wakes those around it.
+        went = abs((found.state.fits - self._next.fits)[..., :2]).max(axis=(1, 2)) > _STILL
+        woken = self._and_around(went) & ~active
+        if not woken.any():
+            return found
+        return self._fit.refit(image, found.state, woken, found.covariance, found.misfit, STEPS)
+
+    def _and_around(self, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """These pairs and those next to them."""
+        return np.asarray(which | which[self._fit.near].any(axis=1))
 
     def _remember(self, look: Look, steady: bool) -> None:
         super()._remember(look, steady)

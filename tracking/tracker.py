@@ -88,7 +88,7 @@ class MarkerTracker:
         self._relocator = Relocator(seen, self._palette)
         self._pitch, self._shape = seen.pitch, seen.image.shape
         self._rest = at_rest.state
-        self._typical = max(1.0, float(np.median(at_rest.misfit)))
+        self._typical = max(1.0, at_rest.typical)
         self._waited, self._patience = 0, _PATIENCE
         visible = self._visible(at_rest)
         self._seen, self._glances = visible, 0
@@ -104,7 +104,7 @@ class MarkerTracker:
         mean = np.rint(seen.image).astype(np.uint8)
         fit = PairFit(seen, self._palette, self._noise)
         found = fit.fit(mean, fit.start, _REST_STEPS)
-        if np.median(found.misfit) > _WORSE:
+        if found.typical > _WORSE:
             found = fit.tune(mean, found, found.state.fits, STEPS)
         good: Any = self._visible(found).any(axis=1)
         if good.sum() < _AT_REST * len(good):
@@ -153,7 +153,7 @@ class MarkerTracker:
                 unsure[:, : self._layers] = located.ambiguous.T
                 ambiguous = look.visible & (look.torn | unsure)
         # Lost in the light, not in the motion.
-        typical = float(np.median(look.fits.misfit))
+        typical = look.fits.typical
         worse = typical > _WORSE * self._typical
         self._waited += 1
         tried = worse or (typical > _WORSE and self._waited > self._patience)
@@ -165,7 +165,7 @@ class MarkerTracker:
                 now = replace(start, absorbed=how.absorbed, width=how.width, black=how.black)
                 look = self._judge(image, tuned, now)
                 ambiguous = look.visible & (look.torn | ambiguous)
-                before, typical = typical, float(np.median(look.fits.misfit))
+                before, typical = typical, look.fits.typical
                 if typical < _BETTER * before:
                     self._patience = _PATIENCE
         if tried or not self._typical / _WORSE < typical < _WORSE * self._typical:
@@ -257,7 +257,7 @@ class MarkerTracker:
 
     def _limit(self, found: PairFits) -> float:
         """Largest misfit of a marker that is there."""
-        return _LOST * min(max(1.0, float(np.median(found.misfit))), _WORST)
+        return _LOST * min(max(1.0, found.typical), _WORST)
 
     def _torn(self, found: PairFits, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Markers that moved otherwise than most of their neighbours, or their other layer."""
