@@ -41,6 +41,8 @@ _SIZES = [2, 5]
 _OBSERVABLE = 0.4
 #: No ΣFn is read above 30 N, nor µ below this.
 _LARGEST, _SMALLEST_FRICTION = 5.0, 0.05
+#: Snapshots whose markers are found at a time.
+_AT_ONCE = 20
 #: Less than this is no contact [N].
 _NOTHING = 0.01
 
@@ -143,8 +145,13 @@ class Learned:
     def _shown(self, sensor: SensorDesign, places: Array, chain: Array) -> Array:
         """Shifts of pairs at places (2, P, 2) for each of some chains (S, N, 2), shape (S, 6P)."""
         response = MarkerResponse(sensor, places, self._fingertip.angles())
-        resting = response.measured(np.zeros_like(chain[0]))
-        return limited(np.stack([(response.measured(seen) - resting).ravel() for seen in chain]))
+        resting = response.measured(np.zeros_like(chain[:1]))
+        # A few at a time: many would take as much memory as all the rest.
+        parts = [
+            response.measured(chain[k : k + _AT_ONCE]) - resting
+            for k in range(0, len(chain), _AT_ONCE)
+        ]
+        return limited(np.concatenate(parts).reshape(len(chain), -1))
 
     def _weigh(self, tracks: Tracks) -> None:
         """Weights of the pairs, from the noise of this frame; kept while that stays as it is."""

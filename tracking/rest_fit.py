@@ -5,6 +5,8 @@ Either moves the resting markers off the design's places, each in its own patter
 the other, the skin would be thought to have moved where it has not.
 """
 
+import dataclasses
+
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ..render import FisheyeCamera, PinholeCamera, SensorDesign
+from ..render.sensor import CameraSettings
 from .tracks import Tracks
 
 Array = NDArray[np.float64]
@@ -56,8 +59,8 @@ def fitted_to_rest(sensor: SensorDesign, rest: Tracks) -> SensorDesign:
         points.append(designed[np.asarray(nearest)[near]])
         seen.append(position[visible][near])
 
-    def changed(x: Array) -> SensorDesign:
-        settings = replace(
+    def settings(x: Array) -> CameraSettings:
+        return replace(
             sensor.camera,
             model="fisheye" if isinstance(camera, FisheyeCamera) else "pinhole",
             focal_px=tuple(float(f * (1.0 + _FOCAL * x[2])) for f in camera.focal),
@@ -65,14 +68,14 @@ def fitted_to_rest(sensor: SensorDesign, rest: Tracks) -> SensorDesign:
             distortion=camera.distortion,
             calibration="",
         )
-        return replace(sensor, camera=settings)
 
     def residual(x: Array) -> Array:
-        view = changed(x).view
+        view = dataclasses.replace(sensor.view, camera=settings(x).build())
         off = [
             view.project(Rotation.from_rotvec(_TURN * turn).apply(p)) - q
             for p, q, turn in zip(points, seen, x[3:].reshape(2, 3), strict=True)
         ]
         return np.concatenate([np.concatenate(off).ravel() / _PLACE, x])
 
-    return changed(least_squares(residual, np.zeros(9), loss="soft_l1").x)
+    found = least_squares(residual, np.zeros(9), loss="soft_l1").x
+    return replace(sensor, camera=settings(found))

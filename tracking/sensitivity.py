@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..render import SensorDesign
 from ..render.harmonics import harmonic_map
 from ..render.membrane import Membrane, outline_axes
-from ..render.outlines import centroids, outlines
+from ..render.outlines import areas, centroids, outlines
 
 Array = NDArray[np.float64]
 
@@ -95,34 +95,38 @@ class MarkerResponse:
         so little with the load that its derivative does not matter.
         """
         parts = []
-        for image, centre, axes in self._images(seen):
+        for (image,), (centre,), (axes,) in self._images(seen[None]):
             flat = self._view.jacobian(centre) @ axes
             log_size = 0.5 * np.log(np.linalg.det(image[:, 1:3]) / np.linalg.det(flat))
             parts += [centroids(image, False) - self._view.project(centre), log_size[:, None]]
         return np.concatenate(parts, axis=1)
 
     def measured(self, seen: Array) -> Array:
-        """What a picture shows at `seen`, second order and all [px, px, 1], shape (M, 6).
+        """What pictures show at each of some `seen` (S, N, 2), second order and all, (S, M, 6).
 
-        Log sizes are those of areas in pixels, to be compared with those at rest.
+        Log sizes are those of areas in pixels, to be compared with those at rest; [px, px, 1].
         """
         parts = []
         for image, _, _ in self._images(seen):
             # Under a sharp object a disc may turn its back: what is seen of it has an area still.
-            log_size = 0.5 * np.log(abs(np.linalg.det(image[:, 1:3])))
-            parts += [centroids(image, False), log_size[:, None]]
-        return np.concatenate(parts, axis=1)
+            log_size = 0.5 * np.log(areas(image, False))
+            parts += [centroids(image, False), log_size[..., None]]
+        return np.concatenate(parts, axis=-1)
 
     def _images(self, seen: Array) -> Iterator[tuple[Array, Array, Array]]:
-        """Outline (M, 6, 2), centre (M, 3) and axes (M, 3, 2) of both layers' discs."""
+        """Outlines (S, M, 6, 2), centres (S, M, 3), axes (S, M, 3, 2) of each layer's discs.
+
+        Of each of some `seen`, shape (S, N, 2).
+        """
+        stacked = np.moveaxis(seen, 0, -1)
         for half, (carry, rest, tangents, metric, follow) in zip(
             self._half_sizes, self._layers, strict=True
         ):
-            centre = rest + follow * carry.displacement(seen)
-            slope = np.stack(carry.gradient(seen), axis=-1)
+            centre = rest + follow * np.moveaxis(carry.displacement(stacked), -1, 0)
+            slope = np.moveaxis(np.stack(carry.gradient(stacked), axis=-1), -2, 0)
             axes = half * outline_axes(np.stack(tangents, axis=-1) + follow / metric * slope, 0.0)
-            disc = Membrane(centres=centre[None], axes=axes[None])
-            yield outlines(disc, self._view)[0], centre, axes
+            discs = Membrane(centres=centre, axes=axes)
+            yield outlines(discs, self._view), centre, axes
 
     def _face(self, centre: Array) -> Array:
         """J₁ × J₂ of the lens' Jacobian rows [px²/m²], shape (M, 3)."""

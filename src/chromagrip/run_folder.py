@@ -17,7 +17,6 @@ from threadpoolctl import threadpool_limits
 
 from .camera import SimulatedCamera
 from .errors import FolderError
-from .figure import draw_figure
 from .loop import grasp, open_camera
 from .out_folder import prepare
 from .scene import Scene, dump_scene, load_scene
@@ -133,6 +132,8 @@ def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: dict[str, Any]) -> None:
+    from .figure import draw_figure  # matplotlib loads only when a folder is written
+
     table = pa.table({name: pa.array(column) for name, column in trace.columns.items()})
     meaning = {name: text.encode() for name, text in COLUMNS.items()}
     pq.write_table(table.replace_schema_metadata(meaning), folder / "trace.parquet")

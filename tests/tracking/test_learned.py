@@ -39,7 +39,7 @@ class Specimen:
 
     def tracks(self, seen: np.ndarray, noise: float, seed: int) -> Tracks:
         rng = np.random.default_rng(seed)
-        shown = self._response.measured(seen.astype(float))
+        shown = self._response.measured(seen[None].astype(float))[0]
         shown = shown + noise * NOISE * rng.standard_normal(shown.shape)
         found = np.ones((2, self.pairs), dtype=bool)
         return Tracks(
