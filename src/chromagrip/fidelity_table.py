@@ -47,7 +47,7 @@ TRUTH = tuple(
     for step, nodes in ((1.0, 251), (5.0, 251), (1.0, 101), (5.0, 101), (15.0, 101), (15.0, 51))
 )
 #: What the chain is compared with.
-_FINE = Fidelity(tracker="", reconstructor="", step_ms=0.2, nodes=501)
+FINE = Fidelity(tracker="", reconstructor="", step_ms=0.2, nodes=501)
 #: From here on Γ is compared: the first load is held [s].
 _HELD = 0.5
 #: Γ of the grip at which chains are compared, and the largest load of the scene [N].
@@ -64,13 +64,13 @@ def measure(progress: Callable[[str], None]) -> list[Measured]:
             "object.radius_mm": radius,
             "camera.noise_levels": noise,
         }
-        fine = _held_margin(_FINE, obj)
+        fine = held_margin(FINE, obj)
         plants: dict[tuple[float, int], float] = {}
         for fidelity in (*CAMERA, *TRUTH):
             progress(f"µ {friction}, {kpa:g} kPa, {radius:g} mm, noise {noise:g}: {fidelity.name}")
             chain = (fidelity.step_ms, fidelity.nodes)
             if chain not in plants:
-                plants[chain] = _rms(_held_margin(fidelity, obj) - fine)
+                plants[chain] = rms(held_margin(fidelity, obj) - fine)
             path = {"path": "camera" if fidelity.tracker else "truth"}
             controller = {"controller": "margin-inversion"}
             result = run(load_scene(SCENE, obj | path | controller | fidelity.changes))
@@ -117,10 +117,10 @@ def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
 
 def margin_error(trace: Trace) -> float:
     """RMS error of Γ as it was read, while loads are held."""
-    return _rms((trace["margin_estimated"] - trace["margin_true"])[_held(trace)])
+    return rms((trace["margin_estimated"] - trace["margin_true"])[_held(trace)])
 
 
-def _held_margin(fidelity: Fidelity, obj: dict[str, Any]) -> Array:
+def held_margin(fidelity: Fidelity, obj: dict[str, Any]) -> Array:
     """True Γ under a constant grip, while loads are held."""
     grip = _LOAD / (obj["object.friction"] * (1.0 - _MARGIN))
     changes = {
@@ -138,7 +138,7 @@ def _held(trace: Trace) -> NDArray[np.bool_]:
     return np.asarray(trace["time_s"] > _HELD)
 
 
-def _rms(values: Array) -> float:
+def rms(values: Array) -> float:
     """RMS of what is there; infinite where nothing is, as where no frame could be read."""
     there = values[np.isfinite(values)]
     return float(np.sqrt((there**2).mean())) if len(there) else float("inf")

@@ -149,7 +149,7 @@ def grasp(
         rest = camera.expose_rest(state, scene.camera.rest_frames)
         noise = scene.camera.noise_levels
         try:
-            told = _known(scene) if known is None else known
+            told = known_sensor(scene) if known is None else known
             seen = CameraObserver(told, scene.tracker, scene.reconstructor, noise, window, rest)
         except (
             CalibrationFileError,
@@ -261,7 +261,7 @@ def arrivals(scene: Scene) -> NDArray[np.intp]:
     return due
 
 
-def _known(scene: Scene) -> SensorCalibration:
+def known_sensor(scene: Scene) -> SensorCalibration:
     """What the estimator is told of the sensor: its calibration, or that it is as designed."""
     if scene.calibration:
         return load_calibration(scene.calibration)

@@ -3,6 +3,7 @@
 import json
 import platform
 import time
+from array import array
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -86,7 +87,7 @@ def _record(
     scene: Scene, camera: SimulatedCamera, folder: Path | None, progress: Progress | None
 ) -> Result:
     """Run the loop; write video while it runs and results however it ends."""
-    rows: list[tuple[float, ...]] = []
+    rows = array("d")
     seconds, shown = 0.0, -1
     video: TactileVideo | None = None
     try:
@@ -102,14 +103,14 @@ def _record(
                     seconds += time.perf_counter() - begin
                 if sample is None:
                     break
-                rows.append(row(sample))
+                rows.extend(row(sample))
                 slot = int(sample.state.time * FPS * SLOWDOWN + 1e-6)
                 if video is not None and slot > shown and sample.observation is not None:
                     shown = slot
                     frame = sample.frame or camera.expose(sample.state, sample.index)
                     video.add(frame.image, sample)
                 if progress is not None:
-                    progress(len(rows), scene.frames)
+                    progress(len(rows) // len(COLUMNS), scene.frames)
     finally:
         # Also after Ctrl-C or a failing controller: what was seen up to there is kept.
         trace = make_trace(rows)

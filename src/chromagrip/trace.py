@@ -1,6 +1,7 @@
 """Time series of a run, truth beside estimate, and the summary that is read off it."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,9 +102,9 @@ class Trace:
         return len(self.columns["time_s"])
 
 
-def make_trace(rows: list[tuple[float, ...]]) -> Trace:
-    """Trace of rows as `row` gives them."""
-    values = np.array(rows, dtype=float).reshape(len(rows), len(COLUMNS))
+def make_trace(rows: Sequence[float] | Sequence[tuple[float, ...]]) -> Trace:
+    """Trace of rows as `row` gives them, one by one or one after the other."""
+    values = np.array(rows, dtype=float).reshape(-1, len(COLUMNS))
     return Trace(dict(zip(COLUMNS, values.T, strict=True)))
 
 
