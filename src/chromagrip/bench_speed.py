@@ -224,7 +224,7 @@ def _peak() -> float:
 
 def _memory(path: str, frames: int) -> tuple[float, float]:
     """Largest memory of this process, and by how much it grew once everything was made [MB]."""
-    fidelity = CAMERA[-2] if path == "camera" else TRUTH[-1]
+    fidelity = CAMERA[-1] if path == "camera" else TRUTH[-1]
     scene = load_scene(SCENE, {"path": path, **_CONTROLLER, **fidelity.changes})
     scene = replace(scene, duration_s=(frames - 1) * scene.period)
     settled = 0.0

@@ -40,7 +40,6 @@ CAMERA = (
     Fidelity(tracker="thrifty", step_ms=5.0, nodes=101),
     Fidelity(tracker="sparse", step_ms=5.0),
     Fidelity(tracker="sparse", step_ms=5.0, nodes=101),
-    Fidelity(tracker="sparse", reconstructor="tikhonov", step_ms=5.0, nodes=101),
 )
 TRUTH = tuple(
     Fidelity(tracker="", reconstructor="", step_ms=step, nodes=nodes)
