@@ -8,6 +8,7 @@ from .bench_force import bench_force
 from .bench_model import bench_model
 from .bench_render import bench_render
 from .bench_rows import Row, report, reported, within
+from .bench_speed import speed_rows
 from .bench_track import bench_track
 from .errors import UserError
 from .render.gl import gl_problem
@@ -16,11 +17,11 @@ from .scene import load_scene
 
 
 def bench_loop(quick: bool, progress: Callable[[str], None]) -> list[Row]:
-    """Rows of the closed loop: what the validation experiment must show on both paths.
+    """Rows of the closed loop: what the validation experiment must show, and how fast it runs.
 
     Parameters
     ----------
-    quick: leave out the 1000 Hz run through the camera and the mesh renderer
+    quick: leave out the 1000 Hz run through the camera, the mesh renderer and all on speed
     progress: told what is being run
     """
     rows = list(_truth_rows(progress))
@@ -35,7 +36,7 @@ def bench_loop(quick: bool, progress: Callable[[str], None]) -> list[Row]:
         name = f"camera-100hz/{controller}"
         rows.append(_measured(f"{name}/margin_rmse", result, "margin_rmse", ""))
         rows.append(_measured(f"{name}/displacement", result, "lateral_displacement_mm", "mm"))
-    return rows
+    return rows if quick else [*rows, *speed_rows(progress)]
 
 
 def _truth_rows(progress: Callable[[str], None]) -> Iterator[Row]:

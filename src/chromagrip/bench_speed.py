@@ -60,7 +60,7 @@ def speed_rows(progress: Progress) -> Iterator[Row]:
 
 def _chart_rows(chart: Chart) -> Iterator[Row]:
     """The fastest through the camera that reads Γ as well as the best, and to within 0.1."""
-    seen = [point for point in chart.points if "truth" not in point.name]
+    seen = [point for point in chart.points if "tracker" in point.settings]
     best = next(point for point in seen if point.ours)
 
     def fastest(error: float) -> Point:

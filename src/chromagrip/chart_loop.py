@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .fidelity_table import margin_error
+from .fidelity_table import CAMERA, TRUTH, margin_error
 from .run_folder import run
 from .scene import grasp_command, load_scene
 from .speed_chart import Axis, Chart, Point
@@ -39,7 +39,12 @@ def settings(quick: bool) -> dict[str, dict[str, Any]]:
         found[f"{tracker}, {reconstructor}"] = changes
     found["truth path"] = {"path": "truth"}
     if not quick:
-        found["truth path, 5 ms"] = {"path": "truth", "fingertip.step_ms": 5.0}
+        # What else `plan` chooses from.
+        coarse = [fidelity for fidelity in (*CAMERA, *TRUTH) if fidelity.step_ms > 1.0]
+        for fidelity in coarse:
+            name = fidelity.name if fidelity.tracker else f"truth path, {fidelity.name}"
+            path = {} if fidelity.tracker else {"path": "truth"}
+            found[name] = path | fidelity.changes
     return found
 
 
