@@ -145,7 +145,7 @@ class Learned:
     def _shown(self, sensor: SensorDesign, places: Array, chain: Array) -> Array:
         """Shifts of pairs at places (2, P, 2) for each of some chains (S, N, 2), shape (S, 6P)."""
         response = MarkerResponse(sensor, places, self._fingertip.angles())
-        resting = response.measured(np.zeros_like(chain[:1]))
+        resting = response.measured(np.zeros_like(chain[0]))
         # A few at a time: many would take as much memory as all the rest.
         parts = [
             response.measured(chain[k : k + _AT_ONCE]) - resting

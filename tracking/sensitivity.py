@@ -102,16 +102,17 @@ class MarkerResponse:
         return np.concatenate(parts, axis=1)
 
     def measured(self, seen: Array) -> Array:
-        """What pictures show at each of some `seen` (S, N, 2), second order and all, (S, M, 6).
+        """What pictures show at `seen` (…, N, 2), second order and all [px, px, 1], (…, M, 6).
 
-        Log sizes are those of areas in pixels, to be compared with those at rest; [px, px, 1].
+        Log sizes are those of areas in pixels, to be compared with those at rest.
         """
         parts = []
-        for image, _, _ in self._images(seen):
+        for image, _, _ in self._images(seen.reshape(-1, *seen.shape[-2:])):
             # Under a sharp object a disc may turn its back: what is seen of it has an area still.
             log_size = 0.5 * np.log(areas(image, False))
             parts += [centroids(image, False), log_size[..., None]]
-        return np.concatenate(parts, axis=-1)
+        shown = np.concatenate(parts, axis=-1)
+        return shown.reshape(*seen.shape[:-2], *shown.shape[1:])
 
     def _images(self, seen: Array) -> Iterator[tuple[Array, Array, Array]]:
         """Outlines (S, M, 6, 2), centres (S, M, 3), axes (S, M, 3, 2) of each layer's discs.

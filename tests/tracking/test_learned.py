@@ -39,7 +39,7 @@ class Specimen:
 
     def tracks(self, seen: np.ndarray, noise: float, seed: int) -> Tracks:
         rng = np.random.default_rng(seed)
-        shown = self._response.measured(seen[None].astype(float))[0]
+        shown = self._response.measured(seen.astype(float))
         shown = shown + noise * NOISE * rng.standard_normal(shown.shape)
         found = np.ones((2, self.pairs), dtype=bool)
         return Tracks(
@@ -287,3 +287,10 @@ def test_a_read_out_survives_its_file_and_nonsense_does_not(tmp_path: Path) -> N
         load_readout(tmp_path / "no.npz")
     with pytest.raises(ReadOutError, match="train one"):
         Learned(SensorCalibration(sensor=SENSOR, fingertip=TIP), Specimen().rest)
+
+
+def test_many_presses_show_what_each_shows() -> None:
+    response = MarkerResponse(SENSOR, np.stack([SENSOR.places] * 2), TIP.angles())
+    presses = 1e-4 * np.random.default_rng(3).standard_normal((3, TIP.nodes, 2))
+    each = [response.measured(press) for press in presses]
+    np.testing.assert_allclose(response.measured(presses), each, rtol=1e-12)
