@@ -1,4 +1,4 @@
-"""A tracker that looks at markers far from the contact only now and then."""
+"""A tracker that looks at markers that hold still only now and then."""
 
 from dataclasses import replace
 from typing import Any
