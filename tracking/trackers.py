@@ -70,7 +70,7 @@ def check_frame(frame: Frame, shape: tuple[int, ...]) -> None:
 #: Module:Class of each tracker of ours, and one line about it.
 TRACKERS = {
     "fit": ("tracker:MarkerTracker", "least-squares fit of the known shape of both layers"),
-    "thrifty": ("thrifty:ThriftyTracker", "the same fit, of markers that hold still every fourth frame"),
+    "thrifty": ("thrifty:ThriftyTracker", "the same fit, of what holds still every fourth frame"),
     "sparse": ("thrifty:SparseTracker", "thrifty, from every other row of the image"),
     "quick": ("tracker:QuickTracker", "the same fit of places alone, to every second row"),
     "centroid": ("centroid:WeightedCentroid", "weighted centroids of what each dye covers"),

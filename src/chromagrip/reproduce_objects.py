@@ -216,7 +216,7 @@ def table_2(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
         ]
     if camera:
         seen = {name: _pressures(runs, name, camera=camera) for name in CONTROLLERS}
-        lines.append(_line(f"through the camera, scene {camera}, tracker thrifty", seen))
+        lines.append(_line(f"through the camera, scene {camera}", seen))
         rows += _camera_rows(runs, camera, seen, pitch)
     notes = [
         "Standard deviations over 27 objects with 26 in the denominator and a pooled t-test: with "

@@ -43,12 +43,8 @@ class Job(NamedTuple):
 def make_job(
     controller: str, changes: dict[str, Any] | None = None, camera: str | None = None
 ) -> Job:
-    """Job of the validation experiment, on the truth path or through the camera of a scene.
-
-    Between two frames at 1000 Hz markers hardly move: they take turns in being fitted.
-    """
+    """Job of the validation experiment, on the truth path or through the camera of a scene."""
     path = {"path": "camera" if camera else "truth", "controller": controller}
-    path |= {"tracker": "thrifty"} if camera else {}
     return Job(camera or "thesis", json.dumps(path | (changes or {})))
 
 
