@@ -24,8 +24,8 @@ class ThriftyTracker(MarkerTracker):
     """Fits as `MarkerTracker` does, but pairs that hold still only every fourth frame.
 
     What moves, and what lies next to it, is fitted in every frame; what is not fitted stays as it
-    was found last: it lags by three frames at most, and its noise stays as long, so that a loop which
-    noise shakes is shaken more. Where light changes, or any pair is lost, all are fitted.
+    was found last: it lags by three frames at most, and its noise stays as long, so that a loop
+    which noise shakes is shaken more. Where light changes, or any pair is lost, all are fitted.
     """
 
     def reset(self, rest: list[Frame]) -> Tracks:
