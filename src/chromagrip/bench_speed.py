@@ -1,6 +1,6 @@
 """Rows of `chromagrip bench loop` on speed: frames per second, and what they cost in Γ."""
 
-import resource
+import os
 import subprocess
 import sys
 import tempfile
@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 
 from .bench_rows import Row, at_least, at_most, reported
 from .chart_loop import chart_loop
@@ -39,8 +38,9 @@ _FRICTION, _STIFFNESS, _RADIUS, _NOISE = (0.3, 0.7), (16.0, 200.0), (5.0, 60.0),
 #: Of scenes of the library, the same for every fidelity.
 _TOLERANCE = 0.10
 _PAIRS, _GRASPS = 5, 4
+PATHS = ("camera", "truth")
 _STARTS = 5
-#: Frames of the long run, and until when everything that is kept has been made.
+#: Frames of the long run, and of one in which everything that is kept has been made.
 _LONG, _SETTLED = 100_000, 1000
 
 
@@ -203,61 +203,53 @@ def _grasps(count: int) -> None:
 
 
 def _memory_rows(progress: Progress) -> Iterator[Row]:
-    """Memory of a process that runs a grasp, and how it grows over a long one."""
-    with get_context("spawn").Pool(1, initializer=start_worker) as pool:
-        progress("memory: a grasp through the camera, with its folder")
-        yield at_most("speed/memory/grasp", pool.apply(_peak), "MB", 400.0)
-    for path, frames in (("camera", _LONG // 10), ("truth", _LONG)):
-        with get_context("spawn").Pool(1, initializer=start_worker) as pool:
-            progress(f"memory: {frames} frames, {path} path")
-            peak, growth = pool.apply(_memory, (path, frames))
-        start = f"speed/memory/{path}, {frames} frames"
-        yield at_most(f"{start}/peak", peak, "MB", 400.0)
-        yield reported(f"{start}/growth", growth, "MB")
-
-
-def _peak() -> float:
+    """Largest memory of a whole `chromagrip grasp`, and how it grows with the frames."""
+    progress("memory: a grasp")
+    yield at_most("speed/memory/grasp", _grasp([])[1], "MB", 400.0)
     with tempfile.TemporaryDirectory() as folder:
-        run(load_scene(SCENE, _CONTROLLER), folder, force=True)
-    return _largest()
-
-
-def _memory(path: str, frames: int) -> tuple[float, float]:
-    """Largest memory of this process, and by how much it grew once everything was made [MB]."""
-    fidelity = CAMERA[-1] if path == "camera" else TRUTH[-1]
-    scene = load_scene(SCENE, {"path": path, **_CONTROLLER, **fidelity.changes})
-    scene = replace(scene, duration_s=(frames - 1) * scene.period)
-    settled = 0.0
-
-    def told(done: int, _: int) -> None:
-        nonlocal settled
-        if done == _SETTLED:
-            settled = _largest()
-
-    run(scene, progress=told)
-    return _largest(), _largest() - settled
-
-
-def _largest() -> float:
-    """Largest memory that this process has had so far [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        more = ["--out", f"{folder}/run"]
+        yield at_most("speed/memory/grasp with its folder", _grasp(more)[1], "MB", 400.0)
+    for path, fidelity, frames in (
+        ("camera", CAMERA[-1], _LONG // 10),
+        ("truth", TRUTH[-1], _LONG),
+    ):
+        progress(f"memory: {frames} frames, {path} path")
+        changes = [f"--set={key}={value}" for key, value in fidelity.changes.items()]
+        peaks = [
+            _grasp(["--path", path, *changes, f"--set=duration_s={count / 60.0}"])[1]
+            for count in (_SETTLED, frames)
+        ]
+        start = f"speed/memory/{path}, {frames} frames"
+        yield at_most(f"{start}/peak", peaks[1], "MB", 400.0)
+        yield reported(f"{start}/growth", peaks[1] - peaks[0], "MB")
 
 
 def _start_rows(progress: Progress) -> Iterator[Row]:
     """Whole `chromagrip grasp` of a few frames, once everything is compiled."""
-    words = [sys.executable, "-P", "-m", "chromagrip", "grasp", "--scene", SCENE, "--json"]
-    for path in ("camera", "truth"):
+    for path in PATHS:
         times = []
-        for turn in range(_STARTS + 1):
-            progress(f"start-up, {path}, {turn} of {_STARTS}")
-            begin = time.perf_counter()
-            subprocess.run(
-                [*words, "--path", path, "--set", "duration_s=0.05"],
-                check=True, capture_output=True,
-            )  # fmt: skip
-            times.append(time.perf_counter() - begin)
-        # The first one may have to compile.
-        yield at_most(f"speed/start-up/{path}", float(np.median(times[1:])), "s", 2.0)
+        for turn in range(_STARTS):
+            progress(f"start-up, {path}, {turn + 1} of {_STARTS}")
+            times.append(_grasp(["--path", path, "--set=duration_s=0.05"])[0])
+        yield at_most(f"speed/start-up/{path}", float(np.median(times)), "s", 2.0)
+
+
+def _grasp(options: list[str]) -> tuple[float, float]:
+    """Duration [s] and largest memory [MB] of `chromagrip grasp` in a process of its own.
+
+    Raises
+    ------
+    UserError
+        When it fails.
+    """
+    words = [sys.executable, "-P", "-m", "chromagrip", "grasp", "--scene", SCENE, "--json"]
+    begin = time.perf_counter()
+    with subprocess.Popen([*words, *options], stdout=subprocess.DEVNULL) as process:
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise UserError(f"chromagrip grasp {' '.join(options)} failed")
+    return time.perf_counter() - begin, used.ru_maxrss / 1024.0
 
 
 def _reproduce_rows(progress: Progress) -> Iterator[Row]:

@@ -1,4 +1,7 @@
-"""Running a scene: in memory, or into a run folder that an interruption leaves readable."""
+"""Running a scene: in memory, or into a run folder that an interruption leaves readable.
+
+What only a folder needs (FFmpeg, Arrow, matplotlib) is imported where one is written.
+"""
 
 import json
 import platform
@@ -9,11 +12,9 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
-import pyarrow as pa
-import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from .camera import SimulatedCamera
@@ -22,7 +23,9 @@ from .loop import grasp, open_camera
 from .out_folder import prepare
 from .scene import Scene, dump_scene, load_scene
 from .trace import COLUMNS, Trace, make_trace, row, summarise
-from .video import FPS, SLOWDOWN, TactileVideo
+
+if TYPE_CHECKING:
+    from .video import TactileVideo
 
 #: What a run folder holds.
 FILES = ("summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml")
@@ -93,8 +96,7 @@ def _record(
     try:
         with ExitStack() as files:
             if folder is not None:
-                sensor = scene.build_sensor()
-                video = files.enter_context(TactileVideo(folder / "tactile.mp4", sensor))
+                video = files.enter_context(_open_video(folder, scene))
             samples = grasp(scene, camera)
             while True:
                 begin = time.perf_counter()
@@ -104,7 +106,7 @@ def _record(
                 if sample is None:
                     break
                 rows.extend(row(sample))
-                slot = int(sample.state.time * FPS * SLOWDOWN + 1e-6)
+                slot = 0 if video is None else video.slot(sample.state.time)
                 if video is not None and slot > shown and sample.observation is not None:
                     shown = slot
                     frame = sample.frame or camera.expose(sample.state, sample.index)
@@ -120,6 +122,12 @@ def _record(
     return Result(scene=scene, summary=summary, trace=trace, folder=folder)
 
 
+def _open_video(folder: Path, scene: Scene) -> "TactileVideo":
+    from .video import TactileVideo
+
+    return TactileVideo(folder / "tactile.mp4", scene.build_sensor())
+
+
 def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
     """Run folder with its scene in it, and without an earlier run's files."""
     prepare(folder, force)
@@ -133,7 +141,10 @@ def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: dict[str, Any]) -> None:
-    from .figure import draw_figure  # matplotlib loads only when a folder is written
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from .figure import draw_figure
 
     table = pa.table({name: pa.array(column) for name, column in trace.columns.items()})
     meaning = {name: text.encode() for name, text in COLUMNS.items()}

@@ -41,6 +41,10 @@ class TactileVideo(VideoFile):
         super().__init__(path, FPS, _QUALITY)
         self._view = sensor.view
 
+    def slot(self, time: float) -> int:
+        """Number of the picture of the video that shows a time [s]."""
+        return int(time * FPS * SLOWDOWN + 1e-6)
+
     def add(self, image: Image, sample: Sample) -> None:
         """Append one sample and the image that belongs to it; nothing of a dropped frame."""
         seen = sample.observation

@@ -56,6 +56,8 @@ class VideoFile:
                 "crf": str(self._quality),
                 "preset": "veryfast",
                 "threads": "1",
+                # Fewer pictures in memory at a time: 50 MB.
+                "x264-params": "rc-lookahead=4:bframes=0:ref=1",
             }
             self._stream.options = options
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24")

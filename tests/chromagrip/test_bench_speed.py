@@ -2,7 +2,7 @@
 
 import pytest
 
-from chromagrip import bench_speed
+from chromagrip import UserError, bench_speed
 from chromagrip.chart_loop import AXES
 from chromagrip.fidelity import Choice, Fidelity
 from chromagrip.frame_parts import STAGES, frame_parts
@@ -65,8 +65,9 @@ def test_every_stage_of_a_frame_takes_its_time() -> None:
     assert all(parts[stage] > 0.0 for stage in STAGES[:-1])
 
 
-def test_long_runs_keep_a_row_a_frame() -> None:
-    """What a run remembers of a frame are its numbers: some 200 bytes."""
-    peak, growth = bench_speed._memory("truth", 3000)
-    assert peak > 50.0
-    assert growth < 5.0
+def test_a_grasp_tells_its_time_and_memory() -> None:
+    seconds, megabytes = bench_speed._grasp(["--path", "truth", "--set=duration_s=0.05"])
+    assert seconds > 0.1
+    assert 50.0 < megabytes < 4000.0
+    with pytest.raises(UserError, match="--path nowhere failed"):
+        bench_speed._grasp(["--path", "nowhere"])
