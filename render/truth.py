@@ -13,6 +13,7 @@ from .membrane import Membrane
 from .outlines import areas, centroids, outlines
 from .painter import coverage_image
 from .sensor import SensorDesign
+from .truth_kernels import shares_inside
 
 Array = NDArray[np.float64]
 
@@ -21,8 +22,8 @@ _ROUNDS, _ARRIVED = 12, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class GroundTruth:
-    """What is true of one image; layer 0 is magenta, layer 1 yellow.
+class MarkerTruth:
+    """What is true of the markers in one image; layer 0 is magenta, layer 1 yellow.
 
     Attributes
     ----------
@@ -34,11 +35,6 @@ class GroundTruth:
     overlap: share of each magenta marker's image that yellow covers, shape (M,)
     centres: of the markers in the sensor frame [m], shape (2, M, 3)
     normals: of the markers, outwards, shape (2, M, 3)
-    masks: share of each pixel that a layer covers, float32, shape (2, H, W)
-    flow: how far what the pixel shows of a layer at rest has moved in the image [px], NaN off the
-        skin, float32, shape (2, H, W, 2)
-    depth: distance from the camera to the skin along each pixel's ray, refracted rays drawn out
-        straight [m]; NaN off the skin, float32, shape (H, W)
     """
 
     pixels: Array
@@ -48,9 +44,44 @@ class GroundTruth:
     overlap: Array
     centres: Array
     normals: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundTruth(MarkerTruth):
+    """What is true of one image: its markers, and every pixel.
+
+    Attributes
+    ----------
+    masks: share of each pixel that a layer covers, float32, shape (2, H, W)
+    flow: how far what the pixel shows of a layer at rest has moved in the image [px], NaN off the
+        skin, float32, shape (2, H, W, 2)
+    depth: distance from the camera to the skin along each pixel's ray, refracted rays drawn out
+        straight [m]; NaN off the skin, float32, shape (H, W)
+    """
+
     masks: NDArray[np.float32]
     flow: NDArray[np.float32]
     depth: NDArray[np.float32]
+
+
+def marker_truth(sensor: SensorDesign, membrane: Membrane) -> MarkerTruth:
+    """Truth of the markers of a membrane in the image of a sensor."""
+    view, square = sensor.view, sensor.markers.form == "square"
+    coefficients = outlines(membrane, view)
+    pixels = view.project(membrane.centres)
+    inside = ((pixels > -0.5) & (pixels < np.array([view.width, view.height]) - 0.5)).all(-1)
+    normals = membrane.normals
+    towards = membrane.centres - np.array([0.0, 0.0, view.position])
+    facing = (normals * towards).sum(axis=-1) > 0.0
+    return MarkerTruth(
+        pixels=pixels,
+        image_centres=centroids(coefficients, square),
+        areas=areas(coefficients, square),
+        visible=inside & facing,
+        overlap=overlap_share(coefficients, square),
+        centres=membrane.centres,
+        normals=normals,
+    )
 
 
 class TruthMap:
@@ -85,18 +116,8 @@ class TruthMap:
         coefficients = outlines(membrane, view)
         size, width = (view.height, view.width), edge_width(sensor.camera.blur_px)
         masks = np.stack([coverage_image(layer, width, square, size) for layer in coefficients])
-        pixels = view.project(membrane.centres)
-        inside = ((pixels > -0.5) & (pixels < np.array([view.width, view.height]) - 0.5)).all(-1)
-        towards = membrane.centres - np.array([0.0, 0.0, view.position])
-        facing = (membrane.normals * towards).sum(axis=-1) > 0.0
         return GroundTruth(
-            pixels=pixels,
-            image_centres=centroids(coefficients, square),
-            areas=areas(coefficients, square),
-            visible=inside & facing,
-            overlap=overlap_share(coefficients, square),
-            centres=membrane.centres,
-            normals=membrane.normals,
+            **vars(marker_truth(sensor, membrane)),
             masks=masks,
             flow=self._flow(seen),
             depth=self._depth(seen),
@@ -163,11 +184,5 @@ def overlap_share(coefficients: Array, square: bool) -> Array:
     q = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     if not square:
         q = q[(q**2).sum(axis=-1) < 1.0]
-    share = np.full(coefficients.shape[1], np.nan)
-    there = np.isfinite(coefficients[:, :, 0, 0]).all(axis=0)
-    magenta, yellow = coefficients[:, there]
-    points = magenta[:, :1] + q @ magenta[:, 1:3]
-    inside = (points - yellow[:, :1]) @ np.linalg.inv(yellow[:, 1:3])
-    radius = abs(inside).max(axis=-1) if square else np.linalg.norm(inside, axis=-1)
-    share[there] = (radius < 1.0).mean(axis=-1)
-    return share
+    magenta, yellow = np.ascontiguousarray(coefficients[:, :, :3])
+    return np.asarray(shares_inside(magenta, yellow, square, q))

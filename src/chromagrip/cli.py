@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from .cli_calibrate import calibrate, calibrate_sensor
+from .cli_dataset import COMMANDS as DATASET
 from .cli_estimate import estimate
 from .cli_limit import limit
 from .cli_options import (
@@ -386,6 +387,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "train": train,
     "limit": limit,
     "doctor": doctor,
+    **{f"dataset-{name}": command for name, command in DATASET.items()},
 }
 
 
@@ -394,8 +396,9 @@ def main() -> None:
     signal.signal(signal.SIGINT, interrupt)
     sys.path.append(str(Path.cwd()))  # where a module:Class of one's own lies
     words = sys.argv[1:]
-    if words[:2] == ["calibrate", "sensor"]:  # beside pictures of the board, by name
-        words[:2] = ["calibrate-sensor"]
+    # Commands of two words have one name each.
+    if len(words) > 1 and "-".join(words[:2]) in COMMANDS:
+        words[:2] = ["-".join(words[:2])]
     try:
         code: int = tyro.extras.subcommand_cli_from_dict(
             COMMANDS, prog=NAME, description=__doc__, args=words

@@ -1,0 +1,136 @@
+"""What sums a dataset up: the table of its sequences, its card, and a sheet of its pictures."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from .dataset_folder import (
+    FILES,
+    TABLE,
+    read_json,
+    sequence_name,
+    tables,
+    to_parquet,
+    write_whole,
+)
+from .dataset_sequence import FRAME, MARKERS, STATES
+from .png import encode_png
+from .recipe import Recipe
+
+#: Values of frames that are counted in bins.
+_COUNTED = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
+_BINS, _WIDTH = 10, 30
+#: Pictures of the sheet, across and down, and the width of each [px].
+_ACROSS, _DOWN, _PICTURE = 4, 3, 240
+
+
+def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
+    """Write the table, DATASET_CARD.md and contact-sheet.png."""
+    drawn = [read_json(folder / sequence_name(number) / FILES)["values"] for number in numbers]
+    write_whole(folder / TABLE, to_parquet(_table(numbers, drawn)))
+    columns = [*_COUNTED, "slip_state"]
+    values: dict[str, list[Any]] = {name: [] for name in columns}
+    for _, table in tables(folder, "frames", columns):
+        for name in columns:
+            values[name] += table[name].to_pylist()
+    write_whole(folder / "DATASET_CARD.md", _card(recipe, drawn, values).encode())
+    sheet = _sheet(folder, numbers)
+    if sheet is not None:
+        write_whole(folder / "contact-sheet.png", encode_png(sheet))
+
+
+def _table(numbers: list[int], drawn: list[dict[str, Any]]) -> pa.Table:
+    columns: dict[str, Any] = {"number": pa.array(numbers, pa.int64())}
+    for key in sorted({key for values in drawn for key in values}):
+        column = [values[key] for values in drawn]
+        kinds = {type(value) for value in column}
+        # JSON keeps infinity as text.
+        if kinds <= {int, float, str} and key != "motion" and not kinds <= {int}:
+            columns[key] = pa.array([float(value) for value in column], pa.float64())
+        else:
+            columns[key] = pa.array(column)
+    return pa.table(columns)
+
+
+def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: dict[str, list[Any]]) -> str:
+    states = values.pop("slip_state")
+    motions = [str(one.get("motion", "press")) for one in drawn]
+    lines = [
+        "# Dataset card",
+        "",
+        recipe.description,
+        "",
+        f"{len(drawn)} sequences, {len(states)} frames, made by chromagrip: simulated pictures of "
+        "a fingertip with two layers of coloured markers, with what is true of them.",
+        "",
+        "| motion | sequences |",
+        "|---|---|",
+        *(f"| {name} | {motions.count(name)} |" for name in sorted(set(motions))),
+        "",
+        "| slip state | frames |",
+        "|---|---|",
+        *(f"| {name} | {states.count(name)} |" for name in STATES),
+        "",
+    ]
+    for name, column in values.items():
+        lines += [f"`{name}`: {FRAME[name]}", "", "```", *_histogram(column), "```", ""]
+    lines += [
+        "![pictures](contact-sheet.png)",
+        "",
+        "## Columns of `frames.parquet`",
+        "",
+        *(f"- `{name}`: {text}" for name, text in FRAME.items()),
+        "",
+        "## Columns of `markers.parquet`",
+        "",
+        *(f"- `{name}`: {text}" for name, text in MARKERS.items()),
+        "",
+        "## What was drawn",
+        "",
+        *(f"- `{key}`: {msgspec.json.encode(how).decode()}" for key, how in recipe.draw.items()),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _histogram(column: list[float]) -> list[str]:
+    there = np.array(column)[np.isfinite(column)]
+    if not len(there):
+        return ["nothing"]
+    counts, edges = np.histogram(there, _BINS)
+    bars = np.rint(_WIDTH * counts / max(counts.max(), 1)).astype(int)
+    return [
+        f"{low:8.3g} … {high:8.3g}  {'#' * bar} {count}"
+        for low, high, bar, count in zip(edges, edges[1:], bars, counts, strict=False)
+    ]
+
+
+def _sheet(folder: Path, numbers: list[int]) -> NDArray[np.uint8] | None:
+    """Last pictures of some sequences, side by side."""
+    chosen = (
+        [numbers[k] for k in np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)]
+        if numbers
+        else []
+    )
+    small: list[NDArray[np.uint8]] = []
+    for number in dict.fromkeys(chosen):
+        last = max((folder / sequence_name(number)).glob("frame-*.png"))
+        image = cv2.imread(str(last))
+        if image is None:
+            continue
+        height = round(_PICTURE * image.shape[0] / image.shape[1])
+        size = (_PICTURE, height)
+        small.append(
+            np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA)[..., ::-1], np.uint8)
+        )
+    if not small:
+        return None
+    blank = np.full_like(small[0], 255)
+    rows = [small[k : k + _ACROSS] for k in range(0, len(small), _ACROSS)]
+    return np.vstack(
+        [np.hstack(row + [blank] * (min(_ACROSS, len(small)) - len(row))) for row in rows]
+    )

@@ -1,0 +1,280 @@
+"""The master format of a dataset: a folder for each sequence, and a manifest that says it is whole.
+
+    recipe.toml          everything it was made from
+    manifest.json        versions, sequences and the checksum of each; written last
+    sequences.parquet    what was drawn for each sequence
+    DATASET_CARD.md, contact-sheet.png
+    sequence-000000/     scene.toml, rest.png, frame-000.png …, frames.parquet, markers.parquet,
+                         truth-000.npz … where the recipe asks for more, files.json (checksums)
+
+A folder has its name once all is in it. No file holds a time or a host: the same recipe and
+versions give the same bytes.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from .dataset_sequence import FRAME, MARKERS, Shot, sequence, shots
+from .errors import FolderError, UserError
+from .png import encode_png
+from .recipe import Recipe, RecipeError, dump_recipe, load_recipe
+from .run_folder import versions
+from .scene import dump_scene
+
+FORMAT = "chromagrip dataset 1"
+RECIPE, MANIFEST, TABLE = "recipe.toml", "manifest.json", "sequences.parquet"
+FILES = "files.json"
+#: Columns of the nodes of a frame, in the table of its markers.
+NODES = {
+    "node_normal_n": "normal force on each node in contact (N)",
+    "node_friction_n": "friction on each node in contact, along the object's tangent (N)",
+    "node_mu": "µ of each node (N)",
+}
+_PART = ".part-"
+
+
+class DatasetError(UserError):
+    """A folder that is no dataset, or not a whole one."""
+
+
+def sequence_name(number: int) -> str:
+    """Folder of a sequence."""
+    return f"sequence-{number:06d}"
+
+
+def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
+    """Make a sequence and write its folder, unless it is there; returns its number.
+
+    Raises
+    ------
+    FolderError
+        When it cannot be written; nothing of it is left.
+    """
+    final = out / sequence_name(number)
+    if final.exists():
+        return number
+    part = out / f"{_PART}{number:06d}-{os.getpid()}"
+    try:
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir()
+        _write_files(recipe, number, part)
+        try:
+            part.rename(final)
+        except OSError:
+            if not final.exists():  # else somebody else was faster
+                raise
+    except OSError as error:
+        raise FolderError(f"{final} cannot be written: {error.strerror}") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return number
+
+
+def _write_files(recipe: Recipe, number: int, part: Path) -> None:
+    made = sequence(recipe, number)
+    rest, frames = shots(recipe, made)
+    found: dict[str, bytes] = {
+        "scene.toml": dump_scene(made.scene).encode(),
+        "rest.png": encode_png(rest),
+    }
+    digests: dict[str, str] = {}
+
+    def keep(name: str, data: bytes) -> None:
+        (part / name).write_bytes(data)
+        digests[name] = hashlib.sha256(data).hexdigest()
+
+    for name, data in found.items():
+        keep(name, data)
+    rows: list[Shot] = []
+    for shot in frames:
+        index = int(shot.values["frame"])
+        keep(f"frame-{index:03d}.png", encode_png(shot.image))
+        if shot.truth:
+            path = part / f"truth-{index:03d}.npz"
+            named: dict[str, Any] = shot.truth
+            np.savez_compressed(path, **named)
+            digests[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        # Pictures are on the disk; a long sequence must not keep them.
+        rows.append(Shot(**{**vars(shot), "image": np.empty(0, np.uint8), "truth": {}}))
+    for name, table in (("frames", frame_table(rows)), ("markers", marker_table(rows))):
+        keep(f"{name}.parquet", to_parquet(table))
+    values = {
+        "number": number,
+        "values": _plain(made.values),
+        "files": dict(sorted(digests.items())),
+    }
+    (part / FILES).write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n", "utf-8")
+
+
+def frame_table(rows: list[Shot]) -> pa.Table:
+    """Table of the frames' values."""
+    columns = {}
+    for name in FRAME:
+        values = [row.values[name] for row in rows]
+        if name == "slip_state":
+            columns[name] = pa.array(values, pa.string())
+        else:
+            whole = name in ("frame", "contact_nodes")
+            columns[name] = pa.array(values, pa.int32() if whole else pa.float64())
+    return _with_meaning(pa.table(columns), FRAME)
+
+
+def marker_table(rows: list[Shot]) -> pa.Table:
+    """Table of the frames' markers and nodes, as lists."""
+    columns: dict[str, pa.Array] = {
+        "frame": pa.array([int(row.values["frame"]) for row in rows], pa.int32())
+    }
+    for name in MARKERS:
+        columns[name] = _lists([row.markers[name] for row in rows])
+    for k, name in enumerate(NODES):
+        columns[name] = _lists([row.nodes[k] for row in rows])
+    return _with_meaning(pa.table(columns), {"frame": FRAME["frame"], **MARKERS, **NODES})
+
+
+def _lists(values: list[Any]) -> pa.Array:
+    """Lists of one length; numbers in single precision, which is 0.05 nm and 0.00006 px."""
+    stacked = np.stack(values)
+    flat = stacked.ravel() if stacked.dtype == bool else stacked.astype(np.float32).ravel()
+    return pa.FixedSizeListArray.from_arrays(pa.array(flat), stacked.shape[1])
+
+
+def _with_meaning(table: pa.Table, meaning: dict[str, str]) -> pa.Table:
+    return table.replace_schema_metadata({name: text.encode() for name, text in meaning.items()})
+
+
+def to_parquet(table: pa.Table) -> bytes:
+    """Bytes of a Parquet file."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, compression="zstd")
+    return sink.getvalue().to_pybytes()
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    """Values that JSON has: infinity as text."""
+    return {
+        k: str(v) if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
+    }
+
+
+def clean(out: Path) -> None:
+    """Remove what interrupted workers left."""
+    for part in out.glob(f"{_PART}*"):
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def numbers_in(folder: Path) -> list[int]:
+    """Sequences whose folders are there."""
+    found = sorted(path.name for path in folder.glob("sequence-*") if path.is_dir())
+    return [int(name.removeprefix("sequence-")) for name in found]
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Manifest of a dataset.
+
+    Raises
+    ------
+    DatasetError
+        When there is none: the folder is no dataset, or not a whole one.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        what = (
+            "is not whole: go on with --resume" if (folder / RECIPE).is_file() else "is no dataset"
+        )
+        raise DatasetError(f"{folder} {what}; it has no {MANIFEST}")
+    manifest = read_json(path)
+    if manifest.get("format") != FORMAT:
+        raise DatasetError(f"{folder} has the format {manifest.get('format')!r}, not {FORMAT!r}")
+    return manifest
+
+
+def write_manifest(folder: Path, numbers: Iterable[int]) -> dict[str, Any]:
+    """Write what says that a dataset is whole, with checksums of its sequences' lists of files."""
+    names = [sequence_name(number) for number in numbers]
+    manifest = {
+        "format": FORMAT,
+        "versions": versions(),
+        "recipe": file_digest(folder / RECIPE),
+        "sequences": {name: file_digest(folder / name / FILES) for name in names},
+    }
+    text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
+    write_whole(folder / MANIFEST, text.encode())
+    return manifest
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Object of a JSON file.
+
+    Raises
+    ------
+    DatasetError
+        When it is damaged, or not there.
+    """
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise DatasetError(f"{path} is missing or damaged") from None
+    return found
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file under another name, and give it its own.
+
+    Raises
+    ------
+    FolderError
+        When it cannot be written.
+    """
+    part = path.with_name(f"{_PART}{path.name}")
+    try:
+        part.write_bytes(data)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise FolderError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def open_recipe(folder: Path) -> Recipe:
+    """Recipe of a dataset's folder."""
+    try:
+        return load_recipe(str(folder / RECIPE))
+    except RecipeError as error:
+        raise DatasetError(f"{folder}: {error}") from None
+
+
+def keep_recipe(recipe: Recipe, folder: Path) -> None:
+    """Write the recipe into a new folder.
+
+    Raises
+    ------
+    DatasetError
+        When the folder holds a dataset of another recipe.
+    """
+    path, text = folder / RECIPE, dump_recipe(recipe)
+    if path.exists():
+        if path.read_text(encoding="utf-8") != text:
+            raise DatasetError(f"{folder} holds a dataset of another recipe, see its {RECIPE}")
+        return
+    write_whole(path, text.encode())
+
+
+def tables(folder: Path, name: str, columns: list[str] | None = None) -> Iterator[tuple[int, Any]]:
+    """A table of every sequence, `frames` or `markers`, with the sequence's number."""
+    for number in numbers_in(folder):
+        path = folder / sequence_name(number) / f"{name}.parquet"
+        yield number, pq.read_table(path, columns=columns)

@@ -1,0 +1,184 @@
+"""Making a dataset: its sequences by any number of workers, in any order, and what sums it up."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from .dataset_card import write_card
+from .dataset_folder import (
+    MANIFEST,
+    RECIPE,
+    DatasetError,
+    clean,
+    keep_recipe,
+    numbers_in,
+    open_recipe,
+    read_manifest,
+    write_manifest,
+    write_sequence,
+)
+from .errors import FolderError, UserError
+from .out_folder import prepare
+from .recipe import Recipe
+
+Backend = Literal["joblib", "dask"]
+#: Told how many sequences are done, and of how many.
+Progress = Callable[[int, int], None]
+
+
+def make(
+    recipe: Recipe,
+    out: Path,
+    *,
+    workers: int = 1,
+    shard: tuple[int, int] = (1, 1),
+    backend: Backend = "joblib",
+    address: str = "",
+    resume: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> dict[str, Any]:
+    """Make the sequences of a recipe that a folder does not hold yet; returns the manifest.
+
+    Sequence k rests on the recipe and k alone: workers, shards and interruptions change no byte.
+
+    Parameters
+    ----------
+    recipe: what is made
+    out: folder, new or empty; with `resume` that of an interrupted run
+    workers: processes on this machine; on a cluster as many as it has
+    shard: (i, K), from 1: this run makes every K-th sequence from the i-th on
+    backend: who hands out the work; dask is an extra
+    address: of a running cluster
+    resume: go on where it was
+    progress: told how many are done
+
+    Raises
+    ------
+    UserError
+        For a folder of another recipe, a sequence that cannot be made, or a cluster that is not
+        there.
+    """
+    if resume and (out / RECIPE).exists():
+        keep_recipe(recipe, out)
+        clean(out)
+    else:
+        prepare(out, force=False)
+        keep_recipe(recipe, out)
+    first, step = shard
+    wanted = range(first - 1, recipe.sequences, step)
+    there = set(numbers_in(out))
+    todo = [number for number in wanted if number not in there]
+    done = len(wanted) - len(todo)
+    progress(done, len(wanted))
+    (out / MANIFEST).unlink(missing_ok=True)
+    for _ in _results(recipe, todo, out, workers, backend, address):
+        done += 1
+        progress(done, len(wanted))
+    return _finish(out, recipe)
+
+
+def merge(folders: list[Path], out: Path) -> dict[str, Any]:
+    """One dataset of several shards of a recipe, in a new folder; returns its manifest.
+
+    Raises
+    ------
+    UserError
+        When the shards are of other recipes or versions, hold a sequence twice, or are not whole.
+    """
+    recipe = open_recipe(folders[0])
+    manifests = [read_manifest(folder) for folder in folders]
+    seen: dict[str, Path] = {}
+    for folder, manifest in zip(folders, manifests, strict=True):
+        if open_recipe(folder) != recipe:
+            raise DatasetError(f"{folder} is of another recipe than {folders[0]}")
+        if manifest["versions"] != manifests[0]["versions"]:
+            raise DatasetError(f"{folder} was made with other versions than {folders[0]}")
+        for name in manifest["sequences"]:
+            if name in seen:
+                raise DatasetError(f"{name} is in {seen[name]} and in {folder}")
+            seen[name] = folder
+    prepare(out, force=False)
+    keep_recipe(recipe, out)
+    for name, folder in seen.items():
+        _link(folder / name, out / name)
+    return _finish(out, recipe)
+
+
+def _link(source: Path, target: Path) -> None:
+    """The same files in another folder: linked where the disk can, else copied."""
+    part = target.with_name(f".part-{target.name}")
+    try:
+        part.mkdir()
+        for file in source.iterdir():
+            try:
+                (part / file.name).hardlink_to(file)
+            except OSError:
+                (part / file.name).write_bytes(file.read_bytes())
+        part.rename(target)
+    except OSError as error:
+        raise FolderError(f"{target} cannot be written: {error.strerror}") from None
+
+
+def _finish(out: Path, recipe: Recipe) -> dict[str, Any]:
+    clean(out)
+    numbers = numbers_in(out)
+    write_card(out, recipe, numbers)
+    return write_manifest(out, numbers)
+
+
+def _results(
+    recipe: Recipe, todo: list[int], out: Path, workers: int, backend: Backend, address: str
+) -> Iterator[int]:
+    """Numbers of sequences as they are made."""
+    job = (msgspec.msgpack.encode(recipe), str(out.absolute()))
+    if not todo:
+        return
+    if address and backend == "joblib":
+        raise UserError("--address goes with --backend dask")
+    yield from {"joblib": _joblib, "dask": _dask}[backend](job, todo, workers, address)
+
+
+def _make(job: tuple[bytes, str], number: int) -> int:
+    """One sequence: what a worker does, wherever it is."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    recipe, out = msgspec.msgpack.decode(job[0], type=Recipe), Path(job[1])
+    return write_sequence(recipe, number, out)
+
+
+def _joblib(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+    from joblib import Parallel, delayed
+
+    if workers == 1:
+        yield from (_make(job, number) for number in todo)
+        return
+    parallel = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    yield from parallel(delayed(_make)(job, number) for number in todo)
+
+
+def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+    try:
+        from distributed import Client, LocalCluster, as_completed
+    except ImportError:
+        raise UserError(
+            "the backend dask needs the extra: pip install 'chromagrip[dask]'"
+        ) from None
+    try:
+        if address:
+            client = Client(address, timeout="10s")
+        else:
+            client = Client(
+                LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+            )
+    except (OSError, ValueError) as error:
+        raise UserError(f"there is no Dask cluster at {address}: {error}") from None
+    with client:
+        # A worker that dies takes nothing along: its sequences are made by the others.
+        futures = [client.submit(_make, job, number, pure=False, retries=3) for number in todo]
+        for future in as_completed(futures):
+            yield future.result()
+    if not address:
+        client.cluster.close()

@@ -1,0 +1,319 @@
+"""Datasets: the same bytes however they are made, nothing half-written, and physics that holds."""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import tomli_w
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from msgspec.structs import replace
+
+from chromagrip import UserError
+from chromagrip.dataset_check import check
+from chromagrip.dataset_folder import FILES, MANIFEST, TABLE, DatasetError, sequence_name
+from chromagrip.dataset_make import make, merge
+from chromagrip.dataset_sequence import sequence, shots
+from chromagrip.dataset_split import split
+from chromagrip.png import encode_png
+from chromagrip.recipe import Recipe, RecipeError, drawn, load_recipe, recipe_names, scene_of
+
+TINY = load_recipe("tiny")
+
+
+def bytes_of(folder: Path) -> dict[str, str]:
+    """Digest of every file of a dataset."""
+    return {
+        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(folder.rglob("*"))
+        if file.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny dataset, made by one process."""
+    folder = tmp_path_factory.mktemp("data") / "tiny"
+    make(TINY, folder)
+    return folder
+
+
+def copied(made: Path, to: Path) -> Path:
+    """A copy that may be spoiled."""
+    to.mkdir()
+    for file in made.rglob("*"):
+        target = to / file.relative_to(made)
+        if file.is_dir():
+            target.mkdir(exist_ok=True)
+        else:
+            target.parent.mkdir(exist_ok=True)
+            target.write_bytes(file.read_bytes())
+    return to
+
+
+@given(arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))))
+def test_a_picture_comes_back_as_it_was(image: np.ndarray) -> None:
+    back = cv2.imdecode(np.frombuffer(encode_png(image), np.uint8), cv2.IMREAD_COLOR_RGB)
+    np.testing.assert_array_equal(back, image)
+
+
+def test_a_whole_dataset_is_checked_and_has_no_clock_in_it(made: Path) -> None:
+    assert check(made) == 3
+    text = "".join(p.read_text("utf-8") for p in made.rglob("*") if p.suffix in (".json", ".toml"))
+    assert os.uname().nodename not in text
+    assert time.strftime("%Y-") not in text
+    rows = pq.read_table(made / TABLE).to_pylist()
+    assert [row["number"] for row in rows] == [0, 1, 2]
+    assert (made / "contact-sheet.png").stat().st_size > 1000
+
+
+def test_workers_shards_and_order_change_no_byte(made: Path, tmp_path: Path) -> None:
+    make(TINY, tmp_path / "two", workers=2)
+    assert bytes_of(tmp_path / "two") == bytes_of(made)
+    for first in (2, 1):
+        make(TINY, tmp_path / f"shard{first}", shard=(first, 2))
+    merge([tmp_path / "shard2", tmp_path / "shard1"], tmp_path / "merged")
+    assert bytes_of(tmp_path / "merged") == bytes_of(made)
+
+
+def test_more_sequences_begin_with_the_same(made: Path) -> None:
+    more = replace(TINY, sequences=300)
+    assert drawn(more, 2) == drawn(TINY, 2)
+    other = replace(TINY, draw={**TINY.draw, "camera.rate_hz": {"choice": [60.0]}})
+    assert drawn(other, 2).items() >= drawn(TINY, 2).items()
+
+
+def test_a_killed_run_goes_on_to_the_same_bytes(made: Path, tmp_path: Path) -> None:
+    out = tmp_path / "killed"
+    words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--workers", "1"]
+    for delay in (0.05, 0.2):
+        process = subprocess.Popen(
+            [*words, "--out", str(out), "--resume", "--json"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        deadline = time.monotonic() + 60.0
+        # Killed in the middle of a sequence.
+        while not list(out.glob(".part-0*")) and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        time.sleep(delay)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        if not (out / MANIFEST).exists():
+            with pytest.raises(DatasetError, match="is not whole: go on with --resume"):
+                check(out)
+    make(TINY, out, resume=True)
+    assert bytes_of(out) == bytes_of(made)
+
+
+def test_a_dask_worker_that_is_killed_loses_nothing(made: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        victims = list(client.run(os.getpid).values())
+        killed = []
+
+        def kill(done: int, total: int) -> None:
+            if done == 1 and not killed:
+                killed.append(victims[0])
+                os.kill(victims[0], signal.SIGKILL)
+
+        make(
+            TINY, tmp_path / "dask", backend="dask", address=cluster.scheduler_address,
+            progress=kill,
+        )  # fmt: skip
+    assert killed
+    assert bytes_of(tmp_path / "dask") == bytes_of(made)
+
+
+def test_labels_are_those_of_the_run(made: Path) -> None:
+    """Forces on the object: ΣFn is the grip on flat objects, ΣFf the load less the drag."""
+    flat = {key: how for key, how in TINY.draw.items() if key != "object.radius_mm"}
+    draw = {**flat, "motion": {"choice": ["grasp"]}}
+    recipe = replace(TINY, draw=draw, scene={**TINY.scene, "duration_s": 1.0})
+    run = sequence(recipe, 1)
+    rest, frames = shots(recipe, run)
+    last = list(frames)[-1]
+    assert rest.shape == last.image.shape == (480, 640, 3)
+    assert last.values["normal_n"] == pytest.approx(run.values["grip_n"], rel=0.02)
+    assert last.values["friction_n"] == pytest.approx(last.values["load_n"], rel=0.05)
+    share = run.values["share"]
+    assert last.values["margin"] == pytest.approx(1.0 - share, abs=0.05)
+    normal, friction, mu = last.nodes
+    assert (abs(friction) <= mu * normal + 1e-9).all()
+
+
+def test_a_slip_goes_through_all_states() -> None:
+    scene = {**TINY.scene, "duration_s": 1.0}
+    draw = {
+        "motion": {"choice": ["slip"]},
+        "grip_n": {"choice": [2.0]},
+        "slip_share": {"choice": [1.5]},
+        "object.friction": {"choice": [0.4]},
+    }
+    recipe = Recipe(scene=scene, draw=draw)
+    states = [shot.values["slip_state"] for shot in shots(recipe, sequence(recipe, 0))[1]]
+    order = [state for k, state in enumerate(states) if k == 0 or states[k - 1] != state]
+    assert order[-2:] == ["incipient", "gross"]
+    assert order[0] == "none"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda d: (d / "sequence-000001" / "frame-002.png").write_bytes(b"x"), "has changed"),
+        (lambda d: (d / "sequence-000001" / "frame-002.png").unlink(), "frame-002.png is missing"),
+        (lambda d: (d / "sequence-000001" / "new.txt").write_text("x"), "does not belong there"),
+        (lambda d: (d / "sequence-000002" / FILES).write_text("{}"), "has changed"),
+        (lambda d: (d / MANIFEST).write_text("{"), "missing or damaged"),
+        (lambda d: (d / MANIFEST).unlink(), "is not whole"),
+    ],
+)
+def test_what_was_changed_is_named(made: Path, tmp_path: Path, spoil: object, said: str) -> None:
+    folder = copied(made, tmp_path / "spoilt")
+    spoil(folder)  # type: ignore[operator]
+    with pytest.raises(DatasetError, match=said):
+        check(folder)
+
+
+def resealed(folder: Path, name: str) -> None:
+    """Make checksums fit what was changed in a sequence."""
+    where = folder / name
+    listed = json.loads((where / FILES).read_text("utf-8"))
+    for file in listed["files"]:
+        listed["files"][file] = hashlib.sha256((where / file).read_bytes()).hexdigest()
+    (where / FILES).write_text(json.dumps(listed), "utf-8")
+    manifest = json.loads((folder / MANIFEST).read_text("utf-8"))
+    manifest["sequences"][name] = hashlib.sha256((where / FILES).read_bytes()).hexdigest()
+    (folder / MANIFEST).write_text(json.dumps(manifest), "utf-8")
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "said"),
+    [
+        ("frames", "normal_n", "frame 4: normal_n is"),
+        ("frames", "margin", "frame 4: margin is"),
+        ("markers", "node_friction_n", "more than µ times its normal force"),
+        ("markers", "x_px", "x_px, y_px are"),
+        ("markers", "centre_z_mm", "beside a centre's projection"),
+    ],
+)
+def test_physics_that_does_not_hold_is_named(
+    made: Path, tmp_path: Path, table: str, column: str, said: str
+) -> None:
+    folder = copied(made, tmp_path / "wrong")
+    path = folder / sequence_name(0) / f"{table}.parquet"
+    found = pq.read_table(path)
+    values = found[column].to_pylist()
+    values[4] = values[4] + 0.2 if table == "frames" else [v + 2.0 for v in values[4]]
+    where = found.column_names.index(column)
+    kind = found.schema.field(column).type
+    pq.write_table(found.set_column(where, column, pa.array(values, kind)), path)
+    resealed(folder, sequence_name(0))
+    with pytest.raises(DatasetError, match=said):
+        check(folder)
+
+
+def test_parts_share_no_object(made: Path) -> None:
+    parts = split(made, {"train": 0.6, "test": 0.4})
+    every = sorted(name for names in parts.values() for name in names)
+    assert every == [sequence_name(k) for k in range(3)]
+    assert all(parts.values())
+    rows = {sequence_name(row["number"]): row for row in pq.read_table(made / TABLE).to_pylist()}
+    objects = [
+        {(rows[name]["object.friction"], rows[name]["object.radius_mm"]) for name in names}
+        for names in parts.values()
+    ]
+    assert not objects[0] & objects[1]
+    (made / "split.json").unlink()
+    with pytest.raises(UserError, match="add up to 1"):
+        split(made, {"train": 0.6, "test": 0.3})
+    with pytest.raises(UserError, match="3 objects, too few for 4 parts"):
+        split(made, dict.fromkeys("abcd", 0.25))
+
+
+def test_a_full_disk_leaves_nothing_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = Path.write_bytes
+
+    def full(path: Path, data: bytes) -> int:
+        if path.name == "frame-003.png":
+            raise OSError(28, os.strerror(28))
+        return write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(UserError, match="cannot be written: No space left on device"):
+        make(TINY, tmp_path / "full")
+    assert not list((tmp_path / "full").glob("sequence-*"))
+    assert not list((tmp_path / "full").glob(".part-0*"))
+    monkeypatch.undo()
+    make(TINY, tmp_path / "full", resume=True)
+    assert check(tmp_path / "full") == 3
+
+
+def test_another_recipe_is_refused(made: Path, tmp_path: Path) -> None:
+    folder = copied(made, tmp_path / "other")
+    with pytest.raises(UserError, match="holds a dataset of another recipe"):
+        make(replace(TINY, seed=1), folder, resume=True)
+    with pytest.raises(UserError, match="is not empty"):
+        make(TINY, folder)
+    make(replace(TINY, seed=1, sequences=1), tmp_path / "seed1")
+    with pytest.raises(UserError, match="is of another recipe"):
+        merge([made, tmp_path / "seed1"], tmp_path / "both")
+    with pytest.raises(UserError, match="sequence-000000 is in"):
+        merge([made, folder], tmp_path / "twice")
+
+
+def test_a_cluster_that_is_not_there_is_said(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(UserError, match="there is no Dask cluster at tcp:"):
+        make(TINY, tmp_path / "none", backend="dask", address="tcp://127.0.0.1:9")
+    with pytest.raises(UserError, match="--address goes with --backend dask"):
+        make(TINY, tmp_path / "joblib", address="tcp://127.0.0.1:9")
+
+
+@pytest.mark.parametrize(
+    ("draw", "said"),
+    [
+        ({"object.friction": {"uniform": [0.2, 90.0]}}, "draw.object.friction reaches 90"),
+        ({"object.frixion": {"uniform": [0.2, 0.9]}}, "frixion"),
+        ({"grip_n": {"uniform": [0.0, 1.0]}}, "draw.grip_n reaches 0"),
+        ({"grip_n": {"log_uniform": [0.0, 1.0]}}, "log_uniform starts above 0"),
+        ({"grip_n": {"about": [1.0]}}, "expected one of uniform, log_uniform, normal, choice"),
+        ({"grip_n": {"uniform": [2.0, 1.0]}}, "there is nothing to draw"),
+        ({"motion": {"choice": ["drop"]}}, "allowed are press, grasp, slip"),
+        ({"motion": {"choice": ["grasp"]}}, "draw.share is needed"),
+        ({"slip_share": {"uniform": [0.5, 2.0]}}, "draw.slip_share reaches 0.5"),
+    ],
+)
+def test_a_recipe_that_leaves_what_can_be_is_refused(
+    tmp_path: Path, draw: dict[str, object], said: str
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(tomli_w.dumps({"draw": draw}), encoding="utf-8")
+    with pytest.raises(RecipeError, match=said):
+        load_recipe(str(path))
+
+
+def test_every_shipped_recipe_gives_scenes() -> None:
+    for name in recipe_names():
+        recipe = load_recipe(name)
+        for number in range(5):
+            scene = scene_of(recipe, number, drawn(recipe, number))
+            assert scene.path == "truth"
