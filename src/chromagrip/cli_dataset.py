@@ -146,6 +146,28 @@ def dataset_info(folder: Folder, *, json_only: Json = False) -> int:
     return 0
 
 
+def dataset_export(
+    folder: Folder,
+    *,
+    to: Annotated[
+        Literal["coco", "lerobot", "tapvid", "webdataset"],
+        option("layout", "coco|lerobot|tapvid|webdataset"),
+    ],
+    out: Annotated[Path, option("folder, new or empty", "DIR")],
+    json_only: Json = False,
+) -> int:
+    """Write a dataset in the layout of another tool."""
+    from .dataset_export import export
+
+    with Progress(
+        TextColumn("exporting"), BarColumn(), MofNCompleteColumn(), console=Console(stderr=True)
+    ) as bar:
+        task = bar.add_task("exporting", total=None)
+        files = export(folder, to, out, lambda done: bar.update(task, completed=done))
+    _say({"files": len(files), "folder": str(out)}, json_only)
+    return 0
+
+
 def dataset_split(
     folder: Folder,
     *,
@@ -194,6 +216,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "make": dataset_make,
     "check": dataset_check,
     "info": dataset_info,
+    "export": dataset_export,
     "split": dataset_split,
     "merge": dataset_merge,
 }

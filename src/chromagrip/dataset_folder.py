@@ -16,19 +16,22 @@ import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from .dataset_sequence import FRAME, MARKERS, Shot, sequence, shots
 from .errors import FolderError, UserError
 from .png import encode_png
 from .recipe import Recipe, RecipeError, dump_recipe, load_recipe
 from .run_folder import versions
-from .scene import dump_scene
+from .scene import Scene, dump_scene, load_scene
+from .sources import read_picture
 
 FORMAT = "chromagrip dataset 1"
 RECIPE, MANIFEST, TABLE = "recipe.toml", "manifest.json", "sequences.parquet"
@@ -278,3 +281,77 @@ def tables(folder: Path, name: str, columns: list[str] | None = None) -> Iterato
     for number in numbers_in(folder):
         path = folder / sequence_name(number) / f"{name}.parquet"
         yield number, pq.read_table(path, columns=columns)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loaded:
+    """A sequence as it lies in a dataset, its pictures not read.
+
+    Attributes
+    ----------
+    number: in the dataset
+    values: that were drawn
+    scene: it is of
+    frames: values of every frame, by column of FRAME, shape (T,)
+    markers: of every frame, by column of MARKERS and NODES, shape (T, 2M), (T, M) or (T, N)
+    pictures: files, in order
+    rest: file of the unloaded sensor
+    """
+
+    number: int
+    values: dict[str, Any]
+    scene: Scene
+    frames: dict[str, NDArray[Any]]
+    markers: dict[str, NDArray[Any]]
+    pictures: list[Path]
+    rest: Path
+
+    def images(self) -> Iterator[NDArray[np.uint8]]:
+        """Pictures one by one, RGB, shape (H, W, 3)."""
+        for path in self.pictures:
+            yield read_picture(path)
+
+    @property
+    def places(self) -> NDArray[np.float32]:
+        """Markers' centroids in the image [px], shape (T, 2, M, 2)."""
+        both = np.stack([self.markers["x_px"], self.markers["y_px"]], axis=-1)
+        return both.reshape(len(both), 2, -1, 2)
+
+    @property
+    def visible(self) -> NDArray[np.bool_]:
+        """Whether a marker is visible, shape (T, 2, M)."""
+        flat = self.markers["visible"]
+        return np.asarray(flat.reshape(len(flat), 2, -1), dtype=np.bool_)
+
+
+def load_sequences(folder: Path) -> Iterator[Loaded]:
+    """Sequences of a dataset, in order.
+
+    Raises
+    ------
+    DatasetError
+        When the folder is no whole dataset.
+    """
+    for name in read_manifest(folder)["sequences"]:
+        where = folder / name
+        told = read_json(where / FILES)
+        try:
+            frames = pq.read_table(where / "frames.parquet")
+            markers = pq.read_table(where / "markers.parquet")
+        except (OSError, pa.ArrowException) as error:
+            raise DatasetError(f"{where} cannot be read: {error}") from None
+        yield Loaded(
+            number=told["number"],
+            values=told["values"],
+            scene=load_scene(str(where / "scene.toml")),
+            frames={column: frames[column].to_numpy() for column in frames.column_names},
+            markers={column: _stacked(markers[column]) for column in markers.column_names[1:]},
+            pictures=sorted(where.glob("frame-*.png")),
+            rest=where / "rest.png",
+        )
+
+
+def _stacked(column: pa.ChunkedArray) -> NDArray[Any]:
+    lists = column.combine_chunks()
+    flat = lists.flatten().to_numpy(zero_copy_only=False)
+    return np.asarray(flat.reshape(len(lists), -1))

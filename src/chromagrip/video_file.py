@@ -20,10 +20,18 @@ class VideoFile:
     path: of the video; it has that name once it is closed
     rate: pictures per second
     quality: rate factor of x264, lower is better
+    options: more of x264, as PyAV takes them
     """
 
-    def __init__(self, path: Path, rate: Fraction | int, quality: int) -> None:
+    def __init__(
+        self,
+        path: Path,
+        rate: Fraction | int,
+        quality: int,
+        options: dict[str, str] | None = None,
+    ) -> None:
         self._path, self._rate, self._quality = path, rate, quality
+        self._options = options or {}
         self._part = path.with_name(path.name + ".part")
         self._container = av.open(str(self._part), "w", format="mp4")
         self._stream: av.VideoStream | None = None
@@ -58,6 +66,7 @@ class VideoFile:
                 "threads": "1",
                 # Fewer pictures in memory at a time: 50 MB.
                 "x264-params": "rc-lookahead=4:bframes=0:ref=1",
+                **self._options,
             }
             self._stream.options = options
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
