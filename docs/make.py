@@ -1,8 +1,9 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
-Parts: images, loop, control, model, render, track, force, limit, stability, stability-track,
-stability-loop, appendix-b, reproduction; all of them without arguments, some hours alone on two
-cores. Nothing in docs/images/, docs/bench-*.md and docs/reproduction.md is typed by hand.
+Parts: images, loop, dataset, control, model, render, track, force, limit, stability,
+stability-track, stability-loop, appendix-b, reproduction; all of them without arguments, some hours
+alone on two cores. Nothing in docs/images/, docs/bench-*.md and docs/reproduction.md is typed by
+hand.
 """
 
 import os
@@ -46,6 +47,7 @@ TITLES = {
     "render": "The renderers, measured",
     "track": "The trackers, measured",
     "force": "Forces and friction, measured",
+    "dataset": "Datasets, measured",
 }
 
 
@@ -294,6 +296,7 @@ def reproduction(plan: Plan = REPRODUCED) -> None:
 PARTS = {
     "images": images,
     "loop": lambda: table("loop"),
+    "dataset": lambda: table("dataset"),
     "control": control,
     "model": lambda: table("model"),
     "render": render,

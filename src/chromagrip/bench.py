@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from .bench_control import bench_control
+from .bench_dataset import bench_dataset
 from .bench_force import bench_force
 from .bench_model import bench_model
 from .bench_render import bench_render
@@ -96,6 +97,7 @@ PARTS: dict[str, Callable[..., list[Row]]] = {
     "track": bench_track,
     "force": bench_force,
     "control": bench_control,
+    "dataset": bench_dataset,
 }
 
 

@@ -218,9 +218,9 @@ def doctor() -> int:
 
 def bench(
     part: Annotated[
-        Literal["control", "force", "loop", "model", "render", "track"],
+        Literal["control", "dataset", "force", "loop", "model", "render", "track"],
         tyro.conf.Positional,
-        option("what to measure", "control|force|loop|model|render|track"),
+        option("what to measure", "control|dataset|force|loop|model|render|track"),
     ],
     *,
     trackers: Trackers = (),

@@ -22,7 +22,14 @@ from msgspec.structs import replace
 
 from chromagrip import UserError
 from chromagrip.dataset_check import check
-from chromagrip.dataset_folder import FILES, MANIFEST, TABLE, DatasetError, sequence_name
+from chromagrip.dataset_folder import (
+    FILES,
+    MANIFEST,
+    TABLE,
+    DatasetError,
+    load_sequences,
+    sequence_name,
+)
 from chromagrip.dataset_make import make, merge
 from chromagrip.dataset_sequence import sequence, shots
 from chromagrip.dataset_split import split
@@ -317,3 +324,30 @@ def test_every_shipped_recipe_gives_scenes() -> None:
         for number in range(5):
             scene = scene_of(recipe, number, drawn(recipe, number))
             assert scene.path == "truth"
+
+
+def test_what_is_asked_for_beside_is_kept(tmp_path: Path) -> None:
+    """Optical flow where a marker rests is the motion of its label."""
+    recipe = replace(TINY, sequences=1, truth=("flow", "depth", "masks"))
+    make(recipe, tmp_path / "more")
+    assert check(tmp_path / "more") == 1
+    (one,) = load_sequences(tmp_path / "more")
+    truth = np.load(tmp_path / "more" / sequence_name(0) / "truth-006.npz")
+    assert truth["depth"].shape == (480, 640)
+    assert truth["masks"].shape == (2, 480, 640)
+    middle = np.stack([one.markers["projected_x_px"], one.markers["projected_y_px"]], axis=-1)
+    middle = middle.reshape(len(middle), 2, -1, 2)
+    rest, moved = middle[0], middle[6] - middle[0]
+    assert abs(moved).max() > 0.5
+    for layer in range(2):
+        at = np.rint(rest[layer]).astype(int)
+        inside = (abs(at - [320, 240]) < 150).all(axis=1)
+        flow = truth["flow"][layer][at[inside, 1], at[inside, 0]]
+        np.testing.assert_allclose(flow, moved[layer, inside], atol=0.1)
+
+
+def test_the_recipe_of_the_documentation_is_one(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    path = tmp_path / "glass.toml"
+    path.write_text(text.split("```toml\n")[1].split("```")[0], encoding="utf-8")
+    assert load_recipe(str(path)).draw["share"] == {"uniform": [0.0, 0.95]}
