@@ -1,7 +1,6 @@
 """Figures of datasets: how fast they are made, what takes the time, and what a kill does."""
 
 import hashlib
-import os
 import random
 import signal
 import subprocess
@@ -16,6 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from .bench_rows import Row, at_least, at_most, reported, within
+from .child import run_child
 from .dataset_folder import keep_recipe, write_sequence
 from .dataset_make import make
 from .dataset_sequence import sequence, shots
@@ -179,14 +179,6 @@ def _memory_rows(folder: Path, progress: Progress) -> Iterator[Row]:
     for count in (_SHORT, _LONG):
         progress(f"memory: {count} sequences")
         words = ["dataset", "make", "force", "--n", str(count), "--workers", "1", "--json"]
-        out = folder / f"memory-{count}"
-        with subprocess.Popen(
-            [sys.executable, "-P", "-m", "chromagrip", *words, "--out", str(out)],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        ) as process:
-            _, status, used = os.wait4(process.pid, 0)
-            process.returncode = os.waitstatus_to_exitcode(status)
-        peaks.append(used.ru_maxrss / 1024.0)
+        peaks.append(run_child([*words, "--out", str(folder / f"memory-{count}")])[1])
     yield at_most("dataset/memory/worker", peaks[1], "MB", 500.0)
     yield at_most(f"dataset/memory/{_LONG}_over_{_SHORT}_sequences", peaks[1] / peaks[0], "×", 1.05)

@@ -1,8 +1,5 @@
 """Rows of `chromagrip bench loop` on speed: frames per second, and what they cost in Γ."""
 
-import os
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -15,6 +12,7 @@ import numpy as np
 
 from .bench_rows import Row, at_least, at_most, reported
 from .chart_loop import chart_loop
+from .child import run_child
 from .errors import UserError
 from .fidelity import Fidelity
 from .fidelity_table import CAMERA, FINE, SCENE, TRUTH, held_margin, margin_error, rms
@@ -235,21 +233,8 @@ def _start_rows(progress: Progress) -> Iterator[Row]:
 
 
 def _grasp(options: list[str]) -> tuple[float, float]:
-    """Duration [s] and largest memory [MB] of `chromagrip grasp` in a process of its own.
-
-    Raises
-    ------
-    UserError
-        When it fails.
-    """
-    words = [sys.executable, "-P", "-m", "chromagrip", "grasp", "--scene", SCENE, "--json"]
-    begin = time.perf_counter()
-    with subprocess.Popen([*words, *options], stdout=subprocess.DEVNULL) as process:
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != 0:
-        raise UserError(f"chromagrip grasp {' '.join(options)} failed")
-    return time.perf_counter() - begin, used.ru_maxrss / 1024.0
+    """Duration [s] and largest memory [MB] of `chromagrip grasp` in a process of its own."""
+    return run_child(["grasp", "--scene", SCENE, "--json", *options])
 
 
 def _reproduce_rows(progress: Progress) -> Iterator[Row]:

@@ -69,5 +69,5 @@ def test_a_grasp_tells_its_time_and_memory() -> None:
     seconds, megabytes = bench_speed._grasp(["--path", "truth", "--set=duration_s=0.05"])
     assert seconds > 0.1
     assert 50.0 < megabytes < 4000.0
-    with pytest.raises(UserError, match="--path nowhere failed"):
+    with pytest.raises(UserError, match="--path nowhere failed: "):
         bench_speed._grasp(["--path", "nowhere"])
