@@ -1,8 +1,8 @@
 """Remake what the documentation shows: `.venv/bin/python docs/make.py [PART...]` in a checkout.
 
-Parts: images, loop, dataset, control, model, render, track, force, limit, stability,
-stability-track, stability-loop, appendix-b, reproduction; all of them without arguments, some hours
-alone on two cores. Nothing in docs/images/, docs/bench-*.md and docs/reproduction.md is typed by
+Parts: images, loop, dataset, control, model, render, track, force, charts, limit,
+stability, stability-track, stability-loop, appendix-b, reproduction; all of them without arguments,
+some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md and docs/reproduction.md is typed by
 hand.
 """
 
@@ -154,9 +154,15 @@ def force() -> None:
             each.append([f"{score} [{unit}]" if unit else score, *values])
         lines += ["", f"Every score, {name}, {read}:", "", *grid(["score", *who], each)]
     write("force", report, lines)
+    draw_charts("force")
+
+
+def draw_charts(*parts: str) -> None:
+    """The chart of `chromagrip chart PART` of each part."""
     with tempfile.TemporaryDirectory() as folder:
-        charts(["force"], False, Path(folder), True, print)
-        shutil.copy(Path(folder) / "force.png", DOCS / "images" / "chart-force.png")
+        charts(parts, False, Path(folder), True, print)
+        for part in parts:
+            shutil.copy(Path(folder) / f"{part}.png", DOCS / "images" / f"chart-{part}.png")
 
 
 def control() -> None:
@@ -176,9 +182,7 @@ def grid(heading: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
 def render() -> None:
     """The renderers' table and chart, a pose's preview, a real-looking frame beside an ideal."""
     table("render")
-    with tempfile.TemporaryDirectory() as folder:
-        charts(["render"], False, Path(folder), True, print)
-        shutil.copy(Path(folder) / "render.png", DOCS / "images" / "chart-render.png")
+    draw_charts("render")
     with tempfile.TemporaryDirectory() as folder:
         render_poses(load_scene("camera-100hz"), [Pose(grip=2.0, load=0.6)], Path(folder), True)
         preview = cv2.imread(str(Path(folder) / "preview-000.png"))
@@ -302,6 +306,7 @@ PARTS = {
     "render": render,
     "track": track,
     "force": force,
+    "charts": lambda: draw_charts("loop", "model", "track"),
     "limit": what_an_image_tells,
     "stability": stability,
     "stability-track": stability_of_trackers,
