@@ -2,8 +2,8 @@
 
 Parts: images, loop, dataset, control, model, render, track, force, charts, limit,
 stability, stability-track, stability-loop, appendix-b, reproduction; all of them without arguments,
-some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md and docs/reproduction.md is typed by
-hand.
+some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md and docs/reproduction.md is
+typed by hand.
 """
 
 import os
