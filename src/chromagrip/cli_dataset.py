@@ -49,7 +49,7 @@ def dataset_make(
         str, option("every K-th sequence from the i-th on, such as 2/8", "i/K")
     ] = "1/1",
     backend: Annotated[
-        Literal["joblib", "dask"], option("who hands out the work", "joblib|dask")
+        Literal["joblib", "dask", "ray"], option("who hands out the work", "joblib|dask|ray")
     ] = "joblib",
     address: Annotated[str, option("of a running cluster, such as tcp://host:8786", "URL")] = "",
     resume: Annotated[Flag, option("go on with an interrupted dataset")] = False,

@@ -1,5 +1,6 @@
 """Making a dataset: its sequences by any number of workers, in any order, and what sums it up."""
 
+import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -23,7 +24,7 @@ from .errors import FolderError, UserError
 from .out_folder import prepare
 from .recipe import Recipe
 
-Backend = Literal["joblib", "dask"]
+Backend = Literal["joblib", "dask", "ray"]
 #: Told how many sequences are done, and of how many.
 Progress = Callable[[int, int], None]
 
@@ -49,7 +50,7 @@ def make(
     out: folder, new or empty; with `resume` that of an interrupted run
     workers: processes on this machine; on a cluster as many as it has
     shard: (i, K), from 1: this run makes every K-th sequence from the i-th on
-    backend: who hands out the work; dask is an extra
+    backend: who hands out the work; dask and ray are extras
     address: of a running cluster
     resume: go on where it was
     progress: told how many are done
@@ -136,8 +137,8 @@ def _results(
     if not todo:
         return
     if address and backend == "joblib":
-        raise UserError("--address goes with --backend dask")
-    yield from {"joblib": _joblib, "dask": _dask}[backend](job, todo, workers, address)
+        raise UserError("--address goes with --backend dask or ray")
+    yield from {"joblib": _joblib, "dask": _dask, "ray": _ray}[backend](job, todo, workers, address)
 
 
 def _make(job: tuple[bytes, str], number: int) -> int:
@@ -182,3 +183,29 @@ def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -
             yield future.result()
     if not address:
         client.cluster.close()
+
+
+def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+    try:
+        import ray
+    except ImportError:
+        raise UserError("the backend ray needs the extra: pip install 'chromagrip[ray]'") from None
+    quiet = {"log_to_driver": False, "logging_level": "error"}
+    try:
+        if address:
+            # Ray itself would try for minutes.
+            host, _, port = address.rpartition("/")[2].rpartition(":")
+            socket.create_connection((host, int(port)), timeout=10.0).close()
+            ray.init(address=address, **quiet)
+        else:
+            ray.init(num_cpus=workers, include_dashboard=False, **quiet)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise UserError(f"there is no Ray cluster at {address}: {error}") from None
+    try:
+        remote = ray.remote(max_retries=3)(_make)
+        waiting = [remote.remote(job, number) for number in todo]
+        while waiting:
+            ready, waiting = ray.wait(waiting)
+            yield from ray.get(ready)
+    finally:
+        ray.shutdown()

@@ -30,7 +30,7 @@ from chromagrip.dataset_folder import (
     load_sequences,
     sequence_name,
 )
-from chromagrip.dataset_make import make, merge
+from chromagrip.dataset_make import Backend, make, merge
 from chromagrip.dataset_sequence import sequence, shots
 from chromagrip.dataset_split import split
 from chromagrip.png import encode_png
@@ -287,11 +287,20 @@ def test_another_recipe_is_refused(made: Path, tmp_path: Path) -> None:
         merge([made, folder], tmp_path / "twice")
 
 
-def test_a_cluster_that_is_not_there_is_said(tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
-    with pytest.raises(UserError, match="there is no Dask cluster at tcp:"):
-        make(TINY, tmp_path / "none", backend="dask", address="tcp://127.0.0.1:9")
-    with pytest.raises(UserError, match="--address goes with --backend dask"):
+@pytest.mark.parametrize(
+    ("backend", "module", "address"),
+    [("dask", "distributed", "tcp://127.0.0.1:9"), ("ray", "ray", "127.0.0.1:9")],
+)
+def test_a_cluster_that_is_not_there_is_said(
+    tmp_path: Path, backend: Backend, module: str, address: str
+) -> None:
+    pytest.importorskip(module)
+    with pytest.raises(UserError, match=f"there is no {backend.title()} cluster"):
+        make(TINY, tmp_path / "none", backend=backend, address=address)
+
+
+def test_an_address_wants_a_cluster(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="--address goes with --backend dask or ray"):
         make(TINY, tmp_path / "joblib", address="tcp://127.0.0.1:9")
 
 
