@@ -160,6 +160,12 @@ def _joblib(job: tuple[bytes, str], todo: list[int], workers: int, address: str)
     yield from parallel(delayed(_make)(job, number) for number in todo)
 
 
+def _knock(address: str) -> None:
+    """Refuse an address at which nobody answers; the clusters' own clients try for minutes."""
+    host, _, port = address.rpartition("/")[2].rpartition(":")
+    socket.create_connection((host, int(port)), timeout=10.0).close()
+
+
 def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
     try:
         from distributed import Client, LocalCluster, as_completed
@@ -169,6 +175,7 @@ def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -
         ) from None
     try:
         if address:
+            _knock(address)
             client = Client(address, timeout="10s")
         else:
             client = Client(
@@ -193,9 +200,7 @@ def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) ->
     quiet = {"log_to_driver": False, "logging_level": "error"}
     try:
         if address:
-            # Ray itself would try for minutes.
-            host, _, port = address.rpartition("/")[2].rpartition(":")
-            socket.create_connection((host, int(port)), timeout=10.0).close()
+            _knock(address)
             ray.init(address=address, **quiet)
         else:
             ray.init(num_cpus=workers, include_dashboard=False, **quiet)
