@@ -159,9 +159,9 @@ def force() -> None:
 
 def draw_charts(*parts: str) -> None:
     """The chart of `chromagrip chart PART` of each part."""
-    with tempfile.TemporaryDirectory() as folder:
-        charts(parts, False, Path(folder), True, print)
-        for part in parts:
+    for part in parts:
+        with tempfile.TemporaryDirectory() as folder:
+            charts([part], False, Path(folder), True, print)
             shutil.copy(Path(folder) / f"{part}.png", DOCS / "images" / f"chart-{part}.png")
 
 
@@ -306,7 +306,7 @@ PARTS = {
     "render": render,
     "track": track,
     "force": force,
-    "charts": lambda: draw_charts("loop", "model", "track"),
+    "charts": lambda: draw_charts("loop", "track", "model"),
     "limit": what_an_image_tells,
     "stability": stability,
     "stability-track": stability_of_trackers,

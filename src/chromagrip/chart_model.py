@@ -95,16 +95,17 @@ def chart_model(quick: bool, progress: Callable[[str], None]) -> Chart:
     errors: dict[str, dict[str, float]] = {}
     for turn in range(2 if quick else 4):  # the first compiles
         for setting in settings:
-            if turn > 1 and setting.method != "implicit":
-                continue  # takes long, and is far from the front
+            once = setting.method != "implicit"  # takes minutes, and is far from the front
+            if turn and once:
+                continue
             progress(f"{setting.name}, turn {turn + 1}")
             begin = time.process_time()
             runs = [setting.run(obj) for obj in _OBJECTS]
             spent = 1e3 * (time.process_time() - begin) / (DURATION * len(_OBJECTS))
-            if turn:
+            if turn or once:
                 times[setting.name].append(spent)
-                continue
-            errors[setting.name] = _errors(setting, runs, truth)
+            if not turn:
+                errors[setting.name] = _errors(setting, runs, truth)
     points = [
         Point(
             name=setting.name,
