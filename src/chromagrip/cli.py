@@ -399,7 +399,12 @@ def main() -> None:
     # Commands of two words have one name each.
     if len(words) > 1 and "-".join(words[:2]) in COMMANDS:
         words[:2] = ["-".join(words[:2])]
+    if words[:1] == ["dataset"] and words[1:] in ([], ["-h"], ["--help"]):
+        lines = {f"dataset {k}": (v.__doc__ or "").split("\n")[0] for k, v in DATASET.items()}
+        sys.exit(_list(lines))
     try:
+        if words[:1] == ["dataset"]:
+            raise UserError(f"dataset {words[1]}: there is {', '.join(DATASET)}")
         code: int = tyro.extras.subcommand_cli_from_dict(
             COMMANDS, prog=NAME, description=__doc__, args=words
         )

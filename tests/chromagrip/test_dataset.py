@@ -21,6 +21,7 @@ from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 
 from chromagrip import UserError
+from chromagrip.cli import main
 from chromagrip.dataset_check import check
 from chromagrip.dataset_folder import (
     FILES,
@@ -360,3 +361,47 @@ def test_the_recipe_of_the_documentation_is_one(tmp_path: Path) -> None:
     path = tmp_path / "glass.toml"
     path.write_text(text.split("```toml\n")[1].split("```")[0], encoding="utf-8")
     assert load_recipe(str(path)).draw["share"] == {"uniform": [0.0, 0.95]}
+
+
+def test_a_file_that_may_not_grow_is_said_in_one_sentence(tmp_path: Path) -> None:
+    out = tmp_path / "small"
+    words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--workers", "1"]
+    done = subprocess.run(
+        ["sh", "-c", 'ulimit -f 200; exec "$@"', "sh", *words, "--out", str(out)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("chromagrip: ")
+    assert last.endswith("sequence-000000 cannot be written: File too large")
+    assert [path.name for path in out.iterdir()] == ["recipe.toml"]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["dataset"], 0, "dataset make "),
+        (["dataset", "mend"], 2, "dataset mend: there is make, check"),
+        (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is force"),
+        (["dataset", "make", "tiny", "--out", "x", "--shard", "3/2"], 2, "--shard 3/2: expected"),
+        (["dataset", "make", "tiny", "--out", "x", "--n", "0"], 2, "--n 0: expected 1 to"),
+        (["dataset", "check", "nowhere"], 2, "nowhere is no dataset"),
+        (["dataset", "split", "nowhere", "--shares", "a"], 2, "--shares a: expected NAME=SHARE"),
+    ],
+)
+def test_the_command_line_answers_in_a_sentence(
+    words: list[str],
+    code: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["chromagrip", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    shown = capsys.readouterr()
+    assert ended.value.code == code
+    assert said in shown.out + shown.err
+    assert not (tmp_path / "x").exists()
