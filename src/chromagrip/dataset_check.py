@@ -21,12 +21,15 @@ from .dataset_folder import (
 )
 from .dataset_sequence import FRAME, STATES
 from .errors import SceneError
-from .scene import Scene, load_scene
+from .render import View
+from .scene import load_scene
 
 Array = NDArray[np.float64]
 
 #: Of sums and cones, as a share of the largest force and at least [N]; of Γ; of pixels [px].
 _SHARE, _LEAST, _MARGIN, _PIXEL = 1e-4, 1e-5, 1e-6, 0.002
+#: By how much Γ may be below 0, where all slips.
+_OVER = 1e-3
 #: Perspective moves the middle of an outline by at most so much [px].
 _PERSPECTIVE = 1.0
 
@@ -81,7 +84,7 @@ def _wrong(folder: Path) -> Iterator[str]:
     if list(frames) != list(FRAME):
         yield f"frames.parquet: columns {list(frames)}, expected {list(FRAME)}"
         return
-    count = scene.frames
+    count, view = scene.frames, scene.build_sensor().view
     pictures = len(list(folder.glob("frame-*.png")))
     if not (len(frames["frame"]) == markers.num_rows == pictures == count):
         yield (
@@ -94,8 +97,8 @@ def _wrong(folder: Path) -> Iterator[str]:
         own = {name: _numbers(markers[name], index) for name in markers.column_names[1:]}
         for wrong in (
             *_wrong_values(row, own),
-            *_wrong_places(scene, own),
-            *_wrong_picture(scene, folder / f"frame-{index:03d}.png"),
+            *_wrong_places(view, own),
+            *_wrong_picture(view, folder / f"frame-{index:03d}.png"),
         ):
             yield f"frame {index}: {wrong}"
 
@@ -127,16 +130,16 @@ def _wrong_values(row: dict[str, Any], own: dict[str, NDArray[Any]]) -> Iterator
     margin = 1.0 - row["friction_n"] / held if row["contact_nodes"] else np.nan
     if not np.isclose(row["margin"], margin, atol=_MARGIN, equal_nan=True):
         yield f"margin is {row['margin']:.6g}, its forces say {margin:.6g}"
-    if not (row["margin"] is None or np.isnan(row["margin"]) or row["margin"] > -1e-3):
+    if row["margin"] < -_OVER:
         yield f"margin is {row['margin']:.3g}: friction holds more than it can"
     if not 0.0 <= row["slipped_share"] <= 1.0:
         yield f"slipped_share is {row['slipped_share']}"
 
 
-def _wrong_places(scene: Scene, own: dict[str, NDArray[Any]]) -> Iterator[str]:
+def _wrong_places(view: View, own: dict[str, NDArray[Any]]) -> Iterator[str]:
     """Labels in the image beside the projection of the centres, and overlaps."""
     centres = np.stack([own[f"centre_{axis}_mm"] for axis in "xyz"], axis=-1).astype(float) * 1e-3
-    projected = scene.build_sensor().view.project(centres)
+    projected = view.project(centres)
     for start, limit in (("projected_", _PIXEL), ("", _PERSPECTIVE)):
         pixels = np.stack([own[f"{start}x_px"], own[f"{start}y_px"]], axis=-1)
         off = np.linalg.norm(projected - pixels, axis=-1)
@@ -148,9 +151,8 @@ def _wrong_places(scene: Scene, own: dict[str, NDArray[Any]]) -> Iterator[str]:
         yield "an overlap is not from 0 to 1"
 
 
-def _wrong_picture(scene: Scene, path: Path) -> Iterator[str]:
+def _wrong_picture(view: View, path: Path) -> Iterator[str]:
     image = cv2.imread(str(path))
-    view = scene.build_sensor().view
     if image is None:
         yield "the picture cannot be read"
     elif image.shape != (view.height, view.width, 3):
