@@ -69,9 +69,9 @@ class ForceField:
         return float(abs(self.friction[self.contact].sum()))
 
     def safety_margin(self, mu: float) -> float:
-        """Γ = 1 − ΣFf/(µ ΣFn) (thesis Eq. 7); NaN with nothing in contact."""
+        """Γ = 1 − ΣFf/(µ ΣFn) (thesis Eq. 7); NaN with nothing in contact, and without a µ."""
         normal = self.total_normal
-        if not normal > 0.0:
+        if not (normal > 0.0 and mu > 0.0):
             return float("nan")
         return 1.0 - self.total_friction / (mu * normal)
 

@@ -120,8 +120,8 @@ def read_out(field: ForceField) -> FrictionReading:
 
 
 def _read_largest(field: ForceField) -> FrictionReading:
-    """Largest ratio, which knows nothing of its own error."""
-    value = max_ratio(field)
+    """Largest ratio, which knows nothing of its own error; without any friction none is seen."""
+    value = max_ratio(field) or np.nan
     observable = field.safety_margin(value) < OBSERVABLE_MARGIN
     return FrictionReading(value=value, deviation=np.nan, observable=observable)
 

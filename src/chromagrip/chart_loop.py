@@ -1,6 +1,7 @@
 """Time per frame of the closed loop against the error of Γ and the slip, by its methods."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from .fidelity_table import CAMERA, TRUTH, margin_error
 from .run_folder import run
 from .scene import grasp_command, load_scene
-from .speed_chart import Axis, Chart, Point
+from .speed_chart import Axis, Chart, Peer, Point
 
 _SCENE = "margin-60hz"
 #: Of the thesis's 27: flat and hard, in between, sharp and soft.
@@ -19,6 +20,7 @@ _OBJECTS: tuple[dict[str, Any], ...] = (
     {"object.friction": 0.7, "object.stiffness_kpa": 16.0, "object.radius_mm": 5.0},
 )
 _TURNS, _QUICK_TURNS = 3, 1
+_TRUTH = "truth path"
 AXES = (
     Axis(key="margin_error", label="Γ, RMS error", unit=""),
     Axis(key="displacement", label="largest slip [mm]", unit="mm"),
@@ -37,14 +39,14 @@ def settings(quick: bool) -> dict[str, dict[str, Any]]:
     for tracker, reconstructor in product(trackers, reconstructors):
         changes = {"tracker": tracker, "reconstructor": reconstructor}
         found[f"{tracker}, {reconstructor}"] = changes
-    found["truth path"] = {"path": "truth"}
+    found[_TRUTH] = {"path": "truth"}
     if not quick:
         # What else `plan` chooses from.
         coarse = [fidelity for fidelity in (*CAMERA, *TRUTH) if fidelity.step_ms > 1.0]
         for fidelity in coarse:
-            name = fidelity.name if fidelity.tracker else f"truth path, {fidelity.name}"
+            chain = f"{fidelity.nodes} nodes, {fidelity.step_ms:g} ms"
             path = {} if fidelity.tracker else {"path": "truth"}
-            found[name] = path | fidelity.changes
+            found[f"{fidelity.tracker or _TRUTH}, {chain}"] = path | fidelity.changes
     return found
 
 
@@ -80,6 +82,24 @@ def chart_loop(quick: bool, progress: Callable[[str], None]) -> Chart:
             command=grasp_command(_SCENE, {"controller": "margin-inversion", **changes}),
         )
         for name, changes in chosen.items()
+        if not name.startswith(_TRUTH)
     ]
+    axes = [replace(axis, peers=_told(axis, times, errors)) for axis in AXES]
     title = "The closed loop at 60 Hz: 400 markers in two layers, 640×480"
-    return Chart(part="loop", title=title, per="frame", points=points, axes=AXES)
+    return Chart(part="loop", title=title, per="frame", points=points, axes=axes)
+
+
+def _told(
+    axis: Axis, times: dict[str, list[float]], errors: dict[str, dict[str, float]]
+) -> tuple[Peer, ...]:
+    """What the loop takes that is told the forces: no method through the camera is beside it."""
+    return tuple(
+        Peer(
+            name=name,
+            milliseconds=float(np.median(times[name])),
+            error=errors[name][axis.key],
+            source="measured in the same turns; forces as the node model has them, no picture",
+        )
+        for name in times
+        if name.startswith(_TRUTH)
+    )

@@ -216,6 +216,7 @@ def _draw(panel: Any, chart: Chart, axis: Axis, number: int) -> None:
 def _write(panel: Any, named: Sequence[tuple[str, tuple[float, float], str]]) -> None:
     """Names beside their points, where there is room for them."""
     places = [panel.transData.transform(at) for _, at, _ in named]
+    inside = panel.bbox
     taken = [(x - 4.0, y - 4.0, x + 4.0, y + 4.0) for x, y in places]
     for (text, at, color), (x, y) in zip(named, places, strict=True):
         width = _CHARACTER * len(text)
@@ -223,6 +224,8 @@ def _write(panel: Any, named: Sequence[tuple[str, tuple[float, float], str]]) ->
             left = x + 7.0 if right else x - 7.0 - width
             low = y + 5.0 if up else y - 17.0
             box = (left, low, left + width, low + 12.0)
+            if left < inside.x0 or left + width > inside.x1:
+                continue
             if any(_overlap(box, other) for other in taken):
                 continue
             taken.append(box)

@@ -49,6 +49,7 @@ def test_margin_is_one_in_a_pure_press_and_nan_without_contact() -> None:
     pure = replace(field([4, 6]), friction=np.array([0, 0, 0, 0, 0.04, 0, -0.04, 0, 0, 0, 0.0]))
     assert pure.safety_margin(0.3) == 1.0
     assert np.isnan(field([]).safety_margin(0.3))
+    assert np.isnan(pure.safety_margin(0.0))
     assert field([4, 5]).safety_margin(0.5) == pytest.approx(1 - 0.04 / (0.5 * 0.2))
 
 

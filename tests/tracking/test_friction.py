@@ -184,3 +184,9 @@ def test_certain_readings_count_more() -> None:
     estimate.update(0.0, field(SLIP))
     value, _ = estimate.update(0.01, field(SLIP))
     assert value == pytest.approx((16 * 0.4 + 0.6) / 17)
+
+
+def test_a_first_touch_without_friction_says_nothing() -> None:
+    estimate = FrictionEstimate(THESIS_RULE, window=0.05)
+    assert np.isnan(estimate.update(0.0, field(np.zeros(1)))[0])
+    assert estimate.update(0.01, field(np.array([0.3])))[0] == pytest.approx(0.3)
