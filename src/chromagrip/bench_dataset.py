@@ -116,21 +116,15 @@ def _process_rows(recipe: Recipe, folder: Path, progress: Progress) -> Iterator[
 
 
 def _seconds(recipe: Recipe, folder: Path, workers: int) -> float:
-    """Time of so many processes that each make as much, from when the first has begun [s]."""
-    begun: list[float] = []
+    """Time in which so many processes make _SEQUENCES each, once they have begun [s]."""
+    told: dict[int, float] = {}
 
     def tell(done: int, total: int) -> None:
-        # Processes start once; what they have made by then is not counted.
-        if done == workers * _WARM:
-            begun.append(time.perf_counter())
+        told[done] = time.perf_counter()
 
-    make(
-        replace(recipe, sequences=workers * (_WARM + _SEQUENCES)),
-        folder,
-        workers=workers,
-        progress=tell,
-    )
-    return time.perf_counter() - begun[0]
+    count = workers * (_WARM + _SEQUENCES)
+    make(replace(recipe, sequences=count), folder, workers=workers, progress=tell)
+    return told[count] - told[workers * _WARM]
 
 
 def _resume_rows(folder: Path, progress: Progress) -> Iterator[Row]:
