@@ -1,6 +1,5 @@
 """Figures of datasets: how fast they are made, what takes the time, and what a kill does."""
 
-import hashlib
 import random
 import signal
 import subprocess
@@ -16,7 +15,7 @@ from msgspec.structs import replace
 
 from .bench_rows import Row, at_least, at_most, reported, within
 from .child import run_child
-from .dataset_folder import keep_recipe, write_sequence
+from .dataset_folder import file_digest, keep_recipe, write_sequence
 from .dataset_make import make
 from .dataset_sequence import sequence, shots
 from .png import encode_png
@@ -161,7 +160,7 @@ def _tiny(out: Path) -> subprocess.Popen[bytes]:
 
 def _digests(folder: Path) -> dict[str, str]:
     return {
-        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
+        str(file.relative_to(folder)): file_digest(file)
         for file in folder.rglob("*")
         if file.is_file()
     }

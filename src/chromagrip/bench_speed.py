@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .bench_control import PATHS
 from .bench_rows import Row, at_least, at_most, reported
 from .chart_loop import chart_loop
 from .child import run_child
@@ -36,7 +37,6 @@ _FRICTION, _STIFFNESS, _RADIUS, _NOISE = (0.3, 0.7), (16.0, 200.0), (5.0, 60.0),
 #: Of scenes of the library, the same for every fidelity.
 _TOLERANCE = 0.10
 _PAIRS, _GRASPS = 5, 4
-PATHS = ("camera", "truth")
 _STARTS = 5
 #: Frames of the long run, and of one in which everything that is kept has been made.
 _LONG, _SETTLED = 100_000, 1000

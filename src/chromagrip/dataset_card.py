@@ -48,12 +48,8 @@ def _table(numbers: list[int], drawn: list[dict[str, Any]]) -> pa.Table:
     columns: dict[str, Any] = {"number": pa.array(numbers, pa.int64())}
     for key in sorted({key for values in drawn for key in values}):
         column = [values[key] for values in drawn]
-        kinds = {type(value) for value in column}
         # JSON keeps infinity as text.
-        if kinds <= {int, float, str} and key != "motion" and not kinds <= {int}:
-            columns[key] = pa.array([float(value) for value in column], pa.float64())
-        else:
-            columns[key] = pa.array(column)
+        columns[key] = pa.array([float(v) if v in ("inf", "-inf") else v for v in column])
     return pa.table(columns)
 
 
@@ -109,6 +105,11 @@ def _histogram(column: list[float]) -> list[str]:
     ]
 
 
+def _size(image: NDArray[Any]) -> tuple[int, int]:
+    """Width and height of a picture on the sheet [px]."""
+    return _PICTURE, round(_PICTURE * image.shape[0] / image.shape[1])
+
+
 def _sheet(folder: Path, numbers: list[int]) -> NDArray[np.uint8] | None:
     """Last pictures of some sequences, side by side."""
     chosen = (
@@ -122,8 +123,8 @@ def _sheet(folder: Path, numbers: list[int]) -> NDArray[np.uint8] | None:
         image = cv2.imread(str(last))
         if image is None:
             continue
-        height = round(_PICTURE * image.shape[0] / image.shape[1])
-        size = (_PICTURE, height)
+        # Of other sensors, too, in the first one's shape.
+        size = small[0].shape[1::-1] if small else _size(image)
         small.append(
             np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA)[..., ::-1], np.uint8)
         )

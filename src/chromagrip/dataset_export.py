@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .dataset_folder import Loaded, load_sequences, read_manifest
+from .dataset_folder import Loaded, link, load_sequences, read_manifest
 from .dataset_lerobot import write_lerobot
 from .errors import FolderError
 from .out_folder import prepare
@@ -102,7 +102,7 @@ def _write_coco(folder: Path, out: Path, progress: Progress) -> None:
         names = [f"{layer}-{m:03d}" for layer in LAYERS for m in range(one.places.shape[2])]
         for t, picture in enumerate(one.pictures):
             file = f"sequence-{one.number:06d}-{picture.name}"
-            _link(picture, out / "images" / file)
+            link(picture, out / "images" / file)
             number = len(images) + 1
             images.append(
                 {"id": number, "file_name": file, "width": view.width, "height": view.height}
@@ -181,14 +181,6 @@ def _plain(value: Any) -> Any:
     """Value that JSON has: what is no number is null."""
     value = value.item() if hasattr(value, "item") else value
     return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def _link(source: Path, target: Path) -> None:
-    """The same file by another name: linked where the disk can, else copied."""
-    try:
-        target.hardlink_to(source)
-    except OSError:
-        target.write_bytes(source.read_bytes())
 
 
 #: Layouts, with what writes them and a line on each.

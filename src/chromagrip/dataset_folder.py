@@ -85,18 +85,14 @@ def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
 def _write_files(recipe: Recipe, number: int, part: Path) -> None:
     made = sequence(recipe, number)
     rest, frames = shots(recipe, made)
-    found: dict[str, bytes] = {
-        "scene.toml": dump_scene(made.scene).encode(),
-        "rest.png": encode_png(rest),
-    }
     digests: dict[str, str] = {}
 
     def keep(name: str, data: bytes) -> None:
         (part / name).write_bytes(data)
         digests[name] = hashlib.sha256(data).hexdigest()
 
-    for name, data in found.items():
-        keep(name, data)
+    keep("scene.toml", dump_scene(made.scene).encode())
+    keep("rest.png", encode_png(rest))
     rows: list[Shot] = []
     for shot in frames:
         index = int(shot.values["frame"])
@@ -105,7 +101,7 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
             path = part / f"truth-{index:03d}.npz"
             named: dict[str, Any] = shot.truth
             np.savez_compressed(path, **named)
-            digests[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            digests[path.name] = file_digest(path)
         # Pictures are on the disk; a long sequence must not keep them.
         rows.append(Shot(**{**vars(shot), "image": np.empty(0, np.uint8), "truth": {}}))
     for name, table in (("frames", frame_table(rows)), ("markers", marker_table(rows))):
@@ -244,6 +240,14 @@ def write_whole(path: Path, data: bytes) -> None:
     except OSError as error:
         part.unlink(missing_ok=True)
         raise FolderError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def link(source: Path, target: Path) -> None:
+    """The same file by another name: linked where the disk can, else copied."""
+    try:
+        target.hardlink_to(source)
+    except OSError:
+        target.write_bytes(source.read_bytes())
 
 
 def file_digest(path: Path) -> str:

@@ -14,6 +14,7 @@ from .dataset_folder import (
     DatasetError,
     clean,
     keep_recipe,
+    link,
     numbers_in,
     open_recipe,
     read_manifest,
@@ -103,20 +104,17 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
     prepare(out, force=False)
     keep_recipe(recipe, out)
     for name, folder in seen.items():
-        _link(folder / name, out / name)
+        _take(folder / name, out / name)
     return _finish(out, recipe)
 
 
-def _link(source: Path, target: Path) -> None:
-    """The same files in another folder: linked where the disk can, else copied."""
+def _take(source: Path, target: Path) -> None:
+    """The same sequence in another folder."""
     part = target.with_name(f".part-{target.name}")
     try:
         part.mkdir()
         for file in source.iterdir():
-            try:
-                (part / file.name).hardlink_to(file)
-            except OSError:
-                (part / file.name).write_bytes(file.read_bytes())
+            link(file, part / file.name)
         part.rename(target)
     except OSError as error:
         raise FolderError(f"{target} cannot be written: {error.strerror}") from None

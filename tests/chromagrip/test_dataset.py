@@ -405,3 +405,12 @@ def test_the_command_line_answers_in_a_sentence(
     assert ended.value.code == code
     assert said in shown.out + shown.err
     assert not (tmp_path / "x").exists()
+
+
+def test_words_and_infinity_are_drawn_as_well_as_numbers(tmp_path: Path) -> None:
+    draw = {**TINY.draw, "renderer": {"choice": ["painter"]}, "camera.rest_frames": {"choice": [4]}}
+    make(replace(TINY, sequences=2, draw=draw), tmp_path / "words")
+    rows = pq.read_table(tmp_path / "words" / TABLE).to_pylist()
+    assert [(row["renderer"], row["camera.rest_frames"]) for row in rows] == [("painter", 4)] * 2
+    radii = {row["object.radius_mm"] for row in rows}
+    assert radii <= {float("inf"), 20.0, 8.0}
