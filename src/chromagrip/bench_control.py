@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from .bench_rows import Row, reported, within
 from .controllers import CONTROLLERS
 from .errors import UserError
-from .force_scenes import OBJECTS, WORLDS, calibration, seed_of
+from .force_scenes import OBJECTS, WORLDS, calibration, object_changes, seed_of
 from .loop import grasp
 from .render import GLMissingError
 from .run_folder import Result, run
@@ -60,10 +60,7 @@ class Task:
 
 
 #: The 27 objects of the thesis.
-_OBJECTS: list[Change] = [
-    {"object.friction": friction, "object.stiffness_kpa": kpa, "object.radius_mm": radius}
-    for friction, kpa, radius in OBJECTS
-]
+_OBJECTS: list[Change] = [object_changes(index) for index in range(len(OBJECTS))]
 #: What a controller is shown with, whatever the scene: the average of µ that its own scene has.
 PRESETS: dict[str, Change] = {"margin-inversion": {"safety_margin.friction_window_s": 0.1}}
 MISMATCHED = "objects-mismatched"

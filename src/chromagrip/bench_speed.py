@@ -17,7 +17,7 @@ from .child import run_child
 from .errors import UserError
 from .fidelity import Fidelity
 from .fidelity_table import CAMERA, FINE, SCENE, TRUTH, held_margin, margin_error, rms
-from .force_scenes import OBJECTS
+from .force_scenes import OBJECTS, object_changes
 from .frame_parts import frame_parts
 from .render.gl import gl_problem
 from .reproduce import PARTS, Plan, reproduce
@@ -83,14 +83,10 @@ def _holding_rows(progress: Progress) -> Iterator[Row]:
         ("camera", CAMERA[-1], 0.0),
     ):
         held, speeds = 0, []
-        for number, (friction, kpa, radius) in enumerate(OBJECTS):
+        for number in range(len(OBJECTS)):
             progress(f"27 objects, {path}, {fidelity.name}: {number + 1}")
-            obj = {
-                "object.friction": friction,
-                "object.stiffness_kpa": kpa,
-                "object.radius_mm": radius,
-            }
-            scene = load_scene(SCENE, {"path": path, **_CONTROLLER, **obj, **fidelity.changes})
+            changes = {"path": path, **_CONTROLLER, **object_changes(number), **fidelity.changes}
+            scene = load_scene(SCENE, changes)
             summary = run(scene).summary
             held += not summary["gross_slip"]
             speeds.append(summary["frames_per_second"])

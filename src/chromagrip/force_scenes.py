@@ -208,10 +208,14 @@ def random_grasp(rng: np.random.Generator, low: float, high: float) -> Grasp:
     )
 
 
+def object_changes(index: int) -> dict[str, float]:
+    """One of the 27 objects, as changes of a scene."""
+    keys = ("object.friction", "object.stiffness_kpa", "object.radius_mm")
+    return dict(zip(keys, OBJECTS[index], strict=True))
+
+
 def _object(index: int) -> ContactObject:
-    friction, kpa, radius = OBJECTS[index]
-    changes = {"object.friction": friction, "object.stiffness_kpa": kpa, "object.radius_mm": radius}
-    return load_scene("camera-100hz", changes).build_object()
+    return load_scene("camera-100hz", object_changes(index)).build_object()
 
 
 def _static(index: int) -> Grasp:
@@ -252,16 +256,7 @@ def _conservative(index: int) -> Grasp:
 
 def _controlled(index: int) -> Grasp:
     """What Safety Margin Control did with the object's true forces, played back."""
-    friction, kpa, radius = OBJECTS[index]
-    scene = load_scene(
-        "camera-100hz",
-        {
-            "path": "truth",
-            "object.friction": friction,
-            "object.stiffness_kpa": kpa,
-            "object.radius_mm": radius,
-        },
-    )
+    scene = load_scene("camera-100hz", {"path": "truth", **object_changes(index)})
     with closing(open_camera(scene)) as camera:
         said = [(s.index * scene.period, s.grip, s.load) for s in grasp(scene, camera)]
     times, grip, load = np.repeat(np.array(said).T, 2, axis=1)
