@@ -1,6 +1,7 @@
 """What is true of an image: where every marker is, what each pixel shows, how it has moved."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -180,9 +181,13 @@ def overlap_share(coefficients: Array, square: bool) -> Array:
     coefficients: of `outlines`, magenta and yellow, shape (2, M, 6, 2)
     square: whether markers are squares, else discs
     """
+    magenta, yellow = np.ascontiguousarray(coefficients[:, :, :3])
+    return np.asarray(shares_inside(magenta, yellow, square, _samples(square)))
+
+
+@lru_cache(maxsize=2)
+def _samples(square: bool) -> Array:
+    """Points of the unit square or disc, evenly, shape (K, 2)."""
     line = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * 2.0 - 1.0
     q = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    if not square:
-        q = q[(q**2).sum(axis=-1) < 1.0]
-    magenta, yellow = np.ascontiguousarray(coefficients[:, :, :3])
-    return np.asarray(shares_inside(magenta, yellow, square, q))
+    return q if square else q[(q**2).sum(axis=-1) < 1.0]

@@ -50,13 +50,17 @@ class SimulatedCamera:
         # In periods: how long before a frame's instant its light was gathered.
         self._shutter = shutter_times(defects, 1.0)
         self._before: Array | None = None
+        self._carried: tuple[Array, Membrane] | None = None
         self._still: NDArray[np.uint8] | None = None
         self._noise = noise
         self._seed = seed
 
     def membrane(self, seen: Array) -> Membrane:
         """Markers of this specimen, for node displacements relative to the rigid part (N, 2)."""
-        return self._flaws(self._map(seen))
+        # Labels and picture of a frame are of the same membrane.
+        if self._carried is None or not np.array_equal(self._carried[0], seen):
+            self._carried = seen.copy(), self._flaws(self._map(seen))
+        return self._carried[1]
 
     def expose(self, state: State, index: int) -> Frame:
         """Frame number `index` of the run, of that state.

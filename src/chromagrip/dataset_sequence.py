@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from .camera import SimulatedCamera
 from .errors import UserError
@@ -116,7 +116,7 @@ def sequence(recipe: Recipe, number: int) -> Sequence:
         values = drawn(recipe, number, attempt)
         scene = scene_of(recipe, number, values)
         try:
-            with threadpool_limits(1):
+            with _threads().limit(limits=1):
                 samples = list(grasp(scene, _camera(scene)))
         except UserError as error:
             reason = str(error)
@@ -140,7 +140,7 @@ def _shots(recipe: Recipe, made: Sequence, camera: SimulatedCamera) -> Iterator[
     unloaded = marker_truth(sensor, camera.membrane(np.zeros((tip.nodes, 2))))
     carry = harmonic_map(sensor.shape, sensor.places, tip.nodes)
     whole = _truth_map(scene.sensor, tip.nodes) if recipe.truth else None
-    with threadpool_limits(1):
+    with _threads().limit(limits=1):
         for sample in made.samples:
             seen = sample.state.deformation.seen
             membrane = camera.membrane(seen)
@@ -218,6 +218,12 @@ def _camera(scene: Scene) -> SimulatedCamera:
         scene.seed,
         scene.defects,
     )
+
+
+@lru_cache(maxsize=1)
+def _threads() -> ThreadpoolController:
+    """Libraries with threads of their own; looking for them takes as long as half a frame."""
+    return ThreadpoolController()
 
 
 @lru_cache(maxsize=1)
