@@ -17,7 +17,9 @@ class CalibrationError(ValueError):
     """A calibration file that cannot be used."""
 
 
-def save_camera(camera: Camera, path: str | Path, error: float | None = None) -> None:
+def save_camera(
+    camera: Camera, path: str | Path, error: float | None = None, **more: float
+) -> None:
     """Write a calibration file.
 
     Parameters
@@ -25,6 +27,7 @@ def save_camera(camera: Camera, path: str | Path, error: float | None = None) ->
     camera: a FisheyeCamera or PinholeCamera
     path: of the file, ending in .yml or .yaml
     error: reprojection error of the calibration, RMS [px]
+    more: numbers that stand beside it
     """
     model = next(name for name, kind in MODELS.items() if isinstance(camera, kind))
     assert isinstance(camera, FisheyeCamera | PinholeCamera)
@@ -40,6 +43,8 @@ def save_camera(camera: Camera, path: str | Path, error: float | None = None) ->
     store.write("distortion_coefficients", np.array(camera.distortion)[None])
     if error is not None:
         store.write("avg_reprojection_error", float(error))
+    for name, value in more.items():
+        store.write(name, float(value))
     store.release()
     unfinished.replace(path)
 

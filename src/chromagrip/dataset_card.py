@@ -4,13 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import msgspec
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from .dataset_folder import (
+    CARD,
     FILES,
+    SHEET,
     TABLE,
     read_json,
     sequence_name,
@@ -18,9 +19,10 @@ from .dataset_folder import (
     to_parquet,
     write_whole,
 )
-from .dataset_sequence import FRAME, MARKERS, STATES
+from .dataset_sequence import FRAME, MARKERS, NODES, STATES
 from .png import encode_png
 from .recipe import Recipe
+from .sources import read_picture
 
 #: Values of frames that are counted in bins.
 _COUNTED = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
@@ -34,14 +36,13 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     drawn = [read_json(folder / sequence_name(number) / FILES)["values"] for number in numbers]
     write_whole(folder / TABLE, to_parquet(_table(numbers, drawn)))
     columns = [*_COUNTED, "slip_state"]
-    values: dict[str, list[Any]] = {name: [] for name in columns}
+    parts: dict[str, list[Any]] = {name: [] for name in columns}
     for _, table in tables(folder, "frames", columns):
         for name in columns:
-            values[name] += table[name].to_pylist()
-    write_whole(folder / "DATASET_CARD.md", _card(recipe, drawn, values).encode())
-    sheet = _sheet(folder, numbers)
-    if sheet is not None:
-        write_whole(folder / "contact-sheet.png", encode_png(sheet))
+            parts[name].append(table[name].combine_chunks())
+    values = {name: pa.chunked_array(parts[name]) for name in columns}
+    write_whole(folder / CARD, _card(recipe, drawn, values).encode())
+    write_whole(folder / SHEET, encode_png(_sheet(folder, numbers)))
 
 
 def _table(numbers: list[int], drawn: list[dict[str, Any]]) -> pa.Table:
@@ -53,16 +54,17 @@ def _table(numbers: list[int], drawn: list[dict[str, Any]]) -> pa.Table:
     return pa.table(columns)
 
 
-def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: dict[str, list[Any]]) -> str:
-    states = values.pop("slip_state")
+def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: dict[str, pa.ChunkedArray]) -> str:
+    counted = values.pop("slip_state").value_counts().to_pylist()
+    states = {one["values"]: one["counts"] for one in counted}
     motions = [str(one.get("motion", "press")) for one in drawn]
     lines = [
         "# Dataset card",
         "",
         recipe.description,
         "",
-        f"{len(drawn)} sequences, {len(states)} frames, made by chromagrip: simulated pictures of "
-        "a fingertip with two layers of coloured markers, with what is true of them.",
+        f"{len(drawn)} sequences, {sum(states.values())} frames, made by chromagrip: simulated "
+        "pictures of a fingertip with two layers of coloured markers, with what is true of them.",
         "",
         "| motion | sequences |",
         "|---|---|",
@@ -70,7 +72,7 @@ def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: dict[str, list[An
         "",
         "| slip state | frames |",
         "|---|---|",
-        *(f"| {name} | {states.count(name)} |" for name in STATES),
+        *(f"| {name} | {states.get(name, 0)} |" for name in STATES),
         "",
     ]
     for name, column in values.items():
@@ -85,16 +87,22 @@ def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: dict[str, list[An
         "## Columns of `markers.parquet`",
         "",
         *(f"- `{name}`: {text}" for name, text in MARKERS.items()),
+        *(f"- `{name}`: {text}" for name, text in NODES.items()),
         "",
         "## What was drawn",
         "",
-        *(f"- `{key}`: {msgspec.json.encode(how).decode()}" for key, how in recipe.draw.items()),
+        *(
+            f"- `{key}`: {kind} {told}"
+            for key, how in recipe.draw.items()
+            for kind, told in how.items()
+        ),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _histogram(column: list[float]) -> list[str]:
-    there = np.array(column)[np.isfinite(column)]
+def _histogram(column: pa.ChunkedArray) -> list[str]:
+    values = column.to_numpy()
+    there = values[np.isfinite(values)]
     if not len(there):
         return ["nothing"]
     counts, edges = np.histogram(there, _BINS)
@@ -110,26 +118,15 @@ def _size(image: NDArray[Any]) -> tuple[int, int]:
     return _PICTURE, round(_PICTURE * image.shape[0] / image.shape[1])
 
 
-def _sheet(folder: Path, numbers: list[int]) -> NDArray[np.uint8] | None:
+def _sheet(folder: Path, numbers: list[int]) -> NDArray[np.uint8]:
     """Last pictures of some sequences, side by side."""
-    chosen = (
-        [numbers[k] for k in np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)]
-        if numbers
-        else []
-    )
+    chosen = np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)
     small: list[NDArray[np.uint8]] = []
-    for number in dict.fromkeys(chosen):
-        last = max((folder / sequence_name(number)).glob("frame-*.png"))
-        image = cv2.imread(str(last))
-        if image is None:
-            continue
+    for at in dict.fromkeys(chosen):
+        image = read_picture(max((folder / sequence_name(numbers[at])).glob("frame-*.png")))
         # Of other sensors, too, in the first one's shape.
         size = small[0].shape[1::-1] if small else _size(image)
-        small.append(
-            np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA)[..., ::-1], np.uint8)
-        )
-    if not small:
-        return None
+        small.append(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8))
     blank = np.full_like(small[0], 255)
     rows = [small[k : k + _ACROSS] for k in range(0, len(small), _ACROSS)]
     return np.vstack(

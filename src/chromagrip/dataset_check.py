@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from .dataset_folder import (
     FILES,
-    RECIPE,
     DatasetError,
     file_digest,
     open_recipe,
@@ -19,10 +18,12 @@ from .dataset_folder import (
     read_manifest,
     sequence_name,
 )
-from .dataset_sequence import FRAME, STATES
+from .dataset_sequence import FRAME, NODES, STATES
 from .errors import SceneError
+from .model.chain import chain, contact
+from .model.contact import contact_frames
 from .render import View
-from .scene import load_scene
+from .scene import Scene, load_scene
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 _SHARE, _LEAST, _MARGIN, _PIXEL = 1e-4, 1e-5, 1e-6, 0.002
 #: By how much Γ may be below 0, where all slips.
 _OVER = 1e-3
+#: What forces may be out of balance by, as a share of the largest grip or load.
+_BALANCE = 0.05
 #: Perspective moves the middle of an outline by at most so much [px].
 _PERSPECTIVE = 1.0
 
@@ -43,14 +46,20 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
         With the first sample that is not right, and what is wrong with it.
     """
     manifest, recipe = read_manifest(folder), open_recipe(folder)
-    if file_digest(folder / RECIPE) != manifest["recipe"]:
-        raise DatasetError(f"{folder / RECIPE} is not the recipe that it was made from")
+    for name, digest in manifest["files"].items():
+        if not (folder / name).is_file():
+            raise DatasetError(f"{folder / name} is missing")
+        if file_digest(folder / name) != digest:
+            raise DatasetError(f"{folder / name} has changed")
     names = manifest["sequences"]
     for done, (name, digest) in enumerate(names.items()):
         if not (folder / name).is_dir():
             raise DatasetError(f"{folder / name} is missing")
         _check_files(folder / name, digest)
-        number = read_json(folder / name / FILES)["number"]
+        told = read_json(folder / name / FILES)
+        number = told["number"]
+        if told["versions"] != manifest["versions"]:
+            raise DatasetError(f"{folder / name} was made with other versions than the rest")
         if sequence_name(number) != name or number >= recipe.sequences:
             raise DatasetError(f"{folder / name} is not sequence {number} of its recipe")
         for wrong in _wrong(folder / name):
@@ -101,6 +110,43 @@ def _wrong(folder: Path) -> Iterator[str]:
             *_wrong_picture(view, folder / f"frame-{index:03d}.png"),
         ):
             yield f"frame {index}: {wrong}"
+    yield from _unbalanced(scene, frames, markers)
+
+
+def _unbalanced(scene: Scene, frames: dict[str, list[Any]], markers: Any) -> Iterator[str]:
+    """Fingertip and object, on which grip, load, contact and dampers to ground act: no mass moves.
+
+    What a damper holds is known from frame to frame only, so that each interval's impulses are
+    compared. Forces on the object are turned into x and z by its own shape.
+    """
+    tip = scene.build_fingertip()
+    ch, rest = chain(tip), tip.rest_positions()
+    at, on = np.empty((2, scene.frames, 2))
+    column = {name: _stacked(markers[name]) for name in NODES}
+    rigid, moved = 1e-3 * np.array(frames["rigid_part_mm"]), 1e-3 * np.array(frames["object_mm"])
+    for k, time in enumerate(frames["time_s"]):
+        obj = scene.build_object(time)
+        seen = 1e-3 * np.column_stack([column["node_x_mm"][k], column["node_z_mm"][k]])
+        ground = seen + np.array([0.0, rigid[k]])
+        _, normal = contact_frames(contact(tip, obj), ground, moved[k])
+        tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+        force = column["node_normal_n"][k] @ normal + column["node_friction_n"][k] @ tangent
+        on[k] = frames["load_n"][k] - force[0], frames["grip_n"][k] + force[1]
+        # The outer nodes are held by the rigid part.
+        inner = ch.damping[1:-1] @ (ground - rest)[1:-1, 1]
+        at[k] = obj.drag * moved[k], inner + ch.damping_rigid * rigid[k]
+    off = abs(np.diff(at, axis=0) / scene.period - (on[1:] + on[:-1]) / 2)
+    # The mean of both ends is off by a twelfth of the second difference.
+    bend = np.pad(abs(np.diff(on, 2, axis=0)), ((1, 1), (0, 0)), mode="edge")
+    off -= np.maximum(bend[1:], bend[:-1]) / 12.0
+    off -= _BALANCE * max(*frames["grip_n"], *np.abs(frames["load_n"]))
+    # From rest to the first frame the fingertip touches down, which two instants do not tell.
+    for k, axis in np.argwhere(off[1:] > 0.0):
+        yield f"frame {k + 2}: forces along {'xz'[axis]} do not balance since the frame before"
+
+
+def _stacked(column: Any) -> Array:
+    return np.array([_numbers(column, k) for k in range(len(column))], dtype=float)
 
 
 def _numbers(column: Any, index: int) -> NDArray[Any]:
@@ -120,12 +166,13 @@ def _wrong_values(row: dict[str, Any], own: dict[str, NDArray[Any]]) -> Iterator
     if (abs(friction) > mu * normal + slack).any():
         yield "friction on a node is more than µ times its normal force"
     slack *= max(len(normal), 1) ** 0.5
-    for name, total in (("normal_n", normal.sum()), ("friction_n", abs(friction.sum()))):
+    touching = own["node_contact"].astype(bool)
+    sums = normal[touching].sum(), abs(friction[touching].sum())
+    for name, total in zip(("normal_n", "friction_n"), sums, strict=True):
         if abs(row[name] - total) > slack:
             yield f"{name} is {row[name]:.6g}, the nodes' sum {total:.6g}"
-    carrying = int((normal > 0.0).sum())
-    if row["contact_nodes"] != carrying:
-        yield f"contact_nodes is {row['contact_nodes']}, {carrying} nodes carry something"
+    if row["contact_nodes"] != touching.sum():
+        yield f"contact_nodes is {row['contact_nodes']}, {touching.sum()} nodes are in contact"
     held = row["mu"] * row["normal_n"]
     margin = 1.0 - row["friction_n"] / held if row["contact_nodes"] else np.nan
     if not np.isclose(row["margin"], margin, atol=_MARGIN, equal_nan=True):

@@ -4,8 +4,9 @@
     manifest.json        versions, sequences and the checksum of each; written last
     sequences.parquet    what was drawn for each sequence
     DATASET_CARD.md, contact-sheet.png
-    sequence-000000/     scene.toml, rest.png, frame-000.png …, frames.parquet, markers.parquet,
-                         truth-000.npz … where the recipe asks for more, files.json (checksums)
+    sequence-000000/     scene.toml, camera.yml, rest.png, frame-000.png …, frames.parquet,
+                         markers.parquet, truth-000.npz … where the recipe asks for more,
+                         files.json (versions, checksums)
 
 A folder has its name once all is in it. No file holds a time or a host: the same recipe and
 versions give the same bytes.
@@ -17,31 +18,32 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from .dataset_sequence import FRAME, MARKERS, Shot, sequence, shots
+from .dataset_sequence import FRAME, MARKERS, NODES, Shot, sequence, shots
 from .errors import FolderError, UserError
 from .png import encode_png
 from .recipe import Recipe, RecipeError, dump_recipe, load_recipe
+from .render import save_camera
 from .run_folder import versions
 from .scene import Scene, dump_scene, load_scene
 from .sources import read_picture
 
 FORMAT = "chromagrip dataset 1"
-RECIPE, MANIFEST, TABLE = "recipe.toml", "manifest.json", "sequences.parquet"
-FILES = "files.json"
-#: Columns of the nodes of a frame, in the table of its markers.
-NODES = {
-    "node_normal_n": "normal force on each node in contact (N)",
-    "node_friction_n": "friction on each node in contact, along the object's tangent (N)",
-    "node_mu": "µ of each node (N)",
-}
+RECIPE, MANIFEST, FILES = "recipe.toml", "manifest.json", "files.json"
+#: Camera of a sequence, in OpenCV's format; beside it its place on the sensor's axis, and the port
+#: that it looks through.
+CAMERA = "camera.yml"
+#: What sums a dataset up.
+TABLE, CARD, SHEET = "sequences.parquet", "DATASET_CARD.md", "contact-sheet.png"
 _PART = ".part-"
 
 
@@ -92,6 +94,12 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
         digests[name] = hashlib.sha256(data).hexdigest()
 
     keep("scene.toml", dump_scene(made.scene).encode())
+    view = made.scene.build_sensor().view
+    save_camera(
+        view.camera, part / CAMERA, position_mm=1e3 * view.position, port_mm=1e3 * view.port,
+        port_is_flat=view.flat, refractive_index=view.index,
+    )  # fmt: skip
+    digests[CAMERA] = file_digest(part / CAMERA)
     keep("rest.png", encode_png(rest))
     rows: list[Shot] = []
     for shot in frames:
@@ -108,6 +116,7 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
         keep(f"{name}.parquet", to_parquet(table))
     values = {
         "number": number,
+        "versions": made_with(),
         "values": _plain(made.values),
         "files": dict(sorted(digests.items())),
     }
@@ -134,8 +143,8 @@ def marker_table(rows: list[Shot]) -> pa.Table:
     }
     for name in MARKERS:
         columns[name] = _lists([row.markers[name] for row in rows])
-    for k, name in enumerate(NODES):
-        columns[name] = _lists([row.nodes[k] for row in rows])
+    for name in NODES:
+        columns[name] = _lists([row.nodes[name] for row in rows])
     return _with_meaning(pa.table(columns), {"frame": FRAME["frame"], **MARKERS, **NODES})
 
 
@@ -204,13 +213,18 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
+def made_with() -> dict[str, str]:
+    """Versions that decide a dataset's bytes."""
+    return versions() | {name: version(name) for name in ("isal", "pyarrow")}
+
+
 def write_manifest(folder: Path, numbers: Iterable[int]) -> dict[str, Any]:
     """Write what says that a dataset is whole, with checksums of its sequences' lists of files."""
     names = [sequence_name(number) for number in numbers]
     manifest = {
         "format": FORMAT,
-        "versions": versions(),
-        "recipe": file_digest(folder / RECIPE),
+        "versions": made_with(),
+        "files": {name: file_digest(folder / name) for name in (RECIPE, TABLE, CARD, SHEET)},
         "sequences": {name: file_digest(folder / name / FILES) for name in names},
     }
     text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
@@ -273,19 +287,34 @@ def open_recipe(folder: Path) -> Recipe:
 
 
 def keep_recipe(recipe: Recipe, folder: Path) -> None:
-    """Write the recipe into a new folder.
+    """Write the recipe into a folder: a new one, or one that is gone on with.
 
     Raises
     ------
     DatasetError
-        When the folder holds a dataset of another recipe.
+        When the folder holds a dataset of another recipe, of more sequences or of other versions.
     """
-    path, text = folder / RECIPE, dump_recipe(recipe)
+    path = folder / RECIPE
     if path.exists():
-        if path.read_text(encoding="utf-8") != text:
+        before = open_recipe(folder)
+        if replace(before, sequences=recipe.sequences) != recipe:
             raise DatasetError(f"{folder} holds a dataset of another recipe, see its {RECIPE}")
-        return
-    write_whole(path, text.encode())
+        if before.sequences > recipe.sequences:
+            raise DatasetError(
+                f"{folder} is to have {before.sequences} sequences; it can get more, not fewer"
+            )
+        for number in numbers_in(folder)[:1]:
+            told = read_json(folder / sequence_name(number) / FILES)["versions"]
+            if told != made_with():
+                raise DatasetError(f"{folder} was begun with other versions: {_changes(told)}")
+    (folder / MANIFEST).unlink(missing_ok=True)
+    write_whole(path, dump_recipe(recipe).encode())
+
+
+def _changes(told: dict[str, str]) -> str:
+    now = made_with()
+    names = [name for name in {**told, **now} if told.get(name) != now.get(name)]
+    return ", ".join(f"{name} {told.get(name, '–')}, now {now.get(name, '–')}" for name in names)
 
 
 def tables(folder: Path, name: str, columns: list[str] | None = None) -> Iterator[tuple[int, Any]]:

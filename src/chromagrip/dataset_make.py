@@ -2,6 +2,7 @@
 
 import socket
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,7 +10,6 @@ import msgspec
 
 from .dataset_card import write_card
 from .dataset_folder import (
-    MANIFEST,
     RECIPE,
     DatasetError,
     clean,
@@ -26,6 +26,9 @@ from .out_folder import prepare
 from .recipe import Recipe
 
 Backend = Literal["joblib", "dask", "ray"]
+#: Sequences that a cluster is told of at a time: enough for many workers, and no more memory.
+_WAITING = 2000
+_GO_ON = "what is done is kept, go on with --resume"
 #: Told how many sequences are done, and of how many.
 Progress = Callable[[int, int], None]
 
@@ -53,7 +56,7 @@ def make(
     shard: (i, K), from 1: this run makes every K-th sequence from the i-th on
     backend: who hands out the work; dask and ray are extras
     address: of a running cluster
-    resume: go on where it was
+    resume: go on where it was; the recipe may ask for more sequences than before
     progress: told how many are done
 
     Raises
@@ -62,19 +65,20 @@ def make(
         For a folder of another recipe, a sequence that cannot be made, or a cluster that is not
         there.
     """
+    first, step = shard
+    wanted = range(first - 1, recipe.sequences, step)
+    if not wanted:
+        raise UserError(f"shard {first}/{step} of {recipe.sequences} sequences has none")
     if resume and (out / RECIPE).exists():
         keep_recipe(recipe, out)
         clean(out)
     else:
         prepare(out, force=False)
         keep_recipe(recipe, out)
-    first, step = shard
-    wanted = range(first - 1, recipe.sequences, step)
     there = set(numbers_in(out))
     todo = [number for number in wanted if number not in there]
     done = len(wanted) - len(todo)
     progress(done, len(wanted))
-    (out / MANIFEST).unlink(missing_ok=True)
     for _ in _results(recipe, todo, out, workers, backend, address):
         done += 1
         progress(done, len(wanted))
@@ -150,12 +154,16 @@ def _make(job: tuple[bytes, str], number: int) -> int:
 
 def _joblib(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
     from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     if workers == 1:
         yield from (_make(job, number) for number in todo)
         return
     parallel = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    yield from parallel(delayed(_make)(job, number) for number in todo)
+    try:
+        yield from parallel(delayed(_make)(job, number) for number in todo)
+    except TerminatedWorkerError:
+        raise UserError(f"a worker was killed (out of memory?); {_GO_ON}") from None
 
 
 def _knock(address: str) -> None:
@@ -166,7 +174,7 @@ def _knock(address: str) -> None:
 
 def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
     try:
-        from distributed import Client, LocalCluster, as_completed
+        from distributed import Client, KilledWorker, LocalCluster, as_completed
     except ImportError:
         raise UserError(
             "the backend dask needs the extra: pip install 'chromagrip[dask]'"
@@ -183,9 +191,17 @@ def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -
         raise UserError(f"there is no Dask cluster at {address}: {error}") from None
     with client:
         # A worker that dies takes nothing along: its sequences are made by the others.
-        futures = [client.submit(_make, job, number, pure=False, retries=3) for number in todo]
-        for future in as_completed(futures):
-            yield future.result()
+        def submit(number: int) -> Any:
+            return client.submit(_make, job, number, pure=False, retries=3)
+
+        left = iter(todo)
+        waiting = as_completed([submit(number) for number in islice(left, _WAITING)])
+        try:
+            for future in waiting:
+                yield future.result()
+                waiting.update([submit(number) for number in islice(left, 1)])
+        except KilledWorker as error:
+            raise UserError(f"{error.task} killed several workers in turn; {_GO_ON}") from None
     if not address:
         client.cluster.close()
 
@@ -206,9 +222,11 @@ def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) ->
         raise UserError(f"there is no Ray cluster at {address}: {error}") from None
     try:
         remote = ray.remote(max_retries=3)(_make)
-        waiting = [remote.remote(job, number) for number in todo]
+        left = iter(todo)
+        waiting = [remote.remote(job, number) for number in islice(left, _WAITING)]
         while waiting:
             ready, waiting = ray.wait(waiting)
             yield from ray.get(ready)
+            waiting += [remote.remote(job, number) for number in islice(left, len(ready))]
     finally:
         ray.shutdown()

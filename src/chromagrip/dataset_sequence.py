@@ -13,7 +13,7 @@ from threadpoolctl import ThreadpoolController
 from .camera import SimulatedCamera
 from .errors import UserError
 from .loop import Sample, grasp
-from .model import GROSS_SLIP, node_friction, rest_state
+from .model import GROSS_SLIP, ForceField, node_friction, rest_state
 from .recipe import Recipe, RecipeError, drawn, scene_of
 from .render import Renderer, load_sensor, open_renderer
 from .render.harmonics import harmonic_map
@@ -57,14 +57,14 @@ class Shot:
     image: what the camera saw
     values: of the frame, by column of FRAME
     markers: by column of MARKERS, the first layer's before the second's, shape (2M,) or (M,)
-    nodes: normal force and friction on each node [N], and µ of each, shape (3, N)
+    nodes: of the chain, by column of NODES, shape (N,)
     truth: what else was asked for, by name
     """
 
     image: Image
     values: dict[str, float | int | str]
     markers: dict[str, NDArray[Any]]
-    nodes: Array
+    nodes: dict[str, NDArray[Any]]
     truth: dict[str, NDArray[Any]]
 
 
@@ -101,6 +101,15 @@ MARKERS = {
     "moved_z_mm": "the same (2M)",
     "normal_n": "normal force at the marker's place, of a node's pitch of the chain (2M)",
     "friction_n": "friction there (2M)",
+}
+#: Columns of the nodes of the chain in a frame; lists of N.
+NODES = {
+    "node_x_mm": "place of each node in the sensor frame (N)",
+    "node_z_mm": "the same (N)",
+    "node_contact": "node counts as in contact: of these forces are the sums (N)",
+    "node_normal_n": "normal force on each node (N)",
+    "node_friction_n": "friction on each node, along the object's tangent (N)",
+    "node_mu": "µ of the object at each node (N)",
 }
 
 
@@ -147,13 +156,14 @@ def _shots(recipe: Recipe, made: Sequence, camera: SimulatedCamera) -> Iterator[
             truth = marker_truth(sensor, membrane)
             obj = scene.build_object(sample.state.time)
             friction = node_friction(tip, obj, sample.state)
-            on = np.where(sample.field.contact, [sample.field.normal, sample.field.friction], 0.0)
+            field = sample.field
+            on = np.where(field.contact, [field.normal, field.friction], 0.0)
             everywhere = None if whole is None else whole(membrane, seen)
             yield Shot(
                 image=camera.expose(sample.state, sample.index).image,
                 values=_values(sample, on, friction),
                 markers=_markers(truth, unloaded, [_at_markers(carry, force) for force in on]),
-                nodes=np.stack([*on, friction]),
+                nodes=_nodes(field, friction),
                 truth={name: getattr(everywhere, name) for name in recipe.truth},
             )
 
@@ -183,6 +193,12 @@ def _values(sample: Sample, on: Array, friction: Array) -> dict[str, float | int
         int(contact.sum()),
     )
     return dict(zip(FRAME, values, strict=True))
+
+
+def _nodes(field: ForceField, friction: Array) -> dict[str, NDArray[Any]]:
+    places = 1e3 * field.position.T
+    columns = (*places, field.contact, field.normal, field.friction, friction)
+    return dict(zip(NODES, columns, strict=True))
 
 
 def _markers(

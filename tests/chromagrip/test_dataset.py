@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -20,7 +22,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 
-from chromagrip import UserError
+from chromagrip import UserError, dataset_folder
 from chromagrip.cli import main
 from chromagrip.dataset_check import check
 from chromagrip.dataset_folder import (
@@ -162,8 +164,24 @@ def test_labels_are_those_of_the_run(made: Path) -> None:
     assert last.values["friction_n"] == pytest.approx(last.values["load_n"], rel=0.05)
     share = run.values["share"]
     assert last.values["margin"] == pytest.approx(1.0 - share, abs=0.05)
-    normal, friction, mu = last.nodes
+    normal, friction, mu = (last.nodes[f"node_{name}"] for name in ("normal_n", "friction_n", "mu"))
     assert (abs(friction) <= mu * normal + 1e-9).all()
+
+
+def test_labels_are_what_opencv_projects(made: Path) -> None:
+    """The thesis' camera sits in the centre of the port, which bends no ray."""
+    one = next(iter(load_sequences(made)))
+    store = cv2.FileStorage(str(one.rest.with_name("camera.yml")), cv2.FILE_STORAGE_READ)
+    matrix, bent = (
+        store.getNode(f"{k}").mat() for k in ("camera_matrix", "distortion_coefficients")
+    )
+    centres = np.stack([one.markers[f"centre_{axis}_mm"] for axis in "xyz"], axis=-1)[5]
+    centres[:, 2] -= store.getNode("position_mm").real()
+    none = np.zeros(3)
+    pixels, _ = cv2.fisheye.projectPoints(centres[:, None].astype(float), none, none, matrix, bent)
+    told = np.stack([one.markers["projected_x_px"][5], one.markers["projected_y_px"][5]], axis=-1)
+    seen = one.markers["visible"][5].astype(bool)
+    np.testing.assert_allclose(pixels[seen, 0], told[seen], atol=1e-3)
 
 
 def test_a_slip_goes_through_all_states() -> None:
@@ -217,6 +235,9 @@ def resealed(folder: Path, name: str) -> None:
         ("frames", "normal_n", "frame 4: normal_n is"),
         ("frames", "margin", "frame 4: margin is"),
         ("markers", "node_friction_n", "more than µ times its normal force"),
+        ("markers", "node_z_mm", "frame 4: forces along z do not balance"),
+        ("frames", "grip_n", "frame 4: forces along z do not balance"),
+        ("frames", "load_n", "frame 4: forces along x do not balance"),
         ("markers", "x_px", "x_px, y_px are"),
         ("markers", "centre_z_mm", "beside a centre's projection"),
     ],
@@ -414,3 +435,71 @@ def test_words_and_infinity_are_drawn_as_well_as_numbers(tmp_path: Path) -> None
     assert [(row["renderer"], row["camera.rest_frames"]) for row in rows] == [("painter", 4)] * 2
     radii = {row["object.radius_mm"] for row in rows}
     assert radii <= {float("inf"), 20.0, 8.0}
+
+
+def test_a_dataset_can_get_more_sequences_but_not_fewer(made: Path, tmp_path: Path) -> None:
+    make(replace(TINY, sequences=1), tmp_path / "grown")
+    make(TINY, tmp_path / "grown", resume=True)
+    assert bytes_of(tmp_path / "grown") == bytes_of(made)
+    with pytest.raises(UserError, match="is to have 3 sequences; it can get more, not fewer"):
+        make(replace(TINY, sequences=2), tmp_path / "grown", resume=True)
+    assert check(tmp_path / "grown") == 3
+
+
+def test_what_other_versions_made_is_not_gone_on_with(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(made, tmp_path / "older")
+    monkeypatch.setattr(dataset_folder, "versions", lambda: {"numpy": "9.9"})
+    with pytest.raises(UserError, match=r"begun with other versions: .*numpy .*, now 9.9"):
+        make(TINY, folder, resume=True)
+    monkeypatch.undo()
+    assert check(folder) == 3
+
+
+def test_a_worker_that_is_killed_is_said(tmp_path: Path) -> None:
+    def kill(done: int, total: int) -> None:
+        if done == 1:
+            for child in psutil.Process().children(recursive=True):
+                if "LokyProcess" in " ".join(child.cmdline()):
+                    child.kill()
+
+    many = replace(TINY, sequences=40)
+    with pytest.raises(UserError, match=r"a worker was killed .* go on with --resume"):
+        make(many, tmp_path / "lost", workers=2, progress=kill)
+    with pytest.raises(DatasetError, match="is not whole: go on with --resume"):
+        check(tmp_path / "lost")
+
+
+def test_an_empty_shard_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="shard 4/5 of 3 sequences has none"):
+        make(TINY, tmp_path / "none", shard=(4, 5))
+    assert not (tmp_path / "none").exists()
+
+
+def mount(*options: str, at: Path) -> bool:
+    """Whether a disk in memory could be mounted there."""
+    done = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", ",".join(options), "tmpfs", str(at)],
+        capture_output=True, check=False,
+    )  # fmt: skip
+    return done.returncode == 0
+
+
+@pytest.mark.skipif(not shutil.which("mount"), reason="there is no mount")
+def test_a_disk_that_is_full_can_be_given_more_room(made: Path, tmp_path: Path) -> None:
+    room = sum(file.stat().st_size for file in (made / sequence_name(0)).iterdir())
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if not mount(f"size={int(1.6 * room)}", at=disk):
+        pytest.skip("nothing may be mounted here")
+    try:
+        with pytest.raises(UserError, match="cannot be written: No space left on device"):
+            make(TINY, disk / "data")
+        there = sorted(path.name for path in (disk / "data").iterdir())
+        assert there == ["recipe.toml", sequence_name(0)]
+        assert mount("remount", f"size={10 * room}", at=disk)
+        make(TINY, disk / "data", resume=True)
+        assert bytes_of(disk / "data") == bytes_of(made)
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
