@@ -85,8 +85,11 @@ def steps(
     if not (dt > 0.0 and np.isfinite(dt) and np.isfinite(forces).all()):
         raise ValueError(f"a step needs dt > 0 and finite forces, got {dt=}, {forces=}")
     ch, ct = chain(fingertip), contact(fingertip, obj)
-    constant = [Drive.constant(*goal) for goal in forces.tolist()]
-    return _march(ch, ct, state, forces, (False, False), constant.__getitem__, dt, 1, IMPLICIT)
+
+    def constant(done: int) -> Drive:
+        return Drive.constant(*forces[done].tolist())
+
+    return _march(ch, ct, state, forces, (False, False), constant, dt, 1, IMPLICIT)
 
 
 _local = threading.local()

@@ -11,9 +11,9 @@ from .sensor import SensorDesign
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Membrane:
-    """Markers in the sensor frame, layer 0 magenta, layer 1 yellow.
+    """Markers in the sensor frame, layer 0 magenta, layer 1 yellow; equal to itself alone.
 
     Attributes
     ----------

@@ -4,6 +4,8 @@ p(q) = c + A·q + b₁₁q₁² + b₁₂q₁q₂ + b₂₂q₂². The linear pa
 second order is perspective, which moves the centroid of a tilted marker off its projected centre.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,9 +29,15 @@ _TERMS = np.column_stack(
 _FIT = np.linalg.pinv(_TERMS)
 
 
+@lru_cache(maxsize=1)
 def outlines(membrane: Membrane, view: View) -> Array:
-    """Coefficients (c, a₁, a₂, b₁₁, b₁₂, b₂₂) of every marker [px], shape (2, M, 6, 2)."""
-    return _FIT @ view.project(outline_points(membrane, PROBES))
+    """Coefficients (c, a₁, a₂, b₁₁, b₁₂, b₂₂) of every marker [px], shape (2, M, 6, 2).
+
+    Those of the last membrane are kept, read-only: picture and labels are of the same.
+    """
+    found = _FIT @ view.project(outline_points(membrane, PROBES))
+    found.flags.writeable = False
+    return found
 
 
 def outline_points(membrane: Membrane, q: Array) -> Array:

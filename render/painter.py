@@ -52,10 +52,9 @@ class Painter:
 
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
-        coefficients = outlines(membrane, self._view)
+        coefficients = outlines(membrane, self._view) * (1.0 / GRID)
         if coefficients.shape[1] != self._boxes.shape[1]:
             self._forget(coefficients.shape[1])
-        coefficients *= 1.0 / GRID
         np.rint(coefficients, out=coefficients)
         coefficients *= GRID
         self._numbers[1], self._boxes[1] = self._numbers[0], self._boxes[0]

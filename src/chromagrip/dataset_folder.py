@@ -18,6 +18,7 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -213,6 +214,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
+@lru_cache(maxsize=1)
 def made_with() -> dict[str, str]:
     """Versions that decide a dataset's bytes."""
     return versions() | {name: version(name) for name in ("isal", "pyarrow")}

@@ -450,7 +450,7 @@ def test_what_other_versions_made_is_not_gone_on_with(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = copied(made, tmp_path / "older")
-    monkeypatch.setattr(dataset_folder, "versions", lambda: {"numpy": "9.9"})
+    monkeypatch.setattr(dataset_folder, "made_with", lambda: {"numpy": "9.9"})
     with pytest.raises(UserError, match=r"begun with other versions: .*numpy .*, now 9.9"):
         make(TINY, folder, resume=True)
     monkeypatch.undo()
