@@ -22,7 +22,7 @@ from .render import LAYERS
 #: Told after each sequence.
 Progress = Callable[[int], None]
 #: Sequences of a pickle, and frames of a tar file.
-_PICKLED, _TARRED = 20, 1000
+_PICKLED, _TARRED = 10, 1000
 
 
 def export(
@@ -70,7 +70,8 @@ def _write_tapvid(folder: Path, out: Path, progress: Progress) -> None:
     def flush() -> None:
         if batch:
             name = f"tapvid-{next(numbers):05d}.pkl"
-            (out / name).write_bytes(pickle.dumps(batch, protocol=4))
+            with (out / name).open("wb") as file:
+                pickle.dump(batch, file, protocol=4)
             batch.clear()
 
     for done, one in enumerate(load_sequences(folder)):
@@ -95,29 +96,32 @@ def _write_coco(folder: Path, out: Path, progress: Progress) -> None:
     """COCO keypoints: `annotations.json`, one fingertip a picture, and `images`."""
     (out / "images").mkdir()
     images: list[dict[str, Any]] = []
-    annotations: list[dict[str, Any]] = []
     names: list[str] = []
-    for done, one in enumerate(load_sequences(folder)):
-        view = one.scene.build_sensor().view
-        names = [f"{layer}-{m:03d}" for layer in LAYERS for m in range(one.places.shape[2])]
-        for t, picture in enumerate(one.pictures):
-            file = f"sequence-{one.number:06d}-{picture.name}"
-            link(picture, out / "images" / file)
-            number = len(images) + 1
-            images.append(
-                {"id": number, "file_name": file, "width": view.width, "height": view.height}
-            )
-            annotations.append(_annotation(one, t, number))
-        progress(done + 1)
-    category = {
-        "id": 1,
-        "name": "fingertip",
-        "supercategory": "sensor",
-        "keypoints": names,
-        "skeleton": [],
-    }
-    text = json.dumps({"images": images, "annotations": annotations, "categories": [category]})
-    (out / "annotations.json").write_text(text, encoding="utf-8")
+    # Written one by one: eight hundred keypoints a picture do not fit in memory for long.
+    with (out / "annotations.json").open("w", encoding="utf-8") as file:
+        file.write('{"annotations": [')
+        for done, one in enumerate(load_sequences(folder)):
+            view = one.scene.build_sensor().view
+            names = [f"{layer}-{m:03d}" for layer in LAYERS for m in range(one.places.shape[2])]
+            for t, picture in enumerate(one.pictures):
+                name = f"sequence-{one.number:06d}-{picture.name}"
+                link(picture, out / "images" / name)
+                number = len(images) + 1
+                images.append(
+                    {"id": number, "file_name": name, "width": view.width, "height": view.height}
+                )
+                file.write(",\n" if t or done else "\n")
+                file.write(json.dumps(_annotation(one, t, number)))
+            progress(done + 1)
+        category = {
+            "id": 1,
+            "name": "fingertip",
+            "supercategory": "sensor",
+            "keypoints": names,
+            "skeleton": [],
+        }
+        rest = json.dumps({"images": images, "categories": [category]})
+        file.write(f"],\n{rest[1:]}")
 
 
 def _annotation(one: Loaded, t: int, number: int) -> dict[str, Any]:
