@@ -217,7 +217,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 @lru_cache(maxsize=1)
 def made_with() -> dict[str, str]:
     """Versions that decide a dataset's bytes."""
-    return versions() | {name: version(name) for name in ("isal", "pyarrow")}
+    return versions() | {name: version(name) for name in ("pyarrow",)}
 
 
 def write_manifest(folder: Path, numbers: Iterable[int]) -> dict[str, Any]:

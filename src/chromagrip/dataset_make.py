@@ -214,7 +214,8 @@ def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) ->
     quiet = {"log_to_driver": False, "logging_level": "error"}
     try:
         if address:
-            _knock(address)
+            if address != "auto":  # the one that runs on this machine
+                _knock(address)
             ray.init(address=address, **quiet)
         else:
             ray.init(num_cpus=workers, include_dashboard=False, **quiet)
@@ -228,5 +229,10 @@ def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) ->
             ready, waiting = ray.wait(waiting)
             yield from ray.get(ready)
             waiting += [remote.remote(job, number) for number in islice(left, len(ready))]
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from None
+    except ray.exceptions.RayError as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(f"the Ray cluster failed: {reason} ({_GO_ON})") from None
     finally:
         ray.shutdown()

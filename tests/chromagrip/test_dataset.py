@@ -17,9 +17,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import tomli_w
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
 
 from chromagrip import UserError, dataset_folder
@@ -36,7 +33,6 @@ from chromagrip.dataset_folder import (
 from chromagrip.dataset_make import Backend, make, merge
 from chromagrip.dataset_sequence import sequence, shots
 from chromagrip.dataset_split import split
-from chromagrip.png import encode_png
 from chromagrip.recipe import Recipe, RecipeError, drawn, load_recipe, recipe_names, scene_of
 
 TINY = load_recipe("tiny")
@@ -70,12 +66,6 @@ def copied(made: Path, to: Path) -> Path:
             target.parent.mkdir(exist_ok=True)
             target.write_bytes(file.read_bytes())
     return to
-
-
-@given(arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))))
-def test_a_picture_comes_back_as_it_was(image: np.ndarray) -> None:
-    back = cv2.imdecode(np.frombuffer(encode_png(image), np.uint8), cv2.IMREAD_COLOR_RGB)
-    np.testing.assert_array_equal(back, image)
 
 
 def test_a_whole_dataset_is_checked_and_has_no_clock_in_it(made: Path) -> None:
