@@ -44,6 +44,10 @@ def dataset_make(
     *,
     out: Annotated[Path, option("folder, new or empty", "DIR")],
     n: Annotated[int | None, option("sequences, instead of the recipe's", "N", "n")] = None,
+    truth: Annotated[
+        tuple[Literal["flow", "depth", "masks"], ...],
+        option("kept of every pixel, beside what the recipe keeps", "flow|depth|masks..."),
+    ] = (),
     workers: Annotated[int, option("processes", "N")] = os.cpu_count() or 1,
     shard: Annotated[
         str, option("every K-th sequence from the i-th on, such as 2/8", "i/K")
@@ -67,6 +71,7 @@ def dataset_make(
         if not 1 <= n <= 10_000_000:
             raise UserError(f"--n {n}: expected 1 to 10000000")
         told = replace(told, sequences=n)
+    told = replace(told, truth=tuple(dict.fromkeys((*told.truth, *truth))))
     if workers < 1:
         raise UserError(f"--workers {workers}: expected 1 or more")
     with Progress(
