@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> N
     tasks: list[str] = []
     film: VideoFile | None = None
     rate, shape, start = 0, (0, 0, 3), 0
-    try:
+    with ExitStack() as files:
         for one in load_sequences(folder):
             own = one.scene.camera.rate_hz
             rate = rate or round(own)
@@ -53,7 +54,7 @@ def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> N
                     "number for all"
                 )
             if film is None:
-                film = VideoFile(video, rate, _QUALITY, {"g": _KEYFRAMES})
+                film = files.enter_context(VideoFile(video, rate, _QUALITY, {"g": _KEYFRAMES}))
             task = str(one.values.get("motion", "press"))
             tasks += [] if task in tasks else [task]
             length = len(one.pictures)
@@ -70,9 +71,6 @@ def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> N
             episodes.append(_episode(len(episodes), start, length, rate, task, stats))
             start += length
             progress(len(episodes))
-    finally:
-        if film is not None:
-            film.__exit__(None, None, None)
     _write_tables(out, parts, episodes, tasks)
     _write_meta(out, parts, episodes, tasks, rate, shape)
 
