@@ -92,6 +92,7 @@ def train(
 
 def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     sensor, tip = calibration.sensor, calibration.fingertip
+    response = _response(sensor, tip)  # first, for what it refuses
     camera = SimulatedCamera(sensor, open_renderer("painter", sensor), tip.nodes, noise, seed=0)
     tracker = MarkerTracker(Palette.of_sensor(sensor), noise)
     state = rest_state(tip)
@@ -105,14 +106,17 @@ def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     apart[:, ~tracks.visible.all(axis=0)] = np.inf
     variance = np.diagonal(tracks.covariance[apart.argmin(axis=1)], axis1=1, axis2=2)
     seen = snapshots(tip, range(BASIS))
-    shifts = np.array(list(_shifts(sensor, tip, seen)))
+    shifts = np.array(list(_shifts(response, seen)))
     return make_basis(seen, shifts, np.sqrt(variance + np.square(floor)).ravel())
 
 
-def _shifts(sensor: SensorDesign, tip: Fingertip, seen: Snapshots) -> Iterator[Array]:
+def _response(sensor: SensorDesign, tip: Fingertip) -> MarkerResponse:
+    return MarkerResponse(sensor, np.stack([sensor.places] * 2), tip.angles())
+
+
+def _shifts(response: MarkerResponse, seen: Snapshots) -> Iterator[Array]:
     """Shifts of each snapshot, without noise, shape (6M,)."""
-    response = MarkerResponse(sensor, np.stack([sensor.places] * 2), tip.angles())
-    resting = response.measured(np.zeros((tip.nodes, 2)))
+    resting = response.measured(np.zeros(seen.seen.shape[1:]))
     for moved in seen.seen:
         yield limited((response.measured(moved.astype(float)) - resting).ravel())
 
@@ -120,7 +124,9 @@ def _shifts(sensor: SensorDesign, tip: Fingertip, seen: Snapshots) -> Iterator[A
 def _part(numbers: range, tip: Fingertip, sensor: SensorDesign, basis: Basis, file: Path) -> int:
     rng = np.random.default_rng([78, numbers[0]])
     seen = with_mirrored(snapshots(tip, numbers))
-    codes = np.array([_codes(rng, basis, shifts) for shifts in _shifts(sensor, tip, seen)])
+    codes = np.array(
+        [_codes(rng, basis, shifts) for shifts in _shifts(_response(sensor, tip), seen)]
+    )
     lessons = Lessons(
         codes=codes, shapes=basis.shapes(seen), totals=seen.totals, history=seen.history
     )
