@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import av
@@ -15,6 +16,7 @@ import pytest
 
 from chromagrip.bench_control import SCENES
 
+Typed = Callable[..., subprocess.CompletedProcess[str]]
 QUICK = ["--set", "duration_s=0.1"]
 PROMISED = {
     "controller", "path", "renderer", "final_margin_true", "final_margin_estimated",
@@ -24,17 +26,16 @@ PROMISED = {
 }  # fmt: skip
 
 
-def chromagrip(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+def chromagrip(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "chromagrip", *arguments],
         capture_output=True,
         text=True,
-        cwd=cwd,
         check=False,
     )
 
 
-def test_a_run_leaves_its_folder(tmp_path: Path) -> None:
+def test_a_run_leaves_its_folder(tmp_path: Path, typed: Typed) -> None:
     out = tmp_path / "grip"
     done = chromagrip("grasp", *QUICK, "--out", str(out))
     assert done.returncode == 0, done.stderr
@@ -58,21 +59,21 @@ def test_a_run_leaves_its_folder(tmp_path: Path) -> None:
     assert stream.codec_context.pix_fmt == "yuv444p"
 
     assert (out / "figure.png").read_bytes()[:4] == b"\x89PNG"
-    again = chromagrip("grasp", "--scene", str(out / "scene.toml"), "--json")
+    again = typed("grasp", "--scene", str(out / "scene.toml"), "--json")
     repeated = json.loads(again.stdout)
     assert repeated["final_margin_estimated"] == summary["final_margin_estimated"]
 
 
-def test_json_is_the_summary_alone(tmp_path: Path) -> None:
-    done = chromagrip("grasp", *QUICK, "--path", "truth", "--json", cwd=tmp_path)
+def test_json_is_the_summary_alone(tmp_path: Path, typed: Typed) -> None:
+    done = typed("grasp", *QUICK, "--path", "truth", "--json")
     assert done.returncode == 0
     assert json.loads(done.stdout).keys() >= PROMISED
     assert list(tmp_path.iterdir()) == []
 
 
-def test_flags_change_the_scene(tmp_path: Path) -> None:
+def test_flags_change_the_scene(tmp_path: Path, typed: Typed) -> None:
     flags = "--controller conservative --path truth --fps 50 --latency 2 --seed 7"
-    done = chromagrip("grasp", *QUICK, *flags.split(), "--out", str(tmp_path / "r"))
+    done = typed("grasp", *QUICK, *flags.split(), "--out", str(tmp_path / "r"))
     assert done.returncode == 0, done.stderr
     scene = tomllib.loads((tmp_path / "r" / "scene.toml").read_text())
     assert scene["controller"] == "conservative"
@@ -82,20 +83,20 @@ def test_flags_change_the_scene(tmp_path: Path) -> None:
     assert scene["duration_s"] == 0.1
 
 
-def test_a_filled_folder_is_not_written_over(tmp_path: Path) -> None:
+def test_a_filled_folder_is_not_written_over(tmp_path: Path, typed: Typed) -> None:
     (tmp_path / "thesis.pdf").write_text("dear to somebody")
-    first = chromagrip("grasp", *QUICK, "--path", "truth", "--out", str(tmp_path))
+    first = typed("grasp", *QUICK, "--path", "truth", "--out", str(tmp_path))
     assert first.returncode == 2
     assert "is not empty; choose another or give --force" in first.stderr
-    forced = chromagrip("grasp", *QUICK, "--path", "truth", "--out", str(tmp_path), "--force")
+    forced = typed("grasp", *QUICK, "--path", "truth", "--out", str(tmp_path), "--force")
     assert forced.returncode == 0
     assert (tmp_path / "thesis.pdf").read_text() == "dear to somebody"
     assert (tmp_path / "summary.json").exists()
 
 
-def test_without_a_folder_the_next_free_one_is_taken(tmp_path: Path) -> None:
+def test_without_a_folder_the_next_free_one_is_taken(tmp_path: Path, typed: Typed) -> None:
     for _ in range(2):
-        assert chromagrip("grasp", *QUICK, "--path", "truth", cwd=tmp_path).returncode == 0
+        assert typed("grasp", *QUICK, "--path", "truth").returncode == 0
     names = sorted(p.name for p in (tmp_path / "runs").iterdir())
     assert names == ["camera-100hz-safety-margin-001", "camera-100hz-safety-margin-002"]
 
@@ -113,8 +114,8 @@ def test_without_a_folder_the_next_free_one_is_taken(tmp_path: Path) -> None:
         (["--out", "/etc/hostname"], "/etc/hostname"),
     ],
 )
-def test_bad_input_is_one_sentence(arguments: list[str], words: str, tmp_path: Path) -> None:
-    done = chromagrip("grasp", *arguments, cwd=tmp_path)
+def test_bad_input_is_one_sentence(arguments: list[str], words: str, typed: Typed) -> None:
+    done = typed("grasp", *arguments)
     assert done.returncode == 2
     assert words in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
@@ -149,11 +150,9 @@ def test_a_controller_of_ones_own_lies_where_one_works(tmp_path: Path) -> None:
     assert trace["grip_n"] == [1.25] * 6
 
 
-def test_unknown_words_are_refused() -> None:
+def test_unknown_words_are_refused(typed: Typed) -> None:
     for arguments in (["squeeze"], ["grasp", "--controller", "pid"], ["grasp", "--grip", "3"], []):
-        done = chromagrip(*arguments)
-        assert done.returncode == 2
-        assert "Traceback" not in done.stderr
+        assert typed(*arguments).returncode == 2
 
 
 def test_missing_gl_is_one_sentence(tmp_path: Path) -> None:
@@ -211,8 +210,8 @@ def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
         ("renderers", ["painter", "pyrender"]),
     ],
 )
-def test_lists(command: str, words: list[str]) -> None:
-    done = chromagrip(command)
+def test_lists(command: str, words: list[str], typed: Typed) -> None:
+    done = typed(command)
     assert done.returncode == 0
     assert {line.split()[0] for line in done.stdout.splitlines()} == set(words)
 

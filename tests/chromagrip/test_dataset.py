@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -20,7 +21,6 @@ import tomli_w
 from msgspec.structs import replace
 
 from chromagrip import UserError, dataset_folder
-from chromagrip.cli import main
 from chromagrip.dataset_check import check
 from chromagrip.dataset_folder import (
     FILES,
@@ -404,17 +404,12 @@ def test_the_command_line_answers_in_a_sentence(
     words: list[str],
     code: int,
     said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    typed: Callable[..., subprocess.CompletedProcess[str]],
     tmp_path: Path,
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["chromagrip", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    shown = capsys.readouterr()
-    assert ended.value.code == code
-    assert said in shown.out + shown.err
+    done = typed(*words)
+    assert done.returncode == code
+    assert said in done.stdout + done.stderr
     assert not (tmp_path / "x").exists()
 
 
