@@ -53,9 +53,7 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
             raise DatasetError(f"{folder / name} has changed")
     names = manifest["sequences"]
     for done, (name, digest) in enumerate(names.items()):
-        if not (folder / name).is_dir():
-            raise DatasetError(f"{folder / name} is missing")
-        _check_files(folder / name, digest)
+        check_files(folder / name, digest)
         told = read_json(folder / name / FILES)
         number = told["number"]
         if told["versions"] != manifest["versions"]:
@@ -68,7 +66,16 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
     return len(names)
 
 
-def _check_files(folder: Path, digest: str) -> None:
+def check_files(folder: Path, digest: str) -> None:
+    """Verify the files of a sequence, whose list has that checksum.
+
+    Raises
+    ------
+    DatasetError
+        With the first file that is missing, has changed or does not belong there.
+    """
+    if not (folder / FILES).is_file():
+        raise DatasetError(f"{folder / FILES} is missing")
     if file_digest(folder / FILES) != digest:
         raise DatasetError(f"{folder / FILES} has changed")
     listed = read_json(folder / FILES)["files"]

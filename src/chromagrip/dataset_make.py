@@ -9,6 +9,7 @@ from typing import Any, Literal
 import msgspec
 
 from .dataset_card import write_card
+from .dataset_check import check_files
 from .dataset_folder import (
     RECIPE,
     DatasetError,
@@ -91,7 +92,8 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
     Raises
     ------
     UserError
-        When the shards are of other recipes or versions, hold a sequence twice, or are not whole.
+        When the shards are of other recipes or versions, hold a sequence twice, or are not whole
+        or not what they were.
     """
     recipe = open_recipe(folders[0])
     manifests = [read_manifest(folder) for folder in folders]
@@ -101,9 +103,10 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
             raise DatasetError(f"{folder} is of another recipe than {folders[0]}")
         if manifest["versions"] != manifests[0]["versions"]:
             raise DatasetError(f"{folder} was made with other versions than {folders[0]}")
-        for name in manifest["sequences"]:
+        for name, digest in manifest["sequences"].items():
             if name in seen:
                 raise DatasetError(f"{name} is in {seen[name]} and in {folder}")
+            check_files(folder / name, digest)
             seen[name] = folder
     prepare(out, force=False)
     keep_recipe(recipe, out)

@@ -422,6 +422,26 @@ def test_words_and_infinity_are_drawn_as_well_as_numbers(tmp_path: Path) -> None
     assert radii <= {float("inf"), 20.0, 8.0}
 
 
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda d: (d / sequence_name(1) / "frame-002.png").write_bytes(b"x"), "has changed"),
+        (lambda d: (d / sequence_name(1) / "rest.png").unlink(), "rest.png is missing"),
+        (lambda d: (d / sequence_name(1)).rename(d / "elsewhere"), "files.json is missing"),
+        (lambda d: (d / MANIFEST).unlink(), "is not whole"),
+        (lambda d: (d / "recipe.toml").write_text("["), "is not valid TOML"),
+    ],
+)
+def test_a_corrupt_shard_is_not_merged(
+    made: Path, tmp_path: Path, spoil: object, said: str
+) -> None:
+    folder = copied(made, tmp_path / "spoilt")
+    spoil(folder)  # type: ignore[operator]
+    with pytest.raises(UserError, match=said):
+        merge([folder], tmp_path / "merged")
+    assert not (tmp_path / "merged").exists()
+
+
 def test_a_dataset_can_get_more_sequences_but_not_fewer(made: Path, tmp_path: Path) -> None:
     make(replace(TINY, sequences=1), tmp_path / "grown")
     make(TINY, tmp_path / "grown", resume=True)
