@@ -138,6 +138,24 @@ def test_lerobot_has_its_tables_video_and_meta(
             assert np.sqrt((error**2).mean()) < 4.0
 
 
+@pytest.mark.filterwarnings("default")  # other people's
+def test_lerobot_is_as_its_reader_takes_it(
+    made: Path, loaded: list[Loaded], tmp_path: Path
+) -> None:
+    """Runs where LeRobot is installed, which brings some gigabytes along."""
+    reader = pytest.importorskip("lerobot.datasets.lerobot_dataset")
+    export(made, "lerobot", tmp_path / "out")
+    read = reader.LeRobotDataset("local/tiny", root=tmp_path / "out", video_backend="pyav")
+    assert (len(read), read.num_episodes, read.fps) == (21, 3, 60)
+    for number in (0, 9, 20):
+        item, one, t = read[number], loaded[number // 7], number % 7
+        assert (int(item["episode_index"]), item["task"]) == (number // 7, one.values["motion"])
+        forces = [one.frames[name][t] for name in FORCES]
+        np.testing.assert_allclose(item["label.forces"].numpy(), forces, rtol=1e-6)
+        picture = 255.0 * item[CAMERA].permute(1, 2, 0).numpy()
+        assert np.sqrt(((picture - list(one.images())[t]) ** 2).mean()) < 4.0
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_an_export_that_breaks_off_leaves_nothing(made: Path, tmp_path: Path, layout: str) -> None:
     def stop(done: int) -> None:
