@@ -2,6 +2,8 @@
 
 import socket
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
@@ -172,7 +174,14 @@ def _joblib(job: tuple[bytes, str], todo: list[int], workers: int, address: str)
 def _knock(address: str) -> None:
     """Refuse an address at which nobody answers; the clusters' own clients try for minutes."""
     host, _, port = address.rpartition("/")[2].rpartition(":")
+    if not (host and port.isdecimal()):
+        raise ValueError("expected HOST:PORT, such as 10.0.0.1:8786")
     socket.create_connection((host, int(port)), timeout=10.0).close()
+
+
+def _first(error: BaseException) -> str:
+    """First line of what a cluster says, which may be pages."""
+    return (str(error) or type(error).__name__).splitlines()[0]
 
 
 def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
@@ -182,17 +191,19 @@ def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -
         raise UserError(
             "the backend dask needs the extra: pip install 'chromagrip[dask]'"
         ) from None
-    try:
-        if address:
-            _knock(address)
-            client = Client(address, timeout="10s")
-        else:
-            client = Client(
-                LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
-            )
-    except (OSError, ValueError) as error:
-        raise UserError(f"there is no Dask cluster at {address}: {error}") from None
-    with client:
+    with ExitStack() as opened:
+        try:
+            if address:
+                _knock(address)
+                where: Any = address
+            else:
+                where = opened.enter_context(
+                    LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+                )
+            client = opened.enter_context(Client(where, timeout="10s"))
+        except (OSError, ValueError) as error:
+            raise UserError(f"there is no Dask cluster at {address}: {error}") from None
+
         # A worker that dies takes nothing along: its sequences are made by the others.
         def submit(number: int) -> Any:
             return client.submit(_make, job, number, pure=False, retries=3)
@@ -205,8 +216,8 @@ def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -
                 waiting.update([submit(number) for number in islice(left, 1)])
         except KilledWorker as error:
             raise UserError(f"{error.task} killed several workers in turn; {_GO_ON}") from None
-    if not address:
-        client.cluster.close()
+        except (CancelledError, OSError) as error:
+            raise UserError(f"the Dask cluster failed: {_first(error)} ({_GO_ON})") from None
 
 
 def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
@@ -235,7 +246,6 @@ def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) ->
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None
     except ray.exceptions.RayError as error:
-        reason = str(error).splitlines()[0]
-        raise UserError(f"the Ray cluster failed: {reason} ({_GO_ON})") from None
+        raise UserError(f"the Ray cluster failed: {_first(error)} ({_GO_ON})") from None
     finally:
         ray.shutdown()
