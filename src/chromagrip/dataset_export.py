@@ -43,7 +43,7 @@ def export(
         When the dataset is not whole, does not fit the layout, or cannot be written.
     """
     read_manifest(folder)
-    prepare(out, force=False)
+    prepare(out, force=None)
     part = out.with_name(f".part-{out.name}")
     try:
         shutil.rmtree(part, ignore_errors=True)

@@ -72,12 +72,13 @@ def make(
     wanted = range(first - 1, recipe.sequences, step)
     if not wanted:
         raise UserError(f"shard {first}/{step} of {recipe.sequences} sequences has none")
-    if resume and (out / RECIPE).exists():
-        keep_recipe(recipe, out)
-        clean(out)
-    else:
-        prepare(out, force=False)
-        keep_recipe(recipe, out)
+    begun = (out / RECIPE).exists()
+    if begun and not resume:
+        raise DatasetError(f"{out} holds a dataset already; go on with --resume, or choose another")
+    if not begun:
+        prepare(out, force=None)
+    keep_recipe(recipe, out)
+    clean(out)
     there = set(numbers_in(out))
     todo = [number for number in wanted if number not in there]
     done = len(wanted) - len(todo)
@@ -110,7 +111,7 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
                 raise DatasetError(f"{name} is in {seen[name]} and in {folder}")
             check_files(folder / name, digest)
             seen[name] = folder
-    prepare(out, force=False)
+    prepare(out, force=None)
     keep_recipe(recipe, out)
     for name, folder in seen.items():
         _take(folder / name, out / name)

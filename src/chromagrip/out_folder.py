@@ -5,8 +5,13 @@ from pathlib import Path
 from .errors import FolderError
 
 
-def prepare(folder: Path, force: bool) -> None:
+def prepare(folder: Path, force: bool | None) -> None:
     """Make the folder.
+
+    Parameters
+    ----------
+    folder: new or empty
+    force: whether it may hold files; None where a command never writes over any
 
     Raises
     ------
@@ -21,4 +26,5 @@ def prepare(folder: Path, force: bool) -> None:
     except OSError as error:
         raise FolderError(f"folder {folder} cannot be written: {error.strerror}") from None
     if taken and not force:
-        raise FolderError(f"folder {folder} is not empty; choose another or give --force")
+        mend = "choose another" if force is None else "choose another or give --force"
+        raise FolderError(f"folder {folder} is not empty; {mend}")

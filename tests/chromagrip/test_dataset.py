@@ -290,8 +290,10 @@ def test_another_recipe_is_refused(made: Path, tmp_path: Path) -> None:
     folder = copied(made, tmp_path / "other")
     with pytest.raises(UserError, match="holds a dataset of another recipe"):
         make(replace(TINY, seed=1), folder, resume=True)
-    with pytest.raises(UserError, match="is not empty"):
+    with pytest.raises(UserError, match="holds a dataset already; go on with --resume"):
         make(TINY, folder)
+    with pytest.raises(UserError, match=r"is not empty; choose another$"):
+        make(TINY, tmp_path)
     make(replace(TINY, seed=1, sequences=1), tmp_path / "seed1")
     with pytest.raises(UserError, match="is of another recipe"):
         merge([made, tmp_path / "seed1"], tmp_path / "both")
