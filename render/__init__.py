@@ -1,6 +1,6 @@
 """What the camera sees: ground · Π over layers of (1 − covered·(1 − transmittance)), blurred."""
 
-from .calibration import CalibrationError, load_camera, save_camera
+from .calibration import CalibrationError, camera_text, load_camera, save_camera
 from .camera import Camera, FisheyeCamera, PinholeCamera
 from .defects import Defects, Flaws
 from .frame import Frame
@@ -34,6 +34,7 @@ __all__ = [
     "TruthMap",
     "View",
     "add_noise",
+    "camera_text",
     "load_camera",
     "load_sensor",
     "open_renderer",

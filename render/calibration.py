@@ -17,9 +17,29 @@ class CalibrationError(ValueError):
     """A calibration file that cannot be used."""
 
 
-def save_camera(
-    camera: Camera, path: str | Path, error: float | None = None, **more: float
-) -> None:
+def camera_text(camera: Camera, **more: float) -> str:
+    """Text of a calibration file.
+
+    Parameters
+    ----------
+    camera: a FisheyeCamera or PinholeCamera
+    more: numbers that stand beside it
+    """
+    model = next(name for name, kind in MODELS.items() if isinstance(camera, kind))
+    assert isinstance(camera, FisheyeCamera | PinholeCamera)
+    (fx, fy), (cx, cy) = camera.focal, camera.centre
+    store = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    store.write("distortion_model", model)
+    store.write("image_width", camera.width)
+    store.write("image_height", camera.height)
+    store.write("camera_matrix", np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]))
+    store.write("distortion_coefficients", np.array(camera.distortion)[None])
+    for name, value in more.items():
+        store.write(name, float(value))
+    return store.releaseAndGetString()
+
+
+def save_camera(camera: Camera, path: str | Path, error: float | None = None) -> None:
     """Write a calibration file.
 
     Parameters
@@ -27,26 +47,16 @@ def save_camera(
     camera: a FisheyeCamera or PinholeCamera
     path: of the file, ending in .yml or .yaml
     error: reprojection error of the calibration, RMS [px]
-    more: numbers that stand beside it
     """
-    model = next(name for name, kind in MODELS.items() if isinstance(camera, kind))
-    assert isinstance(camera, FisheyeCamera | PinholeCamera)
-    (fx, fy), (cx, cy) = camera.focal, camera.centre
+    text = camera_text(camera, **({} if error is None else {"avg_reprojection_error": error}))
     unfinished = Path(path).with_name(f"unfinished-{Path(path).name}")
-    store = cv2.FileStorage(str(unfinished), cv2.FILE_STORAGE_WRITE)
-    if not store.isOpened():
-        raise CalibrationError(f"calibration file {path} cannot be written")
-    store.write("distortion_model", model)
-    store.write("image_width", camera.width)
-    store.write("image_height", camera.height)
-    store.write("camera_matrix", np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]))
-    store.write("distortion_coefficients", np.array(camera.distortion)[None])
-    if error is not None:
-        store.write("avg_reprojection_error", float(error))
-    for name, value in more.items():
-        store.write(name, float(value))
-    store.release()
-    unfinished.replace(path)
+    try:
+        unfinished.write_text(text, encoding="utf-8")
+        unfinished.replace(path)
+    except OSError as reason:
+        raise CalibrationError(
+            f"calibration file {path} cannot be written: {reason.strerror}"
+        ) from None
 
 
 def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:

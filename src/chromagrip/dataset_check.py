@@ -55,8 +55,8 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
     for done, (name, digest) in enumerate(names.items()):
         check_files(folder / name, digest)
         told = read_json(folder / name / FILES)
-        number = told["number"]
-        if told["versions"] != manifest["versions"]:
+        number = told.get("number", -1)
+        if told.get("versions") != manifest["versions"]:
             raise DatasetError(f"{folder / name} was made with other versions than the rest")
         if sequence_name(number) != name or number >= recipe.sequences:
             raise DatasetError(f"{folder / name} is not sequence {number} of its recipe")
@@ -126,6 +126,8 @@ def _unbalanced(scene: Scene, frames: dict[str, list[Any]], markers: Any) -> Ite
     What a damper holds is known from frame to frame only, so that each interval's impulses are
     compared. Forces on the object are turned into x and z by its own shape.
     """
+    if scene.frames < 3:
+        return
     tip = scene.build_fingertip()
     ch, rest = chain(tip), tip.rest_positions()
     at, on = np.empty((2, scene.frames, 2))

@@ -33,7 +33,7 @@ from .dataset_sequence import FRAME, MARKERS, NODES, Shot, sequence, shots
 from .errors import FolderError, UserError
 from .png import encode_png
 from .recipe import Recipe, RecipeError, dump_recipe, load_recipe
-from .render import save_camera
+from .render import camera_text
 from .run_folder import versions
 from .scene import Scene, dump_scene, load_scene
 from .sources import read_picture
@@ -96,11 +96,9 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
 
     keep("scene.toml", dump_scene(made.scene).encode())
     view = made.scene.build_sensor().view
-    save_camera(
-        view.camera, part / CAMERA, position_mm=1e3 * view.position, port_mm=1e3 * view.port,
-        port_is_flat=view.flat, refractive_index=view.index,
-    )  # fmt: skip
-    digests[CAMERA] = file_digest(part / CAMERA)
+    place = {"position_mm": 1e3 * view.position, "port_mm": 1e3 * view.port}
+    port = {"port_is_flat": view.flat, "refractive_index": view.index}
+    keep(CAMERA, camera_text(view.camera, **place, **port).encode())
     keep("rest.png", encode_png(rest))
     rows: list[Shot] = []
     for shot in frames:
@@ -217,7 +215,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 @lru_cache(maxsize=1)
 def made_with() -> dict[str, str]:
     """Versions that decide a dataset's bytes."""
-    return versions() | {name: version(name) for name in ("pyarrow",)}
+    return versions() | {"pyarrow": version("pyarrow")}
 
 
 def write_manifest(folder: Path, numbers: Iterable[int]) -> dict[str, Any]:
@@ -306,7 +304,7 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
                 f"{folder} is to have {before.sequences} sequences; it can get more, not fewer"
             )
         for number in numbers_in(folder)[:1]:
-            told = read_json(folder / sequence_name(number) / FILES)["versions"]
+            told = read_json(folder / sequence_name(number) / FILES).get("versions", {})
             if told != made_with():
                 raise DatasetError(f"{folder} was begun with other versions: {_changes(told)}")
     (folder / MANIFEST).unlink(missing_ok=True)

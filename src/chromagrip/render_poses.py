@@ -16,7 +16,7 @@ from .model import ForceField, State, rest_state, whole_friction
 from .out_folder import prepare
 from .poses import Pose, Shot, settle
 from .preview import draw_preview
-from .render import TruthMap, save_camera
+from .render import TruthMap, camera_text
 from .run_folder import scene_text, versions
 from .scene import Scene
 
@@ -99,7 +99,8 @@ def render_poses(
         }
         if out is not None:
             (out / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
-            save_camera(scene.build_sensor().view.camera, out / "camera.yml")
+            camera = camera_text(scene.build_sensor().view.camera)
+            (out / "camera.yml").write_text(camera, encoding="utf-8")
             # Last, so that a folder that has it is whole.
             (out / "poses.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     except OSError as error:

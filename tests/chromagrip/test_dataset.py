@@ -510,3 +510,9 @@ def test_a_disk_that_is_full_can_be_given_more_room(made: Path, tmp_path: Path) 
         assert bytes_of(disk / "data") == bytes_of(made)
     finally:
         subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_two_frames_are_a_dataset_too(tmp_path: Path) -> None:
+    scene = {**TINY.scene, "duration_s": 0.02, "camera": {"rate_hz": 60.0}}
+    make(replace(TINY, sequences=1, scene=scene), tmp_path / "short")
+    assert check(tmp_path / "short") == 1
