@@ -396,18 +396,21 @@ def main() -> None:
     signal.signal(signal.SIGINT, interrupt)
     sys.path.append(str(Path.cwd()))  # where a module:Class of one's own lies
     words = sys.argv[1:]
-    # Commands of two words have one name each.
-    if len(words) > 1 and "-".join(words[:2]) in COMMANDS:
-        words[:2] = ["-".join(words[:2])]
     if words[:1] == ["dataset"] and words[1:] in ([], ["-h"], ["--help"]):
         lines = {f"dataset {k}": (v.__doc__ or "").split("\n")[0] for k, v in DATASET.items()}
         sys.exit(_list(lines))
+    # Commands of two words have one name each.
+    two = COMMANDS.get("-".join(words[:2])) if len(words) > 1 else None
     try:
-        if words[:1] == ["dataset"]:
+        code: int
+        if two is not None:
+            code = tyro.cli(two, prog=" ".join([NAME, *words[:2]]), args=words[2:])
+        elif words[:1] == ["dataset"]:
             raise UserError(f"dataset {words[1]}: there is {', '.join(DATASET)}")
-        code: int = tyro.extras.subcommand_cli_from_dict(
-            COMMANDS, prog=NAME, description=__doc__, args=words
-        )
+        else:
+            code = tyro.extras.subcommand_cli_from_dict(
+                COMMANDS, prog=NAME, description=__doc__, args=words
+            )
     except UserError as error:
         print(f"{NAME}: {error}", file=sys.stderr)
         code = 2

@@ -394,6 +394,7 @@ def test_a_file_that_may_not_grow_is_said_in_one_sentence(tmp_path: Path) -> Non
     ("words", "code", "said"),
     [
         (["dataset"], 0, "dataset make "),
+        (["dataset", "make", "--help"], 0, "usage: chromagrip dataset make "),
         (["dataset", "mend"], 2, "dataset mend: there is make, check"),
         (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is force"),
         (["dataset", "make", "tiny", "--out", "x", "--shard", "3/2"], 2, "--shard 3/2: expected"),
