@@ -1,5 +1,6 @@
 """Figures of datasets: how fast they are made, what takes the time, and what a kill does."""
 
+import dataclasses
 import random
 import shutil
 import signal
@@ -92,7 +93,7 @@ def _speed_rows(recipe: Recipe, folder: Path, count: int, progress: Progress) ->
     progress("the mesh renderer and cv2.imwrite")
     mesh = replace(recipe, scene={**recipe.scene, "renderer": "pyrender"})
     made = sequence(mesh, 0)
-    made = type(made)(**{**vars(made), "samples": made.samples[: _MESHED + 1]})
+    made = dataclasses.replace(made, samples=made.samples[: _MESHED + 1])
     frames_of = shots(mesh, made)[1]
     next(frames_of)
     begin = time.perf_counter()

@@ -2,7 +2,8 @@
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -33,6 +34,19 @@ class _Rate(ProgressColumn):
     def render(self, task: Task) -> Text:
         """So many a second, or nothing where it is not known yet."""
         return Text("" if not task.speed else f"{task.speed:.2g}/s")
+
+
+@contextmanager
+def _counting(what: str, *more: ProgressColumn) -> Iterator[Callable[..., None]]:
+    """Show a count: what is yielded is told how much is done, and of how much if it is known."""
+    columns = TextColumn(what), BarColumn(), MofNCompleteColumn(), *more
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(what, total=None)
+
+        def tell(done: int, total: int | None = None) -> None:
+            bar.update(task, completed=done, total=total)
+
+        yield tell
 
 
 def dataset_make(
@@ -74,15 +88,7 @@ def dataset_make(
     told = replace(told, truth=tuple(dict.fromkeys((*told.truth, *truth))))
     if workers < 1:
         raise UserError(f"--workers {workers}: expected 1 or more")
-    with Progress(
-        TextColumn("sequences"), BarColumn(), MofNCompleteColumn(), _Rate(), TimeRemainingColumn(),
-        console=Console(stderr=True),
-    ) as bar:  # fmt: skip
-        task = bar.add_task("sequences", total=None)
-
-        def tell(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-
+    with _counting("sequences", _Rate(), TimeRemainingColumn()) as tell:
         manifest = make(
             told, out, workers=workers, shard=_shard(shard), backend=backend, address=address,
             resume=resume, progress=tell,
@@ -113,11 +119,8 @@ def dataset_check(folder: Folder, *, json_only: Json = False) -> int:
     """Verify a dataset: checksums, counts, ranges and physics; names the first bad sample."""
     from .dataset_check import check
 
-    with Progress(
-        TextColumn("checking"), BarColumn(), MofNCompleteColumn(), console=Console(stderr=True)
-    ) as bar:
-        task = bar.add_task("checking", total=None)
-        count = check(folder, lambda done, total: bar.update(task, completed=done, total=total))
+    with _counting("checking") as tell:
+        count = check(folder, tell)
     _say({"sequences": count, "whole": True}, json_only)
     return 0
 
@@ -164,11 +167,8 @@ def dataset_export(
     """Write a dataset in the layout of another tool."""
     from .dataset_export import export
 
-    with Progress(
-        TextColumn("exporting"), BarColumn(), MofNCompleteColumn(), console=Console(stderr=True)
-    ) as bar:
-        task = bar.add_task("exporting", total=None)
-        files = export(folder, to, out, lambda done: bar.update(task, completed=done))
+    with _counting("exporting") as tell:
+        files = export(folder, to, out, tell)
     _say({"files": len(files), "folder": str(out)}, json_only)
     return 0
 

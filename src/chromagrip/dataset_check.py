@@ -17,6 +17,7 @@ from .dataset_folder import (
     read_json,
     read_manifest,
     sequence_name,
+    stacked,
 )
 from .dataset_sequence import FRAME, NODES, STATES
 from .errors import SceneError
@@ -108,19 +109,22 @@ def _wrong(folder: Path) -> Iterator[str]:
             f"markers; the scene has {count}"
         )
         return
+    columns = {name: stacked(markers[name]) for name in markers.column_names[1:]}
     for index in range(count):
         row = {name: values[index] for name, values in frames.items()}
-        own = {name: _numbers(markers[name], index) for name in markers.column_names[1:]}
+        own = {name: column[index] for name, column in columns.items()}
         for wrong in (
             *_wrong_values(row, own),
             *_wrong_places(view, own),
             *_wrong_picture(view, folder / f"frame-{index:03d}.png"),
         ):
             yield f"frame {index}: {wrong}"
-    yield from _unbalanced(scene, frames, markers)
+    yield from _unbalanced(scene, frames, columns)
 
 
-def _unbalanced(scene: Scene, frames: dict[str, list[Any]], markers: Any) -> Iterator[str]:
+def _unbalanced(
+    scene: Scene, frames: dict[str, list[Any]], columns: dict[str, NDArray[Any]]
+) -> Iterator[str]:
     """Fingertip and object, on which grip, load, contact and dampers to ground act: no mass moves.
 
     What a damper holds is known from frame to frame only, so that each interval's impulses are
@@ -131,7 +135,7 @@ def _unbalanced(scene: Scene, frames: dict[str, list[Any]], markers: Any) -> Ite
     tip = scene.build_fingertip()
     ch, rest = chain(tip), tip.rest_positions()
     at, on = np.empty((2, scene.frames, 2))
-    column = {name: _stacked(markers[name]) for name in NODES}
+    column = {name: columns[name].astype(float) for name in NODES}
     rigid, moved = 1e-3 * np.array(frames["rigid_part_mm"]), 1e-3 * np.array(frames["object_mm"])
     for k, time in enumerate(frames["time_s"]):
         obj = scene.build_object(time)
@@ -152,14 +156,6 @@ def _unbalanced(scene: Scene, frames: dict[str, list[Any]], markers: Any) -> Ite
     # From rest to the first frame the fingertip touches down, which two instants do not tell.
     for k, axis in np.argwhere(off[1:] > 0.0):
         yield f"frame {k + 2}: forces along {'xz'[axis]} do not balance since the frame before"
-
-
-def _stacked(column: Any) -> Array:
-    return np.array([_numbers(column, k) for k in range(len(column))], dtype=float)
-
-
-def _numbers(column: Any, index: int) -> NDArray[Any]:
-    return np.asarray(column[index].values.to_numpy(zero_copy_only=False))
 
 
 def _wrong_values(row: dict[str, Any], own: dict[str, NDArray[Any]]) -> Iterator[str]:

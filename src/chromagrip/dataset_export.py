@@ -48,7 +48,7 @@ def export(
     try:
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir()
-        LAYOUTS[layout][0](folder, part, progress)
+        LAYOUTS[layout](folder, part, progress)
         out.rmdir()
         part.rename(out)
     except OSError as error:
@@ -187,10 +187,10 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-#: Layouts, with what writes them and a line on each.
-LAYOUTS: dict[str, tuple[Callable[[Path, Path, Progress], None], str]] = {
-    "tapvid": (_write_tapvid, "TAP-Vid's pickles: video, points, occluded"),
-    "coco": (_write_coco, "COCO keypoints: annotations.json and images"),
-    "webdataset": (_write_webdataset, "WebDataset's tar files: a picture, its values, its markers"),
-    "lerobot": (write_lerobot, "LeRobot's layout, version 3: Parquet, MP4 (yuv444p) and meta"),
+#: What writes each layout.
+LAYOUTS: dict[str, Callable[[Path, Path, Progress], None]] = {
+    "tapvid": _write_tapvid,
+    "coco": _write_coco,
+    "webdataset": _write_webdataset,
+    "lerobot": write_lerobot,
 }

@@ -12,6 +12,7 @@ A folder has its name once all is in it. No file holds a time or a host: the sam
 versions give the same bytes.
 """
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -110,7 +111,7 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
             np.savez_compressed(path, **named)
             digests[path.name] = file_digest(path)
         # Pictures are on the disk; a long sequence must not keep them.
-        rows.append(Shot(**{**vars(shot), "image": np.empty(0, np.uint8), "truth": {}}))
+        rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
     for name, table in (("frames", frame_table(rows)), ("markers", marker_table(rows))):
         keep(f"{name}.parquet", to_parquet(table))
     values = {
@@ -287,7 +288,7 @@ def open_recipe(folder: Path) -> Recipe:
 
 
 def keep_recipe(recipe: Recipe, folder: Path) -> None:
-    """Write the recipe into a folder: a new one, or one that is gone on with.
+    """Write the recipe into a folder, which is not whole from then on: a new one, or one begun.
 
     Raises
     ------
@@ -307,7 +308,10 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
             told = read_json(folder / sequence_name(number) / FILES).get("versions", {})
             if told != made_with():
                 raise DatasetError(f"{folder} was begun with other versions: {_changes(told)}")
-    (folder / MANIFEST).unlink(missing_ok=True)
+    try:
+        (folder / MANIFEST).unlink(missing_ok=True)
+    except OSError as error:
+        raise FolderError(f"{folder} cannot be written: {error.strerror}") from None
     write_whole(path, dump_recipe(recipe).encode())
 
 
@@ -386,13 +390,14 @@ def load_sequences(folder: Path) -> Iterator[Loaded]:
             values=told["values"],
             scene=load_scene(str(where / "scene.toml")),
             frames={column: frames[column].to_numpy() for column in frames.column_names},
-            markers={column: _stacked(markers[column]) for column in markers.column_names[1:]},
+            markers={column: stacked(markers[column]) for column in markers.column_names[1:]},
             pictures=sorted(where.glob("frame-*.png")),
             rest=where / "rest.png",
         )
 
 
-def _stacked(column: pa.ChunkedArray) -> NDArray[Any]:
+def stacked(column: pa.ChunkedArray) -> NDArray[Any]:
+    """Column of lists as an array, a row for each."""
     lists = column.combine_chunks()
     flat = lists.flatten().to_numpy(zero_copy_only=False)
     return np.asarray(flat.reshape(len(lists), -1))

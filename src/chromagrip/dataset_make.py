@@ -151,9 +151,6 @@ def _results(
 
 def _make(job: tuple[bytes, str], number: int) -> int:
     """One sequence: what a worker does, wherever it is."""
-    import cv2
-
-    cv2.setNumThreads(1)
     recipe, out = msgspec.msgpack.decode(job[0], type=Recipe), Path(job[1])
     return write_sequence(recipe, number, out)
 

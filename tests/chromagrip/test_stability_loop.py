@@ -2,8 +2,10 @@
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import msgspec
 import numpy as np
@@ -12,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from chromagrip import cli
 from chromagrip import stability_loop as module
 from chromagrip.errors import FolderError
 from chromagrip.linear_loop import (
@@ -332,18 +333,14 @@ def test_every_camera_cell_has_its_twin_on_the_truth_path() -> None:
         assert {module._truthful(one) for one in which.camera} <= drawn
 
 
-def test_processes_are_for_the_loop_only(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_processes_are_for_the_loop_only(typed: Callable[..., CompletedProcess[str]]) -> None:
     for words, said in (
         (["stability", "track", "--workers", "2"], "--workers goes with stability loop"),
         (["stability", "loop", "--workers", "0"], "expected 1 or more"),
     ):
-        monkeypatch.setattr("sys.argv", ["chromagrip", *words])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        assert stopped.value.code == 2
-        assert said in capsys.readouterr().err
+        done = typed(*words)
+        assert done.returncode == 2
+        assert said in done.stderr
 
 
 def test_maps_name_real_settings() -> None:
