@@ -166,8 +166,10 @@ def dataset_export(
 ) -> int:
     """Write a dataset in the layout of another tool."""
     from .dataset_export import export
+    from .dataset_folder import read_manifest
 
     with _counting("exporting") as tell:
+        tell(0, len(read_manifest(folder)["sequences"]))
         files = export(folder, to, out, tell)
     _say({"files": len(files), "folder": str(out)}, json_only)
     return 0
