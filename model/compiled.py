@@ -19,15 +19,14 @@ FOLDERS = ("model", "render", "tracking")
 KEPT = 7 * 86400.0
 
 
-def njit(*, reassociate: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile without Python objects, cached on disk; options as in `numba.njit`.
 
-    Never with `fastmath`: where a kernel is inlined would then decide its last digits. Estimates,
-    whose noise is far larger, may have their sums taken in another order (`reassociate`), without
-    which long sums are not vectorised.
+    Never with `fastmath`: where a kernel is inlined, and whether it was read from the cache, would
+    then decide its last digits. Long sums are vectorised by `tracking.lanes`.
     """
-    if reassociate:
-        options["fastmath"] = {"reassoc", "nsz"}
+    if "fastmath" in options:
+        raise TypeError("kernels are compiled without fastmath: see tracking.lanes for long sums")
 
     def decorate(function: Callable[..., Any]) -> Any:
         chosen = numba.config.CACHE_DIR
@@ -47,7 +46,7 @@ def _sources() -> str:
     root = Path(__file__).resolve().parents[1]
     for path in sorted(path for folder in FOLDERS for path in (root / folder).glob("*.py")):
         text = path.read_bytes()
-        if b"njit(" in text:
+        if b"njit(" in text or b"@intrinsic" in text:
             digest.update(text)
     return digest.hexdigest()[:16]
 

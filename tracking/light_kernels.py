@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..model.compiled import njit
 from ..render.coverage import togetherness
+from .lanes import sum_of_products
 from .pixel_kernels import (
     ALL_LIGHT,
     BOTH,
@@ -40,6 +41,7 @@ from .pixel_kernels import (
     invert,
     middle_of,
     model_pixels,
+    pad,
     row_at,
     stretch,
 )
@@ -51,22 +53,18 @@ LIGHTS = 3 + TERMS
 _EDGE = 0.03
 
 
-@njit(reassociate=True)
+@njit()
 def dot(buffer: Array32, first: int, second: int, count: int) -> float:
     """Product of two rows of the buffer."""
-    total, a, b = F0, row_at(first), row_at(second)
-    for i in range(np.uint64(count)):
-        total += buffer[a + i] * buffer[b + i]
-    return np.float64(total)
+    rows = row_at(first), row_at(second)
+    return np.float64(sum_of_products(buffer, rows, np.uint64(count)))
 
 
-@njit(reassociate=True)
+@njit()
 def weighted_dot(buffer: Array32, weight: int, first: int, second: int, count: int) -> float:
     """Weighted product of two rows of the buffer."""
-    total, w, a, b = F0, row_at(weight), row_at(first), row_at(second)
-    for i in range(np.uint64(count)):
-        total += buffer[w + i] * buffer[a + i] * buffer[b + i]
-    return np.float64(total)
+    rows = row_at(weight), row_at(first), row_at(second)
+    return np.float64(sum_of_products(buffer, rows, np.uint64(count)))
 
 
 @njit()
@@ -244,9 +242,10 @@ def light_sums(
         sums[m] = 0.0
         if count < FEWEST_PIXELS:
             continue
-        shade(optics, present, fits, extents, m, False, box, count, buffer)
+        padded = pad(count, buffer)
+        shade(optics, present, fits, extents, m, False, box, padded, buffer)
         t = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
-        model_pixels(optics, present[m], fits[m], inverses, t, 2, count, lights, says, buffer)
+        model_pixels(optics, present[m], fits[m], inverses, t, 2, padded, lights, says, buffer)
         for i in range(count):
             first, second = buffer[COVERED * ROOM + i], buffer[(COVERED + 1) * ROOM + i]
             # Edges tell less of colours than of tone curves, blur, and where markers are.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..model.compiled import njit
 from ..render.coverage import EDGE_RANGE, edge, edge_slope
+from .lanes import LANES, sum_of_products
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
@@ -25,8 +26,6 @@ Array32 = NDArray[np.float32]
 FEWEST_PIXELS = 24
 #: Pixels of a pair, at most; more are thinned out. Not a power of two: rows must not share cache.
 ROOM = 2256
-#: Pixels that a processor takes at a time, with what it has in flight.
-_AT_ONCE = 32
 #: Rows of the buffer: place, light seen, its weight, ground, of each pixel …
 X, Y, SEEN, WEIGHT, GROUND = 0, 1, 2, 5, 8
 #: … coverage of both layers, and how it changes with their five numbers each …
@@ -41,7 +40,9 @@ TERM, LIGHT, ALL_LIGHT, LACK, SHARED = 37, 42, 45, 46, 47
 BOTH, BY = 49, 50
 #: … and light that pairs beside this one leave, whatever it covers.
 BESIDE = 52
-BUFFER = 55 * ROOM
+#: … and what is left of a channel's light.
+LEFT = 55
+BUFFER = 56 * ROOM
 #: Terms of uneven light: x, y, x², xy, y²; second powers in units of so many pixels.
 TERMS, UNIT = 5, np.float32(1.0 / 16.0)
 
@@ -132,7 +133,7 @@ def gather(
         x, y = np.float32(start), np.float32(row)
         dy32 = y - middle_y
         for col in range(start, int(min(right, breadth - 1.0)) + 1):
-            if ground[row, col, 0] > F0 and count < ROOM - _AT_ONCE:
+            if ground[row, col, 0] > F0 and count < ROOM - LANES:
                 at, dx32 = np.uint64(count), x - middle_x
                 light = F1 + dx32 * (along_x + UNIT * (xx * dx32 + xy * dy32))
                 light += dy32 * (along_y + UNIT * yy * dy32)
@@ -158,7 +159,7 @@ def gather(
 @njit()
 def pad(count: int, buffer: Array32) -> int:
     """Pixels without weight behind the last, to be done many at a time; returns their end."""
-    end = (count + _AT_ONCE - 1) // _AT_ONCE * _AT_ONCE
+    end = (count + LANES - 1) // LANES * LANES
     for row in range(GROUND + 3):
         first = row_at(row)
         same = buffer[first + np.uint64(count - 1)] if row < SEEN else F0
@@ -186,7 +187,7 @@ def extents_of(optics: Any, fits: Array) -> Array:
     return extents
 
 
-@njit(reassociate=True)
+@njit()
 def model_pixels(
     optics: Any,
     present: NDArray[np.bool_],
@@ -255,7 +256,7 @@ def model_pixels(
     return squares
 
 
-@njit(reassociate=True)
+@njit()
 def _cover_both(odds: np.float32, count: int, buffer: Array32) -> None:
     """Coverage by both layers, see `covered_by_both`, and its derivatives by either's."""
     c0, c1, both, by0, by1 = (
@@ -284,7 +285,7 @@ def clear(buffer: Array32, row: np.uint64, count: int) -> None:
         buffer[row + i] = F0
 
 
-@njit(reassociate=True, inline="always")
+@njit(inline="always")
 def _channel(
     a0: np.float32,
     a1: np.float32,
@@ -297,7 +298,7 @@ def _channel(
 ) -> float:
     """What one channel says, added to the rows of all; returns its sum of squared residuals."""
     light, seen, weight = row_at(GROUND + c), row_at(SEEN + c), row_at(WEIGHT + c)
-    rest = row_at(BESIDE + c)
+    rest, left = row_at(BESIDE + c), row_at(LEFT)
     c0, c1, gain0, gain1 = (
         row_at(COVERED),
         row_at(COVERED + 1),
@@ -312,7 +313,6 @@ def _channel(
     )
     pull0, pull1 = row_at(PULL), row_at(PULL + 1)
     both, by0, by1 = row_at(BOTH), row_at(BY), row_at(BY + 1)
-    information, lack, squares = F0, F0, F0
     for i in range(np.uint64(count)):
         first, second, g, w = buffer[c0 + i], buffer[c1 + i], buffer[light + i], buffer[weight + i]
         model = g * (F1 - a0 * first - a1 * second + b * buffer[both + i]) + buffer[rest + i]
@@ -326,12 +326,12 @@ def _channel(
         buffer[gain0 + i] = w * model * d0
         buffer[gain1 + i] = w * model * d1
         buffer[whole + i] = model
-        information += w * model * model
-        lack += w * model * residual
-        squares += w * residual * residual
+        buffer[left + i] = residual
     lights[c, :] = 0.0
-    lights[c, c], says[c] = information, lack
-    return np.float64(squares)
+    end = np.uint64(count)
+    lights[c, c] = sum_of_products(buffer, (weight, whole, whole), end)
+    says[c] = sum_of_products(buffer, (weight, whole, left), end)
+    return np.float64(sum_of_products(buffer, (weight, left, left), end))
 
 
 @njit()

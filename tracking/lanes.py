@@ -1,0 +1,63 @@
+"""Sums that are taken many numbers at a time, in an order that is written down.
+
+A compiler that may choose the order chooses another one where a kernel is inlined, or has been read
+from the cache: the last digits, and what follows from them, would be this process's own.
+"""
+
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
+
+#: Numbers taken at a time: what a processor has in flight.
+LANES = 32
+
+
+@intrinsic
+def sum_of_products(context: Any, buffer: Any, starts: Any, count: Any) -> Any:
+    """Sum over i < count of the product of buffer[start + i] of all starts.
+
+    Each lane sums every 32nd product; then halves are added until one is left.
+
+    Parameters
+    ----------
+    buffer: float32, contiguous
+    starts: tuple of unsigned places in it
+    count: unsigned multiple of LANES
+    """
+
+    def write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, places, end = arguments
+        lanes = ir.VectorType(ir.FloatType(), LANES)
+        data = make_array(signature.args[0])(context, builder, array).data
+        rows = [builder.gep(data, [place]) for place in cgutils.unpack_tuple(builder, places)]
+        total = cgutils.alloca_once_value(builder, ir.Constant(lanes, None))
+        zero, step = ir.Constant(end.type, 0), ir.Constant(end.type, LANES)
+        with cgutils.for_range_slice(builder, zero, end, step, end.type) as (at, _):
+            product = None
+            for row in rows:
+                place = builder.bitcast(builder.gep(row, [at]), lanes.as_pointer())
+                values = builder.load(place, align=4)
+                product = values if product is None else builder.fmul(product, values)
+            builder.store(builder.fadd(builder.load(total), product), total)
+        return _folded(builder, builder.load(total))
+
+    return types.float32(buffer, starts, count), write
+
+
+def _folded(builder: Any, lanes: Any) -> Any:
+    """Sum of the lanes of a vector."""
+    number = ir.IntType(32)
+    width: int = lanes.type.count
+    while width > 1:
+        width //= 2
+        low, high = (
+            builder.shuffle_vector(
+                lanes, lanes, ir.Constant(ir.VectorType(number, width), list(range(at, at + width)))
+            )
+            for at in (0, width)
+        )
+        lanes = builder.fadd(low, high)
+    return builder.extract_element(lanes, ir.Constant(number, 0))
