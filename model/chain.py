@@ -48,7 +48,7 @@ def chain(fingertip: Fingertip, half: bool = False) -> Chain:
         cross_tissue=fingertip.poisson_tissue * sign,
         cross_membrane=fingertip.poisson_membrane * np.sign(sign[1:] + sign[:-1]),
         damping=fingertip.damping_node * share,
-        damping_rigid=fingertip.damping_rigid,
+        damping_rigid=float(fingertip.damping_rigid),
         law=get_args(SpringLaw).index(fingertip.law),
         half=False,
     )
@@ -87,13 +87,14 @@ def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
     """
     knots, pieces = _spline(obj.profile)
     places, factors = np.array(obj.patches, dtype=float).reshape(-1, 2).T.copy()
+    # An integer would have every kernel compiled once more.
     return Contact(
-        stiffness=obj.stiffness,
-        mu=obj.friction,
-        bristle=obj.dahl_stiffness,
-        exponent=obj.dahl_exponent,
-        drag=obj.drag,
-        curvature=obj.curvature,
+        stiffness=float(obj.stiffness),
+        mu=float(obj.friction),
+        bristle=float(obj.dahl_stiffness),
+        exponent=float(obj.dahl_exponent),
+        drag=float(obj.drag),
+        curvature=float(obj.curvature),
         lift=_lift(fingertip, obj, knots, pieces),
         knots=knots,
         pieces=pieces,

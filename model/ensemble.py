@@ -24,6 +24,10 @@ from .state import State, state_of
 
 Array = NDArray[np.float64]
 
+#: Neither rigid part nor object is held. Written down in a kernel it would have `advance` compiled
+#: once more.
+_FREE = (False, False)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Ensemble:
@@ -140,8 +144,9 @@ def step_many(
         done, before = 0, ensemble.step
         while True:
             begin, done, ended = _advance_many(
-                ch, contacts, w, *y, dt, before, goals, IMPLICIT, NO_RECORD, begin, stop, done
-            )
+                ch, contacts, w, *y, dt, before, _FREE, goals, IMPLICIT, NO_RECORD, begin, stop,
+                done,
+            )  # fmt: skip
             if begin == stop:
                 return
             one = tuple(a[begin] for a in y)
@@ -178,8 +183,8 @@ def step_many(
 @njit(nogil=True)
 def _advance_many(
     ch: Chain, contacts: Array, w: Scratch, u: Array, friction: Array, slip: Array, pose: Array,
-    rate: Array, dt: float, before: float, goals: Array, rule: Rule, nothing: Record, begin: int,
-    stop: int, done: int,
+    rate: Array, dt: float, before: float, held: tuple[bool, bool], goals: Array, rule: Rule,
+    nothing: Record, begin: int, stop: int, done: int,
 ) -> tuple[int, int, int]:  # fmt: skip
     """Advance fingertips begin…stop in place; the first one that cannot go on, where, and why."""
     no_knots, no_pieces = np.empty(0), np.empty((1, 4))
@@ -192,7 +197,7 @@ def _advance_many(
         start = done if b == begin else 0
         last = before if start == 0 else dt
         reached, ended = advance(
-            ch, ct, w, u[b], friction[b], slip[b], pose[b], rate[b], dt, last, (False, False),
+            ch, ct, w, u[b], friction[b], slip[b], pose[b], rate[b], dt, last, held,
             goals[b], rule, nothing, start, steps + 1,
         )  # fmt: skip
         if ended != SOLVED:

@@ -5,7 +5,7 @@ import zlib
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -32,7 +32,6 @@ SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 9)) | st.tuples(
 )
 
 
-@settings(deadline=None)  # the first one compiles
 @given(arrays(np.uint8, SHAPES))
 def test_a_picture_comes_back_as_it_was(image: np.ndarray) -> None:
     data = encode_png(image)
@@ -71,7 +70,6 @@ def test_noise_takes_no_more_room_than_zlib_gives_it() -> None:
 COUNTS = st.lists(st.integers(0, 10**6), min_size=2, max_size=257)
 
 
-@settings(deadline=None)
 @given(COUNTS.filter(lambda counts: np.count_nonzero(counts) > 1))
 def test_codes_are_whole_and_as_short_as_can_be(counts: list[int]) -> None:
     """Kraft's sum is 1; within a bit of the entropy where no code is cut short."""

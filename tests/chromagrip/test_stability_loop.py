@@ -71,7 +71,7 @@ def in_time(loop: LinearLoop, frames: int, noise: Array) -> Array:
     return commands
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     gain=st.floats(0.2, 1.5),
     lag=st.floats(2e-3, 10e-3),

@@ -36,7 +36,7 @@ def frames(obj: ContactObject, points: np.ndarray, object_x: float) -> np.ndarra
     return np.sign(radius) * away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(objects, st.floats(0.05, 2.0), st.floats(-0.4, 0.4))
 def test_contact_carries_grip_and_load_and_stays_in_the_cone(
     obj: ContactObject, grip: float, share: float
@@ -62,7 +62,7 @@ def _damping(rate: np.ndarray) -> float:
     return -float((ch.damping[1:-1] * rate[1:-2, 1]).sum() + ch.damping_rigid * rate[-1, 0])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(objects, st.floats(0.1, 2.0), st.floats(0.05, 0.5))
 def test_a_mirrored_load_mirrors_the_run(obj: ContactObject, grip: float, share: float) -> None:
     def final(load: float) -> np.ndarray:
@@ -126,7 +126,7 @@ def test_poisson_terms_make_or_lose_energy_to_leading_order() -> None:
     assert abs(there) > 0.01 * turned
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**31), st.floats(0.0, 3e-4), st.sampled_from([31, 51, 101]))
 def test_symmetric_part_of_the_stiffness_is_positive_definite(
     seed: int, scale: float, nodes: int

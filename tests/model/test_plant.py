@@ -140,7 +140,7 @@ def test_too_much_load_slides_at_the_speed_of_the_drag() -> None:
     assert field.safety_margin(0.5) == pytest.approx(0.0, abs=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.lists(
         st.tuples(st.floats(0.0, 10.0), st.floats(-3.0, 3.0), st.sampled_from([1e-4, 1e-3, 1e-2])),

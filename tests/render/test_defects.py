@@ -541,7 +541,7 @@ SMALL = small()
 SHARE = st.one_of(st.just(0.0), st.floats(0.0, 1.0))
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(
     defects=st.builds(
         Defects,

@@ -36,7 +36,7 @@ def test_traced_rays_meet_the_points_they_show(position: float) -> None:
     np.testing.assert_allclose(np.linalg.norm(off, axis=-1), 0.0, atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-4e-3, 4e-3), st.floats(1.0, 2.0), st.floats(0.0, 60.0))
 def test_rays_bend_by_snells_law(position: float, index: float, angle: float) -> None:
     view = dome_view(position, index)
