@@ -403,7 +403,9 @@ class PairFit:
         absorbed, gain, _ = fit_colours(sums, self._nominal)
         gains = state.gains.copy()
         gains[seen] *= gain
-        return replace(state, absorbed=absorbed.astype(np.float32), gains=gains)
+        # Rows one after another, as before: else every kernel would be compiled once more.
+        rows = absorbed.astype(np.float32, order="C")
+        return replace(state, absorbed=rows, gains=gains)
 
     def _black(self, image: Image, state: PairState) -> tuple[float, ...]:
         """Level of black in each channel that leaves the least doubt about the colours."""
