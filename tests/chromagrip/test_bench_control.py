@@ -162,7 +162,7 @@ def test_everything_is_run_once_with_each_seed() -> None:
 @pytest.mark.skipif(gl_problem() is not None, reason="needs off-screen OpenGL")
 def test_a_sensor_that_is_not_what_is_told_grasps() -> None:
     """Its chain has twice the nodes, and its stiffnesses are off: so is the pressure."""
-    changes = {"duration_s": 0.1, "controller": "conservative", "path": "camera"}
+    changes = {"duration_s": 0.06, "controller": "conservative", "path": "camera"}
     found = []
     for specimen in (None, 1, 2):
         task = Task(group="", path="camera", controller="conservative", scene="margin-60hz",
