@@ -307,6 +307,10 @@ def sensor_names() -> list[str]:
     return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
 
 
+#: Tables and keys of a sensor file that name other files, which lie beside it.
+FILES_NAMED = (("layout", "path"), ("camera", "calibration"))
+
+
 @lru_cache(maxsize=32)
 def _shipped(name: str) -> SensorDesign:
     text = (files(__package__) / "designs" / f"{name}.toml").read_text(encoding="utf-8")
@@ -337,7 +341,7 @@ def load_sensor(name: str) -> SensorDesign:
         raise SensorError(f"sensor file {name} cannot be read: {reason}") from None
     except tomllib.TOMLDecodeError as error:
         raise SensorError(f"sensor {name} is not valid TOML: {error}") from None
-    for table, key in (("layout", "path"), ("camera", "calibration")):
+    for table, key in FILES_NAMED:
         _beside(path, values.get(table), key)
     try:
         return convert(values, SensorDesign, f"sensor {name}")

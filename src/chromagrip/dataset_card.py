@@ -27,6 +27,7 @@ from .sources import read_picture
 #: Values of frames that are counted in bins.
 _COUNTED = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
 _BINS, _WIDTH = 10, 30
+_ROUNDING = 1e-9
 #: Pictures of the sheet, across and down, and the width of each [px].
 _ACROSS, _DOWN, _PICTURE = 4, 3, 240
 
@@ -105,7 +106,10 @@ def _histogram(column: pa.ChunkedArray) -> list[str]:
     there = values[np.isfinite(values)]
     if not len(there):
         return ["nothing"]
-    counts, edges = np.histogram(there, _BINS)
+    # What differs by rounding alone is one value.
+    alike = np.ptp(there) <= _ROUNDING * abs(there).max()
+    around = (there[0] - 0.5, there[0] + 0.5) if alike else None
+    counts, edges = np.histogram(there, _BINS, around)
     bars = np.rint(_WIDTH * counts / max(counts.max(), 1)).astype(int)
     return [
         f"{low:8.3g} … {high:8.3g}  {'#' * bar} {count}"

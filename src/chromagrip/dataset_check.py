@@ -46,12 +46,13 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
     DatasetError
         With the first sample that is not right, and what is wrong with it.
     """
-    manifest, recipe = read_manifest(folder), open_recipe(folder)
+    manifest = read_manifest(folder)
     for name, digest in manifest["files"].items():
         if not (folder / name).is_file():
             raise DatasetError(f"{folder / name} is missing")
         if file_digest(folder / name) != digest:
             raise DatasetError(f"{folder / name} has changed")
+    recipe = open_recipe(folder)
     names = manifest["sequences"]
     for done, (name, digest) in enumerate(names.items()):
         check_files(folder / name, digest)

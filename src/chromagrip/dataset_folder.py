@@ -4,6 +4,7 @@
     manifest.json        versions, sequences and the checksum of each; written last
     sequences.parquet    what was drawn for each sequence
     DATASET_CARD.md, contact-sheet.png
+    sensors/             those of one's own, see `dataset_sensors`
     sequence-000000/     scene.toml, camera.yml, rest.png, frame-000.png …, frames.parquet,
                          markers.parquet, truth-000.npz … where the recipe asks for more,
                          files.json (versions, checksums)
@@ -33,10 +34,10 @@ from numpy.typing import NDArray
 from .dataset_sequence import FRAME, MARKERS, NODES, Shot, sequence, shots
 from .errors import FolderError, UserError
 from .png import encode_png
-from .recipe import Recipe, RecipeError, dump_recipe, load_recipe
+from .recipe import Recipe, RecipeError, dump_recipe, load_recipe, portable
 from .render import camera_text
 from .run_folder import versions
-from .scene import Scene, dump_scene, load_scene
+from .scene import Scene, dump_scene, load_scene, seen_from
 from .sources import read_picture
 
 FORMAT = "chromagrip dataset 1"
@@ -46,6 +47,8 @@ RECIPE, MANIFEST, FILES = "recipe.toml", "manifest.json", "files.json"
 CAMERA = "camera.yml"
 #: What sums a dataset up.
 TABLE, CARD, SHEET = "sequences.parquet", "DATASET_CARD.md", "contact-sheet.png"
+#: Folder of sensors of one's own.
+SENSORS = "sensors"
 _PART = ".part-"
 
 
@@ -95,7 +98,7 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
         (part / name).write_bytes(data)
         digests[name] = hashlib.sha256(data).hexdigest()
 
-    keep("scene.toml", dump_scene(made.scene).encode())
+    keep("scene.toml", dump_scene(made.scene, part).encode())
     view = made.scene.build_sensor().view
     place = {"position_mm": 1e3 * view.position, "port_mm": 1e3 * view.port}
     port = {"port_is_flat": view.flat, "refractive_index": view.index}
@@ -117,7 +120,7 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
     values = {
         "number": number,
         "versions": made_with(),
-        "values": _plain(made.values),
+        "values": _plain(made.values, part),
         "files": dict(sorted(digests.items())),
     }
     (part / FILES).write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n", "utf-8")
@@ -174,11 +177,14 @@ def to_parquet(table: pa.Table) -> bytes:
     return sink.getvalue().to_pybytes()
 
 
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Values that JSON has: infinity as text."""
-    return {
+def _plain(values: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Values that JSON has, infinity as text; a sensor's name as a file in the folder has it."""
+    plain = {
         k: str(v) if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
     }
+    if "sensor" in plain:
+        plain["sensor"] = seen_from(folder, plain["sensor"])
+    return plain
 
 
 def clean(out: Path) -> None:
@@ -225,12 +231,20 @@ def write_manifest(folder: Path, numbers: Iterable[int]) -> dict[str, Any]:
     manifest = {
         "format": FORMAT,
         "versions": made_with(),
-        "files": {name: file_digest(folder / name) for name in (RECIPE, TABLE, CARD, SHEET)},
+        "files": {
+            name: file_digest(folder / name)
+            for name in (RECIPE, TABLE, CARD, SHEET, *sensor_files(folder))
+        },
         "sequences": {name: file_digest(folder / name / FILES) for name in names},
     }
     text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
     write_whole(folder / MANIFEST, text.encode())
     return manifest
+
+
+def sensor_files(folder: Path) -> list[str]:
+    """Files of sensors of one's own that a dataset holds."""
+    return sorted(path.relative_to(folder).as_posix() for path in folder.glob(f"{SENSORS}/*/*"))
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -312,7 +326,7 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
         (folder / MANIFEST).unlink(missing_ok=True)
     except OSError as error:
         raise FolderError(f"{folder} cannot be written: {error.strerror}") from None
-    write_whole(path, dump_recipe(recipe).encode())
+    write_whole(path, dump_recipe(portable(recipe, folder)).encode())
 
 
 def _changes(told: dict[str, str]) -> str:

@@ -16,17 +16,20 @@ from .dataset_folder import (
     RECIPE,
     DatasetError,
     clean,
+    file_digest,
     keep_recipe,
     link,
     numbers_in,
     open_recipe,
     read_manifest,
+    sensor_files,
     write_manifest,
     write_sequence,
 )
+from .dataset_sensors import keep_sensors
 from .errors import FolderError, UserError
 from .out_folder import prepare
-from .recipe import Recipe
+from .recipe import Recipe, portable
 
 Backend = Literal["joblib", "dask", "ray"]
 #: Sequences that a cluster is told of at a time: enough for many workers, and no more memory.
@@ -77,6 +80,7 @@ def make(
         raise DatasetError(f"{out} holds a dataset already; go on with --resume, or choose another")
     if not begun:
         prepare(out, force=None)
+    recipe = keep_sensors(recipe, out)
     keep_recipe(recipe, out)
     clean(out)
     there = set(numbers_in(out))
@@ -102,8 +106,10 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
     manifests = [read_manifest(folder) for folder in folders]
     seen: dict[str, Path] = {}
     for folder, manifest in zip(folders, manifests, strict=True):
-        if open_recipe(folder) != recipe:
+        if portable(open_recipe(folder), folder) != portable(recipe, folders[0]):
             raise DatasetError(f"{folder} is of another recipe than {folders[0]}")
+        if _sensors(folder) != _sensors(folders[0]):
+            raise DatasetError(f"{folder} is of another sensor than {folders[0]}")
         if manifest["versions"] != manifests[0]["versions"]:
             raise DatasetError(f"{folder} was made with other versions than {folders[0]}")
         for name, digest in manifest["sequences"].items():
@@ -112,10 +118,15 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
             check_files(folder / name, digest)
             seen[name] = folder
     prepare(out, force=None)
+    recipe = keep_sensors(recipe, out)
     keep_recipe(recipe, out)
     for name, folder in seen.items():
         _take(folder / name, out / name)
     return _finish(out, recipe)
+
+
+def _sensors(folder: Path) -> dict[str, str]:
+    return {name: file_digest(folder / name) for name in sensor_files(folder)}
 
 
 def _take(source: Path, target: Path) -> None:
@@ -133,7 +144,7 @@ def _take(source: Path, target: Path) -> None:
 def _finish(out: Path, recipe: Recipe) -> dict[str, Any]:
     clean(out)
     numbers = numbers_in(out)
-    write_card(out, recipe, numbers)
+    write_card(out, portable(recipe, out), numbers)
     return write_manifest(out, numbers)
 
 

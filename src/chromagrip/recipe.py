@@ -3,7 +3,7 @@
 import copy
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,10 +13,11 @@ import msgspec
 import numpy as np
 import tomli_w
 from msgspec import Meta
+from msgspec.structs import replace
 
 from .errors import SceneError, UserError
 from .render.tables import Table, convert
-from .scene import Scene, parse_scene
+from .scene import Scene, parse_scene, seen_from
 
 Motion = Literal["press", "grasp", "slip"]
 Truth = Literal["depth", "flow", "masks"]
@@ -88,8 +89,44 @@ def load_recipe(name: str) -> Recipe:
         raise RecipeError(f"recipe {name} is not valid TOML: {error}") from None
     except ValueError as error:
         raise RecipeError(str(error)) from None
+    if name.endswith(".toml"):  # what it names lies beside it
+        folder = Path(name).absolute().parent
+        recipe = with_sensors(recipe, lambda sensor: str(folder / sensor))
     _check(recipe, name)
     return recipe
+
+
+def own_sensors(recipe: Recipe) -> list[str]:
+    """Files of sensors of one's own that sequences may have."""
+    found: list[str] = []
+
+    def tell(name: str) -> str:
+        found.append(name)
+        return name
+
+    with_sensors(recipe, tell)
+    return sorted(set(found))
+
+
+def with_sensors(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
+    """The recipe with other names of the files of sensors of one's own."""
+
+    def changed(name: Any) -> Any:
+        return rename(name) if isinstance(name, str) and name.endswith(".toml") else name
+
+    scene, draw = dict(recipe.scene), dict(recipe.draw)
+    if "sensor" in scene:
+        scene["sensor"] = changed(scene["sensor"])
+    if "sensor" in draw:
+        draw["sensor"] = {
+            how: [changed(value) for value in values] for how, values in draw["sensor"].items()
+        }
+    return replace(recipe, scene=scene, draw=draw)
+
+
+def portable(recipe: Recipe, folder: Path) -> Recipe:
+    """The recipe as a file in the folder has it."""
+    return with_sensors(recipe, lambda name: seen_from(folder, name))
 
 
 def dump_recipe(recipe: Recipe) -> str:
@@ -151,6 +188,8 @@ def _check(recipe: Recipe, name: str) -> None:
     """Refuse what no sequence can have: the ends of what is drawn are tried, one key at a time."""
     for key, how in recipe.draw.items():
         _check_how(how, f"recipe {name}: draw.{key}")
+    if "calibration" in {**recipe.scene, **recipe.draw}:
+        raise RecipeError(f"recipe {name}: calibration: nothing is estimated in a dataset")
     motions = _ends(recipe.draw.get("motion", {"choice": ["press"]}))
     if set(motions) - {"press", "grasp", "slip"}:
         raise RecipeError(f"recipe {name}: draw.motion: allowed are press, grasp, slip")
@@ -163,18 +202,14 @@ def _check(recipe: Recipe, name: str) -> None:
                     f"recipe {name}: draw.{key} reaches {end}; {low:g} to {high:g} is allowed"
                 )
     middle = {key: _ends(how)[0] for key, how in recipe.draw.items()}
-    for key, end in _tried(recipe):
+    tried = [(key, end) for key, how in recipe.draw.items() for end in _ends(how)]
+    for values in [{key: end} for key, end in tried] or [{}]:
         try:
-            scene_of(recipe, 0, middle | {key: end})
+            scene_of(recipe, 0, middle | values)
         except SceneError as error:
             reason = str(error).removeprefix("scene recipe, sequence 0: ")
-            raise RecipeError(f"recipe {name}: draw.{key} reaches {end}: {reason}") from None
-
-
-def _tried(recipe: Recipe) -> Iterator[tuple[str, Any]]:
-    for key, how in recipe.draw.items():
-        for end in _ends(how):
-            yield key, end
+            at = "".join(f"draw.{key} reaches {end}: " for key, end in values.items())
+            raise RecipeError(f"recipe {name}: {at}{reason}") from None
 
 
 def _check_how(how: dict[str, list[Any]], name: str) -> None:

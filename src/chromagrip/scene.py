@@ -1,6 +1,7 @@
 """Scenes: everything that defines a run, read strictly from TOML (units in the key names)."""
 
 import math
+import os
 import tomllib
 from importlib.resources import files
 from pathlib import Path
@@ -338,9 +339,19 @@ def parse_scene(values: dict[str, Any], name: str) -> Scene:
         raise SceneError(str(error)) from None
 
 
-def dump_scene(scene: Scene) -> str:
-    """TOML text of a scene, every default written out."""
-    return tomli_w.dumps(msgspec.to_builtins(scene))
+def dump_scene(scene: Scene, folder: Path | None = None) -> str:
+    """TOML text of a scene, every default written out; a file in that folder if one is given."""
+    values = msgspec.to_builtins(scene)
+    if folder is not None:
+        values["sensor"] = seen_from(folder, scene.sensor)
+    return tomli_w.dumps(values)
+
+
+def seen_from(folder: Path, sensor: str) -> str:
+    """A sensor's name as a file in the folder has it, from where a file of one's own is found."""
+    if not sensor.endswith(".toml"):
+        return sensor
+    return Path(os.path.relpath(sensor, folder)).as_posix()
 
 
 def grasp_command(scene: str, changes: dict[str, Any]) -> str:
