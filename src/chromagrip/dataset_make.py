@@ -28,7 +28,7 @@ from .dataset_folder import (
 )
 from .dataset_sensors import keep_sensors
 from .errors import FolderError, UserError
-from .out_folder import prepare
+from .out_folder import filling, prepare
 from .recipe import Recipe, portable
 
 Backend = Literal["joblib", "dask", "ray"]
@@ -80,17 +80,18 @@ def make(
         raise DatasetError(f"{out} holds a dataset already; go on with --resume, or choose another")
     if not begun:
         prepare(out, force=None)
-    recipe = keep_sensors(recipe, out)
-    keep_recipe(recipe, out)
-    clean(out)
-    there = set(numbers_in(out))
-    todo = [number for number in wanted if number not in there]
-    done = len(wanted) - len(todo)
-    progress(done, len(wanted))
-    for _ in _results(recipe, todo, out, workers, backend, address):
-        done += 1
+    with filling(out):
+        recipe = keep_sensors(recipe, out)
+        keep_recipe(recipe, out)
+        clean(out)
+        there = set(numbers_in(out))
+        todo = [number for number in wanted if number not in there]
+        done = len(wanted) - len(todo)
         progress(done, len(wanted))
-    return _finish(out, recipe)
+        for _ in _results(recipe, todo, out, workers, backend, address):
+            done += 1
+            progress(done, len(wanted))
+        return _finish(out, recipe)
 
 
 def merge(folders: list[Path], out: Path) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from chromagrip.dataset_folder import (
 from chromagrip.dataset_make import Backend, make, merge
 from chromagrip.dataset_sequence import sequence, shots
 from chromagrip.dataset_split import split
+from chromagrip.out_folder import filling
 from chromagrip.recipe import Recipe, RecipeError, drawn, load_recipe, recipe_names, scene_of
 
 TINY = load_recipe("tiny")
@@ -452,6 +453,15 @@ def test_a_dataset_can_get_more_sequences_but_not_fewer(made: Path, tmp_path: Pa
     with pytest.raises(UserError, match="is to have 3 sequences; it can get more, not fewer"):
         make(replace(TINY, sequences=2), tmp_path / "grown", resume=True)
     assert check(tmp_path / "grown") == 3
+
+
+def test_a_folder_is_filled_by_one_run_at_a_time(made: Path, tmp_path: Path) -> None:
+    folder = copied(made, tmp_path / "grown")
+    more, before = replace(TINY, sequences=4), bytes_of(folder)
+    with filling(folder), pytest.raises(UserError, match="is being filled by another run"):
+        make(more, folder, resume=True)
+    assert bytes_of(folder) == before
+    assert make(more, folder, resume=True)["sequences"].keys() > {"sequence-000002"}
 
 
 def test_what_other_versions_made_is_not_gone_on_with(
