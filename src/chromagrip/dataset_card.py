@@ -106,8 +106,8 @@ def _histogram(column: pa.ChunkedArray) -> list[str]:
     there = values[np.isfinite(values)]
     if not len(there):
         return ["nothing"]
-    # What differs by rounding alone is one value.
-    alike = np.ptp(there) <= _ROUNDING * abs(there).max()
+    # What differs by rounding alone is one value; all are newtons, or shares.
+    alike = np.ptp(there) <= _ROUNDING * max(abs(there).max(), 1.0)
     around = (there[0] - 0.5, there[0] + 0.5) if alike else None
     counts, edges = np.histogram(there, _BINS, around)
     bars = np.rint(_WIDTH * counts / max(counts.max(), 1)).astype(int)
