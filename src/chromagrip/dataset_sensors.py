@@ -57,6 +57,8 @@ def _files(path: Path) -> dict[str, bytes]:
         for table, key in FILES_NAMED:
             if name := values.get(table, {}).get(key):
                 other = path.parent / name
+                if other.name in (path.name, *beside):
+                    raise ValueError(f"it names two files called {other.name}")
                 beside[other.name] = other.read_bytes()
                 values[table][key] = other.name
     except (OSError, ValueError) as error:

@@ -131,3 +131,16 @@ def test_two_sensors_of_one_name_are_refused(tmp_path: Path) -> None:
     path.write_text(RECIPE.replace('sensor = "mine.toml"\n', "") + text, encoding="utf-8")
     with pytest.raises(UserError, match=r"one sensor of a name; there are two mine\.toml"):
         make(load_recipe(str(path)), tmp_path / "data")
+
+
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    """They would be one in the dataset."""
+    path = written(tmp_path / "here")
+    design = tmp_path / "here" / "mine.toml"
+    lens = '[camera]\ncalibration = "lens/grid.csv"\n'
+    design.write_text(design.read_text("utf-8").replace("[camera]\n", lens), encoding="utf-8")
+    recipe = replace(load_recipe("tiny"), scene={"sensor": str(design)})
+    (tmp_path / "here" / "lens").mkdir()
+    (tmp_path / "here" / "lens" / "grid.csv").touch()
+    with pytest.raises(UserError, match=r"copied: it names two files called grid\.csv"):
+        make(recipe, path.parent / "data")
