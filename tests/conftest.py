@@ -1,5 +1,6 @@
-"""The command line as it is typed, in this process: a new one takes seconds to start."""
+"""What tests of several files use."""
 
+import hashlib
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -20,7 +21,10 @@ settings.load_profile("untimed")
 def typed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Iterator[Callable[..., CompletedProcess[str]]]:
-    """Runs a command in the test's folder; what is raised but an exit fails the test."""
+    """Runs a command in the test's folder, in this process: a new one takes seconds to start.
+
+    What is raised but an exit fails the test.
+    """
     before = signal.getsignal(signal.SIGINT)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -34,3 +38,17 @@ def typed(
 
     yield run
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def bytes_of() -> Callable[[Path], dict[str, str]]:
+    """Digest of every file below a folder."""
+
+    def digests(folder: Path) -> dict[str, str]:
+        return {
+            str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
+            for file in sorted(folder.rglob("*"))
+            if file.is_file()
+        }
+
+    return digests

@@ -10,7 +10,7 @@ import tomli_w
 
 from .dataset_folder import RECIPE, SENSORS, DatasetError, write_whole
 from .errors import FolderError, UserError
-from .recipe import Recipe, own_sensors, with_sensors
+from .recipe import Recipe, with_sensors
 from .render.sensor import FILES_NAMED
 
 
@@ -24,15 +24,21 @@ def keep_sensors(recipe: Recipe, folder: Path) -> Recipe:
     FolderError
         When the folder cannot be written.
     """
-    places: dict[str, str] = {}
-    files: dict[str, bytes] = {}
-    for name in own_sensors(recipe):
+    sensors: dict[str, Path] = {}
+
+    def copy(name: str) -> str:
         path = Path(name)
-        place = f"{SENSORS}/{path.stem}"
-        if f"{place}/{path.name}" in files:
+        place = f"{SENSORS}/{path.stem}/{path.name}"
+        if sensors.setdefault(place, path) != path:
             raise DatasetError(f"a dataset takes one sensor of a name; there are two {path.name}")
-        places[name] = f"{place}/{path.name}"
-        files |= {f"{place}/{file}": data for file, data in _files(path).items()}
+        return str(folder.absolute() / place)
+
+    kept = with_sensors(recipe, copy)
+    files = {
+        f"{SENSORS}/{path.stem}/{file}": data
+        for path in sensors.values()
+        for file, data in _files(path).items()
+    }
     begun = (folder / RECIPE).exists()
     for place, data in files.items():
         target = folder / place
@@ -45,7 +51,7 @@ def keep_sensors(recipe: Recipe, folder: Path) -> Recipe:
         except OSError as error:
             raise FolderError(f"{target} cannot be written: {error.strerror}") from None
         write_whole(target, data)
-    return with_sensors(recipe, lambda name: str(folder.absolute() / places[name]))
+    return kept
 
 
 def _files(path: Path) -> dict[str, bytes]:

@@ -96,18 +96,6 @@ def load_recipe(name: str) -> Recipe:
     return recipe
 
 
-def own_sensors(recipe: Recipe) -> list[str]:
-    """Files of sensors of one's own that sequences may have."""
-    found: list[str] = []
-
-    def tell(name: str) -> str:
-        found.append(name)
-        return name
-
-    with_sensors(recipe, tell)
-    return sorted(set(found))
-
-
 def with_sensors(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
     """The recipe with other names of the files of sensors of one's own."""
 

@@ -340,7 +340,7 @@ def parse_scene(values: dict[str, Any], name: str) -> Scene:
 
 
 def dump_scene(scene: Scene, folder: Path | None = None) -> str:
-    """TOML text of a scene, every default written out; a file in that folder if one is given."""
+    """TOML text of a scene, every default written out; of a file in `folder`, if that is given."""
     values = msgspec.to_builtins(scene)
     if folder is not None:
         values["sensor"] = seen_from(folder, scene.sensor)

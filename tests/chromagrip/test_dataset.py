@@ -36,16 +36,8 @@ from chromagrip.dataset_split import split
 from chromagrip.out_folder import filling
 from chromagrip.recipe import Recipe, RecipeError, drawn, load_recipe, recipe_names, scene_of
 
+Digests = Callable[[Path], dict[str, str]]
 TINY = load_recipe("tiny")
-
-
-def bytes_of(folder: Path) -> dict[str, str]:
-    """Digest of every file of a dataset."""
-    return {
-        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in sorted(folder.rglob("*"))
-        if file.is_file()
-    }
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +71,9 @@ def test_a_whole_dataset_is_checked_and_has_no_clock_in_it(made: Path) -> None:
     assert (made / "contact-sheet.png").stat().st_size > 1000
 
 
-def test_workers_shards_and_order_change_no_byte(made: Path, tmp_path: Path) -> None:
+def test_workers_shards_and_order_change_no_byte(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
     make(TINY, tmp_path / "two", workers=2)
     assert bytes_of(tmp_path / "two") == bytes_of(made)
     for first in (2, 1):
@@ -95,7 +89,9 @@ def test_more_sequences_begin_with_the_same(made: Path) -> None:
     assert drawn(other, 2).items() >= drawn(TINY, 2).items()
 
 
-def test_a_killed_run_goes_on_to_the_same_bytes(made: Path, tmp_path: Path) -> None:
+def test_a_killed_run_goes_on_to_the_same_bytes(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
     out = tmp_path / "killed"
     words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--workers", "1"]
     for delay in (0.05, 0.2):
@@ -118,7 +114,9 @@ def test_a_killed_run_goes_on_to_the_same_bytes(made: Path, tmp_path: Path) -> N
     assert bytes_of(out) == bytes_of(made)
 
 
-def test_a_dask_worker_that_is_killed_loses_nothing(made: Path, tmp_path: Path) -> None:
+def test_a_dask_worker_that_is_killed_loses_nothing(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
@@ -446,7 +444,9 @@ def test_a_corrupt_shard_is_not_merged(
     assert not (tmp_path / "merged").exists()
 
 
-def test_a_dataset_can_get_more_sequences_but_not_fewer(made: Path, tmp_path: Path) -> None:
+def test_a_dataset_can_get_more_sequences_but_not_fewer(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
     make(replace(TINY, sequences=1), tmp_path / "grown")
     make(TINY, tmp_path / "grown", resume=True)
     assert bytes_of(tmp_path / "grown") == bytes_of(made)
@@ -455,7 +455,9 @@ def test_a_dataset_can_get_more_sequences_but_not_fewer(made: Path, tmp_path: Pa
     assert check(tmp_path / "grown") == 3
 
 
-def test_a_folder_is_filled_by_one_run_at_a_time(made: Path, tmp_path: Path) -> None:
+def test_a_folder_is_filled_by_one_run_at_a_time(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
     folder = copied(made, tmp_path / "grown")
     more, before = replace(TINY, sequences=4), bytes_of(folder)
     with filling(folder), pytest.raises(UserError, match="is being filled by another run"):
@@ -505,7 +507,9 @@ def mount(*options: str, at: Path) -> bool:
 
 
 @pytest.mark.skipif(not shutil.which("mount"), reason="there is no mount")
-def test_a_disk_that_is_full_can_be_given_more_room(made: Path, tmp_path: Path) -> None:
+def test_a_disk_that_is_full_can_be_given_more_room(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
     room = sum(file.stat().st_size for file in (made / sequence_name(0)).iterdir())
     disk = tmp_path / "disk"
     disk.mkdir()

@@ -1,7 +1,7 @@
 """Datasets of sensors of one's own: they are read wherever they lie."""
 
-import hashlib
 import shutil
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from chromagrip.recipe import load_recipe
 from chromagrip.render import load_sensor
 from chromagrip.scene import load_scene
 
+Digests = Callable[[Path], dict[str, str]]
 RECIPE = """
 sequences = 2
 [scene]
@@ -40,14 +41,6 @@ def written(folder: Path, recipe: str = RECIPE) -> Path:
     (folder / "places" / "grid.csv").write_text("\n".join(lines), encoding="utf-8")
     (folder / "recipe.toml").write_text(recipe, encoding="utf-8")
     return folder / "recipe.toml"
-
-
-def bytes_of(folder: Path) -> dict[str, str]:
-    return {
-        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in sorted(folder.rglob("*"))
-        if file.is_file()
-    }
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +67,7 @@ def test_it_is_read_where_nothing_else_is(made: Path) -> None:
 
 
 def test_bytes_rest_on_no_place(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bytes_of: Digests
 ) -> None:
     """Made elsewhere, named from elsewhere, in shards that are joined, and gone on with."""
     recipe = load_recipe(str(written(tmp_path / "deep" / "down")))
@@ -88,7 +81,7 @@ def test_bytes_rest_on_no_place(
     assert check(Path("merged")) == 3
 
 
-def test_other_sensors_are_other_datasets(made: Path, tmp_path: Path) -> None:
+def test_other_sensors_are_other_datasets(made: Path, tmp_path: Path, bytes_of: Digests) -> None:
     folder = shutil.copytree(made, tmp_path / "data")
     path = written(tmp_path / "here")
     grid = tmp_path / "here" / "places" / "grid.csv"
