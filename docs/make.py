@@ -18,26 +18,28 @@ from typing import Any
 import av
 import cv2
 
-from chromagrip import bench_control, bench_force, run
-from chromagrip.appendix_b import appendix_b
-from chromagrip.bench import bench
-from chromagrip.bench_track import asked, matrix, refusals
-from chromagrip.charts import charts
-from chromagrip.cli_limit import limit
-from chromagrip.force_scenes import WORLDS
-from chromagrip.force_scores import READ
-from chromagrip.loop_maps import maps
-from chromagrip.poses import Pose
-from chromagrip.render_poses import render_poses
-from chromagrip.reproduce import PARTS as THESIS
-from chromagrip.reproduce import Plan, reproduce
-from chromagrip.reproduce_page import HEADING, cells
-from chromagrip.scene import load_scene
-from chromagrip.scorecard import NOTES
-from chromagrip.stability_loop import stability_loop
-from chromagrip.stability_model import stability_model
-from chromagrip.stability_track import stability_track
-from chromagrip.track_scenes import SCENES
+from chromagrip import run
+from chromagrip.cli.limit import limit
+from chromagrip.loop.pose_folder import render_poses
+from chromagrip.loop.poses import Pose
+from chromagrip.measure.bench import control as bench_control
+from chromagrip.measure.bench import force as bench_force
+from chromagrip.measure.bench.parts import bench
+from chromagrip.measure.bench.track import asked, matrix, refusals
+from chromagrip.measure.charts.page import charts
+from chromagrip.measure.reproduce.appendix_b import appendix_b
+from chromagrip.measure.reproduce.page import HEADING, cells
+from chromagrip.measure.reproduce.parts import PARTS as THESIS
+from chromagrip.measure.reproduce.parts import Plan, reproduce
+from chromagrip.measure.stability.loop import stability_loop
+from chromagrip.measure.stability.maps import maps
+from chromagrip.measure.stability.model import stability_model
+from chromagrip.measure.stability.track import stability_track
+from chromagrip.measure.worlds.force_scores import READ
+from chromagrip.measure.worlds.grasps import WORLDS
+from chromagrip.measure.worlds.scorecard import NOTES
+from chromagrip.measure.worlds.track_scenes import SCENES
+from chromagrip.scene.scene import load_scene
 
 DOCS = Path(__file__).parent
 TITLES = {

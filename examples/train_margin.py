@@ -17,15 +17,15 @@ from sklearn.decomposition import PCA
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 
-from chromagrip.dataset_folder import Loaded, load_sequences, sequence_name
-from chromagrip.dataset_make import make
-from chromagrip.dataset_split import split
-from chromagrip.loop import known_sensor
-from chromagrip.observers import CameraObserver
-from chromagrip.recipe import load_recipe
+from chromagrip.dataset.folder import Loaded, load_sequences, sequence_name
+from chromagrip.dataset.make import make
+from chromagrip.dataset.recipe import load_recipe
+from chromagrip.dataset.split import split
+from chromagrip.loop.grasp import known_sensor
+from chromagrip.loop.observers import CameraObserver
+from chromagrip.output.pictures import read_picture
 from chromagrip.render import Frame
-from chromagrip.render.gl import gl_problem
-from chromagrip.sources import read_picture
+from chromagrip.render.drawing.gl import gl_problem
 
 TRACKED = 0.02  # noise of a tracker's places, of which labels have none [px]
 

@@ -1,7 +1,14 @@
 """What is true: the node model of fingertip and object, c·u̇ + K(u)·u = F_contact (thesis Eq. 2)."""
 
-from .drive import Drive
-from .ensemble import Ensemble, rest_ensemble, step_many
+from .chain.drive import Drive
+from .chain.ensemble import Ensemble, rest_ensemble, step_many
+from .chain.fingertip import REFERENCE_NODES, Fingertip, SpringLaw
+from .chain.integrators import INTEGRATORS, Method, explicit_limit, simulate
+from .chain.metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
+from .chain.plant import History, step, steps
+from .chain.state import Deformation, State, load_state, rest_state, save_state
+from .chain.statics import equilibrium
+from .chain.stiffness import chain_compliance, chain_forces, spring_force, spring_forces
 from .errors import (
     ConvergenceError,
     DivergedError,
@@ -10,7 +17,6 @@ from .errors import (
     NoEquilibriumError,
     PiercedError,
 )
-from .fingertip import REFERENCE_NODES, Fingertip, SpringLaw
 from .force_field import (
     ForceField,
     FrictionReading,
@@ -19,13 +25,7 @@ from .force_field import (
     touching,
     whole_friction,
 )
-from .integrators import INTEGRATORS, Method, explicit_limit, simulate
-from .metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
 from .objects import ContactObject, stiffness_from_young
-from .plant import History, step, steps
-from .state import Deformation, State, load_state, rest_state, save_state
-from .statics import equilibrium
-from .stiffness import chain_compliance, chain_forces, spring_force, spring_forces
 
 __all__ = [
     "GROSS_SLIP",

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .chain import chain, contact
-from .contact import contact_frames, frictions_at
-from .fingertip import CONTACT_THRESHOLD, Fingertip
+from .chain.chain import chain, contact
+from .chain.fingertip import CONTACT_THRESHOLD, Fingertip
+from .chain.plant import History
+from .chain.state import State
+from .kernels.contact import contact_frames, frictions_at
+from .kernels.slip_kernels import touch
 from .objects import ContactObject
-from .plant import History
-from .slip_kernels import touch
-from .state import State
 
 Array = NDArray[np.float64]
 

@@ -1,17 +1,17 @@
 """What the camera sees: ground · Π over layers of (1 − covered·(1 − transmittance)), blurred."""
 
-from .calibration import CalibrationError, camera_text, load_camera, save_camera
-from .camera import Camera, FisheyeCamera, PinholeCamera
-from .defects import Defects, Flaws
+from .design.sensor import LAYERS, SensorDesign, SensorError, load_sensor, sensor_names
+from .drawing.gl import GLMissingError
+from .drawing.renderers import RENDERERS, Renderer, open_renderer
+from .drawing.truth import GroundTruth, TruthMap
+from .flaws.defects import Defects, Flaws
+from .flaws.imaging import Imaging, shutter_times
+from .flaws.noise import add_noise
 from .frame import Frame
-from .gl import GLMissingError
-from .imaging import Imaging, shutter_times
 from .membrane import Membrane, MembraneMap
-from .noise import add_noise
-from .renderers import RENDERERS, Renderer, open_renderer
-from .sensor import LAYERS, SensorDesign, SensorError, load_sensor, sensor_names
-from .truth import GroundTruth, TruthMap
-from .view import View
+from .optics.calibration import CalibrationError, camera_text, load_camera, save_camera
+from .optics.camera import Camera, FisheyeCamera, PinholeCamera
+from .optics.view import View
 
 __all__ = [
     "LAYERS",

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .colour import decode_srgb
-from .sensor import SensorDesign
+from .design.sensor import SensorDesign
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from .skin import Skin
+from .design.skin import Skin
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .design.sensor import SensorDesign
 from .harmonics import HarmonicMap, harmonic_map
-from .sensor import SensorDesign
 
 Array = NDArray[np.float64]
 

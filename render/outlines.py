@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .membrane import Membrane
-from .view import View
+from .optics.view import View
 
 Array = NDArray[np.float64]
 

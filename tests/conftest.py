@@ -10,7 +10,7 @@ from subprocess import CompletedProcess
 import pytest
 from hypothesis import settings
 
-from chromagrip.cli import main
+from chromagrip.cli.app import main
 
 # No test is timed: first calls compile.
 settings.register_profile("untimed", deadline=None)

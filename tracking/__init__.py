@@ -1,15 +1,19 @@
 """What the image says: markers, then forces, f = argmin |y − J·K⁻¹·f|² + prior(f)."""
 
-from .calibration import (
+from .detection import DetectionError, Markers, RestFrame, detect_markers, read_rest
+from .fit.tracker import MarkerTracker
+from .forces.calibration import (
     CalibrationFileError,
     SensorCalibration,
     load_calibration,
     nominal_calibration,
     shipped_readout,
 )
-from .contact_reading import ForcePrior
-from .detection import DetectionError, Markers, RestFrame, detect_markers, read_rest
-from .friction import (
+from .forces.chain.contact_reading import ForcePrior
+from .forces.chain.gaussian_process import MIN_MARKERS, DivergedEstimateError, GaussianProcess
+from .forces.chain.readout import ReadOutError
+from .forces.chain.sensitivity import UnsupportedSensorError
+from .forces.friction import (
     CAMERA_RULE,
     FRICTION,
     THESIS_RULE,
@@ -19,19 +23,15 @@ from .friction import (
     core_quantile,
     max_ratio,
 )
-from .gaussian_process import MIN_MARKERS, DivergedEstimateError, GaussianProcess
-from .palette import DEFAULT_PALETTE, Palette, PaletteError, load_palette, palette_names
-from .readout import ReadOutError
-from .reconstructors import (
+from .forces.reconstructors import (
     DEFAULT_RECONSTRUCTOR,
     RECONSTRUCTORS,
     Reconstructor,
     ReconstructorError,
     load_reconstructor,
 )
-from .sensitivity import UnsupportedSensorError
-from .shifts import NoEstimateError, TooFewMarkersError
-from .tracker import MarkerTracker
+from .forces.shifts import NoEstimateError, TooFewMarkersError
+from .palette import DEFAULT_PALETTE, Palette, PaletteError, load_palette, palette_names
 from .trackers import (
     DEFAULT_TRACKER,
     FrameError,

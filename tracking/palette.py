@@ -11,7 +11,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from ..render import LAYERS, SensorDesign, SensorError, load_sensor, sensor_names
-from ..render.tables import Table, convert
+from ..strict_toml import Table, convert
 
 Array = NDArray[np.float64]
 #: Of linear light; above 1 for markers that are brighter than the ground.

@@ -7,8 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..by_name import import_class
 from ..render import Frame
-from ..render.by_name import import_class
 from .palette import Palette
 from .tracks import Tracks
 
@@ -69,16 +69,25 @@ def check_frame(frame: Frame, shape: tuple[int, ...]) -> None:
 
 #: Module:Class of each tracker of ours, and one line about it.
 TRACKERS = {
-    "fit": ("tracker:MarkerTracker", "least-squares fit of the known shape of both layers"),
-    "thrifty": ("thrifty:ThriftyTracker", "the same fit, of what holds still every fourth frame"),
-    "sparse": ("thrifty:SparseTracker", "thrifty, from every other row of the image"),
-    "quick": ("tracker:QuickTracker", "the same fit of places alone, to every second row"),
-    "centroid": ("centroid:WeightedCentroid", "weighted centroids of what each dye covers"),
-    "lk": ("flow:LucasKanade", "Lucas-Kanade from the rest frame, warm started"),
-    "dis": ("flow:DenseInverseSearch", "dense flow (DIS) from the rest frame"),
-    "farneback": ("flow:Farneback", "dense flow (Farnebäck) from the rest frame"),
-    "blob": ("blob:BlobDetector", "OpenCV's blob detector on dye density"),
-    "chromatouch": ("chromatouch:ChromaTouch", "the published pipeline: top-hat, HSV mask, hue"),
+    "fit": ("fit.tracker:MarkerTracker", "least-squares fit of the known shape of both layers"),
+    "thrifty": (
+        "fit.thrifty:ThriftyTracker",
+        "the same fit, of what holds still every fourth frame",
+    ),
+    "sparse": ("fit.thrifty:SparseTracker", "thrifty, from every other row of the image"),
+    "quick": ("fit.tracker:QuickTracker", "the same fit of places alone, to every second row"),
+    "centroid": (
+        "baselines.centroid:WeightedCentroid",
+        "weighted centroids of what each dye covers",
+    ),
+    "lk": ("baselines.flow:LucasKanade", "Lucas-Kanade from the rest frame, warm started"),
+    "dis": ("baselines.flow:DenseInverseSearch", "dense flow (DIS) from the rest frame"),
+    "farneback": ("baselines.flow:Farneback", "dense flow (Farnebäck) from the rest frame"),
+    "blob": ("baselines.blob:BlobDetector", "OpenCV's blob detector on dye density"),
+    "chromatouch": (
+        "baselines.chromatouch:ChromaTouch",
+        "the published pipeline: top-hat, HSV mask, hue",
+    ),
 }
 DEFAULT_TRACKER = "fit"
 #: Entry points of installed packages that are trackers.

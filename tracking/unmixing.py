@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..render.coverage import shared_coverage
+from ..render.drawing.coverage import shared_coverage
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

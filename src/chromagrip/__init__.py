@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .errors import UserError
-    from .run_folder import Result, run
-    from .scene import Scene, load_scene, scene_names
+    from .loop.run_folder import Result, run
+    from .scene.scene import Scene, load_scene, scene_names
 
 _HOMES = {
-    "Result": "run_folder",
-    "Scene": "scene",
+    "Result": "loop.run_folder",
+    "Scene": "scene.scene",
     "UserError": "errors",
-    "load_scene": "scene",
-    "run": "run_folder",
-    "scene_names": "scene",
+    "load_scene": "scene.scene",
+    "run": "loop.run_folder",
+    "scene_names": "scene.scene",
 }
 
 __all__ = ["Result", "Scene", "UserError", "load_scene", "run", "scene_names"]

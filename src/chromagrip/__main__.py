@@ -2,7 +2,7 @@
 
 import sys
 
-from .doctor import report
+from .cli.doctor import report
 
 
 def main() -> None:
@@ -10,7 +10,7 @@ def main() -> None:
     if sys.argv[1:] == ["doctor"]:
         sys.exit(report())
     try:
-        from .cli import main as run
+        from .cli.app import main as run
     except ImportError as error:
         print(f"chromagrip: {error}; `chromagrip doctor` names what mends it", file=sys.stderr)
         sys.exit(2)

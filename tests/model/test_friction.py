@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from chromagrip.model.friction import dahl_path, dahl_step, dahl_tangent
+from chromagrip.model.kernels.friction import dahl_path, dahl_step, dahl_tangent
 
 NORMAL, MU, SIGMA = 0.03, 0.5, 5000.0
 LIMIT = MU * NORMAL

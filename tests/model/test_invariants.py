@@ -14,8 +14,8 @@ from chromagrip.model import (
     equilibrium,
     simulate,
 )
-from chromagrip.model.chain import chain
-from chromagrip.model.dense import stiffness_matrix
+from chromagrip.model.chain.chain import chain
+from chromagrip.model.chain.dense import stiffness_matrix
 
 TIP = Fingertip(nodes=51)
 objects = st.builds(

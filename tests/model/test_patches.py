@@ -19,7 +19,7 @@ from chromagrip.model import (
     step_many,
     whole_friction,
 )
-from chromagrip.model.ensemble import rest_ensemble
+from chromagrip.model.chain.ensemble import rest_ensemble
 
 TIP = Fingertip(nodes=101)
 STRIPES = tuple((1e-3 * x, 1.4 if x % 2 else 0.6) for x in range(-6, 7))

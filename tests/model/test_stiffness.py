@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chromagrip.model import Fingertip, chain_compliance, chain_forces
-from chromagrip.model.springs import AXIAL, INVERSE_POISSON, SPLIT, spring
+from chromagrip.model.kernels.springs import AXIAL, INVERSE_POISSON, SPLIT, spring
 
 TIP = Fingertip(nodes=31)
 lengths = st.floats(-5e-3, 5e-3).filter(lambda v: abs(v) > 1e-4)

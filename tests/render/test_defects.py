@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from chromagrip.render import Membrane, MembraneMap, SensorDesign, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
-from chromagrip.render.defects import Defects, Flaws
-from chromagrip.render.imaging import (
+from chromagrip.render.design.sensor import Seams
+from chromagrip.render.flaws.defects import Defects, Flaws
+from chromagrip.render.flaws.imaging import (
     Imaging,
     exposure,
     shutter_times,
@@ -19,8 +20,7 @@ from chromagrip.render.imaging import (
     white_balance,
 )
 from chromagrip.render.membrane import rest_membrane
-from chromagrip.render.sensor import Seams
-from chromagrip.render.tables import convert
+from chromagrip.strict_toml import convert
 
 SENSOR = load_sensor("thesis")
 MEMBRANE = MembraneMap(SENSOR, 251)

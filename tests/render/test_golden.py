@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from chromagrip.path_traced import against_path_traced
+from chromagrip.measure.worlds.path_traced import against_path_traced
 from chromagrip.render import load_sensor, open_renderer, sensor_names
-from chromagrip.render.gl import gl_problem
+from chromagrip.render.drawing.gl import gl_problem
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 

@@ -4,9 +4,9 @@ from msgspec.structs import replace
 
 from chromagrip.model import Fingertip
 from chromagrip.render import MembraneMap, SensorDesign, load_sensor
+from chromagrip.render.design.layout import geodesic, unit_vectors
+from chromagrip.render.design.skin import DomeSkin
 from chromagrip.render.harmonics import harmonic_map
-from chromagrip.render.layout import geodesic, unit_vectors
-from chromagrip.render.skin import DomeSkin
 
 NODES = 251
 SKIN = DomeSkin(radius=8e-3)

@@ -5,8 +5,8 @@ import pytest
 
 from chromagrip.model import ContactObject, Fingertip, rest_state, step
 from chromagrip.render import Membrane, MembraneMap, Renderer, load_sensor, open_renderer
-from chromagrip.render import gl as gl_module
-from chromagrip.render.gl import GLMissingError, gl_problem
+from chromagrip.render.drawing import gl as gl_module
+from chromagrip.render.drawing.gl import GLMissingError, gl_problem
 
 SENSOR = load_sensor("thesis")
 
@@ -49,7 +49,8 @@ def test_meshes_follow_the_membrane(mesh: Renderer, pressed: Membrane) -> None:
 
 def test_missing_gl_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "chromagrip.render.mesh_renderer.gl_problem", lambda: "no off-screen OpenGL context: test"
+        "chromagrip.render.drawing.mesh_renderer.gl_problem",
+        lambda: "no off-screen OpenGL context: test",
     )
     with pytest.raises(GLMissingError, match=r"pyrender cannot run here.*apt-get install"):
         open_renderer("pyrender", SENSOR)

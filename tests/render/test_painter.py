@@ -6,11 +6,11 @@ from scipy.stats import multivariate_normal, norm
 from chromagrip.model import ContactObject, Fingertip, rest_state, step
 from chromagrip.render import Membrane, MembraneMap, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
-from chromagrip.render.coverage import covered_by_both, edge_width, togetherness
+from chromagrip.render.drawing.coverage import covered_by_both, edge_width, togetherness
+from chromagrip.render.drawing.painter import Painter, coverage_image
+from chromagrip.render.drawing.supersampled import supersampled_image
 from chromagrip.render.membrane import rest_membrane
 from chromagrip.render.outlines import centroids, outlines
-from chromagrip.render.painter import Painter, coverage_image
-from chromagrip.render.supersampled import supersampled_image
 
 SENSOR = load_sensor("thesis")
 

@@ -5,7 +5,7 @@ import pytest
 
 from chromagrip.model import ContactObject, Fingertip, equilibrium
 from chromagrip.render import GroundTruth, Membrane, MembraneMap, TruthMap, load_sensor
-from chromagrip.render.truth import overlap_share
+from chromagrip.render.drawing.truth import overlap_share
 
 SENSOR = load_sensor("thesis")
 TIP = Fingertip()

@@ -9,7 +9,7 @@ from msgspec.structs import replace as changed
 from chromagrip.model import Fingertip
 from chromagrip.render import load_sensor
 from chromagrip.tracking import SensorCalibration, Tracks
-from chromagrip.tracking.calibration import (
+from chromagrip.tracking.forces.calibration import (
     CalibrationFileError,
     FitReport,
     OtherSensorError,
@@ -21,7 +21,7 @@ from chromagrip.tracking.calibration import (
     values_of,
     with_values,
 )
-from chromagrip.tracking.displacement import (
+from chromagrip.tracking.forces.displacement import (
     DisplacementGains,
     GainError,
     displacement,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from chromagrip.force_scenes import LIBRARY, scenes
+from chromagrip.measure.worlds.grasps import LIBRARY, scenes
 from chromagrip.model import rest_state
 from chromagrip.render.outlines import centroids, outlines
 

@@ -11,7 +11,7 @@ from chromagrip.tracking import (
     core_quantile,
     max_ratio,
 )
-from chromagrip.tracking.friction import LARGEST_FRICTION, mostly_slipping, slip_zones
+from chromagrip.tracking.forces.friction import LARGEST_FRICTION, mostly_slipping, slip_zones
 
 #: What a few nodes are enough for, unlike slip zones.
 QUANTILE_RULE = FrictionRule(read=FRICTION["core-quantile"], may_fall=mostly_slipping)

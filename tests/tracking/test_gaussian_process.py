@@ -13,8 +13,8 @@ from chromagrip.tracking import (
     TooFewMarkersError,
     Tracks,
 )
-from chromagrip.tracking.friction import slip_zones
-from chromagrip.tracking.sensitivity import MarkerResponse
+from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
+from chromagrip.tracking.forces.friction import slip_zones
 
 SENSOR = load_sensor("thesis")
 PAINTER = open_renderer("painter", SENSOR)

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from chromagrip.model.compiled import njit
-from chromagrip.tracking.lanes import LANES
-from chromagrip.tracking.light_kernels import dot, weighted_dot
-from chromagrip.tracking.pixel_kernels import BUFFER, ROOM
+from chromagrip.compiled import njit
+from chromagrip.tracking.fit.lanes import LANES
+from chromagrip.tracking.fit.light_kernels import dot, weighted_dot
+from chromagrip.tracking.fit.pixel_kernels import BUFFER, ROOM
 
 ROWS = (23, 14, 17)
 

@@ -4,19 +4,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from chromagrip.force_histories import Snapshots, snapshots
+from chromagrip.calibrate.histories import Snapshots, snapshots
 from chromagrip.model import ContactObject, Fingertip, ForceField, equilibrium
 from chromagrip.render import load_sensor
 from chromagrip.tracking import SensorCalibration, TooFewMarkersError, Tracks, load_calibration
-from chromagrip.tracking.learned import Learned, Sequential, UnlikeAnyPressError
-from chromagrip.tracking.readout import (
+from chromagrip.tracking.forces.chain.learned import Learned, Sequential, UnlikeAnyPressError
+from chromagrip.tracking.forces.chain.readout import (
     ReadOutError,
     forward,
     load_readout,
     save_readout,
     slope,
 )
-from chromagrip.tracking.sensitivity import MarkerResponse
+from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
 
 SENSOR = load_sensor("thesis")
 TIP = Fingertip()

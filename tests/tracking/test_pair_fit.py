@@ -7,16 +7,16 @@ from scipy.spatial import KDTree
 
 from chromagrip.render import Frame, Membrane, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
-from chromagrip.render.coverage import EDGE_RANGE, edge, edge_slope
-from chromagrip.render.gl import gl_problem
-from chromagrip.render.membrane import rest_membrane
-from chromagrip.render.supersampled import (
+from chromagrip.render.drawing.coverage import EDGE_RANGE, edge, edge_slope
+from chromagrip.render.drawing.gl import gl_problem
+from chromagrip.render.drawing.supersampled import (
     polygon_centroids,
     projected_outlines,
     supersampled_image,
 )
+from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import MarkerTracker, Palette
-from chromagrip.tracking.neighbour_kernels import crowded, tie_light
+from chromagrip.tracking.fit.neighbour_kernels import crowded, tie_light
 
 BLUR, RADIUS, NOISE = 0.9, 6.0, 2.0
 

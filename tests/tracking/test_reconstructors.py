@@ -25,7 +25,7 @@ from chromagrip.tracking import (
     Tracks,
     load_reconstructor,
 )
-from chromagrip.tracking.friction import slip_zones
+from chromagrip.tracking.forces.friction import slip_zones
 
 SENSOR = load_sensor("thesis")
 TIP = Fingertip()

@@ -6,7 +6,7 @@ from chromagrip.model import Fingertip
 from chromagrip.render import Frame, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import Palette, read_rest
-from chromagrip.tracking.relocate import Relocator
+from chromagrip.tracking.fit.relocate import Relocator
 
 SENSOR = load_sensor("thesis")
 TIP = Fingertip()

@@ -3,11 +3,11 @@ import pytest
 from msgspec.structs import replace
 
 from chromagrip.render import Defects, Flaws, SensorDesign, load_sensor, open_renderer
+from chromagrip.render.flaws.noise import add_noise
 from chromagrip.render.frame import Frame
 from chromagrip.render.membrane import rest_membrane
-from chromagrip.render.noise import add_noise
 from chromagrip.tracking import MarkerTracker, Palette, Tracks
-from chromagrip.tracking.rest_fit import fitted_to_rest
+from chromagrip.tracking.forces.rest_fit import fitted_to_rest
 
 SENSOR = load_sensor("thesis")
 

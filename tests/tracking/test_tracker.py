@@ -10,8 +10,8 @@ from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sens
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import DetectionError, MarkerTracker, Palette, Tracks
-from chromagrip.tracking.thrifty import SparseTracker, ThriftyTracker
-from chromagrip.tracking.tracker import QuickTracker
+from chromagrip.tracking.fit.thrifty import SparseTracker, ThriftyTracker
+from chromagrip.tracking.fit.tracker import QuickTracker
 
 SENSOR = load_sensor("thesis")
 PALETTE = Palette.of_sensor(SENSOR)

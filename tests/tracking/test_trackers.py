@@ -3,8 +3,8 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from chromagrip.tracking import TrackerError, load_tracker, tracker_names
-from chromagrip.tracking.centroid import WeightedCentroid
-from chromagrip.tracking.tracker import MarkerTracker
+from chromagrip.tracking.baselines.centroid import WeightedCentroid
+from chromagrip.tracking.fit.tracker import MarkerTracker
 
 
 def test_ours_are_found_by_name() -> None:
@@ -15,14 +15,17 @@ def test_ours_are_found_by_name() -> None:
         assert callable(kind.update)  # type: ignore[attr-defined]
 
 
+TARGET = "chromagrip.tracking.baselines.centroid:WeightedCentroid"
+
+
 def test_anybodys_by_module_and_class() -> None:
-    assert load_tracker("chromagrip.tracking.centroid:WeightedCentroid") is WeightedCentroid
+    assert load_tracker(TARGET) is WeightedCentroid
 
 
 def test_installed_ones_by_their_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
     def installed(group: str) -> list[EntryPoint]:
         assert group == "chromagrip.trackers"
-        return [EntryPoint("mine", "chromagrip.tracking.centroid:WeightedCentroid", group)]
+        return [EntryPoint("mine", TARGET, group)]
 
     monkeypatch.setattr("chromagrip.tracking.trackers.entry_points", installed)
     assert load_tracker("mine") is WeightedCentroid

@@ -1,0 +1,138 @@
+"""Numbers the compiled kernels work on, scaled to the node spacing: the chain and its object."""
+
+from functools import lru_cache
+from typing import NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from ..kernels.contact import Contact
+from ..objects import ContactObject
+from .fingertip import REFERENCE_NODES, Fingertip, SpringLaw
+
+Array = NDArray[np.float64]
+
+
+class Chain(NamedTuple):
+    """Numbers of one fingertip (SI).
+
+    A half chain starts at the apex, which its mirror plane holds in x; a whole one starts at the
+    left rim, which the rigid part holds.
+    """
+
+    rest: Array  # (N, 2) node positions
+    share: Array  # (N,) arc length of a node over that at 251 even nodes
+    tissue: Array  # (N,) spring to the rigid part
+    membrane: Array  # (N − 1,) spring to the next node
+    cross_tissue: Array  # (N,) Poisson factor with the sign of its half
+    cross_membrane: Array  # (N − 1,)
+    damping: Array  # (N,)
+    damping_rigid: float
+    law: int
+    half: bool
+
+
+@lru_cache(maxsize=64)
+def chain(fingertip: Fingertip, half: bool = False) -> Chain:
+    """Numbers of a fingertip, or of its right half from the apex on."""
+    rest, share = fingertip.rest_positions(), fingertip.shares()
+    arc = fingertip.arc_lengths()
+    spacing = np.diff(arc) * ((REFERENCE_NODES - 1) / arc[-1])
+    sign = fingertip.poisson_signs()
+    whole = Chain(
+        rest=rest,
+        share=share,
+        tissue=fingertip.tissue_stiffness * share,
+        membrane=fingertip.membrane_stiffness / spacing,
+        cross_tissue=fingertip.poisson_tissue * sign,
+        cross_membrane=fingertip.poisson_membrane * np.sign(sign[1:] + sign[:-1]),
+        damping=fingertip.damping_node * share,
+        damping_rigid=float(fingertip.damping_rigid),
+        law=get_args(SpringLaw).index(fingertip.law),
+        half=False,
+    )
+    return _right_half(whole) if half else whole
+
+
+def _right_half(whole: Chain) -> Chain:
+    n = len(whole.share)
+    mirrored = whole.rest[::-1] * [-1.0, 1.0]
+    if n % 2 == 0 or abs(whole.rest - mirrored).max() > 1e-12:
+        raise ValueError("a half chain needs a fingertip that mirrors itself, with a node at x = 0")
+    apex = n // 2
+    weight = np.ones(n - apex)
+    weight[0] = 0.5  # the other half of the apex belongs to the other half of the chain
+    return whole._replace(
+        rest=whole.rest[apex:],
+        share=whole.share[apex:] * weight,
+        tissue=whole.tissue[apex:] * weight,
+        membrane=whole.membrane[apex:],
+        cross_tissue=whole.cross_tissue[apex:],
+        cross_membrane=whole.cross_membrane[apex:],
+        damping=whole.damping[apex:] * weight,
+        damping_rigid=whole.damping_rigid / 2,
+        half=True,
+    )
+
+
+@lru_cache(maxsize=256)
+def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
+    """Numbers of an object that just touches the fingertip at rest.
+
+    Raises
+    ------
+    ValueError
+        When a hollow is too narrow for the fingertip to enter.
+    """
+    knots, pieces = _spline(obj.profile)
+    places, factors = np.array(obj.patches, dtype=float).reshape(-1, 2).T.copy()
+    # An integer would have every kernel compiled once more.
+    return Contact(
+        stiffness=float(obj.stiffness),
+        mu=float(obj.friction),
+        bristle=float(obj.dahl_stiffness),
+        exponent=float(obj.dahl_exponent),
+        drag=float(obj.drag),
+        curvature=float(obj.curvature),
+        lift=_lift(fingertip, obj, knots, pieces),
+        knots=knots,
+        pieces=pieces,
+        places=places,
+        factors=factors,
+    )
+
+
+def _spline(profile: tuple[tuple[float, float], ...] | None) -> tuple[Array, Array]:
+    """Knots and cubic pieces through the points, straight beyond the ends."""
+    if profile is None:
+        return np.empty(0), np.empty((1, 4))
+    # Contiguous, as the empty knots are: kernels are compiled once for both.
+    x, z = np.array(profile).T.copy()
+    curve = CubicSpline(x, z, bc_type="natural")
+    pieces = np.zeros((len(x) + 1, 4))
+    pieces[1:-1] = curve.c[::-1].T
+    for end, place in ((0, x[0]), (-1, x[-1])):
+        pieces[end, :2] = curve(place), curve(place, 1)
+    return x, pieces
+
+
+def _lift(fingertip: Fingertip, obj: ContactObject, knots: Array, pieces: Array) -> float:
+    """Shift along z at which the first node touches."""
+    x, z = fingertip.rest_positions().T
+    if len(knots):
+        k = np.searchsorted(knots, x)
+        h = x - knots[np.maximum(k - 1, 0)]
+        surface = sum(pieces[k, p] * h**p for p in range(4))
+        return float((z - surface).max())
+    if obj.curvature == 0.0:
+        return float(z.max())
+    radius = 1.0 / obj.curvature
+    under = abs(x) < abs(radius)
+    if radius < 0.0 and not under.all():
+        raise ValueError(
+            f"object curvature {obj.curvature!r} 1/m is a hollow of {-radius:.4g} m radius, too "
+            f"narrow for a fingertip {abs(x).max():.4g} m wide to each side"
+        )
+    surface = radius - np.sign(radius) * np.sqrt(radius**2 - x[under] ** 2)
+    return float((z[under] - surface).max())

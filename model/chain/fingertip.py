@@ -1,0 +1,195 @@
+"""Fingertip Model and Sensor Model of the thesis: nodes on tissue and membrane springs."""
+
+from dataclasses import dataclass
+from typing import Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import finite, within
+
+Array = NDArray[np.float64]
+SpringLaw = Literal["split", "inverse-poisson", "axial"]
+
+#: Node count at which the thesis prints its per-node constants.
+REFERENCE_NODES = 251
+#: A node is in contact above this normal force [N] at 251 nodes (thesis section 5.2).
+CONTACT_THRESHOLD = 0.005
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fingertip:
+    """Parameters of the soft fingertip; per-node values hold at 251 nodes, scaled to the spacing.
+
+    Attributes
+    ----------
+    nodes: number of nodes; odd if evenly spaced, so that one sits at the apex
+    radius: radius of the half circle [m]
+    tissue_stiffness: spring from the rigid part to a node, 25 kPa·π·r/2 (thesis Table 1) [N/m]
+    membrane_stiffness: spring between neighbours (thesis Table 1) [N/m]
+    poisson_tissue, poisson_membrane: Poisson factors ν of the two springs; unused by `axial`
+    damping_node, damping_rigid: dampers to ground (thesis Table 1) [N·s/m]
+    law: force of a spring: `split` is the Fingertip Model (thesis Eq. 3 with E6),
+        `inverse-poisson` its variant (Eq. 17), `axial` the Sensor Model (Eq. 14)
+    stations: places of the nodes as shares of the arc length, from 0 to 1; None spaces them evenly
+    outline: dome as a polyline of (x, z) from the left rim to the right one [m]; None is the half
+        circle
+    """
+
+    nodes: int = REFERENCE_NODES
+    radius: float = 8e-3
+    tissue_stiffness: float = 25e3 * np.pi * 8e-3 / 2
+    membrane_stiffness: float = 1544.0
+    poisson_tissue: float = 0.4
+    poisson_membrane: float = 0.004
+    damping_node: float = 0.1
+    damping_rigid: float = 0.1
+    law: SpringLaw = "split"
+    stations: tuple[float, ...] | None = None
+    outline: tuple[tuple[float, float], ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.stations is None and (self.nodes < 11 or self.nodes % 2 == 0):
+            raise ValueError(f"fingertip nodes must be odd and at least 11, got {self.nodes!r}")
+        finite("fingertip radius", self.radius, "m", above=0.0)
+        finite("tissue stiffness", self.tissue_stiffness, "N/m", above=0.0)
+        finite("membrane stiffness", self.membrane_stiffness, "N/m", above=0.0)
+        finite("node damping", self.damping_node, "N·s/m", above=0.0)
+        finite("rigid-part damping", self.damping_rigid, "N·s/m", above=0.0)
+        within("tissue Poisson factor", self.poisson_tissue, "", 0.0, 0.5)
+        within("membrane Poisson factor", self.poisson_membrane, "", 0.0, 0.5)
+        if self.law not in get_args(SpringLaw):
+            allowed = ", ".join(get_args(SpringLaw))
+            raise ValueError(f"fingertip law must be one of {allowed}, got {self.law!r}")
+        if self.stations is not None:
+            _check_stations(self.stations, self.nodes)
+        if self.outline is not None:
+            _check_outline(self.outline)
+
+    @classmethod
+    def of_radius(cls, radius: float, *, nodes: int, law: SpringLaw) -> Self:
+        """Half circle of the thesis's materials and another radius (thesis Table 1).
+
+        Tissue, 25 kPa·π·r/2, is stiffer at a larger radius, the membrane, E·w·t over pitch, softer.
+        """
+        share = radius / cls.radius
+        return cls(
+            nodes=nodes,
+            radius=radius,
+            tissue_stiffness=cls.tissue_stiffness * share,
+            membrane_stiffness=cls.membrane_stiffness / share,
+            law=law,
+        )
+
+    @classmethod
+    def graded(
+        cls, nodes: int = 99, core: float = 7.4e-3, *, radius: float = 8e-3, **parameters: float
+    ) -> Self:
+        """Half circle with the spacing of 251 nodes where contact can be, coarser towards the rim.
+
+        Parameters
+        ----------
+        nodes: number of nodes, odd
+        core: arc length around the apex that keeps the fine spacing [m]
+        radius: radius of the half circle [m]
+        parameters: other attributes of a Fingertip
+
+        Raises
+        ------
+        ValueError
+            When the core alone needs more nodes than there are.
+        """
+        stations = _graded_stations(nodes, core, np.pi * radius)
+        return cls(nodes=nodes, radius=radius, stations=stations, **parameters)  # type: ignore[arg-type]
+
+    @property
+    def pitch(self) -> float:
+        """Arc length between the nodes next to the apex [m]."""
+        s = self.arc_lengths()
+        middle = int(np.searchsorted(s, s[-1] / 2))
+        return float(s[middle] - s[middle - 1])
+
+    def arc_lengths(self) -> Array:
+        """Place of each node along the dome, from the left rim [m], shape (N,)."""
+        if self.outline is None:
+            length = np.pi * self.radius
+        else:
+            length = float(np.linalg.norm(np.diff(self.outline, axis=0), axis=1).sum())
+        if self.stations is None:
+            return np.linspace(0.0, length, self.nodes)
+        return length * np.array(self.stations)
+
+    def shares(self) -> Array:
+        """Arc length that each node stands for, over that at 251 even nodes, shape (N,)."""
+        s = self.arc_lengths()
+        return np.gradient(s, edge_order=1) * (REFERENCE_NODES - 1) / s[-1]
+
+    @property
+    def contact_threshold(self) -> Array:
+        """Normal force above which a node counts as in contact [N], shape (N,)."""
+        return CONTACT_THRESHOLD * self.shares()
+
+    def angles(self) -> Array:
+        """Signed angle of each node from the apex, arc length over radius [rad], shape (N,)."""
+        s = self.arc_lengths()
+        return (s / s[-1] - 0.5) * np.pi
+
+    def rest_positions(self) -> Array:
+        """Node positions (x, z) without load [m], shape (N, 2)."""
+        if self.outline is None:
+            angle = self.angles()
+            rest = self.radius * np.column_stack([np.sin(angle), np.cos(angle)])
+            rest[abs(rest) < 1e-12 * self.radius] = 0.0
+            return rest
+        points = np.array(self.outline)
+        corners = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        )
+        s = self.arc_lengths()
+        return np.column_stack([np.interp(s, corners, points[:, k]) for k in (0, 1)])
+
+    def poisson_signs(self) -> Array:
+        """Hard-coded sign of the Poisson cross term: −1 left, 0 centre, +1 right (E6), (N,)."""
+        x = self.rest_positions()[:, 0]
+        return np.where(abs(x) < 1e-9 * abs(x).max(), 0.0, np.sign(x))
+
+
+def _check_stations(stations: tuple[float, ...], nodes: int) -> None:
+    if len(stations) != nodes or nodes < 11:
+        raise ValueError(
+            f"fingertip stations must be as many as nodes and at least 11, "
+            f"got {len(stations)} stations and {nodes} nodes"
+        )
+    if not (stations[0] == 0.0 and stations[-1] == 1.0 and (np.diff(stations) > 0.0).all()):
+        raise ValueError("fingertip stations must increase from 0 to 1")
+
+
+def _check_outline(outline: tuple[tuple[float, float], ...]) -> None:
+    points = np.array(outline, dtype=float)
+    if points.ndim != 2 or points.shape[0] < 3 or points.shape[1] != 2:
+        raise ValueError(
+            f"fingertip outline must be at least 3 points (x, z), got shape {points.shape}"
+        )
+    if not np.isfinite(points).all() or not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
+        raise ValueError("fingertip outline must be finite points, each different from the last")
+
+
+def _graded_stations(nodes: int, core: float, length: float) -> tuple[float, ...]:
+    fine = length / (REFERENCE_NODES - 1)
+    inner = round(core / 2 / fine)
+    outer = (nodes - 1) // 2 - inner
+    wanted = (REFERENCE_NODES - 1) // 2 - inner
+    if nodes % 2 == 0 or outer < 4 or wanted < outer:
+        raise ValueError(
+            f"graded fingertip nodes must be odd and in {2 * inner + 9}…{REFERENCE_NODES} for a "
+            f"core of {core:g} m, got {nodes!r}"
+        )
+    # Spacings grow geometrically, fine·q, fine·q², …, and end exactly at the rim.
+    low, high = 1.0, 4.0
+    for _ in range(100):
+        q = (low + high) / 2
+        low, high = (q, high) if (q ** np.arange(1, outer + 1)).sum() < wanted else (low, q)
+    half = np.concatenate([np.arange(inner + 1.0), inner + np.cumsum(q ** np.arange(1, outer + 1))])
+    half *= 0.5 / half[-1]
+    half[-1] = 0.5
+    return (*(0.5 - half[:0:-1]).tolist(), *(0.5 + half).tolist())

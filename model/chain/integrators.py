@@ -1,0 +1,162 @@
+"""Integrators of the plant, one signature: `simulate` runs any of them by name."""
+
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from ..kernels.contact import Contact
+from ..objects import ContactObject
+from .chain import chain, contact
+from .dense import march_dense, stable_step
+from .drive import Drive
+from .fingertip import Fingertip
+from .plant import IMPLICIT, LAGGED, History, history, march
+from .state import Deformation, State, rest_state
+
+Method = Literal["implicit", "lagged", "euler", "rk4", "rk45", "lsoda", "bdf"]
+
+#: Name and one line about each integrator.
+INTEGRATORS: dict[Method, str] = {
+    "implicit": "default: BDF2, Newton on springs and contact, Dahl return map, block solve",
+    "lagged": "semi-implicit: one linear solve a step, everything linearised at its start",
+    "euler": "dense baseline: forward Euler",
+    "rk4": "dense baseline: classical Runge-Kutta",
+    "rk45": "dense baseline: SciPy's adaptive Runge-Kutta",
+    "lsoda": "dense baseline: SciPy's LSODA",
+    "bdf": "dense baseline: SciPy's BDF",
+}
+
+
+def simulate(
+    fingertip: Fingertip,
+    obj: ContactObject,
+    drive: Drive,
+    *,
+    dt: float,
+    duration: float,
+    method: Method = "implicit",
+    state: State | None = None,
+    every: int = 1,
+    half: bool = False,
+    friction: bool = True,
+) -> History:
+    """Run the plant under a drive.
+
+    Parameters
+    ----------
+    fingertip, obj: the plant
+    drive: grip and load over time
+    dt: step [s]; the longest one for the adaptive methods
+    duration: length of the run, a whole number of steps [s]
+    method: see INTEGRATORS
+    state: where to start; None is the undeformed fingertip at time 0
+    every: record every so many steps
+    half: compute the right half only and mirror it: exact while nothing moves sideways
+    friction: False leaves friction out, for presses whose tangential forces do not matter
+
+    Raises
+    ------
+    ValueError
+        For a step or a method that cannot be, and for a half chain that is loaded sideways.
+    ModelError
+        When the run cannot go on; DivergedError where an explicit method lost the state.
+    """
+    if method not in get_args(Method):
+        raise ValueError(f"method must be one of {', '.join(INTEGRATORS)}, got {method!r}")
+    if not (np.isfinite([dt, duration]).all() and dt > 0.0 and duration > 0.0):
+        raise ValueError(f"dt and duration must be finite and above 0 s, got {dt=}, {duration=}")
+    steps = round(duration / dt)
+    if abs(steps * dt - duration) > 1e-6 * dt or every < 1 or steps % every:
+        raise ValueError(
+            f"the duration must be a whole number of recorded steps, got {duration=}, {dt=}, "
+            f"{every=}"
+        )
+    start = rest_state(fingertip) if state is None else state
+    if len(start.friction) != fingertip.nodes:
+        raise ValueError(
+            f"the state has {len(start.friction)} nodes and the fingertip {fingertip.nodes}"
+        )
+    ct = contact(fingertip, obj)
+    if not friction:
+        ct = ct._replace(mu=0.0)
+    if half:
+        return _march_half(fingertip, obj, ct, start, drive, dt, steps, every, method)
+    ch = chain(fingertip)
+    if method in ("implicit", "lagged"):
+        rule = IMPLICIT if method == "implicit" else LAGGED
+        return march(ch, ct, start, drive, dt, steps, every, rule)
+    states = [start]
+    for _ in range(steps // every):
+        states.append(march_dense(method, ch, ct, states[-1], drive, dt, every, start))
+    return history(states)
+
+
+def explicit_limit(
+    fingertip: Fingertip, obj: ContactObject, state: State, method: Method = "euler"
+) -> float:
+    """Largest step at which linear theory keeps an explicit method stable, 2c/λmax for Euler [s].
+
+    λmax/c is the largest eigenvalue of C⁻¹·J at that state, J being the stiffness of springs,
+    contact and unslipped friction.
+    """
+    return stable_step(chain(fingertip), contact(fingertip, obj), state, method)
+
+
+def _march_half(
+    fingertip: Fingertip,
+    obj: ContactObject,
+    ct: Contact,
+    start: State,
+    drive: Drive,
+    dt: float,
+    steps: int,
+    every: int,
+    method: Method,
+) -> History:
+    """Run the right half on a mirror plane and put the left one beside it."""
+    if method not in ("implicit", "lagged"):
+        raise ValueError(f"a half chain runs with implicit or lagged, not {method}")
+    if drive.lateral.any() or start.deformation.object_position != 0.0:
+        raise ValueError("a half chain needs a drive and a state without lateral load or motion")
+    if obj.profile is not None and not _mirrors(obj.profile):
+        raise ValueError("a half chain needs an object that mirrors itself about x = 0")
+    if obj.patches and not np.allclose(obj.patches, np.array(obj.patches)[::-1] * [-1.0, 1.0]):
+        raise ValueError("a half chain needs patches of friction that mirror themselves")
+    ch = chain(fingertip, half=True)
+    middle = fingertip.nodes // 2
+    d = start.deformation
+    right = State(
+        time=start.time,
+        deformation=Deformation(
+            nodes=d.nodes[middle:], rigid_part=d.rigid_part, object_position=0.0
+        ),
+        friction=start.friction[middle:],
+        slip_rate=start.slip_rate[middle:],
+        rate=start.rate[middle:],
+        step=start.step,
+    )
+    # The mirror plane holds the object; the other half carries its half of the grip.
+    share = 0.5 if drive.normal_control == "force" else 1.0
+    halved = replace(drive, normal=share * drive.normal, lateral_control="position")
+    rule = IMPLICIT if method == "implicit" else LAGGED
+    run = march(ch, ct, right, halved, dt, steps, every, rule)
+    return _mirrored(run)
+
+
+def _mirrors(profile: tuple[tuple[float, float], ...]) -> bool:
+    points = np.array(profile)
+    return bool(np.allclose(points, points[::-1] * [-1.0, 1.0], atol=1e-12))
+
+
+def _mirrored(run: History) -> History:
+    """Whole chain of a half one: x, friction and slip change their sign on the left."""
+    flip = np.array([-1.0, 1.0])
+    rate = run.rate
+    return replace(
+        run,
+        nodes=np.concatenate([run.nodes[:, :0:-1] * flip, run.nodes], axis=1),
+        friction=np.concatenate([-run.friction[:, :0:-1], run.friction], axis=1),
+        slip_rate=np.concatenate([-run.slip_rate[:, :0:-1], run.slip_rate], axis=1),
+        rate=np.concatenate([rate[:, -2:0:-1] * flip, rate], axis=1),
+    )

@@ -1,0 +1,86 @@
+"""Measured words of a grasp, all from truth: lateral displacement, rigid slip, pressure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..force_field import ForceField
+from ..kernels.slip_kernels import slip_step
+from .plant import History
+
+#: Lateral displacement above which a grasp counts as gross slip [m].
+GROSS_SLIP = 0.2e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlipRecord:
+    """Slip of an object over the fingertip up to now.
+
+    Attributes
+    ----------
+    origin: object − node along x when each node's contact began, less `slid` of then [m], NaN out
+        of contact, (N,)
+    current: min over nodes in contact of |object − node|, each since its contact began [m]
+    lateral_displacement: maximum of `current` so far [m]
+    rigid_slip: ∫ min over contact nodes of |relative tangential speed| dt [m]
+    slid: the same with its sign, since there is a contact [m]
+    """
+
+    origin: NDArray[np.float64]
+    current: float = 0.0
+    lateral_displacement: float = 0.0
+    rigid_slip: float = 0.0
+    slid: float = 0.0
+
+
+def no_slip(nodes: int) -> SlipRecord:
+    """Record of a grasp that has not begun."""
+    return SlipRecord(origin=np.full(nodes, np.nan))
+
+
+def follow_slip(
+    record: SlipRecord, run: History, touching: NDArray[np.bool_], dt: float
+) -> list[SlipRecord]:
+    """Record after each step of `dt` seconds of a run whose nodes touch as given, shape (R, N).
+
+    A round object that slides takes its contact along: nodes at the back leave, others join at the
+    front. Those take over how far the whole contact has slid; counted from zero, they would hide
+    slip of any length.
+    """
+    found = []
+    for k in range(1, len(run)):
+        origin = record.origin.copy()
+        now = np.array(
+            [record.current, record.lateral_displacement, record.rigid_slip, record.slid]
+        )
+        slip_step(origin, now, run.nodes[k], run.pose[k, 1], run.slip_rate[k], touching[k], dt)
+        current, lateral, rigid, slid = now.tolist()
+        record = SlipRecord(
+            origin=origin,
+            current=current,
+            lateral_displacement=lateral,
+            rigid_slip=rigid,
+            slid=slid,
+        )
+        found.append(record)
+    return found
+
+
+def pressure(field: ForceField, pitch: float = 0.0) -> float:
+    """ΣFn over the deformed distance of the outermost nodes in contact [N/m] (thesis Eq. 11, E3).
+
+    Parameters
+    ----------
+    field: contact forces
+    pitch: node pitch to add to the width [m]; with it, one node in contact has a width too
+
+    Returns
+    -------
+    Pressure; 0 without contact, NaN where the contact has no width.
+    """
+    touching = field.position[field.contact, 0]
+    if touching.size == 0:
+        return 0.0
+    width = float(touching.max() - touching.min()) + pitch
+    return field.total_normal / width if width > 0.0 else float("nan")

@@ -1,0 +1,269 @@
+"""Fingertip and object in contact, stepped in time by the implicit integrators (thesis Eq. 2).
+
+The object carries the load and a drag to ground, is massless and free along x; the rigid part is
+driven along z by the grip force and held in x (E9).
+"""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ConvergenceError, LostContactError, ModelError, PiercedError
+from ..kernels.bordered_kernels import Scratch, scratch
+from ..kernels.contact import Contact
+from ..kernels.implicit_kernels import LOST, PIERCED, SOLVED, UNSOLVED, Rule, advance, record
+from ..objects import ContactObject
+from .chain import Chain, chain, contact
+from .drive import Drive
+from .fingertip import Fingertip
+from .state import State, state_of
+
+Array = NDArray[np.float64]
+
+#: The default: BDF2, everything at the end of the step, Newton through the springs' turning.
+IMPLICIT = Rule(tolerance=1e-9, max_iterations=30, turning=1.0, second_order=True, lagged=False)
+#: One linear solve a step, everything linearised at its start, first order.
+LAGGED = Rule(tolerance=0.0, max_iterations=1, turning=0.0, second_order=False, lagged=True)
+#: A step that does not converge is done in at most so many parts …
+MAX_PARTS = 3000
+#: … none shorter than this share of it.
+SHORTEST = 1e-12
+NO_RECORD = record(0, 0)
+
+
+def step(
+    fingertip: Fingertip, obj: ContactObject, state: State, dt: float, grip: float, load: float
+) -> State:
+    """State after one implicit step under constant grip force and load.
+
+    Parameters
+    ----------
+    fingertip, obj: the plant
+    state: state at the start of the step
+    dt: step [s]; second-order accurate where the contact does not change
+    grip: force on the rigid part along z [N]
+    load: force on the object along x [N]
+
+    Raises
+    ------
+    ConvergenceError
+        When the nonlinear equations were not solved even after halving the step again and again.
+    LostContactError
+        When there is a load but nothing touches the object.
+    PiercedError
+        When the fingertip goes through a round object.
+    """
+    return steps(fingertip, obj, state, dt, np.array([[grip, load]])).state(-1)
+
+
+def steps(
+    fingertip: Fingertip, obj: ContactObject, state: State, dt: float, forces: Array
+) -> "History":
+    """State and what it is after each of some implicit steps, forces constant within each.
+
+    Parameters
+    ----------
+    fingertip, obj, state, dt: see `step`
+    forces: grip and load of each step [N], shape (S, 2)
+
+    Raises
+    ------
+    ModelError
+        As `step` does.
+    """
+    if not (dt > 0.0 and np.isfinite(dt) and np.isfinite(forces).all()):
+        raise ValueError(f"a step needs dt > 0 and finite forces, got {dt=}, {forces=}")
+    ch, ct = chain(fingertip), contact(fingertip, obj)
+
+    def constant(done: int) -> Drive:
+        return Drive.constant(*forces[done].tolist())
+
+    return _march(ch, ct, state, forces, (False, False), constant, dt, 1, IMPLICIT)
+
+
+_local = threading.local()
+
+
+def _memory(nodes: int) -> Scratch:
+    """Scratch of this thread, kept from call to call."""
+    kept: dict[int, Scratch] = _local.__dict__.setdefault("kept", {})
+    if nodes not in kept:
+        kept[nodes] = scratch(nodes)
+    return kept[nodes]
+
+
+def _copied(state: State) -> tuple[Array, Array, Array, Array, Array]:
+    """Displacements, friction, slip rate, pose and rates, to be stepped in place."""
+    d = state.deformation
+    pose = np.array([d.rigid_part, d.object_position])
+    return d.nodes.copy(), state.friction.copy(), state.slip_rate.copy(), pose, state.rate.copy()
+
+
+@dataclass(frozen=True, kw_only=True)
+class History:
+    """Recorded instants of a run.
+
+    Attributes
+    ----------
+    time: of each instant, the first being that of the state it began with [s], shape (R,)
+    nodes: displacements (x, z) [m], shape (R, N, 2)
+    pose: displacement of the rigid part along z and of the object along x [m], shape (R, 2)
+    friction: Dahl force of each node [N], shape (R, N)
+    slip_rate: tangential speed of the object relative to each node [m/s], shape (R, N)
+    rate: mean rates of `nodes` and, last, of `pose` over the step before [m/s], shape (R, N + 1, 2)
+    step: that step [s]; 0 at the first instant of a run from rest, shape (R,)
+    """
+
+    time: Array
+    nodes: Array
+    pose: Array
+    friction: Array
+    slip_rate: Array
+    rate: Array
+    step: Array
+
+    def __len__(self) -> int:
+        """Recorded instants."""
+        return len(self.time)
+
+    def state(self, index: int) -> State:
+        """State at a recorded instant, from which a run can go on."""
+        return state_of(
+            self.time[index],
+            self.nodes[index],
+            self.pose[index],
+            self.friction[index],
+            self.slip_rate[index],
+            self.rate[index],
+            self.step[index],
+        )
+
+
+def march(
+    ch: Chain,
+    ct: Contact,
+    state: State,
+    drive: Drive,
+    dt: float,
+    steps: int,
+    every: int,
+    rule: Rule,
+) -> History:
+    """Run an implicit rule, recording the start and then every so many steps."""
+    goals = drive.at(state.time + dt * np.arange(1.0, steps + 1.0))
+    return _march(ch, ct, state, goals, drive.held, lambda _: drive, dt, every, rule)
+
+
+def _march(
+    ch: Chain,
+    ct: Contact,
+    state: State,
+    goals: Array,
+    held: tuple[bool, bool],
+    drive_of: Callable[[int], Drive],
+    dt: float,
+    every: int,
+    rule: Rule,
+) -> History:
+    """Run a rule under what is given for the end of each step; `drive_of` says it within one."""
+    y = _copied(state)
+    u, friction, slip, pose, rate = y
+    n, steps = len(ch.share), len(goals)
+    out, memory = record(steps // every + 1, n), _memory(n)
+    times: Array = state.time + dt * np.arange(1.0, steps + 1.0)
+    for kept, now in zip(out, (u, pose, friction, slip, rate), strict=True):
+        kept[0] = now
+    done, before = 0, state.step
+    while True:
+        done, ended = advance(ch, ct, memory, *y, dt, before, held, goals, rule, out, done, every)
+        if done == steps:
+            break
+        if ended != UNSOLVED:
+            raise _broken(ended, float(times[done]), goals[done], dt)
+        start = state.time + done * dt
+        _in_parts(ch, ct, memory, y, drive_of(done), start, dt, before, rule)
+        done, before = done + 1, dt
+        if done % every == 0:
+            for kept, now in zip(out, (u, pose, friction, slip, rate), strict=True):
+                kept[done // every] = now
+    return History(
+        time=np.concatenate([[state.time], times[every - 1 :: every]]),
+        nodes=out.nodes,
+        pose=out.pose,
+        friction=out.friction,
+        slip_rate=out.slip,
+        rate=out.rate,
+        step=np.concatenate([[state.step], np.full(len(out.pose) - 1, dt)]),
+    )
+
+
+def _in_parts(
+    ch: Chain,
+    ct: Contact,
+    memory: Scratch,
+    y: tuple[Array, ...],
+    drive: Drive,
+    start: float,
+    dt: float,
+    last: float,
+    rule: Rule,
+) -> None:
+    """Do a step that could not be solved in two, each halved again where it must be, in place.
+
+    Where a spring snaps through, no state near the last one is in balance; only in steps so short
+    that the dampers hold can it be followed.
+    """
+    u_before, pose_before = y[0].copy(), y[3].copy()
+    waiting = [(start + dt / 2, dt / 2), (start, dt / 2)]
+    for _ in range(MAX_PARTS):
+        now, part = waiting.pop()
+        # A jump at the start of the step is felt by all of its parts.
+        goal = drive.at(np.array([now + part]))
+        _, ended = advance(ch, ct, memory, *y, part, last, drive.held, goal, rule, NO_RECORD, 0, 2)
+        if ended == SOLVED:
+            last = part
+        elif ended == UNSOLVED and part > SHORTEST * dt:
+            waiting += [(now + part / 2, part / 2), (now, part / 2)]
+        else:
+            raise _broken(ended, now + part, goal[0], dt)
+        if not waiting:
+            # As one step, for what reads the rates.
+            u, _, _, pose, rate = y
+            rate[:-1], rate[-1] = (u - u_before) / dt, (pose - pose_before) / dt
+            return
+    raise _broken(UNSOLVED, now + part, goal[0], dt)
+
+
+def _broken(ended: int, time: float, goal: Array, dt: float) -> ModelError:
+    """What the plant cannot go on from."""
+    if ended == PIERCED:
+        return PiercedError(
+            f"the fingertip went through the object at t = {time:.6g} s under {goal[0]:.4g}: it is "
+            "too soft and too sharp for so much"
+        )
+    if ended == LOST:
+        return LostContactError(
+            f"a load of {goal[1]:.4g} N at t = {time:.6g} s, but nothing touches the object: "
+            "load only while the grip holds it"
+        )
+    return ConvergenceError(
+        f"no equilibrium found at t = {time:.6g} s with dt = {dt:.3g} s, normal {goal[0]:.4g}, "
+        f"lateral {goal[1]:.4g}"
+    )
+
+
+def history(states: list[State]) -> History:
+    """States in one record."""
+    poses = [(s.deformation.rigid_part, s.deformation.object_position) for s in states]
+    return History(
+        time=np.array([s.time for s in states]),
+        nodes=np.array([s.deformation.nodes for s in states]),
+        pose=np.array(poses),
+        friction=np.array([s.friction for s in states]),
+        slip_rate=np.array([s.slip_rate for s in states]),
+        rate=np.array([s.rate for s in states]),
+        step=np.array([s.step for s in states]),
+    )

@@ -1,0 +1,88 @@
+"""Equilibrium without dynamics: steps so long that dampers and drag hold nothing.
+
+Friction remembers how the contact grew, so that a static solution belongs to a path: the grip is
+raised first, then the load, each in equal parts (thesis Fig. 10: press, then pull).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import ConvergenceError, NoEquilibriumError
+from ..objects import ContactObject
+from .chain import chain, contact
+from .drive import Drive
+from .fingertip import Fingertip
+from .plant import IMPLICIT, march
+from .state import State, rest_state
+
+#: Step of the path [s]: dampers and drag carry a 1e-7th of what moves in it. A part in which a
+#: spring snaps through is halved until they hold it.
+LONG = 1e4
+QUASI_STATIC = IMPLICIT._replace(second_order=False)
+#: In balance, no node moves by more than this in another such step [m] …
+STILL = 1e-9
+#: … of which there are at most so many.
+MAX_HOLDS = 50
+
+
+def equilibrium(
+    fingertip: Fingertip,
+    obj: ContactObject,
+    grip: float,
+    load: float = 0.0,
+    *,
+    state: State | None = None,
+    parts: int = 40,
+) -> State:
+    """State in which every force is balanced, after raising the grip and then the load.
+
+    Parameters
+    ----------
+    fingertip, obj: the plant
+    grip: force on the rigid part along z, above 0 [N]
+    load: force on the object along x [N]
+    state: where the path begins; None is rest, and a given state is loaded in one go
+    parts: equal parts in which grip and load are raised from 0 each
+
+    Raises
+    ------
+    NoEquilibriumError
+        When friction cannot hold the load, so that the object slides for ever.
+    PiercedError
+        When the object cannot hold the grip.
+    """
+    if not (np.isfinite([grip, load]).all() and grip > 0.0):
+        raise ValueError(f"an equilibrium needs grip > 0 and finite forces, got {grip=}, {load=}")
+    if parts < 1:
+        raise ValueError(f"parts must be at least 1, got {parts!r}")
+    ch, ct = chain(fingertip), contact(fingertip, obj)
+    start = replace(rest_state(fingertip) if state is None else state, time=0.0, step=0.0)
+    now = start
+    if state is None:
+        stages = 2 if load else 1
+        path = Drive(
+            times=np.array([0.0, parts, stages * parts]) * LONG,
+            normal=np.array([0.0, grip, grip]),
+            lateral=np.array([0.0, 0.0, load]),
+        )
+        steps = stages * parts
+        try:
+            now = march(ch, ct, start, path, LONG, steps, steps, QUASI_STATIC).state(-1)
+        except ConvergenceError as error:
+            raise NoEquilibriumError(f"on the way to the wanted forces: {error}") from None
+    goal = Drive.constant(grip, load)
+    for _ in range(MAX_HOLDS):
+        before = now
+        now = march(ch, ct, before, goal, LONG, 1, 1, QUASI_STATIC).state(-1)
+        pose = now.deformation.object_position - before.deformation.object_position
+        moved = abs(now.deformation.nodes - before.deformation.nodes).max()
+        if max(abs(pose), moved) < STILL:
+            time = 0.0 if state is None else state.time
+            return replace(now, time=time, rate=np.zeros_like(now.rate), step=0.0)
+        if abs(pose) > fingertip.radius:
+            raise NoEquilibriumError(
+                f"the object slides: friction {obj.friction:g} under a grip of {grip:g} N does not "
+                f"hold a load of {load:g} N"
+            )
+    raise ConvergenceError(f"no equilibrium found with a grip of {grip:g} N, load {load:g} N")

@@ -1,0 +1,109 @@
+"""The chain's elasticity as seen from the rigid part: nodal forces F(u) = K(u)·u and their tangent.
+
+The outer nodes are held to the rigid part, so that in the sensor frame only inner nodes move.
+"""
+
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.blocks import solve_block_tridiagonal
+from ..kernels.elastic_kernels import chain_tangent
+from ..kernels.springs import spring
+from .chain import chain
+from .fingertip import Fingertip, SpringLaw
+
+Array = NDArray[np.float64]
+
+
+def _tangent(fingertip: Fingertip, seen: Array, blunt: float) -> tuple[Array, Array, Array, Array]:
+    n = fingertip.nodes
+    forces = np.empty((n, 2))
+    lower, diagonal, upper = (np.zeros((n - 2, 2, 2)) for _ in range(3))
+    chain_tangent(chain(fingertip), seen, 1.0, blunt, forces, lower, diagonal, upper)
+    return forces, lower, diagonal, upper
+
+
+def chain_forces(fingertip: Fingertip, seen: Array) -> Array:
+    """Forces that hold the chain at displacements `seen`, K(u)·u (thesis Eq. 3 with E6) [N].
+
+    Parameters
+    ----------
+    fingertip: the chain
+    seen: node displacements (x, z) relative to the rigid part [m], shape (N, 2)
+
+    Returns
+    -------
+    Force on each node, the reactions of the rigid part on the outer ones included, shape (N, 2).
+    """
+    return _tangent(fingertip, seen, 0.0)[0]
+
+
+def chain_compliance(fingertip: Fingertip, seen: Array, forces: Array, blunt: float = 0.0) -> Array:
+    """Displacements that small nodal forces add at displacements `seen`.
+
+    The turning of the springs is part of the tangent: iterating K(u)·u = f with the springs frozen
+    does not converge on stiff or sharp contacts.
+
+    Parameters
+    ----------
+    fingertip: the chain
+    seen: node displacements (x, z) relative to the rigid part [m], shape (N, 2)
+    forces: added nodal forces, several load cases at once [N], shape (N, 2, cases); those on the
+        two outer nodes act on the rigid part and move nothing
+    blunt: slope below which the jump of the derivative, where a spring turns through an axis, is
+        smoothed; on a flat contact most of the membrane lies at that jump, and Newton steps with
+        the exact derivative hop over it for ever
+
+    Returns
+    -------
+    Added displacements relative to the rigid part [m], shape (N, 2, cases).
+    """
+    _, lower, diagonal, upper = _tangent(fingertip, seen, blunt)
+    inner = forces[1:-1].copy()  # solved in place
+    solve_block_tridiagonal(lower, diagonal, upper, inner)
+    out = np.zeros_like(forces)
+    out[1:-1] = inner
+    return out
+
+
+def spring_force(
+    law: SpringLaw,
+    rest: tuple[float, float],
+    moved: tuple[float, float],
+    stiffness: float,
+    poisson: float,
+) -> tuple[float, float]:
+    """Force of a single spring (thesis Figs. 19 to 21).
+
+    Parameters
+    ----------
+    law: see Fingertip
+    rest: vector (x, z) from one end to the other, unloaded [m]
+    moved: displacement of the other end relative to the first [m]
+    stiffness: [N/m]
+    poisson: Poisson factor, with the sign of its half
+
+    Returns
+    -------
+    Force (x, z) that holds the other end there [N].
+    """
+    number = get_args(SpringLaw).index(law)
+    x, z = rest[0] + moved[0], rest[1] + moved[1]
+    return spring(number, x, z, *moved, stiffness, poisson, 0.0, 0.0)[:2]
+
+
+def spring_forces(fingertip: Fingertip, seen: Array) -> tuple[Array, Array]:
+    """Forces that hold each node against its tissue spring, and against its membrane springs [N].
+
+    Parameters as in `chain_forces`, which gives their sum; both of shape (N, 2).
+    """
+    without = replace(fingertip, membrane_stiffness=TINY, poisson_membrane=0.0)
+    tissue = chain_forces(without, seen)
+    return tissue, chain_forces(fingertip, seen) - tissue
+
+
+#: Stiffness that a spring may not fall below, in place of none [N/m].
+TINY = 1e-12

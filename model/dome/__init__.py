@@ -1,0 +1,1 @@
+"""The fingertip as a dome of linear silicone in three dimensions; not built yet."""

@@ -1,0 +1,1 @@
+"""Compiled mechanics: springs, contact, friction and the implicit step."""

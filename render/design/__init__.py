@@ -1,0 +1,1 @@
+"""Sensor designs: shape, marker layout, skin."""

@@ -1,0 +1,73 @@
+"""What a sensor design must not be: markers on top of each other, or where no camera sees them."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ..optics.view import View
+from .skin import Skin
+
+Array = NDArray[np.float64]
+
+
+def check_markers(
+    shape: Skin,
+    view: View,
+    places: Array,
+    depths: Array,
+    half_sizes: Array,
+    square: bool,
+) -> None:
+    """Check the layout of a design.
+
+    Parameters
+    ----------
+    shape: of the skin
+    view: of the camera
+    places: of the markers on the skin, shape (n, 2)
+    depths, half_sizes: of the layers magenta and yellow [m]
+    square: whether markers are squares, not discs
+
+    Raises
+    ------
+    ValueError
+        When markers of a layer overlap, leave the skin, or lie outside the image.
+    """
+    layers = zip(("magenta", "yellow"), depths, half_sizes, strict=True)
+    for name, depth, half in layers:
+        points = shape.points(places, depth)
+        beyond = np.flatnonzero(shape.rim_distance(places) <= 0.0)
+        if len(beyond):
+            raise ValueError(
+                f"layout: {len(beyond)} markers, the first number {beyond[0]}, lie off the skin"
+            )
+        # Discs touch at their diameter; squares of one orientation where both sides do.
+        order = np.inf if square else 2
+        close = KDTree(points).query_pairs(2 * half * np.sqrt(2.0))
+        for i, j in sorted(close):
+            along, across = shape.tangents(places[i])
+            gap = points[j] - points[i]
+            turned = _turn(places[i]) @ np.array([gap @ along, gap @ across])
+            apart = np.linalg.norm([*turned, gap @ np.cross(along, across)], order)
+            if apart < 2 * half:
+                raise ValueError(
+                    f"layout: {name} markers {i} and {j} overlap: {apart * 1e3:.3g} mm apart, "
+                    f"{2e3 * half:.3g} mm in size"
+                )
+        pixels = view.project(points)
+        size = np.array([view.width, view.height])
+        seen = np.asarray(((pixels > 0.0) & (pixels < size - 1.0)).all(axis=-1))
+        if not seen.any():
+            raise ValueError("camera: it sees none of the markers")
+        if not seen.all():
+            first = np.flatnonzero(~seen)[0]
+            raise ValueError(
+                f"layout: {(~seen).sum()} of {len(seen)} {name} markers, the first number {first}, "
+                f"lie outside the {size[0]}×{size[1]} image"
+            )
+
+
+def _turn(place: Array) -> Array:
+    """Rotation from the axes along (first coordinate, φ) to the sensor's x and y."""
+    cos, sin = np.cos(place[1]), np.sin(place[1])
+    return np.array([[cos, -sin], [sin, cos]])

@@ -1,0 +1,358 @@
+"""Sensor designs as data: skin, marker layers, dyes, camera, ground; SI inside, mm only in TOML."""
+
+import tomllib
+from functools import cached_property, lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from ...strict_toml import Table, convert
+from ..optics.calibration import load_camera
+from ..optics.camera import Camera, FisheyeCamera, PinholeCamera
+from ..optics.view import View
+from . import layout as layouts
+from .design_checks import check_markers
+from .skin import DomeSkin, PadSkin, Skin
+
+Array = NDArray[np.float64]
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Level = Annotated[int, Meta(ge=0, le=255)]
+Many = Annotated[int, Meta(ge=1, le=5000)]
+Coverage = Annotated[float, Meta(ge=10.0, le=89.0)]
+Triple = tuple[Share, Share, Share]
+Colour = tuple[Level, Level, Level]
+
+#: Marker layers in the order of every array that has a layer axis.
+LAYERS = ("magenta", "yellow")
+
+
+class SensorError(ValueError):
+    """A sensor design that is not valid, or is not there."""
+
+
+class Dome(Table, frozen=True, tag_field="shape", tag="dome"):
+    """A dome of soft, clear silicone around a hollow with the camera in it."""
+
+    radius_mm: Positive
+    hollow_mm: Positive
+    index: Annotated[float, Meta(ge=1.0, le=3.0)] = 1.41
+
+
+class Pad(Table, frozen=True, tag_field="shape", tag="pad"):
+    """A flat square pad of clear silicone, seen through its base."""
+
+    side_mm: Positive
+    thickness_mm: Positive
+    index: Annotated[float, Meta(ge=1.0, le=3.0)] = 1.41
+
+
+class Geodesic(Table, frozen=True, tag_field="kind", tag="geodesic"):
+    """Evenly over the dome, plus a row on the chain's own meridian."""
+
+    count: Annotated[int, Meta(ge=40, le=5000)]
+    coverage_deg: Coverage
+    meridian_pitch_mm: Positive
+
+
+class Meridian(Table, frozen=True, tag_field="kind", tag="meridian"):
+    """Rows on meridians, thinned towards the apex; one marker on the apex."""
+
+    meridians: Many
+    pitch_mm: Positive
+    coverage_deg: Coverage
+    gap_mm: Positive
+    turn: Share = 0.5
+
+
+class Grid(Table, frozen=True, tag_field="kind", tag="grid"):
+    """A square grid around the middle."""
+
+    rows: Many
+    columns: Many
+    pitch_mm: Positive
+
+
+class Ring(Table, frozen=True, tag_field="kind", tag="ring"):
+    """Rings around the middle; `counts` from the inside outwards."""
+
+    counts: Annotated[tuple[Many, ...], Meta(min_length=1, max_length=100)]
+    pitch_mm: Positive
+    turn: Share = 0.5
+
+
+class FromFile(Table, frozen=True, tag_field="kind", tag="file"):
+    """Places from a CSV file: theta_deg, phi_deg on a dome; x_mm, y_mm on a pad."""
+
+    path: str
+
+
+class Markers(Table, frozen=True):
+    """Form of the markers, and how they follow the skin they sit in.
+
+    `stretch` is the share of the skin's in-plane stretch that an outline takes: 0 is a stiff dot
+    that only tilts, 1 is ink. `swell_mm` is the thickness of incompressible silicone that takes up
+    a press: outlines grow in area as it gets thinner; 0 leaves that out.
+    """
+
+    form: Literal["disc", "square"] = "disc"
+    stretch: Share = 0.0
+    swell_mm: NotNegative = 0.0
+
+
+class Layer(Table, frozen=True):
+    """One layer of markers: diameter or side, depth under the skin, share of its motion, dye."""
+
+    size_mm: Positive
+    depth_mm: NotNegative
+    follow: Share
+    transmittance: Triple
+
+
+class CameraSettings(Table, frozen=True, kw_only=True):
+    """Camera on the axis, in OpenCV's parameters; its lens from here or from a calibration file.
+
+    `position_mm` is its height on the axis: from the sphere centre of a dome towards the apex, from
+    the skin of a pad (so negative). `blur_px` is the standard deviation of the lens' blur.
+    """
+
+    model: Literal["fisheye", "pinhole"] = "fisheye"
+    width_px: Annotated[int, Meta(ge=32, le=8192)]
+    height_px: Annotated[int, Meta(ge=32, le=8192)]
+    focal_px: tuple[Positive, Positive] | None = None
+    centre_px: tuple[float, float] | None = None
+    distortion: tuple[float, ...] = ()
+    calibration: str = ""
+    position_mm: float = 0.0
+    blur_px: Annotated[float, Meta(ge=0.3, le=10.0)]
+
+    def __post_init__(self) -> None:
+        if bool(self.calibration) == (self.focal_px is not None):
+            raise ValueError("give either focal_px or a calibration file")
+        if self.calibration and (self.centre_px or self.distortion):
+            raise ValueError("centre_px and distortion come from the calibration file")
+
+    def build(self) -> Camera:
+        """The camera itself."""
+        if self.focal_px is None:
+            return load_camera(self.calibration, (self.width_px, self.height_px))
+        kind: type[FisheyeCamera | PinholeCamera]
+        kind, length = (FisheyeCamera, 4) if self.model == "fisheye" else (PinholeCamera, 5)
+        if len(self.distortion) not in (0, length):
+            raise ValueError(
+                f"camera.distortion of a {self.model} must be {length} numbers, "
+                f"got {len(self.distortion)}"
+            )
+        return kind(
+            width=self.width_px,
+            height=self.height_px,
+            focal=self.focal_px,
+            centre=self.centre_px or ((self.width_px - 1) / 2, (self.height_px - 1) / 2),
+            distortion=self.distortion or (0.0,) * length,  # type: ignore[arg-type]
+        )
+
+
+class Seams(Table, frozen=True):
+    """Where the gores of the skin meet: half planes through the axis."""
+
+    count: Annotated[int, Meta(ge=1, le=24)]
+    width_mm: Positive
+    colour: Colour
+
+
+class Ground(Table, frozen=True):
+    """sRGB of the diffusing skin at apex and rim, and of the housing outside the dome."""
+
+    apex: Colour
+    rim: Colour
+    housing: Colour
+
+
+Layout = Geodesic | Meridian | Grid | Ring | FromFile
+
+
+class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
+    """A whole sensor. What an estimator may know of it is its calibration."""
+
+    description: str
+    skin: Dome | Pad
+    layout: Layout
+    markers: Markers = Markers()
+    magenta: Layer
+    yellow: Layer
+    camera: CameraSettings
+    ground: Ground
+    seams: Seams | None = None
+
+    def __post_init__(self) -> None:
+        if not self.magenta.follow > 0.0:
+            raise ValueError(
+                "magenta.follow = 0 must be above 0: the outer layer moves with the skin"
+            )
+        skin = self.skin
+        room = skin.radius_mm - skin.hollow_mm if isinstance(skin, Dome) else skin.thickness_mm
+        if not room > 0.0:
+            raise ValueError("skin.hollow_mm must be less than skin.radius_mm")
+        for name, layer in zip(LAYERS, self.layers, strict=True):
+            if layer.depth_mm >= room:
+                raise ValueError(
+                    f"{name}.depth_mm = {layer.depth_mm} must be less than the silicone's {room:g}"
+                )
+        if isinstance(skin, Pad) and isinstance(self.layout, Geodesic | Meridian):
+            raise ValueError("layout.kind geodesic and meridian need a dome")
+        inside = (
+            abs(self.camera.position_mm) < skin.hollow_mm
+            if isinstance(skin, Dome)
+            else self.camera.position_mm < -skin.thickness_mm
+        )
+        if not inside:
+            where = (
+                f"within ±{skin.hollow_mm:g}, the hollow"
+                if isinstance(skin, Dome)
+                else f"below -{skin.thickness_mm:g}, the base of the pad"
+            )
+            raise ValueError(
+                f"camera.position_mm = {self.camera.position_mm:g} must be {where}: "
+                f"from elsewhere the camera cannot see the skin"
+            )
+        square = self.markers.form == "square"
+        check_markers(self.shape, self.view, self.places, self.depths, self.half_sizes, square)
+
+    @property
+    def layers(self) -> tuple[Layer, Layer]:
+        """Both layers, from the skin inwards."""
+        return (self.magenta, self.yellow)
+
+    @property
+    def depths(self) -> Array:
+        """Depth of each layer under the skin [m], shape (2,)."""
+        return np.array([layer.depth_mm * 1e-3 for layer in self.layers])
+
+    @property
+    def half_sizes(self) -> Array:
+        """Radius, or half the side, of each layer's markers [m], shape (2,)."""
+        return np.array([layer.size_mm * 0.5e-3 for layer in self.layers])
+
+    @property
+    def follow(self) -> Array:
+        """Share of the skin's displacement made by each layer, shape (2,)."""
+        return np.array([layer.follow for layer in self.layers])
+
+    @property
+    def transmittance(self) -> Array:
+        """Linear-light transmittance of each dye, shape (2, 3)."""
+        return np.array([layer.transmittance for layer in self.layers])
+
+    @cached_property
+    def shape(self) -> Skin:
+        """The skin at rest."""
+        if isinstance(self.skin, Dome):
+            return DomeSkin(radius=self.skin.radius_mm * 1e-3)
+        return PadSkin(radius=self.skin.side_mm * 0.5e-3)
+
+    @cached_property
+    def places(self) -> Array:
+        """Marker places at rest, see `skin`, shape (M, 2), read-only."""
+        places = np.array(self._places())
+        places.setflags(write=False)
+        return places
+
+    def _places(self) -> Array:
+        plan, flat = self.layout, self.shape.flat
+        unit = 1e-3 if isinstance(self.skin, Pad) else 1.0 / self.skin.radius_mm
+        match plan:
+            case Geodesic():
+                coverage = np.deg2rad(plan.coverage_deg)
+                return layouts.geodesic(plan.count, coverage, plan.meridian_pitch_mm * unit)
+            case Meridian():
+                return layouts.meridians(
+                    plan.meridians,
+                    plan.pitch_mm * unit,
+                    np.deg2rad(plan.coverage_deg),
+                    plan.gap_mm * unit,
+                    plan.turn,
+                )
+            case Grid():
+                return layouts.grid(plan.rows, plan.columns, plan.pitch_mm * unit)
+            case Ring():
+                return layouts.rings(plan.counts, plan.pitch_mm * unit, plan.turn)
+            case FromFile():
+                return layouts.from_file(plan.path, flat)
+
+    @cached_property
+    def view(self) -> View:
+        """Camera in the sensor frame."""
+        skin = self.skin
+        dome = isinstance(skin, Dome)
+        return View(
+            camera=self.camera.build(),
+            position=self.camera.position_mm * 1e-3,
+            port=skin.hollow_mm * 1e-3 if isinstance(skin, Dome) else -skin.thickness_mm * 1e-3,
+            flat=not dome,
+            index=skin.index,
+        )
+
+    def places_at(self, pixels: Array, layer: int) -> Array:
+        """Places (…, 2) of a resting layer seen at pixels (…, 2)."""
+        return self.shape.meet(*self.view.trace(pixels), self.depths[layer])
+
+
+#: Folder of the shipped designs.
+DESIGNS = files(__package__.rpartition(".")[0]) / "designs"
+
+
+def sensor_names() -> list[str]:
+    """Names of the shipped designs."""
+    return sorted(f.name.removesuffix(".toml") for f in DESIGNS.iterdir() if f.name[-5:] == ".toml")
+
+
+#: Tables and keys of a sensor file that name other files, which lie beside it.
+FILES_NAMED = (("layout", "path"), ("camera", "calibration"))
+
+
+@lru_cache(maxsize=32)
+def _shipped(name: str) -> SensorDesign:
+    text = (DESIGNS / f"{name}.toml").read_text(encoding="utf-8")
+    return convert(tomllib.loads(text), SensorDesign, f"sensor {name}")
+
+
+def load_sensor(name: str) -> SensorDesign:
+    """Shipped design of that name, or one's own from a file that ends in `.toml`.
+
+    Files that a design names are looked for beside it.
+
+    Raises
+    ------
+    SensorError
+        When there is no such design, or with the key, the value and what is allowed.
+    """
+    if name in sensor_names():
+        return _shipped(name)
+    if not name.endswith(".toml"):
+        raise SensorError(
+            f"no sensor design {name!r}; there is {', '.join(sensor_names())}, or give a .toml file"
+        )
+    path = Path(name)
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise SensorError(f"sensor file {name} cannot be read: {reason}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise SensorError(f"sensor {name} is not valid TOML: {error}") from None
+    for table, key in FILES_NAMED:
+        _beside(path, values.get(table), key)
+    try:
+        return convert(values, SensorDesign, f"sensor {name}")
+    except ValueError as error:
+        raise SensorError(str(error)) from None
+
+
+def _beside(path: Path, table: Any, key: str) -> None:
+    if isinstance(table, dict) and isinstance(table.get(key), str) and table[key]:
+        table[key] = str(path.parent / table[key])

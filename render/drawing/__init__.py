@@ -1,0 +1,1 @@
+"""Renderers, and the labels of what they draw."""

@@ -1,0 +1,255 @@
+"""Compiled coverage: which share of each pixel markers cover. `painter.py` documents the use."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+from .coverage import EDGE_RANGE, edge, togetherness
+
+Array = NDArray[np.float64]
+
+#: Side of the squares that the image is drawn in [px].
+TILE = 16
+#: Pixels of a row that are worked on together.
+LANES = 8
+#: Numbers kept of each marker: c (2), A⁻¹ (4), A⁻¹·b (6); how wide a row of it is: the slope of its
+#: middle, half its width in the middle row, half its height (3); and with the first layer how much
+#: both layers' edges go together (1). NaN if it is not seen.
+NUMBERS = 16
+#: Largest second-order part of an outline that the series is believed for.
+_MAX_BEND = 0.4
+
+
+@njit()
+def prepare(
+    coefficients: Array, width: float, square: bool, shape: Any, numbers: Any, boxes: Any
+) -> None:
+    """Inverse maps of outlines, and boxes of pairs.
+
+    Parameters
+    ----------
+    coefficients: of `outlines.outlines`, shape (L, M, 6, 2)
+    width: standard deviation of the edge [px]
+    square: whether markers are squares, else discs
+    shape: of the image, (H, W)
+    numbers: result, shape (L, M, NUMBERS), float32
+    boxes: result, (x0, x1, y0, y1) of the pixels that a pair of markers reaches, shape (M, 4)
+    """
+    reach = EDGE_RANGE * width
+    layers = coefficients.shape[0]
+    for k in range(coefficients.shape[1]):
+        boxes[k] = 0
+        for layer in range(layers):
+            c, n = coefficients[layer, k], numbers[layer, k]
+            det = c[1, 0] * c[2, 1] - c[2, 0] * c[1, 1]
+            n[:] = np.nan
+            if not (math.isfinite(c[0, 0] + c[0, 1]) and abs(det) > 1e-6):
+                continue
+            i00, i01 = c[2, 1] / det, -c[2, 0] / det
+            i10, i11 = -c[1, 1] / det, c[1, 0] / det
+            n[0], n[1] = c[0, 0], c[0, 1]
+            n[2], n[3], n[4], n[5] = i00, i01, i10, i11
+            for j in range(3):
+                bx, by = c[3 + j, 0], c[3 + j, 1]
+                n[6 + 2 * j] = min(max(i00 * bx + i01 * by, -_MAX_BEND), _MAX_BEND)
+                n[7 + 2 * j] = min(max(i10 * bx + i11 * by, -_MAX_BEND), _MAX_BEND)
+            empty = boxes[k, 0] == boxes[k, 1] or boxes[k, 2] == boxes[k, 3]
+            for axis in range(2):
+                p, q = abs(c[1, axis]), abs(c[2, axis])
+                half = p + q if square else math.sqrt(p * p + q * q)
+                half += abs(c[3, axis]) + abs(c[4, axis]) + abs(c[5, axis]) + reach
+                size = shape[1 - axis]
+                low = max(0, min(size, math.ceil(c[0, axis] - half)))
+                high = max(0, min(size, math.floor(c[0, axis] + half) + 1))
+                boxes[k, 2 * axis] = low if empty else min(boxes[k, 2 * axis], low)
+                boxes[k, 2 * axis + 1] = high if empty else max(boxes[k, 2 * axis + 1], high)
+                n[13 + axis] = half
+            n[12] = n[15] = 0.0
+            if not square:
+                high2 = c[1, 1] ** 2 + c[2, 1] ** 2
+                n[12] = (c[1, 0] * c[1, 1] + c[2, 0] * c[2, 1]) / high2
+                n[13] += abs(det) / math.sqrt(high2) - math.sqrt(c[1, 0] ** 2 + c[2, 0] ** 2)
+        if layers == 2 and not square:
+            numbers[0, k, 15] = togetherness(coefficients[0, k], coefficients[1, k])
+
+
+@njit()
+def update_coverage(
+    numbers: Any,
+    boxes: Any,
+    old_numbers: Any,
+    old_boxes: Any,
+    width: float,
+    square: bool,
+    covered: NDArray[np.float32],
+    spans: NDArray[np.int64],
+    dirty: NDArray[np.bool_],
+) -> None:
+    """Coverage of the pairs that have changed, and the tiles they reach or have reached.
+
+    Parameters
+    ----------
+    numbers, boxes, old_numbers, old_boxes: of `prepare`, now and before
+    width, square: as there
+    covered: by each layer of each pair, by rows of its box, each from its first block on,
+        shape (M, L, S, S); a third one of squares is what both layers cover
+    spans: first and last + 1 block of each of those rows, counted from the image's edge, (M, S, 2)
+    dirty: tiles are marked here
+    """
+    # Read, not converted from the loop's counter, which takes as long as all the rest.
+    ramp = np.arange(covered.shape[3]).astype(np.float32)
+    for k in range(boxes.shape[0]):
+        changed = False
+        for layer in range(numbers.shape[0]):
+            n, old = numbers[layer, k], old_numbers[layer, k]
+            for j in range(NUMBERS):
+                changed = changed or not (n[j] == old[j] or (n[j] != n[j] and old[j] != old[j]))
+        if not changed:
+            continue
+        for b in (boxes[k], old_boxes[k]):
+            if b[1] > b[0] and b[3] > b[2]:
+                for row in range(b[2] // TILE, (b[3] - 1) // TILE + 1):
+                    for col in range(b[0] // TILE, (b[1] - 1) // TILE + 1):
+                        dirty[row, col] = True
+        if not (boxes[k, 1] > boxes[k, 0] and boxes[k, 3] > boxes[k, 2]):
+            continue
+        _row_spans(numbers[:, k], boxes[k], square, spans[k])
+        for layer in range(numbers.shape[0]):
+            n, out = numbers[layer, k], covered[k, layer]
+            if n[0] != n[0]:
+                out[:] = 0.0
+            elif square:
+                _squares(n, boxes[k], spans[k], width, ramp, out)
+            else:
+                _discs(n, boxes[k], spans[k], width, ramp, out)
+        if covered.shape[1] == 3:
+            _both_squares(
+                numbers[0, k], numbers[1, k], boxes[k], spans[k], width, ramp, covered[k, 2]
+            )
+
+
+@njit()
+def _row_spans(numbers: Any, box: Any, square: bool, spans: Any) -> None:
+    """First and last + 1 block of each row that a pair reaches, taken as an ellipse's."""
+    one = np.float32(1.0)
+    spare = np.float32(0.1)  # [px]: the curve at a fixed distance from an ellipse is not quite one
+    left, right, rows = box[0], box[1] - 1, box[3] - box[2]
+    for row in range(rows):
+        spans[row, 0], spans[row, 1] = right // LANES, 0
+    for layer in range(numbers.shape[0]):
+        n = numbers[layer]
+        if n[0] != n[0]:
+            continue
+        x, lean, half, per_row = n[0], n[12], n[13] + spare, one / (n[14] + spare)
+        start = np.float32(box[2]) - n[1]
+        for row in range(rows):
+            dy = start + np.float32(row)
+            level = dy * per_row
+            inside = one - level * level
+            if inside > np.float32(0.0):
+                middle = x + lean * dy
+                reach = half if square else half * np.sqrt(inside)
+                first = max(int(middle - reach), left) // LANES
+                last = min(int(middle + reach), right) // LANES + 1
+                spans[row, 0] = min(spans[row, 0], first)
+                spans[row, 1] = max(spans[row, 1], last)
+
+
+@njit(inline="always")
+def _twelve(n: Any) -> Any:
+    return n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]
+
+
+@njit()
+def _discs(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any) -> None:
+    """Coverage of a box by a disc's image.
+
+    In float32 and local variables throughout, so that it becomes vector code. Along a row q is a
+    parabola in x.
+    """
+    # At the very centre, where the distance has no gradient: deep inside.
+    tiny, tinier, two = np.float32(1e-12), np.float32(1e-16), np.float32(2.0)
+    cx, cy, i00, i01, i10, i11, u0, v0, u1, v1, u2, v2 = _twelve(n)
+    bulge = np.float32(0.5 * width * width)
+    scale = np.float32(1.0 / (EDGE_RANGE * width))
+    # |∇q|² is a quadratic form of q/|q|.
+    m_xx, m_yy = i00 * i00 + i01 * i01, i10 * i10 + i11 * i11
+    m_xy = two * (i00 * i10 + i01 * i11)
+    x_2 = -(u0 * i00 * i00 + u1 * i00 * i10 + u2 * i10 * i10)
+    y_2 = -(v0 * i00 * i00 + v1 * i00 * i10 + v2 * i10 * i10)
+    for row in range(box[3] - box[2]):
+        dy = np.float32(box[2] + row) - cy
+        start = np.float32(LANES * spans[row, 0]) - cx
+        e, f = i01 * dy, i11 * dy
+        cross = i00 * f + i10 * e
+        x_1 = i00 - (u0 * two * i00 * e + u1 * cross + u2 * two * i10 * f)
+        y_1 = i10 - (v0 * two * i00 * e + v1 * cross + v2 * two * i10 * f)
+        x_0 = e - (u0 * e * e + u1 * e * f + u2 * f * f)
+        y_0 = f - (v0 * e * e + v1 * e * f + v2 * f * f)
+        for j in range(LANES * (spans[row, 1] - spans[row, 0])):
+            dx = start + ramp[j]
+            qx = x_0 + dx * (x_1 + dx * x_2)
+            qy = y_0 + dx * (y_1 + dx * y_2)
+            # First-order distance (1 − |q|)/|∇q|; blurring a curved edge moves its half level
+            # inwards by s²/(2R).
+            xx, yy = qx * qx, qy * qy
+            square = xx + yy + tiny
+            steep = m_xx * xx + m_yy * yy + m_xy * (qx * qy) + tinier
+            radius = np.sqrt(square)
+            inside = (radius - square - bulge * steep / radius) / np.sqrt(steep)
+            covered[row, j] = edge(inside * scale)
+
+
+@njit()
+def _squares(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any) -> None:
+    """Coverage of a box by a square's image: an edge profile along each side."""
+    one = np.float32(1.0)
+    cx, cy, i00, i01, i10, i11, u0, v0, u1, v1, u2, v2 = _twelve(n)
+    reach = np.float32(EDGE_RANGE * width)
+    across = one / (reach * np.sqrt(i00 * i00 + i01 * i01))
+    along = one / (reach * np.sqrt(i10 * i10 + i11 * i11))
+    for row in range(box[3] - box[2]):
+        dy = np.float32(box[2] + row) - cy
+        start = np.float32(LANES * spans[row, 0]) - cx
+        for j in range(LANES * (spans[row, 1] - spans[row, 0])):
+            dx = start + ramp[j]
+            px, py = i00 * dx + i01 * dy, i10 * dx + i11 * dy
+            xx, xy, yy = px * px, px * py, py * py
+            qx = px - u0 * xx - u1 * xy - u2 * yy
+            qy = py - v0 * xx - v1 * xy - v2 * yy
+            wide = edge((one - qx) * across) - edge((-one - qx) * across)
+            high = edge((one - qy) * along) - edge((-one - qy) * along)
+            covered[row, j] = wide * high
+
+
+@njit()
+def _both_squares(
+    n: Any, m: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any
+) -> None:
+    """Coverage of a box by what two squares share: of parallel sides the inner ones."""
+    if n[0] != n[0] or m[0] != m[0]:
+        covered[:] = 0.0
+        return
+    one, zero = np.float32(1.0), np.float32(0.0)
+    cx, cy, i00, i01, i10, i11, _, _, _, _, _, _ = _twelve(n)
+    dx, dy, j00, j01, j10, j11, _, _, _, _, _, _ = _twelve(m)
+    reach = np.float32(EDGE_RANGE * width)
+    a1 = one / (reach * np.sqrt(i00 * i00 + i01 * i01))
+    a2 = one / (reach * np.sqrt(i10 * i10 + i11 * i11))
+    b1 = one / (reach * np.sqrt(j00 * j00 + j01 * j01))
+    b2 = one / (reach * np.sqrt(j10 * j10 + j11 * j11))
+    for row in range(box[3] - box[2]):
+        y = np.float32(box[2] + row)
+        start = np.float32(LANES * spans[row, 0])
+        for j in range(LANES * (spans[row, 1] - spans[row, 0])):
+            x = start + ramp[j]
+            q1, q2 = i00 * (x - cx) + i01 * (y - cy), i10 * (x - cx) + i11 * (y - cy)
+            p1, p2 = j00 * (x - dx) + j01 * (y - dy), j10 * (x - dx) + j11 * (y - dy)
+            wide = min(edge((one - q1) * a1), edge((one - p1) * b1))
+            wide += min(edge((one + q1) * a1), edge((one + p1) * b1)) - one
+            high = min(edge((one - q2) * a2), edge((one - p2) * b2))
+            high += min(edge((one + q2) * a2), edge((one + p2) * b2)) - one
+            covered[row, j] = max(wide, zero) * max(high, zero)

@@ -1,0 +1,150 @@
+"""The mesh renderer: both layers as triangles through OpenGL (pyrender).
+
+pyrender has no fisheye, its alpha is not subtractive and its shader relights colours. So vertices
+are projected here and drawn orthographically, each layer alone, flat and opaque, white on black;
+the picture is the layer's coverage. The dyes are multiplied before the lens' blur, as light does.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colour import encoding_table
+from ..design.sensor import SensorDesign
+from ..ground import ground_image
+from ..membrane import Membrane, rest_membrane
+from ..outlines import outline_points, outlines
+from .gl import MEND, GLMissingError, gl_problem, prepare
+from .paint_kernels import encode
+
+#: Corners of a disc; its area is short of the circle's by 0.2 %.
+CORNERS = 48
+#: Drawn this much larger and averaged: multisampling alone has too few levels …
+OVERSAMPLING = 4
+#: … and with edges that fade over this width [px], which samples catch far better than a step. The
+#: fade is a part of the lens' blur; the rest is added to the picture. Where both layers' edges lie
+#: on each other a wider one would take more light than dyes do: each fades by itself.
+FADE = 0.2
+#: Pixels that the lens' blur is computed on, for one of the image along each side.
+_FINE = 2
+
+
+class MeshRenderer:
+    """Draws each marker as a projected polygon mesh.
+
+    Parameters
+    ----------
+    sensor: design
+    oversampling: pixels drawn for one of the image, along each side
+
+    Raises
+    ------
+    GLMissingError
+        When no off-screen OpenGL context can be made.
+    """
+
+    name = "pyrender"
+
+    def __init__(self, sensor: SensorDesign, oversampling: int = OVERSAMPLING) -> None:
+        problem = gl_problem()
+        if problem is not None:
+            raise GLMissingError(f"renderer pyrender cannot run here: {problem}; mend: {MEND}")
+        prepare()
+        import pyrender  # fails without libGL even where it is not used
+
+        self._pyrender = pyrender
+        self._view = sensor.view
+        self._dyes = sensor.transmittance
+        # A step faded linearly over w has the variance w²/12 of a box.
+        fade = min(FADE, 3.0 * sensor.camera.blur_px)
+        self._blur = _FINE * float(np.sqrt(sensor.camera.blur_px**2 - fade**2 / 12.0))
+        half = fade / 2 / _mean_half(sensor)
+        self._ground = ground_image(sensor)
+        self._encoding = encoding_table()
+        count = len(sensor.places)
+        circle = _outline(sensor.markers.form)
+        # Of each disc: corners of the white core, black corners of the fade around it, the centre.
+        self._outline = np.concatenate([(1 - half) * circle, (1 + half) * circle, np.zeros((1, 2))])
+        inner = np.arange(CORNERS)
+        after = np.roll(inner, -1)
+        fan = np.stack([np.full(CORNERS, 2 * CORNERS), inner, after], axis=1)
+        ring = [[inner, inner + CORNERS, after], [after, inner + CORNERS, after + CORNERS]]
+        disc = np.concatenate([fan, *(np.stack(part, axis=1) for part in ring)])
+        corners = 2 * CORNERS + 1
+        self._faces = (disc + corners * np.arange(count)[:, None, None]).reshape(-1, 3)
+        white = np.ones((corners, 4), dtype=np.float32)
+        white[CORNERS:-1, :3] = 0.0
+        self._colours = np.tile(white, (count, 1))
+        width, height = self._view.width, self._view.height
+        self._scene = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 1.0])
+        camera = pyrender.OrthographicCamera(xmag=width / 2, ymag=height / 2, znear=0.1, zfar=10.0)
+        pose = np.eye(4)
+        pose[2, 3] = 1.0
+        self._scene.add(camera, pose=pose)
+        self._renderer = pyrender.OffscreenRenderer(oversampling * width, oversampling * height)
+
+    def render(self, membrane: Membrane) -> NDArray[np.uint8]:
+        """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
+        pixels = self._view.project(outline_points(membrane, self._outline))
+        magenta, yellow = (self._coverage(layer.reshape(-1, 2)) for layer in pixels)
+        # Light passes both dyes before the lens blurs it and pixels collect it.
+        both = magenta * yellow
+        first, second = (1.0 - self._dyes).astype(np.float32)
+        absorbed = [first, second, -first * second]
+        parts = (self._collected(plane) for plane in (magenta, yellow, both))
+        light = 1.0 - sum(p[:, :, None] * a for p, a in zip(parts, absorbed, strict=True))
+        linear = self._ground * light
+        image = np.empty(linear.shape, dtype=np.uint8)
+        encode(linear, self._encoding, image)
+        return image
+
+    def _collected(self, plane: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What pixels collect of a plane of finer pixels, shape (H, W)."""
+        size = (self._view.width, self._view.height)
+        fine = (_FINE * size[0], _FINE * size[1])
+        fewer = cv2.resize(plane, fine, interpolation=cv2.INTER_AREA)
+        blurred = cv2.GaussianBlur(fewer, (0, 0), self._blur)
+        return np.asarray(cv2.resize(blurred, size, interpolation=cv2.INTER_AREA))
+
+    def _coverage(self, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Coverage 0…1 of the finer pixels by triangles with these corners."""
+        # OpenGL's y runs upwards, and its pixel edges, not centres, lie at integers.
+        width, height = self._view.width, self._view.height
+        vertices = np.column_stack(
+            [
+                pixels[:, 0] + 0.5 - width / 2,
+                height / 2 - pixels[:, 1] - 0.5,
+                np.zeros(len(pixels)),
+            ]
+        )
+        white = self._pyrender.MetallicRoughnessMaterial(
+            baseColorFactor=[1.0, 1.0, 1.0, 1.0], doubleSided=True
+        )
+        primitive = self._pyrender.Primitive(
+            positions=vertices.astype(np.float32),
+            color_0=self._colours,
+            indices=self._faces,
+            material=white,
+        )
+        # Changing a primitive's positions is silently ignored: replace the mesh.
+        node = self._scene.add(self._pyrender.Mesh([primitive]))
+        colour, _ = self._renderer.render(self._scene, flags=self._pyrender.RenderFlags.FLAT)
+        self._scene.remove_node(node)
+        return np.asarray(colour[:, :, 0].astype(np.float32) / 255.0)
+
+    def close(self) -> None:
+        """Release the OpenGL context."""
+        self._renderer.delete()
+
+
+def _outline(form: str) -> NDArray[np.float64]:
+    """Corners of a marker's outline in its own coordinates, shape (CORNERS, 2)."""
+    angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return circle if form == "disc" else circle / abs(circle).max(axis=-1, keepdims=True)
+
+
+def _mean_half(sensor: SensorDesign) -> float:
+    """Mean half size of the resting markers in the image [px]."""
+    axes = outlines(rest_membrane(sensor), sensor.view)[:, :, 1:3]
+    return float(np.sqrt(abs(np.linalg.det(axes))).mean())

@@ -1,0 +1,193 @@
+"""What is true of an image: where every marker is, what each pixel shows, how it has moved."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..design.sensor import SensorDesign
+from ..ground import pixel_grid
+from ..harmonics import harmonic_map
+from ..membrane import Membrane
+from ..outlines import areas, centroids, outlines
+from .coverage import edge_width
+from .painter import coverage_image
+from .truth_kernels import shares_inside
+
+Array = NDArray[np.float64]
+
+#: Steps from a pixel to the point of the skin that it shows, and when they have arrived [px].
+_ROUNDS, _ARRIVED = 12, 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerTruth:
+    """What is true of the markers in one image; layer 0 is magenta, layer 1 yellow.
+
+    Attributes
+    ----------
+    pixels: projected centre of each marker [px], shape (2, M, 2)
+    image_centres: centroid of each marker's outline in the image, which perspective moves off the
+        projected centre [px], shape (2, M, 2)
+    areas: of the outlines [px²], shape (2, M)
+    visible: whether a marker is there, faces the camera and lies in the image, shape (2, M)
+    overlap: share of each magenta marker's image that yellow covers, shape (M,)
+    centres: of the markers in the sensor frame [m], shape (2, M, 3)
+    normals: of the markers, outwards, shape (2, M, 3)
+    """
+
+    pixels: Array
+    image_centres: Array
+    areas: Array
+    visible: NDArray[np.bool_]
+    overlap: Array
+    centres: Array
+    normals: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundTruth(MarkerTruth):
+    """What is true of one image: its markers, and every pixel.
+
+    Attributes
+    ----------
+    masks: share of each pixel that a layer covers, float32, shape (2, H, W)
+    flow: how far what the pixel shows of a layer at rest has moved in the image [px], NaN off the
+        skin, float32, shape (2, H, W, 2)
+    depth: distance from the camera to the skin along each pixel's ray, refracted rays drawn out
+        straight [m]; NaN off the skin, float32, shape (H, W)
+    """
+
+    masks: NDArray[np.float32]
+    flow: NDArray[np.float32]
+    depth: NDArray[np.float32]
+
+
+def marker_truth(sensor: SensorDesign, membrane: Membrane) -> MarkerTruth:
+    """Truth of the markers of a membrane in the image of a sensor."""
+    view, square = sensor.view, sensor.markers.form == "square"
+    coefficients = outlines(membrane, view)
+    pixels = view.project(membrane.centres)
+    inside = ((pixels > -0.5) & (pixels < np.array([view.width, view.height]) - 0.5)).all(-1)
+    normals = membrane.normals
+    towards = membrane.centres - np.array([0.0, 0.0, view.position])
+    facing = (normals * towards).sum(axis=-1) > 0.0
+    return MarkerTruth(
+        pixels=pixels,
+        image_centres=centroids(coefficients, square),
+        areas=areas(coefficients, square),
+        visible=inside & facing,
+        overlap=overlap_share(coefficients, square),
+        centres=membrane.centres,
+        normals=normals,
+    )
+
+
+class TruthMap:
+    """Ground truth of the images of one sensor; built once, called for each image.
+
+    Parameters
+    ----------
+    sensor: design
+    nodes: of the chain, how many or where; see `harmonic_map`
+    """
+
+    def __init__(self, sensor: SensorDesign, nodes: int | Array) -> None:
+        self._sensor = sensor
+        view, skin = sensor.view, sensor.shape
+        self._pixels = pixel_grid(sensor)
+        traced = view.trace(self._pixels)
+        places = skin.meet(*traced, 0.0)
+        self._skin = np.nan_to_num(skin.rim_distance(places), nan=-1.0) > 0.0
+        self._rays = traced[1][self._skin]
+        # Of each layer and of the skin itself: what its points under the pixels do.
+        self._sheets = []
+        for depth, follow in (*zip(sensor.depths, sensor.follow, strict=True), (0.0, 1.0)):
+            under = skin.meet(traced[0][self._skin], traced[1][self._skin], float(depth))
+            self._sheets.append(
+                (harmonic_map(skin, under, nodes), skin.points(under, depth), float(follow))
+            )
+
+    def __call__(self, membrane: Membrane, seen: Array) -> GroundTruth:
+        """Truth of the image of a membrane, for node displacements (N, 2) [m]."""
+        sensor, view = self._sensor, self._sensor.view
+        square = sensor.markers.form == "square"
+        coefficients = outlines(membrane, view)
+        size, width = (view.height, view.width), edge_width(sensor.camera.blur_px)
+        masks = np.stack([coverage_image(layer, width, square, size) for layer in coefficients])
+        return GroundTruth(
+            **vars(marker_truth(sensor, membrane)),
+            masks=masks,
+            flow=self._flow(seen),
+            depth=self._depth(seen),
+        )
+
+    def _flow(self, seen: Array) -> NDArray[np.float32]:
+        flow = np.full((2, *self._skin.shape, 2), np.nan, dtype=np.float32)
+        for layer, (carry, rest, follow) in enumerate(self._sheets[:2]):
+            now = self._sensor.view.project(rest + follow * carry.displacement(seen))
+            flow[layer, self._skin] = now - self._pixels[self._skin]
+        return flow
+
+    def _depth(self, seen: Array) -> NDArray[np.float32]:
+        """Distance to the deformed skin: that of the point whose image the pixel is.
+
+        The deformed points under the resting pixels are a warped grid in the image; its distances
+        are read between them at the pixels.
+        """
+        carry, rest, follow = self._sheets[2]
+        now = rest + follow * carry.displacement(seen)
+        distance = np.linalg.norm(now - [0.0, 0.0, self._sensor.view.position], axis=-1)
+        moved = np.zeros((*self._skin.shape, 2))
+        moved[self._skin] = self._sensor.view.project(now) - self._pixels[self._skin]
+        field = np.zeros(self._skin.shape)
+        field[self._skin] = distance
+        source = self._pixels.astype(np.float32)
+        for _ in range(_ROUNDS):
+            step = self._pixels - (source + _sample(moved, source))
+            source = (source + step).astype(np.float32)
+            if np.nanmax(abs(step)[self._skin]) < _ARRIVED:
+                break
+        depth = _sample(field, source).astype(np.float32)
+        known = _sample(self._skin.astype(float), source) > 1.0 - 1e-6
+        depth[~(self._skin & known)] = np.nan
+        return depth
+
+
+def _sample(field: Array, places: NDArray[np.float32]) -> Array:
+    """Field (H, W, …) between its pixels, at places (H, W, 2)."""
+    return np.asarray(
+        cv2.remap(
+            field.astype(np.float32),
+            places[..., 0],
+            places[..., 1],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        ),
+        dtype=float,
+    )
+
+
+_SAMPLES = 24
+
+
+def overlap_share(coefficients: Array, square: bool) -> Array:
+    """Share of each magenta outline's area that lies within its yellow partner's, shape (M,).
+
+    Parameters
+    ----------
+    coefficients: of `outlines`, magenta and yellow, shape (2, M, 6, 2)
+    square: whether markers are squares, else discs
+    """
+    magenta, yellow = np.ascontiguousarray(coefficients[:, :, :3])
+    return np.asarray(shares_inside(magenta, yellow, square, _samples(square)))
+
+
+@lru_cache(maxsize=2)
+def _samples(square: bool) -> Array:
+    """Points of the unit square or disc, evenly, shape (K, 2)."""
+    line = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * 2.0 - 1.0
+    q = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    return q if square else q[(q**2).sum(axis=-1) < 1.0]

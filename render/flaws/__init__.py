@@ -1,0 +1,1 @@
+"""Defects of a real image: noise, lighting, blur, wear."""

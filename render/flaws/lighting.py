@@ -1,0 +1,132 @@
+"""What stands still in a flawed image: uneven light, vignette, seams, dust, reflections."""
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colour import decode_srgb
+from ..design.sensor import Seams, SensorDesign
+from ..ground import inside_rim, pixel_grid, pixel_places, seam_cover
+from .defects import DUST, LEDS, SPECULAR, Defects
+
+Array = NDArray[np.float64]
+Image32 = NDArray[np.float32]
+
+#: LEDs around the skin; their lobes' width and the ring's radius, in radii of the skin's image.
+LED_COUNT, LED_WIDTH, LED_RING = 6, 0.5, 1.1
+#: Seams of a skin that is glued from four gores.
+GORES = Seams(count=4, width_mm=0.9, colour=(226, 196, 201))
+#: Reflections are this much brighter than white, so that they saturate.
+GLARE = 4.0
+
+
+def light_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | None:
+    """Factor on each pixel's linear light, shape (H, W, 3); None if it is 1 everywhere."""
+    d = defects
+    if not (d.vignette or d.uneven_leds or d.seam_tint or d.dust):
+        return None
+    pixels, places, skin = _skin(sensor)
+    factor = np.ones((*skin.shape, 3))
+    if d.seam_tint:
+        tinted = sensor if sensor.seams else msgspec.structs.replace(sensor, seams=GORES)
+        assert tinted.seams is not None
+        seen = decode_srgb(np.array(tinted.seams.colour, dtype=float))
+        dye = seen / decode_srgb(np.array(sensor.ground.apex, dtype=float))
+        cover = np.where(skin, seam_cover(tinted, places), 0.0)
+        factor *= np.maximum(1.0 - d.seam_tint * cover[..., None] * (1.0 - dye), 0.0)
+    if d.uneven_leds:
+        factor *= 1.0 + d.uneven_leds * _led_pattern(sensor, pixels, skin, seed)[..., None]
+    if d.dust:
+        factor *= _dust(sensor, pixels, skin, d.dust, seed)[..., None]
+    if d.vignette:
+        factor *= _vignette(sensor, pixels, d.vignette)[..., None]
+    return factor.astype(np.float32)
+
+
+def glare_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | None:
+    """Linear light that LED reflections add, shape (H, W, 3); None without any."""
+    if not defects.specular:
+        return None
+    pixels, _, skin = _skin(sensor)
+    glare = np.zeros(skin.shape)
+    rng = np.random.default_rng([seed, SPECULAR])
+    radius = _radius(skin)
+    # A mirrored ring is a ring, as even as its LEDs were soldered.
+    around = 2 * np.pi * (np.arange(defects.specular) / defects.specular + rng.random())
+    for angle in around:
+        angle, share = angle + rng.normal(0.0, 0.08), rng.normal(0.62, 0.03)
+        centre = _middle(sensor) + radius * share * np.array([np.cos(angle), np.sin(angle)])
+        width = radius * rng.uniform(0.004, 0.008)
+        _stamp(glare, centre, (width, width * rng.uniform(1.0, 1.8)), angle, 2, GLARE)
+    if defects.vignette:
+        glare *= _vignette(sensor, pixels, defects.vignette)
+    return np.repeat(glare[..., None], 3, axis=-1).astype(np.float32)
+
+
+def _skin(sensor: SensorDesign) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Pixels (H, W, 2), the places seen there, and whether they are on the skin (H, W)."""
+    places = pixel_places(sensor)
+    return pixel_grid(sensor), places, inside_rim(sensor, places) > 0.0
+
+
+def _middle(sensor: SensorDesign) -> Array:
+    """Pixel (x, y) on the axis."""
+    return sensor.view.project(sensor.shape.points(np.zeros(2), 0.0))
+
+
+def _radius(skin: NDArray[np.bool_]) -> float:
+    """Radius of the disc that is as large as the skin's image [px]."""
+    return float(np.sqrt(skin.sum() / np.pi))
+
+
+def _vignette(sensor: SensorDesign, pixels: Array, loss: float) -> Array:
+    square = ((pixels - _middle(sensor)) ** 2).sum(axis=-1)
+    return 1.0 - loss * square / square.max()
+
+
+def _led_pattern(sensor: SensorDesign, pixels: Array, skin: NDArray[np.bool_], seed: int) -> Array:
+    """Deviation of the light: on the skin of mean 0 and at most 1."""
+    rng = np.random.default_rng([seed, LEDS])
+    angle = 2 * np.pi * (np.arange(LED_COUNT) / LED_COUNT + rng.random())
+    place = (pixels - _middle(sensor)) / _radius(skin)
+    light = np.zeros(skin.shape)
+    for a, strength in zip(angle, rng.uniform(-1.0, 1.0, LED_COUNT), strict=True):
+        away = place - LED_RING * np.array([np.cos(a), np.sin(a)])
+        light += strength / (LED_WIDTH**2 + (away**2).sum(axis=-1))
+    light -= light[skin].mean()
+    return np.clip(light / abs(light[skin]).max(), -1.0, 1.0)
+
+
+def _dust(
+    sensor: SensorDesign, pixels: Array, skin: NDArray[np.bool_], count: int, seed: int
+) -> Array:
+    """Transmittance of that many specks, from grains to fibres."""
+    rng = np.random.default_rng([seed, DUST])
+    clear = np.ones(skin.shape)
+    centres = pixels[skin][rng.integers(0, skin.sum(), count)]
+    for centre in centres:
+        width = max(_radius(skin) * rng.uniform(0.004, 0.016), 0.7)
+        length = width * (1.0 + 4.0 * rng.random() ** 3)
+        speck = np.zeros(skin.shape)
+        _stamp(speck, centre, (width, length), rng.uniform(0.0, np.pi), 4, rng.uniform(0.15, 0.6))
+        clear *= 1.0 - speck
+    return clear
+
+
+def _stamp(
+    image: Array,
+    centre: Array,
+    widths: tuple[float, float],
+    angle: float,
+    power: int,
+    height: float,
+) -> None:
+    """Add height·exp(−½·r^power) around a pixel, r in widths [px] along the angle and across."""
+    reach = int(4.0 * max(widths)) + 1
+    left, top = np.maximum(np.rint(centre).astype(int) - reach, 0)
+    part = image[top : top + 2 * reach + 1, left : left + 2 * reach + 1]
+    y, x = np.mgrid[: part.shape[0], : part.shape[1]]
+    x, y = x + left - centre[0], y + top - centre[1]
+    cos, sin = np.cos(angle), np.sin(angle)
+    r = np.hypot((cos * x + sin * y) / widths[0], (cos * y - sin * x) / widths[1])
+    part += height * np.exp(-0.5 * r**power)

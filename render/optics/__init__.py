@@ -1,0 +1,1 @@
+"""Cameras: projection, refraction at the silicone, calibration targets."""

@@ -1,0 +1,1 @@
+"""Calibration of a camera's lens, a sensor's mechanics, and a read-out."""

@@ -1,0 +1,155 @@
+"""Calibrate a camera from pictures of a ChArUco board, with OpenCV's own models and solvers."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from ..errors import CalibrateError
+from ..render import FisheyeCamera, PinholeCamera
+from ..render.optics.board import Board
+from .board_corners import MIN_CORNERS, View, check_count, find_corners, on_a_line, read_image
+from .lens_fit import Fit, calibrate_fisheye, calibrate_pinhole
+
+ModelName = Literal["fisheye", "pinhole"]
+
+#: A focal length known no better than this is not known.
+_VAGUE = 0.05
+#: Boards that are all parallel leave the focal length open, however well they fit [rad].
+_MIN_TILT = np.radians(10.0)
+#: A lens that misses the corners by more of the image's width than this is another lens.
+_MAX_ERROR = 1 / 300
+#: Corners that miss by more than so many times the median are wrong; by chance, 1 in 2000 does.
+_OUTLIER = 3.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """A calibrated camera and how well it fits.
+
+    Attributes
+    ----------
+    camera: the result
+    error: distance between corners found and projected, RMS over all corners [px]
+    images: the same for each image used, by its name [px]
+    corners: number of corners used
+    left_out: why an image was not used, by its name
+    deviations: standard deviations of focal x and y [px], centre x and y [px], and distortion,
+        if the corners' errors are independent; 0 for a coefficient held at zero
+    reach: largest angle from the axis that a corner used was seen at [rad]
+    """
+
+    camera: FisheyeCamera | PinholeCamera
+    error: float
+    images: dict[str, float]
+    corners: int
+    left_out: dict[str, str]
+    deviations: tuple[float, ...]
+    reach: float
+
+
+def calibrate_camera(
+    files: Sequence[Path],
+    board: Board,
+    model: ModelName,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Calibration:
+    """Camera that took the images.
+
+    Parameters
+    ----------
+    files: images of the board in different poses, all of one size
+    board: that they show; the size of its squares does not matter
+    model: of the lens
+    tell: is called with what is being done
+
+    Raises
+    ------
+    CalibrateError
+        When an image cannot be read, sizes differ, or the images are too few or do not suffice.
+    """
+    views: list[View] = []
+    left_out: dict[str, str] = {}
+    size: tuple[int, int] | None = None
+    places = np.rint(np.asarray(board.opencv().getChessboardCorners()) / board.square)
+    for number, path in enumerate(files):
+        tell(f"looking for the board in {path.name}, {number + 1} of {len(files)}")
+        image = read_image(path)
+        height, width = image.shape
+        if size is not None and size != (width, height):
+            raise CalibrateError(
+                f"image {path} is {width}×{height}, {files[0]} is {size[0]}×{size[1]}; "
+                f"all must be of one size"
+            )
+        size = (width, height)
+        numbers, pixels = find_corners(image, board)
+        if len(numbers) < MIN_CORNERS:
+            left_out[str(path)] = _too_few(len(numbers))
+        elif on_a_line(places[numbers]):
+            left_out[str(path)] = "the corners found lie on one line"
+        else:
+            views.append(View(name=str(path), points=places[numbers], pixels=pixels))
+    check_count(views, left_out)
+    assert size is not None
+    tell(f"calibrating from {len(views)} images")
+    solve = calibrate_fisheye if model == "fisheye" else calibrate_pinhole
+    # Once more without the corners that stick out: at a glancing angle some are a pixel wrong.
+    views = _without_outliers(solve(views, size, left_out), left_out)
+    check_count(views, left_out)
+    return _finish(solve(views, size, left_out), left_out)
+
+
+def _too_few(count: int) -> str:
+    if count == 0:
+        return "no board found"
+    return f"{count} corners found, at least {MIN_CORNERS} wanted"
+
+
+def _without_outliers(fit: Fit, left_out: dict[str, str]) -> list[View]:
+    """Views without the corners that miss by far more than most do."""
+    errors = fit.errors()
+    limit = _OUTLIER * float(np.median(np.concatenate(errors)))
+    kept = []
+    for view, error in zip(fit.views, errors, strict=True):
+        rest = view.only(error < limit)
+        if len(rest.points) < MIN_CORNERS or on_a_line(rest.points):
+            left_out[view.name] = f"its corners miss by {np.median(error):.1f} px"
+        else:
+            kept.append(rest)
+    return kept
+
+
+def _finish(fit: Fit, left_out: dict[str, str]) -> Calibration:
+    """The result, if it is worth something."""
+    camera, errors = fit.camera, fit.errors()
+    error = float(np.sqrt((np.concatenate(errors) ** 2).mean()))
+    if not error < _MAX_ERROR * camera.width:
+        raise CalibrateError(
+            f"no lens of this model fits: it misses the corners by {error:.1f} px RMS; allowed: "
+            f"{_MAX_ERROR * camera.width:.1f} px. Try the other model, and check that the board is "
+            f"flat and that columns, rows and marker are as printed"
+        )
+    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn, _ in fit.poses])
+    tilt = np.arccos(np.clip(normals @ normals.T, -1.0, 1.0)).max()
+    vague = fit.deviations[:2] > _VAGUE * np.array(camera.focal)
+    if tilt < _MIN_TILT or vague.any() or not np.isfinite(fit.deviations).all():
+        raise CalibrateError(
+            "these images leave the focal length open; take images with the board tilted by "
+            "20° to 50° in different directions, in all parts of the image"
+        )
+    seen = np.concatenate(fit.seen())
+    return Calibration(
+        camera=camera,
+        error=error,
+        images={
+            view.name: float(np.sqrt((e**2).mean()))
+            for view, e in zip(fit.views, errors, strict=True)
+        },
+        corners=len(seen),
+        left_out=left_out,
+        deviations=tuple(float(d) for d in fit.deviations),
+        reach=float(np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]).max()),
+    )

@@ -1,0 +1,182 @@
+"""The least-squares problem of a sensor's calibration: presses predicted from unknown values.
+
+Prediction: the model's equilibrium under a stiff flat plate, carried to the markers. What the
+pictures leave open stays near the design, within the stated tolerances.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from msgspec.structs import asdict
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ..model import ContactObject, Fingertip, ModelError, equilibrium
+from ..tracking import SensorCalibration, Tracks
+from ..tracking.forces.calibration import Values, values_of, with_values
+from ..tracking.forces.chain.sensitivity import MarkerResponse
+from ..tracking.forces.shifts import MarkerShifts
+from .presses import Press
+
+Array = NDArray[np.float64]
+
+#: Prior standard deviation of each value around the design's: of its logarithm, or of itself.
+LOGARITHMIC = {"tissue_stiffness_n_per_m": 0.5, "membrane_stiffness_n_per_m": 0.5}
+DIRECT = {
+    "tissue_poisson": 0.05,
+    "yellow_follow": 0.2,
+    "magenta_depth_mm": 0.05,
+    "yellow_depth_mm": 0.05,
+}
+_LIMITS = {
+    "tissue_poisson": (0.0, 0.5),
+    "yellow_follow": (0.0, 1.0),
+    "magenta_depth_mm": (0.0, math.inf),
+    "yellow_depth_mm": (0.0, math.inf),
+}
+#: Of skin and plate, fitted beside them: friction coefficient and spread of its logarithm. At least
+#: this many times what the presses need, or the plate would have slipped.
+FRICTION, _FRICTION, _FRICTION_SPREAD = "plate_friction", 0.6, 0.4
+_HELD = 1.05
+#: No value is looked for further away than this [prior standard deviations].
+_FARTHEST = 6.0
+#: Penalty stiffness of the plate [N/m]; tenfold less moves no marker by more than 0.3 % more.
+_PLATE = 1e6
+#: Nodes are as near as at 251 where the contact is, and further apart elsewhere.
+_STATIONS = Fingertip.graded().stations
+#: Step of derivatives in prior standard deviations, far above the noise of an equilibrium.
+_STEP = 0.02
+#: Relative change of x, or of the sum of squares, at which a fit has arrived; a first look sooner.
+_ARRIVED, _ROUGH = 1e-4, 1e-2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unknowns:
+    """What is fitted, in prior standard deviations from the design.
+
+    Attributes
+    ----------
+    nominal: calibration of the design
+    spread: prior standard deviation of each unknown, by name
+    needed: friction coefficient without which the plate would have slipped
+    """
+
+    nominal: SensorCalibration
+    spread: dict[str, float]
+    needed: float
+
+    def values(self, x: Array) -> dict[str, float]:
+        """Every value by name."""
+        found: dict[str, float] = asdict(values_of(self.nominal))
+        found[FRICTION] = max(_FRICTION, _HELD**2 * self.needed)
+        for (name, by), step in zip(self.spread.items(), x, strict=True):
+            if name in DIRECT:
+                found[name] += by * float(step)
+            else:
+                found[name] *= math.exp(by * float(step))
+        return found
+
+    def calibration(self, x: Array) -> tuple[SensorCalibration, float]:
+        """The calibration, and the friction coefficient on the plate."""
+        found = self.values(x)
+        friction = found.pop(FRICTION)
+        return with_values(self.nominal, Values(**found)), friction
+
+    def deviations(self, x: Array, covariance: Array) -> dict[str, float]:
+        """Standard deviation of each value, to first order."""
+        found = self.values(x)
+        by = np.array([b if n in DIRECT else b * found[n] for n, b in self.spread.items()])
+        return dict(zip(self.spread, (by * np.sqrt(np.diag(covariance))).tolist(), strict=True))
+
+    def limits(self) -> tuple[Array, Array]:
+        """Lowest and highest x."""
+        start = self.values(np.zeros(len(self.spread)))
+        edges = dict.fromkeys(self.spread, (-_FARTHEST, _FARTHEST))
+        for name in self.spread.keys() & _LIMITS.keys():
+            low, high = ((edge - start[name]) / self.spread[name] for edge in _LIMITS[name])
+            edges[name] = (low, high)
+        if self.needed:
+            least = math.log(_HELD * self.needed / start[FRICTION]) / self.spread[FRICTION]
+            edges[FRICTION] = (max(least, -_FARTHEST), _FARTHEST)
+        lows, highs = np.array(list(edges.values())).T
+        return lows, highs
+
+
+def unknowns_of(nominal: SensorCalibration, presses: list[Press]) -> Unknowns:
+    """What is fitted of a sensor: all but what is rigid by design."""
+    spread = LOGARITHMIC | DIRECT | {FRICTION: _FRICTION_SPREAD}
+    if not nominal.sensor.yellow.follow:
+        del spread["yellow_follow"]
+    needed = max(abs(press.lateral) / press.normal for press in presses)
+    return Unknowns(nominal=nominal, spread=spread, needed=needed)
+
+
+@lru_cache(maxsize=256)
+def pressed(fingertip: Fingertip, friction: float, normal: float, lateral: float) -> Array:
+    """Node displacements relative to the rigid part [m], shape (N, 2)."""
+    plate = ContactObject(stiffness=_PLATE, friction=friction)
+    return equilibrium(fingertip, plate, normal, lateral).deformation.seen
+
+
+def predict(
+    calibration: SensorCalibration, friction: float, rest: Tracks, presses: list[Press]
+) -> Array:
+    """Shifts of (x, y, log size) of both layers under each press, shape (K, P, 6)."""
+    places = MarkerShifts(calibration, rest, np.inf).places
+    assert _STATIONS is not None
+    tip = replace(calibration.fingertip, nodes=len(_STATIONS), stations=_STATIONS)
+    response = MarkerResponse(calibration.sensor, places, tip.angles())
+    at_rest = response.measured(np.zeros((tip.nodes, 2)))
+    return np.stack(
+        [
+            response.measured(pressed(tip, friction, press.normal, press.lateral)) - at_rest
+            for press in presses
+        ]
+    )
+
+
+def solve(
+    missed: Callable[[Array], Array], unknowns: Unknowns, weights: Array, x: Array, robust: bool
+) -> tuple[Array, Array]:
+    """Best x from there on, and the derivative of the residuals, the priors' below."""
+
+    def whitened(x: Array) -> Array:
+        by_pair = missed(x).swapaxes(0, 1).reshape(len(weights), -1)
+        return np.concatenate([np.einsum("pij,pj->pi", weights, by_pair).ravel(), x])
+
+    def residuals(x: Array) -> Array:
+        try:
+            return whitened(x)
+        except ModelError:  # a step too far, from which the solver turns back
+            return np.full(weights[..., 0].size + len(x), np.inf)
+
+    def jacobian(x: Array) -> Array:
+        here = whitened(x)
+        steps = np.diag(np.where(x - low > high - x, -_STEP, _STEP))
+        return np.stack([(whitened(x + h) - here) / h.sum() for h in steps], axis=1)
+
+    low, high = unknowns.limits()
+    result = least_squares(
+        residuals,
+        x,
+        jacobian,
+        bounds=(low, high),
+        loss="soft_l1" if robust else "linear",
+        f_scale=3.0,
+        xtol=_ARRIVED,
+        ftol=_ROUGH if robust else _ARRIVED,
+    )
+    return result.x, np.asarray(result.jac)
+
+
+def whitening(own: Array, shared: Array) -> Array:
+    """Matrices that make the errors of a pair in all presses independent, (P, 6K, 6K)."""
+    presses = len(own)
+    covariance = np.tile(shared, (1, presses, presses))
+    for k in range(presses):
+        block = slice(6 * k, 6 * k + 6)
+        covariance[:, block, block] += own[k]
+    return np.linalg.inv(np.linalg.cholesky(covariance))

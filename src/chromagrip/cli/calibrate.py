@@ -1,0 +1,239 @@
+"""The commands `calibrate` and `calibrate sensor`: files from pictures of a board, of presses."""
+
+import json
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from ..errors import FolderError, UserError
+from .options import Flag, Noise, TrackerName, check_file, check_least, option, telling
+
+if TYPE_CHECKING:  # OpenCV loads only when something is calibrated
+    from ..calibrate.lens import Calibration
+    from ..render.optics.board import Board
+    from ..tracking import SensorCalibration
+    from ..tracking.forces.calibration import FitReport
+
+_DEFAULT_OUT, _DEFAULT_SENSOR = Path("calibration.yml"), Path("sensor-calibration.toml")
+#: Pixels of a square in the printed board: finer than printers print it.
+_PRINTED = 300
+
+
+def calibrate(
+    images: Annotated[
+        tuple[Path, ...],
+        tyro.conf.Positional,
+        option("pictures of the board, or folders of png and jpg files", "[IMAGE|DIR ...]"),
+    ] = (),
+    *,
+    model: Annotated[
+        Literal["fisheye", "pinhole"], option("of the lens", "fisheye|pinhole")
+    ] = "fisheye",
+    columns: Annotated[int, option("squares of the board along x", "N")] = 9,
+    rows: Annotated[int, option("squares of the board along y", "N")] = 6,
+    square_mm: Annotated[float, option("side of a square", "MM")] = 3.0,
+    marker_mm: Annotated[float, option("side of a marker", "MM")] = 2.2,
+    dictionary: Annotated[str, option("OpenCV's name of the set of markers", "NAME")] = "4X4_100",
+    out: Annotated[
+        Path | None, option(f"calibration file; by default {_DEFAULT_OUT}", "FILE.yml")
+    ] = None,
+    force: Annotated[Flag, option("write over an earlier file")] = False,
+    print_board: Annotated[
+        Path | None, option("write the board's picture to print, and do nothing else", "FILE.png")
+    ] = None,
+    json_only: Annotated[
+        Flag, option("one JSON object; writes a file only with --out", name="json")
+    ] = False,
+) -> int:
+    """Calibrate a camera from pictures of a ChArUco board."""
+    from ..render import CalibrationError
+    from ..render.optics.board import Board, BoardError
+
+    try:
+        board = Board(
+            columns=columns,
+            rows=rows,
+            square=1e-3 * square_mm,
+            marker=1e-3 * marker_mm,
+            dictionary=dictionary,
+        )
+    except BoardError as error:
+        raise UserError(str(error)) from None
+    if print_board is not None:
+        return _print_board(board, print_board, force, json_only)
+    if out is None and not json_only:
+        out = _DEFAULT_OUT
+    if out is not None:
+        check_file(out, {".yml", ".yaml"}, force)
+
+    from ..calibrate.board_corners import image_files
+    from ..calibrate.lens import calibrate_camera
+    from ..render import save_camera
+
+    files = image_files(images)
+    with Console(stderr=True).status("starting") as status:
+        result = calibrate_camera(files, board, model, telling(status))
+    if out is not None:
+        try:
+            save_camera(result.camera, out, result.error)
+        except CalibrationError as error:
+            raise UserError(str(error)) from None
+    if json_only:
+        print(json.dumps(_report(result, model, out)))
+    else:
+        _print_result(result, model, out)
+    return 0
+
+
+def calibrate_sensor(
+    presses: Annotated[
+        Path,
+        tyro.conf.Positional,
+        option(
+            "folder with rest*.png, pictures of presses, and presses.csv: file, normal_n, "
+            "lateral_n of a stiff flat plate; for a flat pad file, depth_mm, shear_mm",
+            "PRESSES",
+        ),
+    ],
+    *,
+    sensor: Annotated[
+        str, option("design that it starts from, see `chromagrip sensors`", "NAME|FILE.toml")
+    ] = "thesis",
+    tracker: TrackerName = "fit",
+    noise: Noise = None,
+    out: Annotated[
+        Path | None, option(f"calibration file; by default {_DEFAULT_SENSOR}", "FILE.toml")
+    ] = None,
+    force: Annotated[Flag, option("write over an earlier file")] = False,
+    json_only: Annotated[
+        Flag, option("one JSON object; writes a file only with --out", name="json")
+    ] = False,
+) -> int:
+    """Calibrate a sensor, its mechanics or its displacements, from pictures of known presses."""
+    from ..render import SensorError, load_sensor
+
+    check_least(noise=(noise, 0.0))
+    if out is None and not json_only:
+        out = _DEFAULT_SENSOR
+    if out is not None:
+        check_file(out, {".toml"}, force)
+    try:
+        design = load_sensor(sensor)
+    except SensorError as error:
+        raise UserError(str(error)) from None
+
+    from ..calibrate.sensor import calibrate_sensor as calibrate
+    from ..tracking.forces.calibration import calibration_table, save_calibration
+
+    with Console(stderr=True).status("starting") as status:
+        result, report = calibrate(
+            presses, design, tracker=tracker, noise=noise, tell=telling(status)
+        )
+    if out is not None:
+        try:
+            save_calibration(result, sensor, report, out)
+        except OSError as error:
+            raise FolderError(f"file {out} cannot be written: {error.strerror}") from None
+    if json_only:
+        print(json.dumps({**calibration_table(result, sensor, report), "out": out and str(out)}))
+    else:
+        _print_sensor(result, report, out)
+    return 0
+
+
+def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | None) -> None:
+    from msgspec.structs import asdict
+
+    from ..tracking.forces.calibration import values_of
+
+    table = Table(show_header=False, box=None, padding=(0, 2))
+    table.add_row("presses", str(len(report.presses)))
+    table.add_row("noise", f"{report.noise_levels:.2f} levels")
+    found = asdict(values_of(result)) if result.displacement is None else {}
+    for name, value in found.items():
+        by = report.deviations.get(name)
+        table.add_row(name, f"{value:.5g}" + (", as designed" if by is None else f" ± {by:.2g}"))
+    for name, value in asdict(result.displacement).items() if result.displacement else ():
+        table.add_row(name, "not measured" if value is None else f"{value:.4g}")
+    table.add_row("markers miss by", f"{report.error_px:.3f} px RMS")
+    if report.normal_error_share is not None:
+        table.add_row("forces read off the presses", f"{report.normal_error_share:.1%} RMS normal")
+        table.add_row("", f"{report.friction_error_n:.3f} N RMS friction")
+    table.add_row("file", str(out))
+    Console(markup=False, highlight=False).print(table)
+
+
+def _print_board(board: "Board", path: Path, force: bool, json_only: bool) -> int:
+    """Write the board's picture, in its true size for programs that print."""
+    from matplotlib.image import imsave
+
+    from ..render.optics.board import board_picture
+
+    check_file(path, {".png"}, force)
+    width, height = board.size
+    per_inch = _PRINTED * 25.4e-3 / board.square
+    try:
+        imsave(path, board_picture(board, _PRINTED), cmap="gray", vmin=0, vmax=255, dpi=per_inch)
+    except OSError as error:
+        raise FolderError(f"file {path} cannot be written: {error.strerror}") from None
+    if json_only:
+        print(json.dumps({"board": str(path), "width_mm": 1e3 * width, "height_mm": 1e3 * height}))
+    else:
+        print(
+            f"{path}: {1e3 * width:g} × {1e3 * height:g} mm; print it at 100 % on matt paper, "
+            f"leave a white margin, and glue it to something flat"
+        )
+    return 0
+
+
+def _report(result: "Calibration", model: str, out: Path | None) -> dict[str, Any]:
+    camera = result.camera
+    return {
+        "model": model,
+        "width_px": camera.width,
+        "height_px": camera.height,
+        "focal_px": list(camera.focal),
+        "centre_px": list(camera.centre),
+        "distortion": list(camera.distortion),
+        "standard_deviations": {
+            "focal_px": list(result.deviations[:2]),
+            "centre_px": list(result.deviations[2:4]),
+            "distortion": list(result.deviations[4:]),
+        },
+        "rms_error_px": result.error,
+        "corners": result.corners,
+        "reach_deg": degrees(result.reach),
+        "used": [{"image": name, "rms_error_px": e} for name, e in result.images.items()],
+        "left_out": [{"image": name, "reason": why} for name, why in result.left_out.items()],
+        "out": None if out is None else str(out),
+    }
+
+
+def _print_result(result: "Calibration", model: str, out: Path | None) -> None:
+    camera, spread = result.camera, result.deviations
+
+    def pair(values: tuple[float, float], first: int) -> str:
+        x, y = values
+        return f"{x:.2f} ± {spread[first]:.2f}, {y:.2f} ± {spread[first + 1]:.2f} px"
+
+    worst = max(result.images, key=lambda name: result.images[name])
+    table = Table(show_header=False, box=None, padding=(0, 2))
+    table.add_row("model", f"{model}, {camera.width}×{camera.height} px")
+    table.add_row("images used", f"{len(result.images)}, {result.corners} corners")
+    for name, reason in result.left_out.items():
+        table.add_row("left out", f"{name}: {reason}")
+    table.add_row("corners reach", f"{degrees(result.reach):.0f}° from the axis")
+    table.add_row("focal", pair(camera.focal, 0))
+    table.add_row("centre", pair(camera.centre, 2))
+    names = ("k1", "k2", "k3", "k4") if model == "fisheye" else ("k1", "k2", "p1", "p2", "k3")
+    for name, value, by in zip(names, camera.distortion, spread[4:], strict=True):
+        text = f"{value:.5f} ± {by:.5f}" if by > 0.0 else "0, the images do not determine it"
+        table.add_row(name, text)
+    table.add_row("error, RMS", f"{result.error:.3f} px")
+    table.add_row("worst image", f"{result.images[worst]:.3f} px, {worst}")
+    table.add_row("file", str(out))
+    Console(markup=False, highlight=False).print(table)

@@ -1,0 +1,102 @@
+"""The command `chromagrip render`."""
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ..errors import UserError
+from ..scene.scene import DEFAULT_SCENE, RendererName, load_scene, parse_change
+from .options import Force, JsonOnly, Out, new_folder, option, stop_if_interrupted
+
+
+def render(
+    *,
+    scene: Annotated[
+        str, option("scene whose object and sensor are used, or a .toml file", "NAME|FILE.toml")
+    ] = DEFAULT_SCENE,
+    sensor: Annotated[
+        str | None, option("sensor design, see `chromagrip sensors`, or a .toml file", "NAME|FILE")
+    ] = None,
+    grip: Annotated[tuple[float, ...], option("grip forces of the sweep", "N...")] = (),
+    load: Annotated[tuple[float, ...], option("lateral loads, at each grip", "N...")] = (),
+    press_mm: Annotated[tuple[float, ...], option("depths, of a flat pad", "MM...")] = (),
+    shear_mm: Annotated[tuple[float, ...], option("shears of a pad, at each depth", "MM...")] = (),
+    renderer: Annotated[RendererName | None, option("instead of the scene's", "NAME")] = None,
+    noise: Annotated[
+        float | None, option("standard deviation, short for camera.noise_levels", "LEVELS")
+    ] = None,
+    seed: Annotated[int | None, option("of noise and defects", "N")] = None,
+    changes: Annotated[
+        tuple[str, ...],
+        tyro.conf.UseAppendAction,
+        option("change one scene value, such as defects.dust=20", "KEY=VALUE", "set"),
+    ] = (),
+    out: Out = None,
+    force: Force = False,
+    json_only: JsonOnly = False,
+) -> int:
+    """Take pictures of poses, with everything that is true of them.
+
+    One pose by default (2 N of grip, 0.3 N of load); lists of forces make a sweep. Each picture
+    comes with marker centres, visibility, overlaps, masks, flow, depth and forces, and a preview.
+    """
+    shortcuts = {
+        "sensor": sensor,
+        "renderer": renderer,
+        "camera.noise_levels": noise,
+        "seed": seed,
+    }
+    changed: dict[str, Any] = {k: v for k, v in shortcuts.items() if v is not None}
+    changed |= dict(parse_change(text) for text in changes)
+    resolved = load_scene(scene, changed)
+    flat = resolved.build_sensor().shape.flat
+
+    from ..loop.pose_folder import render_poses
+    from ..loop.poses import Pose  # OpenCV and matplotlib load only when something is drawn
+
+    if flat and not (grip or load):
+        press, shear = press_mm or (1.0,), shear_mm or ((0.5,) if not press_mm else (0.0,))
+        poses = [Pose(depth=d * 1e-3, shear=s * 1e-3) for d in press for s in shear]
+    elif press_mm or shear_mm:
+        press, shear = press_mm or (0.0,), shear_mm or (0.0,)
+        poses = [Pose(depth=d * 1e-3, shear=s * 1e-3) for d in press for s in shear]
+    else:
+        grips, loads = grip or (2.0,), load or ((0.3,) if not grip else (0.0,))
+        poses = [Pose(grip=g, load=f) for g in grips for f in loads]
+    for pose in poses:
+        asked = (pose.grip, pose.load, pose.depth, pose.shear)
+        if not all(map(math.isfinite, asked)) or min(pose.grip, pose.depth) < 0.0:
+            raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
+    if out is None and not json_only:
+        out = new_folder(f"render-{Path(resolved.sensor).stem}")
+    with Progress(
+        TextColumn("rendering"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("poses"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    ) as bar:
+        task = bar.add_task("", total=len(poses))
+
+        def tell(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+            stop_if_interrupted()
+
+        report = render_poses(resolved, poses, out, force, tell)
+    if json_only:
+        print(json.dumps(report))
+        return 0
+    for entry in report["poses"]:
+        numbers = ", ".join(
+            f"{key} {value:.3g}" for key, value in entry.items() if isinstance(value, float | int)
+        )
+        print(f"{entry['image']}  {numbers}")
+    print(f"folder {out}, see {report['poses'][0]['preview']}")
+    return 0

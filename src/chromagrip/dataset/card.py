@@ -1,0 +1,138 @@
+"""What sums a dataset up: the table of its sequences, its card, and a sheet of its pictures."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from ..output.pictures import read_picture
+from ..output.png import encode_png
+from .folder import (
+    CARD,
+    FILES,
+    SHEET,
+    TABLE,
+    read_json,
+    sequence_name,
+    tables,
+    to_parquet,
+    write_whole,
+)
+from .recipe import Recipe
+from .sequence import FRAME, MARKERS, NODES, STATES
+
+#: Values of frames that are counted in bins.
+_COUNTED = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
+_BINS, _WIDTH = 10, 30
+_ROUNDING = 1e-9
+#: Pictures of the sheet, across and down, and the width of each [px].
+_ACROSS, _DOWN, _PICTURE = 4, 3, 240
+
+
+def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
+    """Write the table, DATASET_CARD.md and contact-sheet.png."""
+    drawn = [read_json(folder / sequence_name(number) / FILES)["values"] for number in numbers]
+    write_whole(folder / TABLE, to_parquet(_table(numbers, drawn)))
+    columns = [*_COUNTED, "slip_state"]
+    parts: dict[str, list[Any]] = {name: [] for name in columns}
+    for _, table in tables(folder, "frames", columns):
+        for name in columns:
+            parts[name].append(table[name].combine_chunks())
+    values = {name: pa.chunked_array(parts[name]) for name in columns}
+    write_whole(folder / CARD, _card(recipe, drawn, values).encode())
+    write_whole(folder / SHEET, encode_png(_sheet(folder, numbers)))
+
+
+def _table(numbers: list[int], drawn: list[dict[str, Any]]) -> pa.Table:
+    columns: dict[str, Any] = {"number": pa.array(numbers, pa.int64())}
+    for key in sorted({key for values in drawn for key in values}):
+        column = [values[key] for values in drawn]
+        # JSON keeps infinity as text.
+        columns[key] = pa.array([float(v) if v in ("inf", "-inf") else v for v in column])
+    return pa.table(columns)
+
+
+def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: dict[str, pa.ChunkedArray]) -> str:
+    counted = values.pop("slip_state").value_counts().to_pylist()
+    states = {one["values"]: one["counts"] for one in counted}
+    motions = [str(one.get("motion", "press")) for one in drawn]
+    lines = [
+        "# Dataset card",
+        "",
+        recipe.description,
+        "",
+        f"{len(drawn)} sequences, {sum(states.values())} frames, made by chromagrip: simulated "
+        "pictures of a fingertip with two layers of coloured markers, with what is true of them.",
+        "",
+        "| motion | sequences |",
+        "|---|---|",
+        *(f"| {name} | {motions.count(name)} |" for name in sorted(set(motions))),
+        "",
+        "| slip state | frames |",
+        "|---|---|",
+        *(f"| {name} | {states.get(name, 0)} |" for name in STATES),
+        "",
+    ]
+    for name, column in values.items():
+        lines += [f"`{name}`: {FRAME[name]}", "", "```", *_histogram(column), "```", ""]
+    lines += [
+        "![pictures](contact-sheet.png)",
+        "",
+        "## Columns of `frames.parquet`",
+        "",
+        *(f"- `{name}`: {text}" for name, text in FRAME.items()),
+        "",
+        "## Columns of `markers.parquet`",
+        "",
+        *(f"- `{name}`: {text}" for name, text in MARKERS.items()),
+        *(f"- `{name}`: {text}" for name, text in NODES.items()),
+        "",
+        "## What was drawn",
+        "",
+        *(
+            f"- `{key}`: {kind} {told}"
+            for key, how in recipe.draw.items()
+            for kind, told in how.items()
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _histogram(column: pa.ChunkedArray) -> list[str]:
+    values = column.to_numpy()
+    there = values[np.isfinite(values)]
+    if not len(there):
+        return ["nothing"]
+    # What differs by rounding alone is one value; all are newtons, or shares.
+    alike = np.ptp(there) <= _ROUNDING * max(abs(there).max(), 1.0)
+    around = (there[0] - 0.5, there[0] + 0.5) if alike else None
+    counts, edges = np.histogram(there, _BINS, around)
+    bars = np.rint(_WIDTH * counts / max(counts.max(), 1)).astype(int)
+    return [
+        f"{low:8.3g} … {high:8.3g}  {'#' * bar} {count}"
+        for low, high, bar, count in zip(edges, edges[1:], bars, counts, strict=False)
+    ]
+
+
+def _size(image: NDArray[Any]) -> tuple[int, int]:
+    """Width and height of a picture on the sheet [px]."""
+    return _PICTURE, round(_PICTURE * image.shape[0] / image.shape[1])
+
+
+def _sheet(folder: Path, numbers: list[int]) -> NDArray[np.uint8]:
+    """Last pictures of some sequences, side by side."""
+    chosen = np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)
+    small: list[NDArray[np.uint8]] = []
+    for at in dict.fromkeys(chosen):
+        image = read_picture(max((folder / sequence_name(numbers[at])).glob("frame-*.png")))
+        # Of other sensors, too, in the first one's shape.
+        size = small[0].shape[1::-1] if small else _size(image)
+        small.append(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8))
+    blank = np.full_like(small[0], 255)
+    rows = [small[k : k + _ACROSS] for k in range(0, len(small), _ACROSS)]
+    return np.vstack(
+        [np.hstack(row + [blank] * (min(_ACROSS, len(small)) - len(row))) for row in rows]
+    )

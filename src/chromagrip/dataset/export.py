@@ -1,0 +1,196 @@
+"""A dataset in the layouts of others: TAP-Vid, COCO keypoints, WebDataset, LeRobot."""
+
+import io
+import json
+import pickle
+import shutil
+import tarfile
+from collections.abc import Callable, Iterator
+from itertools import chain, count, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FolderError
+from ..output.folder import prepare
+from ..render import LAYERS
+from .folder import Loaded, link, load_sequences, read_manifest
+from .lerobot import write_lerobot
+
+#: Told after each sequence.
+Progress = Callable[[int], None]
+#: Sequences of a pickle, and frames of a tar file.
+_PICKLED, _TARRED = 10, 1000
+
+
+def export(
+    folder: Path, layout: str, out: Path, progress: Progress = lambda done: None
+) -> list[Path]:
+    """Write a dataset in another layout; returns its files.
+
+    Parameters
+    ----------
+    folder: of the dataset
+    layout: of LAYOUTS
+    out: folder, new or empty; it has its name once all is in it
+    progress: called after each sequence
+
+    Raises
+    ------
+    UserError
+        When the dataset is not whole, does not fit the layout, or cannot be written.
+    """
+    read_manifest(folder)
+    prepare(out, force=None)
+    part = out.with_name(f".part-{out.name}")
+    try:
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir()
+        LAYOUTS[layout](folder, part, progress)
+        out.rmdir()
+        part.rename(out)
+    except OSError as error:
+        raise FolderError(f"{out} cannot be written: {error.strerror}") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return sorted(file for file in out.rglob("*") if file.is_file())
+
+
+def _write_tapvid(folder: Path, out: Path, progress: Progress) -> None:
+    """Pickles of name → video (T, H, W, 3), points (P, T, 2) from 0 to 1, occluded (P, T).
+
+    Points are counted from the corner of the first pixel, magenta markers before yellow ones. The
+    first frame is the rest.
+    """
+    batch: dict[str, dict[str, NDArray[Any]]] = {}
+    numbers = count()
+
+    def flush() -> None:
+        if batch:
+            name = f"tapvid-{next(numbers):05d}.pkl"
+            with (out / name).open("wb") as file:
+                pickle.dump(batch, file, protocol=4)
+            batch.clear()
+
+    for done, one in enumerate(load_sequences(folder)):
+        video = np.stack(list(one.images()))
+        height, width = video.shape[1:3]
+        points = (one.places.reshape(len(video), -1, 2) + 0.5) / [width, height]
+        seen = one.visible.reshape(len(video), -1)
+        there = seen.any(axis=0)
+        points = np.where(np.isfinite(points), points, 0.0)
+        batch[f"sequence-{one.number:06d}"] = {
+            "video": video,
+            "points": np.swapaxes(points, 0, 1)[there].astype(np.float32),
+            "occluded": ~seen.T[there],
+        }
+        if len(batch) == _PICKLED:
+            flush()
+        progress(done + 1)
+    flush()
+
+
+def _write_coco(folder: Path, out: Path, progress: Progress) -> None:
+    """COCO keypoints: `annotations.json`, one fingertip a picture, and `images`."""
+    (out / "images").mkdir()
+    images: list[dict[str, Any]] = []
+    names: list[str] = []
+    # Written one by one: eight hundred keypoints a picture do not fit in memory for long.
+    with (out / "annotations.json").open("w", encoding="utf-8") as file:
+        file.write('{"annotations": [')
+        for done, one in enumerate(load_sequences(folder)):
+            view = one.scene.build_sensor().view
+            names = [f"{layer}-{m:03d}" for layer in LAYERS for m in range(one.places.shape[2])]
+            for t, picture in enumerate(one.pictures):
+                name = f"sequence-{one.number:06d}-{picture.name}"
+                link(picture, out / "images" / name)
+                number = len(images) + 1
+                images.append(
+                    {"id": number, "file_name": name, "width": view.width, "height": view.height}
+                )
+                file.write(",\n" if t or done else "\n")
+                file.write(json.dumps(_annotation(one, t, number)))
+            progress(done + 1)
+        category = {
+            "id": 1,
+            "name": "fingertip",
+            "supercategory": "sensor",
+            "keypoints": names,
+            "skeleton": [],
+        }
+        rest = json.dumps({"images": images, "categories": [category]})
+        file.write(f"],\n{rest[1:]}")
+
+
+def _annotation(one: Loaded, t: int, number: int) -> dict[str, Any]:
+    """Keypoints (x, y, v) of a frame; v is 2 where a marker is seen, else 0."""
+    places, seen = one.places[t].reshape(-1, 2), one.visible[t].ravel()
+    keypoints = np.zeros((len(places), 3))
+    keypoints[seen] = np.column_stack([np.round(places[seen], 3), np.full(seen.sum(), 2)])
+    low, high = places[seen].min(axis=0), places[seen].max(axis=0)
+    x, y, w, h = (round(float(v), 3) for v in (*(low + 0.5), *(high - low)))
+    return {
+        "id": number,
+        "image_id": number,
+        "category_id": 1,
+        "keypoints": [int(v) if v == int(v) else v for v in keypoints.ravel().tolist()],
+        "num_keypoints": int(seen.sum()),
+        "bbox": [x, y, w, h],
+        "area": round(w * h, 3),
+        "iscrowd": 0,
+    }
+
+
+def _write_webdataset(folder: Path, out: Path, progress: Progress) -> None:
+    """Tar files of frames: KEY.png, KEY.json (values of frame and sequence), KEY.npz (markers)."""
+    frames = _frames(folder, progress)
+    for number in count():
+        first = next(frames, None)
+        if first is None:
+            return
+        with tarfile.open(out / f"frames-{number:06d}.tar", "w") as tar:
+            for files in chain([first], islice(frames, _TARRED - 1)):
+                for name, data in files.items():
+                    _add(tar, name, data)
+
+
+def _frames(folder: Path, progress: Progress) -> Iterator[dict[str, bytes]]:
+    """Files of each frame, by name."""
+    for done, one in enumerate(load_sequences(folder)):
+        for t, picture in enumerate(one.pictures):
+            key = f"{one.number:06d}-{t:03d}"
+            values = {name: _plain(column[t]) for name, column in one.frames.items()}
+            text = json.dumps({"sequence": one.number, **values, "drawn": one.values})
+            arrays: dict[str, Any] = {name: column[t] for name, column in one.markers.items()}
+            buffer = io.BytesIO()
+            np.savez(buffer, **arrays)
+            yield {
+                f"{key}.png": picture.read_bytes(),
+                f"{key}.json": text.encode(),
+                f"{key}.npz": buffer.getvalue(),
+            }
+        progress(done + 1)
+
+
+def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
+    """A file without time or owner."""
+    entry = tarfile.TarInfo(name)
+    entry.size = len(data)
+    tar.addfile(entry, io.BytesIO(data))
+
+
+def _plain(value: Any) -> Any:
+    """Value that JSON has: what is no number is null."""
+    value = value.item() if hasattr(value, "item") else value
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+#: What writes each layout.
+LAYOUTS: dict[str, Callable[[Path, Path, Progress], None]] = {
+    "tapvid": _write_tapvid,
+    "coco": _write_coco,
+    "webdataset": _write_webdataset,
+    "lerobot": write_lerobot,
+}

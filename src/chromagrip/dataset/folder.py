@@ -1,0 +1,417 @@
+"""The master format of a dataset: a folder for each sequence, and a manifest that says it is whole.
+
+    recipe.toml          everything it was made from
+    manifest.json        versions, sequences and the checksum of each; written last
+    sequences.parquet    what was drawn for each sequence
+    DATASET_CARD.md, contact-sheet.png
+    sensors/             those of one's own, see `dataset_sensors`
+    sequence-000000/     scene.toml, camera.yml, rest.png, frame-000.png …, frames.parquet,
+                         markers.parquet, truth-000.npz … where the recipe asks for more,
+                         files.json (versions, checksums)
+
+A folder has its name once all is in it. No file holds a time or a host: the same recipe and
+versions give the same bytes.
+"""
+
+import dataclasses
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from ..errors import FolderError, UserError
+from ..output.pictures import read_picture
+from ..output.png import encode_png
+from ..output.versions import versions
+from ..render import camera_text
+from ..scene.scene import Scene, dump_scene, load_scene, seen_from
+from .recipe import Recipe, RecipeError, dump_recipe, load_recipe, portable
+from .sequence import FRAME, MARKERS, NODES, Shot, sequence, shots
+
+FORMAT = "chromagrip dataset 1"
+RECIPE, MANIFEST, FILES = "recipe.toml", "manifest.json", "files.json"
+#: Camera of a sequence, in OpenCV's format; beside it its place on the sensor's axis, and the port
+#: that it looks through.
+CAMERA = "camera.yml"
+#: What sums a dataset up.
+TABLE, CARD, SHEET = "sequences.parquet", "DATASET_CARD.md", "contact-sheet.png"
+#: Folder of sensors of one's own.
+SENSORS = "sensors"
+_PART = ".part-"
+
+
+class DatasetError(UserError):
+    """A folder that is no dataset, or not a whole one."""
+
+
+def sequence_name(number: int) -> str:
+    """Folder of a sequence."""
+    return f"sequence-{number:06d}"
+
+
+def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
+    """Make a sequence and write its folder, unless it is there; returns its number.
+
+    Raises
+    ------
+    FolderError
+        When it cannot be written; nothing of it is left.
+    """
+    final = out / sequence_name(number)
+    if final.exists():
+        return number
+    part = out / f"{_PART}{number:06d}-{os.getpid()}"
+    try:
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir()
+        _write_files(recipe, number, part)
+        try:
+            part.rename(final)
+        except OSError:
+            if not final.exists():  # else somebody else was faster
+                raise
+    except OSError as error:
+        raise FolderError(f"{final} cannot be written: {error.strerror}") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return number
+
+
+def _write_files(recipe: Recipe, number: int, part: Path) -> None:
+    made = sequence(recipe, number)
+    rest, frames = shots(recipe, made)
+    digests: dict[str, str] = {}
+
+    def keep(name: str, data: bytes) -> None:
+        (part / name).write_bytes(data)
+        digests[name] = hashlib.sha256(data).hexdigest()
+
+    keep("scene.toml", dump_scene(made.scene, part).encode())
+    view = made.scene.build_sensor().view
+    place = {"position_mm": 1e3 * view.position, "port_mm": 1e3 * view.port}
+    port = {"port_is_flat": view.flat, "refractive_index": view.index}
+    keep(CAMERA, camera_text(view.camera, **place, **port).encode())
+    keep("rest.png", encode_png(rest))
+    rows: list[Shot] = []
+    for shot in frames:
+        index = int(shot.values["frame"])
+        keep(f"frame-{index:03d}.png", encode_png(shot.image))
+        if shot.truth:
+            path = part / f"truth-{index:03d}.npz"
+            named: dict[str, Any] = shot.truth
+            np.savez_compressed(path, **named)
+            digests[path.name] = file_digest(path)
+        # Pictures are on the disk; a long sequence must not keep them.
+        rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
+    for name, table in (("frames", frame_table(rows)), ("markers", marker_table(rows))):
+        keep(f"{name}.parquet", to_parquet(table))
+    values = {
+        "number": number,
+        "versions": made_with(),
+        "values": _plain(made.values, part),
+        "files": dict(sorted(digests.items())),
+    }
+    (part / FILES).write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n", "utf-8")
+
+
+def frame_table(rows: list[Shot]) -> pa.Table:
+    """Table of the frames' values."""
+    columns = {}
+    for name in FRAME:
+        values = [row.values[name] for row in rows]
+        if name == "slip_state":
+            columns[name] = pa.array(values, pa.string())
+        else:
+            whole = name in ("frame", "contact_nodes")
+            columns[name] = pa.array(values, pa.int32() if whole else pa.float64())
+    return _with_meaning(pa.table(columns), FRAME)
+
+
+def marker_table(rows: list[Shot]) -> pa.Table:
+    """Table of the frames' markers and nodes, as lists."""
+    columns: dict[str, pa.Array] = {
+        "frame": pa.array([int(row.values["frame"]) for row in rows], pa.int32())
+    }
+    for name in MARKERS:
+        columns[name] = _lists([row.markers[name] for row in rows])
+    for name in NODES:
+        columns[name] = _lists([row.nodes[name] for row in rows])
+    return _with_meaning(pa.table(columns), {"frame": FRAME["frame"], **MARKERS, **NODES})
+
+
+def _lists(values: list[Any]) -> pa.Array:
+    """Lists of one length; numbers in single precision, which is 0.05 nm and 0.00006 px."""
+    stacked = np.stack(values)
+    flat = stacked.ravel() if stacked.dtype == bool else stacked.astype(np.float32).ravel()
+    return pa.FixedSizeListArray.from_arrays(pa.array(flat), stacked.shape[1])
+
+
+def _with_meaning(table: pa.Table, meaning: dict[str, str]) -> pa.Table:
+    return table.replace_schema_metadata({name: text.encode() for name, text in meaning.items()})
+
+
+def to_parquet(table: pa.Table) -> bytes:
+    """Bytes of a Parquet file."""
+    # Numbers never repeat, but their signs and exponents do: bytes of one rank lie together.
+    split = [
+        f"{field.name}.list.element"
+        for field in table.schema
+        if pa.types.is_fixed_size_list(field.type) and field.type.value_type == pa.float32()
+    ]
+    sink = pa.BufferOutputStream()
+    pq.write_table(
+        table, sink, compression="zstd", use_dictionary=False, use_byte_stream_split=split
+    )
+    return sink.getvalue().to_pybytes()
+
+
+def _plain(values: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Values that JSON has, infinity as text; a sensor's name as a file in the folder has it."""
+    plain = {
+        k: str(v) if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
+    }
+    if "sensor" in plain:
+        plain["sensor"] = seen_from(folder, plain["sensor"])
+    return plain
+
+
+def clean(out: Path) -> None:
+    """Remove what interrupted workers left."""
+    for part in out.glob(f"{_PART}*"):
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def numbers_in(folder: Path) -> list[int]:
+    """Sequences whose folders are there."""
+    found = sorted(path.name for path in folder.glob("sequence-*") if path.is_dir())
+    return [int(name.removeprefix("sequence-")) for name in found]
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Manifest of a dataset.
+
+    Raises
+    ------
+    DatasetError
+        When there is none: the folder is no dataset, or not a whole one.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        what = (
+            "is not whole: go on with --resume" if (folder / RECIPE).is_file() else "is no dataset"
+        )
+        raise DatasetError(f"{folder} {what}; it has no {MANIFEST}")
+    manifest = read_json(path)
+    if manifest.get("format") != FORMAT:
+        raise DatasetError(f"{folder} has the format {manifest.get('format')!r}, not {FORMAT!r}")
+    return manifest
+
+
+@lru_cache(maxsize=1)
+def made_with() -> dict[str, str]:
+    """Versions that decide a dataset's bytes."""
+    return versions() | {"pyarrow": version("pyarrow")}
+
+
+def write_manifest(folder: Path, numbers: Iterable[int]) -> dict[str, Any]:
+    """Write what says that a dataset is whole, with checksums of its sequences' lists of files."""
+    names = [sequence_name(number) for number in numbers]
+    manifest = {
+        "format": FORMAT,
+        "versions": made_with(),
+        "files": {
+            name: file_digest(folder / name)
+            for name in (RECIPE, TABLE, CARD, SHEET, *sensor_files(folder))
+        },
+        "sequences": {name: file_digest(folder / name / FILES) for name in names},
+    }
+    text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
+    write_whole(folder / MANIFEST, text.encode())
+    return manifest
+
+
+def sensor_files(folder: Path) -> list[str]:
+    """Files of sensors of one's own that a dataset holds."""
+    return sorted(path.relative_to(folder).as_posix() for path in folder.glob(f"{SENSORS}/*/*"))
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Object of a JSON file.
+
+    Raises
+    ------
+    DatasetError
+        When it is damaged, or not there.
+    """
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise DatasetError(f"{path} is missing or damaged") from None
+    return found
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file under another name, and give it its own.
+
+    Raises
+    ------
+    FolderError
+        When it cannot be written.
+    """
+    part = path.with_name(f"{_PART}{path.name}")
+    try:
+        part.write_bytes(data)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise FolderError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def link(source: Path, target: Path) -> None:
+    """The same file by another name: linked where the disk can, else copied."""
+    try:
+        target.hardlink_to(source)
+    except OSError:
+        target.write_bytes(source.read_bytes())
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def open_recipe(folder: Path) -> Recipe:
+    """Recipe of a dataset's folder."""
+    try:
+        return load_recipe(str(folder / RECIPE))
+    except RecipeError as error:
+        raise DatasetError(f"{folder}: {error}") from None
+
+
+def keep_recipe(recipe: Recipe, folder: Path) -> None:
+    """Write the recipe into a folder, which is not whole from then on: a new one, or one begun.
+
+    Raises
+    ------
+    DatasetError
+        When the folder holds a dataset of another recipe, of more sequences or of other versions.
+    """
+    path = folder / RECIPE
+    if path.exists():
+        before = open_recipe(folder)
+        if replace(before, sequences=recipe.sequences) != recipe:
+            raise DatasetError(f"{folder} holds a dataset of another recipe, see its {RECIPE}")
+        if before.sequences > recipe.sequences:
+            raise DatasetError(
+                f"{folder} is to have {before.sequences} sequences; it can get more, not fewer"
+            )
+        for number in numbers_in(folder)[:1]:
+            told = read_json(folder / sequence_name(number) / FILES).get("versions", {})
+            if told != made_with():
+                raise DatasetError(f"{folder} was begun with other versions: {_changes(told)}")
+    try:
+        (folder / MANIFEST).unlink(missing_ok=True)
+    except OSError as error:
+        raise FolderError(f"{folder} cannot be written: {error.strerror}") from None
+    write_whole(path, dump_recipe(portable(recipe, folder)).encode())
+
+
+def _changes(told: dict[str, str]) -> str:
+    now = made_with()
+    names = [name for name in {**told, **now} if told.get(name) != now.get(name)]
+    return ", ".join(f"{name} {told.get(name, '–')}, now {now.get(name, '–')}" for name in names)
+
+
+def tables(folder: Path, name: str, columns: list[str] | None = None) -> Iterator[tuple[int, Any]]:
+    """A table of every sequence, `frames` or `markers`, with the sequence's number."""
+    for number in numbers_in(folder):
+        path = folder / sequence_name(number) / f"{name}.parquet"
+        yield number, pq.read_table(path, columns=columns)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loaded:
+    """A sequence as it lies in a dataset, its pictures not read.
+
+    Attributes
+    ----------
+    number: in the dataset
+    values: that were drawn
+    scene: it is of
+    frames: values of every frame, by column of FRAME, shape (T,)
+    markers: of every frame, by column of MARKERS and NODES, shape (T, 2M), (T, M) or (T, N)
+    pictures: files, in order
+    rest: file of the unloaded sensor
+    """
+
+    number: int
+    values: dict[str, Any]
+    scene: Scene
+    frames: dict[str, NDArray[Any]]
+    markers: dict[str, NDArray[Any]]
+    pictures: list[Path]
+    rest: Path
+
+    def images(self) -> Iterator[NDArray[np.uint8]]:
+        """Pictures one by one, RGB, shape (H, W, 3)."""
+        for path in self.pictures:
+            yield read_picture(path)
+
+    @property
+    def places(self) -> NDArray[np.float32]:
+        """Markers' centroids in the image [px], shape (T, 2, M, 2)."""
+        both = np.stack([self.markers["x_px"], self.markers["y_px"]], axis=-1)
+        return both.reshape(len(both), 2, -1, 2)
+
+    @property
+    def visible(self) -> NDArray[np.bool_]:
+        """Whether a marker is visible, shape (T, 2, M)."""
+        flat = self.markers["visible"]
+        return np.asarray(flat.reshape(len(flat), 2, -1), dtype=np.bool_)
+
+
+def load_sequences(folder: Path) -> Iterator[Loaded]:
+    """Sequences of a dataset, in order.
+
+    Raises
+    ------
+    DatasetError
+        When the folder is no whole dataset.
+    """
+    for name in read_manifest(folder)["sequences"]:
+        where = folder / name
+        told = read_json(where / FILES)
+        try:
+            frames = pq.read_table(where / "frames.parquet")
+            markers = pq.read_table(where / "markers.parquet")
+        except (OSError, pa.ArrowException) as error:
+            raise DatasetError(f"{where} cannot be read: {error}") from None
+        yield Loaded(
+            number=told["number"],
+            values=told["values"],
+            scene=load_scene(str(where / "scene.toml")),
+            frames={column: frames[column].to_numpy() for column in frames.column_names},
+            markers={column: stacked(markers[column]) for column in markers.column_names[1:]},
+            pictures=sorted(where.glob("frame-*.png")),
+            rest=where / "rest.png",
+        )
+
+
+def stacked(column: pa.ChunkedArray) -> NDArray[Any]:
+    """Column of lists as an array, a row for each."""
+    lists = column.combine_chunks()
+    flat = lists.flatten().to_numpy(zero_copy_only=False)
+    return np.asarray(flat.reshape(len(lists), -1))

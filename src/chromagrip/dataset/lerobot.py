@@ -1,0 +1,262 @@
+"""A dataset in LeRobot's layout, version 3: tables of all frames, one video, and what they hold."""
+
+import json
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from ..output.video import VideoFile
+from .folder import Loaded, load_sequences
+from .sequence import STATES
+
+CAMERA = "observation.images.tactile"
+#: What is kept of a frame, by feature.
+STATE = ("grip_n", "load_n", "rigid_part_mm", "object_mm")
+FORCES = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
+_ACTION = ("grip_n",)
+_FILE = "chunk-000/file-000"
+_QUALITY, _KEYFRAMES = 12, "2"
+#: Pictures of a sequence that its colours' mean and spread are taken from.
+_SAMPLED = 4
+
+Array = NDArray[np.float64]
+
+
+def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> None:
+    """Write meta, data and videos; each sequence is an episode, its motion the task.
+
+    Raises
+    ------
+    UserError
+        When sequences differ in rate, or the rate is no whole number.
+    """
+    video = out / "videos" / CAMERA / f"{_FILE}.mp4"
+    video.parent.mkdir(parents=True)
+    parts: list[dict[str, NDArray[Any]]] = []
+    episodes: list[dict[str, Any]] = []
+    tasks: list[str] = []
+    film: VideoFile | None = None
+    rate, shape, start = 0, (0, 0, 3), 0
+    with ExitStack() as files:
+        for one in load_sequences(folder):
+            own = one.scene.camera.rate_hz
+            rate = rate or round(own)
+            if own != rate:
+                raise UserError(
+                    f"sequence {one.number} has {own:g} frames a second; LeRobot wants one whole "
+                    "number for all"
+                )
+            if film is None:
+                film = files.enter_context(VideoFile(video, rate, _QUALITY, {"g": _KEYFRAMES}))
+            task = str(one.values.get("motion", "press"))
+            tasks += [] if task in tasks else [task]
+            length = len(one.pictures)
+            colours = []
+            for t, image in enumerate(one.images()):
+                film.append(image)
+                shape = (image.shape[0], image.shape[1], 3)
+                if t % max(1, length // _SAMPLED) == 0:
+                    colours.append(image.reshape(-1, 3) / 255.0)
+            columns = _columns(one, len(episodes), start, tasks.index(task))
+            parts.append(columns)
+            stats = {name: _stats(values) for name, values in columns.items()}
+            stats[CAMERA] = _image_stats(np.concatenate(colours), len(colours))
+            episodes.append(_episode(len(episodes), start, length, rate, task, stats))
+            start += length
+            progress(len(episodes))
+    _write_tables(out, parts, episodes, tasks)
+    _write_meta(out, parts, episodes, tasks, rate, shape)
+
+
+def _columns(one: Loaded, episode: int, start: int, task: int) -> dict[str, NDArray[Any]]:
+    """Columns of an episode; those of one number a frame are flat."""
+    length = len(one.pictures)
+    frames = np.arange(length)
+
+    def stacked(names: tuple[str, ...]) -> NDArray[np.float32]:
+        return np.stack([one.frames[name] for name in names], axis=1).astype(np.float32)
+
+    return {
+        "observation.state": stacked(STATE),
+        "action": stacked(_ACTION),
+        "label.forces": stacked(FORCES),
+        "label.slip_state": np.array([STATES.index(s) for s in one.frames["slip_state"]]),
+        "timestamp": (frames / one.scene.camera.rate_hz).astype(np.float32),
+        "frame_index": frames,
+        "episode_index": np.full(length, episode),
+        "index": start + frames,
+        "task_index": np.full(length, task),
+    }
+
+
+def _stats(values: NDArray[Any]) -> dict[str, list[Any]]:
+    """Smallest, largest, mean and deviation of what is there of each number."""
+    flat = values.reshape(len(values), -1).astype(float)
+    flat = flat[np.isfinite(flat).all(axis=1)] if np.isfinite(flat).any() else np.zeros_like(flat)
+    return {
+        "min": flat.min(axis=0).tolist(),
+        "max": flat.max(axis=0).tolist(),
+        "mean": flat.mean(axis=0).tolist(),
+        "std": flat.std(axis=0).tolist(),
+        "count": [len(flat)],
+    }
+
+
+def _image_stats(colours: Array, count: int) -> dict[str, list[Any]]:
+    found = {
+        k: np.reshape(v, (3, 1, 1)).tolist() for k, v in _stats(colours).items() if k != "count"
+    }
+    return {**found, "count": [count]}
+
+
+def _episode(
+    number: int, start: int, length: int, rate: int, task: str, stats: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
+    return {
+        "episode_index": number,
+        "tasks": [task],
+        "length": length,
+        "meta/episodes/chunk_index": 0,
+        "meta/episodes/file_index": 0,
+        "data/chunk_index": 0,
+        "data/file_index": 0,
+        "dataset_from_index": start,
+        "dataset_to_index": start + length,
+        f"videos/{CAMERA}/chunk_index": 0,
+        f"videos/{CAMERA}/file_index": 0,
+        f"videos/{CAMERA}/from_timestamp": start / rate,
+        f"videos/{CAMERA}/to_timestamp": (start + length) / rate,
+        **{
+            f"stats/{feature}/{kind}": values
+            for feature, kinds in stats.items()
+            for kind, values in kinds.items()
+        },
+    }
+
+
+def _write_tables(
+    out: Path,
+    parts: list[dict[str, NDArray[Any]]],
+    episodes: list[dict[str, Any]],
+    tasks: list[str],
+) -> None:
+    columns: dict[str, Any] = {}
+    for name in parts[0]:
+        values = np.concatenate([part[name] for part in parts])
+        flat = pa.array(values.ravel())
+        wide = values.ndim == 2 and values.shape[1] > 1
+        columns[name] = pa.FixedSizeListArray.from_arrays(flat, values.shape[1]) if wide else flat
+    for where, table in (
+        (f"data/{_FILE}.parquet", pa.table(columns)),
+        (f"meta/episodes/{_FILE}.parquet", pa.Table.from_pylist(episodes)),
+        ("meta/tasks.parquet", _tasks(tasks)),
+    ):
+        path = out / where
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(table, path)
+
+
+def _tasks(tasks: list[str]) -> pa.Table:
+    """Table of tasks, whose names pandas takes as its index."""
+    table = pa.table({"task_index": list(range(len(tasks))), "task": tasks})
+    pandas = {
+        "index_columns": ["task"],
+        "column_indexes": [],
+        "columns": [
+            {
+                "name": name,
+                "field_name": name,
+                "pandas_type": kind,
+                "numpy_type": stored,
+                "metadata": None,
+            }
+            for name, kind, stored in (
+                ("task_index", "int64", "int64"),
+                ("task", "unicode", "object"),
+            )
+        ],
+        "pandas_version": "2.0.0",
+    }
+    return table.replace_schema_metadata({b"pandas": json.dumps(pandas).encode()})
+
+
+def _write_meta(
+    out: Path,
+    parts: list[dict[str, NDArray[Any]]],
+    episodes: list[dict[str, Any]],
+    tasks: list[str],
+    rate: int,
+    shape: tuple[int, int, int],
+) -> None:
+    names = {"observation.state": STATE, "action": _ACTION, "label.forces": FORCES}
+    features: dict[str, Any] = {
+        CAMERA: {
+            "dtype": "video",
+            "shape": list(shape),
+            "names": ["height", "width", "channels"],
+            "info": {
+                "video.height": shape[0],
+                "video.width": shape[1],
+                "video.codec": "h264",
+                "video.pix_fmt": "yuv444p",
+                "video.is_depth_map": False,
+                "video.fps": rate,
+                "video.channels": 3,
+                "has_audio": False,
+            },
+        }
+    }
+    for name, values in parts[0].items():
+        own = names.get(name)
+        features[name] = {
+            "dtype": str(values.dtype),
+            "shape": [len(own) if own else 1],
+            "names": list(own) if own else None,
+        }
+    frames = episodes[-1]["dataset_to_index"]
+    info = {
+        "codebase_version": "v3.0",
+        "robot_type": "chromagrip",
+        "total_episodes": len(episodes),
+        "total_frames": frames,
+        "total_tasks": len(tasks),
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": rate,
+        "splits": {"train": f"0:{len(episodes)}"},
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
+        "features": features,
+    }
+    whole = {name: _stats(np.concatenate([part[name] for part in parts])) for name in parts[0]} | {
+        CAMERA: _joined(episodes)
+    }
+    for name, told in (("info", info), ("stats", whole)):
+        text = json.dumps(told, indent=4, ensure_ascii=False)
+        (out / "meta" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _joined(episodes: list[dict[str, Any]]) -> dict[str, Any]:
+    """Colours of all episodes, each counting as often as it was looked at."""
+
+    def of(kind: str) -> Array:
+        return np.array([episode[f"stats/{CAMERA}/{kind}"] for episode in episodes], dtype=float)
+
+    weight = of("count").reshape(-1, 1, 1, 1)
+    mean = (weight * of("mean")).sum(axis=0) / weight.sum()
+    square = (weight * (of("std") ** 2 + of("mean") ** 2)).sum(axis=0) / weight.sum()
+    return {
+        "min": of("min").min(axis=0).tolist(),
+        "max": of("max").max(axis=0).tolist(),
+        "mean": mean.tolist(),
+        "std": np.sqrt(np.maximum(square - mean**2, 0.0)).tolist(),
+        "count": [int(weight.sum())],
+    }

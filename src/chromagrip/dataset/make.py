@@ -1,0 +1,261 @@
+"""Making a dataset: its sequences by any number of workers, in any order, and what sums it up."""
+
+import socket
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import ExitStack
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from ..errors import FolderError, UserError
+from ..output.folder import filling, prepare
+from .card import write_card
+from .check import check_files
+from .folder import (
+    RECIPE,
+    DatasetError,
+    clean,
+    file_digest,
+    keep_recipe,
+    link,
+    numbers_in,
+    open_recipe,
+    read_manifest,
+    sensor_files,
+    write_manifest,
+    write_sequence,
+)
+from .recipe import Recipe, portable
+from .sensors import keep_sensors
+
+Backend = Literal["joblib", "dask", "ray"]
+#: Sequences that a cluster is told of at a time: enough for many workers, and no more memory.
+_WAITING = 2000
+_GO_ON = "what is done is kept, go on with --resume"
+#: Told how many sequences are done, and of how many.
+Progress = Callable[[int, int], None]
+
+
+def make(
+    recipe: Recipe,
+    out: Path,
+    *,
+    workers: int = 1,
+    shard: tuple[int, int] = (1, 1),
+    backend: Backend = "joblib",
+    address: str = "",
+    resume: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> dict[str, Any]:
+    """Make the sequences of a recipe that a folder does not hold yet; returns the manifest.
+
+    Sequence k rests on the recipe and k alone: workers, shards and interruptions change no byte.
+
+    Parameters
+    ----------
+    recipe: what is made
+    out: folder, new or empty; with `resume` that of an interrupted run
+    workers: processes on this machine; on a cluster as many as it has
+    shard: (i, K), from 1: this run makes every K-th sequence from the i-th on
+    backend: who hands out the work; dask and ray are extras
+    address: of a running cluster
+    resume: go on where it was; the recipe may ask for more sequences than before
+    progress: told how many are done
+
+    Raises
+    ------
+    UserError
+        For a folder of another recipe, a sequence that cannot be made, or a cluster that is not
+        there.
+    """
+    first, step = shard
+    wanted = range(first - 1, recipe.sequences, step)
+    if not wanted:
+        raise UserError(f"shard {first}/{step} of {recipe.sequences} sequences has none")
+    begun = (out / RECIPE).exists()
+    if begun and not resume:
+        raise DatasetError(f"{out} holds a dataset already; go on with --resume, or choose another")
+    if not begun:
+        prepare(out, force=None)
+    with filling(out):
+        recipe = keep_sensors(recipe, out)
+        keep_recipe(recipe, out)
+        clean(out)
+        there = set(numbers_in(out))
+        todo = [number for number in wanted if number not in there]
+        done = len(wanted) - len(todo)
+        progress(done, len(wanted))
+        for _ in _results(recipe, todo, out, workers, backend, address):
+            done += 1
+            progress(done, len(wanted))
+        return _finish(out, recipe)
+
+
+def merge(folders: list[Path], out: Path) -> dict[str, Any]:
+    """One dataset of several shards of a recipe, in a new folder; returns its manifest.
+
+    Raises
+    ------
+    UserError
+        When the shards are of other recipes or versions, hold a sequence twice, or are not whole
+        or not what they were.
+    """
+    recipe = open_recipe(folders[0])
+    manifests = [read_manifest(folder) for folder in folders]
+    seen: dict[str, Path] = {}
+    for folder, manifest in zip(folders, manifests, strict=True):
+        if portable(open_recipe(folder), folder) != portable(recipe, folders[0]):
+            raise DatasetError(f"{folder} is of another recipe than {folders[0]}")
+        if _sensors(folder) != _sensors(folders[0]):
+            raise DatasetError(f"{folder} is of another sensor than {folders[0]}")
+        if manifest["versions"] != manifests[0]["versions"]:
+            raise DatasetError(f"{folder} was made with other versions than {folders[0]}")
+        for name, digest in manifest["sequences"].items():
+            if name in seen:
+                raise DatasetError(f"{name} is in {seen[name]} and in {folder}")
+            check_files(folder / name, digest)
+            seen[name] = folder
+    prepare(out, force=None)
+    recipe = keep_sensors(recipe, out)
+    keep_recipe(recipe, out)
+    for name, folder in seen.items():
+        _take(folder / name, out / name)
+    return _finish(out, recipe)
+
+
+def _sensors(folder: Path) -> dict[str, str]:
+    return {name: file_digest(folder / name) for name in sensor_files(folder)}
+
+
+def _take(source: Path, target: Path) -> None:
+    """The same sequence in another folder."""
+    part = target.with_name(f".part-{target.name}")
+    try:
+        part.mkdir()
+        for file in source.iterdir():
+            link(file, part / file.name)
+        part.rename(target)
+    except OSError as error:
+        raise FolderError(f"{target} cannot be written: {error.strerror}") from None
+
+
+def _finish(out: Path, recipe: Recipe) -> dict[str, Any]:
+    clean(out)
+    numbers = numbers_in(out)
+    write_card(out, portable(recipe, out), numbers)
+    return write_manifest(out, numbers)
+
+
+def _results(
+    recipe: Recipe, todo: list[int], out: Path, workers: int, backend: Backend, address: str
+) -> Iterator[int]:
+    """Numbers of sequences as they are made."""
+    job = (msgspec.msgpack.encode(recipe), str(out.absolute()))
+    if not todo:
+        return
+    if address and backend == "joblib":
+        raise UserError("--address goes with --backend dask or ray")
+    yield from {"joblib": _joblib, "dask": _dask, "ray": _ray}[backend](job, todo, workers, address)
+
+
+def _make(job: tuple[bytes, str], number: int) -> int:
+    """One sequence: what a worker does, wherever it is."""
+    recipe, out = msgspec.msgpack.decode(job[0], type=Recipe), Path(job[1])
+    return write_sequence(recipe, number, out)
+
+
+def _joblib(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    if workers == 1:
+        yield from (_make(job, number) for number in todo)
+        return
+    parallel = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    try:
+        yield from parallel(delayed(_make)(job, number) for number in todo)
+    except TerminatedWorkerError:
+        raise UserError(f"a worker was killed (out of memory?); {_GO_ON}") from None
+
+
+def _knock(address: str) -> None:
+    """Refuse an address at which nobody answers; the clusters' own clients try for minutes."""
+    host, _, port = address.rpartition("/")[2].rpartition(":")
+    if not (host and port.isdecimal()):
+        raise ValueError("expected HOST:PORT, such as 10.0.0.1:8786")
+    socket.create_connection((host, int(port)), timeout=10.0).close()
+
+
+def _first(error: BaseException) -> str:
+    """First line of what a cluster says, which may be pages."""
+    return (str(error) or type(error).__name__).splitlines()[0]
+
+
+def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+    try:
+        from distributed import Client, KilledWorker, LocalCluster, as_completed
+    except ImportError:
+        raise UserError(
+            "the backend dask needs the extra: pip install 'chromagrip[dask]'"
+        ) from None
+    with ExitStack() as opened:
+        try:
+            if address:
+                _knock(address)
+                where: Any = address
+            else:
+                where = opened.enter_context(
+                    LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+                )
+            client = opened.enter_context(Client(where, timeout="10s"))
+        except (OSError, ValueError) as error:
+            raise UserError(f"there is no Dask cluster at {address}: {error}") from None
+
+        # A worker that dies takes nothing along: its sequences are made by the others.
+        def submit(number: int) -> Any:
+            return client.submit(_make, job, number, pure=False, retries=3)
+
+        left = iter(todo)
+        waiting = as_completed([submit(number) for number in islice(left, _WAITING)])
+        try:
+            for future in waiting:
+                yield future.result()
+                waiting.update([submit(number) for number in islice(left, 1)])
+        except KilledWorker as error:
+            raise UserError(f"{error.task} killed several workers in turn; {_GO_ON}") from None
+        except (CancelledError, OSError) as error:
+            raise UserError(f"the Dask cluster failed: {_first(error)} ({_GO_ON})") from None
+
+
+def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+    try:
+        import ray
+    except ImportError:
+        raise UserError("the backend ray needs the extra: pip install 'chromagrip[ray]'") from None
+    quiet = {"log_to_driver": False, "logging_level": "error"}
+    try:
+        if address:
+            if address != "auto":  # the one that runs on this machine
+                _knock(address)
+            ray.init(address=address, **quiet)
+        else:
+            ray.init(num_cpus=workers, include_dashboard=False, **quiet)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise UserError(f"there is no Ray cluster at {address}: {error}") from None
+    try:
+        remote = ray.remote(max_retries=3)(_make)
+        left = iter(todo)
+        waiting = [remote.remote(job, number) for number in islice(left, _WAITING)]
+        while waiting:
+            ready, waiting = ray.wait(waiting)
+            yield from ray.get(ready)
+            waiting += [remote.remote(job, number) for number in islice(left, len(ready))]
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from None
+    except ray.exceptions.RayError as error:
+        raise UserError(f"the Ray cluster failed: {_first(error)} ({_GO_ON})") from None
+    finally:
+        ray.shutdown()

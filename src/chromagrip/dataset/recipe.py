@@ -1,0 +1,233 @@
+"""Recipes of datasets: what is the same in every sequence, and what is drawn for each."""
+
+import copy
+import math
+import tomllib
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from zlib import crc32
+
+import msgspec
+import numpy as np
+import tomli_w
+from msgspec import Meta
+from msgspec.structs import replace
+
+from ..errors import SceneError, UserError
+from ..scene.scene import Scene, parse_scene, seen_from
+from ..strict_toml import Table, convert
+
+Motion = Literal["press", "grasp", "slip"]
+Truth = Literal["depth", "flow", "masks"]
+
+#: What is drawn beside keys of a scene: grip [N], load over µ·grip of grasps, and of slips.
+OWN = ("motion", "grip_n", "share", "slip_share")
+_DRAWS = {"uniform": 2, "log_uniform": 2, "normal": 4, "choice": None}
+#: When the load starts to grow and when it has grown, as shares of a sequence.
+_GROWS: dict[str, tuple[float, float]] = {"grasp": (0.25, 0.6), "slip": (0.25, 0.9)}
+
+
+class RecipeError(UserError):
+    """A recipe that is not there, or asks for what cannot be."""
+
+
+class Recipe(Table, frozen=True):
+    """What a dataset is made of.
+
+    Attributes
+    ----------
+    description: one line
+    sequences: how many, unless told otherwise
+    seed: of everything that is drawn; sequence k rests on it and k alone
+    truth: what is kept of each image beside markers and forces
+    scene: tables of a scene, the same in every sequence
+    draw: key of a scene, with dots, or one of OWN → how it is drawn: `{ uniform = [low, high] }`,
+        `{ log_uniform = [low, high] }`, `{ normal = [mean, deviation, low, high] }` (outside of the
+        bounds it is drawn again) or `{ choice = [...] }`
+    """
+
+    description: str = ""
+    sequences: Annotated[int, Meta(ge=1, le=10_000_000)] = 100
+    seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
+    truth: tuple[Truth, ...] = ()
+    scene: dict[str, Any] = msgspec.field(default_factory=dict)
+    draw: dict[str, dict[str, list[Any]]] = msgspec.field(default_factory=dict)
+
+
+def recipe_names() -> dict[str, str]:
+    """Shipped recipes, with a line on each."""
+    folder = files(__package__) / "recipes"
+    names = sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
+    return {name: load_recipe(name).description for name in names}
+
+
+def load_recipe(name: str) -> Recipe:
+    """Recipe of that name, or of a TOML file.
+
+    Raises
+    ------
+    RecipeError
+        With the key, the value and what is allowed.
+    """
+    if name.endswith(".toml"):
+        try:
+            text = Path(name).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "not UTF-8 text"
+            raise RecipeError(f"recipe {name} cannot be read: {reason}") from None
+    else:
+        path = files(__package__) / "recipes" / f"{name}.toml"
+        if not path.is_file():
+            shipped = sorted(f.name[:-5] for f in (files(__package__) / "recipes").iterdir())
+            raise RecipeError(f"no recipe {name!r}; there is {', '.join(shipped)}, or a .toml file")
+        text = path.read_text(encoding="utf-8")
+    try:
+        recipe = convert(tomllib.loads(text), Recipe, f"recipe {name}")
+    except tomllib.TOMLDecodeError as error:
+        raise RecipeError(f"recipe {name} is not valid TOML: {error}") from None
+    except ValueError as error:
+        raise RecipeError(str(error)) from None
+    if name.endswith(".toml"):  # what it names lies beside it
+        folder = Path(name).absolute().parent
+        recipe = with_sensors(recipe, lambda sensor: str(folder / sensor))
+    _check(recipe, name)
+    return recipe
+
+
+def with_sensors(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
+    """The recipe with other names of the files of sensors of one's own."""
+
+    def changed(name: Any) -> Any:
+        return rename(name) if isinstance(name, str) and name.endswith(".toml") else name
+
+    scene, draw = dict(recipe.scene), dict(recipe.draw)
+    if "sensor" in scene:
+        scene["sensor"] = changed(scene["sensor"])
+    if "sensor" in draw:
+        draw["sensor"] = {
+            how: [changed(value) for value in values] for how, values in draw["sensor"].items()
+        }
+    return replace(recipe, scene=scene, draw=draw)
+
+
+def portable(recipe: Recipe, folder: Path) -> Recipe:
+    """The recipe as a file in the folder has it."""
+    return with_sensors(recipe, lambda name: seen_from(folder, name))
+
+
+def dump_recipe(recipe: Recipe) -> str:
+    """TOML text of a recipe, every default written out."""
+    return tomli_w.dumps(msgspec.to_builtins(recipe))
+
+
+def drawn(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any]:
+    """Values of a sequence, by key; each has random numbers of its own."""
+    return {
+        key: _draw(how, np.random.default_rng([recipe.seed, number, attempt, crc32(key.encode())]))
+        for key, how in sorted(recipe.draw.items())
+    }
+
+
+def scene_of(recipe: Recipe, number: int, values: dict[str, Any]) -> Scene:
+    """Scene of a sequence for which these values were drawn.
+
+    A grip that stays presses; in a grasp a load grows to a share of what friction holds, and stays;
+    in a slip it grows beyond.
+    """
+    tables = copy.deepcopy(recipe.scene)
+    for key, value in values.items():
+        if key not in OWN:
+            _put(tables, key, value)
+    tables |= {"path": "truth", "controller": "conservative"}
+    tables["seed"] = crc32(f"{recipe.seed} {number}".encode())
+    name = f"recipe, sequence {number}"
+    plain = parse_scene(tables, name)
+    motion, grip = str(values.get("motion", "press")), float(values.get("grip_n", 2.0))
+    tables["conservative"] = {"force_n": grip}
+    held = plain.object.friction * grip
+    times: list[float] = []
+    forces: list[float] = []
+    if motion in _GROWS:
+        share = float(values.get("slip_share", 1.2) if motion == "slip" else values["share"])
+        times = [plain.duration_s * part for part in _GROWS[motion]]
+        forces = [0.0, share * held]
+    tables["load"] = {"times_s": times, "forces_n": forces, "interpolation": "linear"}
+    return parse_scene(tables, name)
+
+
+def _draw(how: dict[str, list[Any]], rng: np.random.Generator) -> Any:
+    ((kind, told),) = how.items()
+    if kind == "choice":
+        return told[int(rng.integers(len(told)))]
+    if kind == "uniform":
+        return float(rng.uniform(*told))
+    if kind == "log_uniform":
+        return float(np.exp(rng.uniform(*np.log(told))))
+    mean, deviation, low, high = told
+    while True:
+        value = float(rng.normal(mean, deviation))
+        if low <= value <= high:
+            return value
+
+
+def _check(recipe: Recipe, name: str) -> None:
+    """Refuse what no sequence can have: the ends of what is drawn are tried, one key at a time."""
+    for key, how in recipe.draw.items():
+        _check_how(how, f"recipe {name}: draw.{key}")
+    if "calibration" in {**recipe.scene, **recipe.draw}:
+        raise RecipeError(f"recipe {name}: calibration: nothing is estimated in a dataset")
+    motions = _ends(recipe.draw.get("motion", {"choice": ["press"]}))
+    if set(motions) - {"press", "grasp", "slip"}:
+        raise RecipeError(f"recipe {name}: draw.motion: allowed are press, grasp, slip")
+    if "grasp" in motions and "share" not in recipe.draw:
+        raise RecipeError(f"recipe {name}: draw.share is needed where draw.motion has grasp")
+    for key, low, high in (("grip_n", 0.05, 30.0), ("share", 0.0, 1.0), ("slip_share", 1.0, 3.0)):
+        for end in _ends(recipe.draw.get(key, {"choice": []})):
+            if not (isinstance(end, int | float) and low <= end <= high):
+                raise RecipeError(
+                    f"recipe {name}: draw.{key} reaches {end}; {low:g} to {high:g} is allowed"
+                )
+    middle = {key: _ends(how)[0] for key, how in recipe.draw.items()}
+    tried = [(key, end) for key, how in recipe.draw.items() for end in _ends(how)]
+    for values in [{key: end} for key, end in tried] or [{}]:
+        try:
+            scene_of(recipe, 0, middle | values)
+        except SceneError as error:
+            reason = str(error).removeprefix("scene recipe, sequence 0: ")
+            at = "".join(f"draw.{key} reaches {end}: " for key, end in values.items())
+            raise RecipeError(f"recipe {name}: {at}{reason}") from None
+
+
+def _check_how(how: dict[str, list[Any]], name: str) -> None:
+    if len(how) != 1 or next(iter(how)) not in _DRAWS:
+        raise RecipeError(f"{name}: expected one of {', '.join(_DRAWS)}")
+    ((kind, told),) = how.items()
+    wanted = _DRAWS[kind]
+    if wanted is None:
+        if not told:
+            raise RecipeError(f"{name}: choice needs something to choose from")
+        return
+    if len(told) != wanted or not all(isinstance(v, int | float) for v in told):
+        raise RecipeError(f"{name}: {kind} takes {wanted} numbers, got {told}")
+    low, high = told[-2:]
+    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+        raise RecipeError(f"{name}: from {low} to {high} there is nothing to draw")
+    if kind == "log_uniform" and not low > 0.0:
+        raise RecipeError(f"{name}: log_uniform starts above 0, got {low}")
+    if kind == "normal" and not (told[1] > 0.0 and low <= told[0] <= high):
+        raise RecipeError(f"{name}: normal needs a deviation above 0 and its mean within bounds")
+
+
+def _ends(how: dict[str, list[Any]]) -> list[Any]:
+    """Values between which all that are drawn lie."""
+    ((kind, told),) = how.items()
+    return list(told) if kind == "choice" else list(told[-2:])
+
+
+def _put(tables: dict[str, Any], key: str, value: Any) -> None:
+    *path, last = key.split(".")
+    for part in path:
+        tables = tables.setdefault(part, {})
+    tables[last] = value

@@ -1,0 +1,60 @@
+"""Parts of a dataset whose objects are apart: what is tested was never trained on."""
+
+import json
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from ..errors import UserError
+from .folder import TABLE, DatasetError, read_manifest, sequence_name, write_whole
+
+SPLIT = "split.json"
+
+
+def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, list[str]]:
+    """Part → names of its sequences; written to split.json beside them.
+
+    All sequences of one object (equal in every drawn value of `object.…`) are in one part.
+
+    Parameters
+    ----------
+    folder: of the dataset
+    shares: of each part, adding up to 1
+    seed: of the order of the objects
+
+    Raises
+    ------
+    UserError
+        When shares do not add up, or there are fewer objects than parts.
+    """
+    if abs(sum(shares.values()) - 1.0) > 1e-9 or min(shares.values()) <= 0.0:
+        told = ", ".join(f"{name} {share:g}" for name, share in shares.items())
+        raise UserError(f"shares must be above 0 and add up to 1, got {told}")
+    read_manifest(folder)
+    objects = _objects(pq.read_table(folder / TABLE).to_pylist())
+    keys = sorted(objects)
+    if len(keys) < len(shares):
+        raise DatasetError(f"{folder} has {len(keys)} objects, too few for {len(shares)} parts")
+    order = np.random.default_rng([seed, crc32(b"split")]).permutation(len(keys))
+    ends = np.rint(np.cumsum(list(shares.values())) * len(keys)).astype(int)
+    # Every part has an object, however small its share.
+    for k in range(len(ends)):
+        ends[k] = min(max(ends[k], k + 1), len(keys) - (len(ends) - 1 - k))
+    parts = {
+        name: sorted(sequence_name(n) for at in order[low:high] for n in objects[keys[at]])
+        for name, low, high in zip(shares, [0, *ends[:-1]], ends, strict=True)
+    }
+    write_whole(folder / SPLIT, (json.dumps(parts, indent=1) + "\n").encode())
+    return parts
+
+
+def _objects(rows: list[dict[str, Any]]) -> dict[str, list[int]]:
+    """Numbers of the sequences of each object, by what was drawn of it."""
+    found: dict[str, list[int]] = {}
+    for row in rows:
+        own = {key: value for key, value in sorted(row.items()) if key.startswith("object.")}
+        found.setdefault(json.dumps(own), []).append(row["number"])
+    return found

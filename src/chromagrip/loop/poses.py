@@ -1,0 +1,117 @@
+"""Pictures of single poses with everything that is true of them, outside any run."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from ..model import ForceField, ModelError, State, contact_forces, equilibrium, rest_state
+from ..model.chain.state import state_of
+from ..render import Frame, GroundTruth, SensorDesign
+from ..scene.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pose:
+    """What a fingertip is pressed with.
+
+    A dome is pressed by a force and held in balance; a pad, which the node model does not describe,
+    is displaced as told.
+
+    Attributes
+    ----------
+    grip, load: forces along z and x [N], of a dome
+    depth, shear: displacements of the middle of a pad along −z and x [m]
+    """
+
+    grip: float = 0.0
+    load: float = 0.0
+    depth: float = 0.0
+    shear: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """One picture and what is true of it.
+
+    Attributes
+    ----------
+    pose: that was asked for
+    frame: image as the camera gives it
+    truth: of that image
+    seen: node displacements relative to the rigid part [m], shape (N, 2)
+    field: contact forces; None for a pad
+    friction: µ of the contact as a whole, see `whole_friction`
+    """
+
+    pose: Pose
+    frame: Frame
+    truth: GroundTruth
+    seen: Array
+    field: ForceField | None
+    friction: float
+
+
+def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:
+    """State of a pose of a scene's fingertip and object, and its contact forces.
+
+    Raises
+    ------
+    UserError
+        When the object cannot be held so.
+    """
+    sensor = scene.build_sensor()
+    if sensor.shape.flat:
+        if pose.grip or pose.load:
+            raise UserError(
+                f"sensor {scene.sensor} is a flat pad, which the node model does not describe: "
+                "give --press-mm and --shear-mm instead of --grip and --load"
+            )
+        return _displaced(scene, sensor, pose), None
+    if pose.depth or pose.shear:
+        raise UserError(
+            f"sensor {scene.sensor} is a dome: give --grip and --load instead of --press-mm and "
+            "--shear-mm"
+        )
+    tip, obj = scene.build_fingertip(), scene.build_object()
+    if not pose.grip > 0.0:
+        if pose.load:
+            raise UserError(f"a load of {pose.load:g} N needs a grip above 0 N to hold it")
+        state = rest_state(tip)
+    else:
+        try:
+            state = equilibrium(tip, obj, pose.grip, pose.load)
+        except ModelError as error:
+            held = scene.object.friction * pose.grip
+            if abs(pose.load) >= held:
+                raise UserError(
+                    f"grip {pose.grip:g} N cannot hold a load of {pose.load:g} N: a friction of "
+                    f"{scene.object.friction:g} holds less than {held:.3g} N"
+                ) from None
+            raise UserError(
+                f"grip {pose.grip:g} N with load {pose.load:g} N cannot be held: {error}"
+            ) from None
+    return state, contact_forces(tip, obj, state)
+
+
+def _displaced(scene: Scene, sensor: SensorDesign, pose: Pose) -> State:
+    """State of a pad that a ball, or something flat, is pushed into and pulled along.
+
+    The skin follows the object where it touches, and sinks away from it within a millimetre of the
+    pad's edge; kinematics alone, with no forces to it.
+    """
+    nodes = scene.fingertip.nodes
+    half = sensor.shape.radius
+    x = np.linspace(-half, half, nodes)
+    obj = scene.object
+    gap = 0.0 if np.isinf(obj.radius_mm) else 0.5e3 * x**2 / obj.radius_mm
+    depth = np.maximum(pose.depth - gap, 0.0)
+    held = np.clip((half - abs(x)) / 1e-3, 0.0, 1.0)
+    share = depth / pose.depth if pose.depth > 0.0 else np.ones(nodes)
+    moved = np.column_stack([pose.shear * share, -depth]) * held[:, None]
+    return state_of(
+        0.0, moved, np.zeros(2), np.zeros(nodes), np.zeros(nodes), np.zeros((nodes + 1, 2)), 0.0
+    )

@@ -1,0 +1,169 @@
+"""Time series of a run, truth beside estimate, and the summary that is read off it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..control import GripObservation
+from ..model import GROSS_SLIP
+from ..scene.scene import Scene
+from .grasp import Sample
+
+Array = NDArray[np.float64]
+
+#: Columns of a trace, in order, with what they hold.
+COLUMNS = {
+    "time_s": "instant of the frame",
+    "load_n": "lateral load on the object",
+    "grip_n": "grip force commanded from this frame on",
+    "applied_n": "force of the gripper's drive at this frame",
+    "normal_true_n": "ΣFn",
+    "friction_true_n": "ΣFf",
+    "mu_true": "Σµᵢ·Fn,i/ΣFn, the object's µ over the contact",
+    "margin_true": "Γ with the object's µ; NaN without contact",
+    "normal_estimated_n": "ΣFn as observed",
+    "friction_estimated_n": "ΣFf as observed",
+    "normal_deviation_n": "standard deviation of the observed ΣFn",
+    "friction_deviation_n": "standard deviation of the observed ΣFf",
+    "mu_estimated": "µ as observed; this and all observed is NaN of a dropped frame",
+    "mu_low": "lower end of the 90 % interval of µ",
+    "mu_high": "upper end",
+    "margin_estimated": "Γ as observed",
+    "margin_low": "lower end of the 90 % interval of Γ",
+    "margin_high": "upper end",
+    "pressure_n_per_m": "ΣFn over the contact's width",
+    "pressure_pitch_n_per_m": "the same with one node pitch added to the width",
+    "lateral_displacement_mm": "of the object over the fingertip, largest so far",
+    "rigid_slip_mm": "sliding of the whole contact, summed so far",
+    "object_mm": "position of the object along x",
+    "rigid_part_mm": "indentation, position of the rigid part along z",
+    "contact_nodes": "nodes in contact",
+    "markers_visible": "marker pairs tracked; NaN on the truth path",
+}
+
+
+def row(sample: Sample) -> tuple[float, ...]:
+    """One line of the trace."""
+    visible = math.nan if sample.tracks is None else float(sample.tracks.visible.all(axis=0).sum())
+    return (
+        sample.state.time,
+        sample.load,
+        sample.grip,
+        sample.applied,
+        sample.field.total_normal,
+        sample.field.total_friction,
+        sample.friction,
+        sample.field.safety_margin(sample.friction),
+        *_observed(sample.observation),
+        sample.pressure,
+        sample.pressure_pitch,
+        sample.slip.lateral_displacement * 1e3,
+        sample.slip.rigid_slip * 1e3,
+        sample.state.deformation.object_position * 1e3,
+        sample.state.deformation.rigid_part * 1e3,
+        float(sample.field.contact.sum()),
+        visible,
+    )
+
+
+def _observed(seen: GripObservation | None) -> tuple[float, ...]:
+    """Columns from ΣFn as observed to the upper end of Γ."""
+    if seen is None:
+        return (math.nan,) * 10
+    deviation = np.sqrt(np.diag(seen.field.totals_covariance))
+    return (
+        seen.field.total_normal,
+        seen.field.total_friction,
+        float(deviation[0]),
+        float(deviation[1]),
+        seen.friction,
+        *seen.friction_interval,
+        seen.margin,
+        *seen.margin_interval,
+    )
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Columns of a run by name, each of one value a frame."""
+
+    columns: dict[str, Array]
+
+    def __getitem__(self, name: str) -> Array:
+        """Column of that name."""
+        return self.columns[name]
+
+    def __len__(self) -> int:
+        """Frames."""
+        return len(self.columns["time_s"])
+
+
+def make_trace(rows: Sequence[float] | Sequence[tuple[float, ...]]) -> Trace:
+    """Trace of rows as `row` gives them, one by one or one after the other."""
+    values = np.array(rows, dtype=float).reshape(-1, len(COLUMNS))
+    return Trace(dict(zip(COLUMNS, values.T, strict=True)))
+
+
+def summarise(scene: Scene, trace: Trace, seconds: float) -> dict[str, Any]:
+    """Summary of a run; every key is a promise.
+
+    Parameters
+    ----------
+    scene: that was run
+    trace: of the frames up to the end or an interruption
+    seconds: wall-clock time of the loop from the second frame on, without writing anything
+    """
+    both = np.isfinite(trace["margin_true"]) & np.isfinite(trace["margin_estimated"])
+    error = (trace["margin_estimated"] - trace["margin_true"])[both]
+    late = trace["margin_true"][trace["time_s"] > scene.duration_s - 0.3 - 1e-9]
+    steps = np.flatnonzero(np.diff(trace["grip_n"]) > 0.9 * scene.react_to_slip.step_n)
+    reacted = scene.controller == "react-to-slip"
+    values: dict[str, Any] = {
+        "controller": scene.controller,
+        "path": scene.path,
+        "renderer": scene.renderer,
+        "sensor": scene.sensor,
+        "seed": scene.seed,
+        "complete": len(trace) == scene.frames,
+        "frames": len(trace),
+        "duration_s": float(trace["time_s"][-1]) if len(trace) else 0.0,
+        "frames_per_second": (len(trace) - 1) / seconds if seconds > 0 else math.nan,
+        "final_margin_true": _last(trace["margin_true"]),
+        "final_margin_estimated": _last(trace["margin_estimated"]),
+        "margin_true_min_last_300ms": float(late.min()) if len(late) else math.nan,
+        "margin_true_max_last_300ms": float(late.max()) if len(late) else math.nan,
+        "margin_rmse": float(np.sqrt((error**2).mean())) if len(error) else math.nan,
+        "final_mu_true": _last(trace["mu_true"]),
+        "final_mu_estimated": _last(trace["mu_estimated"]),
+        "max_pressure_n_per_m": _largest(trace["pressure_n_per_m"]),
+        "max_pressure_pitch_n_per_m": _largest(trace["pressure_pitch_n_per_m"]),
+        "lateral_displacement_mm": _last(trace["lateral_displacement_mm"]),
+        "rigid_slip_mm": _last(trace["rigid_slip_mm"]),
+        "gross_slip": bool(_last(trace["lateral_displacement_mm"]) > GROSS_SLIP * 1e3),
+        "max_grip_n": _largest(trace["grip_n"]),
+        "final_grip_n": _last(trace["grip_n"]),
+        "slip_reactions": [
+            {
+                "time_s": float(trace["time_s"][k + 1]),
+                "lateral_displacement_mm": float(trace["lateral_displacement_mm"][k + 1]),
+            }
+            for k in (steps if reacted else [])
+        ],
+    }
+    # JSON has no NaN: what could not be said is null.
+    return {
+        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
+    }
+
+
+def _last(column: Array) -> float:
+    return float(column[-1]) if len(column) else math.nan
+
+
+def _largest(column: Array) -> float:
+    finite = column[np.isfinite(column)]
+    return float(finite.max()) if len(finite) else math.nan

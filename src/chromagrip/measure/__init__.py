@@ -1,0 +1,1 @@
+"""Measurements of this project itself; only the command line imports them."""

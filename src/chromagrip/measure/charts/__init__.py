@@ -1,0 +1,1 @@
+"""Charts of speed against accuracy, one module for each stage."""

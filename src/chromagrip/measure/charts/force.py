@@ -1,0 +1,78 @@
+"""Time per field of each reconstructor against its error."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...tracking import RECONSTRUCTORS
+from ..bench.force import BEST, Measured, chosen, measure, timed_scenes
+from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores, times
+from ..worlds.grasps import LIBRARY
+from .chart import Axis, Chart, Point
+
+#: Grasps and turns of the speed, and those of a quick run.
+_GRASPS, _TURNS = 48, 6
+_QUICK_GRASPS, _QUICK_TURNS = 8, 3
+#: Errors that are drawn, and their labels.
+_ERRORS = {"normal_rms": "ΣFn, RMS error [%]", "margin_rms": "Γ, RMS error"}
+
+
+def chart_force(
+    quick: bool, progress: Callable[[str], None], reconstructors: tuple[str, ...] = ()
+) -> Chart:
+    """Measure reconstructors on the matched library.
+
+    Parameters
+    ----------
+    quick: few grasps
+    progress: told what is being measured
+    reconstructors: names or module:Class; none are all of ours
+
+    Raises
+    ------
+    UserError
+        When there is no such reconstructor.
+    """
+    names = chosen(reconstructors or tuple(RECONSTRUCTORS))
+    grasps, turns = (_QUICK_GRASPS, _QUICK_TURNS) if quick else (_GRASPS, _TURNS)
+    found = measure({("matched", LIBRARY): grasps}, names, grasps, progress)["matched"]
+    progress("speed")
+    spent = times(names, timed_scenes(), turns)
+    known = {
+        name: {read: scores(found.said[name, read], found.true) for read in READ} for name in names
+    }
+    axes = [
+        Axis(
+            key=f"{read}/{score}",
+            label=f"{label}, {read}",
+            unit=UNITS[score],
+            lines={
+                CONSTANT: scores(constant(found.true), found.true)[score],
+                "limit": _limit(found, read, score),
+            },
+        )
+        for read in READ
+        for score, label in _ERRORS.items()
+    ]
+    points = [
+        Point(
+            name=name,
+            times=spent[name],
+            errors={
+                f"{read}/{score}": known[name][read][score] for read in READ for score in _ERRORS
+            },
+            ours=name in BEST.values(),
+            settings=f"tracks of the default tracker, {grasps} random grasps",
+            command=f"chromagrip chart force --reconstructor {name}",
+        )
+        for name in names
+    ]
+    title = f"Reconstructors: sensor thesis, 640×480, noise of 2 levels, {grasps} random grasps"
+    return Chart(part="force", title=title, per="field", points=points, axes=axes)
+
+
+def _limit(found: Measured, read: str, score: str) -> float:
+    """Root mean square of the information limit, as the score counts errors."""
+    normal, _, _, margin = found.limit[read].T
+    bound = 100.0 * normal / found.true[:, 0] if score == "normal_rms" else margin
+    return float(np.sqrt(np.nanmean(bound**2)))

@@ -1,0 +1,1 @@
+"""Cramér-Rao bounds of marker positions and of forces."""

@@ -1,0 +1,345 @@
+"""What an image can tell of the forces: smallest standard deviations of ΣFn, ΣFf, µ and Γ.
+
+What is bound, step by step:
+
+1. Of each marker pair, (x, y, log size) of both layers against rest: the Cramér–Rao bound from the
+   pixels, with light, dyes and all other markers known. What tilt does to an outline beyond its
+   size is not counted: no tracker here reads it.
+2. *Any forces*: ΣFn and ΣFf of nodal forces that are free in the true contact zone, but for the
+   smooth prior of the Gaussian-process estimate. Stiffness, zone and normals are known.
+3. *Of an object*: ΣFn, ΣFf, µ and Γ where the node model makes the contact, with unknown µ,
+   curvature, stiffness, grip, load and history. History is four ways to come to the same grip and
+   load (`histories`), and beyond them a field of nodal forces as large as random histories leave.
+
+Both are posterior deviations: the best mean square of an estimate whose scenes scatter as the prior
+says, were the response as straight everywhere as it is around the truth. Not in it are errors of
+the calibration, of the fingertip's stiffness and of the camera, and defects of the image.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ...model import (
+    ContactObject,
+    Drive,
+    Fingertip,
+    ForceField,
+    ModelError,
+    State,
+    chain_compliance,
+    contact_forces,
+    rest_state,
+)
+from ...model.chain.chain import chain, contact
+from ...model.chain.plant import march
+from ...model.chain.statics import QUASI_STATIC
+from ...model.kernels.contact import contact_frames
+from ...render import MembraneMap, SensorDesign
+from ...render.drawing.coverage import edge_width
+from ...render.ground import ground_image
+from ...tracking.forces.chain.sensitivity import MarkerResponse, UnsupportedSensorError
+from .kernels import pair_information
+from .positions import marker_shapes
+
+Array = NDArray[np.float64]
+
+#: Standard deviations before the image: of scenes with µ uniform in 0.2…0.9, curvature in 0…230 /m,
+#: log k_c in log 80…log 1000 N/m, ΣFn in 0.4…6 N, and the loads that Γ in 0.05…0.85 leaves [N].
+_MU, _CURVATURE, _LOG_STIFFNESS, _GRIP, _LOAD = 0.2, 66.0, 0.73, 1.6, 0.8
+#: Of how far a history goes each way, see `histories`.
+_HISTORY = 0.3
+#: What random histories leave of nodal friction and normal forces beyond those ways, as shares of
+#: µ·Fn and Fn (geometric means over poses; a test measures the first), and over which length [m].
+LEFT_FRICTION, LEFT_NORMAL, _LEFT_LENGTH = 0.2, 0.03, 0.2e-3
+#: Smoothness of any forces [m], and the smallest deviation of a node's at 251 nodes [N]: the prior
+#: of the Gaussian-process estimate, whose deviation is otherwise the largest nodal force.
+_LENGTH, _AMPLITUDE = 0.8e-3, 5e-3
+#: Slope below which the stiffness' jump is smoothed, as in the estimate.
+_BLUNT = 0.05
+#: Least safety margin that leaves room for differences.
+_RESERVE = 0.02
+#: Steps of each stage of a path, and those in which it settles; their length [s], in which dampers
+#: carry a millionth of the forces and a spring that snaps through is still caught.
+_PARTS, _SETTLE, _SECONDS = 40, 5, 1.0
+#: Steps of differences: share of µ and grip, and for the load of µ·grip, at most; [1/m]; multiples
+#: of the stiffness. Springs snap from node to node, so that columns are rough: half or twice the
+#: steps change the limit of Γ by up to a tenth on a flat object, to a half on one of 5 mm.
+_SHARE, _BEND, _SOFTER = 0.03, 6.0, (0.94, 1.06)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Press:
+    """A contact, and how it changes with all that is unknown of it.
+
+    Attributes
+    ----------
+    fingertip, mu: of the contact
+    seen: node displacements relative to the camera [m], shape (N, 2)
+    field: contact forces
+    moves: change of `seen` by a prior standard deviation of (µ, curvature, log k_c, grip, load,
+        four histories) [m], shape (N, 2, 9)
+    sums: change of (ΣFn, signed ΣFf) with each [N], shape (2, 9)
+    nodes: that touch, shape (K,)
+    axes: the object's normal and tangent at them, pointing as the forces on the node do, (K, 2, 2)
+    """
+
+    fingertip: Fingertip
+    mu: float
+    seen: Array
+    field: ForceField
+    moves: Array
+    sums: Array
+    nodes: NDArray[np.intp]
+    axes: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceLimit:
+    """Smallest standard deviations that an image leaves.
+
+    Attributes
+    ----------
+    any_normal, any_friction: of ΣFn and ΣFf of forces of which only smoothness is known [N]
+    normal, friction: of ΣFn and ΣFf of an object's contact [N]
+    mu, margin: of µ and Γ
+    """
+
+    any_normal: float
+    any_friction: float
+    normal: float
+    friction: float
+    mu: float
+    margin: float
+
+
+def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) -> Press:
+    """Contact of an object that is gripped and then loaded, and its derivatives.
+
+    Derivatives of the state are central differences, those along histories the whole way of one
+    standard deviation, as friction turns at every reversal.
+
+    Raises
+    ------
+    UserError
+        When the grip does not hold the load, or the model finds no equilibrium.
+    """
+    reserve = 1.0 - abs(load) / (obj.friction * grip) if grip > 0.0 else -1.0
+    if not (np.isfinite(grip) and reserve >= _RESERVE):
+        raise UserError(
+            f"a grip of {grip:g} N must hold a load of {load:g} N with a safety margin of "
+            f"{_RESERVE:g} or more, but a friction of {obj.friction:g} leaves {reserve:.3g}"
+        )
+    mu, step = obj.friction, min(_SHARE, reserve / 4)
+    nudge = step * mu * grip
+
+    def straight(of: ContactObject, grip: float, load: float) -> tuple[Array, Array]:
+        state = follow_path(fingertip, of, [(grip, 0.0), (grip, load)])
+        return _seen_and_sums(fingertip, of, state)
+
+    slippery, rough = (replace(obj, friction=mu * (1 + s)) for s in (-step, step))
+    blunt, sharp = (replace(obj, curvature=obj.curvature + s) for s in (-_BEND, _BEND))
+    soft, stiff = (replace(obj, stiffness=obj.stiffness * s) for s in _SOFTER)
+    # What lies on either side, and the standard deviations between the two.
+    sides = [
+        ((slippery, grip, load), (rough, grip, load), 2 * step * mu / _MU),
+        ((blunt, grip, load), (sharp, grip, load), 2 * _BEND / _CURVATURE),
+        ((soft, grip, load), (stiff, grip, load), np.log(_SOFTER[1] / _SOFTER[0]) / _LOG_STIFFNESS),
+        ((obj, grip * (1 - step), load), (obj, grip * (1 + step), load), 2 * step * grip / _GRIP),
+        ((obj, grip, load - nudge), (obj, grip, load + nudge), 2 * nudge / _LOAD),
+    ]
+    try:
+        state = follow_path(fingertip, obj, [(grip, 0.0), (grip, load)])
+        here = _seen_and_sums(fingertip, obj, state)
+        ends = [(straight(*down), straight(*up), span) for down, up, span in sides]
+        ends += [
+            (here, _seen_and_sums(fingertip, obj, follow_path(fingertip, obj, way)), 1.0)
+            for way in histories(mu, grip, load)
+        ]
+    except ModelError as error:
+        raise UserError(
+            f"grip {grip:g} N with load {load:g} N, or one near it, cannot be held: {error}"
+        ) from None
+    pushed, axes = _frames(fingertip, obj, state)
+    nodes = np.flatnonzero(pushed > 0.0)
+    return Press(
+        fingertip=fingertip,
+        mu=obj.friction,
+        seen=state.deformation.seen,
+        field=contact_forces(fingertip, obj, state),
+        moves=np.stack([(up[0] - down[0]) / span for down, up, span in ends], axis=-1),
+        sums=np.stack([(up[1] - down[1]) / span for down, up, span in ends], axis=-1),
+        nodes=nodes,
+        axes=axes[nodes],
+    )
+
+
+def histories(mu: float, grip: float, load: float) -> list[list[tuple[float, float]]]:
+    """Four paths of (grip, load) to the same end: a grip, a load overshot; reversed, early load."""
+    reserve = mu * grip - abs(load)
+    side = 1.0 if load >= 0.0 else -1.0
+    low = grip * (1.0 - _HISTORY * reserve / (mu * grip))
+    end = (grip, load)
+    return [
+        [(grip * (1.0 + _HISTORY), 0.0), (grip, 0.0), end],
+        [(grip, 0.0), (grip, load + side * _HISTORY * reserve), end],
+        [(grip, 0.0), (grip, -side * _HISTORY * mu * grip), end],
+        [(low, 0.0), (low, load), end],
+    ]
+
+
+def follow_path(fingertip: Fingertip, obj: ContactObject, path: list[tuple[float, float]]) -> State:
+    """Equilibrium at the end of a path of (grip, load) from rest, straight between its points."""
+    points = np.array([(0.0, 0.0), *path])
+    stages = len(path)
+    drive = Drive(
+        times=_PARTS * _SECONDS * np.arange(stages + 1.0), normal=points[:, 0], lateral=points[:, 1]
+    )
+    steps = stages * _PARTS + _SETTLE
+    start, ch, ct = rest_state(fingertip), chain(fingertip), contact(fingertip, obj)
+    return march(ch, ct, start, drive, _SECONDS, steps, steps, QUASI_STATIC).state(-1)
+
+
+def _frames(fingertip: Fingertip, obj: ContactObject, state: State) -> tuple[Array, Array]:
+    """Normal force on each node (N,) [N], and the object's normal and tangent there (N, 2, 2)."""
+    ch, place = chain(fingertip), state.deformation
+    gap, normal = contact_frames(
+        contact(fingertip, obj), ch.rest + place.nodes, place.object_position
+    )
+    tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=-1)
+    return obj.stiffness * ch.share * np.maximum(0.0, -gap), np.stack([normal, tangent], axis=1)
+
+
+def _seen_and_sums(fingertip: Fingertip, obj: ContactObject, state: State) -> tuple[Array, Array]:
+    """Displacements (N, 2), and (ΣFn, signed ΣFf) of all nodes that touch: no threshold jumps."""
+    pushed, _ = _frames(fingertip, obj, state)
+    return state.deformation.seen, np.array([pushed.sum(), state.friction.sum()])
+
+
+def force_limit(
+    sensor: SensorDesign, pressed: Press, noise: float, *, frames: int = 1, rest_frames: int = 16
+) -> ForceLimit:
+    """What the image of a sensor tells of a contact.
+
+    Parameters
+    ----------
+    sensor: design, a dome with stiff discs
+    pressed: the contact, see `press`
+    noise: standard deviation of each sRGB level
+    frames: averaged at the contact
+    rest_frames: averaged at rest
+
+    Raises
+    ------
+    UserError
+        For a sensor that forces are not read from.
+    """
+    tip, field, nodes = pressed.fingertip, pressed.field, pressed.nodes
+    white_forces, white_moves = _shown(sensor, pressed, noise, frames, rest_frames)
+    share, arc = tip.shares()[nodes, None], tip.arc_lengths()[nodes]
+
+    largest = float(np.hypot(field.normal, field.friction).max())
+    free = max(_AMPLITUDE, largest) * share * _root(arc, _LENGTH)
+    columns = np.concatenate([axis @ free for axis in white_forces], axis=1)
+    any_forces = _posterior(columns, np.kron(np.eye(2), free.sum(axis=0)))
+
+    left = field.normal[nodes, None] * _root(arc, _LEFT_LENGTH)
+    left -= left.mean(axis=0)  # grip and load are what they are, however they came about
+    sizes = (LEFT_NORMAL, LEFT_FRICTION * pressed.mu)
+    others = [size * axis @ left for size, axis in zip(sizes, white_forces, strict=True)]
+    columns = np.concatenate([white_moves, *others], axis=1)
+    outputs = np.zeros((3, columns.shape[1]))
+    outputs[:2, : pressed.sums.shape[1]] = pressed.sums
+    outputs[2, 0] = _MU
+    covariance = _posterior(columns, outputs)
+
+    # Γ = 1 − |ΣFf|/(µ·ΣFn)
+    total, mu, friction = field.total_normal, pressed.mu, float(field.friction.sum())
+    side = 1.0 if friction >= 0.0 else -1.0
+    gradient = np.array([abs(friction) / total, -side, abs(friction) / mu]) / (mu * total)
+    deviation = np.sqrt(np.diag(covariance))
+    return ForceLimit(
+        any_normal=float(np.sqrt(any_forces[0, 0])),
+        any_friction=float(np.sqrt(any_forces[1, 1])),
+        normal=float(deviation[0]),
+        friction=float(deviation[1]),
+        mu=float(deviation[2]),
+        margin=float(np.sqrt(gradient @ covariance @ gradient)),
+    )
+
+
+def _shown(
+    sensor: SensorDesign, pressed: Press, noise: float, frames: int, rest_frames: int
+) -> tuple[Array, Array]:
+    """What markers show, in standard deviations of their noise.
+
+    Returns
+    -------
+    forces: of a unit normal, then of a unit tangential force on each node that touches, (2, Y, K)
+    moves: of `pressed.moves`, shape (Y, 9)
+    """
+    tip, nodes = pressed.fingertip, pressed.nodes
+    at_rest, now = _rest_covariance(sensor), pair_covariance(sensor, pressed.seen)
+    covariance = noise**2 * (now / frames + at_rest / rest_frames)
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+    loads = np.zeros((tip.nodes, 2, 2, len(nodes)))
+    loads[nodes, :, :, np.arange(len(nodes))] = np.swapaxes(pressed.axes, -1, -2)
+    forced = chain_compliance(tip, pressed.seen, loads.reshape(tip.nodes, 2, -1), _BLUNT)
+    try:
+        response = MarkerResponse(sensor, np.stack([sensor.places] * 2), tip.angles())
+    except UnsupportedSensorError as error:
+        raise UserError(str(error)) from None
+    _, derivative = response(pressed.seen, np.concatenate([forced, pressed.moves], axis=-1))
+    white = (whiten @ derivative).reshape(-1, derivative.shape[-1])
+    count = 2 * len(nodes)
+    return np.moveaxis(white[:, :count].reshape(len(white), 2, -1), 1, 0), white[:, count:]
+
+
+def pair_covariance(sensor: SensorDesign, seen: Array) -> Array:
+    """Cramér–Rao bound of (x, y, log size) of both layers' markers, (M, 6, 6), at noise 1 level.
+
+    A marker that does not show is infinitely uncertain.
+
+    Parameters
+    ----------
+    sensor: design, with disc markers
+    seen: node displacements relative to the camera [m], shape (N, 2)
+    """
+    shapes, inverses = marker_shapes(sensor, MembraneMap(sensor, len(seen))(seen))
+    information = pair_information(
+        shapes,
+        inverses,
+        edge_width(sensor.camera.blur_px),
+        1.0 - sensor.transmittance,
+        _ground(sensor),
+        1.0,
+    )
+    hidden = np.einsum("mii->mi", information) <= 0.0
+    blank = np.einsum("mi,ij->mij", hidden, np.eye(6))
+    return np.linalg.inv(information + blank) + 1e12 * blank
+
+
+@lru_cache(maxsize=4)
+def _ground(sensor: SensorDesign) -> Array:
+    """Linear light without markers, shape (H, W, 3)."""
+    return ground_image(sensor).astype(np.float64)
+
+
+@lru_cache(maxsize=4)
+def _rest_covariance(sensor: SensorDesign) -> Array:
+    return pair_covariance(sensor, np.zeros((11, 2)))
+
+
+def _root(arc: Array, length: float) -> Array:
+    """Root of a smooth correlation of nodes at places along the skin [m], shape (K, K)."""
+    smooth: Array = np.exp(-0.5 * ((arc[:, None] - arc) / length) ** 2) + 1e-6 * np.eye(len(arc))
+    return np.linalg.cholesky(smooth).astype(np.float64)
+
+
+def _posterior(columns: Array, outputs: Array) -> Array:
+    """Covariance of outputs (O, D) of unit normal unknowns seen through columns (Y, D), white."""
+    information = columns.T @ columns + np.eye(columns.shape[1])
+    return outputs @ np.linalg.solve(information, outputs.T)

@@ -1,0 +1,65 @@
+"""The Cramér–Rao bound of marker positions: no unbiased tracker of single frames is better.
+
+A frame's levels are a function of the positions of both layers' markers, plus white noise. The
+bound of a pair takes everything else as known: sizes, colours, light, and all other markers. It is
+so the lowest bound, that of a tracker that knows everything but where the pair is.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...render import Membrane, SensorDesign
+from ...render.drawing.coverage import edge_width
+from ...render.outlines import centroids, outlines
+from .kernels import fisher_information
+
+Array = NDArray[np.float64]
+
+
+def position_limits(
+    sensor: SensorDesign,
+    membrane: Membrane,
+    ground: Array,
+    noise: float,
+    *,
+    defocus: float = 0.0,
+    contrast: float = 1.0,
+) -> Array:
+    """Smallest standard deviation of (x, y) of each marker [px], NaN for one not there, (2, M, 2).
+
+    Parameters
+    ----------
+    sensor: design, with disc markers
+    membrane: of the frame; markers that are not there have centres of NaN
+    ground: linear light that the frame shows without its markers, shape (H, W, 3)
+    noise: standard deviation of each sRGB level
+    defocus: blur on top of the lens' own [px]
+    contrast: of the levels, of which noise takes no part
+    """
+    information = fisher_information(
+        *marker_shapes(sensor, membrane),
+        edge_width(float(np.hypot(sensor.camera.blur_px, defocus))),
+        1.0 - sensor.transmittance,
+        np.ascontiguousarray(ground, dtype=float),
+        contrast,
+    )
+    return bounds(information, noise)
+
+
+def marker_shapes(sensor: SensorDesign, membrane: Membrane) -> tuple[Array, Array]:
+    """(c, a₁, a₂) of each marker [px], shape (2, M, 3, 2), and the inverses of (a₁, a₂) [1/px]."""
+    coefficients = outlines(membrane, sensor.view)
+    shapes = np.ascontiguousarray(coefficients[:, :, :3])
+    shapes[:, :, 0] = centroids(coefficients, square=False)
+    inverses = np.linalg.inv(np.swapaxes(shapes[:, :, 1:], -1, -2))
+    return shapes, inverses.astype(np.float64)
+
+
+def bounds(information: Array, noise: float) -> Array:
+    """Standard deviations (2, M, 2) from information (M, 4, 4) at unit noise; NaN where none."""
+    known = np.einsum("mii->mi", information) > 0.0
+    # A marker that is not there takes nothing from its partner.
+    filled = information + np.einsum("mi,ij->mij", ~known, np.eye(4))
+    variance = noise**2 * np.einsum("mii->mi", np.linalg.inv(filled))
+    deviation = np.where(known, np.sqrt(variance), np.nan)
+    return np.moveaxis(deviation.reshape(-1, 2, 2), 1, 0)

@@ -1,0 +1,251 @@
+"""The limit of the margin against markers, resolution, noise and size: chart, table, and needs."""
+
+import csv
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from ...render import SensorDesign
+from ...render.design.sensor import Geodesic
+from ...render.membrane import Membrane, rest_membrane
+from ...render.outlines import areas, centroids, outlines
+from .forces import Press, force_limit, pair_covariance
+
+Array = NDArray[np.float64]
+
+#: Multiples of a design's own value, from what is easiest to make to what is hardest.
+STEPS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
+_COLOURS = ("#1f3b73", "#d1495b", "#edae49", "#00798c", "#6c757d")
+
+
+class CannotVaryError(ValueError):
+    """A design of which one thing cannot be changed alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """One design of a sweep.
+
+    Attributes
+    ----------
+    dial: what is changed, see DIALS
+    value: of the dial
+    own: whether it is the design as it is
+    margin: smallest standard deviation of Γ; NaN for a design that cannot be
+    note: why it cannot be
+    """
+
+    dial: str
+    value: float
+    own: bool
+    margin: float
+    note: str = ""
+
+
+def _more_markers(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
+    plan = sensor.layout
+    if not isinstance(plan, Geodesic):
+        raise CannotVaryError("only a geodesic layout can have another count")
+    pitch = plan.meridian_pitch_mm / np.sqrt(share)
+    layout = replace(plan, count=round(plan.count * share), meridian_pitch_mm=pitch)
+    return replace(sensor, layout=layout), noise
+
+
+def _more_pixels(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
+    """A lens as good as its camera: the blur stays as many pixels."""
+    old = sensor.camera
+    if old.focal_px is None:
+        raise CannotVaryError("a camera from a calibration file has its own resolution")
+    fx, fy = old.focal_px
+    camera = replace(
+        old,
+        width_px=round(old.width_px * share),
+        height_px=round(old.height_px * share),
+        focal_px=(fx * share, fy * share),
+        centre_px=old.centre_px and tuple((c + 0.5) * share - 0.5 for c in old.centre_px),
+    )
+    return replace(sensor, camera=camera), noise
+
+
+def _larger_markers(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
+    magenta, yellow = (replace(layer, size_mm=layer.size_mm * share) for layer in sensor.layers)
+    return replace(sensor, magenta=magenta, yellow=yellow), noise
+
+
+def _less_noise(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
+    return sensor, noise / share
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dial:
+    """One thing of a design.
+
+    Attributes
+    ----------
+    label: of its axis
+    unit: of its value
+    change: the design and noise with a multiple of it
+    value: of a design and noise
+    """
+
+    label: str
+    unit: str
+    change: Callable[[SensorDesign, float, float], tuple[SensorDesign, float]]
+    value: Callable[[SensorDesign, float], float]
+
+
+DIALS = {
+    "markers": Dial(
+        label="marker pairs", unit="", change=_more_markers, value=lambda s, n: len(s.places)
+    ),
+    "height": Dial(
+        label="image height",
+        unit="px",
+        change=_more_pixels,
+        value=lambda s, n: s.camera.height_px,
+    ),
+    "size": Dial(
+        label="marker size",
+        unit="mm",
+        change=_larger_markers,
+        value=lambda s, n: s.magenta.size_mm,
+    ),
+    "noise": Dial(label="noise", unit="levels", change=_less_noise, value=lambda s, n: n),
+}
+
+
+def sweep(
+    sensor: SensorDesign,
+    pressed: Press,
+    noise: float,
+    *,
+    frames: int = 1,
+    dials: Iterable[str] = DIALS,
+    progress: Callable[[str], None] = lambda text: None,
+) -> list[Point]:
+    """Limits of Γ of a design with one thing changed at a time; arguments as of `force_limit`."""
+    points = []
+    for name in dials:
+        dial = DIALS[name]
+        own = dial.value(sensor, noise)
+        for share in STEPS:
+            value = own / share if name == "noise" else own * share
+            progress(f"{dial.label} {value:.3g} {dial.unit}")
+            margin, note = np.nan, ""
+            try:
+                changed, level = dial.change(sensor, noise, share)
+                value = dial.value(changed, level)
+                margin = force_limit(changed, pressed, level, frames=frames).margin
+            except ValueError as error:
+                note = str(error)
+            points.append(Point(dial=name, value=value, own=share == 1.0, margin=margin, note=note))
+    return points
+
+
+def needed(points: list[Point], wanted: float) -> float | None:
+    """Easiest value of one dial's sweep at which Γ is as certain as wanted; None if there is none.
+
+    Points are as `sweep` orders them, from easy to hard; nothing easier than the first was tried.
+    Between two points the error is a power of the value.
+    """
+    before: Point | None = None
+    for point in points:
+        if np.isnan(point.margin):
+            continue
+        if point.margin <= wanted:
+            if before is None:
+                return point.value
+            share = np.log(before.margin / wanted) / np.log(before.margin / point.margin)
+            return float(before.value * (point.value / before.value) ** share)
+        before = point
+    return None
+
+
+def pair_precision(sensor: SensorDesign, noise: float) -> tuple[Array, Array, Array]:
+    """How well one resting pair shows where its skin is, at an angle from the apex.
+
+    Returns
+    -------
+    angle: [°], shape (M,)
+    radial, along: standard deviations of a displacement of the skin [m], shape (M,)
+    """
+    rest, nudge = rest_membrane(sensor), 1e-6
+    radial, azimuthal = rest.normals[0], sensor.shape.tangents(sensor.places)[1]
+    columns = []
+    for axis in (radial, np.cross(azimuthal, radial), azimuthal):
+        shown = []
+        for sign in (nudge, -nudge):
+            shift = sign * sensor.follow[:, None, None] * axis
+            image = outlines(Membrane(centres=rest.centres + shift, axes=rest.axes), sensor.view)
+            size = 0.5 * np.log(areas(image, square=False))
+            both = np.concatenate([centroids(image, square=False), size[..., None]], axis=-1)
+            shown.append(np.swapaxes(both, 0, 1).reshape(-1, 6))
+        columns.append((shown[0] - shown[1]) / (2 * nudge))
+    slope = np.stack(columns, axis=-1)
+    covariance = noise**2 * pair_covariance(sensor, np.zeros((11, 2)))
+    moved = np.linalg.inv(np.swapaxes(slope, -1, -2) @ np.linalg.inv(covariance) @ slope)
+    angle = np.rad2deg(sensor.places[:, 0])
+    return angle, np.sqrt(moved[:, 0, 0]), np.sqrt(moved[:, 1, 1])
+
+
+def write_table(sweeps: dict[str, list[Point]], path: Path) -> None:
+    """Every point of every sensor's sweep as CSV."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["sensor", "dial", "value", "unit", "own", "margin_error", "note"])
+        for sensor, points in sweeps.items():
+            for p in points:
+                margin = "" if np.isnan(p.margin) else f"{p.margin:.6g}"
+                row = [p.dial, f"{p.value:.6g}", DIALS[p.dial].unit, int(p.own), margin, p.note]
+                writer.writerow([sensor, *row])
+
+
+def draw(
+    sensors: dict[str, SensorDesign],
+    sweeps: dict[str, list[Point]],
+    noise: float,
+    title: str,
+    path: Path,
+) -> None:
+    """Chart of sweeps by sensor, and of what a single pair of each shows, as PNG."""
+    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, 3).ravel()
+    for axis, (name, dial) in zip(axes[:4], DIALS.items(), strict=True):
+        axis.sharey(axes[0])
+        for colour, points in zip(_COLOURS, sweeps.values(), strict=False):
+            mine = [p for p in points if p.dial == name]
+            axis.plot([p.value for p in mine], [p.margin for p in mine], ".-", color=colour)
+            here = [p for p in mine if p.own]
+            axis.plot([p.value for p in here], [p.margin for p in here], "o", color=colour, ms=9)
+        unit = f" [{dial.unit}]" if dial.unit else ""
+        axis.set(xscale="log", xlabel=dial.label + unit, ylabel="standard deviation of Γ")
+        _few_ticks(axis.xaxis)
+    for axis, number, label in ((axes[4], 1, "radially"), (axes[5], 2, "along the skin")):
+        for colour, (name, sensor) in zip(_COLOURS, sensors.items(), strict=False):
+            found = pair_precision(sensor, noise)
+            axis.plot(found[0], 1e6 * found[number], ".", color=colour, label=name, ms=4)
+        axis.set(xlabel="angle from the apex [°]", ylabel=f"one pair shows, {label} [µm]")
+        axis.set_xlim(left=0.0)
+    for axis in axes:
+        axis.set_yscale("log")
+        _few_ticks(axis.yaxis)
+        axis.grid(alpha=0.3, which="both")
+    figure.legend(*axes[5].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    figure.suptitle(title, fontsize=11)
+    figure.savefig(path, dpi=90)
+
+
+def _few_ticks(axis: Axis) -> None:
+    """Numbers at 1, 2 and 5, however little of a decade shows."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())

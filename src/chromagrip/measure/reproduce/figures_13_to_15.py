@@ -1,0 +1,349 @@
+"""Figs. 13 to 15 of the thesis: one object, three controllers, over time."""
+
+import math
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from ...loop.trace import Trace
+from ...output.figure import CONTROLLERS, finish, new_figure
+from ...output.rows import Row, at_most, reported
+from .runs import NAN, Job, Runs, make_job
+from .statements import Section, judged, near, number, over
+from .sweep import PLAIN, Variant
+
+Array = NDArray[np.float64]
+
+#: When the controller is switched on and the first load comes, when the second, and the end [s].
+FIRST, SECOND, END = 0.04, 1.0, 2.0
+LOADS = (0.25, 0.65)  # [N]
+#: Settled: within this share of the plateau for good. The thesis does not say its own.
+_SETTLED = 0.05
+#: How exactly times can be read off a sentence such as "0.1, 0.5 and 0.7 seconds" [s].
+_READ = 0.1
+#: A swing of Γ or of the command that is seen in a plot: 1 % of its full height.
+_SEEN = 0.01
+#: Displacement that is drawn as none [mm].
+NONE = 0.05
+
+
+def validation_jobs(camera: str | None, sweep: list[Variant]) -> list[Job]:
+    """The experiment with each controller, on the truth path and through a camera."""
+    jobs = [make_job(name, v.changes) for v in (PLAIN, *sweep) for name in CONTROLLERS]
+    return jobs + [make_job(name, camera=camera) for name in CONTROLLERS if camera]
+
+
+def between(trace: Trace, name: str, start: float, stop: float) -> Array:
+    """Column of a trace from an instant on, up to before another [s]."""
+    time = trace["time_s"]
+    return trace[name][(time > start - 1e-9) & (time < stop - 1e-9)]
+
+
+def turns(values: Array, swing: float) -> int:
+    """How often a curve turns round, counting only swings of at least so much."""
+    count, side, extreme = 0, 0, values[0]
+    for value in values:
+        ahead = value - extreme
+        if side and ahead * side > 0.0:
+            extreme = value
+        elif abs(ahead) >= swing:
+            count, side, extreme = count + (side != 0), int(np.sign(ahead)), value
+    return count
+
+
+def settling(trace: Trace, goal: float, start: float, stop: float) -> float:
+    """Time until ΣFf stays within a share of its plateau [s]; NaN if it does not."""
+    force = between(trace, "friction_true_n", start, stop)
+    (off,) = np.nonzero(np.abs(force - goal) > _SETTLED * goal)
+    time = between(trace, "time_s", start, stop)
+    if len(off) == 0:
+        return 0.0
+    return NAN if off[-1] + 1 == len(force) else float(time[off[-1] + 1]) - start
+
+
+def step_time(trace: Trace) -> float:
+    """When the grip force rises by its largest step [s]; NaN if it never rises."""
+    rise = np.diff(trace["grip_n"])
+    k = int(rise.argmax())
+    return float(trace["time_s"][k + 1]) if rise[k] > 0.0 else NAN
+
+
+def _curves(axes: Axes, runs: Runs, camera: str | None, column: str) -> None:
+    """A column of every controller; dashed through the camera."""
+    for name, (label, colour) in CONTROLLERS.items():
+        trace = runs.traces[make_job(name)]
+        axes.plot(trace["time_s"], trace[column], color=colour, lw=1.4, label=label)
+        if camera:
+            seen = runs.traces[make_job(name, camera=camera)]
+            axes.plot(seen["time_s"], seen[column], "--", color=colour, lw=1.0)
+    if camera:
+        axes.plot([], [], "--", color="0.4", lw=1.0, label=f"through the camera, scene {camera}")
+    axes.axvline(SECOND, color="0.7", lw=0.8)
+
+
+def figure_13(runs: Runs, camera: str | None) -> Section:
+    """Load and grip force."""
+    figure = new_figure("Fig. 13: load and grip force, µ 0.5, 200 kPa, flat", 9.0, 5.0)
+    load, grip = figure.subplots(2, 1, sharex=True, height_ratios=(1, 3))
+    safe, hold, slip = (runs.traces[make_job(name)] for name in CONTROLLERS)
+    load.step(safe["time_s"], safe["load_n"], where="post", color="0.3", label="load")
+    finish(load, "load [N]", legend=False)
+    _curves(grip, runs, camera, "grip_n")
+    finish(grip, "grip force [N]", "time [s]")
+    at = step_time(slip)
+    before, after = (between(slip, "grip_n", a, b) for a, b in ((0.0, at), (at, END)))
+    gripped = safe["grip_n"][safe["time_s"] >= FIRST - 1e-9]
+    checks = [
+        near("figure-13/safety-margin/lowest-grip", float(gripped.min()), 1e-6),
+        over(
+            "figure-13/safety-margin/first-turns",
+            turns(between(safe, "grip_n", FIRST, 0.5), 5 * _SEEN),
+            2.0,
+        ),
+        near(
+            "figure-13/safety-margin/second-turns",
+            turns(between(safe, "grip_n", SECOND, END), 5 * _SEEN),
+            0.0,
+        ),
+        near("figure-13/conservative/grip", _constant(hold["grip_n"]), 1e-9),
+        near("figure-13/react-to-slip/grip", _constant(before), 1e-9),
+        near("figure-13/react-to-slip/step", float(after[0] - before[-1]), 1e-9),
+        near("figure-13/react-to-slip/step-time", at, 0.05),
+    ]
+    rows = _camera_rows("figure-13", runs, camera, _of_grip)
+    if camera:
+        seen = step_time(runs.traces[make_job("react-to-slip", camera=camera)])
+        name = f"figure-13/camera/{camera}/react-to-slip/step_time"
+        rows.append(reported(name, seen if math.isfinite(seen) else None, "s"))
+    return judged(
+        "figure-13",
+        "Grip force during controller validation",
+        figure,
+        checks,
+        rows=rows,
+        notes=[
+            "A turn counts where the force swings by 0.05 N or more, 1 % of the axis.",
+            "Curves: shape only.",
+        ],
+    )
+
+
+def _constant(values: Array) -> float:
+    """The value of a curve that has only one; NaN of others."""
+    return float(values[0]) if len(values) and np.ptp(values) == 0.0 else NAN
+
+
+def figure_14(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
+    """Normal force, friction force and safety margin."""
+    figure = new_figure("Fig. 14: contact forces and safety margin", 9.0, 8.0)
+    panels = figure.subplots(3, 1, sharex=True)
+    columns = {"normal_true_n": "ΣFn [N]", "friction_true_n": "ΣFf [N]", "margin_true": "Γ"}
+    for axes, (column, label) in zip(panels, columns.items(), strict=True):
+        _curves(axes, runs, camera, column)
+        finish(axes, label, "time [s]" if axes is panels[-1] else "", axes is panels[0])
+    panels[-1].axhline(0.3, color="0.4", lw=0.8, ls=":")
+    panels[-1].set_ylim(-0.1, 1.05)
+    traces = dict(zip(CONTROLLERS, (runs.traces[make_job(n)] for n in CONTROLLERS), strict=True))
+    safe, slip = traces["safety-margin"], traces["react-to-slip"]
+    ends = [t["friction_true_n"][np.searchsorted(t["time_s"], SECOND) - 1] for t in traces.values()]
+    last = [t["friction_true_n"][-1] for t in traces.values()]
+    margin = between(safe, "margin_true", 0.0, END)
+    checks = [
+        near("figure-14/plateau/first", _farthest(ends, LOADS[0]), 0.01),
+        near("figure-14/plateau/second", _farthest(last, LOADS[1]), 0.01),
+        *(
+            near(f"figure-14/settling/{name}", settling(trace, LOADS[0], FIRST, SECOND), _READ)
+            for name, trace in traces.items()
+        ),
+        near("figure-14/react-to-slip/friction-rises", _rises(slip), 0.05),
+        near("figure-14/initial-margin", _farthest(_initial(traces.values()), 1.0), 0.01),
+        near("figure-14/safety-margin/after-first-load", _held(safe, FIRST + 0.5, SECOND), 0.02),
+        near("figure-14/safety-margin/after-second-load", _held(safe, SECOND + 0.5, END), 0.02),
+        near(
+            "figure-14/safety-margin/overshoot",
+            overshoot(safe),
+            2.0,
+            "of what is not printed, the drag moves it most",
+        ),
+        over("figure-14/safety-margin/fluctuates", turns(margin[100:200], _SEEN), 1.0),
+        near("figure-14/react-to-slip/slipping", _off(slip, 0.0, 0.8, step_time(slip)), _SETTLED),
+    ]
+    rows = [at_most("figure-14/overshoot_target", overshoot(safe), "points", 10.0)]
+    rows += _camera_rows("figure-14", runs, camera, _of_margin)
+    notes = [
+        f"Settled: ΣFf within {100 * _SETTLED:g} % of its plateau for good, counted from the load; "
+        f"the thesis does not say what it calls settled: ±{_READ:g} s are allowed.",
+        "Overshoot: how far Γ falls below 0.30, after either load.",
+        "Curves: shape only.",
+    ]
+    return judged(
+        "figure-14",
+        "Contact forces and safety margin",
+        figure,
+        checks,
+        rows=rows,
+        tables=[_sweep_table(runs, sweep)] if sweep else [],
+        notes=notes,
+    )
+
+
+def _sweep_table(runs: Runs, sweep: list[Variant]) -> list[list[str]]:
+    """What each unprinted parameter does to overshoot, slip and settling."""
+    said = [
+        number("figure-14/safety-margin/overshoot"),
+        number("figure-13/react-to-slip/step-time"),
+    ]
+    said += [number(f"figure-14/settling/{name}") for name in CONTROLLERS]
+    settled = [f"{label} settles [s]" for label, _ in CONTROLLERS.values()]
+    lines = [["", "overshoot [points]", "React To Slip steps at [s]", *settled]]
+    lines.append(["thesis", *(f"{value:g}" for value in said)])
+    for variant in (PLAIN, *sweep):
+        traces = {name: runs.traces[make_job(name, variant.changes)] for name in CONTROLLERS}
+        values = [overshoot(traces["safety-margin"]), step_time(traces["react-to-slip"])]
+        values += [settling(trace, LOADS[0], FIRST, SECOND) for trace in traces.values()]
+        # NaN: not within the experiment.
+        lines.append([variant.text, *(f"{v:.3g}" if v == v else "–" for v in values)])
+    return lines
+
+
+def overshoot(trace: Trace) -> float:
+    """How far Γ falls below the desired 0.30 [points]."""
+    return 100.0 * (0.30 - float(np.nanmin(between(trace, "margin_true", FIRST, END))))
+
+
+def _initial(traces: Iterable[Trace]) -> list[float]:
+    """Γ just before the load, of each."""
+    return [float(between(trace, "margin_true", 0.0, FIRST)[-1]) for trace in traces]
+
+
+def _rises(trace: Trace) -> float:
+    """When ΣFf leaves its first plateau: by a tenth of the way to the second [s]."""
+    level = LOADS[0] + 0.1 * (LOADS[1] - LOADS[0])
+    (above,) = np.nonzero(trace["friction_true_n"] > level)
+    return float(trace["time_s"][above[0]]) if len(above) else NAN
+
+
+def _farthest(values: Iterable[float], goal: float) -> float:
+    """The value that is farthest from the goal."""
+    return float(max(values, key=lambda value: abs(value - goal)))
+
+
+def _held(trace: Trace, start: float, stop: float) -> float:
+    """Γ farthest from 0.30 in a time [s]."""
+    return _off(trace, 0.30, start, stop)
+
+
+def _off(trace: Trace, goal: float, start: float, stop: float) -> float:
+    values = between(trace, "margin_true", start, stop)
+    return _farthest(values, goal) if len(values) and math.isfinite(values.sum()) else NAN
+
+
+def figure_15(runs: Runs, camera: str | None) -> Section:
+    """Pressure and lateral displacement."""
+    figure = new_figure("Fig. 15: pressure and lateral displacement", 9.0, 6.0)
+    pressed, moved = figure.subplots(2, 1, sharex=True)
+    _curves(pressed, runs, camera, "pressure_n_per_m")
+    _curves(moved, runs, camera, "lateral_displacement_mm")
+    finish(pressed, "pressure [N/m]")
+    finish(moved, "displacement [mm]", "time [s]", legend=False)
+    safe, hold, slip = (runs.traces[make_job(name)] for name in CONTROLLERS)
+    pressures = [between(t, "pressure_n_per_m", FIRST, END) for t in (safe, hold, slip)]
+    highest = np.mean(pressures[1] > np.fmax(pressures[0], pressures[2]))
+    at = step_time(slip)
+    checks = [
+        near("figure-15/displacement/react-to-slip", _displaced(slip), 0.05),
+        near("figure-15/displacement/safety-margin", _displaced(safe), NONE),
+        near("figure-15/displacement/conservative", _displaced(hold), NONE),
+        near("figure-15/constant-rate", _bend(slip, SECOND, at), 5.0),
+        near("figure-15/conservative-highest", 100.0 * float(highest), 1e-9),
+        over(
+            "figure-15/react-over-safety-margin",
+            float(np.nanmax(pressures[2]) - np.nanmax(pressures[0])),
+            0.0,
+        ),
+        over("figure-15/bumps", _bumps(slip, at, at + 0.1), 1.0),
+    ]
+    rows = _camera_rows("figure-15", runs, camera, _of_damage)
+    notes = [
+        "The thesis's Pa is N/m: its contact has a width and no area (E3).",
+        "A straight line is fitted to the displacement between the second load and the step; how "
+        "far it is off at most counts, over what the displacement grows by.",
+        "Curves: shape only.",
+    ]
+    return judged(
+        "figure-15", "Pressure and lateral displacement", figure, checks, rows=rows, notes=notes
+    )
+
+
+def _displaced(trace: Trace) -> float:
+    return float(trace["lateral_displacement_mm"][-1])
+
+
+def _bend(trace: Trace, start: float, stop: float) -> float:
+    """How far a displacement is off a straight line while it slips [% of what it grows by].
+
+    The skin is sheared before all of it slips: counted from the first 0.05 mm on.
+    """
+    if not math.isfinite(stop):
+        return NAN
+    time = between(trace, "time_s", start, stop)
+    moved = between(trace, "lateral_displacement_mm", start, stop)
+    time, moved = time[moved > NONE], moved[moved > NONE]
+    if len(time) < 3:
+        return NAN
+    line = np.polyval(np.polyfit(time, moved, 1), time)
+    return float(100.0 * np.abs(moved - line).max() / np.ptp(moved))
+
+
+def _bumps(trace: Trace, start: float, stop: float) -> int:
+    """Falls of the pressure while ΣFn rises."""
+    if not math.isfinite(start):
+        return 0
+    press, normal = (
+        np.diff(between(trace, name, start, stop)) for name in ("pressure_n_per_m", "normal_true_n")
+    )
+    return int(((press < 0.0) & (normal > 0.0)).sum())
+
+
+#: What is read off a trace: value and unit by name.
+Read = dict[str, tuple[float, str]]
+
+
+def _camera_rows(
+    part: str, runs: Runs, camera: str | None, read: Callable[[Trace], Read]
+) -> list[Row]:
+    """What the camera path shows of the same, and how far its Γ is off."""
+    if camera is None:
+        return []
+    rows = []
+    for name in CONTROLLERS:
+        job = make_job(name, camera=camera)
+        start = f"{part}/camera/{camera}/{name}"
+        for what, (value, unit) in read(runs.traces[job]).items():
+            rows.append(reported(f"{start}/{what}", value, unit))
+        rows.append(reported(f"{start}/margin_rmse", runs.cells[job].margin_rmse, ""))
+    return rows
+
+
+def _of_grip(trace: Trace) -> Read:
+    rise = float(np.diff(trace["grip_n"]).max())
+    return {
+        "largest_grip": (float(trace["grip_n"].max()), "N"),
+        "largest_step": (max(rise, 0.0), "N"),
+    }
+
+
+def _of_margin(trace: Trace) -> Read:
+    return {
+        "after_first_load": (_held(trace, FIRST + 0.5, SECOND), ""),
+        "after_second_load": (_held(trace, SECOND + 0.5, END), ""),
+    }
+
+
+def _of_damage(trace: Trace) -> Read:
+    return {
+        "largest_pressure": (float(np.nanmax(trace["pressure_n_per_m"])), "N/m"),
+        "displacement": (_displaced(trace), "mm"),
+    }

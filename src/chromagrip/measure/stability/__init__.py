@@ -1,0 +1,1 @@
+"""Maps of where integrators, trackers and controllers stop working."""

@@ -1,0 +1,219 @@
+"""One run of the closed loop as a point of a map: what was set, and how it ended."""
+
+from dataclasses import dataclass, fields
+from functools import cache
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ...errors import UserError
+from ...loop.camera import SimulatedCamera
+from ...loop.grasp import grasp, open_camera
+from ...loop.run_folder import run
+from ...loop.trace import Trace, make_trace, row
+from ...model import GROSS_SLIP
+from ...scene.scene import Scene, load_scene
+from .linear import LinearLoop, Plant, largest_root, plant_of
+
+#: Outcomes, best first, with their colours. Where several hold, the last counts.
+OUTCOMES = {
+    "holds": "#2a9d8f",
+    "micro-slip": "#e9c46a",
+    "limit cycle": "#4a7fb5",
+    "gross slip": "#d62828",
+    "crush": "#3d1a4f",
+    "no answer": "#d9d9d9",
+}
+#: The words of the outcomes, as page and picture print them.
+WORDS = {
+    "holds": "none of the others",
+    "micro-slip": "true Γ below 0.02 for a moment: all of the contact slides",
+    "limit cycle": "in the last 0.4 s of a load the command still swings by over 30 % of its mean",
+    "gross slip": "true lateral displacement over 0.2 mm",
+    "crush": "true pressure over 1000 N/m",
+    "no answer": "the node model found none",
+}
+#: Γ below which the whole contact slides: friction never leaves its cone, so Γ is never negative.
+MICRO_SLIP = 0.02
+#: Peak to peak of the command over its mean, less a straight line …
+SWING = 0.30
+#: … over the end of each load [s].
+HELD = 0.4
+#: Pressure that crushes, over a width with one node pitch added [N/m].
+CRUSH = 1000.0
+#: First load, and when it and the second one come and the run ends [s]: the thesis's experiment.
+FIRST_LOAD, TIMES, END = 0.25, (0.04, 1.0), 2.0
+#: Desired margin.
+MARGIN = 0.30
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What a run is made with; the defaults are the thesis's validation experiment.
+
+    Attributes
+    ----------
+    path, controller, rate_hz, latency_frames: as in a scene
+    proportional_n, integral_n_per_s, window_s: gains, and the average of µ, of Safety Margin
+    friction, stiffness_kpa, radius_mm: of the object
+    step_n: by which the load rises from FIRST_LOAD
+    margin_noise: white noise on Γ on the truth path, standard deviation
+    """
+
+    path: str = "truth"
+    controller: str = "safety-margin"
+    rate_hz: float = 1000.0
+    latency_frames: int = 0
+    proportional_n: float = 2.5
+    integral_n_per_s: float = 100.0
+    window_s: float = 0.05
+    friction: float = 0.5
+    stiffness_kpa: float = 200.0
+    radius_mm: float = np.inf
+    step_n: float = 0.4
+    margin_noise: float = 0.003
+
+    def scene(self) -> Scene:
+        """The same as a scene."""
+        return load_scene(
+            "camera-100hz",
+            {
+                "description": "a point of `chromagrip stability loop`",
+                "path": self.path,
+                "controller": self.controller,
+                "duration_s": END,
+                "camera.rate_hz": self.rate_hz,
+                "camera.latency_frames": self.latency_frames,
+                "safety_margin.desired_margin": MARGIN,
+                "safety_margin.proportional_n": self.proportional_n,
+                "safety_margin.integral_n_per_s": self.integral_n_per_s,
+                "safety_margin.friction_window_s": self.window_s,
+                "object.friction": self.friction,
+                "object.stiffness_kpa": self.stiffness_kpa,
+                "object.radius_mm": self.radius_mm,
+                "load.times_s": list(TIMES),
+                "load.forces_n": [FIRST_LOAD, FIRST_LOAD + self.step_n],
+                "truth.margin_noise": self.margin_noise,
+            },
+        )
+
+    def linear(self) -> LinearLoop:
+        """The loop linearised where its gain is largest: at the first, lighter load."""
+        return LinearLoop(
+            plant=plant(self.friction, self.stiffness_kpa, self.radius_mm),
+            proportional=self.proportional_n,
+            integral=self.integral_n_per_s,
+            period=1.0 / self.rate_hz,
+            latency=self.latency_frames,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell(Setting):
+    """A run and how it ended; NaN where there is nothing to measure.
+
+    Attributes
+    ----------
+    outcome: one of OUTCOMES
+    displacement_mm: largest true lateral displacement
+    margin_min: lowest true Γ at a frame since the first load
+    swing: largest swing of the command at the end of a load, over its mean
+    pressure_n_per_m: largest true pressure, one node pitch added to the width
+    root: largest root of the linearised loop, unstable from 1 on; NaN for other controllers
+    note: why there is no answer
+    """
+
+    outcome: str
+    displacement_mm: float
+    margin_min: float
+    swing: float
+    pressure_n_per_m: float
+    root: float
+    note: str
+
+    @property
+    def setting(self) -> Setting:
+        """What was set, without how it ended."""
+        return Setting(**{field.name: getattr(self, field.name) for field in fields(Setting)})
+
+    @property
+    def swings(self) -> bool:
+        """Whether the command never came to rest."""
+        return self.swing > SWING
+
+
+@cache
+def plant(friction: float, stiffness_kpa: float, radius_mm: float) -> Plant:
+    """What the loop sees of that object under the first load at the desired margin."""
+    scene = Setting(friction=friction, stiffness_kpa=stiffness_kpa, radius_mm=radius_mm).scene()
+    return plant_of(scene.build_fingertip(), scene.build_object(), FIRST_LOAD, MARGIN)
+
+
+def cell(setting: Setting) -> Cell:
+    """Run a setting and judge it."""
+    given: dict[str, Any] = vars(setting)
+    known = setting.controller == "safety-margin"
+    root = largest_root(setting.linear()) if known else np.nan
+    try:
+        trace = _run(setting.scene())
+    except UserError as stopped:
+        return Cell(
+            **given,
+            outcome="no answer",
+            displacement_mm=np.nan,
+            margin_min=np.nan,
+            swing=np.nan,
+            pressure_n_per_m=np.nan,
+            root=root,
+            note=str(stopped),
+        )
+    loaded = trace["time_s"] > TIMES[0]
+    found: dict[str, Any] = {
+        "displacement_mm": float(trace["lateral_displacement_mm"].max()),
+        "margin_min": float(np.nanmin(trace["margin_true"][loaded])),
+        "swing": max(swing(trace, end) for end in (TIMES[1], END)),
+        "pressure_n_per_m": float(np.nanmax(trace["pressure_pitch_n_per_m"])),
+    }
+    return Cell(**given, outcome=outcome(**found), **found, root=root, note="")
+
+
+def _run(scene: Scene) -> Trace:
+    if scene.path == "camera":
+        return run(scene).trace
+    with threadpool_limits(1):
+        # What comes after the last frame is not looked at.
+        samples = islice(grasp(scene, _unused_camera()), scene.frames)
+        rows = [row(sample) for sample in samples]
+    return make_trace(rows)
+
+
+@cache
+def _unused_camera() -> SimulatedCamera:
+    """What the loop is given on the truth path; opening one takes longer than some runs."""
+    return open_camera(Setting().scene())
+
+
+def outcome(
+    displacement_mm: float, margin_min: float, swing: float, pressure_n_per_m: float
+) -> str:
+    """Worst of what happened in a run."""
+    happened = {
+        "micro-slip": margin_min < MICRO_SLIP,
+        "limit cycle": swing > SWING,
+        "gross slip": displacement_mm > 1e3 * GROSS_SLIP,
+        "crush": pressure_n_per_m > CRUSH,
+    }
+    return [name for name, did in {"holds": True, **happened}.items() if did][-1]
+
+
+def swing(trace: Trace, end: float) -> float:
+    """Peak to peak of the command, less a straight line, over its mean, before an instant [s]."""
+    time = trace["time_s"]
+    last = (time > end - HELD + 1e-9) & (time < end - 1e-9)
+    at, command = time[last], trace["grip_n"][last]
+    if len(at) < 3:
+        return np.nan
+    straight = np.polyval(np.polyfit(at, command, 1), at)
+    return float(np.ptp(command - straight) / command.mean())

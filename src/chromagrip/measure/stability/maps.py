@@ -1,0 +1,326 @@
+"""The maps of the closed loop: what is turned, and where the linearised loop says it breaks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...model import pressure
+from ...scene.controllers import CONTROLLERS
+from .cells import CRUSH, FIRST_LOAD, HELD, MARGIN, SWING, Cell, Setting, plant
+from .linear import critical_gain, critical_integral, critical_period, held, noise_gain
+
+Array = NDArray[np.float64]
+
+#: Gains as printed, at the thesis's rate, and retuned for a camera's (docs/stability-loop.md).
+PRINTED = Setting()
+SLOW = Setting(rate_hz=100.0, latency_frames=1)
+RETUNED = replace(SLOW, proportional_n=0.25, integral_n_per_s=30.0, window_s=0.3)
+#: The thesis's object, and the one whose plant has the largest gain.
+KINDS: dict[str, dict[str, Any]] = {
+    "µ 0.5, flat": {"friction": 0.5},
+    "µ 0.7, 5 mm radius": {"friction": 0.7, "radius_mm": 5.0},
+}
+#: Points of a predicted curve.
+_FINE = 60
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """One field of a map.
+
+    Attributes
+    ----------
+    title: of it
+    base: what all of its cells have in common
+    x, y: values of the map's two axes
+    """
+
+    title: str
+    base: Setting
+    x: tuple[float, ...]
+    y: tuple[float | int | str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """A predicted boundary, in places along the axes: cell k reaches from k − ½ to k + ½."""
+
+    label: str
+    x: Array
+    y: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Map:
+    """Panels of one kind.
+
+    Attributes
+    ----------
+    title: over the picture
+    x, y: attributes of a Setting that are turned
+    x_label, y_label: with units
+    columns: panels in a row
+    panels: see there
+    camera: settings of cells that are run through the camera as well
+    lines: predicted boundaries of a panel; none where cells are marked one by one
+    """
+
+    title: str
+    x: str
+    y: str
+    x_label: str
+    y_label: str
+    columns: int
+    panels: tuple[Panel, ...]
+    camera: tuple[Setting, ...] = ()
+    lines: Callable[[Panel], list[Line]] | None = None
+
+    def at(self, panel: Panel, x: float, y: float | int | str) -> Setting:
+        """What is set in one cell."""
+        return replace(panel.base, **{self.x: x, self.y: y})  # type: ignore[arg-type]
+
+    def settings(self) -> list[Setting]:
+        """Everything to be run, through the camera last."""
+        seen = [self.at(panel, x, y) for panel in self.panels for y in panel.y for x in panel.x]
+        return [*seen, *self.camera]
+
+
+def place(values: Sequence[float], at: Array) -> Array:
+    """Places of values along an axis of equal cells, in between by their logarithm."""
+    known, wanted = np.log(np.array(values)), np.log(at)
+    places = np.interp(wanted, known, np.arange(len(known)))
+    first, last = known[1] - known[0], known[-1] - known[-2]
+    places += np.minimum(wanted - known[0], 0.0) / first
+    return np.asarray(places + np.maximum(wanted - known[-1], 0.0) / last)
+
+
+def _rate_lines(panel: Panel) -> list[Line]:
+    """Slowest rate that is stable at each latency."""
+    lines = []
+    for row, latency in enumerate(panel.y):
+        loop = replace(panel.base, latency_frames=int(latency)).linear()
+        # Rates fall along the axis, periods grow.
+        x = place([1.0 / rate for rate in panel.x], np.full(2, critical_period(loop)))
+        lines.append(Line(label=LINEAR, x=x, y=np.array([row - 0.5, row + 0.5])))
+    return lines
+
+
+def _gain_lines(panel: Panel) -> list[Line]:
+    """Largest Ki that is stable at each Kp."""
+    proportional = np.geomspace(panel.x[0] / 1.2, panel.x[-1] * 1.2, _FINE)
+    integral = np.array(
+        [
+            critical_integral(replace(panel.base, proportional_n=float(kp)).linear())
+            for kp in proportional
+        ]
+    )
+    y = np.full(_FINE, -0.5)  # not stable at any Ki: along the lower edge
+    some = integral > 0.0
+    y[some] = place([float(ki) for ki in panel.y], integral[some])
+    return [Line(label=LINEAR, x=place(panel.x, proportional), y=y)]
+
+
+def _load_lines(panel: Panel) -> list[Line]:
+    """Largest µ that is stable, and the load that cannot be held without crushing."""
+    friction = np.array([float(mu) for mu in panel.y])
+    ends = np.array([-0.5, len(panel.x) - 0.5])
+    lines = []
+    # How far the plant's gain is from the critical one, at every µ; where that changes sign.
+    spare = [
+        float(np.log(critical_gain(loop) / loop.plant.gain))
+        for loop in (replace(panel.base, friction=float(mu)).linear() for mu in friction)
+    ]
+    for k, (low, high) in enumerate(pairwise(spare)):
+        if low > 0.0 >= high:
+            lines.append(Line(label=LINEAR, x=ends, y=np.full(2, k + low / (low - high))))
+    steps = (1.0 - MARGIN) * friction * crushing_grip(panel.base) - FIRST_LOAD
+    rows = np.arange(len(friction), dtype=float)
+    lines.append(Line(label=CRUSHING, x=place(panel.x, steps), y=rows))
+    return lines
+
+
+def crushing_grip(setting: Setting) -> float:
+    """Grip under which the object bears CRUSH, held at the desired margin [N]."""
+    scene = setting.scene()
+    tip, obj = scene.build_fingertip(), scene.build_object()
+    low, high = 1.0, 20.0
+    for _ in range(12):
+        middle = float(np.sqrt(low * high))
+        load = (1.0 - MARGIN) * setting.friction * middle
+        _, field, _ = held(tip, obj, load, MARGIN)
+        low, high = (low, middle) if pressure(field, tip.pitch) > CRUSH else (middle, high)
+    return high
+
+
+def _noise_lines(panel: Panel) -> list[Line]:
+    """Noise at which the command's own swing counts as one."""
+    sigma = noise_limit(panel.base)
+    row = panel.y.index("safety-margin")
+    x = place(panel.x, np.full(2, sigma))
+    return [Line(label=LINEAR, x=x, y=np.array([row - 0.5, row + 0.5]))]
+
+
+def noise_limit(setting: Setting) -> float:
+    """Noise on Γ with which the command of the linearised loop swings by SWING of its mean.
+
+    Peak to peak of n samples of a normal distribution is 2·m standard deviations, m the mean of
+    their largest (Cramér's asymptote).
+    """
+    count = HELD * setting.rate_hz
+    root = np.sqrt(2.0 * np.log(count))
+    largest = root - (np.log(np.log(count)) + np.log(4.0 * np.pi)) / (2.0 * root)
+    grip = FIRST_LOAD / (setting.friction * (1.0 - MARGIN))
+    return float(SWING * grip / (2.0 * largest * noise_gain(setting.linear())))
+
+
+LINEAR = "predicted by the linearised loop"
+CRUSHING = "what Γ = 0.3 takes crushes"
+
+_PRINTED_RATES = (
+    *(2000.0, 1600.0, 1250.0, 1000.0, 800.0, 630.0, 500.0, 400.0, 320.0, 250.0, 200.0, 160.0),
+    *(125.0, 100.0),
+)
+_RETUNED_RATES = (*(160.0, 125.0, 100.0, 80.0, 63.0, 50.0, 40.0, 32.0, 25.0, 20.0, 16.0, 12.5),)
+#: Through the camera: rate and latency, of the retuned gains.
+_SEEN = ((100.0, 0), (50.0, 0), (100.0, 1), (63.0, 1), (50.0, 1), (32.0, 1), (20.0, 1), (32.0, 3))
+_SEEN_SHARP = ((100.0, 1), (63.0, 1), (32.0, 1))
+
+
+def maps(quick: bool) -> dict[str, Map]:
+    """Every map by name; a quick one has a few cells of each."""
+    first, each = (2, 3) if quick else (0, 1)
+    steps, frictions, noises = (all_[first::each] for all_ in (_STEPS, _FRICTIONS, _NOISES))
+    kinds = {"µ 0.5, flat": KINDS["µ 0.5, flat"]} if quick else KINDS
+    latencies = (0, 1) if quick else (0, 1, 2, 3)
+    gains = {"printed": (PRINTED, _PRINTED_RATES), "retuned": (RETUNED, _RETUNED_RATES)}
+    sharp = replace(RETUNED, **KINDS["µ 0.7, 5 mm radius"])
+    seen = [replace(RETUNED, rate_hz=rate, latency_frames=late) for rate, late in _SEEN]
+    seen += [replace(sharp, rate_hz=rate, latency_frames=late) for rate, late in _SEEN_SHARP]
+    seen += [replace(PRINTED, rate_hz=250.0), SLOW]
+    at_rates = {"1 kHz, no latency, printed": PRINTED, "100 Hz, one frame, retuned": RETUNED}
+    slower = {"40 Hz, one frame, retuned": replace(RETUNED, rate_hz=40.0)}
+    return {
+        "rate-latency": Map(
+            title="Camera rate and latency",
+            x="rate_hz",
+            y="latency_frames",
+            x_label="frames per second",
+            y_label="latency [frames]",
+            columns=len(kinds),
+            panels=tuple(
+                Panel(
+                    title=f"{name} gains, {kind}",
+                    base=replace(base, **changes),
+                    x=rates[first::each],
+                    y=latencies,
+                )
+                for name, (base, rates) in gains.items()
+                for kind, changes in kinds.items()
+            ),
+            camera=tuple(_through_camera(one) for one in (seen[2:3] if quick else seen)),
+            lines=_rate_lines,
+        ),
+        "gains": Map(
+            title="Gains",
+            x="proportional_n",
+            y="integral_n_per_s",
+            x_label="Kp [N]",
+            y_label="Ki [N/s]",
+            columns=2,
+            panels=tuple(
+                Panel(title=title, base=base, x=kp[first::each], y=ki[first::each])
+                for title, base, kp, ki in (
+                    ("1 kHz, no latency, µ over 0.05 s", PRINTED, _FAST_KP, _FAST_KI),
+                    ("100 Hz, one frame, µ over 0.3 s", RETUNED, _SLOW_KP, _SLOW_KI),
+                )
+            ),
+            lines=_gain_lines,
+        ),
+        "load": Map(
+            title="A step of the load from 0.25 N, and friction",
+            x="step_n",
+            y="friction",
+            x_label="step of the load [N]",
+            y_label="µ",
+            columns=3,
+            panels=tuple(
+                Panel(title=f"{title} gains", base=base, x=steps, y=frictions)
+                for title, base in (at_rates | slower).items()
+            ),
+            lines=_load_lines,
+        ),
+        "noise": Map(
+            title="White noise on Γ, and the controller",
+            x="margin_noise",
+            y="controller",
+            x_label="standard deviation of the noise on Γ",
+            y_label="",
+            columns=2,
+            panels=tuple(
+                Panel(title=f"{title} gains", base=base, x=noises, y=tuple(CONTROLLERS))
+                for title, base in at_rates.items()
+            ),
+            lines=_noise_lines,
+        ),
+        "objects": Map(
+            title="The 27 objects of the thesis",
+            x="stiffness_kpa",
+            y="radius_mm",
+            x_label="stiffness [kPa]",
+            y_label="radius [mm]",
+            columns=3,
+            panels=tuple(
+                Panel(
+                    title=f"{title}, µ {mu:g}",
+                    base=replace(base, friction=mu),
+                    x=(16.0, 32.0, 200.0),
+                    y=(5.0, 20.0, np.inf),
+                )
+                for title, base in list(PRESETS.items())[slice(1, 2) if quick else slice(None)]
+                for mu in (0.3, 0.5, 0.7)
+            ),
+        ),
+    }
+
+
+def _through_camera(setting: Setting) -> Setting:
+    return replace(setting, path="camera", margin_noise=0.0)
+
+
+#: Settings under which all 27 objects are run.
+PRESETS = {
+    "printed, 1 kHz, no latency": PRINTED,
+    "printed, 100 Hz, 1 frame": SLOW,
+    "retuned, 100 Hz, 1 frame": RETUNED,
+    "retuned, 60 Hz, 1 frame": replace(RETUNED, rate_hz=60.0),
+    "retuned, 30 Hz, 1 frame": replace(RETUNED, rate_hz=30.0),
+}
+_FAST_KP = (0.6, 1.3, 2.5, 3.5, 5.0, 7.0)
+_FAST_KI = (25.0, 100.0, 200.0, 400.0, 800.0, 1600.0)
+_SLOW_KP = (0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.9, 1.3)
+_SLOW_KI = (6.0, 12.0, 20.0, 30.0, 42.0, 60.0, 85.0, 120.0)
+_STEPS = (0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.2)
+_FRICTIONS = (0.15, 0.2, 0.3, 0.5, 0.7, 0.9)
+_NOISES = (0.001, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1)
+
+
+def boundary(cells: Sequence[Cell]) -> tuple[Cell, Cell] | None:
+    """Last cell of a line that comes to rest, and the next, which swings.
+
+    None where the line does not cross from rest to swinging.
+    """
+    swings = [cell.swings for cell in cells]
+    if swings[0] or not any(swings):
+        return None
+    first = swings.index(True)
+    return cells[first - 1], cells[first]
+
+
+def plant_text(setting: Setting) -> str:
+    """The plant of a setting in words."""
+    found = plant(setting.friction, setting.stiffness_kpa, setting.radius_mm)
+    return f"g = {found.gain:.2f} /N, τ = {1e3 * found.lag:.1f} ms"

@@ -1,0 +1,1 @@
+"""Scenes, motions and scores that benches, charts and maps share."""

@@ -1,0 +1,143 @@
+"""`chromagrip chart --update`: the table that fidelities are chosen from, measured."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import FolderError
+from ...loop.fidelity import Fidelity, Measured
+from ...loop.run_folder import run
+from ...loop.trace import Trace
+from ...output.cells import write_cells
+from ...scene.scene import load_scene
+
+Array = NDArray[np.float64]
+
+SCENE = "margin-60hz"
+#: Situations: µ, stiffness [kPa], radius [mm] and noise [grey levels].
+SITUATIONS: tuple[tuple[float, float, float, float], ...] = (
+    (0.5, 200.0, np.inf, 2.0),
+    (0.3, 16.0, np.inf, 2.0),
+    (0.7, 32.0, np.inf, 2.0),
+    (0.3, 200.0, 20.0, 2.0),
+    (0.5, 16.0, 20.0, 2.0),
+    (0.7, 200.0, 20.0, 2.0),
+    (0.3, 32.0, 5.0, 2.0),
+    (0.5, 200.0, 5.0, 2.0),
+    (0.7, 16.0, 5.0, 2.0),
+    (0.5, 200.0, np.inf, 6.0),
+    (0.5, 32.0, 20.0, 6.0),
+    (0.5, 16.0, 5.0, 6.0),
+)
+#: What is chosen from, the default first.
+CAMERA = (
+    Fidelity(),
+    Fidelity(tracker="thrifty"),
+    Fidelity(tracker="thrifty", step_ms=5.0),
+    Fidelity(tracker="thrifty", step_ms=5.0, nodes=101),
+    Fidelity(tracker="sparse", step_ms=5.0),
+    Fidelity(tracker="sparse", step_ms=5.0, nodes=101),
+)
+TRUTH = tuple(
+    Fidelity(tracker="", reconstructor="", step_ms=step, nodes=nodes)
+    for step, nodes in ((1.0, 251), (5.0, 251), (1.0, 101), (5.0, 101), (15.0, 101), (15.0, 51))
+)
+#: What the chain is compared with.
+FINE = Fidelity(tracker="", reconstructor="", step_ms=0.2, nodes=501)
+#: From here on Γ is compared: the first load is held [s].
+_HELD = 0.5
+#: Γ of the grip at which chains are compared, and the largest load of the scene [N].
+_MARGIN, _LOAD = 0.3, 0.65
+
+
+def measure(progress: Callable[[str], None]) -> list[Measured]:
+    """Every fidelity in every situation, one after the other."""
+    found = []
+    for friction, kpa, radius, noise in SITUATIONS:
+        obj = {
+            "object.friction": friction,
+            "object.stiffness_kpa": kpa,
+            "object.radius_mm": radius,
+            "camera.noise_levels": noise,
+        }
+        fine = held_margin(FINE, obj)
+        plants: dict[tuple[float, int], float] = {}
+        for fidelity in (*CAMERA, *TRUTH):
+            progress(f"µ {friction}, {kpa:g} kPa, {radius:g} mm, noise {noise:g}: {fidelity.name}")
+            chain = (fidelity.step_ms, fidelity.nodes)
+            if chain not in plants:
+                plants[chain] = rms(held_margin(fidelity, obj) - fine)
+            path = {"path": "camera" if fidelity.tracker else "truth"}
+            controller = {"controller": "margin-inversion"}
+            result = run(load_scene(SCENE, obj | path | controller | fidelity.changes))
+            trace, seen = result.trace, 0.0
+            if fidelity.tracker:
+                seen = margin_error(trace)
+            rate = result.scene.camera.rate_hz
+            found.append(
+                Measured(
+                    tracker=fidelity.tracker,
+                    reconstructor=fidelity.reconstructor,
+                    step_ms=fidelity.step_ms,
+                    nodes=fidelity.nodes,
+                    rate_hz=rate,
+                    noise=noise,
+                    friction=friction,
+                    stiffness_kpa=kpa,
+                    curvature=1e3 / radius,
+                    milliseconds=1e3 / result.summary["frames_per_second"],
+                    seen=seen,
+                    plant=plants[chain],
+                )
+            )
+    return found
+
+
+def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
+    """Measure the table and write it; what was there stays until the new one is whole.
+
+    Raises
+    ------
+    FolderError
+        When it cannot be written.
+    """
+    found = measure(progress)
+    part = path.with_suffix(".part")
+    try:
+        write_cells(found, part)
+        part.replace(path)
+    except OSError as error:
+        raise FolderError(f"{path} cannot be written: {error.strerror}") from None
+    return found
+
+
+def margin_error(trace: Trace) -> float:
+    """RMS error of Γ as it was read, while loads are held."""
+    return rms((trace["margin_estimated"] - trace["margin_true"])[_held(trace)])
+
+
+def held_margin(fidelity: Fidelity, obj: dict[str, Any]) -> Array:
+    """True Γ under a constant grip, while loads are held."""
+    grip = _LOAD / (obj["object.friction"] * (1.0 - _MARGIN))
+    changes = {
+        "path": "truth",
+        "controller": "conservative",
+        "conservative.force_n": grip,
+        "fingertip.step_ms": fidelity.step_ms,
+        "fingertip.nodes": fidelity.nodes,
+    }
+    trace = run(load_scene(SCENE, obj | changes)).trace
+    return trace["margin_true"][_held(trace)]
+
+
+def _held(trace: Trace) -> NDArray[np.bool_]:
+    return np.asarray(trace["time_s"] > _HELD)
+
+
+def rms(values: Array) -> float:
+    """RMS of what is there; infinite where nothing is, as where no frame could be read."""
+    there = values[np.isfinite(values)]
+    return float(np.sqrt((there**2).mean())) if len(there) else float("inf")

@@ -1,0 +1,150 @@
+"""The painter against pictures of a path tracer, which a checkout holds in fixtures/.
+
+Both pictures are measured in the same way: densities of the two dyes over a ground read off the
+resting picture of the same renderer, then the thresholded centre of mass of each marker. The discs
+throw soft shadows on the skin, which the painter does not draw: up to a quarter of a dye's density,
+they are left out below the threshold, and what they do to a plain centre of mass is reported.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...output.rows import Row, at_most, reported
+from ...render import Membrane, MembraneMap, SensorDesign, TruthMap, load_sensor
+from ...render.colour import decode_srgb, encode_srgb
+from ...render.drawing.painter import Painter
+from ...render.ground import ground_image
+from ...render.membrane import rest_membrane
+from ...render.outlines import outlines
+from ...tracking import Palette
+from ...tracking.detection import resting_ground
+from ...tracking.unmixing import dye_densities, unmixing_matrix
+from .judge import colour_difference
+
+Array = NDArray[np.float64]
+Entry = dict[str, Any]
+
+#: Where a checkout keeps them; an installed package has none.
+FOLDER = Path(__file__).resolve().parents[4] / "fixtures" / "path-traced"
+#: Densities that count towards a centre, shadows left out; and all of them.
+_THRESHOLDED, _PLAIN = (0.25, 0.75), (0.0, 1.2)
+#: A marker's pixels: up to this beyond its outline, and nearer to it than to any other [px].
+_MARGIN = 3.0
+
+
+def against_path_traced(quick: bool, progress: Callable[[str], None]) -> list[Row]:
+    """Rows of the comparison, for the camera at the sphere centre and for one below it."""
+    if not (FOLDER / "poses.json").exists():
+        return [Row("painter_against_path_tracer/not_measured", None, "", "a checkout", False)]
+    book = json.loads((FOLDER / "poses.json").read_text(encoding="utf-8"))["pictures"]
+    rows = []
+    for name in dict.fromkeys(entry["sensor"] for entry in book.values()):
+        pictures = {k: entry for k, entry in book.items() if entry["sensor"] == name}
+        centres, plain, colours = _compare(name, pictures, quick, progress)
+        part = f"painter_against_path_tracer/{Path(name).stem}"
+        rms = np.sqrt(np.nanmean(centres**2, axis=(0, 2, 3)))
+        rows += [
+            at_most(f"{part}/magenta_centres", float(rms[0]), "px", 0.2),
+            at_most(f"{part}/yellow_centres", float(rms[1]), "px", 0.2),
+            reported(f"{part}/worst_marker", float(np.nanmax(abs(centres))), "px"),
+            reported(f"{part}/centres_with_shadows", float(np.sqrt(np.nanmean(plain**2))), "px"),
+            at_most(f"{part}/overlap_colour", float(colours.mean()), "ΔE2000", 6.0),
+        ]
+        if name != "thesis":
+            ignored = _without_refraction(load_sensor(str(FOLDER / name)))
+            rows.append(reported(f"{part}/if_refraction_were_ignored", ignored, "px"))
+    return rows
+
+
+def _compare(
+    name: str, pictures: dict[str, Entry], quick: bool, progress: Callable[[str], None]
+) -> tuple[Array, Array, Array]:
+    """Differences of centres, thresholded and plain (poses, 2, M, 2) [px], and of colours."""
+    sensor = load_sensor(name if name == "thesis" else str(FOLDER / name))
+    painter, truth_map = Painter(sensor), TruthMap(sensor, 251)
+    membrane_map = MembraneMap(sensor, 251)
+    with np.load(FOLDER / "seen.npz") as kept:
+        seen = {key: kept[key].astype(float) for key in pictures}
+    resting = next(key for key, entry in pictures.items() if entry["grip"] == 0.0)
+    bare = ground_image(sensor).astype(float)
+    palette = Palette.of_sensor(sensor)
+    traced_ground = resting_ground(_traced(sensor, pictures[resting]), palette)
+    painted_ground = resting_ground(painter.render(rest_membrane(sensor)), palette)
+    centres: list[Array] = []
+    plain: list[Array] = []
+    colours: list[Array] = []
+    loaded = [key for key in pictures if key != resting]
+    for key in loaded[2:3] if quick else loaded:  # the third is the strongest
+        progress(f"path-traced picture {key}")
+        membrane = membrane_map(seen[key])
+        traced, painted = _traced(sensor, pictures[key]), painter.render(membrane)
+        for found, levels in ((centres, _THRESHOLDED), (plain, _PLAIN)):
+            found.append(
+                _mass_centres(sensor, membrane, traced, traced_ground, levels)
+                - _mass_centres(sensor, membrane, painted, painted_ground, levels)
+            )
+        # Flat-fielded, as a laboratory does it: each picture over its own resting ground.
+        flat = decode_srgb(traced.astype(float)) / traced_ground * bare
+        both = truth_map(membrane, seen[key]).masks.min(axis=0) > 0.99
+        colours.append(colour_difference(encode_srgb(flat[both]), painted[both].astype(float)))
+    return np.stack(centres), np.stack(plain), np.concatenate(colours)
+
+
+def _traced(sensor: SensorDesign, entry: Entry) -> NDArray[np.uint8]:
+    """Picture as large as the camera's, black where it was not kept."""
+    image = np.zeros((sensor.view.height, sensor.view.width, 3), dtype=np.uint8)
+    stored: Any = cv2.imread(str(FOLDER / entry["file"]))
+    part = cv2.cvtColor(stored, cv2.COLOR_BGR2RGB)
+    x, y = entry["crop"]
+    image[y : y + part.shape[0], x : x + part.shape[1]] = part
+    return image
+
+
+def _mass_centres(
+    sensor: SensorDesign,
+    membrane: Membrane,
+    image: NDArray[np.uint8],
+    ground: Array,
+    levels: tuple[float, float],
+) -> Array:
+    """Centre of mass of each marker's dye in the image [px], shape (2, M, 2).
+
+    What counts is the density above the first level, up to the second.
+    """
+    linear = decode_srgb(image.astype(float))
+    densities = dye_densities(linear, ground, unmixing_matrix(sensor.transmittance))
+    shapes = outlines(membrane, sensor.view)
+    found = np.full((2, len(sensor.places), 2), np.nan)
+    for layer in range(2):
+        places = shapes[layer, :, 0]
+        for m, place in enumerate(places):
+            reach = np.linalg.norm(shapes[layer, m, 1:3], axis=-1).max() + _MARGIN
+            low, high = np.floor(place - reach).astype(int), np.ceil(place + reach).astype(int) + 1
+            if (low < 0).any() or (high > [image.shape[1], image.shape[0]]).any():
+                continue
+            y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
+            pixels = np.stack([x, y], axis=-1)
+            near = places[np.linalg.norm(places - place, axis=-1) < 3 * reach]
+            own = np.linalg.norm(pixels - place, axis=-1)
+            others = np.linalg.norm(pixels[..., None, :] - near, axis=-1).min(axis=-1)
+            density = densities[layer, low[1] : high[1], low[0] : high[0]]
+            weight = np.clip(density, *levels) - levels[0]
+            weight = np.where((own < reach) & (own <= others + 1e-9), weight, 0.0)
+            if weight.sum() > 1.0:
+                found[layer, m] = (weight[..., None] * pixels).sum(axis=(0, 1)) / weight.sum()
+    return found
+
+
+def _without_refraction(sensor: SensorDesign) -> float:
+    """How far markers would be off on average if the silicone had the index of air [px]."""
+    points = rest_membrane(sensor).centres
+    straight = replace(sensor.view, index=1.0)
+    off = sensor.view.project(points) - straight.project(points)
+    return float(np.sqrt((off**2).mean()))

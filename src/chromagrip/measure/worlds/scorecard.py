@@ -1,0 +1,103 @@
+"""Scores of one grasp, all from truth, and how those of several are put together."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...loop.run_folder import Result
+from ...loop.trace import Trace
+from ...model import GROSS_SLIP
+
+Array = NDArray[np.float64]
+
+#: Γ that a grasp has settled at, and how far from it it may be.
+MARGIN, BAND = 0.30, 0.05
+#: End of a run in which the command's chatter is taken [s].
+LATE = 0.5
+
+
+def _p90(values: Array) -> float:
+    return float(np.percentile(values, 90.0))
+
+
+#: Unit of each score, and what stands for several grasps.
+SCORES: dict[str, tuple[str, Callable[[Array], float]]] = {
+    "gross": ("runs", np.sum),
+    "displacement": ("mm", np.max),
+    "overloaded": ("s", np.max),
+    "settling": ("s", _p90),
+    "overshoot": ("points", np.max),
+    "pressure_max": ("N/m", np.mean),
+    "pressure_mean": ("N/m", np.mean),
+    "energy": ("N²/s", np.mean),
+    "chatter": ("N/s", np.mean),
+}
+
+#: What the scores are.
+NOTES = (
+    "gross: runs that slip by more than 0.2 mm; displacement: of object over fingertip, the",
+    "largest; overloaded: time at Γ < 0 with the load for ΣFf (friction itself is never more than",
+    "holds), the longest; settling: from the last change of load or friction to the last exit of Γ",
+    "from 0.30 ± 0.05, or to the end, 90th percentile; overshoot: the most that Γ is above 0.30",
+    "after that change, the largest; pressure: over the contact's width plus one node pitch;",
+    "energy: ∫(dF/dt)² of the command; chatter: Σ|ΔF| per second over the last 0.5 s;",
+    "all three are means over the runs. worst: the worst single run of any scene, score by score.",
+)
+
+
+def scores(result: Result) -> dict[str, float]:
+    """Scores of a run, by the names of SCORES."""
+    trace, scene = result.trace, result.scene
+    time, grip = trace["time_s"], trace["grip_n"]
+    holds = trace["mu_true"] * trace["normal_true_n"]
+    pressure = trace["pressure_pitch_n_per_m"]
+    touching = trace["contact_nodes"] > 0.0
+    steps = np.diff(grip)
+    displacement = float(trace["lateral_displacement_mm"][-1])
+    return {
+        "gross": float(displacement > 1e3 * GROSS_SLIP),
+        "displacement": displacement,
+        "overloaded": scene.period
+        * float((abs(trace["load_n"][touching]) > holds[touching]).sum()),
+        "settling": settling(trace, scene.last_change),
+        "overshoot": overshoot(trace, scene.last_change),
+        "pressure_max": float(pressure.max()),
+        "pressure_mean": float(pressure[touching].mean()) if touching.any() else 0.0,
+        "energy": float((steps**2).sum()) / scene.period,
+        "chatter": float(abs(steps[time[1:] > time[-1] - LATE + 1e-9]).sum()) / LATE,
+    }
+
+
+def settling(trace: Trace, since: float) -> float:
+    """Time from an instant to the last exit of the true Γ from its band, or to the end [s]."""
+    time, margin = trace["time_s"], trace["margin_true"]
+    # Without contact there is no margin, and nothing has settled.
+    outside = (time > since + 1e-9) & ~(abs(margin - MARGIN) <= BAND)
+    last = np.flatnonzero(outside)
+    if not len(last):
+        return 0.0
+    return float(time[min(last[-1] + 1, len(time) - 1)]) - since
+
+
+def overshoot(trace: Trace, since: float) -> float:
+    """Most that the true Γ is above what is desired after an instant [points]."""
+    margin = trace["margin_true"][trace["time_s"] > since + 1e-9]
+    margin = margin[np.isfinite(margin)]
+    return 100.0 * max(float(margin.max()) - MARGIN, 0.0) if len(margin) else 0.0
+
+
+def together(runs: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Scores of several grasps."""
+    return {
+        name: float(join(np.array([run[name] for run in runs])))
+        for name, (_, join) in SCORES.items()
+    }
+
+
+def worst(runs: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Largest of each score over several grasps; all of their gross slips."""
+    return {
+        name: float((np.sum if name == "gross" else np.max)([run[name] for run in runs]))
+        for name in SCORES
+    }

@@ -1,0 +1,369 @@
+"""Image sequences with truth that trackers are scored on, from clean to hostile.
+
+A sequence is made of conditions, each a number; scenes are named conditions, and the breakdown
+curves turn one of them. Noise is added last. What a tracker is told: the rest frames, the palette,
+and the noise of the camera.
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from ...render import Defects, Flaws, Frame, Imaging, Membrane, SensorDesign, add_noise, load_sensor
+from ...render.colour import decoding_table, encode_srgb
+from ...render.drawing.painter import Painter
+from ...render.flaws.imaging import exposure, white_balance
+from ...render.ground import ground_image
+from ...render.membrane import rest_membrane
+from ...render.outlines import centroids, outlines
+from ...tracking import Palette
+from ..limits.positions import position_limits
+from .track_motion import motion
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+#: Rest frames, and the time between frames [s].
+REST_FRAMES, PERIOD = 8, 0.01
+#: Shadow: radius, and standard deviation of its edge, which so is 20 px from 10 to 90 % [px].
+_SHADOW, _SHADOW_EDGE = 90.0, 8.0
+_PATCH = 35.0  # half the side of what hides markers [px]
+_PATCH_LEVEL = 128
+#: Outlines are neither seen whole nor hidden whole within this distance of an edge [px].
+_MARGIN = 3.0
+_SEED = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conditions:
+    """What a sequence is like; all but its motion is as clean as can be unless set.
+
+    Attributes
+    ----------
+    text: one line
+    grasp: share of the node model's motion as it is pressed, sheared and released
+    sway_px: motion of the whole skin on a closed path, that of the apex; the grasp alone leaves
+        nine markers in ten where they are, and who never looks would be right about them [px]
+    shift_pitch: motion from each frame to the next around the apex, out and back [pitches]
+    layer_shift_px: of the outer layer over the inner, reached within a quarter of the frames [px]
+    noise: of the camera, told to the tracker [grey levels]
+    light: share of the light that is left in the last frame, evenly falling
+    shading: the same at the right edge alone, all of it being left at the left
+    shadow: share of the light that a wandering, soft-edged shadow takes
+    contrast: of all frames but those at rest, around level 128
+    defocus_px: blur of all frames but those at rest, on top of the lens' own [px]
+    crosstalk: share of the green that the yellow dye takes, 0 for the sensor's own
+    told_crosstalk: what the palette says of it, 0 for the truth
+    vanishing: share of each layer's markers that are there at rest, and never again
+    patch: whether a grey patch wanders over the image
+    defects: of the camera and the specimen, at rest too
+    """
+
+    text: str
+    grasp: float = 1.0
+    sway_px: float = 6.0
+    shift_pitch: float = 0.0
+    layer_shift_px: float = 0.0
+    noise: float = 2.0
+    light: float = 1.0
+    shading: float = 1.0
+    shadow: float = 0.0
+    contrast: float = 1.0
+    defocus_px: float = 0.0
+    crosstalk: float = 0.0
+    told_crosstalk: float = 0.0
+    vanishing: float = 0.0
+    patch: bool = False
+    defects: Defects = field(default_factory=Defects)
+
+
+SCENES = {
+    "clean": Conditions(text="press and shear, nothing else", sway_px=0.0),
+    "sway": Conditions(text="the whole skin sways by 6 px too, as in all scenes below"),
+    "crosstalk": Conditions(
+        text="yellow takes 10 % of the green, as told; outer layer 3 px over the inner",
+        grasp=0.0, sway_px=0.0, layer_shift_px=3.0, crosstalk=0.1,
+    ),
+    "crosstalk-unknown": Conditions(
+        text="the same, but the palette says 1 %",
+        grasp=0.0, sway_px=0.0, layer_shift_px=3.0,
+        crosstalk=0.1, told_crosstalk=0.01,
+    ),
+    "gain-ramp": Conditions(text="light falls from 1 to 0.6", light=0.6),
+    "shading-ramp": Conditions(text="light falls from 1 to 0.6 towards the right", shading=0.6),
+    "shadow": Conditions(text="a shadow of 30 % with a soft edge wanders across", shadow=0.3),
+    "contrast": Conditions(text="contrast halved after rest", contrast=0.5),
+    "white-balance": Conditions(
+        text="red over blue drifts by up to 15 %, exposure jumps by 20 %",
+        defects=Defects(
+            white_balance_drift=0.15, drift_frames=20, gain_step=0.2, gain_step_frames=10
+        ),
+    ),
+    "noise": Conditions(text="noise of 6 grey levels", noise=6.0),
+    "blur": Conditions(text="1 px more defocus than at rest", defocus_px=1.0),
+    "jpeg": Conditions(text="JPEG of quality 75", defects=Defects(jpeg_quality=75)),
+    "h264": Conditions(text="H.264 at rate factor 23", defects=Defects(h264_crf=23)),
+    "bayer": Conditions(text="one colour per pixel, interpolated", defects=Defects(bayer=True)),
+    "specular-dust": Conditions(
+        text="4 mirrored LEDs and 25 specks of dust", defects=Defects(specular=4, dust=25)
+    ),
+    "missing": Conditions(
+        text="5 % of each layer's markers missing from the start, 5 % vanish after rest",
+        vanishing=0.05, defects=Defects(missing_markers=0.05),
+    ),
+    "occlusion": Conditions(text="a grey patch wanders over the markers", patch=True),
+    "jump": Conditions(
+        text="1.2 pitches from frame to frame, 5 % of each layer's markers vanished",
+        grasp=0.0, sway_px=0.0, shift_pitch=1.2, vanishing=0.05,
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """One frame and what is true of it; what is not there has no truth, NaN.
+
+    Attributes
+    ----------
+    frame: what the tracker is given
+    centre: of each marker's image, there or not [px], shape (2, M, 2)
+    visible: whether it is seen whole, shape (2, M)
+    hidden: whether nothing of it is seen, shape (2, M)
+    limit: Cramér–Rao bound of the standard deviation of (x, y) [px], shape (2, M, 2)
+    hue: of the mean noise-free colour inside each outer marker's outline [°], shape (M,)
+    height: displacement along the skin's normal, outwards [m], shape (2, M)
+    """
+
+    frame: Frame
+    centre: Array
+    visible: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
+    limit: Array
+    hue: Array
+    height: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sequence:
+    """A sensor at rest and what it then saw.
+
+    Attributes
+    ----------
+    palette: what trackers are told of the markers
+    noise: of the camera [grey levels]
+    rest: frames of the untouched sensor
+    centre: of the markers' images at rest [px], shape (2, M, 2)
+    there: whether a marker is there at rest, shape (2, M)
+    distance: of the markers from the sphere's centre at rest [m], shape (2, M)
+    radius: of a typical marker's image in each layer [px], shape (2,)
+    shots: frames with their truth
+    """
+
+    palette: Palette
+    noise: float
+    rest: list[Frame]
+    centre: Array
+    there: NDArray[np.bool_]
+    distance: Array
+    radius: Array
+    shots: list[Shot]
+
+
+def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
+    """Frames of a sequence with their truth; the same conditions give the same bytes.
+
+    Parameters
+    ----------
+    c: conditions
+    count: frames after rest
+    limits: whether to compute the Cramér–Rao bounds, else they are NaN
+    """
+    sensor, told = _sensors(c)
+    painter, imaging = _painter(sensor), Imaging(sensor, c.defects, _SEED)
+    flaws = Flaws(sensor, c.defects, _SEED)
+    absent = flaws.missing  # what is not there has a place too
+    rest = rest_membrane(sensor, flaws.places)
+    at_rest = imaging(painter.render(_without(rest, absent)), 0)
+    gone = absent | _vanished(absent, c.vanishing)
+    ground = _ground(sensor)
+    shots = []
+    path = motion(
+        sensor,
+        flaws.places,
+        count,
+        grasp=c.grasp,
+        sway_px=c.sway_px,
+        shift_pitch=c.shift_pitch,
+        layer_shift_px=c.layer_shift_px,
+    )
+    for k, moved in enumerate(path):
+        membrane = _without(moved, gone)
+        light = _light(c, k, count, sensor)
+        clean = _expose(painter.render(membrane), light, c)
+        patch = _patch_place(k, count) if c.patch else None
+        _cover(clean, patch)
+        centre = _centres(sensor, moved)
+        covered, partly = _behind(centre, _radius(sensor), patch)
+        limit = np.full(centre.shape, np.nan)
+        if limits:
+            gain = light[..., None] * _camera_gain(c.defects, k)
+            limit = position_limits(
+                sensor, membrane, ground * gain, c.noise,
+                defocus=c.defocus_px, contrast=c.contrast,
+            )  # fmt: skip
+        image = imaging(clean, k)
+        hue = _hues(image, outlines(membrane, sensor.view)[0])
+        add_noise(image, c.noise, _SEED, k)
+        shots.append(
+            Shot(
+                frame=Frame(image=image, time=PERIOD * (k + 1)),
+                centre=centre,
+                visible=~(gone | partly | covered),
+                hidden=gone | covered,
+                limit=limit,
+                hue=hue,
+                height=_distance(moved) - _distance(rest),
+            )
+        )
+    return Sequence(
+        palette=Palette.of_sensor(told),
+        noise=c.noise,
+        rest=[noisy(at_rest, c.noise, 2**31 + k, 0.0) for k in range(REST_FRAMES)],
+        centre=_centres(sensor, rest),
+        there=~absent,
+        distance=_distance(rest),
+        radius=_radius(sensor),
+        shots=shots,
+    )
+
+
+def noisy(clean: Image, noise: float, index: int, time: float) -> Frame:
+    """Frame of a picture with the noise of that index."""
+    image = clean.copy()
+    add_noise(image, noise, _SEED, index)
+    return Frame(image=image, time=time)
+
+
+def _sensors(c: Conditions) -> tuple[SensorDesign, SensorDesign]:
+    """The sensor as it is, and as trackers are told."""
+    sensor = load_sensor("thesis")
+    true = c.crosstalk
+    return _with_crosstalk(sensor, true), _with_crosstalk(sensor, c.told_crosstalk or true)
+
+
+def _with_crosstalk(sensor: SensorDesign, share: float) -> SensorDesign:
+    if not share:
+        return sensor
+    red, _, blue = sensor.yellow.transmittance
+    return replace(sensor, yellow=replace(sensor.yellow, transmittance=(red, 1.0 - share, blue)))
+
+
+def _vanished(missing: NDArray[np.bool_], share: float) -> NDArray[np.bool_]:
+    """Which of the markers that are there at rest are not there afterwards, shape (2, M)."""
+    gone = np.zeros_like(missing)
+    rng = np.random.default_rng([_SEED, 17])
+    for layer in range(2):
+        there = np.flatnonzero(~missing[layer])
+        gone[layer, rng.permutation(there)[: round(share * len(there))]] = True
+    return gone
+
+
+def _without(membrane: Membrane, gone: NDArray[np.bool_]) -> Membrane:
+    centres = np.where(gone[..., None], np.nan, membrane.centres)
+    return Membrane(centres=centres, axes=membrane.axes)
+
+
+def _centres(sensor: SensorDesign, membrane: Membrane) -> Array:
+    return centroids(outlines(membrane, sensor.view), square=False)
+
+
+def _distance(membrane: Membrane) -> Array:
+    return np.asarray(np.linalg.norm(membrane.centres, axis=-1))
+
+
+@lru_cache(maxsize=4)
+def _painter(sensor: SensorDesign) -> Painter:
+    return Painter(sensor)
+
+
+@lru_cache(maxsize=4)
+def _ground(sensor: SensorDesign) -> Array:
+    """Linear light without markers, shape (H, W, 3)."""
+    return ground_image(sensor).astype(float)
+
+
+@lru_cache(maxsize=4)
+def _radius(sensor: SensorDesign) -> Array:
+    axes = outlines(rest_membrane(sensor), sensor.view)[:, :, 1:3]
+    area = abs(np.linalg.det(axes))
+    return np.sqrt(np.median(area, axis=1))
+
+
+def _light(c: Conditions, k: int, count: int, sensor: SensorDesign) -> Array:
+    """Share of the light that is left at each pixel of a frame, shape (H, W)."""
+    height, width = sensor.view.height, sensor.view.width
+    share = (k + 1) / count
+    x, y = np.arange(width)[None, :], np.arange(height)[:, None]
+    light = np.full((height, width), 1.0 - share * (1.0 - c.light))
+    light *= 1.0 - share * (1.0 - c.shading) * x / (width - 1)
+    if c.shadow:
+        away = np.hypot(x - width * (0.15 + 0.7 * share), y - 0.45 * height)
+        light *= 1.0 - c.shadow * ndtr((_SHADOW - away) / _SHADOW_EDGE)
+    return light
+
+
+def _expose(image: Image, light: Array, c: Conditions) -> Image:
+    """Picture in other light, out of focus and of another contrast, noise-free."""
+    if c.light == c.shading == c.contrast == 1.0 and not (c.shadow or c.defocus_px):
+        return image
+    linear = decoding_table()[image] * light[..., None]
+    if c.defocus_px:
+        linear = np.asarray(cv2.GaussianBlur(linear, (0, 0), c.defocus_px))
+    levels = 128.0 + c.contrast * (encode_srgb(linear) - 128.0)
+    return np.rint(levels).astype(np.uint8)
+
+
+def _camera_gain(defects: Defects, k: int) -> Array:
+    """Gains of (R, G, B) by exposure and white balance in a frame, shape (3,)."""
+    red, blue = white_balance(defects, _SEED, k)
+    return exposure(defects, _SEED, k) * np.array([red, 1.0, blue])
+
+
+def _patch_place(k: int, count: int) -> Array:
+    """Middle of the patch [px]: once around the image's middle."""
+    angle = 2 * np.pi * k / count
+    return np.array([319.5 + 110.0 * np.cos(angle), 239.5 + 110.0 * np.sin(angle)])
+
+
+def _cover(image: Image, patch: Array | None) -> None:
+    if patch is not None:
+        (left, top), (right, bottom) = (np.rint(patch + s * _PATCH).astype(int) for s in (-1, 1))
+        image[top : bottom + 1, left : right + 1] = _PATCH_LEVEL
+
+
+def _behind(centre: Array, radius: Array, patch: Array | None) -> tuple[NDArray[np.bool_], ...]:
+    """Whether markers are wholly, and whether they are partly behind the patch, (2, M) each."""
+    if patch is None:
+        none = np.zeros(centre.shape[:2], dtype=np.bool_)
+        return none, none
+    away = abs(centre - patch).max(axis=-1) - _PATCH
+    reach = radius[:, None] + _MARGIN
+    return away < -reach, abs(away) <= reach
+
+
+def _hues(image: Image, coefficients: Array) -> Array:
+    """Hue [°] of the mean colour inside outlines (M, 6, 2) of a picture, shape (M,)."""
+    line = np.linspace(-1.0, 1.0, 17)
+    q = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    q = q[(q**2).sum(axis=-1) < 1.0]
+    points = coefficients[:, :1] + q @ coefficients[:, 1:3]
+    x, y = np.moveaxis(points.astype(np.float32), -1, 0)
+    colours = cv2.remap(image.astype(np.float32), x, y, cv2.INTER_LINEAR)
+    red, green, blue = np.moveaxis(np.asarray(colours, dtype=float).mean(axis=1), -1, 0)
+    hue = np.degrees(np.arctan2(np.sqrt(3.0) * (green - blue), 2.0 * red - green - blue))
+    return np.where(np.isfinite(coefficients[:, 0, 0]), hue, np.nan)

@@ -1,0 +1,1 @@
+"""How results are kept: folders, tables, pictures, videos, rows and reports."""

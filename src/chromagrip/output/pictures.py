@@ -1,0 +1,248 @@
+"""Frames from files and cameras: a picture, a folder of pictures, a video file, `camera:0`."""
+
+import re
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from ..render import Frame
+
+Image = NDArray[np.uint8]
+
+#: Of what does not tell its rate [Hz].
+DEFAULT_FPS = 30.0
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+_LOSSY = (".jpg", ".jpeg")
+_KINDS = "a picture, a folder of pictures, a video file or camera:0"
+_PNG_BEGIN, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
+
+
+class SourceError(UserError):
+    """Pictures that cannot be had, or that break off."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """Where frames come from.
+
+    Attributes
+    ----------
+    name: as it was asked for
+    frames: gives the frames from the first one on, each time it is called; raises SourceError
+        where they break off
+    count: of the frames; None where that is not known beforehand
+    fps: rate [Hz], nominal where frames carry their own times
+    live: a camera, which gives no frame twice
+    lossy: its compression leaves errors in the pictures
+    """
+
+    name: str
+    frames: Callable[[], Iterator[Frame]]
+    count: int | None
+    fps: float
+    live: bool = False
+    lossy: bool = False
+
+
+def open_source(name: str, fps: float | None = None) -> Source:
+    """Source of that name; `fps` [Hz] sets the rate of pictures, and overrides a video's own.
+
+    Raises
+    ------
+    SourceError
+        When there is no such thing, or no picture in it.
+    """
+    path = Path(name)
+    if re.fullmatch(r"camera:\d+", name):
+        number = int(name.removeprefix("camera:"))
+        return Source(
+            name=name,
+            frames=lambda: _camera_frames(number),
+            count=None,
+            fps=fps or DEFAULT_FPS,
+            live=True,
+        )
+    if path.is_dir():
+        files = [p for p in path.iterdir() if is_picture(p) and not p.name.startswith(".")]
+        if not files:
+            raise SourceError(f"folder {name} has no pictures; wanted: {', '.join(SUFFIXES)} files")
+        return _pictures(name, sorted(files, key=_natural), fps)
+    if not path.is_file():
+        raise SourceError(f"there is no {name}; give {_KINDS}")
+    if is_picture(path):
+        return _pictures(name, [path], fps)
+    return _video(path, fps)
+
+
+def is_picture(path: Path) -> bool:
+    """Whether a file is named like a picture."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def read_picture(path: Path) -> Image:
+    """Picture of a file, sRGB, shape (H, W, 3); a grey one has three equal channels.
+
+    Raises
+    ------
+    SourceError
+        When the file is no whole picture, or has more than 8 bits, or pixels one can see through.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise SourceError(f"picture {path} cannot be read: {error.strerror}") from None
+    if not data:
+        raise SourceError(f"picture {path} is empty (0 bytes)")
+    image = None
+    # libpng complains to the terminal by itself.
+    if not data.startswith(_PNG_BEGIN) or _PNG_END in data:
+        with _silent():
+            try:
+                # Unchanged: as it was stored, not turned as the file may ask for.
+                image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+            except cv2.error:
+                image = None
+    if image is None:
+        raise SourceError(
+            f"picture {path} cannot be read: it is cut off, or not {_kind(path)} file"
+        )
+    if image.dtype != np.uint8:
+        raise SourceError(
+            f"picture {path} has {image.dtype} values; wanted: 8 bits a channel, as which of more "
+            "bits are used is not known"
+        )
+    if image.ndim == 3 and image.shape[2] == 4 and (image[..., 3] < 255).any():
+        raise SourceError(f"picture {path} has transparent pixels; wanted: an opaque picture")
+    pixels: Image = np.asarray(image, dtype=np.uint8)
+    if pixels.ndim == 2:
+        return np.repeat(pixels[..., None], 3, axis=2)
+    return np.ascontiguousarray(pixels[..., 2::-1])
+
+
+def _kind(path: Path) -> str:
+    return f"a {path.suffix.lower().removeprefix('.')}"
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Key that sorts frame-2 before frame-10."""
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(int(p), "") if p.isdecimal() else (-1, p.lower()) for p in parts]
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep OpenCV from writing to the terminal; what failed is told by us, in one sentence."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
+def _pictures(name: str, files: list[Path], fps: float | None) -> Source:
+    rate = fps or DEFAULT_FPS
+
+    def frames() -> Iterator[Frame]:
+        for k, path in enumerate(files):
+            yield Frame(image=read_picture(path), time=k / rate)
+
+    lossy = any(path.suffix.lower() in _LOSSY for path in files)
+    return Source(name=name, frames=frames, count=len(files), fps=rate, lossy=lossy)
+
+
+def _camera_frames(number: int) -> Iterator[Frame]:
+    """Frames as they come, with the time since the first one."""
+    with _silent():
+        capture = cv2.VideoCapture(number)
+    try:
+        if not capture.isOpened():
+            raise SourceError(f"camera {number} cannot be opened; is it there, free and allowed?")
+        begin, count = 0.0, 0
+        while True:
+            with _silent():
+                found, image = capture.read()
+            now = time.monotonic()
+            if not found:
+                raise SourceError(f"camera {number} gave no picture after {count} frames")
+            begin = now if count == 0 else begin
+            count += 1
+            yield Frame(image=np.ascontiguousarray(image[..., ::-1], np.uint8), time=now - begin)
+    finally:
+        capture.release()
+
+
+def _video(path: Path, fps: float | None) -> Source:
+    with _open_video(path) as container:
+        stream = container.streams.video[0]
+        rate = fps or float(stream.average_rate or DEFAULT_FPS)
+        count, lossy = stream.frames or None, stream.codec_context.codec.lossy
+    return Source(
+        name=str(path),
+        frames=lambda: _video_frames(path, fps),
+        count=count,
+        fps=rate,
+        lossy=lossy,
+    )
+
+
+@contextmanager
+def _open_video(path: Path) -> Iterator[av.container.InputContainer]:
+    if path.stat().st_size == 0:
+        raise SourceError(f"video {path} is empty (0 bytes)")
+    try:
+        container = av.open(str(path))
+    except av.FFmpegError as error:
+        raise SourceError(
+            f"{path} cannot be read as a video: {_reason(error)}; give {_KINDS}"
+        ) from None
+    with container:
+        # To FFmpeg any text is a film of a terminal.
+        if not container.streams.video or container.format.name == "tty":
+            raise SourceError(f"{path} has no video in it; give {_KINDS}")
+        yield container
+
+
+def _reason(error: av.FFmpegError) -> str:
+    text = str(error.strerror).lower()
+    return f"{text} (cut off, or not a video)" if "invalid data" in text else text
+
+
+def _video_frames(path: Path, fps: float | None) -> Iterator[Frame]:
+    """Frames with the file's own times, or evenly at `fps`; all of them, or a SourceError."""
+    with _open_video(path) as container:
+        stream = container.streams.video[0]
+        rate = float(stream.average_rate or DEFAULT_FPS)
+        count, first, last = 0, 0.0, 0.0
+
+        def broken(why: str) -> SourceError:
+            expected = f" of {stream.frames}" if stream.frames else ""
+            return SourceError(f"video {path} breaks off after {count}{expected} frames: {why}")
+
+        try:
+            for picture in container.decode(stream):
+                if picture.is_corrupt:
+                    raise broken("the next one is damaged")
+                last = count / rate if picture.time is None else picture.time
+                first = last if count == 0 else first
+                image = np.asarray(picture.to_ndarray(format="rgb24"), dtype=np.uint8)
+                yield Frame(image=image, time=last if fps is None else count / fps)
+                count += 1
+        except av.FFmpegError as error:
+            raise broken(str(error.strerror).lower()) from None
+        if count < stream.frames:
+            raise broken("the file ends there")
+        # Matroska tells no count but a duration, which beside sound may not be the pictures'.
+        told = 0.0
+        if not stream.frames and len(container.streams) == 1:
+            told = 1e-6 * (container.duration or 0)
+        if told > last - first + 2.5 / rate:
+            raise broken(f"the file ends there, and should last {told:g} s")

@@ -1,0 +1,139 @@
+"""Estimates for a person's eye: their course over time, and each frame with its forces."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ..control import GripObservation
+from ..loop.figure import ESTIMATED, LOAD, TRUE, finish
+from ..loop.tactile_video import ARROW, MAGNIFY
+from ..model import REFERENCE_NODES
+from ..render import View
+from ..tracking import Tracks
+from .overlay import Canvas
+
+Image = NDArray[np.uint8]
+
+_TEXT, _FORCE, _MOTION, _LOST = (20, 20, 20), (30, 60, 200), (0, 130, 60), (215, 25, 30)
+_BAR, _BAND = (90, 150, 90), (190, 220, 190)
+
+
+def draw_figure(rows: list[dict[str, Any]], flat: bool, path: Path) -> None:
+    """Write forces, µ and Γ with their intervals over time to a PNG, or displacements of a pad."""
+    time = _column(rows, "time_s")
+    panels: list[tuple[str, list[tuple[str, str, str]]]] = (
+        [
+            ("into the pad [mm]", [("depth_mm", "", "95 % quantile of the markers")]),
+            ("along the pad [mm]", [("shift_x_mm", "", "x"), ("shift_y_mm", "", "y")]),
+        ]
+        if flat
+        else [
+            ("force [N]", [("normal", "_n", "normal, 90 %"), ("friction", "_n", "friction")]),
+            ("friction coefficient µ", [("mu", "", "in use, 90 %")]),
+            ("safety margin Γ", [("margin", "", "90 %")]),
+        ]
+    )
+    figure = Figure(figsize=(8.0, 0.6 + 2.2 * len(panels)), layout="constrained")
+    FigureCanvasAgg(figure)
+    every: list[Axes] = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True)).tolist()
+    for axes, (label, curves) in zip(every, panels, strict=True):
+        for (name, unit, words), colour in zip(curves, (TRUE, ESTIMATED), strict=False):
+            _curve(axes, rows, time, name, unit, words, colour)
+        axes.set_ylabel(label)
+        if curves[0][0] == "mu":
+            hidden = np.array([row.get("mu_observable") is False for row in rows])
+            course = np.where(hidden, _column(rows, "mu"), np.nan)
+            axes.plot(time, course, color=LOAD, lw=3.0, alpha=0.5, label="not shown by the frame")
+        silent = np.array([bool(row["no_estimate"]) for row in rows])
+        if silent.any():
+            axes.plot(time[silent], np.zeros(silent.sum()), "|", color=LOAD, label="no estimate")
+        finish(axes)
+    if not flat:
+        every[2].axhline(0.0, color=LOAD, lw=0.8, ls=":")
+        every[2].set_ylim(-0.15, 1.05)
+    every[-1].set_xlabel("time [s]")
+    figure.savefig(path, dpi=110)
+
+
+def _column(rows: list[dict[str, Any]], name: str) -> NDArray[np.float64]:
+    found = [row.get(name) for row in rows]
+    return np.array([math.nan if value is None else value for value in found])
+
+
+def _curve(
+    axes: Axes,
+    rows: list[dict[str, Any]],
+    time: NDArray[np.float64],
+    name: str,
+    unit: str,
+    words: str,
+    colour: str,
+) -> None:
+    # A single frame has no line.
+    style = "o" if len(rows) == 1 else "-"
+    axes.plot(time, _column(rows, name + unit), style, color=colour, lw=1.0, label=words)
+    low, high = (_column(rows, f"{name}_{end}{unit}") for end in ("low", "high"))
+    if np.isfinite(low).any():
+        axes.fill_between(time, low, high, color=colour, alpha=0.2, lw=0)
+
+
+def draw_forces(
+    image: Image, view: View, tracks: Tracks, rest: Tracks, seen: GripObservation
+) -> Image:
+    """Picture with the outer markers' motion, the force on every third node, and Γ as a bar."""
+    canvas = Canvas(image, lines=3)
+    both = tracks.visible[0] & rest.visible[0]
+    start = rest.position[0, both]
+    canvas.lines(start, start + MAGNIFY * (tracks.position[0, both] - start), _MOTION)
+    missing = rest.visible[0] & ~tracks.visible[0]
+    canvas.crosses(rest.position[0, missing], 3.0, _LOST)
+    field = seen.field
+    x, z = field.position[field.contact][::3].T
+    base = view.project(np.stack([x, np.zeros_like(x), z], axis=-1))
+    force = np.stack([field.friction, -field.normal], axis=-1)[field.contact][::3]
+    tip = base + ARROW * len(field.normal) / REFERENCE_NODES * force
+    canvas.lines(base, tip, _FORCE)
+    canvas.circles(tip, np.full(len(tip), 1.0), _FORCE)
+    said = (
+        [(seen.no_estimate, _LOST)]
+        if seen.no_estimate
+        else [
+            (f"normal {field.total_normal:.2f} N", _TEXT),
+            (f"friction {field.total_friction:.2f} N", _TEXT),
+            (f"mu {seen.friction:.2f}", _TEXT),
+        ]
+    )
+    canvas.text([(f"{seen.time:.3f} s", _TEXT), *said], 0)
+    canvas.text([("margin", _TEXT), (f"{seen.margin:.2f}", _TEXT)], 1)
+    _bar(canvas.pixels, seen)
+    canvas.text(
+        [
+            ("force per node: across friction, up normal", _FORCE),
+            (f"marker motion x{MAGNIFY:g}", _MOTION),
+            (f"x lost {missing.sum()}", _LOST),
+        ],
+        2,
+    )
+    return canvas.pixels
+
+
+def _bar(pixels: Image, seen: GripObservation) -> None:
+    """Γ from 0 to 1 as a bar on the second line of text, its 90 % interval paler."""
+    left, width, top, bottom = 220, 600, 42, 60
+
+    def at(value: float) -> int:
+        return left + round(width * min(max(value, 0.0), 1.0))
+
+    low, high = seen.margin_interval
+    if math.isfinite(low) and math.isfinite(high):
+        cv2.rectangle(pixels, (at(low), top), (at(high), bottom), _BAND, -1)
+    if math.isfinite(seen.margin):
+        cv2.rectangle(pixels, (left, top + 5), (at(seen.margin), bottom - 5), _BAR, -1)
+    cv2.rectangle(pixels, (left, top), (left + width, bottom), _TEXT, 1)

@@ -1,0 +1,77 @@
+"""The markers of a single picture as a list, layers that lie on each other paired."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from ..output.pictures import Image, read_picture
+from ..tracking import DetectionError, Markers, Palette, PaletteError, detect_markers, load_palette
+from ..tracking.detection import join_layers
+
+
+class MarkerListError(UserError):
+    """A picture that does not show the palette's markers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A picture, the markers of each layer, and how many lie on each other.
+
+    Attributes
+    ----------
+    image: sRGB, shape (H, W, 3)
+    palette: of the markers
+    layers: L of them
+    rows: one a marker, for JSON
+    """
+
+    image: Image
+    palette: Palette
+    layers: list[Markers]
+    rows: list[dict[str, Any]]
+
+
+def list_markers(path: Path, palette: str) -> Picture:
+    """Markers of the picture in a file, for a palette by name.
+
+    Raises
+    ------
+    UserError
+        When there is no such picture or palette, or no markers in it.
+    """
+    image = read_picture(path)
+    try:
+        colours = load_palette(palette)
+        layers = detect_markers(image, colours)
+    except (PaletteError, DetectionError) as error:
+        raise MarkerListError(f"picture {path}: {error}") from None
+    if not any(len(markers.area) for markers in layers):
+        raise MarkerListError(f"picture {path}: no markers found in {' or '.join(colours.names)}")
+    return Picture(image=image, palette=colours, layers=layers, rows=_rows(layers, colours))
+
+
+def _rows(layers: list[Markers], palette: Palette) -> list[dict[str, Any]]:
+    radius = max(np.sqrt(np.median(m.area) / np.pi) for m in layers if len(m.area))
+    joined = join_layers([markers.position for markers in layers], reach=float(radius))
+    both: NDArray[np.bool_] = np.isfinite(joined[0, :, 0] + joined[-1, :, 0])
+    alone = len(layers) == 1
+    rows: list[dict[str, Any]] = []
+    for name, markers, places in zip(palette.names, layers, joined, strict=True):
+        number = {tuple(at): m for m, at in enumerate(places)}
+        for at, area, hue in zip(markers.position, markers.area, markers.hue, strict=True):
+            pair = number[tuple(at)]
+            rows.append(
+                {
+                    "x_px": float(at[0]),
+                    "y_px": float(at[1]),
+                    "area_px2": float(area),
+                    "hue_deg": float(hue) if np.isfinite(hue) else None,
+                    "layer": name,
+                    "pair": pair if both[pair] and not alone else None,
+                }
+            )
+    return rows

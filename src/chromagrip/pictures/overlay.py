@@ -1,0 +1,173 @@
+"""Pictures of the markers that were found, for a person's eye: one picture, or a video."""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..output.video import VideoFile
+from ..render.colour import encode_srgb
+from ..tracking import Palette, Tracks
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+#: Length of the longer side of what is drawn [px]: small pictures leave no room to draw in.
+_LONG_SIDE = 1280
+#: Shown at the source's rate up to this one [Hz], and slower than it happened beyond.
+_FASTEST = 60.0
+_QUALITY = 23
+#: Share of the picture's contrast that is left under what is drawn.
+_CONTRAST = 0.5
+#: Colours of layers are at most this light, so that they stand out of the paled picture.
+_LUMINANCE = 0.22
+
+_Colour = tuple[int, int, int]
+_TEXT: _Colour = (20, 20, 20)
+_GREY_LAYER: _Colour = (20, 90, 170)
+_LOST: _Colour = (215, 25, 30)
+_AMBIGUOUS: _Colour = (240, 130, 0)
+_FONT, _FONT_SCALE, _LINE = cv2.FONT_HERSHEY_SIMPLEX, 0.6, 30
+
+
+def layer_colours(palette: Palette) -> list[_Colour]:
+    """Colour to draw each layer in: the dye's own, darkened; blue for a grey one."""
+    colours = []
+    for light in palette.transmittance:
+        shown = light / light.max()
+        if np.ptp(shown) < 0.1:
+            colours.append(_GREY_LAYER)
+            continue
+        # Purer than the dye, or yellow would be brown and magenta grey.
+        shown = (shown - 0.8 * shown.min()) / (1.0 - 0.8 * shown.min())
+        luminance = float(shown @ (0.2126, 0.7152, 0.0722))
+        red, green, blue = encode_srgb(shown * min(1.0, _LUMINANCE / luminance))
+        colours.append((round(float(red)), round(float(green)), round(float(blue))))
+    return colours
+
+
+class Canvas:
+    """Paled and enlarged copy of a picture that is drawn on in the picture's own pixels.
+
+    Parameters
+    ----------
+    image: sRGB, shape (H, W, 3)
+    lines: of text that there is room for above the picture
+    """
+
+    def __init__(self, image: Image, lines: int) -> None:
+        height, width = image.shape[:2]
+        self._scale = _LONG_SIDE / max(height, width)
+        size = (round(self._scale * width), round(self._scale * height))
+        way = cv2.INTER_LINEAR if self._scale > 1.0 else cv2.INTER_AREA
+        self._top = _LINE * lines + 10
+        self.pixels: Image = np.full((self._top + size[1], size[0], 3), 255, np.uint8)
+        paled = cv2.convertScaleAbs(image, alpha=_CONTRAST, beta=255.0 * (1.0 - _CONTRAST))
+        self.pixels[self._top :] = cv2.resize(paled, size, interpolation=way)
+
+    def circles(self, places: Array, radii: Array, colour: _Colour) -> None:
+        """Outlines of circles around places (n, 2) with radii (n,), both in picture pixels."""
+        for (x, y), r in zip(self._at(places), np.rint(16 * self._scale * radii), strict=True):
+            cv2.circle(self.pixels, (int(x), int(y)), int(r), colour, 1, cv2.LINE_AA, shift=4)
+
+    def lines(self, starts: Array, ends: Array, colour: _Colour) -> None:
+        """Lines between places (n, 2)."""
+        for a, b in zip(self._at(starts), self._at(ends), strict=True):
+            first, second = (int(a[0]), int(a[1])), (int(b[0]), int(b[1]))
+            cv2.line(self.pixels, first, second, colour, 2, cv2.LINE_AA, shift=4)
+
+    def crosses(self, places: Array, half: float, colour: _Colour) -> None:
+        """Diagonal crosses of that half side at places (n, 2)."""
+        for way in (np.array([half, half]), np.array([half, -half])):
+            self.lines(places - way, places + way, colour)
+
+    def text(self, words: Sequence[tuple[str, _Colour]], line: int) -> None:
+        """Words one after another on a line above the picture."""
+        x, y = 10, _LINE * line + 26
+        for word, colour in words:
+            cv2.putText(self.pixels, word, (x, y), _FONT, _FONT_SCALE, colour, 1, cv2.LINE_AA)
+            x += cv2.getTextSize(word, _FONT, _FONT_SCALE, 1)[0][0] + 24
+
+    def _at(self, places: Array) -> NDArray[np.intp]:
+        """Places on the canvas [1/16 px]; pixel centres are at integers on both."""
+        at = self._scale * (places + 0.5) - 0.5 + np.array([0.0, self._top])
+        return np.rint(16 * at).astype(np.intp)
+
+
+def draw_markers(
+    image: Image, palette: Palette, positions: Sequence[Array], areas: Sequence[Array]
+) -> Image:
+    """Picture with the markers of each layer, positions (n, 2) [px] and areas (n,) [px²]."""
+    canvas = Canvas(image, lines=1)
+    colours = layer_colours(palette)
+    for at, area, colour in zip(positions, areas, colours, strict=True):
+        canvas.circles(at, np.sqrt(area / np.pi), colour)
+        tick = np.array([0.15, 0.0]) * np.sqrt(area / np.pi)[:, None]
+        canvas.lines(at - tick, at + tick, colour)
+    counts = [f"{name} {len(at)}" for name, at in zip(palette.names, positions, strict=True)]
+    canvas.text(list(zip(counts, colours, strict=True)), 0)
+    return canvas.pixels
+
+
+def draw_tracks(
+    image: Image, palette: Palette, tracks: Tracks, rest: Tracks, radius: Array
+) -> Image:
+    """Picture with outlines where markers are, and lines from where they were at rest.
+
+    Lost ones have a cross at their place at rest, ambiguous ones a ring.
+
+    Parameters
+    ----------
+    image: sRGB, shape (H, W, 3)
+    palette: of the markers
+    tracks, rest: in this frame, and at rest
+    radius: of a marker of each layer at rest [px], shape (L,)
+    """
+    canvas = Canvas(image, lines=2)
+    colours = layer_colours(palette)
+    words = [(f"{tracks.time:.3f} s", _TEXT)]
+    known: NDArray[np.bool_] = np.isfinite(rest.position[..., 0])
+    for k in reversed(range(len(colours))):  # the skin's layer on top
+        seen, start = tracks.visible[k], rest.position[k]
+        moved = seen & known[k]
+        at, size = tracks.position[k, seen], np.nan_to_num(tracks.log_size[k, seen])
+        canvas.circles(at, radius[k] * np.exp(size), colours[k])
+        canvas.lines(start[moved], tracks.position[k, moved], colours[k])
+        canvas.crosses(start[known[k] & ~seen], 0.6 * radius[k], _LOST)
+        canvas.circles(
+            tracks.position[k, tracks.ambiguous[k] & seen],
+            np.full(int((tracks.ambiguous[k] & seen).sum()), 1.5 * radius.max()),
+            _AMBIGUOUS,
+        )
+    for name, seen, there, colour in zip(
+        palette.names, tracks.visible, known, colours, strict=True
+    ):
+        words.append((f"{name} {seen.sum()} of {there.sum()}", colour))
+    canvas.text(words, 0)
+    lost, doubtful = int((known & ~tracks.visible).sum()), int(tracks.ambiguous.sum())
+    canvas.text(
+        [
+            ("outline: where it is; line: from where it was at rest", _TEXT),
+            (f"x lost {lost}", _LOST),
+            (f"o ambiguous {doubtful}", _AMBIGUOUS),
+        ],
+        1,
+    )
+    return canvas.pixels
+
+
+class OverlayVideo(VideoFile):
+    """Pictures of the markers; above 60 Hz it plays slower than it happened.
+
+    Parameters
+    ----------
+    path: of the video
+    fps: of the source [Hz]
+    """
+
+    def __init__(self, path: Path, fps: float) -> None:
+        rate = Fraction(min(fps, _FASTEST)).limit_denominator(1001)
+        super().__init__(path, rate, _QUALITY)

@@ -1,0 +1,89 @@
+"""Which frames show the sensor at rest: given, or the first of the source, or looked for."""
+
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from ..output.pictures import Source, SourceError, open_source
+from ..render import Frame
+from ..tracking import DetectionError, Palette, detect_markers
+from ..tracking.detection import join_layers
+
+#: So many frames of a folder or a video of the sensor at rest are averaged.
+MEAN_OF = 8
+#: Looking for the rest frame tries about so many frames of the source.
+_TRIED = 200
+
+
+def rest_frames(
+    rest: str, source: Source, palette: Palette, tell: Callable[[str], None]
+) -> tuple[list[Frame], str, Iterator[Frame]]:
+    """Frames of the sensor at rest, which they are in words, and the frames to track.
+
+    Parameters
+    ----------
+    rest: a source of its own, of which the first `MEAN_OF` are taken; `first` or `first:N` of the
+        source; or `auto`, the frame of the source whose layers lie most exactly on each other
+    source: that will be tracked
+    palette: of the markers
+    tell: called with what is being done, now and then
+
+    Raises
+    ------
+    SourceError
+        When there are no such frames.
+    """
+    if rest == "auto":
+        index, frame = _most_exact(source, palette, tell)
+        return [frame], f"frame {index} of the source, found", source.frames()
+    first = re.fullmatch(r"first(?::(\d+))?", rest)
+    if first is None:
+        own = open_source(rest)
+        if own.live:
+            raise SourceError(f"rest {rest} is a camera; give a picture, or first:N of the source")
+        found = list(itertools.islice(own.frames(), MEAN_OF))
+        return found, f"{rest}, mean of {len(found)}" if len(found) > 1 else rest, source.frames()
+    wanted = int(first[1] or 1)
+    if wanted < 1:
+        raise SourceError(f"rest {rest} is no frame; wanted: first:1 or more")
+    frames = source.frames()
+    found = list(itertools.islice(frames, wanted))
+    if len(found) < wanted:
+        raise SourceError(f"rest {rest} wants {wanted} frames; {source.name} has {len(found)}")
+    words = f"first {wanted} frames of the source" if wanted > 1 else "first frame of the source"
+    return found, words, itertools.chain(found, frames)
+
+
+def _most_exact(source: Source, palette: Palette, tell: Callable[[str], None]) -> tuple[int, Frame]:
+    """Number and frame whose markers of two layers are nearest to each other."""
+    if source.live:
+        raise SourceError("rest auto looks at every frame twice, which a camera does not give")
+    if len(palette.names) < 2:
+        raise SourceError(
+            f"rest auto needs two layers to compare; the palette has {palette.names[0]} alone"
+        )
+    step = math.ceil((source.count or _TRIED) / _TRIED)
+    best: tuple[float, int, Frame] | None = None
+    refusal = "there is no frame"
+    for index, frame in enumerate(source.frames()):
+        tell(f"looking for the rest frame, {index + 1} of {source.count or 'many'}")
+        if index % step:
+            continue
+        try:
+            layers = detect_markers(frame.image, palette)
+        except DetectionError as error:
+            refusal = str(error)
+            continue
+        radius = math.sqrt(max(float(np.median(layer.area)) for layer in layers) / math.pi)
+        first, second = join_layers([layer.position for layer in layers], reach=radius)
+        apart = np.linalg.norm(first - second, axis=-1)
+        # A marker without a partner is as bad as one at its rim.
+        score = float(np.where(np.isfinite(apart), apart / radius, 1.0).mean())
+        if best is None or score < best[0]:
+            best = score, index, frame
+    if best is None:
+        raise SourceError(f"rest auto found no frame of {source.name} with markers: {refusal}")
+    return best[1:]

@@ -1,0 +1,1 @@
+"""Two fingers and environments around the grip loop; not built yet."""

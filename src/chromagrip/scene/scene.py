@@ -1,0 +1,380 @@
+"""Scenes: everything that defines a run, read strictly from TOML (units in the key names)."""
+
+import math
+import os
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+import tomli_w
+from msgspec import Meta
+
+from ..control import Controller
+from ..errors import SceneError
+from ..model import ContactObject, Fingertip, SpringLaw, stiffness_from_young
+from ..model.chain.chain import contact
+from ..render import Defects, SensorDesign, SensorError, load_sensor
+from ..strict_toml import Table, convert
+from .actuator import ActuatorSettings
+from .controllers import (
+    CONTROLLERS,
+    ConservativeTable,
+    MarginInversionTable,
+    ReactToSlipTable,
+    SafetyMarginSettings,
+    check_controller,
+    foreign_controller,
+)
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
+NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
+Part = Annotated[float, Meta(ge=0.0, lt=1.0)]
+Force = Annotated[float, Meta(ge=-100.0, le=100.0)]
+Friction = Annotated[float, Meta(gt=0.0, le=5.0)]
+
+PathName = Literal["camera", "truth"]
+RendererName = Literal["painter", "pyrender"]
+
+
+class ObjectSettings(Table, frozen=True):
+    """The object that is gripped; `radius_mm = inf` is flat, a negative one hollow.
+
+    `profile_mm` are points (x, z) of its surface, z into the object; empty is flat or round. From
+    each of `friction_times_s` on, µ is that of `frictions` instead of `friction`. Along the surface
+    it is multiplied with `friction_factors` at `friction_places_mm`, straight between them and
+    constant beyond. An object that `creeps` gives way by that share more, with the time constant
+    `creep_s` from the start on.
+    """
+
+    stiffness_kpa: Positive = 200.0
+    friction: Friction = 0.5
+    friction_times_s: tuple[NotNegative, ...] = ()
+    frictions: tuple[Friction, ...] = ()
+    friction_places_mm: tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], ...] = ()
+    friction_factors: tuple[Annotated[float, Meta(ge=0.01, le=100.0)], ...] = ()
+    creeps: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    creep_s: Positive = 1.0
+    radius_mm: float = math.inf
+    profile_mm: tuple[tuple[float, float], ...] = ()
+    dahl_stiffness_n_per_m: Positive = 5000.0
+    dahl_exponent: Annotated[float, Meta(ge=0.1, le=2.0)] = 0.7
+    drag_n_s_per_m: Positive = 120.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.radius_mm) >= 1.0:
+            raise ValueError(f"radius_mm = {self.radius_mm} must be at least 1, hollow at most -1")
+        if self.profile_mm and self.radius_mm != math.inf:
+            raise ValueError("radius_mm must be inf beside profile_mm")
+        _check_knots("friction_times_s", self.friction_times_s, "frictions", self.frictions)
+        places, factors = self.friction_places_mm, self.friction_factors
+        _check_knots("friction_places_mm", places, "friction_factors", factors)
+
+    @property
+    def changes(self) -> bool:
+        """Whether it is another object at another time."""
+        return bool(self.friction_times_s) or self.creeps > 0.0
+
+    def friction_at(self, time: float) -> float:
+        """µ at `time`, before its factor along the surface."""
+        return _held(self.friction_times_s, self.frictions, time, self.friction)
+
+    def stiffness_kpa_at(self, time: float) -> float:
+        """Stiffness at `time` [kPa]: its inverse creeps as that of a standard linear solid."""
+        return self.stiffness_kpa / (1.0 - self.creeps * math.expm1(-time / self.creep_s))
+
+
+class LoadSettings(Table, frozen=True):
+    """Lateral load, none before the first of its times.
+
+    Each force holds from its time on, or the load goes straight from one to the next, as
+    `interpolation` says; a sine of `sine_n` and `sine_hz` is added from the first time on.
+    """
+
+    times_s: tuple[NotNegative, ...] = (0.04, 1.0)
+    forces_n: tuple[Force, ...] = (0.25, 0.65)
+    interpolation: Literal["hold", "linear"] = "hold"
+    sine_n: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
+    sine_hz: Positive = 1.0
+
+    def __post_init__(self) -> None:
+        _check_knots("times_s", self.times_s, "forces_n", self.forces_n)
+
+    def force(self, time: float) -> float:
+        """Load at `time` [N]."""
+        times, forces = self.times_s, self.forces_n
+        if not times or time < times[0]:
+            return 0.0
+        if self.interpolation == "hold":
+            force = _held(times, forces, time, 0.0)
+        else:
+            force = float(np.interp(time, times, forces))
+        if not self.sine_n:
+            return force
+        return force + self.sine_n * math.sin(2.0 * math.pi * self.sine_hz * (time - times[0]))
+
+
+def _check_knots(
+    knots_name: str, knots: tuple[float, ...], values_name: str, values: tuple[float, ...]
+) -> None:
+    if len(knots) != len(values):
+        raise ValueError(
+            f"{knots_name} has {len(knots)} entries and {values_name} {len(values)}; "
+            "they must be as many"
+        )
+    if tuple(sorted(set(knots))) != knots:
+        raise ValueError(f"{knots_name} must increase, got {list(knots)}")
+
+
+def _held(times: tuple[float, ...], values: tuple[float, ...], time: float, before: float) -> float:
+    """Value of the last time that is past; `before` the first."""
+    past = [value for t, value in zip(times, values, strict=True) if t <= time]
+    return past[-1] if past else before
+
+
+class FingertipSettings(Table, frozen=True):
+    """The chain of the node model; see `Fingertip.law` for its models.
+
+    Where it moves by less than `calm_um_per_s`, and grip and load change by less than a hundredth,
+    the time between frames is one step.
+    """
+
+    model: SpringLaw = "split"
+    nodes: Annotated[int, Meta(ge=11, le=20001)] = 251
+    step_ms: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
+    calm_um_per_s: NotNegative = 0.0
+
+
+class CameraSettings(Table, frozen=True):
+    """When frames come, and how noisy they are.
+
+    A frame shows the middle of its exposure, which ends at the frame's instant; instead of that,
+    `defects.motion_blur` smears it too. Of a dropped frame the controller hears nothing, and the
+    grip holds; a late one comes a frame later than the latency. `dropped` and `late` are shares of
+    all frames. `friction_bias` puts µ as the controller is told it off by so much, as a wrong
+    calibration does, and Γ with it.
+    """
+
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0
+    latency_frames: Annotated[int, Meta(ge=0, le=1000)] = 1
+    exposure_ms: NotNegative = 0.0
+    dropped: Part = 0.0
+    late: Part = 0.0
+    friction_bias: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
+    noise_levels: Annotated[float, Meta(ge=0.0, le=50.0)] = 2.0
+    rest_frames: Annotated[int, Meta(ge=1, le=1000)] = 16
+
+
+class TruthSettings(Table, frozen=True):
+    """What the truth path tells wrongly: white noise on Γ, its standard deviation."""
+
+    margin_noise: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+
+
+class Scene(Table, frozen=True):
+    """A whole experiment.
+
+    `controller` is one of CONTROLLERS or anybody's `module:Class`. `calibration` is the file that
+    the estimator is told of the sensor, empty for one that is as designed; `tracker` is how it
+    follows markers, and `reconstructor` how it reads forces.
+    """
+
+    description: str = ""
+    duration_s: Annotated[float, Meta(gt=0.0, le=3600.0)] = 2.0
+    seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
+    controller: str = "safety-margin"
+    path: PathName = "camera"
+    renderer: RendererName = "painter"
+    sensor: str = "thesis"
+    calibration: str = ""
+    tracker: str = "fit"
+    reconstructor: str = "auto"
+    object: ObjectSettings = ObjectSettings()
+    load: LoadSettings = LoadSettings()
+    fingertip: FingertipSettings = FingertipSettings()
+    camera: CameraSettings = CameraSettings()
+    actuator: ActuatorSettings = ActuatorSettings()
+    safety_margin: SafetyMarginSettings = SafetyMarginSettings()
+    margin_inversion: MarginInversionTable = MarginInversionTable()
+    react_to_slip: ReactToSlipTable = ReactToSlipTable()
+    conservative: ConservativeTable = ConservativeTable()
+    truth: TruthSettings = TruthSettings()
+    defects: Defects = Defects()
+
+    def __post_init__(self) -> None:
+        if self.fingertip.nodes % 2 == 0:
+            raise ValueError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
+        check_controller(self.controller)
+        if self.camera.exposure_ms > 1e3 * self.period:
+            raise ValueError(
+                f"camera.exposure_ms = {self.camera.exposure_ms} must be at most "
+                f"{1e3 * self.period:g}, the time between frames"
+            )
+        if self.camera.exposure_ms and self.defects.motion_blur:
+            raise ValueError("camera.exposure_ms and defects.motion_blur both delay; set one")
+        try:
+            sensor = self.build_sensor()
+        except SensorError as error:
+            raise ValueError(str(error)) from None
+        if not sensor.shape.flat:  # the node model is a dome
+            contact(self.build_fingertip(), self.build_object())  # refuses what cannot touch
+
+    @property
+    def last_change(self) -> float:
+        """Time of the last change of load or friction that is told; 0 if there is none [s]."""
+        times = (*self.load.times_s, *self.object.friction_times_s)
+        return max((time for time in times if time < self.duration_s), default=0.0)
+
+    @property
+    def period(self) -> float:
+        """Time between frames [s]."""
+        return 1.0 / self.camera.rate_hz
+
+    @property
+    def frames(self) -> int:
+        """Frames of the run, the first at time 0."""
+        return math.floor(self.duration_s * self.camera.rate_hz + 1e-9) + 1
+
+    def build_sensor(self) -> SensorDesign:
+        """The sensor's design."""
+        return load_sensor(self.sensor)
+
+    def build_fingertip(self) -> Fingertip:
+        """The model's fingertip, as large as the sensor's dome."""
+        return Fingertip.of_radius(
+            self.build_sensor().shape.radius,
+            nodes=self.fingertip.nodes,
+            law=self.fingertip.model,
+        )
+
+    def build_object(self, time: float = 0.0) -> ContactObject:
+        """The model's object, as it is at `time` [s]."""
+        told = self.object
+        places = zip(told.friction_places_mm, told.friction_factors, strict=True)
+        return ContactObject(
+            stiffness=stiffness_from_young(told.stiffness_kpa_at(time) * 1e3),
+            friction=told.friction_at(time),
+            patches=tuple((1e-3 * x, factor) for x, factor in places),
+            curvature=0.0 if told.profile_mm else 1e3 / told.radius_mm,
+            profile=tuple((1e-3 * x, 1e-3 * z) for x, z in told.profile_mm) or None,
+            dahl_stiffness=told.dahl_stiffness_n_per_m,
+            dahl_exponent=told.dahl_exponent,
+            drag=told.drag_n_s_per_m,
+        )
+
+    def build_controller(self) -> Controller:
+        """The controller the scene names.
+
+        Raises
+        ------
+        SceneError
+            When it is anybody's, and cannot be imported or made.
+        """
+        if self.controller not in CONTROLLERS:
+            return foreign_controller(self.controller)
+        made: Controller = getattr(self, self.controller.replace("-", "_")).build()
+        return made
+
+
+DEFAULT_SCENE = "camera-100hz"
+
+
+def scene_names() -> list[str]:
+    """Names of the shipped scenes."""
+    folder = files(__package__) / "library"
+    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
+
+
+def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None) -> Scene:
+    """Scene of that name, or from a TOML file, with some values changed.
+
+    Parameters
+    ----------
+    name: a shipped scene, or the path of a file that ends in `.toml`
+    changes: dotted key → new value, `{"object.friction": 0.3}`
+
+    Raises
+    ------
+    SceneError
+        With the key, the value and what is allowed.
+    """
+    if name in scene_names():
+        text = (files(__package__) / "library" / f"{name}.toml").read_text(encoding="utf-8")
+    elif name.endswith(".toml"):
+        try:
+            text = Path(name).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "not UTF-8 text"
+            raise SceneError(f"scene file {name} cannot be read: {reason}") from None
+    else:
+        raise SceneError(
+            f"no scene {name!r}; there is {', '.join(scene_names())}, or give a .toml file"
+        )
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"scene {name} is not valid TOML: {error}") from None
+    # A file that a scene names lies beside the scene, one from the command line where that runs.
+    _locate_files(values, Path(name).parent)
+    for key, value in (changes or {}).items():
+        _put(values, key, value)
+    _locate_files(values, Path())
+    return parse_scene(values, name)
+
+
+def _locate_files(values: dict[str, Any], folder: Path) -> None:
+    for key in ("sensor", "calibration"):
+        name = values.get(key)
+        if isinstance(name, str) and name.endswith(".toml"):
+            values[key] = str((folder / name).absolute())
+
+
+def parse_scene(values: dict[str, Any], name: str) -> Scene:
+    """Scene from plain values; `name` is used in messages."""
+    try:
+        return convert(values, Scene, f"scene {name}")
+    except ValueError as error:
+        raise SceneError(str(error)) from None
+
+
+def dump_scene(scene: Scene, folder: Path | None = None) -> str:
+    """TOML text of a scene, every default written out; of a file in `folder`, if that is given."""
+    values = msgspec.to_builtins(scene)
+    if folder is not None:
+        values["sensor"] = seen_from(folder, scene.sensor)
+    return tomli_w.dumps(values)
+
+
+def seen_from(folder: Path, sensor: str) -> str:
+    """A sensor's name as a file in the folder has it, from where a file of one's own is found."""
+    if not sensor.endswith(".toml"):
+        return sensor
+    return Path(os.path.relpath(sensor, folder)).as_posix()
+
+
+def grasp_command(scene: str, changes: dict[str, Any]) -> str:
+    """What one types to run a scene with changes, each by its dotted key."""
+    options = [f" --set {key}={value}" for key, value in changes.items()]
+    return f"chromagrip grasp --scene {scene}{''.join(options)}"
+
+
+def parse_change(text: str) -> tuple[str, Any]:
+    """Key and value of `key=value`, the value in TOML, bare words taken as strings."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise SceneError(f"--set {text}: expected key=value, such as object.friction=0.3")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()
+
+
+def _put(values: dict[str, Any], key: str, value: Any) -> None:
+    *tables, last = key.split(".")
+    for table in tables:
+        values = values.setdefault(table, {})
+        if not isinstance(values, dict):
+            raise SceneError(f"{key}: {table} is a value, not a table")
+    values[last] = value

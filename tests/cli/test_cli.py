@@ -1,0 +1,265 @@
+"""The command line as it is typed, and as it fails."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import av
+import pyarrow.parquet as pq
+import pytest
+
+from chromagrip.measure.bench.control import SCENES
+
+Typed = Callable[..., subprocess.CompletedProcess[str]]
+QUICK = ["--set", "duration_s=0.1"]
+PROMISED = {
+    "controller", "path", "renderer", "final_margin_true", "final_margin_estimated",
+    "margin_rmse", "max_pressure_n_per_m", "max_pressure_pitch_n_per_m",
+    "lateral_displacement_mm", "rigid_slip_mm", "gross_slip", "max_grip_n", "frames",
+    "frames_per_second",
+}  # fmt: skip
+
+
+def chromagrip(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "chromagrip", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_run_leaves_its_folder(tmp_path: Path, typed: Typed) -> None:
+    out = tmp_path / "grip"
+    done = chromagrip("grasp", *QUICK, "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    assert "safety margin at the end" in done.stdout
+    names = {"summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml"}
+    assert {p.name for p in out.iterdir()} == names
+
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary.keys() >= PROMISED | {"versions"}
+    assert (summary["frames"], summary["complete"]) == (11, True)
+
+    table = pq.read_table(out / "trace.parquet").to_pydict()
+    assert len(table["time_s"]) == 11
+    assert table["normal_true_n"] != table["normal_estimated_n"]
+
+    with av.open(str(out / "tactile.mp4")) as video:
+        stream = video.streams.video[0]
+        frames = list(video.decode(video=0))
+    assert len(frames) == 11
+    assert (frames[0].width, frames[0].height) == (1280, 480)
+    assert stream.codec_context.pix_fmt == "yuv444p"
+
+    assert (out / "figure.png").read_bytes()[:4] == b"\x89PNG"
+    again = typed("grasp", "--scene", str(out / "scene.toml"), "--json")
+    repeated = json.loads(again.stdout)
+    assert repeated["final_margin_estimated"] == summary["final_margin_estimated"]
+
+
+def test_json_is_the_summary_alone(tmp_path: Path, typed: Typed) -> None:
+    done = typed("grasp", *QUICK, "--path", "truth", "--json")
+    assert done.returncode == 0
+    assert json.loads(done.stdout).keys() >= PROMISED
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_flags_change_the_scene(tmp_path: Path, typed: Typed) -> None:
+    flags = "--controller conservative --path truth --fps 50 --latency 2 --seed 7"
+    done = typed("grasp", *QUICK, *flags.split(), "--out", str(tmp_path / "r"))
+    assert done.returncode == 0, done.stderr
+    scene = tomllib.loads((tmp_path / "r" / "scene.toml").read_text())
+    assert scene["controller"] == "conservative"
+    assert scene["camera"]["rate_hz"] == 50
+    assert scene["camera"]["latency_frames"] == 2
+    assert scene["seed"] == 7
+    assert scene["duration_s"] == 0.1
+
+
+def test_a_filled_folder_is_not_written_over(tmp_path: Path, typed: Typed) -> None:
+    (tmp_path / "thesis.pdf").write_text("dear to somebody")
+    first = typed("grasp", *QUICK, "--path", "truth", "--out", str(tmp_path))
+    assert first.returncode == 2
+    assert "is not empty; choose another or give --force" in first.stderr
+    forced = typed("grasp", *QUICK, "--path", "truth", "--out", str(tmp_path), "--force")
+    assert forced.returncode == 0
+    assert (tmp_path / "thesis.pdf").read_text() == "dear to somebody"
+    assert (tmp_path / "summary.json").exists()
+
+
+def test_without_a_folder_the_next_free_one_is_taken(tmp_path: Path, typed: Typed) -> None:
+    for _ in range(2):
+        assert typed("grasp", *QUICK, "--path", "truth").returncode == 0
+    names = sorted(p.name for p in (tmp_path / "runs").iterdir())
+    assert names == ["camera-100hz-safety-margin-001", "camera-100hz-safety-margin-002"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--set", "object.sharpness=3"], "unknown key object.sharpness; allowed here"),
+        (["--set", "object.stiffness_kpa=-1"], "object.stiffness_kpa = -1: expected a number > 0"),
+        (["--fps", "0"], "camera.rate_hz = 0.0: expected a number > 0"),
+        (["--scene", "banana"], "no scene 'banana'; there is camera-100hz, "),
+        (["--scene", "none.toml"], "scene file none.toml cannot be read: No such file"),
+        (["--controller", "nowhere:Mine"], "controller 'nowhere:Mine' cannot be imported"),
+        (["--out", "/proc/chromagrip"], "folder /proc/chromagrip cannot be written"),
+        (["--out", "/etc/hostname"], "/etc/hostname"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments: list[str], words: str, typed: Typed) -> None:
+    done = typed("grasp", *arguments)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stdout == ""
+
+
+MINE = """
+from chromagrip.control import GripCommand
+
+class Mine:
+    def reset(self): pass
+    def command(self, seen): return GripCommand(force=1.25 if seen.time < 0.05 else -1)
+"""
+
+
+def test_a_controller_of_ones_own_lies_where_one_works(tmp_path: Path) -> None:
+    """The installed command does not look there by itself, as `python -m` does: hence -P."""
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
+    words = ["grasp", "--controller", "mine:Mine", "--path", "truth", "--set", "duration_s=0.1"]
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "chromagrip", *words],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "chromagrip: controller mine:Mine commanded -1.0 N at t = 0.05 s" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    folder = tmp_path / "runs" / "camera-100hz-mine-Mine-001"
+    trace = pq.read_table(folder / "trace.parquet").to_pydict()
+    assert trace["grip_n"] == [1.25] * 6
+
+
+def test_unknown_words_are_refused(typed: Typed) -> None:
+    for arguments in (["squeeze"], ["grasp", "--controller", "pid"], ["grasp", "--grip", "3"], []):
+        assert typed(*arguments).returncode == 2
+
+
+def test_missing_gl_is_one_sentence(tmp_path: Path) -> None:
+    """An OpenGL platform that does not exist stands for a machine without one."""
+    environment = os.environ | {"PYOPENGL_PLATFORM": "none-such"}
+    done = subprocess.run(
+        [sys.executable, "-m", "chromagrip", "grasp", "--renderer", "pyrender"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=environment,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "renderer pyrender cannot run here" in done.stderr
+    assert "apt-get install" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
+    out = tmp_path / "cut"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "chromagrip", "grasp", "--set", "duration_s=60", "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while not (out / "tactile.mp4.part").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(3.0)
+    assert not (out / "summary.json").exists()  # nothing half-written looks whole
+    assert not (out / "tactile.mp4").exists()
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in stderr
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["complete"] is False
+    frames = summary["frames"]
+    assert 0 < frames < 6001
+    assert pq.read_metadata(out / "trace.parquet").num_rows == frames
+    with av.open(str(out / "tactile.mp4")) as video:
+        assert len(list(video.decode(video=0))) in (frames, frames - 1)
+    assert (out / "figure.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("scenes", ["thesis", "camera-100hz", "margin-30hz", "margin-60hz", *SCENES]),
+        ("sensors", ["dome-2020", "dome-2022", "flat-2019", "fovea", "thesis"]),
+        ("controllers", ["safety-margin", "margin-inversion", "react-to-slip", "conservative"]),
+        ("renderers", ["painter", "pyrender"]),
+    ],
+)
+def test_lists(command: str, words: list[str], typed: Typed) -> None:
+    done = typed(command)
+    assert done.returncode == 0
+    assert {line.split()[0] for line in done.stdout.splitlines()} == set(words)
+
+
+def test_a_missing_package_does_not_keep_the_doctor_from_naming_it() -> None:
+    """A package that cannot be imported, tyro, on which the command line itself is built."""
+    code = (
+        "import sys; sys.modules['tyro'] = None; sys.argv = ['chromagrip', *sys.argv[1:]]; "
+        "from chromagrip.__main__ import main; main()"
+    )
+    asked = [sys.executable, "-c", code]
+    doctor = subprocess.run([*asked, "doctor"], capture_output=True, text=True, check=False)
+    assert doctor.returncode == 1
+    assert "tyro" in doctor.stdout
+    assert "mend: pip install --force-reinstall 'tyro" in doctor.stdout
+    other = subprocess.run([*asked, "scenes"], capture_output=True, text=True, check=False)
+    assert other.returncode == 2
+    assert "`chromagrip doctor` names what mends it" in other.stderr
+
+
+def test_doctor_names_what_is_missing_and_how_to_mend_it() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "chromagrip", "doctor"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYOPENGL_PLATFORM": "none-such"},
+        check=False,
+    )
+    assert done.returncode == 0  # GL is optional
+    assert "OpenGL for --renderer pyrender: optional, missing" in done.stdout
+    assert "mend: sudo apt-get install libegl1" in done.stdout
+    assert "numpy" in done.stdout
+
+
+def test_a_reader_that_leaves_is_no_error_to_tell() -> None:
+    """As with `chromagrip bench … | head -1`."""
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-u", "-m", "chromagrip", "sensors"],
+            stdout=write,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+    finally:
+        os.close(write)
+    assert done.returncode == 141
+    assert done.stderr == ""

@@ -1,0 +1,541 @@
+"""Datasets: the same bytes however they are made, nothing half-written, and physics that holds."""
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import psutil
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import tomli_w
+from msgspec.structs import replace
+
+from chromagrip import UserError
+from chromagrip.dataset import folder as dataset_folder
+from chromagrip.dataset.check import check
+from chromagrip.dataset.folder import (
+    FILES,
+    MANIFEST,
+    TABLE,
+    DatasetError,
+    load_sequences,
+    sequence_name,
+)
+from chromagrip.dataset.make import Backend, make, merge
+from chromagrip.dataset.recipe import (
+    Recipe,
+    RecipeError,
+    drawn,
+    load_recipe,
+    recipe_names,
+    scene_of,
+)
+from chromagrip.dataset.sequence import sequence, shots
+from chromagrip.dataset.split import split
+from chromagrip.output.folder import filling
+
+Digests = Callable[[Path], dict[str, str]]
+TINY = load_recipe("tiny")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny dataset, made by one process."""
+    folder = tmp_path_factory.mktemp("data") / "tiny"
+    make(TINY, folder)
+    return folder
+
+
+def copied(made: Path, to: Path) -> Path:
+    """A copy that may be spoiled."""
+    to.mkdir()
+    for file in made.rglob("*"):
+        target = to / file.relative_to(made)
+        if file.is_dir():
+            target.mkdir(exist_ok=True)
+        else:
+            target.parent.mkdir(exist_ok=True)
+            target.write_bytes(file.read_bytes())
+    return to
+
+
+def test_a_whole_dataset_is_checked_and_has_no_clock_in_it(made: Path) -> None:
+    assert check(made) == 3
+    text = "".join(p.read_text("utf-8") for p in made.rglob("*") if p.suffix in (".json", ".toml"))
+    assert os.uname().nodename not in text
+    assert time.strftime("%Y-") not in text
+    rows = pq.read_table(made / TABLE).to_pylist()
+    assert [row["number"] for row in rows] == [0, 1, 2]
+    assert (made / "contact-sheet.png").stat().st_size > 1000
+
+
+def test_workers_shards_and_order_change_no_byte(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
+    make(TINY, tmp_path / "two", workers=2)
+    assert bytes_of(tmp_path / "two") == bytes_of(made)
+    for first in (2, 1):
+        make(TINY, tmp_path / f"shard{first}", shard=(first, 2))
+    merge([tmp_path / "shard2", tmp_path / "shard1"], tmp_path / "merged")
+    assert bytes_of(tmp_path / "merged") == bytes_of(made)
+
+
+def test_more_sequences_begin_with_the_same(made: Path) -> None:
+    more = replace(TINY, sequences=300)
+    assert drawn(more, 2) == drawn(TINY, 2)
+    other = replace(TINY, draw={**TINY.draw, "camera.rate_hz": {"choice": [60.0]}})
+    assert drawn(other, 2).items() >= drawn(TINY, 2).items()
+
+
+def test_a_killed_run_goes_on_to_the_same_bytes(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
+    out = tmp_path / "killed"
+    words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--workers", "1"]
+    for delay in (0.05, 0.2):
+        process = subprocess.Popen(
+            [*words, "--out", str(out), "--resume", "--json"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        deadline = time.monotonic() + 60.0
+        # Killed in the middle of a sequence.
+        while not list(out.glob(".part-0*")) and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        time.sleep(delay)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        if not (out / MANIFEST).exists():
+            with pytest.raises(DatasetError, match="is not whole: go on with --resume"):
+                check(out)
+    make(TINY, out, resume=True)
+    assert bytes_of(out) == bytes_of(made)
+
+
+def test_a_dask_worker_that_is_killed_loses_nothing(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        victims = list(client.run(os.getpid).values())
+        killed = []
+
+        def kill(done: int, total: int) -> None:
+            if done == 1 and not killed:
+                killed.append(victims[0])
+                os.kill(victims[0], signal.SIGKILL)
+
+        make(
+            TINY, tmp_path / "dask", backend="dask", address=cluster.scheduler_address,
+            progress=kill,
+        )  # fmt: skip
+    assert killed
+    assert bytes_of(tmp_path / "dask") == bytes_of(made)
+
+
+def test_labels_are_those_of_the_run(made: Path) -> None:
+    """Forces on the object: ΣFn is the grip on flat objects, ΣFf the load less the drag."""
+    flat = {key: how for key, how in TINY.draw.items() if key != "object.radius_mm"}
+    draw = {**flat, "motion": {"choice": ["grasp"]}}
+    recipe = replace(TINY, draw=draw, scene={**TINY.scene, "duration_s": 1.0})
+    run = sequence(recipe, 1)
+    rest, frames = shots(recipe, run)
+    last = list(frames)[-1]
+    assert rest.shape == last.image.shape == (480, 640, 3)
+    assert last.values["normal_n"] == pytest.approx(run.values["grip_n"], rel=0.02)
+    assert last.values["friction_n"] == pytest.approx(last.values["load_n"], rel=0.05)
+    share = run.values["share"]
+    assert last.values["margin"] == pytest.approx(1.0 - share, abs=0.05)
+    normal, friction, mu = (last.nodes[f"node_{name}"] for name in ("normal_n", "friction_n", "mu"))
+    assert (abs(friction) <= mu * normal + 1e-9).all()
+
+
+def test_labels_are_what_opencv_projects(made: Path) -> None:
+    """The thesis' camera sits in the centre of the port, which bends no ray."""
+    one = next(iter(load_sequences(made)))
+    store = cv2.FileStorage(str(one.rest.with_name("camera.yml")), cv2.FILE_STORAGE_READ)
+    matrix, bent = (
+        store.getNode(f"{k}").mat() for k in ("camera_matrix", "distortion_coefficients")
+    )
+    centres = np.stack([one.markers[f"centre_{axis}_mm"] for axis in "xyz"], axis=-1)[5]
+    centres[:, 2] -= store.getNode("position_mm").real()
+    none = np.zeros(3)
+    pixels, _ = cv2.fisheye.projectPoints(centres[:, None].astype(float), none, none, matrix, bent)
+    told = np.stack([one.markers["projected_x_px"][5], one.markers["projected_y_px"][5]], axis=-1)
+    seen = one.markers["visible"][5].astype(bool)
+    np.testing.assert_allclose(pixels[seen, 0], told[seen], atol=1e-3)
+
+
+def test_a_slip_goes_through_all_states() -> None:
+    scene = {**TINY.scene, "duration_s": 1.0}
+    draw = {
+        "motion": {"choice": ["slip"]},
+        "grip_n": {"choice": [2.0]},
+        "slip_share": {"choice": [1.5]},
+        "object.friction": {"choice": [0.4]},
+    }
+    recipe = Recipe(scene=scene, draw=draw)
+    states = [shot.values["slip_state"] for shot in shots(recipe, sequence(recipe, 0))[1]]
+    order = [state for k, state in enumerate(states) if k == 0 or states[k - 1] != state]
+    assert order[-2:] == ["incipient", "gross"]
+    assert order[0] == "none"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda d: (d / "sequence-000001" / "frame-002.png").write_bytes(b"x"), "has changed"),
+        (lambda d: (d / "sequence-000001" / "frame-002.png").unlink(), "frame-002.png is missing"),
+        (lambda d: (d / "sequence-000001" / "new.txt").write_text("x"), "does not belong there"),
+        (lambda d: (d / "sequence-000002" / FILES).write_text("{}"), "has changed"),
+        (lambda d: (d / MANIFEST).write_text("{"), "missing or damaged"),
+        (lambda d: (d / MANIFEST).unlink(), "is not whole"),
+    ],
+)
+def test_what_was_changed_is_named(made: Path, tmp_path: Path, spoil: object, said: str) -> None:
+    folder = copied(made, tmp_path / "spoilt")
+    spoil(folder)  # type: ignore[operator]
+    with pytest.raises(DatasetError, match=said):
+        check(folder)
+
+
+def resealed(folder: Path, name: str) -> None:
+    """Make checksums fit what was changed in a sequence."""
+    where = folder / name
+    listed = json.loads((where / FILES).read_text("utf-8"))
+    for file in listed["files"]:
+        listed["files"][file] = hashlib.sha256((where / file).read_bytes()).hexdigest()
+    (where / FILES).write_text(json.dumps(listed), "utf-8")
+    manifest = json.loads((folder / MANIFEST).read_text("utf-8"))
+    manifest["sequences"][name] = hashlib.sha256((where / FILES).read_bytes()).hexdigest()
+    (folder / MANIFEST).write_text(json.dumps(manifest), "utf-8")
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "said"),
+    [
+        ("frames", "normal_n", "frame 4: normal_n is"),
+        ("frames", "margin", "frame 4: margin is"),
+        ("markers", "node_friction_n", "more than µ times its normal force"),
+        ("markers", "node_z_mm", "frame 4: forces along z do not balance"),
+        ("frames", "grip_n", "frame 4: forces along z do not balance"),
+        ("frames", "load_n", "frame 4: forces along x do not balance"),
+        ("markers", "x_px", "x_px, y_px are"),
+        ("markers", "centre_z_mm", "beside a centre's projection"),
+    ],
+)
+def test_physics_that_does_not_hold_is_named(
+    made: Path, tmp_path: Path, table: str, column: str, said: str
+) -> None:
+    folder = copied(made, tmp_path / "wrong")
+    path = folder / sequence_name(0) / f"{table}.parquet"
+    found = pq.read_table(path)
+    values = found[column].to_pylist()
+    values[4] = values[4] + 0.2 if table == "frames" else [v + 2.0 for v in values[4]]
+    where = found.column_names.index(column)
+    kind = found.schema.field(column).type
+    pq.write_table(found.set_column(where, column, pa.array(values, kind)), path)
+    resealed(folder, sequence_name(0))
+    with pytest.raises(DatasetError, match=said):
+        check(folder)
+
+
+def test_parts_share_no_object(made: Path) -> None:
+    parts = split(made, {"train": 0.6, "test": 0.4})
+    every = sorted(name for names in parts.values() for name in names)
+    assert every == [sequence_name(k) for k in range(3)]
+    assert all(parts.values())
+    rows = {sequence_name(row["number"]): row for row in pq.read_table(made / TABLE).to_pylist()}
+    objects = [
+        {(rows[name]["object.friction"], rows[name]["object.radius_mm"]) for name in names}
+        for names in parts.values()
+    ]
+    assert not objects[0] & objects[1]
+    (made / "split.json").unlink()
+    with pytest.raises(UserError, match="add up to 1"):
+        split(made, {"train": 0.6, "test": 0.3})
+    with pytest.raises(UserError, match="3 objects, too few for 4 parts"):
+        split(made, dict.fromkeys("abcd", 0.25))
+
+
+def test_a_full_disk_leaves_nothing_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = Path.write_bytes
+
+    def full(path: Path, data: bytes) -> int:
+        if path.name == "frame-003.png":
+            raise OSError(28, os.strerror(28))
+        return write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(UserError, match="cannot be written: No space left on device"):
+        make(TINY, tmp_path / "full")
+    assert not list((tmp_path / "full").glob("sequence-*"))
+    assert not list((tmp_path / "full").glob(".part-0*"))
+    monkeypatch.undo()
+    make(TINY, tmp_path / "full", resume=True)
+    assert check(tmp_path / "full") == 3
+
+
+def test_another_recipe_is_refused(made: Path, tmp_path: Path) -> None:
+    folder = copied(made, tmp_path / "other")
+    with pytest.raises(UserError, match="holds a dataset of another recipe"):
+        make(replace(TINY, seed=1), folder, resume=True)
+    with pytest.raises(UserError, match="holds a dataset already; go on with --resume"):
+        make(TINY, folder)
+    with pytest.raises(UserError, match=r"is not empty; choose another$"):
+        make(TINY, tmp_path)
+    make(replace(TINY, seed=1, sequences=1), tmp_path / "seed1")
+    with pytest.raises(UserError, match="is of another recipe"):
+        merge([made, tmp_path / "seed1"], tmp_path / "both")
+    with pytest.raises(UserError, match="sequence-000000 is in"):
+        merge([made, folder], tmp_path / "twice")
+
+
+@pytest.mark.parametrize(
+    ("backend", "module", "address"),
+    [("dask", "distributed", "tcp://127.0.0.1:9"), ("ray", "ray", "127.0.0.1:9")],
+)
+def test_a_cluster_that_is_not_there_is_said(
+    tmp_path: Path, backend: Backend, module: str, address: str
+) -> None:
+    pytest.importorskip(module)
+    with pytest.raises(UserError, match=f"there is no {backend.title()} cluster"):
+        make(TINY, tmp_path / "none", backend=backend, address=address)
+
+
+def test_an_address_wants_a_cluster(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="--address goes with --backend dask or ray"):
+        make(TINY, tmp_path / "joblib", address="tcp://127.0.0.1:9")
+
+
+@pytest.mark.parametrize(
+    ("draw", "said"),
+    [
+        ({"object.friction": {"uniform": [0.2, 90.0]}}, "draw.object.friction reaches 90"),
+        ({"object.frixion": {"uniform": [0.2, 0.9]}}, "frixion"),
+        ({"grip_n": {"uniform": [0.0, 1.0]}}, "draw.grip_n reaches 0"),
+        ({"grip_n": {"log_uniform": [0.0, 1.0]}}, "log_uniform starts above 0"),
+        ({"grip_n": {"about": [1.0]}}, "expected one of uniform, log_uniform, normal, choice"),
+        ({"grip_n": {"uniform": [2.0, 1.0]}}, "there is nothing to draw"),
+        ({"motion": {"choice": ["drop"]}}, "allowed are press, grasp, slip"),
+        ({"motion": {"choice": ["grasp"]}}, "draw.share is needed"),
+        ({"slip_share": {"uniform": [0.5, 2.0]}}, "draw.slip_share reaches 0.5"),
+    ],
+)
+def test_a_recipe_that_leaves_what_can_be_is_refused(
+    tmp_path: Path, draw: dict[str, object], said: str
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(tomli_w.dumps({"draw": draw}), encoding="utf-8")
+    with pytest.raises(RecipeError, match=said):
+        load_recipe(str(path))
+
+
+def test_every_shipped_recipe_gives_scenes() -> None:
+    for name in recipe_names():
+        recipe = load_recipe(name)
+        for number in range(5):
+            scene = scene_of(recipe, number, drawn(recipe, number))
+            assert scene.path == "truth"
+
+
+def test_what_is_asked_for_beside_is_kept(tmp_path: Path) -> None:
+    """Optical flow where a marker rests is the motion of its label."""
+    recipe = replace(TINY, sequences=1, truth=("flow", "depth", "masks"))
+    make(recipe, tmp_path / "more")
+    assert check(tmp_path / "more") == 1
+    (one,) = load_sequences(tmp_path / "more")
+    truth = np.load(tmp_path / "more" / sequence_name(0) / "truth-006.npz")
+    assert truth["depth"].shape == (480, 640)
+    assert truth["masks"].shape == (2, 480, 640)
+    middle = np.stack([one.markers["projected_x_px"], one.markers["projected_y_px"]], axis=-1)
+    middle = middle.reshape(len(middle), 2, -1, 2)
+    rest, moved = middle[0], middle[6] - middle[0]
+    assert abs(moved).max() > 0.5
+    for layer in range(2):
+        at = np.rint(rest[layer]).astype(int)
+        inside = (abs(at - [320, 240]) < 150).all(axis=1)
+        flow = truth["flow"][layer][at[inside, 1], at[inside, 0]]
+        np.testing.assert_allclose(flow, moved[layer, inside], atol=0.1)
+
+
+def test_the_recipe_of_the_documentation_is_one(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    path = tmp_path / "glass.toml"
+    path.write_text(text.split("```toml\n")[1].split("```")[0], encoding="utf-8")
+    assert load_recipe(str(path)).draw["share"] == {"uniform": [0.0, 0.95]}
+
+
+def test_a_file_that_may_not_grow_is_said_in_one_sentence(tmp_path: Path) -> None:
+    out = tmp_path / "small"
+    words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--workers", "1"]
+    done = subprocess.run(
+        ["sh", "-c", 'ulimit -f 200; exec "$@"', "sh", *words, "--out", str(out)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("chromagrip: ")
+    assert last.endswith("sequence-000000 cannot be written: File too large")
+    assert [path.name for path in out.iterdir()] == ["recipe.toml"]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["dataset"], 0, "dataset make "),
+        (["dataset", "make", "--help"], 0, "usage: chromagrip dataset make "),
+        (["dataset", "mend"], 2, "dataset mend: there is make, check"),
+        (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is force"),
+        (["dataset", "make", "tiny", "--out", "x", "--shard", "3/2"], 2, "--shard 3/2: expected"),
+        (["dataset", "make", "tiny", "--out", "x", "--n", "0"], 2, "--n 0: expected 1 to"),
+        (["dataset", "check", "nowhere"], 2, "nowhere is no dataset"),
+        (["dataset", "split", "nowhere", "--shares", "a"], 2, "--shares a: expected NAME=SHARE"),
+    ],
+)
+def test_the_command_line_answers_in_a_sentence(
+    words: list[str],
+    code: int,
+    said: str,
+    typed: Callable[..., subprocess.CompletedProcess[str]],
+    tmp_path: Path,
+) -> None:
+    done = typed(*words)
+    assert done.returncode == code
+    assert said in done.stdout + done.stderr
+    assert not (tmp_path / "x").exists()
+
+
+def test_words_and_infinity_are_drawn_as_well_as_numbers(tmp_path: Path) -> None:
+    draw = {**TINY.draw, "renderer": {"choice": ["painter"]}, "camera.rest_frames": {"choice": [4]}}
+    make(replace(TINY, sequences=2, draw=draw), tmp_path / "words")
+    rows = pq.read_table(tmp_path / "words" / TABLE).to_pylist()
+    assert [(row["renderer"], row["camera.rest_frames"]) for row in rows] == [("painter", 4)] * 2
+    radii = {row["object.radius_mm"] for row in rows}
+    assert radii <= {float("inf"), 20.0, 8.0}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda d: (d / sequence_name(1) / "frame-002.png").write_bytes(b"x"), "has changed"),
+        (lambda d: (d / sequence_name(1) / "rest.png").unlink(), "rest.png is missing"),
+        (lambda d: (d / sequence_name(1)).rename(d / "elsewhere"), "files.json is missing"),
+        (lambda d: (d / MANIFEST).unlink(), "is not whole"),
+        (lambda d: (d / "recipe.toml").write_text("["), "is not valid TOML"),
+    ],
+)
+def test_a_corrupt_shard_is_not_merged(
+    made: Path, tmp_path: Path, spoil: object, said: str
+) -> None:
+    folder = copied(made, tmp_path / "spoilt")
+    spoil(folder)  # type: ignore[operator]
+    with pytest.raises(UserError, match=said):
+        merge([folder], tmp_path / "merged")
+    assert not (tmp_path / "merged").exists()
+
+
+def test_a_dataset_can_get_more_sequences_but_not_fewer(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
+    make(replace(TINY, sequences=1), tmp_path / "grown")
+    make(TINY, tmp_path / "grown", resume=True)
+    assert bytes_of(tmp_path / "grown") == bytes_of(made)
+    with pytest.raises(UserError, match="is to have 3 sequences; it can get more, not fewer"):
+        make(replace(TINY, sequences=2), tmp_path / "grown", resume=True)
+    assert check(tmp_path / "grown") == 3
+
+
+def test_a_folder_is_filled_by_one_run_at_a_time(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
+    folder = copied(made, tmp_path / "grown")
+    more, before = replace(TINY, sequences=4), bytes_of(folder)
+    with filling(folder), pytest.raises(UserError, match="is being filled by another run"):
+        make(more, folder, resume=True)
+    assert bytes_of(folder) == before
+    assert make(more, folder, resume=True)["sequences"].keys() > {"sequence-000002"}
+
+
+def test_what_other_versions_made_is_not_gone_on_with(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(made, tmp_path / "older")
+    monkeypatch.setattr(dataset_folder, "made_with", lambda: {"numpy": "9.9"})
+    with pytest.raises(UserError, match=r"begun with other versions: .*numpy .*, now 9.9"):
+        make(TINY, folder, resume=True)
+    monkeypatch.undo()
+    assert check(folder) == 3
+
+
+def test_a_worker_that_is_killed_is_said(tmp_path: Path) -> None:
+    def kill(done: int, total: int) -> None:
+        if done == 1:
+            for child in psutil.Process().children(recursive=True):
+                if "LokyProcess" in " ".join(child.cmdline()):
+                    child.kill()
+
+    many = replace(TINY, sequences=40)
+    with pytest.raises(UserError, match=r"a worker was killed .* go on with --resume"):
+        make(many, tmp_path / "lost", workers=2, progress=kill)
+    with pytest.raises(DatasetError, match="is not whole: go on with --resume"):
+        check(tmp_path / "lost")
+
+
+def test_an_empty_shard_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="shard 4/5 of 3 sequences has none"):
+        make(TINY, tmp_path / "none", shard=(4, 5))
+    assert not (tmp_path / "none").exists()
+
+
+def mount(*options: str, at: Path) -> bool:
+    """Whether a disk in memory could be mounted there."""
+    done = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", ",".join(options), "tmpfs", str(at)],
+        capture_output=True, check=False,
+    )  # fmt: skip
+    return done.returncode == 0
+
+
+@pytest.mark.skipif(not shutil.which("mount"), reason="there is no mount")
+def test_a_disk_that_is_full_can_be_given_more_room(
+    made: Path, tmp_path: Path, bytes_of: Digests
+) -> None:
+    room = sum(file.stat().st_size for file in (made / sequence_name(0)).iterdir())
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if not mount(f"size={int(1.6 * room)}", at=disk):
+        pytest.skip("nothing may be mounted here")
+    try:
+        with pytest.raises(UserError, match="cannot be written: No space left on device"):
+            make(TINY, disk / "data")
+        there = sorted(path.name for path in (disk / "data").iterdir())
+        assert there == ["recipe.toml", sequence_name(0)]
+        assert mount("remount", f"size={10 * room}", at=disk)
+        make(TINY, disk / "data", resume=True)
+        assert bytes_of(disk / "data") == bytes_of(made)
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_two_frames_are_a_dataset_too(tmp_path: Path) -> None:
+    scene = {**TINY.scene, "duration_s": 0.02, "camera": {"rate_hz": 60.0}}
+    make(replace(TINY, sequences=1, scene=scene), tmp_path / "short")
+    assert check(tmp_path / "short") == 1

@@ -1,0 +1,169 @@
+"""Datasets in the layouts of others, read as their tools read them."""
+
+import json
+import pickle
+import tarfile
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from chromagrip import UserError
+from chromagrip.dataset.export import LAYOUTS, export
+from chromagrip.dataset.folder import Loaded, load_sequences
+from chromagrip.dataset.lerobot import CAMERA, FORCES, STATE
+from chromagrip.dataset.make import make
+from chromagrip.dataset.recipe import load_recipe
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny dataset."""
+    folder = tmp_path_factory.mktemp("data") / "tiny"
+    make(load_recipe("tiny"), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def loaded(made: Path) -> list[Loaded]:
+    """Its sequences."""
+    return list(load_sequences(made))
+
+
+def test_labels_lie_on_the_markers(loaded: list[Loaded]) -> None:
+    """A label's pixel is a marker's colour, and the skin's between markers is lighter."""
+    for one in loaded:
+        image = list(one.images())[-1].astype(float)
+        places, seen = one.places[-1], one.visible[-1]
+        for layer, channel in ((0, 1), (1, 2)):  # magenta takes green, yellow takes blue
+            x, y = np.rint(places[layer, seen[layer]]).astype(int).T
+            assert image[y, x, channel].mean() < 0.6 * image[240, 320 - 9].max()
+
+
+def test_tapvid_is_as_its_reader_takes_it(made: Path, loaded: list[Loaded], tmp_path: Path) -> None:
+    """Points times the size of the video lie on the markers; the arrays fit together."""
+    export(made, "tapvid", tmp_path / "out")
+    found = pickle.loads((tmp_path / "out" / "tapvid-00000.pkl").read_bytes())
+    assert list(found) == [f"sequence-{one.number:06d}" for one in loaded]
+    for one, said in zip(loaded, found.values(), strict=True):
+        video, points, occluded = said["video"], said["points"], said["occluded"]
+        assert (video.dtype, video.shape) == (np.uint8, (7, 480, 640, 3))
+        assert points.shape == (*occluded.shape, 2)
+        assert occluded.dtype == bool
+        assert ((points >= 0.0) & (points <= 1.0))[~occluded].all()
+        back = points * [640, 480] - 0.5
+        np.testing.assert_allclose(back[0, 3], one.places[3, 0, 0], atol=1e-4)
+
+
+def test_coco_is_as_its_reader_takes_it(made: Path, loaded: list[Loaded], tmp_path: Path) -> None:
+    coco = pytest.importorskip("pycocotools.coco")
+    export(made, "coco", tmp_path / "out")
+    read = coco.COCO(str(tmp_path / "out" / "annotations.json"))
+    assert len(read.getImgIds()) == 21
+    (category,) = read.loadCats(read.getCatIds())
+    for number in read.getImgIds()[::5]:
+        (image,) = read.loadImgs(number)
+        picture = cv2.imread(str(tmp_path / "out" / "images" / image["file_name"]))
+        assert picture is not None
+        assert picture.shape == (image["height"], image["width"], 3)
+        (one,) = read.loadAnns(read.getAnnIds(number))
+        points = np.reshape(one["keypoints"], (-1, 3))
+        assert len(points) == len(category["keypoints"]) == 800
+        assert one["num_keypoints"] == (points[:, 2] > 0).sum()
+        x, y, w, h = one["bbox"]
+        seen = points[points[:, 2] > 0, :2] + 0.5
+        assert (seen >= np.array([x, y]) - 1e-2).all()
+        assert (seen <= np.array([x + w, y + h]) + 1e-2).all()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the reader's
+def test_webdataset_is_as_its_reader_takes_it(
+    made: Path, loaded: list[Loaded], tmp_path: Path
+) -> None:
+    webdataset = pytest.importorskip("webdataset")
+    export(made, "webdataset", tmp_path / "out")
+    path = tmp_path / "out" / "frames-000000.tar"
+    with tarfile.open(path) as tar:
+        assert {(m.mtime, m.uid, m.uname) for m in tar.getmembers()} == {(0, 0, "")}
+    samples = list(webdataset.WebDataset(str(path), shardshuffle=False).decode("rgb8"))
+    assert len(samples) == 21
+    first = samples[7]
+    assert first["__key__"] == "000001-000"
+    np.testing.assert_array_equal(first["png"], next(loaded[1].images()))
+    assert first["json"]["sequence"] == 1
+    assert first["json"]["margin"] is None  # not in contact yet
+    np.testing.assert_array_equal(first["npz"]["x_px"], loaded[1].markers["x_px"][0])
+
+
+def test_lerobot_has_its_tables_video_and_meta(
+    made: Path, loaded: list[Loaded], tmp_path: Path
+) -> None:
+    """Each frame of an episode is found by its time in the video, nearly as it was."""
+    export(made, "lerobot", tmp_path / "out")
+    out = tmp_path / "out"
+    info = json.loads((out / "meta" / "info.json").read_text("utf-8"))
+    assert (info["codebase_version"], info["total_episodes"], info["total_frames"]) == (
+        "v3.0",
+        3,
+        21,
+    )
+    data = pq.read_table(out / info["data_path"].format(chunk_index=0, file_index=0))
+    features = info["features"]
+    assert set(data.column_names) == set(features) - {CAMERA}
+    assert data["index"].to_pylist() == list(range(21))
+    state = np.array(data["observation.state"].to_pylist())
+    assert state.shape == (21, len(STATE))
+    np.testing.assert_allclose(state[7:14, 0], loaded[1].frames["grip_n"], rtol=1e-6)
+    episodes = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    tasks = pq.read_table(out / "meta/tasks.parquet")
+    assert json.loads(tasks.schema.metadata[b"pandas"])["index_columns"] == ["task"]
+    stats = json.loads((out / "meta" / "stats.json").read_text("utf-8"))
+    assert np.shape(stats[CAMERA]["mean"]) == (3, 1, 1)
+    assert len(stats["label.forces"]["mean"]) == len(FORCES)
+    path = out / info["video_path"].format(video_key=CAMERA, chunk_index=0, file_index=0)
+    with av.open(str(path)) as video:
+        stream = video.streams.video[0]
+        assert (stream.codec_context.pix_fmt, stream.average_rate) == ("yuv444p", 60)
+        shown = {round(f.time * 60): f.to_ndarray(format="rgb24") for f in video.decode(stream)}
+    assert len(shown) == 21
+    for one, episode in zip(loaded, episodes, strict=True):
+        assert episode["tasks"] == [one.values["motion"]]
+        start = round(episode[f"videos/{CAMERA}/from_timestamp"] * 60)
+        assert start == episode["dataset_from_index"]
+        for t, image in enumerate(one.images()):
+            error = shown[start + t].astype(float) - image
+            assert np.sqrt((error**2).mean()) < 4.0
+
+
+@pytest.mark.filterwarnings("default")  # other people's
+def test_lerobot_is_as_its_reader_takes_it(
+    made: Path, loaded: list[Loaded], tmp_path: Path
+) -> None:
+    """Runs where LeRobot is installed, which brings some gigabytes along."""
+    reader = pytest.importorskip("lerobot.datasets.lerobot_dataset")
+    export(made, "lerobot", tmp_path / "out")
+    read = reader.LeRobotDataset("local/tiny", root=tmp_path / "out", video_backend="pyav")
+    assert (len(read), read.num_episodes, read.fps) == (21, 3, 60)
+    for number in (0, 9, 20):
+        item, one, t = read[number], loaded[number // 7], number % 7
+        assert (int(item["episode_index"]), item["task"]) == (number // 7, one.values["motion"])
+        forces = [one.frames[name][t] for name in FORCES]
+        np.testing.assert_allclose(item["label.forces"].numpy(), forces, rtol=1e-6)
+        picture = 255.0 * item[CAMERA].permute(1, 2, 0).numpy()
+        assert np.sqrt(((picture - list(one.images())[t]) ** 2).mean()) < 4.0
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_an_export_that_breaks_off_leaves_nothing(made: Path, tmp_path: Path, layout: str) -> None:
+    def stop(done: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export(made, layout, tmp_path / "out", stop)
+    assert not list((tmp_path / "out").iterdir())
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    with pytest.raises(UserError, match="is no dataset"):
+        export(tmp_path, layout, tmp_path / "out")

@@ -1,0 +1,106 @@
+"""Fidelities: what is chosen for a scene, and what is refused."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from chromagrip import UserError, load_scene
+from chromagrip.loop.fidelity import TABLE, Fidelity, Measured, choose, read
+from chromagrip.loop.run_folder import run
+from chromagrip.output.cells import write_cells
+
+FINE = Fidelity()
+CHEAP = Fidelity(tracker="thrifty", step_ms=5.0)
+
+
+def measured(fidelity: Fidelity, curvature: float, milliseconds: float, seen: float) -> Measured:
+    """Measurement of a fidelity on an object that is flat or round."""
+    return Measured(
+        **dataclasses.asdict(fidelity),
+        rate_hz=60.0,
+        noise=2.0,
+        friction=0.5,
+        stiffness_kpa=200.0,
+        curvature=curvature,
+        milliseconds=milliseconds,
+        seen=seen,
+        plant=0.0,
+    )
+
+
+#: The cheap one is good on flat objects only.
+TOLD = [
+    *(measured(FINE, c, 10.0, 0.02) for c in (0.0, 0.0, 0.0, 200.0, 200.0, 200.0)),
+    *(measured(CHEAP, c, 4.0, 0.03) for c in (0.0, 0.0, 0.0)),
+    *(measured(CHEAP, c, 4.0, 0.09) for c in (200.0, 200.0, 200.0)),
+]
+SHARP = {"object.radius_mm": 5.0}
+
+
+def test_the_cheapest_that_keeps_the_tolerance_is_chosen_for_the_object_at_hand() -> None:
+    flat, sharp = load_scene("margin-60hz"), load_scene("margin-60hz", SHARP)
+    assert choose(0.05, flat, TOLD).fidelity == CHEAP
+    assert choose(0.05, sharp, TOLD).fidelity == FINE
+    assert choose(0.2, sharp, TOLD).fidelity == CHEAP
+    choice = choose(0.05, sharp, TOLD)
+    assert choice.milliseconds == 10.0
+    assert choice.error == pytest.approx(1.25 * 0.02)
+    assert len(choice.lines) == 2
+    assert choice.lines[0].startswith("fit, sequential")
+    assert "not thrifty" in choice.lines[1]
+    assert load_scene("margin-60hz", choice.fidelity.changes).tracker == "fit"
+
+
+@given(st.floats(0.03, 0.3), st.floats(0.03, 0.3))
+def test_a_wider_tolerance_never_costs_more(one: float, other: float) -> None:
+    scene = load_scene("margin-60hz", SHARP)
+    narrow, wide = (choose(t, scene, TOLD) for t in sorted((one, other)))
+    assert wide.milliseconds <= narrow.milliseconds
+    assert narrow.error <= min(one, other)
+
+
+def test_what_cannot_be_planned_is_refused() -> None:
+    scene = load_scene("margin-60hz")
+    with pytest.raises(UserError, match=r"nothing is known to keep Γ within 0\.001"):
+        choose(0.001, scene, TOLD)
+    with pytest.raises(UserError, match="more than 0 and at most 1"):
+        choose(0.0, scene, TOLD)
+    with pytest.raises(UserError, match="sensor fovea was not measured"):
+        choose(0.1, load_scene("margin-60hz", {"sensor": "fovea"}), TOLD)
+    with pytest.raises(UserError, match=r"without \[defects\]"):
+        choose(0.1, load_scene("margin-60hz", {"defects.dust": 20}), TOLD)
+    with pytest.raises(UserError, match="nothing was measured on the truth path"):
+        choose(0.1, load_scene("margin-60hz", {"path": "truth"}), TOLD)
+
+
+def test_a_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    write_cells(TOLD, tmp_path / "table.csv")
+    assert read(tmp_path / "table.csv") == TOLD
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    with pytest.raises(UserError, match="is no table"):
+        read(tmp_path / "other.csv")
+    with pytest.raises(UserError, match="is not there or empty"):
+        read(tmp_path / "none.csv")
+
+
+def test_the_shipped_table_plans_every_shipped_grasp_of_the_thesis_sensor() -> None:
+    for name in ("thesis", "camera-100hz", "margin-60hz", "margin-30hz"):
+        for path in ("camera", "truth"):
+            choice = Fidelity.auto(0.25, load_scene(name, {"path": path}))
+            assert choice.error <= 0.25
+    assert len({m.fidelity for m in read(TABLE)}) >= 10
+
+
+def test_the_tolerance_holds_in_a_scene_that_was_not_measured() -> None:
+    changes = {"object.friction": 0.42, "object.stiffness_kpa": 90.0, "object.radius_mm": 12.0}
+    scene = load_scene("margin-60hz", {"controller": "margin-inversion", **changes})
+    choice = Fidelity.auto(0.15, scene)
+    told = {"controller": "margin-inversion", **changes, **choice.fidelity.changes}
+    trace = run(load_scene("margin-60hz", told)).trace
+    held = trace["time_s"] > 0.5
+    error = (trace["margin_estimated"] - trace["margin_true"])[held]
+    assert np.sqrt(np.nanmean(error**2)) < 0.15

@@ -1,0 +1,217 @@
+"""Charts of speed against accuracy: the front, the page, and the points of each stage."""
+
+import csv
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from chromagrip import UserError
+from chromagrip.measure.bench import force as bench_force
+from chromagrip.measure.charts import force as chart_force
+from chromagrip.measure.charts.chart import Axis, Chart, Peer, Point, front, write_chart
+from chromagrip.measure.charts.loop import settings as settings_of_the_loop
+from chromagrip.measure.charts.page import PARTS, charts, rows_of, write_page
+from chromagrip.measure.worlds import force_scores
+from chromagrip.measure.worlds.force_scores import Answers
+
+MACHINE = {"system": "Linux", "cores": 2}
+
+
+def made_point(name: str, time: float, error: float) -> Point:
+    """Point of one error, with turns around its time."""
+    return Point(
+        name=name,
+        times=[0.9 * time, time, 2.0 * time],
+        errors={"e": error, "f": 2.0 * error},
+        ours=name == "a",
+        settings=f"set as <{name}>",
+        command=f"chromagrip chart {name}",
+    )
+
+
+def made_chart() -> Chart:
+    """Chart of four methods, two errors and one peer."""
+    told = (("a", 1.0, 9.0), ("b", 2.0, 3.0), ("c", 3.0, 4.0), ("d", 9.0, 1.0))
+    peer = Peer(name="other", milliseconds=30.0, error=6.0, source="measured & told elsewhere")
+    axes = (
+        Axis(key="e", label="error", unit="px", lines={"limit": 0.5}, peers=(peer,)),
+        Axis(key="f", label="slip", unit="mm"),
+    )
+    points = [made_point(*one) for one in told]
+    return Chart(part="made", title="Points", per="frame", points=points, axes=axes)
+
+
+def test_the_front_holds_what_no_other_point_beats() -> None:
+    assert [point.name for point in front(made_chart().points, "e")] == ["a", "b", "d"]
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(0.01, 1e3), st.floats(1e-6, 1e3)), min_size=1, max_size=12, unique=True
+    )
+)
+def test_the_front_is_a_front(told: list[tuple[float, float]]) -> None:
+    """Its errors fall as time rises, and each point left out is beaten by one in it."""
+    points = [made_point(str(k), time, error) for k, (time, error) in enumerate(told)]
+    best = front(points, "e")
+    assert all(
+        a.milliseconds <= b.milliseconds and a.errors["e"] > b.errors["e"]
+        for a, b in pairwise(best)
+    )
+    for point in points:
+        beaten = [
+            p
+            for p in best
+            if p.milliseconds <= point.milliseconds and p.errors["e"] <= point.errors["e"]
+        ]
+        assert beaten
+
+
+def test_a_chart_is_drawn_with_a_tooltip_on_every_point(tmp_path: Path) -> None:
+    chart = made_chart()
+    write_chart(chart, MACHINE, tmp_path)
+    root = ElementTree.parse(tmp_path / "made.svg").getroot()
+    titles = {
+        group.get("id"): group.findtext("{http://www.w3.org/2000/svg}title")
+        for group in root.iter("{http://www.w3.org/2000/svg}g")
+        if re.match("(point|peer)-", group.get("id") or "")
+    }
+    assert len(titles) == 2 * len(chart.points) + 1
+    told = titles["point-0-2"]
+    assert told is not None
+    for text in ("set as <c>", "3 ms a frame (2.7 to 6)", "error: 4", "chromagrip chart c"):
+        assert text in told
+    assert titles["point-1-2"] is not None
+    assert "slip: 8" in titles["point-1-2"]
+    assert titles["peer-0-0"] is not None
+    assert "measured & told elsewhere" in titles["peer-0-0"]
+    with (tmp_path / "made.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["name"], row["front of e"]) for row in rows] == [
+        ("a", "1"), ("b", "1"), ("c", "0"), ("d", "1"),
+    ]  # fmt: skip
+    assert (float(rows[0]["milliseconds"]), float(rows[0]["slowest"])) == (1.0, 2.0)
+    assert (tmp_path / "made.png").stat().st_size > 0
+
+
+class Page(HTMLParser):
+    """Cells of the tables of a page, and all that it would load."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cells: list[str] = []
+        self.loads: list[str] = []
+        self._open = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note what is loaded, and that a cell starts."""
+        self.loads += [
+            value or ""
+            for name, value in attrs
+            if name in ("src", "href", "xlink:href") and not (value or "").startswith("#")
+        ]
+        if tag == "td":
+            self.cells.append("")
+            self._open = True
+
+    def handle_endtag(self, tag: str) -> None:
+        """Note that a cell ends."""
+        self._open = self._open and tag != "td"
+
+    def handle_data(self, data: str) -> None:
+        """Text of an open cell."""
+        if self._open:
+            self.cells[-1] += data
+
+
+def test_the_page_holds_all_that_it_shows(tmp_path: Path) -> None:
+    chart = made_chart()
+    drawn = write_chart(chart, MACHINE, tmp_path)
+    write_page([(chart, drawn)], MACHINE, False, tmp_path / "index.html")
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    page = Page()
+    page.feed(text)
+    assert page.loads == []
+    for point in chart.points:
+        assert {point.name, point.settings, point.command} <= set(page.cells)
+    assert "9 *" in page.cells
+    assert "4" in page.cells
+    assert text.count("<title>") == 1 + 2 * len(chart.points) + 1
+    assert "measured &amp; told elsewhere" in text
+
+
+def test_the_page_opens_from_disk(tmp_path: Path) -> None:
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+    if browser is None:
+        pytest.skip("no Chromium is installed; `apt install chromium` brings one")
+    chart = made_chart()
+    drawn = write_chart(chart, MACHINE, tmp_path)
+    write_page([(chart, drawn)], MACHINE, False, tmp_path / "index.html")
+    shown = subprocess.run(
+        [
+            browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom",
+            (tmp_path / "index.html").as_uri(),
+        ],
+        capture_output=True, text=True, timeout=60, check=True,
+    ).stdout  # fmt: skip
+    assert shown.count("set as &lt;c&gt;") >= 3
+
+
+def test_a_chart_has_errors_beside_the_constant_and_the_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    true = np.array([[1.0, 0.2, 0.5, 0.6], [2.0, 0.4, 0.6, 0.7], [4.0, 1.0, 0.4, 0.3]])
+    value = true + np.array([0.1, 0.0, 0.0, 0.02])
+    said = Answers(value=value, interval=np.stack([value] * 2, axis=-1), flagged=true[:, 0] < 0.0)
+    found = bench_force.Measured(
+        true=true,
+        said={("gp", read): said for read in force_scores.READ},
+        limit={"single": 0.01 * true, "0.1s": np.full(true.shape, 0.005)},
+    )
+    monkeypatch.setattr(chart_force, "measure", lambda *_: {"matched": found})
+    monkeypatch.setattr(chart_force, "timed_scenes", list)
+    monkeypatch.setattr(chart_force, "times", lambda *_: {"gp": [1.0, 2.0, 4.0]})
+    chart = chart_force.chart_force(True, lambda _: None, ("gp",))
+    rows = {row.name: row.value for row in rows_of(chart)}
+    assert rows["force/gp/time"] == 2.0
+    assert rows["force/gp/single/margin_rms"] == pytest.approx(0.02)
+    assert rows["force/constant/0.1s/margin_rms"] == pytest.approx(true[:, 3].std())
+    assert rows["force/limit/single/normal_rms"] == pytest.approx(1.0)
+    assert rows["force/limit/0.1s/margin_rms"] == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize("part", ["model", "track"])
+def test_a_stage_yields_its_points(part: str, tmp_path: Path) -> None:
+    """More work is never drawn as less wrong than the truth it is measured against."""
+    report = charts([part], True, tmp_path / "new", False, lambda _: None)
+    rows = {row["name"]: row["value"] for row in report["rows"]}
+    assert len([name for name in rows if name.endswith("/time")]) >= 5
+    assert all(value is not None and value > 0.0 for value in rows.values())
+    if part == "model":
+        slow, fast = (f"model/251 nodes, {step} ms" for step in ("2", "10"))
+        assert rows[f"{slow}/normal_error"] < rows[f"{fast}/normal_error"]
+    else:
+        limit = rows["track/Cramér–Rao/clean/rms"]
+        assert rows["track/fit/clean/rms"] > 0.8 * limit
+        assert rows["track/chromatouch/clean/rms"] > 5.0 * rows["track/fit/clean/rms"]
+    for name in (f"{part}.svg", f"{part}.png", f"{part}.csv", "charts.json", "index.html"):
+        assert (tmp_path / "new" / name).stat().st_size > 0
+
+
+def test_every_stage_has_a_chart() -> None:
+    assert set(PARTS) == {"model", "render", "track", "force", "loop"}
+    assert len(settings_of_the_loop(False)) >= 10
+
+
+def test_nobody_is_no_reconstructor(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no reconstructor 'nobody'"):
+        charts(["force"], True, tmp_path / "new", False, lambda _: None, ("nobody",))

@@ -1,0 +1,361 @@
+"""Maps of the closed loop: the prediction against an independent loop, and where methods break."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from chromagrip.errors import FolderError
+from chromagrip.loop.observers import TruthObserver
+from chromagrip.loop.run_folder import run
+from chromagrip.loop.trace import Trace
+from chromagrip.measure.stability import loop as module
+from chromagrip.measure.stability.cells import (
+    CRUSH,
+    FIRST_LOAD,
+    MARGIN,
+    OUTCOMES,
+    SWING,
+    WORDS,
+    Cell,
+    Setting,
+    cell,
+    outcome,
+    swing,
+)
+from chromagrip.measure.stability.linear import (
+    LinearLoop,
+    Plant,
+    critical_gain,
+    critical_integral,
+    critical_period,
+    held,
+    largest_root,
+    noise_gain,
+    plant_of,
+)
+from chromagrip.measure.stability.loop import stability_loop
+from chromagrip.measure.stability.maps import (
+    PRINTED,
+    RETUNED,
+    SLOW,
+    Map,
+    Panel,
+    crushing_grip,
+    maps,
+    place,
+)
+from chromagrip.measure.stability.onset import onset
+from chromagrip.model import GROSS_SLIP, Drive, ForceField, contact_forces, simulate
+from chromagrip.scene.scene import load_scene
+
+Array = NDArray[np.float64]
+
+
+def in_time(loop: LinearLoop, frames: int, noise: Array) -> Array:
+    """Commands of the linear loop after a unit kick, integrated in time without any polynomial."""
+    fine = max(60, math.ceil(20.0 * loop.period / loop.plant.lag))
+    dt = loop.period / fine
+    normal, total, force = 1.0, 0.0, 0.0
+    waiting: deque[float] = deque([0.0] * loop.latency)
+    commands = np.zeros(frames)
+    for k in range(frames):
+        waiting.append(-loop.plant.gain * normal - noise[k])
+        error = waiting.popleft()
+        total += error * loop.period
+        force = loop.proportional * error + loop.integral * total
+        commands[k] = force
+        for _ in range(fine):  # midpoint rule
+            half = normal + 0.5 * dt * (force - normal) / loop.plant.lag
+            normal += dt * (force - half) / loop.plant.lag
+    return commands
+
+
+@settings(max_examples=12)
+@given(
+    gain=st.floats(0.2, 1.5),
+    lag=st.floats(2e-3, 10e-3),
+    proportional=st.floats(0.1, 3.0),
+    integral=st.floats(10.0, 150.0),
+    latency=st.integers(0, 3),
+)
+def test_the_linear_loop_breaks_where_the_polynomial_says(
+    gain: float, lag: float, proportional: float, integral: float, latency: int
+) -> None:
+    loop = LinearLoop(
+        plant=Plant(gain=gain, lag=lag),
+        proportional=proportional,
+        integral=integral,
+        period=1e-3,
+        latency=latency,
+    )
+    critical = critical_period(loop)
+    frames = 150 * (latency + 1)
+    for share, grows in ((0.93, False), (1.07, True)):
+        commands = abs(in_time(replace(loop, period=share * critical), frames, np.zeros(frames)))
+        third = frames // 3
+        assert (commands[-third:].max() > commands[third : 2 * third].max()) == grows
+
+
+def test_the_polynomial_in_limits_that_can_be_solved_by_hand() -> None:
+    # No lag, no Kp: z(z − 1)z^L + g·Ki·T·z = 0, so 1 − g·Ki·T = −1, and |z|² = g·Ki·T = 1.
+    for latency, product in ((0, 2.0), (1, 1.0)):
+        loop = LinearLoop(
+            plant=Plant(gain=0.8, lag=1e-7),
+            proportional=0.0,
+            integral=25.0,
+            period=1e-3,
+            latency=latency,
+        )
+        assert critical_period(loop) == pytest.approx(product / (0.8 * 25.0), rel=1e-6)
+        assert critical_integral(loop) == pytest.approx(product / (0.8 * 1e-3), rel=1e-6)
+    # No lag, hardly any Ki: unstable from g·Kp = 1 on, whatever the latency.
+    for latency in (0, 2):
+        loop = LinearLoop(
+            plant=Plant(gain=0.8, lag=1e-7),
+            proportional=0.5,
+            integral=1e-3,
+            period=1e-3,
+            latency=latency,
+        )
+        assert critical_gain(loop) == pytest.approx(2.0, rel=1e-3)
+
+
+def test_noise_passes_the_loop_as_its_time_series_says() -> None:
+    loop = LinearLoop(
+        plant=Plant(gain=1.0, lag=3e-3), proportional=0.8, integral=40.0, period=5e-3, latency=1
+    )
+    noise = np.random.default_rng([0, 1]).standard_normal(6000)
+    commands = in_time(loop, len(noise), noise)[200:]
+    assert noise_gain(loop) == pytest.approx(commands.std(), rel=0.05)
+    assert noise_gain(replace(loop, period=2 * critical_period(loop))) == math.inf
+
+
+@pytest.mark.parametrize(("preset", "latency"), [(PRINTED, 0), (PRINTED, 3), (RETUNED, 1)])
+def test_the_node_model_starts_to_swing_near_the_prediction(preset: Setting, latency: int) -> None:
+    setting = replace(preset, latency_frames=latency)
+    assert onset(setting) / critical_period(setting.linear()) == pytest.approx(1.0, abs=0.3)
+
+
+def test_printed_gains_at_a_camera_s_rate_never_rest_on_any_object() -> None:
+    kinds = [
+        panel for panel in maps(False)["objects"].panels if panel.title.startswith("printed, 100")
+    ]
+    assert sum(len(panel.x) * len(panel.y) for panel in kinds) == 27
+    for panel in kinds:
+        for kpa, radius in ((16.0, 5.0), (32.0, np.inf), (200.0, 20.0)):  # of the nine, for time
+            setting = replace(panel.base, stiffness_kpa=kpa, radius_mm=radius)
+            scene = msgspec.structs.replace(setting.scene(), duration_s=0.5)
+            assert swing(run(scene).trace, 0.5) > SWING, setting  # under the first load already
+    found = cell(replace(SLOW, friction=0.3, stiffness_kpa=32.0, radius_mm=20.0))
+    assert found.swings
+    assert found.displacement_mm > 1e3 * GROSS_SLIP
+
+
+def test_printed_gains_hold_at_a_kilohertz() -> None:
+    for friction in (0.3, 0.7):
+        found = cell(replace(PRINTED, friction=friction))
+        assert found.outcome in ("holds", "micro-slip")
+        assert found.root < 1.0
+        assert found.displacement_mm < 0.1
+
+
+def test_past_its_boundary_the_loop_swings_and_well_below_it_does_not() -> None:
+    critical = critical_integral(RETUNED.linear())
+    rests = cell(replace(RETUNED, integral_n_per_s=0.4 * critical))
+    swings = cell(replace(RETUNED, integral_n_per_s=1.5 * critical))
+    assert rests.root < 1.0 < swings.root
+    assert not rests.swings
+    assert swings.swings
+    assert swings.outcome in ("limit cycle", "gross slip", "crush")
+
+
+def trace_of(time: Array, command: Array) -> Trace:
+    return Trace({"time_s": time, "grip_n": command})
+
+
+def test_a_swing_is_what_a_ramp_is_not() -> None:
+    time = np.arange(0.0, 2.0, 1e-3)
+    wave = 0.2 * np.cos(2 * np.pi * 20.0 * time)  # across which a line fits level
+    assert swing(trace_of(time, 1.0 + wave), 2.0) == pytest.approx(0.4, rel=0.03)
+    assert swing(trace_of(time, 1.0 + time), 2.0) == pytest.approx(0.0, abs=1e-9)
+    # What settles in time is not a swing.
+    late = np.where(time < 1.55, wave, 0.0)
+    assert swing(trace_of(time, 1.0 + late), 2.0) == pytest.approx(0.0, abs=1e-12)
+    assert swing(trace_of(time, 1.0 + late), 1.0) > 0.3
+
+
+def test_the_worst_outcome_counts() -> None:
+    calm = {"displacement_mm": 0.01, "margin_min": 0.2, "swing": 0.01, "pressure_n_per_m": 400.0}
+    assert outcome(**calm) == "holds"
+    for change, word in (
+        ({"margin_min": 0.0}, "micro-slip"),
+        ({"swing": 0.5}, "limit cycle"),
+        ({"displacement_mm": 0.21}, "gross slip"),
+        ({"pressure_n_per_m": CRUSH + 1.0}, "crush"),
+    ):
+        calm |= change
+        assert outcome(**calm) == word
+    assert set(OUTCOMES) == set(WORDS)
+
+
+def test_noise_on_the_truth_path_is_as_large_as_stated() -> None:
+    normal = np.full(20, 0.1)
+    field = ForceField(
+        position=np.column_stack([np.linspace(-1e-3, 1e-3, 20), np.full(20, 8e-3)]),
+        normal=normal,
+        friction=-0.03 * np.linspace(0.9, 5 / 3, 20),  # to the left; the last node slips at µ 0.5
+        contact=np.ones(20, dtype=bool),
+        totals_covariance=np.zeros((2, 2)),
+    )
+    observer = TruthObserver(0.05, 0.04, seed=3)
+    seen = [observer.observe(1e-3 * k, field, 0.0) for k in range(2000)]
+    error = np.array([one.margin for one in seen]) - field.safety_margin(0.5)
+    assert error.std() == pytest.approx(0.04, rel=0.05)
+    assert error.mean() == pytest.approx(0.0, abs=0.004)
+    assert {round(one.friction, 12) for one in seen} == {0.5}
+    inside = [a.margin_interval[0] < field.safety_margin(0.5) < a.margin_interval[1] for a in seen]
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)
+    assert TruthObserver(0.05).observe(0.0, field, 0.0).field is field
+
+
+def test_a_grip_that_crushes_does_so_on_the_node_model() -> None:
+    grip = crushing_grip(PRINTED)
+    # Of the thesis's numbers: 5 N on this object are 858 N/m, and pressure grows with grip.
+    assert 5.0 < grip < 8.0
+    found = cell(replace(RETUNED, rate_hz=25.0, latency_frames=0, friction=0.15, step_n=2.0))
+    assert grip < (0.25 + 2.0) / (0.7 * 0.15)
+    assert found.outcome == "crush"
+
+
+@pytest.mark.parametrize("radius", [np.inf, 5.0])
+def test_what_the_linear_plant_is_and_what_it_leaves_out(radius: float) -> None:
+    """A rising grip moves Γ by the formula at once, a falling one by half, the rest later."""
+    scene = Setting(friction=0.7, radius_mm=radius).scene()
+    tip, obj = scene.build_fingertip(), scene.build_object()
+    state, _, grip = held(tip, obj, FIRST_LOAD, MARGIN)
+
+    def margins(share: float) -> Array:
+        """Γ after 0.03 and 0.3 s of a grip that is off by a share."""
+        drive = Drive.constant((1.0 + share) * grip, FIRST_LOAD)
+        later = simulate(tip, obj, drive, dt=1e-3, duration=0.3, every=30, state=state)
+        fields = [contact_forces(tip, obj, later.state(k)) for k in (1, 10)]
+        return np.array([field.safety_margin(0.7) for field in fields])
+
+    # Less what goes on anyway: the load still creeps in.
+    rising, falling = ((margins(s) - margins(0.0)) / (s * grip) for s in (0.01, -0.01))
+    plant = plant_of(tip, obj, FIRST_LOAD, MARGIN)
+    assert rising / plant.gain == pytest.approx(0.95, abs=0.1)
+    assert falling[0] / plant.gain < 0.8
+    assert falling[1] / plant.gain == pytest.approx(0.95, abs=0.1)
+    assert 2e-3 < plant.lag < 10e-3
+
+
+def test_places_along_an_axis() -> None:
+    assert place([1.0, 10.0, 100.0], np.array([1.0, 10.0**0.5, 100.0, 1000.0])) == pytest.approx(
+        [0.0, 0.5, 2.0, 3.0]
+    )
+
+
+def small_plan(_: bool) -> dict[str, Map]:
+    """A few short cells of each map."""
+    full = maps(True)
+    kept = {}
+    for name, which in full.items():
+        panel = which.panels[-1]
+        thin = replace(panel, x=panel.x[-2:], y=panel.y[:2])
+        one = replace(which.at(thin, thin.x[0], thin.y[0]), path="camera", margin_noise=0.0)
+        camera = (one,) if which.camera else ()
+        kept[name] = replace(which, panels=(thin,), camera=camera)
+    noisy = Panel(title="n", base=RETUNED, x=(0.01, 0.02), y=("conservative", "safety-margin"))
+    kept["noise"] = replace(kept["noise"], panels=(noisy,))
+    return kept
+
+
+def test_an_interrupted_run_goes_on_and_ends_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "maps", small_plan)
+    monkeypatch.setattr(module, "onset", lambda setting: critical_period(setting.linear()))
+    ran: list[Setting] = []
+
+    def quick_cell(setting: Setting) -> Cell:
+        """As deterministic as a run, and told of."""
+        ran.append(setting)
+        loop = setting.linear()
+        judged = {
+            "displacement_mm": loop.delay,
+            "margin_min": 0.1 / setting.friction,
+            "swing": 1.0 / 3.0 + setting.margin_noise,
+            "pressure_n_per_m": setting.stiffness_kpa,
+        }
+        return Cell(
+            **vars(setting),
+            **judged,
+            outcome=outcome(**judged),
+            root=largest_root(loop),
+            note="a, b",
+        )
+
+    monkeypatch.setattr(module, "cell", quick_cell)
+
+    def stop_at_the_third(text: str) -> None:
+        if text.startswith("3 of"):
+            raise KeyboardInterrupt
+
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    said = stability_loop(True, whole, False, lambda _: None, 1)
+    total = len(ran)
+    ran.clear()
+    with pytest.raises(KeyboardInterrupt):
+        stability_loop(True, parts, False, stop_at_the_third, 1)
+    assert [path.name for path in parts.iterdir()] == ["cells.unfinished.csv"]
+    assert len(ran) == 3
+    assert stability_loop(True, parts, False, lambda _: None, 1) == said
+    assert len(ran) == total
+    names = sorted(path.name for path in whole.iterdir())
+    assert sorted(path.name for path in parts.iterdir()) == names
+    assert {f"{name}.{end}" for name in maps(True) for end in ("csv", "png", "svg")} < set(names)
+    for name in names:
+        if name.endswith(".csv"):
+            assert (parts / name).read_bytes() == (whole / name).read_bytes()
+    with pytest.raises(FolderError, match="is not empty"):
+        stability_loop(True, whole, False, lambda _: None, 1)
+
+
+def test_every_camera_cell_has_its_twin_on_the_truth_path() -> None:
+    for quick in (True, False):
+        which = maps(quick)["rate-latency"]
+        truth = {replace(one, path="camera", margin_noise=0.0) for one in which.settings()}
+        assert which.camera
+        assert set(which.camera) <= truth
+        drawn = {which.at(panel, x, y) for panel in which.panels for x in panel.x for y in panel.y}
+        assert {module._truthful(one) for one in which.camera} <= drawn
+
+
+def test_processes_are_for_the_loop_only(typed: Callable[..., CompletedProcess[str]]) -> None:
+    for words, said in (
+        (["stability", "track", "--workers", "2"], "--workers goes with stability loop"),
+        (["stability", "loop", "--workers", "0"], "expected 1 or more"),
+    ):
+        done = typed(*words)
+        assert done.returncode == 2
+        assert said in done.stderr
+
+
+def test_maps_name_real_settings() -> None:
+    for name, which in maps(False).items():
+        for panel in which.panels:
+            assert which.at(panel, panel.x[0], panel.y[0]).scene(), name
+    assert SLOW.scene().camera.latency_frames == 1
+    assert load_scene("thesis").safety_margin == PRINTED.scene().safety_margin
+    assert load_scene("camera-100hz").safety_margin == RETUNED.scene().safety_margin

@@ -1,0 +1,350 @@
+import json
+import shutil
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from msgspec.structs import asdict, replace
+
+from chromagrip.cli.calibrate import calibrate_sensor
+from chromagrip.cli.estimate import estimate
+from chromagrip.errors import UserError
+from chromagrip.loop.poses import Pose, settle
+from chromagrip.model import ContactObject, contact_forces, equilibrium
+from chromagrip.output.estimate_table import FORCES
+from chromagrip.render import MembraneMap, add_noise, open_renderer
+from chromagrip.scene.scene import load_scene
+from chromagrip.tracking.forces.calibration import load_calibration, values_of, with_values
+
+NOISE = 2.0
+NOMINAL = load_calibration("thesis")
+#: The sensor in the pictures: stiffer than designed, its inner layer follows less.
+TRUE = with_values(
+    NOMINAL,
+    replace(
+        values_of(NOMINAL),
+        tissue_stiffness_n_per_m=1.08 * NOMINAL.fingertip.tissue_stiffness,
+        membrane_stiffness_n_per_m=1.08 * NOMINAL.fingertip.membrane_stiffness,
+        yellow_follow=0.45,
+    ),
+)
+PAINTER = open_renderer("painter", TRUE.sensor)
+MAP = MembraneMap(TRUE.sensor, TRUE.fingertip.nodes)
+#: Hard, but no harder than a plate can be, and smoother than the fit starts from.
+PLATE = ContactObject(stiffness=3e5, friction=0.5)
+PRESSES = ((0.5, 0.0), (1.0, 0.25), (2.0, 0.0), (4.0, 0.0), (4.0, 1.0))
+BERRY = ContactObject(stiffness=160.0, curvature=50.0, friction=0.6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Folders:
+    """Pictures with their truth: presses, and a grasp of an object that no calibration saw."""
+
+    presses: Path
+    grasp: Path
+    calibration: str
+    normal: np.ndarray
+    friction: np.ndarray
+
+    @property
+    def rest(self) -> str:
+        return str(self.presses / "rest-0.png")
+
+
+def save(path: Path, image: np.ndarray) -> None:
+    path.parent.mkdir(exist_ok=True)
+    assert cv2.imwrite(str(path), image[..., ::-1])
+
+
+def read(path: Path) -> np.ndarray:
+    image = cv2.imread(str(path))
+    assert image is not None
+    return image[..., ::-1].copy()
+
+
+def shoot(path: Path, seen: np.ndarray, index: int) -> None:
+    image = PAINTER.render(MAP(seen))
+    add_noise(image, NOISE, 8, index)
+    save(path, image)
+
+
+def write_list(folder: Path, lines: list[str]) -> None:
+    (folder / "presses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
+    root = tmp_path_factory.mktemp("estimate")
+    presses, grasp, tip = root / "presses", root / "grasp", TRUE.fingertip
+    still = np.zeros((tip.nodes, 2))
+    for k in range(6):
+        shoot(presses / f"rest-{k}.png", still, 100 + k)
+    lines = ["file,normal_n,lateral_n"]
+    for k, (normal, lateral) in enumerate(PRESSES):
+        seen = equilibrium(tip, PLATE, normal, lateral).deformation.seen
+        shoot(presses / f"press-{k}.png", seen, k)
+        lines.append(f"press-{k}.png,{normal},{lateral}")
+    write_list(presses, lines)
+    # Pressed, then pulled until Γ is 0.3, each place shown for two frames.
+    sums = []
+    path = [(g, 0.0) for g in (0.5, 1.0, 1.5, 2.0)] + [(2.0, f) for f in (0.2, 0.5, 0.84)]
+    for k, (grip, load) in enumerate(np.repeat(path, 2, axis=0)):
+        state = equilibrium(tip, BERRY, grip, load)
+        shoot(grasp / f"{k}.png", state.deformation.seen, 200 + k)
+        field = contact_forces(tip, BERRY, state)
+        sums.append((field.total_normal, field.total_friction))
+    calibration = root / "mine.toml"
+    assert calibrate_sensor(presses, out=calibration, json_only=True) == 0
+    normal, friction = np.array(sums).T
+    return Folders(
+        presses=presses,
+        grasp=grasp,
+        calibration=str(calibration),
+        normal=normal,
+        friction=friction,
+    )
+
+
+@pytest.fixture(scope="module")
+def estimated(folders: Folders, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("out") / "mine"
+    words = (folders.rest, str(folders.grasp))
+    options = {"calibration": folders.calibration, "noise": NOISE, "fps": 100.0}
+    assert estimate(*words, **options, out=out, json_only=True) == 0
+    return out
+
+
+def column(out: Path, name: str) -> np.ndarray:
+    values = pq.read_table(out / "estimates.parquet")[name].to_pylist()
+    return np.array([np.nan if v is None else v for v in values], dtype=float)
+
+
+def test_the_perturbed_sensor_comes_back_from_its_presses(folders: Folders) -> None:
+    found = asdict(values_of(load_calibration(folders.calibration)))
+    fit = tomllib.loads(Path(folders.calibration).read_text(encoding="utf-8"))["fit"]
+    deviations = fit["deviations"]
+    for name, true in asdict(values_of(TRUE)).items():
+        assert abs(found[name] - true) < 3.0 * deviations[name], name
+    # Known far better than before, or this would say nothing.
+    assert deviations["tissue_stiffness_n_per_m"] < 0.01 * found["tissue_stiffness_n_per_m"]
+    assert deviations["membrane_stiffness_n_per_m"] < 0.03 * found["membrane_stiffness_n_per_m"]
+    assert deviations["yellow_follow"] < 0.01
+    assert fit["error_px"] < 0.02
+    assert fit["noise_levels"] == pytest.approx(NOISE, rel=0.05)
+
+
+def test_calibrated_forces_of_an_unseen_object_are_better(
+    folders: Folders, estimated: Path, tmp_path: Path
+) -> None:
+    words = (folders.rest, str(folders.grasp))
+    options = {"calibration": "thesis", "noise": NOISE, "fps": 100.0}
+    assert estimate(*words, **options, out=tmp_path, json_only=True) == 0
+    held = slice(6, None)
+    mine, nominal = (
+        np.sqrt(np.mean((column(out, "normal_n") / folders.normal - 1.0)[held] ** 2))
+        for out in (estimated, tmp_path)
+    )
+    assert mine < 0.06
+    assert mine < 0.7 * nominal
+    low, high = (column(estimated, f"normal_{end}_n") for end in ("low", "high"))
+    assert np.mean((low < folders.normal)[held] & (folders.normal < high)[held]) > 0.6
+    friction = column(estimated, "friction_n") - folders.friction
+    assert np.sqrt(np.mean(friction[held] ** 2)) < 0.05
+
+
+def test_a_folder_holds_what_it_says(folders: Folders, estimated: Path) -> None:
+    summary = json.loads((estimated / "summary.json").read_text(encoding="utf-8"))
+    frames = len(folders.normal)
+    assert (summary["format"], summary["frames"]) == ("chromagrip estimate 1", frames)
+    assert summary["complete"]
+    assert summary["without_estimate"] == 0
+    assert summary["rest_misfit_px"] < 0.05
+    table = pq.read_table(estimated / "estimates.parquet")
+    assert table.column_names == list(FORCES)
+    np.testing.assert_allclose(column(estimated, "time_s"), np.arange(frames) / 100.0)
+    for name in ("normal_n", "friction_n", "mu", "margin"):
+        values = column(estimated, name)
+        assert summary["estimates"][name]["last"] == values[-1]
+        low, high = (column(estimated, end) for end in _ends(name))
+        known = np.isfinite(low)
+        assert known[-1]
+        assert (low <= values)[known].all()
+        assert (values <= high)[known].all()
+    nodes = np.array(table["node_normal_n"].to_pylist())
+    np.testing.assert_allclose(nodes.sum(axis=1), column(estimated, "normal_n"), rtol=0.05)
+    picture = cv2.imread(str(estimated / "figure.png"))
+    assert picture is not None
+    with av.open(str(estimated / "overlay.mp4")) as video:
+        assert len(list(video.decode(video=0))) == frames
+
+
+def _ends(name: str) -> tuple[str, str]:
+    stem, unit = (name[:-2], "_n") if name.endswith("_n") else (name, "")
+    return f"{stem}_low{unit}", f"{stem}_high{unit}"
+
+
+def test_a_frame_that_says_nothing_says_so(
+    folders: Folders, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = tmp_path / "frames"
+    for k in (7, 7, 7):
+        frames.mkdir(exist_ok=True)
+        shutil.copy(folders.grasp / f"{k}.png", frames / f"{len(list(frames.iterdir()))}.png")
+    hidden = read(frames / "1.png")
+    hidden[80:400, 160:480] = 128
+    save(frames / "1.png", hidden)
+    out = tmp_path / "out"
+    words = (folders.rest, str(frames))
+    assert estimate(*words, calibration=folders.calibration, noise=NOISE, out=out) == 0
+    told = capsys.readouterr().out
+    assert "1, 33.3% of the frames" in told
+    assert "1 times: the markers leave ΣFn open: … N" in told
+    assert "µ observable in 0 frames: nothing slips" in told  # a pure press
+    row = pq.read_table(out / "estimates.parquet").to_pylist()[1]
+    assert "leave ΣFn open" in row["no_estimate"]
+    said = {"frame", "time_s", "markers_seen", "no_estimate"}
+    assert {name for name, value in row.items() if value is not None} == said
+    assert np.isfinite(column(out, "normal_n")).tolist() == [True, False, True]
+
+
+def test_a_source_that_breaks_off_leaves_what_was_there(folders: Folders, tmp_path: Path) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    shutil.copy(folders.grasp / "7.png", frames / "0.png")
+    save(frames / "1.png", read(frames / "0.png")[::2, ::2])
+    out = tmp_path / "out"
+    with pytest.raises(UserError, match=r"320×240.*the results of the 1 frames before are kept"):
+        estimate(folders.rest, str(frames), calibration="thesis", out=out, json_only=True)
+    assert len(column(out, "normal_n")) == 1
+    assert not json.loads((out / "summary.json").read_text(encoding="utf-8"))["complete"]
+
+
+def shifted(image: np.ndarray) -> np.ndarray:
+    return np.roll(image, 7, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "change", "words"),
+    [
+        ({"calibration": "dome-2022"}, None, "calibration dome-2022: the markers at rest lie"),
+        ({"calibration": "thesis"}, shifted, r"lie \d\.\d px RMS from the places"),
+        ({"calibration": "dome-2020"}, None, "image has shape|the sensor has 77 of each"),
+        ({"calibration": "flat-2019"}, None, "a flat pad, which has no force model"),
+        ({"calibration": "nobody"}, None, "no calibration 'nobody'"),
+        ({"calibration": "thesis", "reconstructor": "wish"}, None, "no reconstructor 'wish'"),
+        ({"calibration": "thesis", "friction": "luck"}, None, "no friction reading 'luck'"),
+        ({"calibration": "thesis", "tracker": "lk"}, None, "tracker 'lk' does not tell how"),
+        ({"calibration": "thesis", "window": 0.0}, None, "--window 0.0"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_the_reason(
+    folders: Folders,
+    tmp_path: Path,
+    options: dict[str, Any],
+    change: Callable[[np.ndarray], np.ndarray] | None,
+    words: str,
+) -> None:
+    rest = folders.rest
+    if change is not None:
+        rest = str(tmp_path / "rest.png")
+        save(Path(rest), change(read(Path(folders.rest))))
+    out = tmp_path / "out"
+    with pytest.raises(UserError, match=words) as refused:
+        estimate(rest, str(folders.grasp), noise=NOISE, out=out, json_only=True, **options)
+    assert "\n" not in str(refused.value)
+    assert not out.exists()
+
+
+HEADER = "file,normal_n,lateral_n"
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([HEADER], "has no presses"),
+        (["file,force", "press-0.png,1"], "has the columns file, force; wanted"),
+        ([HEADER, "press-0.png,one,0"], r"line 2 of .*presses.csv: normal_n is 'one'"),
+        ([HEADER, "press-0.png,nan,0"], "normal_n is 'nan', which is no number"),
+        ([HEADER, "press-0.png,-1,0"], "normal_n is -1; wanted: above 0"),
+        ([HEADER, "press-0.png,1"], "line 2 of .* has not 3 values"),
+        ([HEADER, "press-0.png,1,0", "press-9.png,2,0"], "press-9.png cannot be read"),
+        ([HEADER, "press-2.png,2,0", "press-2.png,2.5,0"], "do not determine a stiffness"),
+        (
+            [HEADER, "press-0.png,0.5,0", "press-2.png,2,0", "press-3.png,3,0", "press-4.png,4,1"],
+            r"\d+% of the markers that move are far from where",
+        ),
+        ([HEADER, "press-0.png,1,0", "press-4.png,4,5"], "press-4.png .* at which a plate slips"),
+        (["file,depth_mm", "press-0.png,1"], "gives displacements, but the sensor is a dome"),
+    ],
+)
+def test_presses_that_cannot_be_used_are_refused_with_the_reason(
+    folders: Folders, tmp_path: Path, lines: list[str], words: str
+) -> None:
+    presses = tmp_path / "presses"
+    presses.mkdir()
+    for path in folders.presses.glob("*.png"):
+        (presses / path.name).symlink_to(path)
+    write_list(presses, lines)
+    out = tmp_path / "mine.toml"
+    with pytest.raises(UserError, match=words) as refused:
+        calibrate_sensor(presses, noise=NOISE, out=out, json_only=True)
+    assert "\n" not in str(refused.value)
+    assert not out.exists()
+
+
+def test_a_press_without_its_markers_is_refused(folders: Folders, tmp_path: Path) -> None:
+    shutil.copy(folders.rest, tmp_path / "rest.png")
+    grey = read(Path(folders.rest))
+    grey[:, 100:540] = 128
+    save(tmp_path / "grey.png", grey)
+    write_list(tmp_path, [HEADER, "grey.png,1,0", "grey.png,2,0"])
+    with pytest.raises(UserError, match=r"grey.png shows \d+ of the 400 marker pairs"):
+        calibrate_sensor(tmp_path, noise=NOISE, json_only=True)
+    (tmp_path / "rest.png").unlink()
+    with pytest.raises(UserError, match=r"has no rest\*.png"):
+        calibrate_sensor(tmp_path, noise=NOISE, json_only=True)
+
+
+def test_a_flat_pad_is_calibrated_and_read_by_its_displacements(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = load_scene("camera-100hz", {"sensor": "flat-2019"})
+    sensor = scene.build_sensor()
+    painter, skin = open_renderer("painter", sensor), MembraneMap(sensor, scene.fingertip.nodes)
+
+    def press(path: Path, depth: float, shear: float, index: int) -> None:
+        pose = Pose(depth=1e-3 * depth, shear=1e-3 * shear)
+        image = painter.render(skin(settle(scene, pose)[0].deformation.seen))
+        add_noise(image, NOISE, 9, index)
+        save(path, image)
+
+    presses, frames = tmp_path / "presses", tmp_path / "frames"
+    still = painter.render(skin(np.zeros((scene.fingertip.nodes, 2))))
+    save(presses / "rest.png", still)
+    lines = ["file,depth_mm,shear_mm"]
+    for k, (depth, shear) in enumerate([(0.1, 0.0), (0.2, 0.2), (0.3, 0.0), (0.4, 0.2)]):
+        press(presses / f"{k}.png", depth, shear, k)
+        lines.append(f"{k}.png,{depth},{shear}")
+    write_list(presses, lines)
+    for k in range(4):
+        press(frames / f"{k}.png", 0.1 * (k + 1) - 0.05, 0.05 * k, 10 + k)
+    out, calibration = tmp_path / "out", tmp_path / "pad.toml"
+    options: dict[str, Any] = {"tracker": "centroid", "noise": NOISE}
+    assert calibrate_sensor(presses, sensor="flat-2019", out=calibration, **options) == 0
+    rest = str(presses / "rest.png")
+    assert estimate(rest, str(frames), calibration=str(calibration), out=out, **options) == 0
+    told = capsys.readouterr().out
+    assert "displacement into the pad" in told
+    assert "safety margin" not in told
+    np.testing.assert_allclose(column(out, "depth_mm"), [0.05, 0.15, 0.25, 0.35], atol=0.02)
+    np.testing.assert_allclose(column(out, "shift_x_mm"), [0.0, 0.05, 0.1, 0.15], atol=0.02)
+    np.testing.assert_allclose(column(out, "shift_y_mm"), 0.0, atol=0.02)
+    assert (out / "figure.png").is_file()
+    assert (out / "overlay.mp4").is_file()

@@ -1,0 +1,94 @@
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from chromagrip import UserError, load_scene, scene_names
+from chromagrip.scene.scene import dump_scene, parse_change
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_a_scene_survives_its_own_file(name: str, tmp_path: Path) -> None:
+    scene = load_scene(name)
+    file = tmp_path / "again.toml"
+    file.write_text(dump_scene(scene), encoding="utf-8")
+    assert load_scene(str(file)) == scene
+
+
+def test_scenes_of_the_thesis_object() -> None:
+    for name in ("camera-100hz", "margin-30hz", "margin-60hz", "thesis"):
+        scene = load_scene(name)
+        obj = scene.build_object()
+        assert (obj.friction, obj.stiffness, obj.curvature) == (0.5, 1000.0, 0.0)
+        assert [scene.load.force(t) for t in (0.0, 0.039, 0.04, 0.99, 1.0, 1.99)] == [
+            0.0, 0.0, 0.25, 0.25, 0.65, 0.65,
+        ]  # fmt: skip
+    fast, slow = load_scene("thesis"), load_scene()
+    assert (fast.frames, fast.camera.latency_frames) == (2001, 0)
+    assert (slow.frames, slow.camera.latency_frames) == (201, 1)
+    assert (fast.safety_margin.proportional_n, fast.safety_margin.integral_n_per_s) == (2.5, 100)
+    assert (slow.safety_margin.proportional_n, slow.safety_margin.integral_n_per_s) == (0.25, 30)
+    for rate in (30, 60):
+        camera = load_scene(f"margin-{rate}hz").camera
+        assert (camera.rate_hz, camera.latency_frames) == (rate, 1)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("object.foo", 1, "unknown key object.foo; allowed here: stiffness_kpa, friction"),
+        ("speed", 1, "unknown key speed; allowed here: description, duration_s"),
+        ("object.stiffness_kpa", -3, "object.stiffness_kpa = -3: expected a number > 0.0"),
+        ("object.friction", math.nan, "object.friction = nan"),
+        ("object.friction", "high", "object.friction = 'high': expected a number, got text"),
+        ("camera.rate_hz", 0, "camera.rate_hz = 0: expected a number > 0.0"),
+        ("camera.latency_frames", -1, "camera.latency_frames = -1"),
+        ("camera.latency_frames", 1.5, "expected a whole number"),
+        ("controller", "pid", "allowed: safety-margin, .*, conservative, or module:Class"),
+        ("camera.dropped", 1.0, "camera.dropped = 1.0: expected a number < 1.0"),
+        ("camera.exposure_ms", 1.1, "camera.exposure_ms = 1.1 must be at most 1, the time between"),
+        ("actuator.lag_ms", -1, "actuator.lag_ms = -1"),
+        ("path", "both", "allowed: camera, truth"),
+        ("object", 3, "object = 3: expected a table"),
+        ("load.times_s", [1.0, 0.5], "times_s must increase"),
+        ("load.times_s", [0.1], "times_s has 1 entries and forces_n 2"),
+        ("load.forces_n", [0.1, "x"], r"load.forces_n\[1\] = 'x'"),
+        ("load.interpolation", "cubic", "allowed: hold, linear"),
+        ("load.sine_hz", 0.0, "load.sine_hz = 0.0: expected a number > 0.0"),
+        ("object.friction_times_s", [1.0], "friction_times_s has 1 entries and frictions 0"),
+        ("object.friction_factors", [0.5], "friction_places_mm has 0 entries and friction_factors"),
+        ("object.creeps", -1.0, "object.creeps = -1.0: expected a number >= 0.0"),
+        ("object.radius_mm", -0.5, "radius_mm = -0.5 must be at least 1, hollow at most -1"),
+        ("object.radius_mm", -5.0, "is a hollow of 0.005 m radius, too narrow"),
+        ("object.profile_mm", [[0.0, 0.0]], "profile must be at least 3 points"),
+        ("fingertip.model", "rubber", "allowed"),
+        ("fingertip.nodes", 250, "fingertip.nodes = 250 must be odd"),
+        ("sensor", "gelsight", "no sensor design 'gelsight'; there is .*thesis"),
+        ("duration_s", 0, "duration_s = 0"),
+    ],
+)
+def test_bad_values_are_named_with_what_is_allowed(key: str, value: Any, words: str) -> None:
+    with pytest.raises(UserError, match=words) as caught:
+        load_scene("thesis", {key: value})
+    assert str(caught.value).startswith("scene thesis: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.toml"
+    broken.write_text("duration_s = = 2", encoding="utf-8")
+    with pytest.raises(UserError, match=r"is not valid TOML: .*line 1"):
+        load_scene(str(broken))
+    with pytest.raises(UserError, match="cannot be read: No such file"):
+        load_scene(str(tmp_path / "none.toml"))
+    with pytest.raises(UserError, match=r"there is camera-100hz, .*thesis, "):
+        load_scene("strawberry")
+
+
+def test_changes_are_toml_or_bare_words() -> None:
+    assert parse_change("object.friction=0.3") == ("object.friction", 0.3)
+    assert parse_change("load.times_s=[0.1, 1]") == ("load.times_s", [0.1, 1])
+    assert parse_change("path=truth") == ("path", "truth")
+    with pytest.raises(UserError, match="expected key=value"):
+        parse_change("object.friction")

@@ -1,0 +1,180 @@
+"""Which room may import which, and that no import goes round in a circle."""
+
+import ast
+import graphlib
+import os
+import subprocess
+import sys
+import zipfile
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import chromagrip
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = Path(chromagrip.__path__[0])
+GROUND = ("by_name", "compiled", "errors", "strict_toml")
+#: Rooms from the lowest to the highest, each with the rooms that it may import. The modules of the
+#: ground floor may be imported everywhere and import nothing of ours but each other.
+MAY_IMPORT = {
+    "model": "",
+    "render": "model",
+    "tracking": "model render",
+    "control": "model",
+    "output": "model render tracking",
+    "scene": "model render tracking control output",
+    "loop": "model render tracking control output scene",
+    "pictures": "model render tracking control output scene loop",
+    "calibrate": "model render tracking control output scene loop pictures",
+    "dataset": "model render tracking control output scene loop",
+    "rig": "model render tracking control output scene loop",
+    "live": "model render tracking control output scene loop",
+    "measure": "model render tracking control output scene loop pictures calibrate dataset",
+    "cli": "model render tracking control output scene loop pictures calibrate dataset measure",
+}
+#: Modules beside the rooms: the entry points.
+DOORS = {"__init__": "scene loop", "__main__": "cli"}
+MOST_MODULES = 16
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """File of every module, by its name without `chromagrip.`."""
+    found = {}
+    for folder, inner, names in os.walk(PACKAGE, followlinks=True):
+        inner[:] = sorted(name for name in inner if name != "__pycache__")
+        for name in sorted(names):
+            if name.endswith(".py"):
+                place = (Path(folder) / name).relative_to(PACKAGE).with_suffix("")
+                found[".".join(place.parts)] = Path(folder) / name
+    return found
+
+
+def package_of(module: str) -> list[str]:
+    return module.split(".")[:-1]
+
+
+def imports(module: str) -> Iterator[tuple[str, ast.ImportFrom]]:
+    """Modules of ours that a module imports, wherever it does so."""
+    for node in ast.walk(ast.parse(modules()[module].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            assert not any(a.name.split(".")[0] == "chromagrip" for a in node.names), module
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        if not node.level:
+            bare = (node.module or "").split(".")[0]
+            assert bare not in {*MAY_IMPORT, *GROUND, "chromagrip"}, f"{module}: import relatively"
+            continue
+        package = package_of(module)
+        base = package[: len(package) - node.level + 1] + (node.module or "").split(".")
+        base = [part for part in base if part]
+        for alias in node.names:
+            full = ".".join([*base, alias.name])
+            yield (full if is_module(full) else ".".join(base)), node
+
+
+def is_module(name: str) -> bool:
+    return name in modules() or f"{name}.__init__" in modules()
+
+
+def room(module: str) -> str:
+    return module.split(".")[0]
+
+
+def test_every_room_is_in_the_table() -> None:
+    assert {room(name) for name in modules()} == {*MAY_IMPORT, *GROUND, *DOORS}
+
+
+@pytest.mark.parametrize("name", [*GROUND, *DOORS, *MAY_IMPORT])
+def test_rooms_import_only_what_they_may(name: str) -> None:
+    allowed = {name, "", *GROUND}
+    if name not in GROUND:
+        allowed |= {*(MAY_IMPORT.get(name) or DOORS.get(name, "")).split()}
+    for module in modules():
+        if room(module) == name:
+            for target, _ in imports(module):
+                assert room(target) in allowed, f"{module} imports {target}"
+
+
+def test_no_import_goes_round_in_a_circle() -> None:
+    def key(name: str) -> str:
+        return name if name in modules() else f"{name}.__init__"
+
+    arrows = {
+        module: {key(target) for target, _ in imports(module) if key(target) in modules()}
+        for module in modules()
+    }
+    graphlib.TopologicalSorter(arrows).prepare()  # raises CycleError, which names the circle
+
+
+def test_no_folder_has_too_many_modules() -> None:
+    folders: dict[Path, int] = {}
+    for path in modules().values():
+        folders[path.parent] = folders.get(path.parent, 0) + (path.name != "__init__.py")
+    assert {f: n for f, n in folders.items() if n > MOST_MODULES} == {}
+
+
+def test_control_knows_nothing_of_the_model_but_its_force_field() -> None:
+    for module in modules():
+        for target, node in imports(module) if room(module) == "control" else ():
+            if room(target) == "model":
+                assert [alias.name for alias in node.names] == ["ForceField"]
+
+
+def test_estimators_are_never_given_the_truth() -> None:
+    """Tracking may use the chain's calibration; not the object, its state or its contact forces."""
+    allowed = {"REFERENCE_NODES", "Fingertip", "SpringLaw", "chain_compliance", "chain_forces"}
+    allowed |= {"ForceField", "FrictionReading"}  # what they answer
+    for module in modules():
+        for target, node in imports(module) if room(module) == "tracking" else ():
+            if room(target) == "model" and not target.startswith("model.kernels"):
+                assert {alias.name for alias in node.names} <= allowed, module
+
+
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("chromagrip.model", "cv2 OpenGL pyrender matplotlib av pyarrow"),
+        ("chromagrip.control", "cv2 OpenGL pyrender matplotlib av pyarrow"),
+        ("chromagrip.tracking", "OpenGL pyrender matplotlib av pyarrow"),
+        ("chromagrip.loop.run_folder", "OpenGL pyrender"),
+    ],
+)
+def test_nothing_heavy_is_imported_before_it_is_used(module: str, heavy: str) -> None:
+    code = f"import sys, {module}; print(*({set(heavy.split())!r} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+def test_every_module_says_what_it_is_for() -> None:
+    for path in modules().values():
+        assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
+
+
+def test_the_wheel_holds_every_module(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling", reason="hatchling is not installed")
+    if not (ROOT / "pyproject.toml").is_file():
+        pytest.skip("not a checkout")
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+    )
+    (wheel,) = tmp_path.glob("*.whl")
+    held = set(zipfile.ZipFile(wheel).namelist())
+    for name in modules():
+        assert f"chromagrip/{name.replace('.', '/')}.py" in held
+    for data in (
+        "loop/fidelity.csv",
+        "scene/library/camera-100hz.toml",
+        "dataset/recipes/tiny.toml",
+        "measure/reproduce/printed.toml",
+        "render/designs/thesis.toml",
+        "tracking/palettes/chromatouch.toml",
+        "tracking/readouts/thesis.npz",
+    ):
+        assert f"chromagrip/{data}" in held

@@ -1,0 +1,1 @@
+"""Published and standard trackers, for comparison."""

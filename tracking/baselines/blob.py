@@ -1,0 +1,52 @@
+"""OpenCV's blob detector on each dye's density, blobs given to the nearest expected markers."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..detection import RestFrame
+from .density_images import density_images, density_tables
+from .density_kernels import UNIT, ZERO
+from .follower import Follower, Image, Measured, nearest
+
+Array = NDArray[np.float64]
+
+#: Densities that the detector cuts at, from, to and in steps of.
+_CUTS = (0.3, 0.7, 0.1)
+#: Areas of blobs over that of a marker.
+_SMALLEST, _LARGEST = 0.3, 3.0
+#: A blob further away than this is another marker's [pitches].
+_REACH = 0.5
+
+
+class BlobDetector(Follower):
+    """`cv2.SimpleBlobDetector`: connected pixels above several densities, their mean centroid."""
+
+    def _prepare(self, rest: RestFrame, image: Image) -> None:
+        self._tables = density_tables(rest, self._palette)
+        self._detectors = [_detector(float(radius)) for radius in rest.radius]
+
+    def _find(self, image: Image, expected: Array) -> Measured:
+        position = np.full_like(expected, np.nan)
+        for k, density in enumerate(density_images(image, self._tables)):
+            blobs = self._detectors[k].detect(density)
+            found = np.array([blob.pt for blob in blobs]).reshape(-1, 2)
+            which = nearest(found, expected[k], _REACH * self._pitch, mutual=True)
+            position[k, which >= 0] = found[which[which >= 0]]
+        return Measured(position)
+
+
+def _detector(radius: float) -> cv2.SimpleBlobDetector:
+    settings = cv2.SimpleBlobDetector.Params()
+    settings.minThreshold, settings.maxThreshold, settings.thresholdStep = (
+        offset + UNIT * cut for offset, cut in zip((ZERO, ZERO, 0), _CUTS, strict=True)
+    )
+    settings.minRepeatability = 2
+    settings.minDistBetweenBlobs = radius
+    settings.filterByColor, settings.blobColor = True, 255
+    settings.filterByArea = True
+    settings.minArea, settings.maxArea = (
+        share * np.pi * radius**2 for share in (_SMALLEST, _LARGEST)
+    )
+    settings.filterByCircularity = settings.filterByInertia = settings.filterByConvexity = False
+    return cv2.SimpleBlobDetector.create(settings)

@@ -1,0 +1,115 @@
+"""The published ChromaTouch pipeline (Lin & Wiertlewski 2019, Lin et al. 2020) as it is used."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...render.colour import encode_srgb
+from ..detection import RestFrame
+from ..palette import Palette, PaletteError
+from .follower import Follower, Image, Measured, nearest
+
+Array = NDArray[np.float64]
+
+#: Pixels are a marker's from this saturation on. Lin 2019 has 50 %; the real dome's magenta, alone
+#: on white, just misses that.
+_SATURATED = 0.35
+#: Areas of components over that of a marker: smaller ones are noise.
+_SMALLEST = 0.2
+#: A component further away than this is another marker's [pitches].
+_REACH = 0.5
+
+
+class ChromaTouch(Follower):
+    """Top-hat, HSV mask of saturated pixels, connected components, centroid and mean hue.
+
+    Its faults are kept, as they are what other trackers are compared with. Colours are not unmixed:
+    a pixel belongs to the colour that its hue is nearest to, so a mask's edge shifts where the
+    other layer lies under it. The centroid is that of a mask, not weighted: pixels are all or
+    nothing. Markers that touch are one. Two numbers may take the same component, which is flagged.
+
+    A palette of one grey dye has no hue: its markers are masked by half the contrast that their
+    middles have at rest, and there is no mean hue.
+
+    Raises
+    ------
+    PaletteError
+        When there are two dyes, and not hues that tell them apart.
+    """
+
+    def __init__(self, palette: Palette, noise: float) -> None:
+        super().__init__(palette, noise)
+        count = len(palette.transmittance)
+        # Each dye alone, and both of them over each other, on white.
+        members = np.vstack([np.eye(count), np.ones((count - 1, count))])
+        light = np.minimum(np.exp(members @ np.log(palette.transmittance)), 1.0)
+        hsv = _hsv((encode_srgb(light) / 255.0)[None].astype(np.float32))[0]
+        self._hues, self._members = hsv[:, 0], members.astype(bool)
+        self._coloured = not palette.bright and bool((hsv[:, 1] > _SATURATED).all())
+        if count > 1 and not self._coloured:
+            raise PaletteError(
+                f"the chromatouch tracker tells layers by their hue, the palette's "
+                f"{' and '.join(palette.names)} must be darker than the ground and saturated by "
+                f"more than {_SATURATED:.0%}"
+            )
+
+    def _prepare(self, rest: RestFrame, image: Image) -> None:
+        self._area = np.pi * rest.radius**2
+        # Wider than a pair whose layers are apart, and odd.
+        side = 2 * int(3.0 * rest.radius.max()) + 1
+        self._around = np.ones((side, side), np.uint8)
+        middles = np.rint(rest.position[0, np.isfinite(rest.position[0, :, 0])]).astype(int)
+        hat = self._hat(image).max(axis=2)
+        self._depth = 0.5 * float(np.median(hat[middles[:, 1], middles[:, 0]]))
+
+    def _find(self, image: Image, expected: Array) -> Measured:
+        masks, hue = self._masks(self._hat(image))
+        layers, count, _ = expected.shape
+        position, hues = np.full((layers, count, 2), np.nan), np.full(count, np.nan)
+        for k, mask in enumerate(masks):
+            _, labels, stats, centroids = cv2.connectedComponentsWithStats(
+                mask.astype(np.uint8), connectivity=4
+            )
+            plausible = stats[:, cv2.CC_STAT_AREA] > _SMALLEST * self._area[k]
+            plausible[0] = False  # the background
+            which = nearest(centroids[plausible], expected[k], _REACH * self._pitch, mutual=False)
+            found = which >= 0
+            position[k, found] = centroids[plausible][which[found]]
+            if k == 0 and self._coloured:
+                # Hues turn past 180°: their mean is taken about the dye's own.
+                turned = _turn(hue - self._hues[0]).ravel()
+                mean = np.bincount(labels.ravel(), turned) / stats[:, cv2.CC_STAT_AREA]
+                hues[found] = _turn(mean + self._hues[0])[plausible][which[found]]
+        return Measured(position, hue=hues)
+
+    def _hat(self, image: Image) -> Image:
+        """How much darker than the ground around it each pixel is, or brighter."""
+        hat = cv2.MORPH_TOPHAT if self._palette.bright else cv2.MORPH_BLACKHAT
+        return np.asarray(cv2.morphologyEx(image, hat, self._around), dtype=np.uint8)
+
+    def _masks(self, hat: Image) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+        """Pixels of each layer, shape (L, H, W), and their hue [°], −180…180, shape (H, W)."""
+        if not self._coloured:
+            dark = hat.max(axis=2) > self._depth
+            return np.broadcast_to(dark, (len(self._area), *dark.shape)), np.zeros(
+                dark.shape, np.float32
+            )
+        # On the white that the top-hat leaves.
+        hsv = _hsv((255 - hat).astype(np.float32) / np.float32(255.0))
+        hue, saturated = hsv[..., 0], hsv[..., 1] > _SATURATED
+        colour = abs(_turn(hue - self._hues[:, None, None])).argmin(axis=0)
+        return np.stack([saturated & member[colour] for member in self._members.T]), hue
+
+
+def _hsv(colour: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Hue [°], −180…180, saturation and value of colours 0…1, all of shape (H, W, 3)."""
+    hsv = np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2HSV), dtype=np.float32)
+    hsv[..., 0] = _turn(hsv[..., 0])
+    return hsv
+
+
+def _turn(hue: NDArray[Any]) -> NDArray[Any]:
+    """The same hue within −180…180°."""
+    return (hue + 180.0) % 360.0 - 180.0

@@ -1,0 +1,76 @@
+"""Pictures of each dye's density: 8-bit frames through tables, against the ground at rest."""
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...render.colour import decoding_table
+from ..detection import RestFrame
+from ..palette import Palette
+from ..unmixing import unmixing_matrix
+from .density_kernels import UNIT, write_densities
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+#: The sensor's field is brighter than this share of its brightest ground.
+_LIT = 0.2
+#: Least light of a level, so that its logarithm is finite; as in `dye_densities`.
+_DARKEST = 1e-4
+#: A marker's middle is denser than what is around it by at least this.
+LEAST_CONTRAST = 0.25
+
+
+class DensityTables(NamedTuple):
+    """A dye's density is its `ground` at the pixel plus `dye` of each channel's level.
+
+    Attributes
+    ----------
+    ground: of the skin at rest, NaN outside the lit field, float32, shape (H, W, L)
+    dye: float32, shape (L, 3, 256)
+    """
+
+    ground: NDArray[np.float32]
+    dye: NDArray[np.float32]
+
+
+def density_tables(rest: RestFrame, palette: Palette) -> DensityTables:
+    """Tables of a sensor whose rest frame was read."""
+    matrix = unmixing_matrix(palette.transmittance)
+    log_levels = np.log(np.maximum(decoding_table(), _DARKEST))
+    ground = np.log(np.maximum(rest.ground, _DARKEST)) @ matrix.T
+    light = rest.ground.max(axis=2)
+    ground[light < _LIT * np.percentile(light, 95)] = np.nan
+    return DensityTables(
+        ground=ground.astype(np.float32),
+        dye=(-matrix[:, :, None] * log_levels).astype(np.float32),
+    )
+
+
+def density_images(image: Image, tables: DensityTables) -> Image:
+    """Density of each dye in 8 bits, `ZERO` for none and `UNIT` more for 1, shape (L, H, W)."""
+    height, width, layers = tables.ground.shape
+    out = np.empty((layers, height, width), dtype=np.uint8)
+    write_densities(image, tables.ground, tables.dye, out)
+    return out
+
+
+def markers_there(density: Image, position: Array, radius: float) -> NDArray[np.bool_]:
+    """Whether the density image (H, W) shows markers at positions (M, 2): denser than around."""
+    angles = np.arange(8) * (np.pi / 4)
+    circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    inside = sample(density, position[:, None] + 0.4 * circle).mean(axis=1)
+    # A neighbour may lie on a part of the ring.
+    around = np.quantile(sample(density, position[:, None] + 1.7 * circle), 0.25, axis=1)
+    return inside - around > LEAST_CONTRAST * UNIT
+
+
+def sample(image: NDArray[Any], at: Array) -> Array:
+    """Bilinear values at places (M, n, 2) or (M, 2); NaN for a place that is NaN."""
+    places = np.nan_to_num(at.reshape(len(at), -1, 2)).astype(np.float32)
+    x, y = (np.ascontiguousarray(places[..., i]) for i in range(2))
+    # Outside the image as at its edge.
+    seen = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.where(np.isfinite(at).all(axis=-1), seen.reshape(at.shape[:-1]), np.nan)

@@ -1,0 +1,26 @@
+"""Compiled lookup of dye densities. `density_images.py` documents the use."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+
+#: Level of density 0, and levels per density: noise below 0 and above 1 is kept.
+ZERO, UNIT = 64, 128
+
+
+@njit()
+def write_densities(image: NDArray[np.uint8], ground: Any, dye: Any, out: Any) -> None:
+    """Densities in 8 bits, to `out` of shape (L, H, W); `ZERO` where the ground is NaN."""
+    for k in range(out.shape[0]):
+        for row in range(out.shape[1]):
+            for col in range(out.shape[2]):
+                density = ground[row, col, k]
+                for ch in range(3):
+                    density += dye[k, ch, image[row, col, ch]]
+                level = ZERO + 0.5
+                if density == density:
+                    level += min(max(UNIT * density, -ZERO), 254.0 - ZERO)
+                out[k, row, col] = np.uint8(level)

@@ -1,0 +1,1 @@
+"""The marker fit: both layers of every pair fitted to the pixels."""

@@ -1,0 +1,262 @@
+"""Compiled products of a pair's pixels, and the light on it. `pair_fit.py` documents the use.
+
+Light is a gain for each channel and, where it is uneven, terms up to second order, shared by all
+channels. It is solved for first, whatever the markers are, and what is left tells of them.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+from ...render.drawing.coverage import togetherness
+from .lanes import sum_of_products
+from .pixel_kernels import (
+    ALL_LIGHT,
+    BOTH,
+    CHANGE,
+    COVERED,
+    F0,
+    FEWEST_PIXELS,
+    GAIN,
+    GROUND,
+    LACK,
+    LIGHT,
+    MODEL,
+    ROOM,
+    SEEN,
+    SHARED,
+    TERM,
+    TERMS,
+    UNIT,
+    WEIGHT,
+    Array,
+    Array32,
+    X,
+    Y,
+    extents_of,
+    gather,
+    invert,
+    middle_of,
+    model_pixels,
+    pad,
+    row_at,
+    stretch,
+)
+from .shade_kernels import shade
+
+#: Gains of three channels, and uneven light.
+LIGHTS = 3 + TERMS
+#: Coverages this far from 0 and 1 are edges.
+_EDGE = 0.03
+
+
+@njit()
+def dot(buffer: Array32, first: int, second: int, count: int) -> float:
+    """Product of two rows of the buffer."""
+    rows = row_at(first), row_at(second)
+    return np.float64(sum_of_products(buffer, rows, np.uint64(count)))
+
+
+@njit()
+def weighted_dot(buffer: Array32, weight: int, first: int, second: int, count: int) -> float:
+    """Weighted product of two rows of the buffer."""
+    rows = row_at(weight), row_at(first), row_at(second)
+    return np.float64(sum_of_products(buffer, rows, np.uint64(count)))
+
+
+@njit()
+def uneven_light(
+    fit: Array, count: int, free: int, lights: Array, says: Array, cross: Array, buffer: Array32
+) -> None:
+    """Information on the terms of uneven light, beside that on the gains."""
+    mx, my = middle_of(fit)
+    for i in range(np.uint64(count)):
+        dx, dy = buffer[row_at(X) + i] - mx, buffer[row_at(Y) + i] - my
+        buffer[row_at(TERM) + i], buffer[row_at(TERM + 1) + i] = dx, dy
+        buffer[row_at(TERM + 2) + i] = UNIT * dx * dx
+        buffer[row_at(TERM + 3) + i] = UNIT * dx * dy
+        buffer[row_at(TERM + 4) + i] = UNIT * dy * dy
+        whole, lack = F0, F0
+        for c in range(3):
+            weighted = buffer[row_at(WEIGHT + c) + i] * buffer[row_at(MODEL + c) + i]
+            part = weighted * buffer[row_at(MODEL + c) + i]
+            buffer[row_at(LIGHT + c) + i] = part
+            whole += part
+            lack += weighted * (buffer[row_at(SEEN + c) + i] - buffer[row_at(MODEL + c) + i])
+        buffer[row_at(ALL_LIGHT) + i], buffer[row_at(LACK) + i] = whole, lack
+        for k in range(2):
+            first = GAIN + 3 * k
+            buffer[row_at(SHARED + k) + i] = (
+                buffer[row_at(first) + i]
+                + buffer[row_at(first + 1) + i]
+                + buffer[row_at(first + 2) + i]
+            )
+    for j in range(TERMS):
+        term = TERM + j
+        says[3 + j] = dot(buffer, term, LACK, count)
+        for c in range(3):
+            lights[c, 3 + j] = lights[3 + j, c] = dot(buffer, term, LIGHT + c, count)
+        for i in range(TERMS):
+            lights[3 + j, 3 + i] = weighted_dot(buffer, ALL_LIGHT, term, TERM + i, count)
+        for i in range(free):
+            for k in range(2):
+                cross[3 + j, place_of(k, i, free)] = weighted_dot(
+                    buffer, SHARED + k, term, CHANGE + 5 * k + i, count
+                )
+
+
+@njit()
+def solve_light(
+    lights: Array, says: Array, cross: Array, terms: int, normal: Array, gradient: Array
+) -> bool:
+    """Solve for the light, whatever the markers are; what is left is on them.
+
+    `lights`, `says` and `cross` become the factor L of the information on light and what is left
+    when they are divided by it.
+    """
+    size = gradient.shape[0]
+    for i in range(terms):
+        for j in range(i + 1):
+            total = lights[i, j]
+            for k in range(j):
+                total -= lights[i, k] * lights[j, k]
+            if i > j:
+                lights[i, j] = total / lights[j, j]
+            elif total > 1e-9 * lights[i, i] and lights[i, i] > 0.0:
+                lights[i, i] = math.sqrt(total)
+            else:
+                return False
+    for i in range(terms):
+        for k in range(i):
+            factor = lights[i, k]
+            if factor != 0.0:
+                says[i] -= factor * says[k]
+                for j in range(size):
+                    cross[i, j] -= factor * cross[k, j]
+        says[i] /= lights[i, i]
+        for j in range(size):
+            cross[i, j] /= lights[i, i]
+        for j in range(size):
+            gradient[j] -= cross[i, j] * says[i]
+            for k in range(size):
+                normal[j, k] -= cross[i, j] * cross[i, k]
+    return True
+
+
+@njit()
+def light_step(
+    lights: Array, says: Array, cross: Array, change: Array, terms: int, out: Array
+) -> None:
+    """What the light changes by when the markers change so."""
+    for i in range(terms - 1, -1, -1):
+        total = says[i]
+        for j in range(change.shape[0]):
+            total -= cross[i, j] * change[j]
+        for k in range(i + 1, terms):
+            total -= lights[k, i] * out[k]
+        out[i] = total / lights[i, i]
+
+
+@njit()
+def share_light(lights: Array, cross: Array, factor: Array, covariance: Array) -> None:
+    """Covariance of the gains' logarithms with (x, y, e) of both layers, and of their own.
+
+    Parameters
+    ----------
+    lights, cross: as `solve_light` left them, of even light
+    factor: Cholesky's, of the information on all five numbers of both layers
+    covariance: result, shape (9, 9), the gains' last
+    """
+    size = factor.shape[0]
+    first = place_of(0, 0, 5)
+    answers = np.empty((3, size))
+    for i in range(size):
+        # How the markers answer to the light of each channel, by forward substitution …
+        whole = 1.0 / factor[i, i]
+        for c in range(3):
+            total = cross[c, i] / lights[c, c]
+            for k in range(i):
+                total -= factor[i, k] * answers[c, k]
+            answers[c, i] = total * whole
+    for c in range(3):
+        for d in range(c + 1):
+            total = 1.0 / lights[c, c] ** 2 if c == d else 0.0
+            for i in range(size):
+                total += answers[c, i] * answers[d, i]
+            covariance[6 + c, 6 + d] = covariance[6 + d, 6 + c] = total
+    for i in range(size - 1, first - 1, -1):
+        # … and back, as far as places and sizes, which stand last.
+        whole = 1.0 / factor[i, i]
+        for c in range(3):
+            total = answers[c, i]
+            for k in range(i + 1, size):
+                total -= factor[k, i] * answers[c, k]
+            answers[c, i] = total * whole
+            covariance[6 + c, i - first] = covariance[i - first, 6 + c] = -answers[c, i]
+
+
+@njit(inline="always")
+def place_of(layer: int, number: int, free: int) -> int:
+    """Where a number of a layer stands among the unknowns.
+
+    Strains first: so the covariance of all others is the inverse of one corner of the factor.
+    """
+    if free == 2:
+        return 2 * layer + number
+    return 2 * layer + number - 3 if number > 2 else 4 + 3 * layer + number
+
+
+@njit()
+def light_sums(
+    image: NDArray[np.uint8],
+    optics: Any,
+    present: NDArray[np.bool_],
+    stride: int,
+    fits: Array,
+    gains: Array,
+    slopes: Array,
+    sums: Array,
+    buffer: Array32,
+) -> None:
+    """Weighted products of (1, C₀, C₁, C₀₁, light seen over ground) of each pair and channel.
+
+    `sums` receives them, shape (M, 3, 5, 5); the rest is as in `fit_step`.
+    """
+    shapes, inverses = np.empty((2, 2, 2)), np.empty((2, 2, 2))
+    outlines, box = np.empty((2, 3, 2)), np.empty(4)
+    lights, says = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS)
+    values, extents = np.empty(5), extents_of(optics, fits)
+    for m in range(fits.shape[0]):
+        for k in range(2):
+            stretch(optics.shapes[k, m], fits[m, k], shapes[k])
+            invert(shapes[k], inverses[k])
+            outlines[k, 0] = fits[m, k, :2]
+            outlines[k, 1:] = shapes[k].T
+        count = gather(
+            image, optics, present[m], fits[m], gains[m], slopes[m], shapes, inverses, stride,
+            box, buffer,
+        )  # fmt: skip
+        sums[m] = 0.0
+        if count < FEWEST_PIXELS:
+            continue
+        padded = pad(count, buffer)
+        shade(optics, present, fits, extents, m, False, box, padded, buffer)
+        t = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
+        model_pixels(optics, present[m], fits[m], inverses, t, 2, padded, lights, says, buffer)
+        for i in range(count):
+            first, second = buffer[COVERED * ROOM + i], buffer[(COVERED + 1) * ROOM + i]
+            # Edges tell less of colours than of tone curves, blur, and where markers are.
+            if _EDGE < first < 1.0 - _EDGE or _EDGE < second < 1.0 - _EDGE:
+                continue
+            values[0], values[1], values[2] = 1.0, first, second
+            values[3] = buffer[BOTH * ROOM + i]
+            for c in range(3):
+                light = buffer[(GROUND + c) * ROOM + i]
+                values[4] = buffer[(SEEN + c) * ROOM + i] / light
+                weight = buffer[(WEIGHT + c) * ROOM + i] * light * light
+                for a in range(5):
+                    for b in range(5):
+                        sums[m, c, a, b] += weight * values[a] * values[b]

@@ -1,0 +1,141 @@
+"""Compiled comparisons of pairs with those next to them. `pair_fit.py` documents the use."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+
+Array = NDArray[np.float64]
+
+#: Gains of fewer neighbours do not tell how much gains scatter.
+_FEWEST = 3
+
+
+@njit()
+def median(values: Array) -> float:
+    """Median of some numbers (K,), none of them NaN."""
+    return float(np.median(values))
+
+
+@njit()
+def tie_light(
+    light: Array,
+    seen: NDArray[np.bool_],
+    near: NDArray[np.int64],
+    covariance: Array,
+    fits: Array,
+) -> None:
+    """Correct places and sizes by what the light on their neighbours tells of that on each pair.
+
+    Their mean is a prior; how far it can be trusted is learned from how much the gains around
+    scatter beyond their noise.
+
+    Parameters
+    ----------
+    light: logarithms of the gains over those at rest, shape (M, 3)
+    seen: pairs whose gains are known, shape (M,)
+    near: neighbours, shape (M, K)
+    covariance: of (x, y, e) of both layers and of `light`, shape (M, 9, 9), in place
+    fits: (x, y, e, p, q) of each layer, shape (M, 2, 5), in place
+    """
+    count = len(light)
+    lack, doubt, excess = np.zeros((count, 3)), np.zeros((count, 3)), np.full(count, np.nan)
+    change, shared = np.empty(9), np.empty(9)
+    for m in range(count):
+        if not (seen[m] and covariance[m, 6, 6] > 0.0):
+            continue
+        known = 0
+        for n in near[m]:
+            if seen[n] and covariance[n, 6, 6] > 0.0:
+                known += 1
+                for c in range(3):
+                    lack[m, c] += light[n, c] - light[m, c]
+                    doubt[m, c] += covariance[n, 6 + c, 6 + c]
+        if known < _FEWEST:
+            continue
+        excess[m] = 0.0
+        for c in range(3):
+            lack[m, c] /= known
+            doubt[m, c] /= known * known
+            excess[m] += (lack[m, c] ** 2 - doubt[m, c] - covariance[m, 6 + c, 6 + c]) / 3.0
+    for m in range(count):
+        if not math.isfinite(excess[m]):
+            continue
+        scatter, known = excess[m], 1
+        for n in near[m]:
+            if math.isfinite(excess[n]):
+                scatter += excess[n]
+                known += 1
+        scatter = max(scatter / known, 0.0)
+        spread = covariance[m]
+        change[:] = 0.0
+        # One channel after the other: their priors do not know of each other.
+        for c in range(6, 9):
+            variance = spread[c, c] + doubt[m, c - 6] + scatter
+            missing = (lack[m, c - 6] - change[c]) / variance
+            for i in range(9):
+                shared[i] = spread[i, c]
+                change[i] += shared[i] * missing
+            for i in range(9):
+                share = shared[i] / variance
+                for j in range(i + 1):
+                    spread[i, j] -= share * shared[j]
+                    spread[j, i] = spread[i, j]
+        for k in range(2):
+            for i in range(3):
+                fits[m, k, i] += change[3 * k + i]
+
+
+@njit()
+def torn_off(
+    moved: Array, visible: NDArray[np.bool_], near: NDArray[np.int64], limit: float
+) -> NDArray[np.bool_]:
+    """Markers that moved otherwise than at least half of their visible neighbours, shape (M, 2).
+
+    Parameters
+    ----------
+    moved: since rest [px], shape (M, 2, 2)
+    visible: shape (M, 2)
+    near: neighbours, shape (M, K)
+    limit: of the difference, along x or y [px]
+    """
+    torn = np.zeros(visible.shape, dtype=np.bool_)
+    for m in range(visible.shape[0]):
+        for k in range(2):
+            if not visible[m, k]:
+                continue
+            known = apart = 0
+            for n in near[m]:
+                if visible[n, k]:
+                    known += 1
+                    dx = abs(moved[n, k, 0] - moved[m, k, 0])
+                    dy = abs(moved[n, k, 1] - moved[m, k, 1])
+                    apart += dx > limit or dy > limit
+            torn[m, k] = known > 0 and 2 * apart >= known
+    return torn
+
+
+@njit()
+def crowded(
+    fits: Array, visible: NDArray[np.bool_], near: NDArray[np.int64], limit: Array
+) -> NDArray[np.bool_]:
+    """Markers so near to another one of their layer that it could be either's, shape (M, 2).
+
+    Parameters
+    ----------
+    fits: (x, y, …) of each layer, shape (M, 2, 5)
+    visible: shape (M, 2)
+    near: pairs that may come near, shape (M, K)
+    limit: of the distance in each layer [px], shape (2,)
+    """
+    found = np.zeros(visible.shape, dtype=np.bool_)
+    for m in range(visible.shape[0]):
+        for n in near[m]:
+            for k in range(2):
+                if visible[m, k] and visible[n, k]:
+                    dx, dy = fits[n, k, 0] - fits[m, k, 0], fits[n, k, 1] - fits[m, k, 1]
+                    if dx * dx + dy * dy < limit[k] * limit[k]:
+                        found[m, k] = found[n, k] = True
+    return found

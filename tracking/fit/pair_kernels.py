@@ -1,0 +1,299 @@
+"""Compiled fit of pairs of overlapping markers to the image. `pair_fit.py` documents the use.
+
+Free, for both layers: centre (x, y), logarithmic size e and the strain (p, q) that turns the shape
+S into eᵉ·[[1+p, q], [q, 1−p]]·S; and the light. The model is in `pixel_kernels`.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+from ...render.drawing.coverage import togetherness
+from .light_kernels import (
+    LIGHTS,
+    dot,
+    light_step,
+    place_of,
+    share_light,
+    solve_light,
+    uneven_light,
+    weighted_dot,
+)
+from .pixel_kernels import (
+    CHANGE,
+    FEWEST_PIXELS,
+    GAIN,
+    PULL,
+    TELLS,
+    Array,
+    Array32,
+    extents_of,
+    gather,
+    invert,
+    model_pixels,
+    pad,
+    stretch,
+)
+from .shade_kernels import shade
+
+#: Markers do not shrink, grow or stretch by more than this.
+MAX_STRAIN = 0.5
+#: A pair moves no further than this in one step [px], and strains no more.
+_LONGEST_STEP, _LONGEST_STRAIN = 2.0, 0.1
+#: A light that is off by a hundredth counts as much as a step of so many hundredth pixels.
+_LIGHT_STEP = 8.0
+
+
+@njit()
+def fit_step(
+    image: NDArray[np.uint8],
+    optics: Any,
+    active: NDArray[np.bool_],
+    present: NDArray[np.bool_],
+    uneven: NDArray[np.bool_],
+    beside: NDArray[np.bool_],
+    free: int,
+    stride: int,
+    fits: Array,
+    gains: Array,
+    slopes: Array,
+    steps: Array,
+    covariance: Array,
+    misfit: Array,
+    buffer: Array32,
+) -> None:
+    """One Gauss–Newton step on every active pair, in place.
+
+    Parameters
+    ----------
+    image: sRGB, shape (H, W, 3)
+    optics: see Optics
+    active: pairs to step, shape (M,)
+    present: layers that are taken to be there, shape (M, 2)
+    uneven: pairs whose light is fitted to second order, else its slopes are as given, shape (M,)
+    beside: pairs of which is minded how they lie beside others, see `shade`, shape (M,)
+    free: numbers of each layer that are free, 5 or the first 2
+    stride: every so manieth row of the image is read
+    fits: (x, y, e, p, q) of each layer, shape (M, 2, 5)
+    gains: light over the ground's, of each channel, shape (M, 3)
+    slopes: terms of the light on a pair relative to its gain, see TERMS, shape (M, 5)
+    steps: result, how far the step moved an edge [px], or light as much, shape (M,)
+    covariance: result, of (x, y, e) of both layers and of the logarithms of the gains before the
+        step, shape (M, 9, 9); NaN where not fitted, and of gains under uneven light
+    misfit: result, mean squared residual over noise variance before the step, shape (M,); infinite
+        where the fit left the image or ran away
+    buffer: room to work in, shape (BUFFER,)
+    """
+    shapes, inverses = np.empty((2, 2, 2)), np.empty((2, 2, 2))
+    outlines = np.empty((2, 3, 2))
+    size = 2 * free
+    normal, gradient, change = np.empty((size, size)), np.empty(size), np.empty(size)
+    cross, box = np.zeros((LIGHTS, size)), np.empty(4)
+    lights, says, brighter = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS), np.zeros(LIGHTS)
+    extents = extents_of(optics, fits)
+    for m in range(fits.shape[0]):
+        if not active[m]:
+            continue
+        misfit[m], steps[m] = np.inf, 0.0
+        if not (present[m, 0] or present[m, 1]):
+            continue
+        for k in range(2):
+            stretch(optics.shapes[k, m], fits[m, k], shapes[k])
+            invert(shapes[k], inverses[k])
+            outlines[k, 0] = fits[m, k, :2]
+            outlines[k, 1:] = shapes[k].T
+        count = gather(
+            image, optics, present[m], fits[m], gains[m], slopes[m], shapes, inverses, stride,
+            box, buffer,
+        )  # fmt: skip
+        if count < FEWEST_PIXELS:
+            continue
+        padded = pad(count, buffer)
+        shade(optics, present, fits, extents, m, beside[m], box, padded, buffer)
+        together = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
+        squares = model_pixels(
+            optics, present[m], fits[m], inverses, together, free, padded, lights, says, buffer
+        )
+        misfit[m] = squares / max(3 * count - size - 3, 1)
+        _normal_equations(padded, free, buffer, normal, gradient, cross)
+        terms = 3
+        if uneven[m]:
+            terms = LIGHTS
+            uneven_light(fits[m], padded, free, lights, says, cross, buffer)
+        if not solve_light(lights, says, cross, terms, normal, gradient):
+            misfit[m] = np.inf
+            continue
+        if not _solve(normal, gradient, change, covariance[m]):
+            misfit[m] = np.inf
+            continue
+        if free == 5 and terms == 3:
+            share_light(lights, cross, normal, covariance[m])
+        steps[m] = _improve(fits[m], shapes, present[m], change, free)
+        light_step(lights, says, cross, change, terms, brighter)
+        for c in range(3):
+            gains[m, c] *= math.exp(min(max(brighter[c], -0.7), 0.7))
+            steps[m] = max(steps[m], _LIGHT_STEP * abs(brighter[c]))
+        for j in range(terms - 3):
+            slopes[m, j] += brighter[3 + j]
+        if not _plausible(fits[m]):
+            misfit[m] = np.inf
+
+
+@njit()
+def _normal_equations(
+    count: int,
+    free: int,
+    buffer: Array32,
+    normal: Array,
+    gradient: Array,
+    cross: Array,
+) -> None:
+    """Information on a pair and its gradient.
+
+    `cross` receives the information shared with the gain of each channel.
+    """
+    for i in range(free):
+        at, other = place_of(0, i, free), place_of(1, i, free)
+        here, there = CHANGE + i, CHANGE + 5 + i
+        gradient[at] = dot(buffer, here, PULL, count)
+        gradient[other] = dot(buffer, there, PULL + 1, count)
+        for c in range(3):
+            cross[c, at] = dot(buffer, here, GAIN + c, count)
+            cross[c, other] = dot(buffer, there, GAIN + 3 + c, count)
+        for j in range(free):
+            near, far = place_of(0, j, free), place_of(1, j, free)
+            if j <= i:
+                normal[at, near] = weighted_dot(buffer, TELLS, here, CHANGE + j, count)
+                normal[near, at] = normal[at, near]
+                normal[other, far] = weighted_dot(buffer, TELLS + 1, there, CHANGE + 5 + j, count)
+                normal[far, other] = normal[other, far]
+            normal[other, near] = weighted_dot(buffer, TELLS + 2, there, CHANGE + j, count)
+            normal[near, other] = normal[other, near]
+
+
+@njit()
+def _solve(normal: Array, gradient: Array, change: Array, covariance: Array) -> bool:
+    """Solve by Cholesky, in place; False where the information is not positive definite."""
+    size = gradient.shape[0]
+    for i in range(size):
+        if not normal[i, i] > 0.0:  # a layer that is not there
+            normal[i, i] = 1.0
+        for j in range(i + 1):
+            total = normal[i, j]
+            for k in range(j):
+                total -= normal[i, k] * normal[j, k]
+            if i > j:
+                normal[i, j] = total / normal[j, j]
+            elif total > 1e-9 * normal[i, i]:
+                normal[i, i] = math.sqrt(total)
+            else:
+                return False
+    for i in range(size):
+        total = gradient[i]
+        for k in range(i):
+            total -= normal[i, k] * change[k]
+        change[i] = total / normal[i, i]
+    for i in range(size - 1, -1, -1):
+        total = change[i]
+        for k in range(i + 1, size):
+            total -= normal[k, i] * change[k]
+        change[i] = total / normal[i, i]
+    _invert_corner(normal, covariance)
+    return True
+
+
+@njit()
+def _invert_corner(factor: Array, covariance: Array) -> None:
+    """Covariance of (x, y, e) of both layers; of (x, y) alone where only they are free."""
+    size = factor.shape[0]
+    first = 4 if size == 10 else 0
+    corner = size - first
+    inverse = np.zeros((6, 6))
+    for j in range(corner):
+        inverse[j, j] = 1.0 / factor[first + j, first + j]
+        for i in range(j + 1, corner):
+            total = 0.0
+            for k in range(j, i):
+                total -= factor[first + i, first + k] * inverse[k, j]
+            inverse[i, j] = total / factor[first + i, first + i]
+    covariance[:] = np.nan
+    for i in range(corner):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, corner):
+                total += inverse[k, i] * inverse[k, j]
+            row, col = (i, j) if corner == 6 else (i + i // 2, j + j // 2)
+            covariance[row, col] = covariance[col, row] = total
+
+
+@njit()
+def _improve(
+    fit: Array, shapes: Array, present: NDArray[np.bool_], change: Array, free: int
+) -> float:
+    """Add a step, shortened where it would leave the linear range; returns how far edges went."""
+    longest = 0.0
+    for k in range(2):
+        if not present[k]:
+            continue
+        dx, dy = change[place_of(k, 0, free)], change[place_of(k, 1, free)]
+        length = math.hypot(dx, dy)
+        longest = max(longest, min(length, _LONGEST_STEP))
+        share = min(1.0, _LONGEST_STEP / max(length, 1e-9))
+        fit[k, 0] += share * dx
+        fit[k, 1] += share * dy
+        radius = math.sqrt(
+            abs(shapes[k, 0, 0] * shapes[k, 1, 1] - shapes[k, 0, 1] * shapes[k, 1, 0])
+        )
+        for i in range(2, free):
+            by = min(max(change[place_of(k, i, free)], -_LONGEST_STRAIN), _LONGEST_STRAIN)
+            longest = max(longest, radius * abs(by))
+            fit[k, i] += by
+    return longest
+
+
+@njit()
+def _plausible(fit: Array) -> bool:
+    for k in range(2):
+        for i in range(2, 5):
+            if not abs(fit[k, i]) < MAX_STRAIN:
+                return False
+    return True
+
+
+@njit()
+def mean_hues(image: NDArray[np.uint8], shapes: Array, fits: Array) -> Array:
+    """Hue [°], −180…180, of the mean colour inside each first-layer marker; NaN where it is lost.
+
+    Computed in float: 8-bit hue has steps of 2°, coarser than the noise.
+    """
+    height, breadth = image.shape[0], image.shape[1]
+    hues = np.full(fits.shape[0], np.nan)
+    shape, inverse = np.empty((2, 2)), np.empty((2, 2))
+    for m in range(fits.shape[0]):
+        x, y = fits[m, 0, 0], fits[m, 0, 1]
+        if not math.isfinite(x + y):
+            continue
+        stretch(shapes[0, m], fits[m, 0], shape)
+        invert(shape, inverse)
+        half_y = math.sqrt(shape[1, 0] ** 2 + shape[1, 1] ** 2)
+        xx = inverse[0, 0] ** 2 + inverse[1, 0] ** 2
+        xy = inverse[0, 0] * inverse[0, 1] + inverse[1, 0] * inverse[1, 1]
+        yy = inverse[0, 1] ** 2 + inverse[1, 1] ** 2
+        red = green = blue = 0
+        for row in range(max(0, int(y - half_y)), min(height, int(y + half_y) + 2)):
+            dy = row - y
+            root = (xy * dy) ** 2 - xx * (yy * dy * dy - 1.0)
+            if root <= 0.0:
+                continue
+            half, middle = math.sqrt(root) / xx, x - xy * dy / xx
+            for col in range(max(0, int(middle - half) + 1), min(breadth, int(middle + half) + 1)):
+                red += image[row, col, 0]
+                green += image[row, col, 1]
+                blue += image[row, col, 2]
+        hues[m] = math.degrees(
+            math.atan2(math.sqrt(3.0) * (green - blue), 2.0 * red - green - blue)
+        )
+    return hues

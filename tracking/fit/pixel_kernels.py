@@ -1,0 +1,352 @@
+"""Compiled model of a pair of overlapping markers, pixel by pixel. `pair_fit.py` documents the use.
+
+Model of a pixel, in linear light: γ · ground · (1 − a₀·C₀ − a₁·C₁ + b·C₀₁), γ being the local gain,
+a what a dye absorbs, b what both together leave over, C the coverage of a blurred ellipse of known
+shape and C₀₁ that of both. Markers of other pairs that reach into the window darken the ground by
+where they were last seen.
+
+The pixels of a pair are gathered into rows of one flat buffer whose distances the compiler knows:
+so the model is computed many pixels at a time, and what it takes to solve it are products of rows.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+from ...render.drawing.coverage import EDGE_RANGE, edge, edge_slope
+from .lanes import LANES, sum_of_products
+
+Array = NDArray[np.float64]
+Array32 = NDArray[np.float32]
+
+#: Fewer pixels do not determine a pair.
+FEWEST_PIXELS = 24
+#: Pixels of a pair, at most; more are thinned out. Not a power of two: rows must not share cache.
+ROOM = 2256
+#: Rows of the buffer: place, light seen, its weight, ground, of each pixel …
+X, Y, SEEN, WEIGHT, GROUND = 0, 1, 2, 5, 8
+#: … coverage of both layers, and how it changes with their five numbers each …
+COVERED, CHANGE = 11, 13
+#: … what the light tells of the first layer's coverage, the second's, of both together; what the
+#: residuals say of each; what they share with the gain of each channel; and the model …
+TELLS, PULL, GAIN, MODEL = 23, 26, 28, 34
+#: … where the light is uneven: its terms, and what the model tells of light, of each channel, of
+#: all, what the residuals say, and what it shares with both layers.
+TERM, LIGHT, ALL_LIGHT, LACK, SHARED = 37, 42, 45, 46, 47
+#: … and coverage by both layers, and how it changes with that of either.
+BOTH, BY = 49, 50
+#: … and light that pairs beside this one leave, whatever it covers.
+BESIDE = 52
+#: … and what is left of a channel's light.
+LEFT = 55
+BUFFER = 56 * ROOM
+#: Terms of uneven light: x, y, x², xy, y²; second powers in units of so many pixels.
+TERMS, UNIT = 5, np.float32(1.0 / 16.0)
+
+F0, F1, F2 = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+TINY = np.float32(1e-12)
+
+
+class Optics(NamedTuple):
+    """What the pixels of one sensor are made of."""
+
+    linear: Array32  # (3, 256) linear light of each channel's levels
+    weight: Array32  # (3, 256) 1/variance of that light
+    ground: Array32  # (H, W, 3) linear light of the unmarked skin; 0 where there is none
+    absorbed: Array32  # (3, 3) a₀, a₁ and b of each channel
+    shapes: Array  # (2, M, 2, 2) semi-axes of each marker at nominal size, as columns [px]
+    neighbours: NDArray[np.int64]  # (M, K) pairs near each pair, −1 for none
+    width: float  # standard deviation of an edge [px]
+    reach: float  # pixels further than this many of those outside an edge are not read
+
+
+@njit(inline="always")
+def row_at(number: int) -> np.uint64:
+    """First place of a row. Unsigned: what may be negative is gathered one by one."""
+    return np.uint64(number * ROOM)
+
+
+@njit()
+def gather(
+    image: NDArray[np.uint8],
+    optics: Any,
+    present: NDArray[np.bool_],
+    fit: Array,
+    gain: Array,
+    slope: Array,
+    shapes: Array,
+    inverses: Array,
+    stride: int,
+    box: Array,
+    buffer: Array32,
+) -> int:
+    """Pixels that a pair's markers reach, as rows of the buffer; returns how many.
+
+    Their ground is under today's light. `box` receives (left, right, top, bottom) of them.
+    """
+    height, breadth = image.shape[0], image.shape[1]
+    reach = optics.reach * optics.width
+    top, bottom = 1e9, -1e9
+    wide = np.empty(2)
+    pixels = 0.0
+    for k in range(2):
+        s = shapes[k]
+        radius = math.sqrt(abs(s[0, 0] * s[1, 1] - s[0, 1] * s[1, 0]))
+        wide[k] = 1.0 + reach / radius
+        if present[k]:
+            half = wide[k] * math.sqrt(s[1, 0] ** 2 + s[1, 1] ** 2)
+            top, bottom = min(top, fit[k, 1] - half), max(bottom, fit[k, 1] + half)
+            pixels += math.pi * (radius + reach) ** 2
+    while pixels > 0.9 * ROOM * stride:
+        stride += 1
+    count = 0
+    box[0], box[1], box[2], box[3] = breadth, 0.0, top, bottom
+    if not (bottom > top and bottom > 0.0 and top < height):
+        return 0
+    g0, g1, g2 = np.float32(gain[0]), np.float32(gain[1]), np.float32(gain[2])
+    along_x, along_y = np.float32(slope[0]), np.float32(slope[1])
+    xx, xy, yy = np.float32(slope[2]), np.float32(slope[3]), np.float32(slope[4])
+    middle_x, middle_y = middle_of(fit)
+    linear, weight, ground = optics.linear, optics.weight, optics.ground
+    first = int(max(top, 0.0)) + 1
+    for row in range(first - first % stride, min(int(bottom), height - 1) + 1, stride):
+        left, right = 1e9, -1e9
+        for k in range(2):
+            if not present[k]:
+                continue
+            # Where the row cuts the widened ellipse |S⁻¹·d| = wide.
+            a, b = inverses[k, 0], inverses[k, 1]
+            dy = row - fit[k, 1]
+            square = a[0] * a[0] + b[0] * b[0]
+            mixed = (a[0] * a[1] + b[0] * b[1]) * dy
+            root = mixed**2 - square * ((a[1] * a[1] + b[1] * b[1]) * dy * dy - wide[k] ** 2)
+            if root > 0.0:
+                half = math.sqrt(root) / square
+                left = min(left, fit[k, 0] - mixed / square - half)
+                right = max(right, fit[k, 0] - mixed / square + half)
+        box[0], box[1] = min(box[0], left), max(box[1], right)
+        start = int(max(left, 0.0)) + 1
+        # Floats that count along: conversions of counters would take most of the time.
+        x, y = np.float32(start), np.float32(row)
+        dy32 = y - middle_y
+        for col in range(start, int(min(right, breadth - 1.0)) + 1):
+            if ground[row, col, 0] > F0 and count < ROOM - LANES:
+                at, dx32 = np.uint64(count), x - middle_x
+                light = F1 + dx32 * (along_x + UNIT * (xx * dx32 + xy * dy32))
+                light += dy32 * (along_y + UNIT * yy * dy32)
+                buffer[row_at(X) + at] = x
+                buffer[row_at(Y) + at] = y
+                level = image[row, col, 0]
+                buffer[row_at(SEEN) + at] = linear[0, level]
+                buffer[row_at(WEIGHT) + at] = weight[0, level]
+                buffer[row_at(GROUND) + at] = g0 * light * ground[row, col, 0]
+                level = image[row, col, 1]
+                buffer[row_at(SEEN + 1) + at] = linear[1, level]
+                buffer[row_at(WEIGHT + 1) + at] = weight[1, level]
+                buffer[row_at(GROUND + 1) + at] = g1 * light * ground[row, col, 1]
+                level = image[row, col, 2]
+                buffer[row_at(SEEN + 2) + at] = linear[2, level]
+                buffer[row_at(WEIGHT + 2) + at] = weight[2, level]
+                buffer[row_at(GROUND + 2) + at] = g2 * light * ground[row, col, 2]
+                count += 1
+            x += F1
+    return count
+
+
+@njit()
+def pad(count: int, buffer: Array32) -> int:
+    """Pixels without weight behind the last, to be done many at a time; returns their end."""
+    end = (count + LANES - 1) // LANES * LANES
+    for row in range(GROUND + 3):
+        first = row_at(row)
+        same = buffer[first + np.uint64(count - 1)] if row < SEEN else F0
+        for i in range(np.uint64(count), np.uint64(end)):
+            buffer[first + i] = same
+    return end
+
+
+@njit(inline="always")
+def middle_of(fit: Array) -> tuple[np.float32, np.float32]:
+    """Where the light on a pair is its gain."""
+    return np.float32(0.5 * (fit[0, 0] + fit[1, 0])), np.float32(0.5 * (fit[0, 1] + fit[1, 1]))
+
+
+@njit()
+def extents_of(optics: Any, fits: Array) -> Array:
+    """Largest distance of each marker's edge from its centre [px], about, shape (M, 2)."""
+    extents, shape = np.empty((fits.shape[0], 2)), np.empty((2, 2))
+    for m in range(fits.shape[0]):
+        for k in range(2):
+            stretch(optics.shapes[k, m], fits[m, k], shape)
+            extents[m, k] = max(
+                math.hypot(shape[0, 0], shape[1, 0]), math.hypot(shape[0, 1], shape[1, 1])
+            )
+    return extents
+
+
+@njit()
+def model_pixels(
+    optics: Any,
+    present: NDArray[np.bool_],
+    fit: Array,
+    inverses: Array,
+    together: float,
+    free: int,
+    count: int,
+    lights: Array,
+    says: Array,
+    buffer: Array32,
+) -> float:
+    """The model's rows of the buffer; returns the sum of squared residuals over noise variance.
+
+    The diagonal of `lights` receives the information on each channel's gain, `says` what the
+    residuals say of it.
+    """
+    per_range = np.float32(1.0 / (EDGE_RANGE * optics.width))
+    correction = np.float32(0.5 * optics.width * optics.width)
+    for k in range(2):
+        there = np.float32(1.0 if present[k] else 0.0)
+        cx, cy = np.float32(fit[k, 0]), np.float32(fit[k, 1])
+        i00, i01 = np.float32(inverses[k, 0, 0]), np.float32(inverses[k, 0, 1])
+        i10, i11 = np.float32(inverses[k, 1, 0]), np.float32(inverses[k, 1, 1])
+        covered, x, y = row_at(COVERED + k), row_at(X), row_at(Y)
+        j0, j1, j2 = (
+            row_at(CHANGE + 5 * k),
+            row_at(CHANGE + 5 * k + 1),
+            row_at(CHANGE + 5 * k + 2),
+        )
+        j3, j4 = row_at(CHANGE + 5 * k + 3), row_at(CHANGE + 5 * k + 4)
+        for i in range(np.uint64(count)):
+            # Distance to the edge, positive inside, to first order; coverage and its rise.
+            dx, dy = buffer[x + i] - cx, buffer[y + i] - cy
+            qx, qy = i00 * dx + i01 * dy, i10 * dx + i11 * dy
+            radius = np.sqrt(qx * qx + qy * qy + TINY)
+            to_radius = F1 / radius
+            gx, gy = (i00 * qx + i10 * qy) * to_radius, (i01 * qx + i11 * qy) * to_radius
+            slope = np.sqrt(gx * gx + gy * gy + TINY)
+            to_slope = F1 / slope
+            u = ((F1 - radius) * to_slope - correction * slope) * per_range
+            buffer[covered + i] = there * edge(u)
+            rise = there * edge_slope(u) * per_range * to_slope
+            nx, ny = rise * gx, rise * gy
+            buffer[j0 + i] = nx
+            buffer[j1 + i] = ny
+        if free == 2:
+            continue
+        for i in range(np.uint64(count)):
+            dx, dy = buffer[x + i] - cx, buffer[y + i] - cy
+            nx, ny = buffer[j0 + i], buffer[j1 + i]
+            buffer[j2 + i] = nx * dx + ny * dy
+            buffer[j3 + i] = nx * dx - ny * dy
+            buffer[j4 + i] = nx * dy + ny * dx
+    squares = 0.0
+    for i in range(np.uint64(3)):
+        clear(buffer, row_at(TELLS) + i * np.uint64(ROOM), count)
+    clear(buffer, row_at(PULL), count)
+    clear(buffer, row_at(PULL + 1), count)
+    _cover_both(np.float32(together), count, buffer)
+    # One by one: rows must be known when this is compiled, or it would not be vectorised.
+    a = optics.absorbed
+    squares += _channel(a[0, 0], a[1, 0], a[2, 0], 0, count, lights, says, buffer)
+    squares += _channel(a[0, 1], a[1, 1], a[2, 1], 1, count, lights, says, buffer)
+    squares += _channel(a[0, 2], a[1, 2], a[2, 2], 2, count, lights, says, buffer)
+    return squares
+
+
+@njit()
+def _cover_both(odds: np.float32, count: int, buffer: Array32) -> None:
+    """Coverage by both layers, see `covered_by_both`, and its derivatives by either's."""
+    c0, c1, both, by0, by1 = (
+        row_at(COVERED),
+        row_at(COVERED + 1),
+        row_at(BOTH),
+        row_at(BY),
+        row_at(BY + 1),
+    )
+    more, half = odds - F1, np.float32(0.5)
+    for i in range(np.uint64(count)):
+        first, second = buffer[c0 + i], buffer[c1 + i]
+        apart, sum_ = more * (first - second), first + second
+        square = F1 + F2 * more * (sum_ - F2 * first * second) + apart * apart
+        root = np.sqrt(max(square, TINY))
+        buffer[both + i] = F2 * odds * first * second / (F1 + more * sum_ + root)
+        to_root = half / root
+        buffer[by0 + i] = half - to_root * (F1 - F2 * second + apart)
+        buffer[by1 + i] = half - to_root * (F1 - F2 * first - apart)
+
+
+@njit()
+def clear(buffer: Array32, row: np.uint64, count: int) -> None:
+    """Zeros to a row."""
+    for i in range(np.uint64(count)):
+        buffer[row + i] = F0
+
+
+@njit(inline="always")
+def _channel(
+    a0: np.float32,
+    a1: np.float32,
+    b: np.float32,
+    c: int,
+    count: int,
+    lights: Array,
+    says: Array,
+    buffer: Array32,
+) -> float:
+    """What one channel says, added to the rows of all; returns its sum of squared residuals."""
+    light, seen, weight = row_at(GROUND + c), row_at(SEEN + c), row_at(WEIGHT + c)
+    rest, left = row_at(BESIDE + c), row_at(LEFT)
+    c0, c1, gain0, gain1 = (
+        row_at(COVERED),
+        row_at(COVERED + 1),
+        row_at(GAIN + c),
+        row_at(GAIN + 3 + c),
+    )
+    own0, own1, cross, whole = (
+        row_at(TELLS),
+        row_at(TELLS + 1),
+        row_at(TELLS + 2),
+        row_at(MODEL + c),
+    )
+    pull0, pull1 = row_at(PULL), row_at(PULL + 1)
+    both, by0, by1 = row_at(BOTH), row_at(BY), row_at(BY + 1)
+    for i in range(np.uint64(count)):
+        first, second, g, w = buffer[c0 + i], buffer[c1 + i], buffer[light + i], buffer[weight + i]
+        model = g * (F1 - a0 * first - a1 * second + b * buffer[both + i]) + buffer[rest + i]
+        residual = buffer[seen + i] - model
+        d0, d1 = g * (b * buffer[by0 + i] - a0), g * (b * buffer[by1 + i] - a1)
+        buffer[own0 + i] += w * d0 * d0
+        buffer[own1 + i] += w * d1 * d1
+        buffer[cross + i] += w * d0 * d1
+        buffer[pull0 + i] += w * d0 * residual
+        buffer[pull1 + i] += w * d1 * residual
+        buffer[gain0 + i] = w * model * d0
+        buffer[gain1 + i] = w * model * d1
+        buffer[whole + i] = model
+        buffer[left + i] = residual
+    lights[c, :] = 0.0
+    end = np.uint64(count)
+    lights[c, c] = sum_of_products(buffer, (weight, whole, whole), end)
+    says[c] = sum_of_products(buffer, (weight, whole, left), end)
+    return np.float64(sum_of_products(buffer, (weight, left, left), end))
+
+
+@njit()
+def stretch(nominal: Array, fit: Array, out: Array) -> None:
+    """Shape of a marker: its semi-axes at nominal size, grown and strained as the fit has it."""
+    size = math.exp(fit[2])
+    for j in range(2):
+        a, b = nominal[0, j], nominal[1, j]
+        out[0, j] = size * ((1.0 + fit[3]) * a + fit[4] * b)
+        out[1, j] = size * (fit[4] * a + (1.0 - fit[3]) * b)
+
+
+@njit()
+def invert(a: Array, out: Array) -> None:
+    """Inverse of a 2 × 2 matrix."""
+    det = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+    out[0, 0], out[0, 1] = a[1, 1] / det, -a[0, 1] / det
+    out[1, 0], out[1, 1] = -a[1, 0] / det, a[0, 0] / det

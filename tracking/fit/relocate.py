@@ -1,0 +1,183 @@
+"""Markers found without knowing where they were: seen anew, and numbered from the rim inwards.
+
+The rim of a fingertip is held, and what moves in it moves smoothly. So the markers are given their
+numbers from the outermost inwards: each is looked for where those that have their numbers already,
+next to it, say that it must be. That needs no frame before, and bears motions past half a pitch.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ...render.colour import decoding_table
+from ..detection import RestFrame, neighbours
+from ..palette import Palette
+from ..unmixing import unmixing_matrix
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+#: Blocks in which today's light is read off, in pitches; and how much of one is surely ground.
+_BLOCK, _GROUND_SHARE = 2.0, 0.3
+#: Areas of blobs over the markers' at rest.
+_SMALLEST, _LARGEST = 0.4, 2.2
+#: A blob this far from where it must be is another marker's [pitch] …
+_REACH = 0.45
+#: … and one is not certain if another is nearly as near.
+_NEARLY = 1.5
+#: Markers next to one that say where it must be.
+_AROUND = 8
+#: What a slope of the displacement of 1 counts against them, in displacements of a pixel.
+_STIFF = 8.0
+
+
+@dataclass(frozen=True)
+class Relocated:
+    """Where the markers of a frame are, by number.
+
+    Attributes
+    ----------
+    position: [px], shape (L, M, 2); where it must be for those not found
+    found: shape (L, M)
+    ambiguous: found, but another blob or number would do nearly as well, shape (L, M)
+    gains: light of each channel over that at rest, at each marker, shape (M, 3)
+    """
+
+    position: Array
+    found: NDArray[np.bool_]
+    ambiguous: NDArray[np.bool_]
+    gains: Array
+
+
+class Relocator:
+    """Finds the markers of a rest frame in any other frame.
+
+    Parameters
+    ----------
+    rest: see RestFrame
+    palette: of the markers
+    """
+
+    def __init__(self, rest: RestFrame, palette: Palette) -> None:
+        self._rest = rest
+        self._matrix = unmixing_matrix(palette.transmittance).astype(np.float32)
+        self._bright = palette.bright
+        self._skin = rest.ground[..., 0] > 0.0
+        safe = np.where(self._skin[..., None], rest.ground, 1.0)
+        self._log_ground = np.log(np.maximum(safe, 1e-4)).astype(np.float32)
+        levels = np.log(np.maximum(decoding_table(), 1e-4)).astype(np.float32)
+        self._log_levels = np.repeat(levels[:, None], 3, axis=1).reshape(1, 256, 3)
+        self._areas = np.pi * rest.radius**2
+        # From the rim inwards: by the distance to the middle of all markers.
+        middle = np.nanmean(rest.position, axis=0)
+        away = np.linalg.norm(middle - middle.mean(axis=0), axis=1)
+        self._order = np.argsort(-away)
+        self._near = neighbours(middle, 3 * _AROUND - 1)
+        self._middle = middle
+
+    def __call__(self, image: Image) -> Relocated:
+        """Markers of an image of the rest frame's size."""
+        blobs, gains = self._see(image)
+        parts = [self._number(at, blobs[layer]) for layer, at in enumerate(self._rest.position)]
+        position, found, ambiguous = (np.stack(part) for part in zip(*parts, strict=True))
+        x, y = (
+            np.clip(np.rint(self._middle[:, k]).astype(int), 0, size - 1)
+            for k, size in enumerate((image.shape[1], image.shape[0]))
+        )
+        return Relocated(position, found, ambiguous, np.exp(gains[y, x].astype(float)))
+
+    def _see(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
+        """Centres (n, 2) of each layer's blobs; and the light's logarithm over rest, (H, W, 3)."""
+        ratio = np.asarray(cv2.LUT(image, self._log_levels)) - self._log_ground
+        ratio[~self._skin] = 0.0
+        gains = self._today(ratio)
+        density = cv2.transform(gains - ratio, self._matrix)
+        density = np.asarray(density).reshape(*self._skin.shape, -1)
+        blobs = []
+        for layer, area in enumerate(self._areas):
+            mask = ((density[..., layer] > 0.5) & self._skin).astype(np.uint8)
+            _, _, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=4)
+            areas = stats[1:, cv2.CC_STAT_AREA]
+            fit = (areas > _SMALLEST * area) & (areas < _LARGEST * area)
+            blobs.append(np.asarray(centres[1:][fit], dtype=float))
+        return blobs, gains
+
+    def _today(self, ratio: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Logarithm of today's light on the ground over that at rest, shape (H, W, 3)."""
+        height, width = self._skin.shape
+        size = max(8, round(_BLOCK * self._rest.pitch))
+        rows, cols = -(-height // size), -(-width // size)
+        blocks = np.full((rows, cols, 3), np.nan, dtype=np.float32)
+        share = _GROUND_SHARE if self._bright else 1.0 - _GROUND_SHARE
+        for row in range(rows):
+            for col in range(cols):
+                part = np.s_[row * size : (row + 1) * size : 2, col * size : (col + 1) * size : 2]
+                lit = ratio[part][self._skin[part]]
+                if len(lit) > size:
+                    at = int(share * (len(lit) - 1))
+                    blocks[row, col] = np.partition(lit, at, axis=0)[at]
+        weight = np.isfinite(blocks[..., :1]).astype(np.float32)
+        filled = np.concatenate([np.nan_to_num(blocks) * weight, weight], axis=2)
+        filled = cv2.GaussianBlur(filled, (0, 0), 0.7, borderType=cv2.BORDER_REPLICATE)
+        smooth = filled[..., :3] / np.maximum(filled[..., 3:], 1e-6)
+        # Middles of blocks lie half a block inside.
+        x = (np.arange(width, dtype=np.float32) + 0.5) / size - 0.5
+        y = (np.arange(height, dtype=np.float32) + 0.5) / size - 0.5
+        at_x, at_y = np.meshgrid(x, y)
+        return np.asarray(
+            cv2.remap(smooth, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        )
+
+    def _number(
+        self, rest: Array, blobs: Array
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Positions, whether found and whether ambiguous, of one layer's markers."""
+        count = len(rest)
+        there = np.isfinite(rest[:, 0])
+        moved = np.full((count, 2), np.nan)
+        ambiguous = np.zeros(count, dtype=np.bool_)
+        reach = _REACH * self._rest.pitch
+        tree = KDTree(blobs) if len(blobs) else None
+        owner = np.full(len(blobs), -1)
+        # Once more for those that had too few neighbours with a number the first time.
+        for _ in range(2):
+            for m in self._order.tolist():
+                if tree is None or not there[m] or np.isfinite(moved[m, 0]):
+                    continue
+                must = rest[m] + self._expected(m, rest, moved)
+                distance, blob = tree.query(must, k=min(2, len(blobs)))
+                distance, blob = np.atleast_1d(distance), np.atleast_1d(blob)
+                if distance[0] > reach or owner[blob[0]] >= 0:
+                    continue
+                moved[m] = blobs[blob[0]] - rest[m]
+                owner[blob[0]] = m
+                ambiguous[m] = (
+                    len(distance) > 1
+                    and distance[0] > 0.2 * self._rest.pitch
+                    and distance[1] < _NEARLY * distance[0]
+                )
+        found = np.isfinite(moved[:, 0])
+        for m in np.flatnonzero(~found):
+            moved[m] = self._expected(int(m), rest, moved)
+        return rest + moved, found, ambiguous
+
+    def _expected(self, m: int, rest: Array, moved: Array) -> Array:
+        """Displacement [px] that the markers next to one say it must have."""
+        near = self._near[m]
+        known = near[np.isfinite(moved[near, 0])][:_AROUND]
+        if len(known) == 0:
+            return np.zeros(2)
+        offsets = self._middle[known] - self._middle[m]
+        weight = 1.0 / (1.0 + (offsets**2).sum(axis=1) / self._rest.pitch**2)
+        mean = weight @ moved[known] / weight.sum()
+        if len(known) < 3:
+            return np.asarray(mean)
+        # A plane through them, stiff where they lie on a line and say nothing across it.
+        centre = weight @ offsets / weight.sum()
+        apart = (offsets - centre) * weight[:, None]
+        square = apart.T @ (offsets - centre) + _STIFF**2 * np.eye(2)
+        slope = np.linalg.solve(square, apart.T @ (moved[known] - mean))
+        return np.asarray(mean - centre @ slope)

@@ -1,0 +1,1 @@
+"""Forces and friction from tracks."""

@@ -1,0 +1,268 @@
+"""What an estimator may know of a sensor beside its rest frame, and the file that holds it."""
+
+import os
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+import tomli_w
+from msgspec import Meta
+from msgspec.structs import replace as changed
+from scipy.spatial import KDTree
+
+from ...model import REFERENCE_NODES, Fingertip, SpringLaw
+from ...render import SensorDesign, load_sensor, sensor_names
+from ...strict_toml import Table, convert
+from ..tracks import Tracks
+from .displacement import DisplacementGains
+
+FORMAT: Literal["chromagrip calibration 1"] = "chromagrip calibration 1"
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+
+#: Markers at rest may be so far from the design's places, RMS [pitches]; any others are a third.
+_APART = 0.2
+
+
+class CalibrationFileError(ValueError):
+    """A calibration that is not there, or is none."""
+
+
+class OtherSensorError(ValueError):
+    """A rest frame that does not show the calibrated sensor."""
+
+
+class Values(Table, frozen=True, kw_only=True):
+    """What presses can tell of a sensor; the rest is as in its design. Per-node at 251 nodes."""
+
+    tissue_stiffness_n_per_m: Positive
+    membrane_stiffness_n_per_m: Positive
+    tissue_poisson: Annotated[float, Meta(ge=0.0, le=0.5)]
+    yellow_follow: Annotated[float, Meta(ge=0.0, le=1.0)]
+    magenta_depth_mm: NotNegative
+    yellow_depth_mm: NotNegative
+
+
+class FitReport(Table, frozen=True, kw_only=True):
+    """How the values came about: the presses, and what the fit leaves of them.
+
+    `normal_error_share` and `friction_error_n` are RMS errors of the presses' own forces as the
+    estimator reads them; `error_px` is that of the markers' places.
+    """
+
+    presses: tuple[str, ...]
+    noise_levels: NotNegative
+    error_px: NotNegative
+    normal_error_share: NotNegative | None = None
+    friction_error_n: NotNegative | None = None
+    deviations: dict[str, float] = {}  # noqa: RUF012 (msgspec copies it)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorCalibration:
+    """Calibration of one sensor: its image, its mechanics, and how far either can be trusted.
+
+    Attributes
+    ----------
+    sensor: calibration of the image
+    fingertip: calibration of the mechanics; of a flat pad, which has none, it says nothing
+    position_floor: model error of a marker's motion, added to its noise [px]
+    size_floor: model error of a marker's logarithmic size
+    stiffness_deviation: standard deviation of what all springs are stiffer, as a share: forces have
+        it too, ΣFn and ΣFf nearly alike
+    readout: trained read-out of this kind of sensor; None if it has none
+    displacement: gains from image to displacement; None where they were not calibrated
+    """
+
+    sensor: SensorDesign
+    fingertip: Fingertip
+    position_floor: float = 0.02
+    size_floor: float = 6e-4
+    stiffness_deviation: float = 0.0
+    readout: Path | None = None
+    displacement: DisplacementGains | None = None
+
+
+class _File(Table, frozen=True, kw_only=True):
+    format: Literal["chromagrip calibration 1"]
+    sensor: str
+    readout: str = ""
+    position_floor_px: NotNegative = SensorCalibration.position_floor
+    size_floor: NotNegative = SensorCalibration.size_floor
+    stiffness_deviation: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    values: Values | None = None
+    displacement: DisplacementGains | None = None
+    fit: FitReport
+
+
+def nominal_calibration(sensor: SensorDesign, law: SpringLaw = "split") -> SensorCalibration:
+    """Calibration of a sensor that is exactly as designed, of the thesis's materials."""
+    tip = Fingertip.of_radius(sensor.shape.radius, nodes=REFERENCE_NODES, law=law)
+    return SensorCalibration(sensor=sensor, fingertip=tip)
+
+
+def values_of(calibration: SensorCalibration) -> Values:
+    """What presses could tell of a calibration, as it stands."""
+    sensor, tip = calibration.sensor, calibration.fingertip
+    return Values(
+        tissue_stiffness_n_per_m=tip.tissue_stiffness,
+        membrane_stiffness_n_per_m=tip.membrane_stiffness,
+        tissue_poisson=tip.poisson_tissue,
+        yellow_follow=sensor.yellow.follow,
+        magenta_depth_mm=sensor.magenta.depth_mm,
+        yellow_depth_mm=sensor.yellow.depth_mm,
+    )
+
+
+def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibration:
+    """The calibration with other values.
+
+    Raises
+    ------
+    ValueError
+        When they make no sensor: a layer deeper than the silicone.
+    """
+    sensor = calibration.sensor
+    return replace(
+        calibration,
+        sensor=changed(
+            sensor,
+            magenta=changed(sensor.magenta, depth_mm=values.magenta_depth_mm),
+            yellow=changed(
+                sensor.yellow, depth_mm=values.yellow_depth_mm, follow=values.yellow_follow
+            ),
+        ),
+        fingertip=replace(
+            calibration.fingertip,
+            tissue_stiffness=values.tissue_stiffness_n_per_m,
+            membrane_stiffness=values.membrane_stiffness_n_per_m,
+            poisson_tissue=values.tissue_poisson,
+        ),
+    )
+
+
+def check_rest(sensor: SensorDesign, rest: Tracks) -> float:
+    """How far the markers at rest are from the design's places, RMS [px].
+
+    Raises
+    ------
+    OtherSensorError
+        When they lie where another sensor, or a camera turned in it, would have them.
+    """
+    far, pitch = [], []
+    for depth, position, visible in zip(sensor.depths, rest.position, rest.visible, strict=True):
+        pixels = sensor.view.project(sensor.shape.points(sensor.places, depth))
+        tree = KDTree(pixels)
+        far.append(np.asarray(tree.query(position[visible])[0]))
+        pitch.append(np.asarray(tree.query(pixels, k=2)[0])[:, 1])
+    error = float(np.sqrt((np.concatenate(far) ** 2).mean()))
+    allowed = _APART * float(np.median(np.concatenate(pitch)))
+    if error > allowed:
+        raise OtherSensorError(
+            f"the markers at rest lie {error:.1f} px RMS from the places of the calibrated sensor; "
+            f"allowed: {allowed:.1f} px. Is it another sensor, or is its camera turned or shifted?"
+        )
+    return error
+
+
+def load_calibration(name: str) -> SensorCalibration:
+    """Calibration from a file that ends in `.toml`, or the nominal one of a shipped sensor.
+
+    A sensor design that a file names is looked for beside it.
+
+    Raises
+    ------
+    CalibrationFileError
+        When there is no such calibration, or with the key, the value and what is allowed.
+    """
+    if name in sensor_names():
+        return replace(nominal_calibration(load_sensor(name)), readout=shipped_readout(name))
+    if not name.endswith(".toml"):
+        raise CalibrationFileError(
+            f"no calibration {name!r}; give a .toml file of `chromagrip calibrate sensor`, or for "
+            f"a sensor as designed one of {', '.join(sensor_names())}"
+        )
+    try:
+        values = tomllib.loads(Path(name).read_text(encoding="utf-8"))
+        if values.get("format") != FORMAT:
+            raise CalibrationFileError(
+                f"calibration {name} has format {values.get('format')!r}; wanted: {FORMAT!r}"
+            )
+        file = convert(values, _File, f"calibration {name}")
+        own = file.sensor.endswith(".toml")
+        sensor = load_sensor(str(Path(name).parent / file.sensor) if own else file.sensor)
+        calibration = nominal_calibration(sensor)
+        if file.values is not None:
+            calibration = with_values(calibration, file.values)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise CalibrationFileError(f"calibration {name} cannot be read: {reason}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise CalibrationFileError(f"calibration {name} is not valid TOML: {error}") from None
+    except ValueError as error:
+        said = str(error)
+        raise CalibrationFileError(
+            said if said.startswith("calibration") else f"calibration {name}: {said}"
+        ) from None
+    return replace(
+        calibration,
+        position_floor=file.position_floor_px,
+        size_floor=file.size_floor,
+        stiffness_deviation=file.stiffness_deviation,
+        readout=Path(name).parent / file.readout if file.readout else shipped_readout(file.sensor),
+        displacement=file.displacement,
+    )
+
+
+def shipped_readout(sensor: str) -> Path | None:
+    """Read-out trained for a shipped design, if there is one."""
+    path = Path(__file__).parents[1] / "readouts" / f"{sensor}.npz"
+    return path if path.exists() else None
+
+
+def calibration_table(
+    calibration: SensorCalibration, sensor: str, report: FitReport
+) -> dict[str, Any]:
+    """What a calibration file holds.
+
+    Parameters
+    ----------
+    calibration: to write
+    sensor: name or file of the design that it starts from
+    report: how it was found
+    """
+    flat = calibration.sensor.shape.flat
+    file = _File(
+        format=FORMAT,
+        sensor=sensor,
+        position_floor_px=calibration.position_floor,
+        size_floor=calibration.size_floor,
+        stiffness_deviation=calibration.stiffness_deviation,
+        values=None if flat else values_of(calibration),
+        displacement=calibration.displacement,
+        fit=report,
+    )
+    return _without_none(msgspec.to_builtins(file))
+
+
+def save_calibration(
+    calibration: SensorCalibration, sensor: str, report: FitReport, path: Path
+) -> None:
+    """Write a calibration file, see `calibration_table`; a design's file is named from there."""
+    if sensor.endswith(".toml"):
+        sensor = os.path.relpath(sensor, path.parent)
+    table = calibration_table(calibration, sensor, report)
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+
+
+def _without_none(table: dict[str, Any]) -> dict[str, Any]:
+    """TOML has no null: what is not there is left out."""
+    return {
+        key: _without_none(value) if isinstance(value, dict) else value
+        for key, value in table.items()
+        if value is not None
+    }

@@ -1,0 +1,1 @@
+"""Force reconstruction on the chain's plane."""

@@ -1,0 +1,147 @@
+"""What the markers of a sensor do when the chain moves: prediction and its exact derivative."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....render import SensorDesign
+from ....render.harmonics import harmonic_map
+from ....render.membrane import Membrane, outline_axes
+from ....render.outlines import areas, centroids, outlines
+
+Array = NDArray[np.float64]
+
+#: What is measured of a pair, in order: (x, y, log size) of magenta, then of yellow.
+MEASURED = 6
+
+
+class UnsupportedSensorError(ValueError):
+    """A sensor whose markers do what the estimator does not know of."""
+
+
+class MarkerResponse:
+    """Predicted (x, y, log size) of both layers of every marker pair of one calibrated sensor.
+
+    Parameters
+    ----------
+    sensor: calibration
+    places: of the markers at rest, as read off the rest frame, shape (2, M, 2)
+    nodes: of the chain, how many or where
+    """
+
+    def __init__(self, sensor: SensorDesign, places: Array, nodes: int | Array) -> None:
+        if sensor.markers.stretch or sensor.markers.swell_mm or sensor.markers.form != "disc":
+            raise UnsupportedSensorError(
+                "forces are read from stiff discs only: markers.form = 'disc', markers.stretch = 0 "
+                "and markers.swell_mm = 0"
+            )
+        self._view, skin = sensor.view, sensor.shape
+        self._half_sizes = sensor.half_sizes
+        self._layers = [
+            (
+                harmonic_map(skin, p, nodes),
+                skin.points(p, depth),
+                skin.tangents(p),
+                float(skin.metric(depth)),
+                float(follow),
+            )
+            for p, depth, follow in zip(places, sensor.depths, sensor.follow, strict=True)
+        ]
+
+    def __call__(self, seen: Array, cases: Array) -> tuple[Array, Array]:
+        """Prediction at displacements `seen`, and how it changes along several load cases.
+
+        Parameters
+        ----------
+        seen: node displacements relative to the rigid part [m], shape (N, 2)
+        cases: directions to differentiate along [m], shape (N, 2, C)
+
+        Returns
+        -------
+        prediction: [px, px, 1] per layer, shape (M, 6)
+        derivative: along each case, shape (M, 6, C)
+        """
+        predictions, derivatives = [], []
+        # The displacement itself rides along as the first case.
+        stacked = np.concatenate([seen[:, :, None], cases], axis=2)
+        for carry, rest, (along_theta, along_phi), radius, follow in self._layers:
+            moved = follow * carry.displacement(stacked)
+            d_theta, d_phi = (follow / radius * g for g in carry.gradient(stacked))
+            centre = rest + moved[:, :, 0]
+            side_theta = along_theta + d_theta[:, :, 0]
+            side_phi = along_phi + d_phi[:, :, 0]
+            # A disc of normal n seen by a lens of Jacobian rows J₁, J₂ has the area (J₁ × J₂)·n.
+            upright = np.cross(side_theta, side_phi)
+            face = self._face(centre)
+            seen_area = _dot(face, upright)
+            length2 = _dot(upright, upright)
+            to_upright = 0.5 * (face / seen_area[:, None] - upright / length2[:, None])
+            to_centre = 0.5 * self._face_gradient(centre, upright) / seen_area[:, None]
+            d_log = (
+                np.einsum("mk,mkc->mc", to_centre, moved[:, :, 1:])
+                + np.einsum("mk,mkc->mc", np.cross(side_phi, to_upright), d_theta[:, :, 1:])
+                + np.einsum("mk,mkc->mc", np.cross(to_upright, side_theta), d_phi[:, :, 1:])
+            )
+            log_size = 0.5 * np.log(seen_area / np.sqrt(length2))
+            predictions += [self._view.project(centre), log_size[:, None]]
+            derivatives += [self._view.jacobian(centre) @ moved[:, :, 1:], d_log[:, None]]
+        return np.concatenate(predictions, axis=1), np.concatenate(derivatives, axis=1)
+
+    def perspective(self, seen: Array) -> Array:
+        """What `__call__` leaves out at `seen`: the second order of discs' images, shape (M, 6).
+
+        Perspective moves the middle of a tilted disc's image off its projected centre. It changes
+        so little with the load that its derivative does not matter.
+        """
+        parts = []
+        for (image,), (centre,), (axes,) in self._images(seen[None]):
+            flat = self._view.jacobian(centre) @ axes
+            log_size = 0.5 * np.log(np.linalg.det(image[:, 1:3]) / np.linalg.det(flat))
+            parts += [centroids(image, False) - self._view.project(centre), log_size[:, None]]
+        return np.concatenate(parts, axis=1)
+
+    def measured(self, seen: Array) -> Array:
+        """What pictures show at `seen` (…, N, 2), second order and all [px, px, 1], (…, M, 6).
+
+        Log sizes are those of areas in pixels, to be compared with those at rest.
+        """
+        parts = []
+        for image, _, _ in self._images(seen.reshape(-1, *seen.shape[-2:])):
+            # Under a sharp object a disc may turn its back: what is seen of it has an area still.
+            log_size = 0.5 * np.log(areas(image, False))
+            parts += [centroids(image, False), log_size[..., None]]
+        shown = np.concatenate(parts, axis=-1)
+        return shown.reshape(*seen.shape[:-2], *shown.shape[1:])
+
+    def _images(self, seen: Array) -> Iterator[tuple[Array, Array, Array]]:
+        """Outlines (S, M, 6, 2), centres (S, M, 3), axes (S, M, 3, 2) of each layer's discs.
+
+        Of each of some `seen`, shape (S, N, 2).
+        """
+        stacked = np.moveaxis(seen, 0, -1)
+        for half, (carry, rest, tangents, metric, follow) in zip(
+            self._half_sizes, self._layers, strict=True
+        ):
+            centre = rest + follow * np.moveaxis(carry.displacement(stacked), -1, 0)
+            slope = np.moveaxis(np.stack(carry.gradient(stacked), axis=-1), -2, 0)
+            axes = half * outline_axes(np.stack(tangents, axis=-1) + follow / metric * slope, 0.0)
+            discs = Membrane(centres=centre, axes=axes)
+            yield outlines(discs, self._view), centre, axes
+
+    def _face(self, centre: Array) -> Array:
+        """J₁ × J₂ of the lens' Jacobian rows [px²/m²], shape (M, 3)."""
+        jacobian = self._view.jacobian(centre)
+        return np.cross(jacobian[:, 0], jacobian[:, 1])
+
+    def _face_gradient(self, centre: Array, upright: Array) -> Array:
+        """Gradient of `face`·`upright` in the centre, by central differences: any lens will do."""
+        nudge = 1e-6 * np.eye(3)
+        return np.stack(
+            [_dot(self._face(centre + h) - self._face(centre - h), upright) / 2e-6 for h in nudge],
+            axis=1,
+        )
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("mk,mk->m", a, b)

@@ -1,0 +1,93 @@
+"""Force field from tracks the direct way: a smooth displacement, times the chain's stiffness.
+
+The baseline that the others are measured against: what differentiating the displacement costs.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....model import ForceField, chain_forces
+from ...tracks import Tracks
+from ..calibration import SensorCalibration
+from ..shifts import MarkerShifts
+from .contact_reading import ForcePrior, read_contact
+from .gaussian_process import DivergedEstimateError
+from .sensitivity import MarkerResponse
+
+Array = NDArray[np.float64]
+
+#: Fewer visible pairs than this do not hold the displacement down.
+MIN_MARKERS = 40
+#: Places along the half circle where displacements are free, and the width of what each moves [m].
+_KNOTS, _WIDTH = 41, 1.3e-3
+#: Prior standard deviation of each of them [m].
+_AMPLITUDE = 0.3e-3
+#: Forces are read up to here from the apex [rad].
+_REACH = np.deg2rad(ForcePrior.reach_deg)
+#: Passes with the derivative at rest: lens and tilt make the shifts slightly nonlinear.
+_PASSES = 3
+#: Step of the stiffness' derivative, of a standard deviation.
+_STEP = 1e-2
+
+
+class StiffnessReading:
+    """Reads forces as K(u)·u of the smooth displacement u that fits the markers.
+
+    Parameters
+    ----------
+    calibration: of the sensor
+    rest: tracks of the unloaded sensor
+    """
+
+    def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None:
+        self._fingertip = tip = calibration.fingertip
+        self._shifts = MarkerShifts(calibration, rest, np.pi / 2)
+        self._response = MarkerResponse(self._shifts.sensor, self._shifts.places, tip.angles())
+        angles, knots = tip.angles(), np.linspace(-np.pi / 2, np.pi / 2, _KNOTS)
+        bumps = np.exp(-0.5 * ((angles[:, None] - knots) * tip.radius / _WIDTH) ** 2)
+        bumps[[0, -1]] = 0.0  # held to the rigid part
+        self._basis = np.zeros((tip.nodes, 2, 2 * _KNOTS))
+        self._basis[:, 0, :_KNOTS] = self._basis[:, 1, _KNOTS:] = bumps
+        self._at_rest, self._jacobian = self._response(np.zeros((tip.nodes, 2)), self._basis)
+        self._near = np.abs(angles) < _REACH
+
+    def reset(self) -> None:
+        """Every frame is read for itself."""
+
+    def update(self, tracks: Tracks) -> ForceField:
+        """Force field of a frame.
+
+        Raises
+        ------
+        TooFewMarkersError
+            When fewer than MIN_MARKERS pairs are visible.
+        DivergedEstimateError
+            When the passes run away.
+        """
+        shifts, visible = self._shifts(tracks, MIN_MARKERS)
+        jacobian = self._jacobian[visible]
+        weighted = np.linalg.solve(self._shifts.noise(tracks)[visible], jacobian)
+        weighted = weighted.reshape(-1, jacobian.shape[2])
+        jacobian = jacobian.reshape(weighted.shape)
+        information = weighted.T @ jacobian + np.eye(len(jacobian.T)) / _AMPLITUDE**2
+        root = np.linalg.inv(np.linalg.cholesky(information)).T
+        mean = np.zeros(len(root))
+        none = np.empty((self._fingertip.nodes, 2, 0))
+        try:
+            with np.errstate(invalid="raise"):
+                for _ in range(_PASSES):
+                    predicted, _ = self._response(self._basis @ mean, none)
+                    left = (shifts - predicted + self._at_rest)[visible].ravel() + jacobian @ mean
+                    mean = root @ (root.T @ (weighted.T @ left))
+        except FloatingPointError:
+            raise DivergedEstimateError(
+                "no smooth displacement of the skin explains the markers"
+            ) from None
+        seen, factor = self._basis @ mean, self._basis @ root
+        forces = self._forces(seen)
+        steps = [self._forces(seen + _STEP * column) for column in np.moveaxis(factor, 2, 0)]
+        spread = (np.stack(steps, axis=2) - forces[:, :, None]) / _STEP
+        return read_contact(self._fingertip, seen, forces, spread, factor)
+
+    def _forces(self, seen: Array) -> Array:
+        return np.where(self._near[:, None], chain_forces(self._fingertip, seen), 0.0)

@@ -1,0 +1,141 @@
+"""Displacement of the skin at each marker of a flat sensor: the published inverse, calibrated.
+
+Lin 2019 Eq. 3: δz = (h − h0)/Gz from the hue, δxy = c_xy/(a·δz + b) from the centroid, whose gain
+depends on the depth. The marker's size tells δz too; both count by their inverse variance.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from ...strict_toml import Table
+from ..tracks import Tracks
+
+Array = NDArray[np.float64]
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+
+#: Half the width of a normal distribution's middle half.
+_QUARTILE = 0.6745
+#: Markers further off than so many standard deviations are at an edge; found out in so many rounds.
+_FAR, _ROUNDS = 3.0, 3
+
+
+class GainError(ValueError):
+    """Presses that do not determine the gains."""
+
+
+class DisplacementGains(Table, frozen=True, kw_only=True):
+    """Gains from what a marker shows to how far the skin moved at it, and what they leave.
+
+    `…_deviation` is what a single marker misses by, noise and all. Hue or size may be missing,
+    where the tracker does not measure it.
+    """
+
+    hue_deg_per_mm: float | None = None
+    hue_deviation_deg: Positive | None = None
+    log_size_per_mm: float | None = None
+    log_size_deviation: Positive | None = None
+    shift_px_per_mm: float
+    shift_px_per_mm2: float
+    shift_deviation_px: Positive
+
+
+def fit_gains(rest: Tracks, presses: list[Tracks], depth: Array, shear: Array) -> DisplacementGains:
+    """Gains from presses of a plate that moves the skin at most markers alike.
+
+    Parameters
+    ----------
+    rest: tracks of the unloaded sensor
+    presses: tracks of K presses
+    depth, shear: displacement of the plate, into the skin and along x [m], shape (K,)
+
+    Raises
+    ------
+    GainError
+        When they do not determine every gain.
+    """
+    depth_mm, shear_mm = 1e3 * depth, 1e3 * shear
+    pulled = shear_mm != 0.0
+    if len(set(depth_mm)) < 2 or len(set(depth_mm[pulled])) < 2:
+        raise GainError(
+            f"{len(set(depth_mm))} different depths, {len(set(depth_mm[pulled]))} of them with a "
+            "shear, do not determine how the gain of a shear depends on the depth; wanted: at "
+            "least two with a shear"
+        )
+    hue, size, shift = (
+        np.stack(values) for values in zip(*(_moved(rest, t) for t in presses), strict=True)
+    )
+    hues = _gain(hue, depth_mm[:, None])
+    sizes = _gain(size, depth_mm[:, None])
+    along = _gain(shift[..., 0], np.stack([shear_mm, depth_mm * shear_mm], axis=1))
+    if along is None or (hues is None and sizes is None):
+        raise GainError("the tracker measured neither hues nor sizes of markers in the presses")
+    (shift_gain, shift_slope), deviation = along
+    return DisplacementGains(
+        hue_deg_per_mm=hues and hues[0][0],
+        hue_deviation_deg=hues and hues[1],
+        log_size_per_mm=sizes and sizes[0][0],
+        log_size_deviation=sizes and sizes[1],
+        shift_px_per_mm=shift_gain,
+        shift_px_per_mm2=shift_slope,
+        shift_deviation_px=deviation,
+    )
+
+
+def displacement(gains: DisplacementGains, rest: Tracks, tracks: Tracks) -> tuple[Array, Array]:
+    """Displacement (x, y, depth) at each outer marker [m], (M, 3), and covariance, (M, 3, 3).
+
+    NaN where a marker is not seen, or its hue and size are not measured.
+    """
+    hue, size, shift = _moved(rest, tracks)
+    signs = [
+        (hue, gains.hue_deg_per_mm, gains.hue_deviation_deg),
+        (size, gains.log_size_per_mm, gains.log_size_deviation),
+    ]
+    information, moment = np.zeros(len(hue)), np.zeros(len(hue))
+    for value, gain, deviation in signs:
+        if gain is not None and deviation is not None:
+            known = np.isfinite(value)
+            information += np.where(known, (gain / deviation) ** 2, 0.0)
+            moment += np.where(known, gain * np.nan_to_num(value) / deviation**2, 0.0)
+    information[information == 0.0] = np.nan
+    depth = moment / information
+    lateral = gains.shift_px_per_mm2 * depth + gains.shift_px_per_mm
+    moved = np.column_stack([shift / lateral[:, None], depth])
+    # By (x, y) in the image and by the depth, which are independent.
+    slope = np.zeros((len(hue), 3, 3))
+    slope[:, 0, 0] = slope[:, 1, 1] = 1.0 / lateral
+    slope[:, :2, 2] = -moved[:, :2] * gains.shift_px_per_mm2 / lateral[:, None]
+    slope[:, 2, 2] = 1.0
+    variance = np.column_stack(
+        [np.full((len(hue), 2), gains.shift_deviation_px**2), 1 / information]
+    )
+    return 1e-3 * moved, 1e-6 * np.einsum("mij,mj,mkj->mik", slope, variance, slope)
+
+
+def _moved(rest: Tracks, tracks: Tracks) -> tuple[Array, Array, Array]:
+    """Change of hue [°], of log size and of place [px] of the outer markers: (M,), (M,), (M, 2)."""
+    seen = tracks.visible[0] & rest.visible[0]
+    hue = np.where(seen, (tracks.hue - rest.hue + 180.0) % 360.0 - 180.0, np.nan)
+    size = np.where(seen, tracks.log_size[0] - rest.log_size[0], np.nan)
+    return hue, size, np.where(seen[:, None], tracks.position[0] - rest.position[0], np.nan)
+
+
+def _gain(values: Array, inputs: Array) -> tuple[list[float], float] | None:
+    """Factors of the inputs (K, I) in the presses' values (K, M), and what markers miss by.
+
+    Markers at the edge, which do not move with the plate, do not count. None where less than what
+    is asked is known.
+    """
+    known = np.isfinite(values).any(axis=1)
+    if known.sum() < inputs.shape[1] + 1:
+        return None
+    values, inputs = values[known], inputs[known]
+    factors = np.linalg.lstsq(inputs, np.nanmedian(values, axis=1), rcond=None)[0]
+    for _ in range(_ROUNDS):
+        missed = values - (inputs @ factors)[:, None]
+        near = abs(missed) <= _FAR * np.nanmedian(abs(missed)) / _QUARTILE
+        factors = np.linalg.lstsq(inputs[np.nonzero(near)[0]], values[near], rcond=None)[0]
+    return factors.tolist(), float(missed[near].std())

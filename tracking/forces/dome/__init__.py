@@ -1,0 +1,1 @@
+"""Force reconstruction on the dome: contacts and free tractions; not built yet."""
