@@ -1,5 +1,6 @@
 """What is true: the node model of fingertip and object, c·u̇ + K(u)·u = F_contact (thesis Eq. 2)."""
 
+from .chain.assembly import check_fit
 from .chain.drive import Drive
 from .chain.ensemble import Ensemble, rest_ensemble, step_many
 from .chain.fingertip import REFERENCE_NODES, Fingertip, SpringLaw
@@ -7,7 +8,7 @@ from .chain.integrators import INTEGRATORS, Method, explicit_limit, simulate
 from .chain.metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
 from .chain.plant import History, step, steps
 from .chain.state import Deformation, State, load_state, rest_state, save_state
-from .chain.statics import equilibrium
+from .chain.statics import equilibrium, largest_grip
 from .chain.stiffness import chain_compliance, chain_forces, spring_force, spring_forces
 from .errors import (
     ConvergenceError,
@@ -51,10 +52,12 @@ __all__ = [
     "State",
     "chain_compliance",
     "chain_forces",
+    "check_fit",
     "contact_forces",
     "equilibrium",
     "explicit_limit",
     "follow_slip",
+    "largest_grip",
     "load_state",
     "no_slip",
     "node_friction",
