@@ -95,14 +95,7 @@ class Registry:
         if not (isinstance(choice, str) or callable(choice)):
             self._check_methods(choice, name)
             return choice
-        factory = self.load(choice, arguments)
-        try:
-            return factory()
-        except (Exception, SystemExit) as reason:  # a plug-in may raise anything
-            given = f"with {', '.join(arguments)}" if arguments else "without arguments"
-            raise UserError(
-                f"{self.kind} {name!r} cannot be made {given}: {describe(reason)}"
-            ) from reason
+        return make(self.kind, name, self.load(choice, arguments))
 
     def _import(self, name: str) -> Any:
         if name in self.entries:
@@ -143,3 +136,20 @@ def name_of(choice: Choice | object) -> str:
 def describe(reason: BaseException) -> str:
     """Kind and text of an error that a plug-in raised."""
     return f"{type(reason).__name__}: {reason}"
+
+
+def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:
+    """Object that the factory of a plug-in makes.
+
+    Raises
+    ------
+    UserError
+        When it fails, with its error.
+    """
+    try:
+        return factory()
+    except (Exception, SystemExit) as reason:  # a plug-in may raise anything
+        given = " without arguments"
+        if isinstance(factory, partial):
+            given = f" with {', '.join(factory.keywords)}" if factory.keywords else ""
+        raise UserError(f"{kind} {name!r} cannot be made{given}: {describe(reason)}") from reason
