@@ -22,7 +22,6 @@ from ..scene.controllers import CONTROLLERS
 from ..scene.scene import (
     DEFAULT_SCENE,
     PathName,
-    RendererName,
     load_scene,
     parse_change,
     scene_names,
@@ -86,7 +85,8 @@ def grasp(
         option("what the controller is fed: pixels, or the model's own forces", "camera|truth"),
     ] = None,
     renderer: Annotated[
-        RendererName | None, option("instead of the scene's", "painter|pyrender")
+        str | None,
+        option("instead of the scene's; see `chromagrip renderers`", "NAME|MODULE:CLASS"),
     ] = None,
     fps: Annotated[float | None, option("camera rate, short for camera.rate_hz", "HZ")] = None,
     latency: Annotated[
@@ -208,7 +208,7 @@ def renderers() -> int:
     """List the renderers."""
     from ..render import RENDERERS
 
-    return _list(RENDERERS)
+    return _list(RENDERERS.descriptions())
 
 
 def doctor() -> int:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..errors import UserError
-from ..scene.scene import DEFAULT_SCENE, RendererName, load_scene, parse_change
+from ..scene.scene import DEFAULT_SCENE, load_scene, parse_change
 from .options import Force, JsonOnly, Out, new_folder, option, stop_if_interrupted
 
 
@@ -26,7 +26,7 @@ def render(
     load: Annotated[tuple[float, ...], option("lateral loads, at each grip", "N...")] = (),
     press_mm: Annotated[tuple[float, ...], option("depths, of a flat pad", "MM...")] = (),
     shear_mm: Annotated[tuple[float, ...], option("shears of a pad, at each depth", "MM...")] = (),
-    renderer: Annotated[RendererName | None, option("instead of the scene's", "NAME")] = None,
+    renderer: Annotated[str | None, option("instead of the scene's", "NAME|MODULE:CLASS")] = None,
     noise: Annotated[
         float | None, option("standard deviation, short for camera.noise_levels", "LEVELS")
     ] = None,

@@ -29,7 +29,7 @@ from ..model import (
     largest_grip,
     stiffness_from_young,
 )
-from ..render import Defects, SensorDesign, load_sensor
+from ..render import RENDERERS, Defects, SensorDesign, load_sensor
 from ..strict_toml import Table, convert, read_toml
 from .actuator import ActuatorSettings
 from .controllers import CONTROLLERS
@@ -41,7 +41,6 @@ Force = Annotated[float, Meta(ge=-100.0, le=100.0)]
 Friction = Annotated[float, Meta(gt=0.0, le=5.0)]
 
 PathName = Literal["camera", "truth"]
-RendererName = Literal["painter", "pyrender"]
 
 
 class ObjectSettings(Table, frozen=True):
@@ -199,7 +198,7 @@ class Scene(Table, frozen=True):
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
     controller: str = "safety-margin"
     path: PathName = "camera"
-    renderer: RendererName = "painter"
+    renderer: str = "painter"
     sensor: str = "thesis"
     calibration: str = ""
     tracker: str = "fit"
@@ -219,6 +218,7 @@ class Scene(Table, frozen=True):
 
     def __post_init__(self) -> None:
         CONTROLLERS.check(self.controller)
+        RENDERERS.check(self.renderer)
         self._check_times()
         if self.fingertip.nodes % 2 == 0:
             raise UserError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
