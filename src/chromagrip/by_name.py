@@ -94,7 +94,8 @@ class Registry:
             As in `load`, and when the factory raises an error.
         """
         name = name_of(choice)
-        if not (isinstance(choice, str) or callable(choice)):
+        made = not isinstance(choice, str | type) and not self._lacking(choice)
+        if made or not (isinstance(choice, str) or callable(choice)):
             self._check_methods(choice, name)
             return choice
         return make(self.kind, name, self.load(choice, arguments))
@@ -117,12 +118,17 @@ class Registry:
 
     def _check_methods(self, method: object, name: str) -> None:
         """Refuse a class or an object that lacks a method of the protocol."""
-        for required in (key for key in vars(self.protocol) if not key.startswith("_")):
-            if not hasattr(method, required):
-                home = self.protocol.__module__.rpartition(".")[0]
-                raise UserError(
-                    f"{self.kind} {name!r} has no {required}; see {home}.{self.protocol.__name__}"
-                )
+        lacking = self._lacking(method)
+        if lacking:
+            home = self.protocol.__module__.rpartition(".")[0]
+            raise UserError(
+                f"{self.kind} {name!r} has no {lacking[0]}; see {home}.{self.protocol.__name__}"
+            )
+
+    def _lacking(self, method: object) -> list[str]:
+        """Methods of the protocol that a class or an object does not have."""
+        required = (key for key in vars(self.protocol) if not key.startswith("_"))
+        return [key for key in required if not hasattr(method, key)]
 
 
 def name_of(choice: Choice | object) -> str:

@@ -140,7 +140,7 @@ def grasp(
         result = run(
             resolved,
             out,
-            force=force,
+            overwrite=force,
             progress=lambda done, total: _advance(bar, task, done, total),
         )
     if json_only:
