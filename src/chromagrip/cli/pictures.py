@@ -1,38 +1,44 @@
-"""The commands `detect`, `track`, `trackers` and `palettes`."""
+"""The commands on one's own pictures: `detect`, `track` and `estimate`."""
 
 import json
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
-from rich.console import Console
 from rich.table import Table
 
 from ..errors import UserError
 from .options import (
     Flag,
-    Force,
     Fps,
     Frames,
     JsonOnly,
     Noise,
     Out,
+    Overwrite,
     Rest,
     SourceName,
     TrackerName,
+    check_file,
     check_least,
-    frame_progress,
+    counting,
     new_folder,
     option,
+    print_table,
+    value_table,
 )
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.marker_list import Picture
 
-# As in tracking, which is not imported before it is used.
-_PALETTE, _TRACKER = "chromatouch", "fit"
+#: Defaults of `chromagrip.tracking`, which is not imported before it is used.
+_PALETTE = "chromatouch"
+_TRACKER = "fit"
+_RECONSTRUCTOR = "auto"
 PaletteName = Annotated[
     str,
     option("palette or sensor, see `chromagrip palettes`, or a .toml file of either", "NAME|FILE"),
@@ -44,12 +50,12 @@ def detect(
     *,
     palette: PaletteName = _PALETTE,
     out: Annotated[Path | None, option("picture with the markers drawn in", "FILE.png")] = None,
-    force: Annotated[Flag, option("write over an earlier picture")] = False,
+    overwrite: Annotated[Flag, option("write over an earlier picture")] = False,
     json_only: Annotated[Flag, option("one JSON object with every marker", name="json")] = False,
 ) -> int:
     """Find the markers of each layer in a single picture."""
     if out is not None:
-        _check_picture(out, force)
+        check_file(out, {".png"}, overwrite)
 
     from ..pictures.marker_list import list_markers
 
@@ -75,19 +81,9 @@ def detect(
             f"{np.median(markers.area):.0f} px²" if len(markers.area) else "–",
             f"{hue:.0f}°" if len(hues) else "–",
         )
-    Console(markup=False, highlight=False).print(table)
+    print_table(table)
     print(f"picture {out}" if out else "see them with --out FILE.png, have them all with --json")
     return 0
-
-
-def _check_picture(path: Path, force: bool) -> None:
-    """Refuse before the work what could not be written after it."""
-    if path.suffix.lower() != ".png":
-        raise UserError(f"picture {path} must end in .png")
-    if not path.parent.is_dir():
-        raise UserError(f"picture {path} cannot be written: there is no folder {path.parent}")
-    if path.is_dir() or (path.exists() and not force):
-        raise UserError(f"picture {path} exists; choose another or give --force")
 
 
 def _save_picture(found: "Picture", path: Path) -> None:
@@ -114,7 +110,7 @@ def track(
     fps: Fps = None,
     frames: Frames = None,
     out: Out = None,
-    force: Force = False,
+    overwrite: Overwrite = False,
     json_only: JsonOnly = False,
 ) -> int:
     """Follow the markers of a sensor through pictures, a video or a camera's frames.
@@ -127,7 +123,7 @@ def track(
 
     from ..pictures.track import track_source
 
-    with frame_progress("tracking") as (tell, progress):
+    with _frames("tracking") as (tell, progress):
         outcome = track_source(
             rest,
             source,
@@ -137,7 +133,7 @@ def track(
             fps=fps,
             frames=frames,
             out=out,
-            force=force,
+            overwrite=overwrite,
             tell=tell,
             progress=progress,
         )
@@ -151,7 +147,7 @@ def track(
 
 
 def _print_summary(summary: dict[str, Any], folder: Path | None) -> None:
-    table = Table(show_header=False, box=None, padding=(0, 2))
+    table = value_table()
     table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
     table.add_row("rest frame", summary["rest"])
     table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
@@ -164,33 +160,113 @@ def _print_summary(summary: dict[str, Any], folder: Path | None) -> None:
     table.add_row("ambiguous", f"{summary['ambiguous']} times")
     if summary["ms_per_frame"] is not None:
         table.add_row("speed", f"{summary['ms_per_frame']:.1f} ms a frame, {summary['tracker']}")
-    Console(markup=False, highlight=False).print(table)
+    print_table(table)
     print(f"folder {folder}, see overlay.mp4")
 
 
-def trackers() -> int:
-    """List the trackers, also those of installed packages."""
-    from ..tracking import tracker_names
+def estimate(
+    rest: Rest,
+    source: SourceName,
+    *,
+    calibration: Annotated[
+        str,
+        option(
+            "file of `chromagrip calibrate sensor`, or a sensor that is as designed", "NAME|FILE"
+        ),
+    ],
+    reconstructor: Annotated[
+        str, option("how forces are read off the markers", "NAME|MODULE:CLASS")
+    ] = _RECONSTRUCTOR,
+    friction: Annotated[
+        str | None,
+        option(
+            "how µ is read off the forces, by default as in grasps",
+            "max-ratio|core-quantile|slip-zones|read-out",
+        ),
+    ] = None,
+    tracker: TrackerName = _TRACKER,
+    window: Annotated[float, option("moving average of the friction estimate", "S")] = 0.3,
+    noise: Noise = None,
+    fps: Fps = None,
+    frames: Frames = None,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    json_only: JsonOnly = False,
+) -> int:
+    """Estimate forces, friction and safety margin in pictures, a video or a camera's frames.
 
-    return _list(tracker_names())
+    Leaves estimates.parquet (values with 90 % intervals, frame by frame), figure.png, overlay.mp4
+    and summary.json. A flat pad has no force model: its displacements are estimated instead.
+    """
+    check_least(window=(window, 1e-6), noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
+    if out is None and not json_only:
+        out = new_folder(f"estimate-{Path(source).stem.replace(':', '-')}")
 
+    from ..pictures.estimate import estimate_source
 
-def palettes() -> int:
-    """List the palettes; every sensor design is one too."""
-    from ..render import load_sensor, sensor_names
-    from ..tracking import load_palette, palette_names
-
-    shipped = {}
-    for name in palette_names():
-        palette = load_palette(name)
-        layers = " over ".join(palette.names)
-        shipped[name] = f"{layers}, {'brighter' if palette.bright else 'darker'} than the ground"
-    designs = {name: f"sensor, {load_sensor(name).description}" for name in sensor_names()}
-    return _list(shipped | designs)
-
-
-def _list(entries: dict[str, str]) -> int:
-    width = max(map(len, entries))
-    for name, text in entries.items():
-        print(f"{name:<{width}}  {text}")
+    with _frames("estimating") as (tell, progress):
+        outcome = estimate_source(
+            rest,
+            source,
+            calibration=calibration,
+            reconstructor=reconstructor,
+            friction=friction,
+            tracker=tracker,
+            window=window,
+            noise=noise,
+            fps=fps,
+            frames=frames,
+            out=out,
+            overwrite=overwrite,
+            tell=tell,
+            progress=progress,
+        )
+    if json_only:
+        print(json.dumps(outcome.summary))
+    else:
+        _print_estimates(outcome.summary, out)
+    if outcome.broken is not None:
+        raise UserError(outcome.broken)
     return 0
+
+
+def _print_estimates(summary: dict[str, Any], folder: Path | None) -> None:
+    from ..output.estimate_table import VALUES
+
+    frames, silent = summary["frames"], summary["without_estimate"]
+    table = value_table()
+    table.add_row("frames", f"{frames}, {summary['ended']}")
+    table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
+    table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
+    for name, (words, unit) in VALUES.items():
+        found = summary["estimates"].get(name)
+        if found is not None:
+            last = "–" if found["last"] is None else f"{found['last']:.3f}{unit}"
+            table.add_row(words, f"{last} at the end, median {found['median']:.3f}{unit}")
+    if "mu" in summary["estimates"]:
+        shown = summary["mu_observable_frames"]
+        hint = "" if shown else ": nothing slips, µ and Γ are guesses"
+        table.add_row("", f"µ observable in {shown} frames{hint}")
+    share = f", {silent / frames:.1%} of the frames" if frames else ""
+    table.add_row("without estimate", f"{silent}{share}")
+    for reason, count in summary["without_estimate_because"].items():
+        table.add_row("", f"{count} times: {reason}")
+    if frames:
+        table.add_row(
+            "speed",
+            f"{summary['ms_per_frame']:.1f} ms a frame to track, "
+            f"{summary['ms_per_estimate']:.1f} to estimate",
+        )
+    print_table(table)
+    print(f"folder {folder}, see figure.png and overlay.mp4")
+
+
+@contextmanager
+def _frames(text: str) -> Iterator[tuple[Callable[[str], None], Callable[[int, int | None], None]]]:
+    """Bar of frames: functions that show the current step, and count a frame."""
+    with counting("opening", "frames") as move:
+
+        def count(done: int, total: int | None) -> None:
+            move(done, total, text)
+
+        yield (lambda step: move(0, None, step)), count
