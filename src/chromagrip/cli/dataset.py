@@ -7,7 +7,7 @@ import tyro
 from msgspec.structs import replace
 
 from ..errors import UserError
-from .options import Flag, Json, Workers, check_least, counting, option, print_values
+from .options import CORES, Flag, Json, Workers, check_least, counting, option, print_values
 
 Folder = Annotated[Path, tyro.conf.Positional, option("of a dataset", "DIR")]
 NewFolder = Annotated[Path, option("folder, new or empty", "DIR")]
