@@ -418,7 +418,7 @@ def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
 
 
 def summarise(folder: Path) -> dict[str, object]:
-    """Counts, drawn keys, size and versions of a dataset, as `chromagrip dataset info` prints them."""
+    """Counts, drawn keys, size and versions of a dataset, for `chromagrip dataset info`."""
     manifest, recipe = read_manifest(folder), open_recipe(folder)
     rows = need("pyarrow.parquet", "data").read_table(folder / TABLE).to_pylist()
     states: dict[str, int] = {}
