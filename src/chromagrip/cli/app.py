@@ -12,6 +12,7 @@ from collections.abc import Callable
 from contextlib import redirect_stderr
 from functools import partial, wraps
 from pathlib import Path
+from textwrap import dedent
 
 import tyro
 from tyro.extras import SubcommandApp
@@ -95,12 +96,14 @@ def _parse(words: list[str]) -> Callable[[], int]:
         For a command or an option that does not exist, or a value that cannot be read.
     """
     name = next((n for n in (" ".join(words[:2]), " ".join(words[:1])) if n in COMMANDS), None)
+    if len(words) == 1 and words[0] in GROUPS:
+        words = [*words, "--help"]
     messages = io.StringIO()
     try:
         with redirect_stderr(messages):
             if name is None:
                 _check_group(words)
-                return _all_commands().cli(  # type: ignore[no-any-return]
+                return _all_commands().cli(
                     prog=NAME, description=f"{__doc__}\n{EXIT_CODES}", args=words
                 )
             rest = words[len(name.split()) :]
@@ -133,15 +136,15 @@ def _all_commands() -> SubcommandApp:
         first, _, second = name.partition(" ")
         line = (command.__doc__ or "").splitlines()[0]
         if not second:
-            app.command(_bound(command), name=first, help=line)
+            app.command(name=first, help=line)(_bound(command))
             continue
         if first in COMMANDS:  # calibrate is a command and a group
-            app.command(_bound(command), name=f"{first} {second}", help=line)
+            app.command(name=name, help=line)(_bound(command))
             continue
         if first not in groups:
             groups[first] = SubcommandApp()
             app.command(groups[first], name=first, help=GROUPS[first])
-        groups[first].command(_bound(command), name=second, help=line)
+        groups[first].command(name=second, help=line)(_bound(command))
     return app
 
 
@@ -167,15 +170,20 @@ def _first_words() -> list[str]:
 
 
 def _sentence(box: str) -> str:
-    """First paragraph of a box of text that tyro draws around an error."""
-    lines = [line.strip("│╭╮╰╯─| \n") for line in box.splitlines()[1:]]
-    paragraph: list[str] = []
-    for line in lines:
-        if not line:
-            break
-        paragraph.append(line)
-    text = re.sub(r"\s+", " ", " ".join(paragraph)).rstrip(".")
+    """One sentence from the box of text that tyro draws around an error."""
+    lines = box.replace("│", " ").splitlines()
+    ruled = [not line.strip(" ─-╰╯") for line in lines]
+    start = 2 if ruled[1:2] == [True] else 1  # below the title, and the rule that ASCII has
+    end = ruled.index(True, start) if True in ruled[start:] else len(lines)
+    lines = dedent("\n".join(lines[start:end])).splitlines()
+    names = [line.strip() for line in lines if re.match(r" {4}\S", line)]
+    text = re.sub(r"\s+", " ", " ".join(lines)).strip(" .")
+    if text.startswith("Missing from"):
+        return f"missing: {', '.join(names)}"
     unread = re.match(r"Error parsing (\S+): .*from \[(.*)\]", text)
     if unread:
         return f"{unread[1]} {unread[2]}: not a valid value"
+    choice = re.match(r"invalid choice (.*) for argument '(.*)'. Expected one of \((.*)\)", text)
+    if choice:
+        return f"{choice[2]} {choice[1]}: allowed are {choice[3].replace(chr(39), '')}"
     return text[:1].lower() + text[1:] if text else "invalid command line"

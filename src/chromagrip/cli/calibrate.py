@@ -63,7 +63,12 @@ def calibrate(
         Flag, option("one JSON object; writes a file only with --out", name="json")
     ] = False,
 ) -> int:
-    """Calibrate a camera from pictures of a ChArUco board."""
+    """Calibrate a camera from pictures of a ChArUco board.
+
+    The command `chromagrip calibrate sensor` calibrates the mechanics behind the lens.
+
+    Example: chromagrip calibrate photos --model fisheye --out camera.yml
+    """
     from ..render.optics.board import Board
 
     board = Board(
@@ -120,7 +125,10 @@ def calibrate_sensor(
         Flag, option("one JSON object; writes a file only with --out", name="json")
     ] = False,
 ) -> int:
-    """Calibrate a sensor, its mechanics or its displacements, from pictures of known presses."""
+    """Calibrate a sensor from pictures of known presses: its mechanics, or a pad's displacements.
+
+    Example: chromagrip calibrate sensor presses --out mine.toml
+    """
     from ..render import load_sensor
 
     check_least(noise=(noise, 0.0))
@@ -258,7 +266,9 @@ def train(
 ) -> int:
     """Train a read-out of forces and friction on random grips of a sensor's own model.
 
-    Interrupted, it goes on where it was when it is called again; needs the extra `learn`.
+    An interrupted run continues when it is called again. It needs the extra `learn`.
+
+    Example: chromagrip train mine.toml --out mine.npz
     """
     check_least(histories=(histories, 500), epochs=(epochs, 1), workers=(workers, 1))
     if not 0.1 <= noise <= 50.0:
@@ -278,7 +288,7 @@ def train(
         print(json.dumps({"readout": str(out), "histories": histories, "errors": errors}))
         return 0
     print(
-        f"on histories it has not seen it misses by {errors['friction_n']:.3f} N of friction and "
+        f"error on histories outside the training: {errors['friction_n']:.3f} N of friction and "
         f"{errors['mu']:.3f} of µ, RMS over all noise levels"
     )
     print(f"read-out {out}, name it in a calibration as readout = {out.name!r}")

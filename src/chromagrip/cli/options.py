@@ -32,7 +32,12 @@ CORES = os.cpu_count() or 1
 
 def option(text: str, metavar: str | None = None, name: str | None = None) -> Any:
     """Help, placeholder and name of an option."""
-    return tyro.conf.arg(help=text, metavar=metavar, name=name)
+    return tyro.conf.arg(help=text, metavar=metavar, name=name, help_behavior_hint=_default)
+
+
+def _default(value: str) -> str:
+    """Mention of a default in a help page; none for options that are off or empty."""
+    return "" if value in ("None", "False", "") else f"(default: {value})"
 
 
 Quick = Annotated[Flag, option("a shorter run; the results are labelled as such")]

@@ -53,7 +53,10 @@ def detect(
     overwrite: Annotated[Flag, option("write over an earlier picture")] = False,
     json_only: Annotated[Flag, option("one JSON object with every marker", name="json")] = False,
 ) -> int:
-    """Find the markers of each layer in a single picture."""
+    """Find the markers of each layer in a single picture.
+
+    Example: chromagrip detect press.png --out markers.png
+    """
     if out is not None:
         check_file(out, {".png"}, overwrite)
 
@@ -116,6 +119,8 @@ def track(
     """Follow the markers of a sensor through pictures, a video or a camera's frames.
 
     Leaves tracks.parquet (where each marker was in each frame), overlay.mp4 and summary.json.
+
+    Example: chromagrip track rest.png press.mp4 --tracker lk
     """
     check_least(noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     if out is None and not json_only:
@@ -197,6 +202,8 @@ def estimate(
 
     Leaves estimates.parquet (values with 90 % intervals, frame by frame), figure.png, overlay.mp4
     and summary.json. A flat pad has no force model: its displacements are estimated instead.
+
+    Example: chromagrip estimate rest.png press.mp4 --calibration mine.toml
     """
     check_least(window=(window, 1e-6), noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     if out is None and not json_only:

@@ -36,6 +36,8 @@ def render(
 
     One pose by default (2 N of grip, 0.3 N of load); lists of forces make a sweep. Each picture
     comes with marker centres, visibility, overlaps, masks, flow, depth and forces, and a preview.
+
+    Example: chromagrip render --grip 1 2 4 --load 0 0.4
     """
     shortcuts = {
         "sensor": sensor,
