@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 from threadpoolctl import threadpool_limits
 
-from ..errors import FolderError
+from ..errors import UserError
 from ..extras import need, require
 from ..output.folder import prepare
 from ..output.versions import versions
@@ -138,7 +138,7 @@ def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
             (folder / name).unlink(missing_ok=True)
         (folder / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
     except OSError as error:
-        raise FolderError(f"folder {folder} cannot be written: {error.strerror}") from None
+        raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
     return folder
 
 
