@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ..errors import UserError
-from ..scene.scene import DEFAULT_SCENE, RendererName, load_scene, parse_change
+from ..scene.scene import DEFAULT_SCENE, load_scene, parse_change
 from .options import Changes, JsonOnly, Out, Overwrite, counting, new_folder, option
 
 
@@ -22,7 +22,7 @@ def render(
     load: Annotated[tuple[float, ...], option("lateral loads, at each grip", "N...")] = (),
     press_mm: Annotated[tuple[float, ...], option("depths, of a flat pad", "MM...")] = (),
     shear_mm: Annotated[tuple[float, ...], option("shears of a pad, at each depth", "MM...")] = (),
-    renderer: Annotated[RendererName | None, option("instead of the scene's", "NAME")] = None,
+    renderer: Annotated[str | None, option("instead of the scene's", "NAME")] = None,
     noise: Annotated[
         float | None, option("standard deviation, short for camera.noise_levels", "LEVELS")
     ] = None,
