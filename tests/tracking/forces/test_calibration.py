@@ -84,7 +84,7 @@ def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
 def test_a_design_of_ones_own_is_found_from_the_calibration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shipped = Path(__file__).parents[2] / "render" / "designs" / "thesis.toml"
+    shipped = Path(__file__).parents[3] / "render" / "designs" / "thesis.toml"
     (tmp_path / "designs").mkdir()
     (tmp_path / "calibrations").mkdir()
     (tmp_path / "designs" / "own.toml").write_text(shipped.read_text(encoding="utf-8"))
