@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from ...output.processes import start_worker
 from ...output.rows import Row, at_least, reported, within
 from ...render.drawing.gl import gl_problem
-from ...tracking import RECONSTRUCTORS, load_reconstructor
+from ...tracking import METHODS, load_reconstructor
 from ..worlds.force_scores import (
     CONSTANT,
     QUANTITIES,
@@ -140,7 +140,7 @@ def bench_force(
     UserError
         When there is no such reconstructor.
     """
-    default = tuple(BEST.values()) if quick else tuple(list(RECONSTRUCTORS.entries)[1:])
+    default = tuple(BEST.values()) if quick else tuple(METHODS)
     names = chosen(reconstructors or default)
     counts = dict(QUICK if quick else COUNTS)
     rows: list[Row] = []

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...tracking import RECONSTRUCTORS
+from ...tracking import METHODS
 from ..bench.force import BEST, Measured, chosen, measure, timed_scenes
 from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores, times
 from ..worlds.grasps import LIBRARY
@@ -33,7 +33,7 @@ def chart_force(
     UserError
         When there is no such reconstructor.
     """
-    names = chosen(reconstructors or tuple(list(RECONSTRUCTORS.entries)[1:]))
+    names = chosen(reconstructors or tuple(METHODS))
     grasps, turns = (_QUICK_GRASPS, _QUICK_TURNS) if quick else (_GRASPS, _TURNS)
     found = measure({("matched", LIBRARY): grasps}, names, grasps, progress)["matched"]
     progress("speed")
