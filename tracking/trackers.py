@@ -69,6 +69,7 @@ TRACKERS = Registry(
         "thrifty": (".fit.tracker:thrifty", "fit, every fourth frame for still markers"),
         "sparse": (".fit.tracker:sparse", "thrifty, on every other row of the image"),
         "quick": (".fit.tracker:quick", "fit of positions alone, on every other row"),
+        "detect": (".baselines.detected:DetectedMarkers", "markers of any form, detected anew"),
         "lk": (".baselines.flow:LucasKanade", "Lucas-Kanade from the rest frame, warm started"),
         "blob": (".baselines.blob:BlobDetector", "OpenCV's blob detector on dye density"),
         "chromatouch": (

@@ -33,9 +33,10 @@ _NEIGHBOURS = 6
 
 
 class Measured(NamedTuple):
-    """Positions (L, M, 2) and hues (M,) in one frame, as in `Tracks`; None where not measured."""
+    """What a tracker measures in one frame, as in `Tracks`; None for what it does not measure."""
 
     position: Array
+    log_size: Array | None = None
     hue: Array | None = None
 
 
@@ -138,11 +139,13 @@ class Follower:
             shift=_carry(np.where(visible[..., None], moved, shift), visible, self._near),
             last_seen=np.where(visible, frame.time, self.state.last_seen),
         )
-        hue = np.full(count, np.nan) if measured.hue is None else measured.hue
+        unknown = np.full((layers, count), np.nan)
+        size = unknown if measured.log_size is None else measured.log_size
+        hue = unknown[0] if measured.hue is None else measured.hue
         return Tracks(
             time=frame.time,
             position=np.where(visible[..., None], position, np.nan),
-            log_size=np.full((layers, count), np.nan),
+            log_size=np.where(visible, size, np.nan),
             hue=np.where(visible[0], hue, np.nan),
             visible=visible,
             ambiguous=visible & ((jump > _DOUBTFUL_JUMP * self._pitch) | claimed),
