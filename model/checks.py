@@ -2,6 +2,8 @@
 
 import math
 
+from ..errors import UserError
+
 
 def finite(
     name: str, value: float, unit: str, *, above: float = -math.inf, below: float = math.inf
@@ -12,12 +14,10 @@ def finite(
     bound = "" if above == -math.inf else f" and above {above:g}"
     if below != math.inf:
         bound += f" and at most {below:g}"
-    raise ValueError(f"{name} must be finite{bound} {unit}".rstrip() + f", got {value!r}")
+    raise UserError(f"{name} must be finite{bound} {unit}".rstrip() + f", got {value!r}")
 
 
 def within(name: str, value: float, unit: str, low: float, high: float) -> None:
     """Raise ValueError unless low ≤ value ≤ high (in `unit`)."""
     if not low <= value <= high:
-        raise ValueError(
-            f"{name} must lie in {low:g}…{high:g} {unit}".rstrip() + f", got {value!r}"
-        )
+        raise UserError(f"{name} must lie in {low:g}…{high:g} {unit}".rstrip() + f", got {value!r}")

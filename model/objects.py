@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import UserError
 from .checks import finite, within
 
 #: Above this a penalty stiffness loses the contact force in the rounding of a position [N/m].
@@ -57,23 +58,23 @@ class ContactObject:
 
 def _check_profile(profile: tuple[tuple[float, float], ...], curvature: float) -> None:
     if curvature != 0.0:
-        raise ValueError(f"object curvature must be 0 beside a profile, got {curvature!r}")
+        raise UserError(f"object curvature must be 0 beside a profile, got {curvature!r}")
     if len(profile) < 3 or any(len(point) != 2 for point in profile):
-        raise ValueError(f"object profile must be at least 3 points (x, z), got {profile!r}")
+        raise UserError(f"object profile must be at least 3 points (x, z), got {profile!r}")
     if not all(math.isfinite(value) for point in profile for value in point):
-        raise ValueError("object profile must be finite")
+        raise UserError("object profile must be finite")
     if not (np.diff([x for x, _ in profile]) > 0.0).all():
-        raise ValueError("object profile must have increasing x")
+        raise UserError("object profile must have increasing x")
 
 
 def _check_patches(patches: tuple[tuple[float, float], ...]) -> None:
     if any(len(point) != 2 for point in patches):
-        raise ValueError(f"object patches must be points (x, factor), got {patches!r}")
+        raise UserError(f"object patches must be points (x, factor), got {patches!r}")
     for place, factor in patches:
         within("place of an object patch", place, "m", -1.0, 1.0)
         within("factor of an object patch", factor, "", 1e-3, 1e3)
     if not (np.diff([x for x, _ in patches]) > 0.0).all():
-        raise ValueError("object patches must have increasing x")
+        raise UserError("object patches must have increasing x")
 
 
 def stiffness_from_young(young_modulus: float) -> float:

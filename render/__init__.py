@@ -1,7 +1,6 @@
 """What the camera sees: ground · Π over layers of (1 − covered·(1 − transmittance)), blurred."""
 
-from .design.sensor import LAYERS, SensorDesign, SensorError, load_sensor, sensor_names
-from .drawing.gl import GLMissingError
+from .design.sensor import LAYERS, SensorDesign, load_sensor, sensor_names
 from .drawing.renderers import RENDERERS, Renderer, open_renderer
 from .drawing.truth import GroundTruth, TruthMap
 from .flaws.defects import Defects, Flaws
@@ -9,20 +8,18 @@ from .flaws.imaging import Imaging, shutter_times
 from .flaws.noise import add_noise
 from .frame import Frame
 from .membrane import Membrane, MembraneMap
-from .optics.calibration import CalibrationError, camera_text, load_camera, save_camera
+from .optics.calibration import camera_text, load_camera, save_camera
 from .optics.camera import Camera, FisheyeCamera, PinholeCamera
 from .optics.view import View
 
 __all__ = [
     "LAYERS",
     "RENDERERS",
-    "CalibrationError",
     "Camera",
     "Defects",
     "FisheyeCamera",
     "Flaws",
     "Frame",
-    "GLMissingError",
     "GroundTruth",
     "Imaging",
     "Membrane",
@@ -30,7 +27,6 @@ __all__ = [
     "PinholeCamera",
     "Renderer",
     "SensorDesign",
-    "SensorError",
     "TruthMap",
     "View",
     "add_noise",

@@ -1,18 +1,15 @@
 """What the image says: markers, then forces, f = argmin |y − J·K⁻¹·f|² + prior(f)."""
 
-from .detection import DetectionError, Markers, RestFrame, detect_markers, read_rest
+from .detection import Markers, RestFrame, detect_markers, read_rest
 from .fit.tracker import MarkerTracker
 from .forces.calibration import (
-    CalibrationFileError,
     SensorCalibration,
     load_calibration,
     nominal_calibration,
     shipped_readout,
 )
 from .forces.chain.contact_reading import ForcePrior
-from .forces.chain.gaussian_process import MIN_MARKERS, DivergedEstimateError, GaussianProcess
-from .forces.chain.readout import ReadOutError
-from .forces.chain.sensitivity import UnsupportedSensorError
+from .forces.chain.gaussian_process import MIN_MARKERS, GaussianProcess
 from .forces.friction import (
     CAMERA_RULE,
     FRICTION,
@@ -27,19 +24,11 @@ from .forces.reconstructors import (
     DEFAULT_RECONSTRUCTOR,
     RECONSTRUCTORS,
     Reconstructor,
-    ReconstructorError,
     load_reconstructor,
 )
-from .forces.shifts import NoEstimateError, TooFewMarkersError
-from .palette import DEFAULT_PALETTE, Palette, PaletteError, load_palette, palette_names
-from .trackers import (
-    DEFAULT_TRACKER,
-    FrameError,
-    Tracker,
-    TrackerError,
-    load_tracker,
-    tracker_names,
-)
+from .forces.shifts import NoEstimateError
+from .palette import DEFAULT_PALETTE, Palette, load_palette, palette_names
+from .trackers import DEFAULT_TRACKER, Tracker, load_tracker, tracker_names
 from .tracks import Tracks
 
 __all__ = [
@@ -52,11 +41,7 @@ __all__ = [
     "RECONSTRUCTORS",
     "THESIS_RULE",
     "Z90",
-    "CalibrationFileError",
-    "DetectionError",
-    "DivergedEstimateError",
     "ForcePrior",
-    "FrameError",
     "FrictionEstimate",
     "FrictionRule",
     "GaussianProcess",
@@ -64,17 +49,11 @@ __all__ = [
     "Markers",
     "NoEstimateError",
     "Palette",
-    "PaletteError",
-    "ReadOutError",
     "Reconstructor",
-    "ReconstructorError",
     "RestFrame",
     "SensorCalibration",
-    "TooFewMarkersError",
     "Tracker",
-    "TrackerError",
     "Tracks",
-    "UnsupportedSensorError",
     "core_quantile",
     "detect_markers",
     "load_calibration",

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from ..errors import UserError
 from ..render import Frame, SensorDesign
 from ..render.colour import decode_srgb
 from ..render.ground import inside_rim, pixel_places
@@ -31,10 +32,6 @@ Levels = NDArray[np.uint8] | Array
 _COLOURED = 12.0
 #: Less shows no markers with ground between them [px].
 _SMALLEST_IMAGE = 16
-
-
-class DetectionError(ValueError):
-    """The image does not show the markers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +80,7 @@ def detect_markers(image: Levels, palette: Palette) -> list[Markers]:
 
     Raises
     ------
-    DetectionError
+    UserError
         When the picture is grey and the palette is not, or it shows no markers at all.
     """
     return _detect(image, palette)[0]
@@ -99,14 +96,14 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
 
     Raises
     ------
-    DetectionError
+    UserError
         When there is no frame, or it does not show the markers, or shows them under load.
     """
     if not rest:
-        raise DetectionError("the tracker needs at least one rest frame")
+        raise UserError("the tracker needs at least one rest frame")
     shapes = {frame.image.shape for frame in rest}
     if len(shapes) > 1:
-        raise DetectionError(f"rest frames have different shapes: {sorted(shapes)}")
+        raise UserError(f"rest frames have different shapes: {sorted(shapes)}")
     mean = np.mean([frame.image for frame in rest], axis=0)
     layers, ground, field = _detect(mean, palette)
     counts = ", ".join(
@@ -115,11 +112,9 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
     if palette.sensor is not None:
         expected = len(palette.sensor.places)
         if not all(0.5 * expected <= len(layer.area) <= 1.2 * expected for layer in layers):
-            raise DetectionError(
-                f"rest frame shows {counts} markers; the sensor has {expected} of each"
-            )
+            raise UserError(f"rest frame shows {counts} markers; the sensor has {expected} of each")
     if not all(len(layer.area) for layer in layers):
-        raise DetectionError(f"rest frame shows {counts} markers; wanted: some of each")
+        raise UserError(f"rest frame shows {counts} markers; wanted: some of each")
     radius = np.array([np.sqrt(np.median(layer.area) / np.pi) for layer in layers])
     position = join_layers([layer.position for layer in layers], reach=float(radius.max()))
     first = layers[0].position
@@ -197,7 +192,7 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
             densities = dye_densities(linear, ground, matrix)
     spots = [find_spots(density, field, parted=True) for density in densities]
     if not any(len(found.area) for found in spots):
-        raise DetectionError(
+        raise UserError(
             f"no markers found: nothing in the image has the colours of the palette's "
             f"{' and '.join(palette.names)}"
         )
@@ -224,14 +219,14 @@ def _markers(spots: list[Spots], levels: Array, ratio: Single, palette: Palette)
 
 def _check_image(levels: Array, palette: Palette) -> None:
     if levels.ndim != 3 or levels.shape[2] != 3:
-        raise DetectionError(f"image has shape {levels.shape}, expected (height, width, 3)")
+        raise UserError(f"image has shape {levels.shape}, expected (height, width, 3)")
     if min(levels.shape[:2]) < _SMALLEST_IMAGE:
-        raise DetectionError(
+        raise UserError(
             f"image has shape {levels.shape}, expected {_SMALLEST_IMAGE} pixels or more a side"
         )
     sensor = palette.sensor
     if sensor is not None and levels.shape[:2] != (sensor.view.height, sensor.view.width):
-        raise DetectionError(
+        raise UserError(
             f"image has shape {levels.shape}, the sensor's camera gives "
             f"{(sensor.view.height, sensor.view.width, 3)}"
         )
@@ -239,7 +234,7 @@ def _check_image(levels: Array, palette: Palette) -> None:
     coloured = (np.ptp(log, axis=1) > 0.3).any()
     spread = np.percentile(np.ptp(levels[::2, ::2], axis=2), 99.5)
     if coloured and spread < _COLOURED:
-        raise DetectionError(
+        raise UserError(
             f"image is grey (channels differ by at most {spread:.0f} levels), the palette's "
             f"{' and '.join(palette.names)} need a colour image"
         )
@@ -293,7 +288,7 @@ def _refuse_load(rest: RestFrame) -> None:
     shift = np.linalg.norm(local[near].mean(axis=1), axis=-1)
     if shift.max() > 0.25 * rest.radius.max():
         x, y = at[int(shift.argmax())]
-        raise DetectionError(
+        raise UserError(
             f"rest frame looks loaded: around ({x:.0f}, {y:.0f}) the layers are "
             f"{shift.max():.1f} px out of register; give a frame of the untouched sensor"
         )

@@ -10,7 +10,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from ..render import LAYERS, SensorDesign, SensorError, load_sensor, sensor_names
+from ..errors import UserError
+from ..render import LAYERS, SensorDesign, load_sensor, sensor_names
 from ..strict_toml import Table, convert
 
 Array = NDArray[np.float64]
@@ -18,10 +19,6 @@ Array = NDArray[np.float64]
 Transmittance = Annotated[float, Meta(gt=0.0, le=100.0)]
 Name = Annotated[str, Meta(min_length=1, max_length=40)]
 DEFAULT_PALETTE = "chromatouch"
-
-
-class PaletteError(ValueError):
-    """A palette that is not valid, or is not there."""
 
 
 class Dye(Table, frozen=True):
@@ -41,17 +38,17 @@ class PaletteTable(Table, frozen=True):
         log = np.log([dye.transmittance for dye in self.dyes])
         for dye, row in zip(self.dyes, log, strict=True):
             if abs(row).max() < 0.1:
-                raise ValueError(
+                raise UserError(
                     f"dyes.{dye.name}.transmittance leaves the ground as it is; one channel must "
                     "be below 0.9 or above 1.1"
                 )
         bright = log[np.arange(len(log)), abs(log).argmax(axis=1)] > 0.0
         if bright.any() and not bright.all():
-            raise ValueError("dyes must all be darker than the ground, or all brighter")
+            raise UserError("dyes must all be darker than the ground, or all brighter")
         if len({dye.name for dye in self.dyes}) < len(self.dyes):
-            raise ValueError("dyes must have different names")
+            raise UserError("dyes must have different names")
         if len(log) == 2 and np.linalg.svd(log, compute_uv=False)[1] < 0.1:
-            raise ValueError("dyes must differ in colour to be told apart")
+            raise UserError("dyes must differ in colour to be told apart")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +89,7 @@ def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
 
     Raises
     ------
-    PaletteError
+    UserError
         When there is none, or with the key, the value and what is allowed.
     """
     if name in palette_names():
@@ -101,17 +98,11 @@ def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
     if name not in sensor_names():
         if not name.endswith(".toml"):
             known = ", ".join([*palette_names(), *sensor_names()])
-            raise PaletteError(f"no palette {name!r}; there is {known}, or give a .toml file")
+            raise UserError(f"no palette {name!r}; there is {known}, or give a .toml file")
         values = _read(Path(name))
         if "skin" not in values:
-            try:
-                return _palette(convert(values, PaletteTable, f"palette {name}"))
-            except ValueError as error:
-                raise PaletteError(str(error)) from None
-    try:
-        return Palette.of_sensor(load_sensor(name))
-    except SensorError as error:
-        raise PaletteError(str(error)) from None
+            return _palette(convert(values, PaletteTable, f"palette {name}"))
+    return Palette.of_sensor(load_sensor(name))
 
 
 def _palette(table: PaletteTable) -> Palette:
@@ -126,6 +117,6 @@ def _read(path: Path) -> dict[str, object]:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise PaletteError(f"palette file {path} cannot be read: {reason}") from None
+        raise UserError(f"palette file {path} cannot be read: {reason}") from None
     except tomllib.TOMLDecodeError as error:
-        raise PaletteError(f"palette {path} is not valid TOML: {error}") from None
+        raise UserError(f"palette {path} is not valid TOML: {error}") from None

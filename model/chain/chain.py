@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from ...errors import UserError
 from ..kernels.contact import Contact
 from ..objects import ContactObject
 from .fingertip import REFERENCE_NODES, Fingertip, SpringLaw
@@ -59,7 +60,7 @@ def _right_half(whole: Chain) -> Chain:
     n = len(whole.share)
     mirrored = whole.rest[::-1] * [-1.0, 1.0]
     if n % 2 == 0 or abs(whole.rest - mirrored).max() > 1e-12:
-        raise ValueError("a half chain needs a fingertip that mirrors itself, with a node at x = 0")
+        raise UserError("a half chain needs a fingertip that mirrors itself, with a node at x = 0")
     apex = n // 2
     weight = np.ones(n - apex)
     weight[0] = 0.5  # the other half of the apex belongs to the other half of the chain
@@ -82,7 +83,7 @@ def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
 
     Raises
     ------
-    ValueError
+    UserError
         When a hollow is too narrow for the fingertip to enter.
     """
     knots, pieces = _spline(obj.profile)
@@ -130,7 +131,7 @@ def _lift(fingertip: Fingertip, obj: ContactObject, knots: Array, pieces: Array)
     radius = 1.0 / obj.curvature
     under = abs(x) < abs(radius)
     if radius < 0.0 and not under.all():
-        raise ValueError(
+        raise UserError(
             f"object curvature {obj.curvature!r} 1/m is a hollow of {-radius:.4g} m radius, too "
             f"narrow for a fingertip {abs(x).max():.4g} m wide to each side"
         )

@@ -7,6 +7,8 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
+
 Array = NDArray[np.float64]
 Control = Literal["force", "position"]
 
@@ -36,17 +38,17 @@ class Drive:
             values = np.atleast_1d(np.asarray(getattr(self, name), dtype=float))
             object.__setattr__(self, name, values)
             if values.ndim != 1 or values.shape != self.times.shape or not values.size:
-                raise ValueError(
+                raise UserError(
                     f"drive {name} must be as many values as times, at least one, "
                     f"got shape {values.shape} beside {self.times.shape}"
                 )
             if not np.isfinite(values).all():
-                raise ValueError(f"drive {name} must be finite, got {values}")
+                raise UserError(f"drive {name} must be finite, got {values}")
         if (np.diff(self.times) < 0.0).any():
-            raise ValueError(f"drive times must not decrease, got {self.times}")
+            raise UserError(f"drive times must not decrease, got {self.times}")
         for name in ("normal_control", "lateral_control"):
             if getattr(self, name) not in get_args(Control):
-                raise ValueError(
+                raise UserError(
                     f"drive {name} must be force or position, got {getattr(self, name)!r}"
                 )
 

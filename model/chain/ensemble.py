@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled import njit
+from ...errors import UserError
 from ..kernels.bordered_kernels import Scratch, scratch
 from ..kernels.contact import Contact
 from ..kernels.implicit_kernels import SOLVED, UNSOLVED, Record, Rule, advance
@@ -105,7 +106,7 @@ def step_many(
 
     Raises
     ------
-    ValueError
+    UserError
         When the shapes do not fit, or an object has a profile or patches.
     ModelError
         When one of them cannot go on, with its number.
@@ -116,16 +117,16 @@ def step_many(
     goals = np.ascontiguousarray(goals.swapaxes(0, 1), dtype=float)
     count = len(ensemble)
     if len(objects) != count or goals.shape[0] != count:
-        raise ValueError(
+        raise UserError(
             f"an ensemble of {count} needs as many objects, grips and loads, got {len(objects)} "
             f"objects and forces of shape {goals.shape[:2]}"
         )
     if not (dt > 0.0 and np.isfinite(dt) and np.isfinite(goals).all()):
-        raise ValueError(f"a step needs dt > 0 and finite forces, got {dt=}")
+        raise UserError(f"a step needs dt > 0 and finite forces, got {dt=}")
     if any(obj.profile is not None for obj in objects):
-        raise ValueError("an ensemble takes flat and round objects, not profiles")
+        raise UserError("an ensemble takes flat and round objects, not profiles")
     if any(obj.patches for obj in objects):
-        raise ValueError("an ensemble takes objects of one friction each, not patches")
+        raise UserError("an ensemble takes objects of one friction each, not patches")
     ch = chain(fingertip)
     contacts = np.array([contact(fingertip, obj)[:7] for obj in objects])
     y = tuple(

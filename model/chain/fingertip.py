@@ -6,6 +6,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ..checks import finite, within
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ class Fingertip:
 
     def __post_init__(self) -> None:
         if self.stations is None and (self.nodes < 11 or self.nodes % 2 == 0):
-            raise ValueError(f"fingertip nodes must be odd and at least 11, got {self.nodes!r}")
+            raise UserError(f"fingertip nodes must be odd and at least 11, got {self.nodes!r}")
         finite("fingertip radius", self.radius, "m", above=0.0)
         finite("tissue stiffness", self.tissue_stiffness, "N/m", above=0.0)
         finite("membrane stiffness", self.membrane_stiffness, "N/m", above=0.0)
@@ -60,7 +61,7 @@ class Fingertip:
         within("membrane Poisson factor", self.poisson_membrane, "", 0.0, 0.5)
         if self.law not in get_args(SpringLaw):
             allowed = ", ".join(get_args(SpringLaw))
-            raise ValueError(f"fingertip law must be one of {allowed}, got {self.law!r}")
+            raise UserError(f"fingertip law must be one of {allowed}, got {self.law!r}")
         if self.stations is not None:
             _check_stations(self.stations, self.nodes)
         if self.outline is not None:
@@ -156,22 +157,22 @@ class Fingertip:
 
 def _check_stations(stations: tuple[float, ...], nodes: int) -> None:
     if len(stations) != nodes or nodes < 11:
-        raise ValueError(
+        raise UserError(
             f"fingertip stations must be as many as nodes and at least 11, "
             f"got {len(stations)} stations and {nodes} nodes"
         )
     if not (stations[0] == 0.0 and stations[-1] == 1.0 and (np.diff(stations) > 0.0).all()):
-        raise ValueError("fingertip stations must increase from 0 to 1")
+        raise UserError("fingertip stations must increase from 0 to 1")
 
 
 def _check_outline(outline: tuple[tuple[float, float], ...]) -> None:
     points = np.array(outline, dtype=float)
     if points.ndim != 2 or points.shape[0] < 3 or points.shape[1] != 2:
-        raise ValueError(
+        raise UserError(
             f"fingertip outline must be at least 3 points (x, z), got shape {points.shape}"
         )
     if not np.isfinite(points).all() or not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
-        raise ValueError("fingertip outline must be finite points, each different from the last")
+        raise UserError("fingertip outline must be finite points, each different from the last")
 
 
 def _graded_stations(nodes: int, core: float, length: float) -> tuple[float, ...]:
@@ -180,7 +181,7 @@ def _graded_stations(nodes: int, core: float, length: float) -> tuple[float, ...
     outer = (nodes - 1) // 2 - inner
     wanted = (REFERENCE_NODES - 1) // 2 - inner
     if nodes % 2 == 0 or outer < 4 or wanted < outer:
-        raise ValueError(
+        raise UserError(
             f"graded fingertip nodes must be odd and in {2 * inner + 9}…{REFERENCE_NODES} for a "
             f"core of {core:g} m, got {nodes!r}"
         )

@@ -5,6 +5,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from ...errors import UserError
 from ..kernels.contact import Contact
 from ..objects import ContactObject
 from .chain import chain, contact
@@ -57,24 +58,24 @@ def simulate(
 
     Raises
     ------
-    ValueError
+    UserError
         For a step or a method that cannot be, and for a half chain that is loaded sideways.
     ModelError
         When the run cannot go on; DivergedError where an explicit method lost the state.
     """
     if method not in get_args(Method):
-        raise ValueError(f"method must be one of {', '.join(INTEGRATORS)}, got {method!r}")
+        raise UserError(f"method must be one of {', '.join(INTEGRATORS)}, got {method!r}")
     if not (np.isfinite([dt, duration]).all() and dt > 0.0 and duration > 0.0):
-        raise ValueError(f"dt and duration must be finite and above 0 s, got {dt=}, {duration=}")
+        raise UserError(f"dt and duration must be finite and above 0 s, got {dt=}, {duration=}")
     steps = round(duration / dt)
     if abs(steps * dt - duration) > 1e-6 * dt or every < 1 or steps % every:
-        raise ValueError(
+        raise UserError(
             f"the duration must be a whole number of recorded steps, got {duration=}, {dt=}, "
             f"{every=}"
         )
     start = rest_state(fingertip) if state is None else state
     if len(start.friction) != fingertip.nodes:
-        raise ValueError(
+        raise UserError(
             f"the state has {len(start.friction)} nodes and the fingertip {fingertip.nodes}"
         )
     ct = contact(fingertip, obj)
@@ -116,13 +117,13 @@ def _march_half(
 ) -> History:
     """Run the right half on a mirror plane and put the left one beside it."""
     if method not in ("implicit", "lagged"):
-        raise ValueError(f"a half chain runs with implicit or lagged, not {method}")
+        raise UserError(f"a half chain runs with implicit or lagged, not {method}")
     if drive.lateral.any() or start.deformation.object_position != 0.0:
-        raise ValueError("a half chain needs a drive and a state without lateral load or motion")
+        raise UserError("a half chain needs a drive and a state without lateral load or motion")
     if obj.profile is not None and not _mirrors(obj.profile):
-        raise ValueError("a half chain needs an object that mirrors itself about x = 0")
+        raise UserError("a half chain needs an object that mirrors itself about x = 0")
     if obj.patches and not np.allclose(obj.patches, np.array(obj.patches)[::-1] * [-1.0, 1.0]):
-        raise ValueError("a half chain needs patches of friction that mirror themselves")
+        raise UserError("a half chain needs patches of friction that mirror themselves")
     ch = chain(fingertip, half=True)
     middle = fingertip.nodes // 2
     d = start.deformation

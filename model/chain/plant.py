@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ..errors import ConvergenceError, LostContactError, ModelError, PiercedError
 from ..kernels.bordered_kernels import Scratch, scratch
 from ..kernels.contact import Contact
@@ -75,7 +76,7 @@ def steps(
         As `step` does.
     """
     if not (dt > 0.0 and np.isfinite(dt) and np.isfinite(forces).all()):
-        raise ValueError(f"a step needs dt > 0 and finite forces, got {dt=}, {forces=}")
+        raise UserError(f"a step needs dt > 0 and finite forces, got {dt=}, {forces=}")
     ch, ct = chain(fingertip), contact(fingertip, obj)
 
     def constant(done: int) -> Drive:

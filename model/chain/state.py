@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from .fingertip import Fingertip
 
 Array = NDArray[np.float64]
@@ -118,13 +119,13 @@ def load_state(path: str | Path) -> State:
 
     Raises
     ------
-    ValueError
+    UserError
         When the file is not one.
     """
     try:
         with np.load(path, allow_pickle=False) as kept:
             if str(kept["format"]) != "chromagrip state 1":
-                raise ValueError("of another format")
+                raise UserError("of another format")
             values = {name: kept[name] for name in kept.files}
         return State(
             time=float(values["time"]),
@@ -139,4 +140,4 @@ def load_state(path: str | Path) -> State:
             step=float(values["step"]),
         )
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-        raise ValueError(f"{path} is not a state saved by chromagrip: {error}") from None
+        raise UserError(f"{path} is not a state saved by chromagrip: {error}") from None

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...errors import UserError
 from ..errors import ConvergenceError, NoEquilibriumError
 from ..objects import ContactObject
 from .chain import chain, contact
@@ -53,9 +54,9 @@ def equilibrium(
         When the object cannot hold the grip.
     """
     if not (np.isfinite([grip, load]).all() and grip > 0.0):
-        raise ValueError(f"an equilibrium needs grip > 0 and finite forces, got {grip=}, {load=}")
+        raise UserError(f"an equilibrium needs grip > 0 and finite forces, got {grip=}, {load=}")
     if parts < 1:
-        raise ValueError(f"parts must be at least 1, got {parts!r}")
+        raise UserError(f"parts must be at least 1, got {parts!r}")
     ch, ct = chain(fingertip), contact(fingertip, obj)
     start = replace(rest_state(fingertip) if state is None else state, time=0.0, step=0.0)
     now = start

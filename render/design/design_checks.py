@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from ...errors import UserError
 from ..optics.view import View
 from .skin import Skin
 
@@ -30,7 +31,7 @@ def check_markers(
 
     Raises
     ------
-    ValueError
+    UserError
         When markers of a layer overlap, leave the skin, or lie outside the image.
     """
     layers = zip(("magenta", "yellow"), depths, half_sizes, strict=True)
@@ -38,7 +39,7 @@ def check_markers(
         points = shape.points(places, depth)
         beyond = np.flatnonzero(shape.rim_distance(places) <= 0.0)
         if len(beyond):
-            raise ValueError(
+            raise UserError(
                 f"layout: {len(beyond)} markers, the first number {beyond[0]}, lie off the skin"
             )
         # Discs touch at their diameter; squares of one orientation where both sides do.
@@ -50,7 +51,7 @@ def check_markers(
             turned = _turn(places[i]) @ np.array([gap @ along, gap @ across])
             apart = np.linalg.norm([*turned, gap @ np.cross(along, across)], order)
             if apart < 2 * half:
-                raise ValueError(
+                raise UserError(
                     f"layout: {name} markers {i} and {j} overlap: {apart * 1e3:.3g} mm apart, "
                     f"{2e3 * half:.3g} mm in size"
                 )
@@ -58,10 +59,10 @@ def check_markers(
         size = np.array([view.width, view.height])
         seen = np.asarray(((pixels > 0.0) & (pixels < size - 1.0)).all(axis=-1))
         if not seen.any():
-            raise ValueError("camera: it sees none of the markers")
+            raise UserError("camera: it sees none of the markers")
         if not seen.all():
             first = np.flatnonzero(~seen)[0]
-            raise ValueError(
+            raise UserError(
                 f"layout: {(~seen).sum()} of {len(seen)} {name} markers, the first number {first}, "
                 f"lie outside the {size[0]}×{size[1]} image"
             )

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
+
 Array = NDArray[np.float64]
 
 #: Angle of the apex marker from the apex [rad].
@@ -51,7 +53,7 @@ def geodesic(count: int, coverage: float, pitch: float) -> Array:
         [[[_APEX, 0.0]]] + [np.column_stack([arc, np.full_like(arc, phi)]) for phi in (0.0, np.pi)]
     )
     if len(row) >= count:
-        raise ValueError(f"{count} markers are too few for a meridian row of {len(row)}")
+        raise UserError(f"{count} markers are too few for a meridian row of {len(row)}")
     row_vectors = unit_vectors(row)
     for total in range(count - len(row), 4 * count):
         spiral = _spiral(total, coverage)
@@ -61,7 +63,7 @@ def geodesic(count: int, coverage: float, pitch: float) -> Array:
             layout = np.concatenate([row, kept[: count - len(row)]])
             layout.setflags(write=False)
             return layout
-    raise ValueError(f"no room for {count} markers beside a meridian row of {len(row)}")
+    raise UserError(f"no room for {count} markers beside a meridian row of {len(row)}")
 
 
 def rings(counts: tuple[int, ...], pitch: float, turn: float) -> Array:
@@ -116,7 +118,7 @@ def from_file(path: str, flat: bool) -> Array:
 
     Raises
     ------
-    ValueError
+    UserError
         When the file cannot be read, or holds something else.
     """
     columns = ("x_mm", "y_mm") if flat else ("theta_deg", "phi_deg")
@@ -125,11 +127,11 @@ def from_file(path: str, flat: bool) -> Array:
             values = [[float(row[c]) for c in columns] for row in csv.DictReader(file)]
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise ValueError(f"layout file {path} cannot be read: {reason}") from None
+        raise UserError(f"layout file {path} cannot be read: {reason}") from None
     except (KeyError, TypeError, ValueError):
-        raise ValueError(f"layout file {path} must have columns {','.join(columns)}") from None
+        raise UserError(f"layout file {path} must have columns {','.join(columns)}") from None
     if not values or not np.isfinite(values).all():
-        raise ValueError(f"layout file {path} must hold at least one marker, all of them finite")
+        raise UserError(f"layout file {path} must hold at least one marker, all of them finite")
     first, second = np.array(values).T
     if flat:
         x, y = 1e-3 * first, 1e-3 * second

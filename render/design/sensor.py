@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ...strict_toml import Table, convert
 from ..optics.calibration import load_camera
 from ..optics.camera import Camera, FisheyeCamera, PinholeCamera
@@ -30,10 +31,6 @@ Colour = tuple[Level, Level, Level]
 
 #: Marker layers in the order of every array that has a layer axis.
 LAYERS = ("magenta", "yellow")
-
-
-class SensorError(ValueError):
-    """A sensor design that is not valid, or is not there."""
 
 
 class Dome(Table, frozen=True, tag_field="shape", tag="dome"):
@@ -133,9 +130,9 @@ class CameraSettings(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if bool(self.calibration) == (self.focal_px is not None):
-            raise ValueError("give either focal_px or a calibration file")
+            raise UserError("give either focal_px or a calibration file")
         if self.calibration and (self.centre_px or self.distortion):
-            raise ValueError("centre_px and distortion come from the calibration file")
+            raise UserError("centre_px and distortion come from the calibration file")
 
     def build(self) -> Camera:
         """The camera itself."""
@@ -144,7 +141,7 @@ class CameraSettings(Table, frozen=True, kw_only=True):
         kind: type[FisheyeCamera | PinholeCamera]
         kind, length = (FisheyeCamera, 4) if self.model == "fisheye" else (PinholeCamera, 5)
         if len(self.distortion) not in (0, length):
-            raise ValueError(
+            raise UserError(
                 f"camera.distortion of a {self.model} must be {length} numbers, "
                 f"got {len(self.distortion)}"
             )
@@ -191,20 +188,20 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
 
     def __post_init__(self) -> None:
         if not self.magenta.follow > 0.0:
-            raise ValueError(
+            raise UserError(
                 "magenta.follow = 0 must be above 0: the outer layer moves with the skin"
             )
         skin = self.skin
         room = skin.radius_mm - skin.hollow_mm if isinstance(skin, Dome) else skin.thickness_mm
         if not room > 0.0:
-            raise ValueError("skin.hollow_mm must be less than skin.radius_mm")
+            raise UserError("skin.hollow_mm must be less than skin.radius_mm")
         for name, layer in zip(LAYERS, self.layers, strict=True):
             if layer.depth_mm >= room:
-                raise ValueError(
+                raise UserError(
                     f"{name}.depth_mm = {layer.depth_mm} must be less than the silicone's {room:g}"
                 )
         if isinstance(skin, Pad) and isinstance(self.layout, Geodesic | Meridian):
-            raise ValueError("layout.kind geodesic and meridian need a dome")
+            raise UserError("layout.kind geodesic and meridian need a dome")
         inside = (
             abs(self.camera.position_mm) < skin.hollow_mm
             if isinstance(skin, Dome)
@@ -216,7 +213,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
                 if isinstance(skin, Dome)
                 else f"below -{skin.thickness_mm:g}, the base of the pad"
             )
-            raise ValueError(
+            raise UserError(
                 f"camera.position_mm = {self.camera.position_mm:g} must be {where}: "
                 f"from elsewhere the camera cannot see the skin"
             )
@@ -328,13 +325,13 @@ def load_sensor(name: str) -> SensorDesign:
 
     Raises
     ------
-    SensorError
+    UserError
         When there is no such design, or with the key, the value and what is allowed.
     """
     if name in sensor_names():
         return _shipped(name)
     if not name.endswith(".toml"):
-        raise SensorError(
+        raise UserError(
             f"no sensor design {name!r}; there is {', '.join(sensor_names())}, or give a .toml file"
         )
     path = Path(name)
@@ -342,15 +339,12 @@ def load_sensor(name: str) -> SensorDesign:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise SensorError(f"sensor file {name} cannot be read: {reason}") from None
+        raise UserError(f"sensor file {name} cannot be read: {reason}") from None
     except tomllib.TOMLDecodeError as error:
-        raise SensorError(f"sensor {name} is not valid TOML: {error}") from None
+        raise UserError(f"sensor {name} is not valid TOML: {error}") from None
     for table, key in FILES_NAMED:
         _beside(path, values.get(table), key)
-    try:
-        return convert(values, SensorDesign, f"sensor {name}")
-    except ValueError as error:
-        raise SensorError(str(error)) from None
+    return convert(values, SensorDesign, f"sensor {name}")
 
 
 def _beside(path: Path, table: Any, key: str) -> None:

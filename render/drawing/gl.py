@@ -18,10 +18,6 @@ renderer.delete()
 """
 
 
-class GLMissingError(ValueError):
-    """The mesh renderer was asked for where no OpenGL context can be made."""
-
-
 def prepare() -> None:
     """Choose off-screen rendering; before the first import of pyrender."""
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")

@@ -9,12 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ..colour import encoding_table
 from ..design.sensor import SensorDesign
 from ..ground import ground_image
 from ..membrane import Membrane, rest_membrane
 from ..outlines import outline_points, outlines
-from .gl import MEND, GLMissingError, gl_problem, prepare
+from .gl import MEND, gl_problem, prepare
 from .paint_kernels import encode
 
 #: Corners of a disc; its area is short of the circle's by 0.2 %.
@@ -39,7 +40,7 @@ class MeshRenderer:
 
     Raises
     ------
-    GLMissingError
+    UserError
         When no off-screen OpenGL context can be made.
     """
 
@@ -48,7 +49,7 @@ class MeshRenderer:
     def __init__(self, sensor: SensorDesign, oversampling: int = OVERSAMPLING) -> None:
         problem = gl_problem()
         if problem is not None:
-            raise GLMissingError(f"renderer pyrender cannot run here: {problem}; mend: {MEND}")
+            raise UserError(f"renderer pyrender cannot run here: {problem}; mend: {MEND}")
         prepare()
         import pyrender  # fails without libGL even where it is not used
 

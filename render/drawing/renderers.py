@@ -5,6 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ..design.sensor import SensorDesign
 from ..membrane import Membrane
 from .painter import Painter
@@ -33,9 +34,9 @@ def open_renderer(name: str, sensor: SensorDesign) -> Renderer:
 
     Raises
     ------
-    ValueError
+    UserError
         When there is no such renderer.
-    GLMissingError
+    UserError
         When pyrender is asked for where no OpenGL context can be made.
     """
     if name == "painter":
@@ -44,4 +45,4 @@ def open_renderer(name: str, sensor: SensorDesign) -> Renderer:
         from .mesh_renderer import MeshRenderer  # OpenGL is imported only where it is used
 
         return MeshRenderer(sensor)
-    raise ValueError(f"no renderer {name!r}; there is: {', '.join(RENDERERS)}")
+    raise UserError(f"no renderer {name!r}; there is: {', '.join(RENDERERS)}")

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from .camera import Camera
 
 Array = NDArray[np.float64]
@@ -24,10 +25,6 @@ _DICTIONARIES = {
 
 #: Pixels of a square in the picture that `photograph` samples: finer than most cameras see it.
 _PICTURE = 96
-
-
-class BoardError(ValueError):
-    """A board that cannot be made."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,23 +47,23 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3:
-            raise BoardError(
+            raise UserError(
                 f"a board of {self.columns}×{self.rows} squares is too small; "
                 f"allowed: at least 3 columns and 3 rows"
             )
         if not 0.0 < self.marker < self.square < np.inf:
-            raise BoardError(
+            raise UserError(
                 f"markers of {1e3 * self.marker:g} mm do not fit into squares of "
                 f"{1e3 * self.square:g} mm; allowed: 0 < marker < square"
             )
         if self.dictionary not in _DICTIONARIES:
-            raise BoardError(
+            raise UserError(
                 f"there is no marker dictionary {self.dictionary!r}; allowed: "
                 f"{', '.join(_DICTIONARIES)}"
             )
         held = len(_dictionary(self.dictionary).bytesList)
         if self.columns * self.rows // 2 > held:
-            raise BoardError(
+            raise UserError(
                 f"a board of {self.columns}×{self.rows} squares needs "
                 f"{self.columns * self.rows // 2} markers, dictionary {self.dictionary} has {held}"
             )

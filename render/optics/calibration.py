@@ -6,15 +6,12 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ...errors import UserError, located
 from .camera import Camera, FisheyeCamera, PinholeCamera
 
 #: Names of the distortion models in a file.
 MODELS = {"fisheye": FisheyeCamera, "pinhole": PinholeCamera}
 _ALIASES = {"equidistant": "fisheye", "plumb_bob": "pinhole"}
-
-
-class CalibrationError(ValueError):
-    """A calibration file that cannot be used."""
 
 
 def camera_text(camera: Camera, **more: float) -> str:
@@ -54,9 +51,7 @@ def save_camera(camera: Camera, path: str | Path, error: float | None = None) ->
         unfinished.write_text(text, encoding="utf-8")
         unfinished.replace(path)
     except OSError as reason:
-        raise CalibrationError(
-            f"calibration file {path} cannot be written: {reason.strerror}"
-        ) from None
+        raise UserError(f"calibration file {path} cannot be written: {reason.strerror}") from None
 
 
 def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:
@@ -69,12 +64,12 @@ def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
 
     Raises
     ------
-    CalibrationError
+    UserError
         When the file is missing, is something else, or belongs to images of another size.
     """
     path = Path(path)
     if not path.is_file():
-        raise CalibrationError(f"calibration file {path} cannot be read: there is no such file")
+        raise UserError(f"calibration file {path} cannot be read: there is no such file")
     try:
         store = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
         model = store.getNode("distortion_model").string()
@@ -83,26 +78,26 @@ def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
         matrix = _matrix(store.getNode("camera_matrix"))
         distortion = _matrix(store.getNode("distortion_coefficients"))
     except (cv2.error, SystemError, UnicodeDecodeError):
-        raise CalibrationError(f"calibration file {path} is not OpenCV's YAML") from None
+        raise UserError(f"calibration file {path} is not OpenCV's YAML") from None
     if matrix is None or distortion is None or matrix.shape != (3, 3) or min(width, height) < 1:
-        raise CalibrationError(
+        raise UserError(
             f"calibration file {path} must hold image_width, image_height, camera_matrix (3×3) and "
             f"distortion_coefficients"
         )
     if size is not None and size != (width, height):
-        raise CalibrationError(
+        raise UserError(
             f"calibration file {path} is for {width}×{height} images, these are {size[0]}×{size[1]}"
         )
     # OpenCV's own calibration sample names no model: four coefficients are a fisheye's.
     name = _ALIASES.get(model, model) or ("fisheye" if distortion.size == 4 else "pinhole")
     wanted = {"fisheye": 4, "pinhole": 5}.get(name)
     if wanted is None or distortion.size != wanted:
-        raise CalibrationError(
+        raise UserError(
             f"calibration file {path}: distortion_model {model!r} with {distortion.size} "
             f"coefficients; allowed: fisheye with 4, pinhole with 5"
         )
     kind: Any = MODELS[name]
-    try:
+    with located(f"calibration file {path}"):
         camera: Camera = kind(
             width=width,
             height=height,
@@ -110,8 +105,6 @@ def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
             centre=(float(matrix[0, 2]), float(matrix[1, 2])),
             distortion=tuple(float(v) for v in distortion.ravel()),
         )
-    except ValueError as error:
-        raise CalibrationError(f"calibration file {path}: {error}") from None
     return camera
 
 

@@ -6,6 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
+
 Array = NDArray[np.float64]
 
 _ROUNDS = 12
@@ -52,7 +54,7 @@ class FisheyeCamera:
 
     def __post_init__(self) -> None:
         if not (self._slope(np.linspace(0.0, np.pi / 2, 64)) > 0.0).all():
-            raise ValueError(
+            raise UserError(
                 f"distortion {list(self.distortion)} folds the fisheye's image within 90°"
             )
 
@@ -136,7 +138,7 @@ class PinholeCamera:
         with np.errstate(all="ignore"):
             back = self.project(self.rays(edge))
         if not np.nan_to_num(abs(back - edge), nan=np.inf).max() < 0.1:
-            raise ValueError(f"distortion {list(self.distortion)} folds the pinhole's image")
+            raise UserError(f"distortion {list(self.distortion)} folds the pinhole's image")
 
     def _distort(self, flat: Array) -> tuple[Array, Array]:
         """Distorted image-plane points of (…, 2), and the derivative (…, 2, 2)."""

@@ -1,17 +1,19 @@
 """Errors a user can cause: one sentence each, exit code 2 on the command line."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class UserError(ValueError):
-    """What was asked for cannot be done; the message says what, where, and what is allowed."""
+    """A request that cannot be met; the message says what, where, and what is allowed."""
 
 
-class SceneError(UserError):
-    """A scene that is not valid."""
-
-
-class FolderError(UserError):
-    """A folder that cannot be written to."""
-
-
-class CalibrateError(UserError):
-    """Images that no camera can be calibrated from."""
+@contextmanager
+def located(place: str) -> Iterator[None]:
+    """Put the place in front of the message of a `UserError` that is raised inside, once."""
+    try:
+        yield
+    except UserError as error:
+        if str(error).startswith(place):
+            raise
+        raise type(error)(f"{place}: {error}") from None

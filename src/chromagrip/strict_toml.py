@@ -1,9 +1,13 @@
 """Strict tables: what is read from TOML, and what is said of a key or value that is not allowed."""
 
+import tomllib
+from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
+
+from .errors import UserError
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -13,12 +17,41 @@ class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 Kind = TypeVar("Kind", bound=Table)
 
 
+def read_toml(path: Path, name: str) -> dict[str, Any]:
+    """Values of a TOML file.
+
+    Parameters
+    ----------
+    path: of the file
+    name: what messages call it, such as `scene mine.toml`
+
+    Raises
+    ------
+    UserError
+        When the file cannot be read, or is not valid TOML.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise UserError(f"{name} cannot be read: {reason}") from None
+    return parse_toml(text, name)
+
+
+def parse_toml(text: str, name: str) -> dict[str, Any]:
+    """Values of a TOML text; errors as in `read_toml`."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{name} is not valid TOML: {error}") from None
+
+
 def convert(values: dict[str, Any], kind: type[Kind], name: str) -> Kind:
     """Table of that kind from plain values.
 
     Raises
     ------
-    ValueError
+    UserError
         One sentence with `name`, the key, the value and what is allowed.
     """
     _refuse_unknown(values, kind, name, "")
@@ -29,7 +62,7 @@ def convert(values: dict[str, Any], kind: type[Kind], name: str) -> Kind:
         key = place.rstrip("`").lstrip(".")
         found = _get(values, key) if key else None
         at = f"{key}: " if isinstance(found, dict) else f"{key} = {found!r}: " if key else ""
-        raise ValueError(f"{name}: {at}{_plain(message, key, kind)}") from None
+        raise UserError(f"{name}: {at}{_plain(message, key, kind)}") from None
 
 
 def _plain(message: str, key: str, kind: Any) -> str:
@@ -84,7 +117,7 @@ def _refuse_unknown(values: Any, table: type[Table], name: str, prefix: str) -> 
     for key, value in values.items():
         if key not in fields and key not in tag:
             allowed = ", ".join((*tag, *fields))
-            raise ValueError(f"{name}: unknown key {prefix}{key}; allowed here: {allowed}")
+            raise UserError(f"{name}: unknown key {prefix}{key}; allowed here: {allowed}")
         for member in _members(fields.get(key)):
             wanted = member.__struct_config__
             if not wanted.tag_field or (

@@ -23,23 +23,9 @@ from msgspec.structs import replace
 from chromagrip import UserError
 from chromagrip.dataset import folder as dataset_folder
 from chromagrip.dataset.check import check
-from chromagrip.dataset.folder import (
-    FILES,
-    MANIFEST,
-    TABLE,
-    DatasetError,
-    load_sequences,
-    sequence_name,
-)
+from chromagrip.dataset.folder import FILES, MANIFEST, TABLE, load_sequences, sequence_name
 from chromagrip.dataset.make import Backend, make, merge
-from chromagrip.dataset.recipe import (
-    Recipe,
-    RecipeError,
-    drawn,
-    load_recipe,
-    recipe_names,
-    scene_of,
-)
+from chromagrip.dataset.recipe import Recipe, drawn, load_recipe, recipe_names, scene_of
 from chromagrip.dataset.sequence import sequence, shots
 from chromagrip.dataset.split import split
 from chromagrip.output.folder import filling
@@ -116,7 +102,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(
         process.send_signal(signal.SIGKILL)
         process.wait()
         if not (out / MANIFEST).exists():
-            with pytest.raises(DatasetError, match="is not whole: go on with --resume"):
+            with pytest.raises(UserError, match="is not whole: go on with --resume"):
                 check(out)
     make(TINY, out, resume=True)
     assert bytes_of(out) == bytes_of(made)
@@ -210,7 +196,7 @@ def test_a_slip_goes_through_all_states() -> None:
 def test_what_was_changed_is_named(made: Path, tmp_path: Path, spoil: object, said: str) -> None:
     folder = copied(made, tmp_path / "spoilt")
     spoil(folder)  # type: ignore[operator]
-    with pytest.raises(DatasetError, match=said):
+    with pytest.raises(UserError, match=said):
         check(folder)
 
 
@@ -251,7 +237,7 @@ def test_physics_that_does_not_hold_is_named(
     kind = found.schema.field(column).type
     pq.write_table(found.set_column(where, column, pa.array(values, kind)), path)
     resealed(folder, sequence_name(0))
-    with pytest.raises(DatasetError, match=said):
+    with pytest.raises(UserError, match=said):
         check(folder)
 
 
@@ -344,7 +330,7 @@ def test_a_recipe_that_leaves_what_can_be_is_refused(
 ) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(tomli_w.dumps({"draw": draw}), encoding="utf-8")
-    with pytest.raises(RecipeError, match=said):
+    with pytest.raises(UserError, match=said):
         load_recipe(str(path))
 
 
@@ -495,7 +481,7 @@ def test_a_worker_that_is_killed_is_said(tmp_path: Path) -> None:
     many = replace(TINY, sequences=40)
     with pytest.raises(UserError, match=r"a worker was killed .* go on with --resume"):
         make(many, tmp_path / "lost", workers=2, progress=kill)
-    with pytest.raises(DatasetError, match="is not whole: go on with --resume"):
+    with pytest.raises(UserError, match="is not whole: go on with --resume"):
         check(tmp_path / "lost")
 
 

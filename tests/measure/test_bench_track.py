@@ -307,6 +307,7 @@ NEAREST = '''
 import dataclasses
 import numpy as np
 from scipy.spatial import KDTree
+from chromagrip.errors import UserError
 from chromagrip.tracking import detect_markers
 from chromagrip.measure.worlds.track_scores import Constant
 
@@ -325,7 +326,7 @@ class Nearest(Constant):
 
 class Refusing(Constant):
     def update(self, frame):
-        raise ValueError("this tracker does not like the frame")
+        raise UserError("this tracker does not like the frame")
 '''
 
 

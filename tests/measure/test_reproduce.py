@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from chromagrip.cli.reproduce import reproduce as command
-from chromagrip.errors import FolderError, UserError
+from chromagrip.errors import UserError
 from chromagrip.loop.trace import COLUMNS, Trace
 from chromagrip.measure.reproduce import runs as reproduce_runs
 from chromagrip.measure.reproduce import statements as reproduce_checks
@@ -323,7 +323,7 @@ def test_the_page_holds_all_that_it_shows(tmp_path: Path) -> None:
     assert report["quick"] is True
     written = json.loads((out / "reproduction.json").read_text(encoding="utf-8"))
     assert [part["verdict"] for part in written["parts"]] == [s.verdict for s in sections]
-    with pytest.raises(FolderError, match="is not empty"):
+    with pytest.raises(UserError, match="is not empty"):
         reproduce(["figure-9"], TRUTH, out, False, 1, silent)
 
 

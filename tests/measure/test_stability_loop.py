@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from chromagrip.errors import FolderError
+from chromagrip.errors import UserError
 from chromagrip.loop.observers import TruthObserver
 from chromagrip.loop.run_folder import run
 from chromagrip.loop.trace import Trace
@@ -328,7 +328,7 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(
     for name in names:
         if name.endswith(".csv"):
             assert (parts / name).read_bytes() == (whole / name).read_bytes()
-    with pytest.raises(FolderError, match="is not empty"):
+    with pytest.raises(UserError, match="is not empty"):
         stability_loop(True, whole, False, lambda _: None, 1)
 
 

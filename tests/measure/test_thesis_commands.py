@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from chromagrip.errors import FolderError
+from chromagrip.errors import UserError
 from chromagrip.measure.reproduce.appendix_b import FIGURES, appendix_b
 from chromagrip.measure.stability import model as maps
 from chromagrip.measure.stability.model import OUTCOMES, Cell, Grid, cells, stability_model
@@ -32,7 +32,7 @@ def test_appendix_b_leaves_a_page_with_every_figure(tmp_path: Path) -> None:
         pytest.approx(0.4, rel=0.03)
     )
     json.dumps(report)
-    with pytest.raises(FolderError, match="is not empty"):
+    with pytest.raises(UserError, match="is not empty"):
         appendix_b(tmp_path / "b", False, told.append)
 
 

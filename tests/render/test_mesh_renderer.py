@@ -3,10 +3,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from chromagrip.errors import UserError
 from chromagrip.model import ContactObject, Fingertip, rest_state, step
 from chromagrip.render import Membrane, MembraneMap, Renderer, load_sensor, open_renderer
 from chromagrip.render.drawing import gl as gl_module
-from chromagrip.render.drawing.gl import GLMissingError, gl_problem
+from chromagrip.render.drawing.gl import gl_problem
 
 SENSOR = load_sensor("thesis")
 
@@ -52,7 +53,7 @@ def test_missing_gl_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
         "chromagrip.render.drawing.mesh_renderer.gl_problem",
         lambda: "no off-screen OpenGL context: test",
     )
-    with pytest.raises(GLMissingError, match=r"pyrender cannot run here.*apt-get install"):
+    with pytest.raises(UserError, match=r"pyrender cannot run here.*apt-get install"):
         open_renderer("pyrender", SENSOR)
     assert gl_module.MEND.startswith("sudo apt-get install")
 

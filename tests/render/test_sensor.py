@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import tomli_w
 
+from chromagrip.errors import UserError
 from chromagrip.render import (
     FisheyeCamera,
     MembraneMap,
-    SensorError,
     load_sensor,
     open_renderer,
     save_camera,
@@ -106,7 +106,7 @@ def test_camera_from_a_calibration_file(tmp_path: Path) -> None:
     own = {"camera.calibration": "camera.yml", "camera.focal_px": None, "layout.coverage_deg": 70.0}
     assert load_sensor(changed(tmp_path, own)).view.camera == camera
     own |= {"camera.width_px": 800, "camera.height_px": 600}
-    with pytest.raises(SensorError, match=r"is for 640×480 images, these are 800×600"):
+    with pytest.raises(UserError, match=r"is for 640×480 images, these are 800×600"):
         load_sensor(changed(tmp_path, own))
 
 
@@ -141,7 +141,7 @@ def test_camera_from_a_calibration_file(tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused_in_a_sentence(
     tmp_path: Path, changes: dict[str, Any], words: str
 ) -> None:
-    with pytest.raises(SensorError, match=words) as caught:
+    with pytest.raises(UserError, match=words) as caught:
         load_sensor(changed(tmp_path, changes))
     assert "\n" not in str(caught.value)
 
@@ -157,12 +157,12 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     ],
 )
 def test_what_is_not_there_is_named(name: str, words: str) -> None:
-    with pytest.raises(SensorError, match=words):
+    with pytest.raises(UserError, match=words):
         load_sensor(name)
 
 
 def test_a_file_that_is_no_toml_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
     path.write_text("skin = ")
-    with pytest.raises(SensorError, match="is not valid TOML"):
+    with pytest.raises(UserError, match="is not valid TOML"):
         load_sensor(str(path))

@@ -45,7 +45,7 @@ def test_scenes_of_the_thesis_object() -> None:
         ("camera.rate_hz", 0, "camera.rate_hz = 0: expected a number > 0.0"),
         ("camera.latency_frames", -1, "camera.latency_frames = -1"),
         ("camera.latency_frames", 1.5, "expected a whole number"),
-        ("controller", "pid", "allowed: safety-margin, .*, conservative, or module:Class"),
+        ("controller", "pid", "there is safety-margin, .*, conservative, or give module:Class"),
         ("camera.dropped", 1.0, "camera.dropped = 1.0: expected a number < 1.0"),
         ("camera.exposure_ms", 1.1, "camera.exposure_ms = 1.1 must be at most 1, the time between"),
         ("actuator.lag_ms", -1, "actuator.lag_ms = -1"),

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as changed
 
+from chromagrip.errors import UserError
 from chromagrip.model import Fingertip
 from chromagrip.render import load_sensor
 from chromagrip.tracking import SensorCalibration, Tracks
 from chromagrip.tracking.forces.calibration import (
-    CalibrationFileError,
     FitReport,
-    OtherSensorError,
     calibration_table,
     check_rest,
     load_calibration,
@@ -21,12 +20,7 @@ from chromagrip.tracking.forces.calibration import (
     values_of,
     with_values,
 )
-from chromagrip.tracking.forces.displacement import (
-    DisplacementGains,
-    GainError,
-    displacement,
-    fit_gains,
-)
+from chromagrip.tracking.forces.displacement import DisplacementGains, displacement, fit_gains
 
 SENSOR = load_sensor("thesis")
 REPORT = FitReport(presses=("a.png",), noise_levels=2.0, error_px=0.01)
@@ -119,16 +113,16 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path: Path, old: str, new: str, wo
     text = path.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(CalibrationFileError) as refused:
+    with pytest.raises(UserError) as refused:
         load_calibration(str(path))
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
 def test_a_calibration_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationFileError, match="No such file"):
+    with pytest.raises(UserError, match="No such file"):
         load_calibration(str(tmp_path / "mine.toml"))
-    with pytest.raises(CalibrationFileError, match=r"no calibration 'mine'.*thesis"):
+    with pytest.raises(UserError, match=r"no calibration 'mine'.*thesis"):
         load_calibration("mine")
 
 
@@ -149,7 +143,7 @@ def test_a_rest_frame_is_known_by_its_places() -> None:
     # As a camera that was turned in its mount by 20° shows them.
     centre, (cos, sin) = np.array([319.5, 239.5]), (math.cos(0.35), math.sin(0.35))
     turned = (rest.position - centre) @ np.array([[cos, sin], [-sin, cos]]) + centre
-    with pytest.raises(OtherSensorError, match=r"px RMS from the places.*allowed: 3\.\d px"):
+    with pytest.raises(UserError, match=r"px RMS from the places.*allowed: 3\.\d px"):
         check_rest(SENSOR, replace(rest, position=turned))
 
 
@@ -221,8 +215,8 @@ def test_hue_and_size_count_by_what_they_know() -> None:
 def test_presses_that_leave_a_gain_open_are_refused() -> None:
     rng = np.random.default_rng(3)
     still = shown(np.zeros((9, 3)), 0.0, rng)
-    with pytest.raises(GainError, match="3 different depths, 1 of them with a shear"):
+    with pytest.raises(UserError, match="3 different depths, 1 of them with a shear"):
         fit_gains(still, [still] * 3, np.array([1e-4, 2e-4, 3e-4]), np.array([0.0, 0.0, 1e-4]))
     blind = tracks(still.position[0])
-    with pytest.raises(GainError, match="neither hues nor sizes"):
+    with pytest.raises(UserError, match="neither hues nor sizes"):
         fit_gains(blind, [blind] * 3, np.array([1e-4, 2e-4, 3e-4]), np.array([0.0, 1e-4, 1e-4]))

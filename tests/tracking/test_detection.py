@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from chromagrip.errors import UserError
 from chromagrip.model import ContactObject, Fingertip, rest_state, step
 from chromagrip.render import (
     Defects,
@@ -21,14 +22,7 @@ from chromagrip.render import (
 from chromagrip.render.colour import encode_srgb
 from chromagrip.render.membrane import rest_membrane
 from chromagrip.render.outlines import areas, centroids, outlines
-from chromagrip.tracking import (
-    DetectionError,
-    Markers,
-    Palette,
-    detect_markers,
-    load_palette,
-    read_rest,
-)
+from chromagrip.tracking import Markers, Palette, detect_markers, load_palette, read_rest
 
 NOISE = 2.0
 DARK, PINS = load_palette("dark-dots"), load_palette("bright-pins")
@@ -228,7 +222,7 @@ def grey(image: np.ndarray) -> np.ndarray:
 def test_pictures_without_markers_are_refused(
     change: Callable[[np.ndarray], np.ndarray], palette: Palette, words: str
 ) -> None:
-    with pytest.raises(DetectionError, match=words):
+    with pytest.raises(UserError, match=words):
         detect_markers(change(draw(scattered(24.0))), palette)
 
 
@@ -252,7 +246,7 @@ def test_a_loaded_sensor_is_refused(name: str) -> None:
     for _ in range(60):
         state = step(tip, ContactObject(), state, 5e-3, 3.0, 0.8)
     membrane = MembraneMap(sensor(name), tip.nodes)(state.deformation.seen)
-    with pytest.raises(DetectionError, match=r"looks loaded: around .* px out of register"):
+    with pytest.raises(UserError, match=r"looks loaded: around .* px out of register"):
         read_rest(resting(name, membrane), load_palette())
 
 
@@ -278,5 +272,5 @@ def test_a_rest_frame_without_one_of_the_layers_is_refused() -> None:
     centres = rest("flat-2019").centres.copy()
     centres[0] = np.nan
     membrane = Membrane(centres=centres, axes=rest("flat-2019").axes)
-    with pytest.raises(DetectionError, match="shows 0 magenta, 100 yellow markers; wanted: some"):
+    with pytest.raises(UserError, match="shows 0 magenta, 100 yellow markers; wanted: some"):
         read_rest(resting("flat-2019", membrane), load_palette())

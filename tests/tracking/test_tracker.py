@@ -5,11 +5,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from chromagrip.errors import UserError
 from chromagrip.model import ContactObject, Fingertip, State, rest_state, step
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.outlines import centroids, outlines
-from chromagrip.tracking import DetectionError, MarkerTracker, Palette, Tracks
+from chromagrip.tracking import MarkerTracker, Palette, Tracks
 from chromagrip.tracking.fit.thrifty import SparseTracker, ThriftyTracker
 from chromagrip.tracking.fit.tracker import QuickTracker
 
@@ -159,7 +160,7 @@ def test_hue_turns_from_overlap_towards_magenta() -> None:
     ],
 )
 def test_bad_rest_frames_are_refused(frames: list[np.ndarray], words: str) -> None:
-    with pytest.raises(DetectionError, match=words):
+    with pytest.raises(UserError, match=words):
         MarkerTracker(PALETTE, NOISE).reset([Frame(image=image, time=0.0) for image in frames])
 
 

@@ -2,7 +2,8 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from chromagrip.tracking import TrackerError, load_tracker, tracker_names
+from chromagrip.errors import UserError
+from chromagrip.tracking import load_tracker, tracker_names
 from chromagrip.tracking.baselines.centroid import WeightedCentroid
 from chromagrip.tracking.fit.tracker import MarkerTracker
 
@@ -27,10 +28,10 @@ def test_installed_ones_by_their_entry_point(monkeypatch: pytest.MonkeyPatch) ->
         assert group == "chromagrip.trackers"
         return [EntryPoint("mine", TARGET, group)]
 
-    monkeypatch.setattr("chromagrip.tracking.trackers.entry_points", installed)
+    monkeypatch.setattr("chromagrip.by_name.entry_points", installed)
     assert load_tracker("mine") is WeightedCentroid
     assert "mine" in tracker_names()
-    with pytest.raises(TrackerError, match="mine, fit"):
+    with pytest.raises(UserError, match="mine, fit"):
         load_tracker("yours")
 
 
@@ -44,5 +45,5 @@ def test_installed_ones_by_their_entry_point(monkeypatch: pytest.MonkeyPatch) ->
     ],
 )
 def test_what_is_no_tracker_is_refused(name: str, words: str) -> None:
-    with pytest.raises(TrackerError, match=words):
+    with pytest.raises(UserError, match=words):
         load_tracker(name)

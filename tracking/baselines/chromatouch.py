@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ...render.colour import encode_srgb
 from ..detection import RestFrame
-from ..palette import Palette, PaletteError
+from ..palette import Palette
 from .follower import Follower, Image, Measured, nearest
 
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ class ChromaTouch(Follower):
 
     Raises
     ------
-    PaletteError
+    UserError
         When there are two dyes, and not hues that tell them apart.
     """
 
@@ -49,7 +50,7 @@ class ChromaTouch(Follower):
         self._hues, self._members = hsv[:, 0], members.astype(bool)
         self._coloured = not palette.bright and bool((hsv[:, 1] > _SATURATED).all())
         if count > 1 and not self._coloured:
-            raise PaletteError(
+            raise UserError(
                 f"the chromatouch tracker tells layers by their hue, the palette's "
                 f"{' and '.join(palette.names)} must be darker than the ground and saturated by "
                 f"more than {_SATURATED:.0%}"

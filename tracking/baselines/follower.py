@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from ...errors import UserError
 from ...render import Frame
-from ..detection import DetectionError, RestFrame, neighbours, read_rest
+from ..detection import RestFrame, neighbours, read_rest
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
@@ -78,7 +79,7 @@ class Follower:
 
         Raises
         ------
-        DetectionError
+        UserError
             When there is no frame, or it does not show the markers.
         """
         seen = read_rest(rest, self._palette)
@@ -94,7 +95,7 @@ class Follower:
         tracks = self._follow(Frame(image=image, time=rest[-1].time))
         there = int(np.isfinite(self._origin[..., 0]).sum())
         if tracks.visible.sum() < _FEWEST * there:
-            raise DetectionError(
+            raise UserError(
                 f"only {tracks.visible.sum()} of {there} markers of the rest frame are found by "
                 f"this tracker, at least {_FEWEST:.0%} must be"
             )
@@ -109,7 +110,7 @@ class Follower:
 
         Raises
         ------
-        FrameError
+        UserError
             When the frame has another size or type than the rest frame.
         """
         check_frame(frame, self._shape)

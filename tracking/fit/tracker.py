@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ...render import Frame
-from ..detection import DetectionError, RestFrame, read_rest
+from ..detection import RestFrame, read_rest
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
@@ -80,7 +81,7 @@ class MarkerTracker:
 
         Raises
         ------
-        DetectionError
+        UserError
             When there is no frame, or it does not show the sensor's markers.
         """
         seen = read_rest(rest, self._palette)
@@ -108,7 +109,7 @@ class MarkerTracker:
             found = fit.tune(mean, found, found.state.fits, STEPS)
         good: Any = self._visible(found).any(axis=1)
         if good.sum() < _AT_REST * len(good):
-            raise DetectionError(
+            raise UserError(
                 f"only {good.sum()} of {len(good)} markers of the rest frame look like markers"
             )
         start = fit.take_shapes(found.state)
@@ -128,7 +129,7 @@ class MarkerTracker:
 
         Raises
         ------
-        FrameError
+        UserError
             When the frame has another size than the rest frame.
         """
         check_frame(frame, self._shape)

@@ -13,6 +13,7 @@ from msgspec import Meta
 from msgspec.structs import replace as changed
 from scipy.spatial import KDTree
 
+from ...errors import UserError
 from ...model import REFERENCE_NODES, Fingertip, SpringLaw
 from ...render import SensorDesign, load_sensor, sensor_names
 from ...strict_toml import Table, convert
@@ -26,14 +27,6 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 
 #: Markers at rest may be so far from the design's places, RMS [pitches]; any others are a third.
 _APART = 0.2
-
-
-class CalibrationFileError(ValueError):
-    """A calibration that is not there, or is none."""
-
-
-class OtherSensorError(ValueError):
-    """A rest frame that does not show the calibrated sensor."""
 
 
 class Values(Table, frozen=True, kw_only=True):
@@ -123,7 +116,7 @@ def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibra
 
     Raises
     ------
-    ValueError
+    UserError
         When they make no sensor: a layer deeper than the silicone.
     """
     sensor = calibration.sensor
@@ -150,7 +143,7 @@ def check_rest(sensor: SensorDesign, rest: Tracks) -> float:
 
     Raises
     ------
-    OtherSensorError
+    UserError
         When they lie where another sensor, or a camera turned in it, would have them.
     """
     far, pitch = [], []
@@ -162,7 +155,7 @@ def check_rest(sensor: SensorDesign, rest: Tracks) -> float:
     error = float(np.sqrt((np.concatenate(far) ** 2).mean()))
     allowed = _APART * float(np.median(np.concatenate(pitch)))
     if error > allowed:
-        raise OtherSensorError(
+        raise UserError(
             f"the markers at rest lie {error:.1f} px RMS from the places of the calibrated sensor; "
             f"allowed: {allowed:.1f} px. Is it another sensor, or is its camera turned or shifted?"
         )
@@ -176,20 +169,20 @@ def load_calibration(name: str) -> SensorCalibration:
 
     Raises
     ------
-    CalibrationFileError
+    UserError
         When there is no such calibration, or with the key, the value and what is allowed.
     """
     if name in sensor_names():
         return replace(nominal_calibration(load_sensor(name)), readout=shipped_readout(name))
     if not name.endswith(".toml"):
-        raise CalibrationFileError(
+        raise UserError(
             f"no calibration {name!r}; give a .toml file of `chromagrip calibrate sensor`, or for "
             f"a sensor as designed one of {', '.join(sensor_names())}"
         )
     try:
         values = tomllib.loads(Path(name).read_text(encoding="utf-8"))
         if values.get("format") != FORMAT:
-            raise CalibrationFileError(
+            raise UserError(
                 f"calibration {name} has format {values.get('format')!r}; wanted: {FORMAT!r}"
             )
         file = convert(values, _File, f"calibration {name}")
@@ -200,14 +193,9 @@ def load_calibration(name: str) -> SensorCalibration:
             calibration = with_values(calibration, file.values)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise CalibrationFileError(f"calibration {name} cannot be read: {reason}") from None
+        raise UserError(f"calibration {name} cannot be read: {reason}") from None
     except tomllib.TOMLDecodeError as error:
-        raise CalibrationFileError(f"calibration {name} is not valid TOML: {error}") from None
-    except ValueError as error:
-        said = str(error)
-        raise CalibrationFileError(
-            said if said.startswith("calibration") else f"calibration {name}: {said}"
-        ) from None
+        raise UserError(f"calibration {name} is not valid TOML: {error}") from None
     return replace(
         calibration,
         position_floor=file.position_floor_px,

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ...strict_toml import Table
 from ..tracks import Tracks
 
@@ -20,10 +21,6 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 _QUARTILE = 0.6745
 #: Markers further off than so many standard deviations are at an edge; found out in so many rounds.
 _FAR, _ROUNDS = 3.0, 3
-
-
-class GainError(ValueError):
-    """Presses that do not determine the gains."""
 
 
 class DisplacementGains(Table, frozen=True, kw_only=True):
@@ -53,13 +50,13 @@ def fit_gains(rest: Tracks, presses: list[Tracks], depth: Array, shear: Array) -
 
     Raises
     ------
-    GainError
+    UserError
         When they do not determine every gain.
     """
     depth_mm, shear_mm = 1e3 * depth, 1e3 * shear
     pulled = shear_mm != 0.0
     if len(set(depth_mm)) < 2 or len(set(depth_mm[pulled])) < 2:
-        raise GainError(
+        raise UserError(
             f"{len(set(depth_mm))} different depths, {len(set(depth_mm[pulled]))} of them with a "
             "shear, do not determine how the gain of a shear depends on the depth; wanted: at "
             "least two with a shear"
@@ -71,7 +68,7 @@ def fit_gains(rest: Tracks, presses: list[Tracks], depth: Array, shear: Array) -
     sizes = _gain(size, depth_mm[:, None])
     along = _gain(shift[..., 0], np.stack([shear_mm, depth_mm * shear_mm], axis=1))
     if along is None or (hues is None and sizes is None):
-        raise GainError("the tracker measured neither hues nor sizes of markers in the presses")
+        raise UserError("the tracker measured neither hues nor sizes of markers in the presses")
     (shift_gain, shift_slope), deviation = along
     return DisplacementGains(
         hue_deg_per_mm=hues and hues[0][0],

@@ -1,10 +1,9 @@
 """Reconstructors by name: from tracks to a force field with its covariance, one signature."""
 
-from collections.abc import Callable
-from importlib import import_module
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
-from ...by_name import import_class
+from ...by_name import Choice, Registry
 from ...model import ForceField
 from ..tracks import Tracks
 from .calibration import SensorCalibration
@@ -32,59 +31,59 @@ class Reconstructor(Protocol):
         ...
 
 
-class ReconstructorError(ValueError):
-    """A reconstructor that is not there, or is none."""
-
-
-#: Module:Class of each reconstructor of ours, and one line about it.
-RECONSTRUCTORS = {
-    "gp": (
-        "chain.gaussian_process:GaussianProcess",
-        "Gaussian-process prior on nodal forces in a zone",
-    ),
-    "tikhonov": (
-        "chain.tikhonov:Tikhonov",
-        "one matrix product, linearised at rest, λ by evidence",
-    ),
-    "stiffness": ("chain.stiffness_reading:StiffnessReading", "smooth displacements times K(u)"),
-    "learned": ("chain.learned:Learned", "read-out trained on random grips, each frame by itself"),
-    "sequential": (
-        "chain.learned:Sequential",
-        "the same over codes averaged while the skin holds still",
-    ),
-}
-#: What reads forces unless told otherwise: `sequential` with a read-out, `gp` without.
+#: Reconstructors by name.
+RECONSTRUCTORS = Registry(
+    protocol=Reconstructor,
+    package=__package__,
+    entries={
+        "auto": (".reconstructors:automatic", "sequential with a read-out, gp without"),
+        "gp": (
+            ".chain.gaussian_process:GaussianProcess",
+            "Gaussian-process prior on nodal forces in a zone",
+        ),
+        "tikhonov": (
+            ".chain.tikhonov:Tikhonov",
+            "one matrix product, linearised at rest, λ by evidence",
+        ),
+        "stiffness": (
+            ".chain.stiffness_reading:StiffnessReading",
+            "smooth displacements times K(u)",
+        ),
+        "learned": (
+            ".chain.learned:Learned",
+            "read-out trained on random grips, each frame by itself",
+        ),
+        "sequential": (
+            ".chain.learned:Sequential",
+            "the same over codes averaged while the skin holds still",
+        ),
+    },
+)
+#: Reads forces unless another is chosen: `sequential` with a read-out, `gp` without.
 DEFAULT_RECONSTRUCTOR = "auto"
 
 
-def _auto(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
+def automatic(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
+    """Reconstructor for a sensor whose user chose none."""
     name = "gp" if calibration.readout is None else "sequential"
     return load_reconstructor(name)(calibration, rest)
 
 
-def load_reconstructor(name: str) -> Callable[[SensorCalibration, Tracks], Reconstructor]:
-    """What makes a reconstructor from a calibration and the tracks at rest.
+def load_reconstructor(
+    choice: Choice, arguments: Mapping[str, Any] | None = None
+) -> Callable[[SensorCalibration, Tracks], Reconstructor]:
+    """Factory of reconstructors, called with a calibration and the tracks at rest.
 
     Parameters
     ----------
-    name: of one of ours, `auto`, or `module:Class`
+    choice: name of ours or of an entry point, `auto`, `module:Class`, or a class or other factory
+    arguments: further arguments of the class, by name
 
     Raises
     ------
-    ReconstructorError
+    UserError
         When there is none of that name, or it cannot be imported.
     """
-    found: Callable[[SensorCalibration, Tracks], Reconstructor]
-    if name == DEFAULT_RECONSTRUCTOR:
-        return _auto
-    if name in RECONSTRUCTORS:
-        module, _, kind = RECONSTRUCTORS[name][0].partition(":")
-        found = getattr(import_module(f".{module}", __package__), kind)
-        return found
-    if ":" not in name:
-        known = ", ".join([DEFAULT_RECONSTRUCTOR, *RECONSTRUCTORS])
-        raise ReconstructorError(
-            f"no reconstructor {name!r}; there is {known}, or give module:Class"
-        )
-    found = import_class(name, name, Reconstructor, ReconstructorError)
-    return found
+    factory: Callable[[SensorCalibration, Tracks], Reconstructor]
+    factory = RECONSTRUCTORS.load(choice, arguments)
+    return factory

@@ -15,10 +15,6 @@ class NoEstimateError(ValueError):
     """A frame that says nothing about the forces."""
 
 
-class TooFewMarkersError(NoEstimateError):
-    """Too few markers are visible to say anything about the forces."""
-
-
 class MarkerShifts:
     """Shifts of the pairs that were whole at rest, up to an angle from the apex.
 
@@ -54,13 +50,13 @@ class MarkerShifts:
 
         Raises
         ------
-        TooFewMarkersError
+        NoEstimateError
             When fewer than `least` pairs are seen.
         """
         certain = tracks.visible & ~tracks.ambiguous
         visible = np.all(certain[:, self.pairs], axis=0)
         if visible.sum() < least:
-            raise TooFewMarkersError(
+            raise NoEstimateError(
                 f"{visible.sum()} marker pairs visible near the contact, at least {least} "
                 "are needed"
             )

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CalibrateError
+from ..errors import UserError
 from ..render.optics.board import Board
 
 Array = NDArray[np.float64]
@@ -44,10 +44,10 @@ def image_files(paths: Sequence[Path]) -> list[Path]:
         elif path.is_file():
             found.append(path)
         else:
-            raise CalibrateError(f"image {path} cannot be read: there is no such file or folder")
+            raise UserError(f"image {path} cannot be read: there is no such file or folder")
     if not found:
         where = f" in {', '.join(map(str, paths))}" if paths else ""
-        raise CalibrateError(
+        raise UserError(
             f"there are no images{where}; give at least {MIN_IMAGES} png or jpg files, or a folder"
         )
     return list(dict.fromkeys(found))
@@ -60,11 +60,11 @@ def read_image(path: Path) -> Picture:
         flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
         image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), flags)
     except OSError as error:
-        raise CalibrateError(f"image {path} cannot be read: {error.strerror}") from None
+        raise UserError(f"image {path} cannot be read: {error.strerror}") from None
     except cv2.error:
         image = None
     if image is None:
-        raise CalibrateError(f"image {path} cannot be read: it is not a whole png or jpg file")
+        raise UserError(f"image {path} cannot be read: it is not a whole png or jpg file")
     return np.asarray(image, dtype=np.uint8)
 
 
@@ -100,7 +100,7 @@ def check_count(views: list[View], left_out: dict[str, str]) -> None:
         if left_out:
             name, reason = next(iter(left_out.items()))
             hint = f", and columns, rows and dictionary as printed ({name}: {reason})"
-        raise CalibrateError(
+        raise UserError(
             f"the board can be used in {len(views)} of {len(views) + len(left_out)} images; "
             f"wanted: at least {MIN_IMAGES}{hint}"
         )

@@ -8,7 +8,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from ..errors import CalibrateError
+from ..errors import UserError
 from ..render import FisheyeCamera, PinholeCamera
 from ..render.optics.board import Board
 from .board_corners import MIN_CORNERS, View, check_count, find_corners, on_a_line, read_image
@@ -68,7 +68,7 @@ def calibrate_camera(
 
     Raises
     ------
-    CalibrateError
+    UserError
         When an image cannot be read, sizes differ, or the images are too few or do not suffice.
     """
     views: list[View] = []
@@ -80,7 +80,7 @@ def calibrate_camera(
         image = read_image(path)
         height, width = image.shape
         if size is not None and size != (width, height):
-            raise CalibrateError(
+            raise UserError(
                 f"image {path} is {width}×{height}, {files[0]} is {size[0]}×{size[1]}; "
                 f"all must be of one size"
             )
@@ -127,7 +127,7 @@ def _finish(fit: Fit, left_out: dict[str, str]) -> Calibration:
     camera, errors = fit.camera, fit.errors()
     error = float(np.sqrt((np.concatenate(errors) ** 2).mean()))
     if not error < _MAX_ERROR * camera.width:
-        raise CalibrateError(
+        raise UserError(
             f"no lens of this model fits: it misses the corners by {error:.1f} px RMS; allowed: "
             f"{_MAX_ERROR * camera.width:.1f} px. Try the other model, and check that the board is "
             f"flat and that columns, rows and marker are as printed"
@@ -136,7 +136,7 @@ def _finish(fit: Fit, left_out: dict[str, str]) -> Calibration:
     tilt = np.arccos(np.clip(normals @ normals.T, -1.0, 1.0)).max()
     vague = fit.deviations[:2] > _VAGUE * np.array(camera.focal)
     if tilt < _MIN_TILT or vague.any() or not np.isfinite(fit.deviations).all():
-        raise CalibrateError(
+        raise UserError(
             "these images leave the focal length open; take images with the board tilted by "
             "20° to 50° in different directions, in all parts of the image"
         )

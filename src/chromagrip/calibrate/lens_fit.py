@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..errors import CalibrateError
+from ..errors import UserError
 from ..render import FisheyeCamera, PinholeCamera
 from .board_corners import MIN_CORNERS, MIN_IMAGES, Array, View, check_count, on_a_line
 
@@ -73,7 +73,7 @@ def calibrate_pinhole(views: list[View], size: tuple[int, int], left_out: dict[s
                 centre=(float(matrix[0, 2]), float(matrix[1, 2])),
                 distortion=(k1, k2, p1, p2, k3),
             )
-        except ValueError:
+        except UserError:
             continue  # it folds the image
         return Fit(
             camera=camera,
@@ -81,7 +81,7 @@ def calibrate_pinhole(views: list[View], size: tuple[int, int], left_out: dict[s
             views=views,
             deviations=np.ravel(deviations)[:9].astype(float),
         )
-    raise CalibrateError(
+    raise UserError(
         "the distortion found folds the image; show the board near the image's edges too, "
         "or try the model fisheye"
     )
@@ -105,7 +105,7 @@ def calibrate_fisheye(views: list[View], size: tuple[int, int], left_out: dict[s
         left_out |= out
         deviations = _fisheye_deviations(camera, poses, kept, held)
         return Fit(camera=camera, poses=poses, views=kept, deviations=deviations)
-    raise CalibrateError("the distortion found folds the image; try the model pinhole")
+    raise UserError("the distortion found folds the image; try the model pinhole")
 
 
 def _within(
@@ -207,7 +207,7 @@ def _solve_fisheye(
             centre=(float(matrix[0, 2]), float(matrix[1, 2])),
             distortion=(k1, k2, k3, k4),
         )
-    except ValueError as error:
+    except UserError as error:
         raise _FoldError from error
     return views, camera, _poses(turns, shifts)
 
@@ -244,9 +244,9 @@ def _poses(turns: Any, shifts: Any) -> list[tuple[Array, Array]]:
     ]
 
 
-def _unsolved(error: cv2.error) -> CalibrateError:
+def _unsolved(error: cv2.error) -> UserError:
     told = str(error).strip().splitlines()[0].rsplit("error: ", 1)[-1]
-    return CalibrateError(
+    return UserError(
         f"OpenCV finds no camera through these corners ({told}); try the other model, or images "
         f"with the board tilted more and in more places"
     )

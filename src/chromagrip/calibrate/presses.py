@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..errors import CalibrateError
-from ..output.pictures import SourceError, is_picture, read_picture
+from ..errors import UserError, located
+from ..output.pictures import is_picture, read_picture
 from ..pictures.noise_level import noise_level
 from ..render import Frame, SensorDesign
-from ..tracking import DetectionError, FrameError, Palette, TrackerError, Tracks, load_tracker
-from ..tracking.forces.calibration import OtherSensorError, check_rest
+from ..tracking import Palette, Tracks, load_tracker
+from ..tracking.forces.calibration import check_rest
 
 LIST = "presses.csv"
 #: Columns of the list beside `file`: a press by force, or by displacement; what is along x may
@@ -80,35 +80,31 @@ def see_presses(
 
     Raises
     ------
-    CalibrateError
+    UserError
         With the picture and what is wrong with it.
     """
     files = sorted(p for p in folder.iterdir() if is_picture(p) and p.name.startswith("rest"))
     if not files:
-        raise CalibrateError(f"folder {folder} has no rest*.png, pictures of the unloaded sensor")
-    try:
-        tell("markers at rest")
-        still = [Frame(image=read_picture(path), time=0.0) for path in files]
-        if noise is None:
-            noise, _ = noise_level(still, any(".jp" in path.suffix.lower() for path in files))
-        follower = load_tracker(tracker)(Palette.of_sensor(sensor), noise)
-        with threadpool_limits(1):
-            rest = follower.reset(still)
-            check_rest(sensor, rest)
-            tracks = []
-            for number, press in enumerate(presses, 1):
-                tell(f"markers in {press.name}, {number} of {len(presses)}")
-                image = read_picture(folder / press.name)
+        raise UserError(f"folder {folder} has no rest*.png, pictures of the unloaded sensor")
+    tell("markers at rest")
+    still = [Frame(image=read_picture(path), time=0.0) for path in files]
+    if noise is None:
+        noise, _ = noise_level(still, any(".jp" in path.suffix.lower() for path in files))
+    follower = load_tracker(tracker)(Palette.of_sensor(sensor), noise)
+    with threadpool_limits(1):
+        rest = follower.reset(still)
+        check_rest(sensor, rest)
+        tracks = []
+        for number, press in enumerate(presses, 1):
+            tell(f"markers in {press.name}, {number} of {len(presses)}")
+            image = read_picture(folder / press.name)
+            with located(f"picture {folder / press.name}"):
                 tracks.append(follower.update(Frame(image=image, time=number * _PERIOD)))
-    except (SourceError, DetectionError, TrackerError, OtherSensorError) as error:
-        raise CalibrateError(str(error)) from None
-    except FrameError as error:
-        raise CalibrateError(f"picture {folder / press.name}: {error}") from None
     whole = np.asarray(rest.visible.all(axis=0))
     for press, now in zip(presses, tracks, strict=True):
         seen = int(now.visible[:, whole].all(axis=0).sum())
         if seen < _SEEN * whole.sum():
-            raise CalibrateError(
+            raise UserError(
                 f"picture {folder / press.name} shows {seen} of the {whole.sum()} marker pairs at "
                 f"rest; wanted: at least {_SEEN:.0%}"
             )
@@ -120,7 +116,7 @@ def read_list(path: Path) -> tuple[list[Press], bool]:
 
     Raises
     ------
-    CalibrateError
+    UserError
         With the line and what is wrong with it.
     """
     try:
@@ -128,13 +124,13 @@ def read_list(path: Path) -> tuple[list[Press], bool]:
             reader = csv.DictReader(file, strict=True)
             columns, rows = tuple(reader.fieldnames or ()), list(reader)
     except OSError as error:
-        raise CalibrateError(f"list of presses {path} cannot be read: {error.strerror}") from None
+        raise UserError(f"list of presses {path} cannot be read: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error) as error:
-        raise CalibrateError(f"list of presses {path} is not CSV: {error}") from None
+        raise UserError(f"list of presses {path} is not CSV: {error}") from None
     by_force = BY_FORCE[0] in columns
     names = BY_FORCE if by_force else BY_PLACE
     if not {"file", names[0]} <= set(columns) <= {"file", *names}:
-        raise CalibrateError(
+        raise UserError(
             f"list of presses {path} has the columns {', '.join(columns) or 'none'}; wanted: file, "
             f"{', '.join(BY_FORCE)}, or file, {', '.join(BY_PLACE)}"
         )
@@ -143,15 +139,15 @@ def read_list(path: Path) -> tuple[list[Press], bool]:
     for line, row in enumerate(rows, 2):
         where = f"line {line} of {path}"
         if None in row or None in row.values():
-            raise CalibrateError(f"{where} has not {len(columns)} values, as the first line has")
+            raise UserError(f"{where} has not {len(columns)} values, as the first line has")
         if not is_picture(Path(row["file"])):
-            raise CalibrateError(f"{where}: file {row['file']!r} is no picture")
+            raise UserError(f"{where}: file {row['file']!r} is no picture")
         normal, lateral = (unit * _number(row.get(name, "0"), name, where) for name in names)
         if not normal > 0.0:
-            raise CalibrateError(f"{where}: {names[0]} is {row[names[0]]}; wanted: above 0")
+            raise UserError(f"{where}: {names[0]} is {row[names[0]]}; wanted: above 0")
         presses.append(Press(name=row["file"], normal=normal, lateral=lateral))
     if not presses:
-        raise CalibrateError(f"list of presses {path} has no presses")
+        raise UserError(f"list of presses {path} has no presses")
     return sorted(presses, key=lambda press: (press.normal, abs(press.lateral))), by_force
 
 
@@ -161,5 +157,5 @@ def _number(text: str, name: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise CalibrateError(f"{where}: {name} is {text!r}, which is no number")
+        raise UserError(f"{where}: {name} is {text!r}, which is no number")
     return value

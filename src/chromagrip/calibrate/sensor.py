@@ -11,18 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..errors import CalibrateError
+from ..errors import UserError, located
 from ..model import ModelError
 from ..render import SensorDesign
-from ..tracking import (
-    DEFAULT_TRACKER,
-    GaussianProcess,
-    NoEstimateError,
-    SensorCalibration,
-    UnsupportedSensorError,
-)
+from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
 from ..tracking.forces.calibration import FitReport, nominal_calibration
-from ..tracking.forces.displacement import GainError, fit_gains
+from ..tracking.forces.displacement import fit_gains
 from ..tracking.forces.shifts import MarkerShifts
 from .press_fit import predict, solve, unknowns_of, whitening
 from .presses import LIST, Press, Seen, read_list, see_presses
@@ -93,13 +87,13 @@ def calibrate_sensor(
 
     Raises
     ------
-    CalibrateError
+    UserError
         When the pictures cannot be used, or do not say enough, or no such sensor explains them.
     """
     where = folder / LIST
     presses, by_force = read_list(where)
     if by_force == design.shape.flat:
-        raise CalibrateError(
+        raise UserError(
             f"list of presses {where} gives "
             + (
                 "forces, but the sensor is a flat pad, which has no force model; wanted: depth_mm, "
@@ -119,23 +113,21 @@ def calibrate_sensor(
         try:
             return _fit_forces(nominal, seen, tell)
         except ModelError as error:
-            raise CalibrateError(f"a press of {where} cannot be calculated: {error}") from None
-        except UnsupportedSensorError as error:
-            raise CalibrateError(str(error)) from None
+            raise UserError(f"a press of {where} cannot be calculated: {error}") from None
 
 
 def _check_forces(presses: list[Press], where: Path) -> None:
     """Refuse forces that say nothing of a stiffness, or that no plate holds."""
     normal = [press.normal for press in presses]
     if max(normal) < _RANGE * min(normal):
-        raise CalibrateError(
+        raise UserError(
             f"the presses of {where} have normal forces of {min(normal):g} to {max(normal):g} N, "
             f"which do not determine a stiffness; wanted: the largest at least {_RANGE:g} times "
             "the smallest"
         )
     steepest = max(presses, key=lambda press: abs(press.lateral) / press.normal)
     if abs(steepest.lateral) > _STEEPEST * steepest.normal:
-        raise CalibrateError(
+        raise UserError(
             f"press {steepest.name} of {where} has {steepest.lateral:g} N beside a normal force of "
             f"{steepest.normal:g} N, at which a plate slips; allowed: {_STEEPEST:g} times as much"
         )
@@ -146,10 +138,8 @@ def _fit_displacement(
 ) -> tuple[SensorCalibration, FitReport]:
     depth = np.array([press.normal for press in seen.presses])
     shear = np.array([press.lateral for press in seen.presses])
-    try:
+    with located(f"the presses of {where}"):
         gains = fit_gains(seen.rest, seen.tracks, depth, shear)
-    except GainError as error:
-        raise CalibrateError(f"the presses of {where}: {error}") from None
     report = FitReport(
         presses=tuple(press.name for press in seen.presses),
         noise_levels=seen.noise,
@@ -161,7 +151,7 @@ def _fit_displacement(
 def _measured(nominal: SensorCalibration, seen: Seen) -> _Data:
     shifts = MarkerShifts(nominal, seen.rest, np.inf)
     if not np.isfinite(shifts.rest_covariance).all():
-        raise CalibrateError(
+        raise UserError(
             "the tracker does not tell how certain places and sizes are, which a force calibration "
             f"needs; wanted: {DEFAULT_TRACKER}"
         )
@@ -243,7 +233,7 @@ def _without_outliers(
     # Of the others there are many, and they say nothing.
     lost = float((moving & ~kept).sum() / max(1, moving.sum()))
     if lost > _OUTLIERS:
-        raise CalibrateError(
+        raise UserError(
             f"{lost:.0%} of the markers that move are far from where a sensor near the design has "
             f"them; allowed: {_OUTLIERS:.0%}. {_HINT}"
         )
@@ -256,13 +246,13 @@ def _check_fit(
     """Refuse a fit that is worth nothing, by the pairs (n, 6) that move."""
     error, motion = _places_rms(off), _places_rms(shifts)
     if error > _LEFT * motion:
-        raise CalibrateError(
+        raise UserError(
             f"no sensor near the design explains the presses: of a motion of {motion:.2f} px RMS "
             f"it misses {error:.2f} px; allowed: {_LEFT:.0%}. {_HINT}"
         )
     vague = deviations["tissue_stiffness_n_per_m"] / calibration.fingertip.tissue_stiffness
     if vague > _VAGUE:
-        raise CalibrateError(
+        raise UserError(
             f"the presses leave the stiffness open by {vague:.0%}; allowed: {_VAGUE:.0%}, wanted: "
             "more presses, and larger forces"
         )

@@ -201,7 +201,7 @@ def sensors() -> int:
 
 def controllers() -> int:
     """List the controllers."""
-    return _list(CONTROLLERS)
+    return _list(CONTROLLERS.descriptions())
 
 
 def renderers() -> int:

@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from ..errors import FolderError, UserError
+from ..errors import UserError
 from .options import Flag, Noise, TrackerName, check_file, check_least, option, telling
 
 if TYPE_CHECKING:  # OpenCV loads only when something is calibrated
@@ -50,19 +50,15 @@ def calibrate(
     ] = False,
 ) -> int:
     """Calibrate a camera from pictures of a ChArUco board."""
-    from ..render import CalibrationError
-    from ..render.optics.board import Board, BoardError
+    from ..render.optics.board import Board
 
-    try:
-        board = Board(
-            columns=columns,
-            rows=rows,
-            square=1e-3 * square_mm,
-            marker=1e-3 * marker_mm,
-            dictionary=dictionary,
-        )
-    except BoardError as error:
-        raise UserError(str(error)) from None
+    board = Board(
+        columns=columns,
+        rows=rows,
+        square=1e-3 * square_mm,
+        marker=1e-3 * marker_mm,
+        dictionary=dictionary,
+    )
     if print_board is not None:
         return _print_board(board, print_board, force, json_only)
     if out is None and not json_only:
@@ -78,10 +74,7 @@ def calibrate(
     with Console(stderr=True).status("starting") as status:
         result = calibrate_camera(files, board, model, telling(status))
     if out is not None:
-        try:
-            save_camera(result.camera, out, result.error)
-        except CalibrationError as error:
-            raise UserError(str(error)) from None
+        save_camera(result.camera, out, result.error)
     if json_only:
         print(json.dumps(_report(result, model, out)))
     else:
@@ -114,17 +107,14 @@ def calibrate_sensor(
     ] = False,
 ) -> int:
     """Calibrate a sensor, its mechanics or its displacements, from pictures of known presses."""
-    from ..render import SensorError, load_sensor
+    from ..render import load_sensor
 
     check_least(noise=(noise, 0.0))
     if out is None and not json_only:
         out = _DEFAULT_SENSOR
     if out is not None:
         check_file(out, {".toml"}, force)
-    try:
-        design = load_sensor(sensor)
-    except SensorError as error:
-        raise UserError(str(error)) from None
+    design = load_sensor(sensor)
 
     from ..calibrate.sensor import calibrate_sensor as calibrate
     from ..tracking.forces.calibration import calibration_table, save_calibration
@@ -137,7 +127,7 @@ def calibrate_sensor(
         try:
             save_calibration(result, sensor, report, out)
         except OSError as error:
-            raise FolderError(f"file {out} cannot be written: {error.strerror}") from None
+            raise UserError(f"file {out} cannot be written: {error.strerror}") from None
     if json_only:
         print(json.dumps({**calibration_table(result, sensor, report), "out": out and str(out)}))
     else:
@@ -179,7 +169,7 @@ def _print_board(board: "Board", path: Path, force: bool, json_only: bool) -> in
     try:
         imsave(path, board_picture(board, _PRINTED), cmap="gray", vmin=0, vmax=255, dpi=per_inch)
     except OSError as error:
-        raise FolderError(f"file {path} cannot be written: {error.strerror}") from None
+        raise UserError(f"file {path} cannot be written: {error.strerror}") from None
     if json_only:
         print(json.dumps({"board": str(path), "width_mm": 1e3 * width, "height_mm": 1e3 * height}))
     else:

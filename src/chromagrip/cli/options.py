@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ..errors import FolderError, UserError
+from ..errors import UserError
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 
@@ -107,13 +107,13 @@ def frame_progress(
 def check_file(path: Path, suffixes: set[str], force: bool) -> None:
     """Refuse before the work what could not be written after it."""
     if path.suffix not in suffixes:
-        raise FolderError(f"file {path} must end in {' or '.join(sorted(suffixes))}")
+        raise UserError(f"file {path} must end in {' or '.join(sorted(suffixes))}")
     if path.is_dir():
-        raise FolderError(f"{path} is a folder, not a file")
+        raise UserError(f"{path} is a folder, not a file")
     if not path.parent.is_dir():
-        raise FolderError(f"file {path} cannot be written: there is no folder {path.parent}")
+        raise UserError(f"file {path} cannot be written: there is no folder {path.parent}")
     if path.exists() and not force:
-        raise FolderError(f"file {path} exists; choose another or give --force")
+        raise UserError(f"file {path} exists; choose another or give --force")
 
 
 def new_folder(stem: str) -> Path:

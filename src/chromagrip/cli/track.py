@@ -10,7 +10,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from ..errors import FolderError, UserError
+from ..errors import UserError
 from .options import (
     Flag,
     Force,
@@ -83,11 +83,11 @@ def detect(
 def _check_picture(path: Path, force: bool) -> None:
     """Refuse before the work what could not be written after it."""
     if path.suffix.lower() != ".png":
-        raise FolderError(f"picture {path} must end in .png")
+        raise UserError(f"picture {path} must end in .png")
     if not path.parent.is_dir():
-        raise FolderError(f"picture {path} cannot be written: there is no folder {path.parent}")
+        raise UserError(f"picture {path} cannot be written: there is no folder {path.parent}")
     if path.is_dir() or (path.exists() and not force):
-        raise FolderError(f"picture {path} exists; choose another or give --force")
+        raise UserError(f"picture {path} exists; choose another or give --force")
 
 
 def _save_picture(found: "Picture", path: Path) -> None:
@@ -101,7 +101,7 @@ def _save_picture(found: "Picture", path: Path) -> None:
     try:
         path.write_bytes(cv2.imencode(".png", drawn[..., ::-1])[1].tobytes())
     except OSError as error:
-        raise FolderError(f"picture {path} cannot be written: {error.strerror}") from None
+        raise UserError(f"picture {path} cannot be written: {error.strerror}") from None
 
 
 def track(

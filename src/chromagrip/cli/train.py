@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from ..errors import FolderError, UserError
+from ..errors import UserError, located
 from .options import Flag, option, telling
 
 
@@ -39,26 +39,19 @@ def train(
     if not 0.1 <= noise <= 50.0:
         raise UserError(f"--noise {noise:g}: expected 0.1 to 50 levels")
     if out.suffix != ".npz" or not out.parent.is_dir():
-        raise FolderError(f"read-out {out} must be a .npz file in a folder that is there")
+        raise UserError(f"read-out {out} must be a .npz file in a folder that is there")
     if out.is_dir() or (out.exists() and not force):
-        raise FolderError(f"read-out {out} exists; choose another or give --force")
+        raise UserError(f"read-out {out} exists; choose another or give --force")
 
     from ..calibrate.readout import train as learn
-    from ..tracking import (
-        CalibrationFileError,
-        DetectionError,
-        UnsupportedSensorError,
-        load_calibration,
-    )
+    from ..tracking import load_calibration
 
-    try:
+    with located(f"{calibration}"):
         known = load_calibration(calibration)
         if known.sensor.shape.flat:
             raise UserError(f"{calibration} is a flat pad, which the node model does not describe")
         with Console(stderr=True).status("starting") as status:
             errors = learn(known, noise, histories, epochs, out, workers, telling(status))
-    except (CalibrationFileError, DetectionError, UnsupportedSensorError) as error:
-        raise UserError(f"{calibration}: {error}") from None
     if json_only:
         print(json.dumps({"readout": str(out), "histories": histories, "errors": errors}))
         return 0

@@ -9,14 +9,13 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from ..errors import SceneError
+from ..errors import UserError
 from ..model.chain.chain import chain, contact
 from ..model.kernels.contact import contact_frames
 from ..render import View
 from ..scene.scene import Scene, load_scene
 from .folder import (
     FILES,
-    DatasetError,
     file_digest,
     open_recipe,
     read_json,
@@ -43,15 +42,15 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
 
     Raises
     ------
-    DatasetError
+    UserError
         With the first sample that is not right, and what is wrong with it.
     """
     manifest = read_manifest(folder)
     for name, digest in manifest["files"].items():
         if not (folder / name).is_file():
-            raise DatasetError(f"{folder / name} is missing")
+            raise UserError(f"{folder / name} is missing")
         if file_digest(folder / name) != digest:
-            raise DatasetError(f"{folder / name} has changed")
+            raise UserError(f"{folder / name} has changed")
     recipe = open_recipe(folder)
     names = manifest["sequences"]
     for done, (name, digest) in enumerate(names.items()):
@@ -59,11 +58,11 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
         told = read_json(folder / name / FILES)
         number = told.get("number", -1)
         if told.get("versions") != manifest["versions"]:
-            raise DatasetError(f"{folder / name} was made with other versions than the rest")
+            raise UserError(f"{folder / name} was made with other versions than the rest")
         if sequence_name(number) != name or number >= recipe.sequences:
-            raise DatasetError(f"{folder / name} is not sequence {number} of its recipe")
+            raise UserError(f"{folder / name} is not sequence {number} of its recipe")
         for wrong in _wrong(folder / name):
-            raise DatasetError(f"{folder / name}, {wrong}")
+            raise UserError(f"{folder / name}, {wrong}")
         progress(done + 1, len(names))
     return len(names)
 
@@ -73,28 +72,28 @@ def check_files(folder: Path, digest: str) -> None:
 
     Raises
     ------
-    DatasetError
+    UserError
         With the first file that is missing, has changed or does not belong there.
     """
     if not (folder / FILES).is_file():
-        raise DatasetError(f"{folder / FILES} is missing")
+        raise UserError(f"{folder / FILES} is missing")
     if file_digest(folder / FILES) != digest:
-        raise DatasetError(f"{folder / FILES} has changed")
+        raise UserError(f"{folder / FILES} has changed")
     listed = read_json(folder / FILES)["files"]
     there = {path.name for path in folder.iterdir()} - {FILES}
     for name in sorted(there ^ set(listed)):
         what = "is missing" if name in listed else "does not belong there"
-        raise DatasetError(f"{folder / name} {what}")
+        raise UserError(f"{folder / name} {what}")
     for name, expected in listed.items():
         if file_digest(folder / name) != expected:
-            raise DatasetError(f"{folder / name} has changed")
+            raise UserError(f"{folder / name} has changed")
 
 
 def _wrong(folder: Path) -> Iterator[str]:
     """What is wrong with a sequence, frame by frame."""
     try:
         scene = load_scene(str(folder / "scene.toml"))
-    except SceneError as error:
+    except UserError as error:
         yield str(error)
         return
     frames = pq.read_table(folder / "frames.parquet").to_pydict()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FolderError
+from ..errors import UserError
 from ..output.folder import prepare
 from ..render import LAYERS
 from .folder import Loaded, link, load_sequences, read_manifest
@@ -52,7 +52,7 @@ def export(
         out.rmdir()
         part.rename(out)
     except OSError as error:
-        raise FolderError(f"{out} cannot be written: {error.strerror}") from None
+        raise UserError(f"{out} cannot be written: {error.strerror}") from None
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return sorted(file for file in out.rglob("*") if file.is_file())

@@ -31,13 +31,13 @@ import pyarrow.parquet as pq
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from ..errors import FolderError, UserError
+from ..errors import UserError, located
 from ..output.pictures import read_picture
 from ..output.png import encode_png
 from ..output.versions import versions
 from ..render import camera_text
 from ..scene.scene import Scene, dump_scene, load_scene, seen_from
-from .recipe import Recipe, RecipeError, dump_recipe, load_recipe, portable
+from .recipe import Recipe, dump_recipe, load_recipe, portable
 from .sequence import FRAME, MARKERS, NODES, Shot, sequence, shots
 
 FORMAT = "chromagrip dataset 1"
@@ -52,10 +52,6 @@ SENSORS = "sensors"
 _PART = ".part-"
 
 
-class DatasetError(UserError):
-    """A folder that is no dataset, or not a whole one."""
-
-
 def sequence_name(number: int) -> str:
     """Folder of a sequence."""
     return f"sequence-{number:06d}"
@@ -66,7 +62,7 @@ def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
 
     Raises
     ------
-    FolderError
+    UserError
         When it cannot be written; nothing of it is left.
     """
     final = out / sequence_name(number)
@@ -83,7 +79,7 @@ def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
             if not final.exists():  # else somebody else was faster
                 raise
     except OSError as error:
-        raise FolderError(f"{final} cannot be written: {error.strerror}") from None
+        raise UserError(f"{final} cannot be written: {error.strerror}") from None
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return number
@@ -204,7 +200,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
     Raises
     ------
-    DatasetError
+    UserError
         When there is none: the folder is no dataset, or not a whole one.
     """
     path = folder / MANIFEST
@@ -212,10 +208,10 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         what = (
             "is not whole: go on with --resume" if (folder / RECIPE).is_file() else "is no dataset"
         )
-        raise DatasetError(f"{folder} {what}; it has no {MANIFEST}")
+        raise UserError(f"{folder} {what}; it has no {MANIFEST}")
     manifest = read_json(path)
     if manifest.get("format") != FORMAT:
-        raise DatasetError(f"{folder} has the format {manifest.get('format')!r}, not {FORMAT!r}")
+        raise UserError(f"{folder} has the format {manifest.get('format')!r}, not {FORMAT!r}")
     return manifest
 
 
@@ -252,13 +248,13 @@ def read_json(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    DatasetError
+    UserError
         When it is damaged, or not there.
     """
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise DatasetError(f"{path} is missing or damaged") from None
+        raise UserError(f"{path} is missing or damaged") from None
     return found
 
 
@@ -267,7 +263,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
     Raises
     ------
-    FolderError
+    UserError
         When it cannot be written.
     """
     part = path.with_name(f"{_PART}{path.name}")
@@ -276,7 +272,7 @@ def write_whole(path: Path, data: bytes) -> None:
         part.replace(path)
     except OSError as error:
         part.unlink(missing_ok=True)
-        raise FolderError(f"{path} cannot be written: {error.strerror}") from None
+        raise UserError(f"{path} cannot be written: {error.strerror}") from None
 
 
 def link(source: Path, target: Path) -> None:
@@ -295,10 +291,8 @@ def file_digest(path: Path) -> str:
 
 def open_recipe(folder: Path) -> Recipe:
     """Recipe of a dataset's folder."""
-    try:
+    with located(f"{folder}"):
         return load_recipe(str(folder / RECIPE))
-    except RecipeError as error:
-        raise DatasetError(f"{folder}: {error}") from None
 
 
 def keep_recipe(recipe: Recipe, folder: Path) -> None:
@@ -306,26 +300,26 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
 
     Raises
     ------
-    DatasetError
+    UserError
         When the folder holds a dataset of another recipe, of more sequences or of other versions.
     """
     path = folder / RECIPE
     if path.exists():
         before = open_recipe(folder)
         if replace(before, sequences=recipe.sequences) != recipe:
-            raise DatasetError(f"{folder} holds a dataset of another recipe, see its {RECIPE}")
+            raise UserError(f"{folder} holds a dataset of another recipe, see its {RECIPE}")
         if before.sequences > recipe.sequences:
-            raise DatasetError(
+            raise UserError(
                 f"{folder} is to have {before.sequences} sequences; it can get more, not fewer"
             )
         for number in numbers_in(folder)[:1]:
             told = read_json(folder / sequence_name(number) / FILES).get("versions", {})
             if told != made_with():
-                raise DatasetError(f"{folder} was begun with other versions: {_changes(told)}")
+                raise UserError(f"{folder} was begun with other versions: {_changes(told)}")
     try:
         (folder / MANIFEST).unlink(missing_ok=True)
     except OSError as error:
-        raise FolderError(f"{folder} cannot be written: {error.strerror}") from None
+        raise UserError(f"{folder} cannot be written: {error.strerror}") from None
     write_whole(path, dump_recipe(portable(recipe, folder)).encode())
 
 
@@ -388,7 +382,7 @@ def load_sequences(folder: Path) -> Iterator[Loaded]:
 
     Raises
     ------
-    DatasetError
+    UserError
         When the folder is no whole dataset.
     """
     for name in read_manifest(folder)["sequences"]:
@@ -398,7 +392,7 @@ def load_sequences(folder: Path) -> Iterator[Loaded]:
             frames = pq.read_table(where / "frames.parquet")
             markers = pq.read_table(where / "markers.parquet")
         except (OSError, pa.ArrowException) as error:
-            raise DatasetError(f"{where} cannot be read: {error}") from None
+            raise UserError(f"{where} cannot be read: {error}") from None
         yield Loaded(
             number=told["number"],
             values=told["values"],

@@ -10,13 +10,12 @@ from typing import Any, Literal
 
 import msgspec
 
-from ..errors import FolderError, UserError
+from ..errors import UserError
 from ..output.folder import filling, prepare
 from .card import write_card
 from .check import check_files
 from .folder import (
     RECIPE,
-    DatasetError,
     clean,
     file_digest,
     keep_recipe,
@@ -77,7 +76,7 @@ def make(
         raise UserError(f"shard {first}/{step} of {recipe.sequences} sequences has none")
     begun = (out / RECIPE).exists()
     if begun and not resume:
-        raise DatasetError(f"{out} holds a dataset already; go on with --resume, or choose another")
+        raise UserError(f"{out} holds a dataset already; go on with --resume, or choose another")
     if not begun:
         prepare(out, force=None)
     with filling(out):
@@ -108,14 +107,14 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
     seen: dict[str, Path] = {}
     for folder, manifest in zip(folders, manifests, strict=True):
         if portable(open_recipe(folder), folder) != portable(recipe, folders[0]):
-            raise DatasetError(f"{folder} is of another recipe than {folders[0]}")
+            raise UserError(f"{folder} is of another recipe than {folders[0]}")
         if _sensors(folder) != _sensors(folders[0]):
-            raise DatasetError(f"{folder} is of another sensor than {folders[0]}")
+            raise UserError(f"{folder} is of another sensor than {folders[0]}")
         if manifest["versions"] != manifests[0]["versions"]:
-            raise DatasetError(f"{folder} was made with other versions than {folders[0]}")
+            raise UserError(f"{folder} was made with other versions than {folders[0]}")
         for name, digest in manifest["sequences"].items():
             if name in seen:
-                raise DatasetError(f"{name} is in {seen[name]} and in {folder}")
+                raise UserError(f"{name} is in {seen[name]} and in {folder}")
             check_files(folder / name, digest)
             seen[name] = folder
     prepare(out, force=None)
@@ -139,7 +138,7 @@ def _take(source: Path, target: Path) -> None:
             link(file, part / file.name)
         part.rename(target)
     except OSError as error:
-        raise FolderError(f"{target} cannot be written: {error.strerror}") from None
+        raise UserError(f"{target} cannot be written: {error.strerror}") from None
 
 
 def _finish(out: Path, recipe: Recipe) -> dict[str, Any]:
@@ -185,7 +184,7 @@ def _knock(address: str) -> None:
     """Refuse an address at which nobody answers; the clusters' own clients try for minutes."""
     host, _, port = address.rpartition("/")[2].rpartition(":")
     if not (host and port.isdecimal()):
-        raise ValueError("expected HOST:PORT, such as 10.0.0.1:8786")
+        raise UserError("expected HOST:PORT, such as 10.0.0.1:8786")
     socket.create_connection((host, int(port)), timeout=10.0).close()
 
 

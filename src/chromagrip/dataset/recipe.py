@@ -15,7 +15,7 @@ import tomli_w
 from msgspec import Meta
 from msgspec.structs import replace
 
-from ..errors import SceneError, UserError
+from ..errors import UserError
 from ..scene.scene import Scene, parse_scene, seen_from
 from ..strict_toml import Table, convert
 
@@ -27,10 +27,6 @@ OWN = ("motion", "grip_n", "share", "slip_share")
 _DRAWS = {"uniform": 2, "log_uniform": 2, "normal": 4, "choice": None}
 #: When the load starts to grow and when it has grown, as shares of a sequence.
 _GROWS: dict[str, tuple[float, float]] = {"grasp": (0.25, 0.6), "slip": (0.25, 0.9)}
-
-
-class RecipeError(UserError):
-    """A recipe that is not there, or asks for what cannot be."""
 
 
 class Recipe(Table, frozen=True):
@@ -68,7 +64,7 @@ def load_recipe(name: str) -> Recipe:
 
     Raises
     ------
-    RecipeError
+    UserError
         With the key, the value and what is allowed.
     """
     if name.endswith(".toml"):
@@ -76,19 +72,17 @@ def load_recipe(name: str) -> Recipe:
             text = Path(name).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "not UTF-8 text"
-            raise RecipeError(f"recipe {name} cannot be read: {reason}") from None
+            raise UserError(f"recipe {name} cannot be read: {reason}") from None
     else:
         path = files(__package__) / "recipes" / f"{name}.toml"
         if not path.is_file():
             shipped = sorted(f.name[:-5] for f in (files(__package__) / "recipes").iterdir())
-            raise RecipeError(f"no recipe {name!r}; there is {', '.join(shipped)}, or a .toml file")
+            raise UserError(f"no recipe {name!r}; there is {', '.join(shipped)}, or a .toml file")
         text = path.read_text(encoding="utf-8")
     try:
         recipe = convert(tomllib.loads(text), Recipe, f"recipe {name}")
     except tomllib.TOMLDecodeError as error:
-        raise RecipeError(f"recipe {name} is not valid TOML: {error}") from None
-    except ValueError as error:
-        raise RecipeError(str(error)) from None
+        raise UserError(f"recipe {name} is not valid TOML: {error}") from None
     if name.endswith(".toml"):  # what it names lies beside it
         folder = Path(name).absolute().parent
         recipe = with_sensors(recipe, lambda sensor: str(folder / sensor))
@@ -177,16 +171,16 @@ def _check(recipe: Recipe, name: str) -> None:
     for key, how in recipe.draw.items():
         _check_how(how, f"recipe {name}: draw.{key}")
     if "calibration" in {**recipe.scene, **recipe.draw}:
-        raise RecipeError(f"recipe {name}: calibration: nothing is estimated in a dataset")
+        raise UserError(f"recipe {name}: calibration: nothing is estimated in a dataset")
     motions = _ends(recipe.draw.get("motion", {"choice": ["press"]}))
     if set(motions) - {"press", "grasp", "slip"}:
-        raise RecipeError(f"recipe {name}: draw.motion: allowed are press, grasp, slip")
+        raise UserError(f"recipe {name}: draw.motion: allowed are press, grasp, slip")
     if "grasp" in motions and "share" not in recipe.draw:
-        raise RecipeError(f"recipe {name}: draw.share is needed where draw.motion has grasp")
+        raise UserError(f"recipe {name}: draw.share is needed where draw.motion has grasp")
     for key, low, high in (("grip_n", 0.05, 30.0), ("share", 0.0, 1.0), ("slip_share", 1.0, 3.0)):
         for end in _ends(recipe.draw.get(key, {"choice": []})):
             if not (isinstance(end, int | float) and low <= end <= high):
-                raise RecipeError(
+                raise UserError(
                     f"recipe {name}: draw.{key} reaches {end}; {low:g} to {high:g} is allowed"
                 )
     middle = {key: _ends(how)[0] for key, how in recipe.draw.items()}
@@ -194,30 +188,30 @@ def _check(recipe: Recipe, name: str) -> None:
     for values in [{key: end} for key, end in tried] or [{}]:
         try:
             scene_of(recipe, 0, middle | values)
-        except SceneError as error:
+        except UserError as error:
             reason = str(error).removeprefix("scene recipe, sequence 0: ")
             at = "".join(f"draw.{key} reaches {end}: " for key, end in values.items())
-            raise RecipeError(f"recipe {name}: {at}{reason}") from None
+            raise UserError(f"recipe {name}: {at}{reason}") from None
 
 
 def _check_how(how: dict[str, list[Any]], name: str) -> None:
     if len(how) != 1 or next(iter(how)) not in _DRAWS:
-        raise RecipeError(f"{name}: expected one of {', '.join(_DRAWS)}")
+        raise UserError(f"{name}: expected one of {', '.join(_DRAWS)}")
     ((kind, told),) = how.items()
     wanted = _DRAWS[kind]
     if wanted is None:
         if not told:
-            raise RecipeError(f"{name}: choice needs something to choose from")
+            raise UserError(f"{name}: choice needs something to choose from")
         return
     if len(told) != wanted or not all(isinstance(v, int | float) for v in told):
-        raise RecipeError(f"{name}: {kind} takes {wanted} numbers, got {told}")
+        raise UserError(f"{name}: {kind} takes {wanted} numbers, got {told}")
     low, high = told[-2:]
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-        raise RecipeError(f"{name}: from {low} to {high} there is nothing to draw")
+        raise UserError(f"{name}: from {low} to {high} there is nothing to draw")
     if kind == "log_uniform" and not low > 0.0:
-        raise RecipeError(f"{name}: log_uniform starts above 0, got {low}")
+        raise UserError(f"{name}: log_uniform starts above 0, got {low}")
     if kind == "normal" and not (told[1] > 0.0 and low <= told[0] <= high):
-        raise RecipeError(f"{name}: normal needs a deviation above 0 and its mean within bounds")
+        raise UserError(f"{name}: normal needs a deviation above 0 and its mean within bounds")
 
 
 def _ends(how: dict[str, list[Any]]) -> list[Any]:

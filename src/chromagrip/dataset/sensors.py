@@ -8,9 +8,9 @@ from pathlib import Path
 
 import tomli_w
 
-from ..errors import FolderError, UserError
+from ..errors import UserError
 from ..render.design.sensor import FILES_NAMED
-from .folder import RECIPE, SENSORS, DatasetError, write_whole
+from .folder import RECIPE, SENSORS, write_whole
 from .recipe import Recipe, with_sensors
 
 
@@ -19,9 +19,9 @@ def keep_sensors(recipe: Recipe, folder: Path) -> Recipe:
 
     Raises
     ------
-    DatasetError
+    UserError
         When two have one name, or the folder holds a dataset of another.
-    FolderError
+    UserError
         When the folder cannot be written.
     """
     sensors: dict[str, Path] = {}
@@ -30,7 +30,7 @@ def keep_sensors(recipe: Recipe, folder: Path) -> Recipe:
         path = Path(name)
         place = f"{SENSORS}/{path.stem}/{path.name}"
         if sensors.setdefault(place, path) != path:
-            raise DatasetError(f"a dataset takes one sensor of a name; there are two {path.name}")
+            raise UserError(f"a dataset takes one sensor of a name; there are two {path.name}")
         return str(folder.absolute() / place)
 
     kept = with_sensors(recipe, copy)
@@ -44,12 +44,12 @@ def keep_sensors(recipe: Recipe, folder: Path) -> Recipe:
         target = folder / place
         if begun:
             if not target.is_file() or target.read_bytes() != data:
-                raise DatasetError(f"{folder} holds a dataset of another sensor: {place} differs")
+                raise UserError(f"{folder} holds a dataset of another sensor: {place} differs")
             continue
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FolderError(f"{target} cannot be written: {error.strerror}") from None
+            raise UserError(f"{target} cannot be written: {error.strerror}") from None
         write_whole(target, data)
     return kept
 
@@ -64,7 +64,7 @@ def _files(path: Path) -> dict[str, bytes]:
             if name := values.get(table, {}).get(key):
                 other = path.parent / name
                 if other.name in (path.name, *beside):
-                    raise ValueError(f"it names two files called {other.name}")
+                    raise UserError(f"it names two files called {other.name}")
                 beside[other.name] = other.read_bytes()
                 values[table][key] = other.name
     except (OSError, ValueError) as error:

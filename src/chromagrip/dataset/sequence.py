@@ -18,7 +18,7 @@ from ..render import Renderer, load_sensor, open_renderer
 from ..render.drawing.truth import MarkerTruth, TruthMap, marker_truth
 from ..render.harmonics import harmonic_map
 from ..scene.scene import Scene
-from .recipe import Recipe, RecipeError, drawn, scene_of
+from .recipe import Recipe, drawn, scene_of
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -118,7 +118,7 @@ def sequence(recipe: Recipe, number: int) -> Sequence:
 
     Raises
     ------
-    RecipeError
+    UserError
         When the node model can follow none of many draws.
     """
     for attempt in range(_ATTEMPTS):
@@ -131,7 +131,7 @@ def sequence(recipe: Recipe, number: int) -> Sequence:
             reason = str(error)
             continue
         return Sequence(number=number, values=values, scene=scene, samples=samples)
-    raise RecipeError(f"sequence {number}: {_ATTEMPTS} draws could not be run: {reason}")
+    raise UserError(f"sequence {number}: {_ATTEMPTS} draws could not be run: {reason}")
 
 
 def shots(recipe: Recipe, made: Sequence) -> tuple[Image, Iterator[Shot]]:

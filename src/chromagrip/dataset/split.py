@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from ..errors import UserError
-from .folder import TABLE, DatasetError, read_manifest, sequence_name, write_whole
+from .folder import TABLE, read_manifest, sequence_name, write_whole
 
 SPLIT = "split.json"
 
@@ -37,7 +37,7 @@ def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, li
     objects = _objects(pq.read_table(folder / TABLE).to_pylist())
     keys = sorted(objects)
     if len(keys) < len(shares):
-        raise DatasetError(f"{folder} has {len(keys)} objects, too few for {len(shares)} parts")
+        raise UserError(f"{folder} has {len(keys)} objects, too few for {len(shares)} parts")
     order = np.random.default_rng([seed, crc32(b"split")]).permutation(len(keys))
     ends = np.rint(np.cumsum(list(shares.values())) * len(keys)).astype(int)
     # Every part has an object, however small its share.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..control import Controller, GripObservation
-from ..errors import UserError
+from ..errors import UserError, located
 from ..model import (
     Fingertip,
     ForceField,
@@ -26,17 +26,11 @@ from ..model import (
     touching,
     whole_friction,
 )
-from ..render import Frame, GLMissingError, open_renderer
+from ..render import Frame, open_renderer
 from ..scene.scene import Scene
 from ..tracking import (
-    CalibrationFileError,
-    DetectionError,
-    ReadOutError,
-    ReconstructorError,
     SensorCalibration,
-    TrackerError,
     Tracks,
-    UnsupportedSensorError,
     load_calibration,
     nominal_calibration,
     shipped_readout,
@@ -48,10 +42,6 @@ from .observers import CameraObserver, TruthObserver, with_friction_off
 _LITTLE = 0.01
 #: Stream of random numbers that lost and late frames are drawn from; those below are defects'.
 _DELIVERY = 20
-
-
-class ControllerError(UserError):
-    """A controller that failed, or answered something no gripper can do."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,10 +88,7 @@ def open_camera(scene: Scene) -> SimulatedCamera:
         When the renderer cannot run on this machine.
     """
     sensor = scene.build_sensor()
-    try:
-        renderer = open_renderer(scene.renderer, sensor)
-    except GLMissingError as error:
-        raise UserError(str(error)) from None
+    renderer = open_renderer(scene.renderer, sensor)
     return SimulatedCamera(
         sensor,
         renderer,
@@ -131,7 +118,7 @@ def grasp(
 
     Raises
     ------
-    ControllerError
+    UserError
         When a controller raises, or answers what is no finite force of at least 0.
     """
     if scene.build_sensor().shape.flat:
@@ -148,18 +135,9 @@ def grasp(
     if scene.path == "camera":
         rest = camera.expose_rest(state, scene.camera.rest_frames)
         noise = scene.camera.noise_levels
-        try:
+        with located(f"sensor {scene.sensor}"):
             told = known_sensor(scene) if known is None else known
             seen = CameraObserver(told, scene.tracker, scene.reconstructor, noise, window, rest)
-        except (
-            CalibrationFileError,
-            DetectionError,
-            ReadOutError,
-            ReconstructorError,
-            TrackerError,
-            UnsupportedSensorError,
-        ) as error:
-            raise UserError(f"sensor {scene.sensor}: {error}") from None
     substeps = max(1, math.ceil(scene.period * 1e3 / scene.fingertip.step_ms - 1e-9))
     dt = scene.period / substeps
     # The substep after which the middle of the next frame's exposure has come.
@@ -281,7 +259,7 @@ def _answer(controller: Controller, observation: GripObservation, name: str, ind
         force = float(controller.command(observation).force)
     if math.isfinite(force) and force >= 0.0:
         return force
-    raise ControllerError(
+    raise UserError(
         f"controller {name} commanded {force!r} N {at}; a grip force is finite and not negative"
     )
 
@@ -292,6 +270,6 @@ def _blaming(name: str, at: str) -> Iterator[None]:
     try:
         yield
     except Exception as reason:  # whatever anybody's controller raises
-        raise ControllerError(
+        raise UserError(
             f"controller {name} failed {at}: {type(reason).__name__}: {reason}"
         ) from reason

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..errors import FolderError
+from ..errors import UserError
 from ..model import ForceField, State, rest_state, whole_friction
 from ..output.folder import prepare
 from ..output.versions import versions
@@ -105,7 +105,7 @@ def render_poses(
             # Last, so that a folder that has it is whole.
             (out / "poses.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        raise FolderError(f"folder {out} cannot be written: {error.strerror}") from None
+        raise UserError(f"folder {out} cannot be written: {error.strerror}") from None
     return report
 
 

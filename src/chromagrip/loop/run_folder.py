@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 from threadpoolctl import threadpool_limits
 
-from ..errors import FolderError
+from ..errors import UserError
 from ..output.folder import prepare
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
@@ -135,7 +135,7 @@ def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
             (folder / name).unlink(missing_ok=True)
         (folder / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
     except OSError as error:
-        raise FolderError(f"folder {folder} cannot be written: {error.strerror}") from None
+        raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
     return folder
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..errors import FolderError
+from ..errors import UserError
 
 
 def prepare(folder: Path, force: bool | None) -> None:
@@ -18,19 +18,19 @@ def prepare(folder: Path, force: bool | None) -> None:
 
     Raises
     ------
-    FolderError
+    UserError
         When it holds files and `force` is not given, or cannot be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         taken = any(folder.iterdir())
     except FileExistsError:
-        raise FolderError(f"{folder} is a file, not a folder") from None
+        raise UserError(f"{folder} is a file, not a folder") from None
     except OSError as error:
-        raise FolderError(f"folder {folder} cannot be written: {error.strerror}") from None
+        raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
     if taken and not force:
         mend = "choose another" if force is None else "choose another or give --force"
-        raise FolderError(f"folder {folder} is not empty; {mend}")
+        raise UserError(f"folder {folder} is not empty; {mend}")
 
 
 @contextmanager
@@ -39,7 +39,7 @@ def filling(folder: Path) -> Iterator[None]:
 
     Raises
     ------
-    FolderError
+    UserError
         When another run of this machine holds it.
     """
     try:
@@ -53,7 +53,7 @@ def filling(folder: Path) -> Iterator[None]:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise FolderError(f"{folder} is being filled by another run") from None
+                raise UserError(f"{folder} is being filled by another run") from None
         yield
     finally:
         os.close(handle)

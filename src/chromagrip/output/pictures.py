@@ -25,10 +25,6 @@ _KINDS = "a picture, a folder of pictures, a video file or camera:0"
 _PNG_BEGIN, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
-class SourceError(UserError):
-    """Pictures that cannot be had, or that break off."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Source:
     """Where frames come from.
@@ -36,7 +32,7 @@ class Source:
     Attributes
     ----------
     name: as it was asked for
-    frames: gives the frames from the first one on, each time it is called; raises SourceError
+    frames: gives the frames from the first one on, each time it is called; raises UserError
         where they break off
     count: of the frames; None where that is not known beforehand
     fps: rate [Hz], nominal where frames carry their own times
@@ -57,7 +53,7 @@ def open_source(name: str, fps: float | None = None) -> Source:
 
     Raises
     ------
-    SourceError
+    UserError
         When there is no such thing, or no picture in it.
     """
     path = Path(name)
@@ -73,10 +69,10 @@ def open_source(name: str, fps: float | None = None) -> Source:
     if path.is_dir():
         files = [p for p in path.iterdir() if is_picture(p) and not p.name.startswith(".")]
         if not files:
-            raise SourceError(f"folder {name} has no pictures; wanted: {', '.join(SUFFIXES)} files")
+            raise UserError(f"folder {name} has no pictures; wanted: {', '.join(SUFFIXES)} files")
         return _pictures(name, sorted(files, key=_natural), fps)
     if not path.is_file():
-        raise SourceError(f"there is no {name}; give {_KINDS}")
+        raise UserError(f"there is no {name}; give {_KINDS}")
     if is_picture(path):
         return _pictures(name, [path], fps)
     return _video(path, fps)
@@ -92,15 +88,15 @@ def read_picture(path: Path) -> Image:
 
     Raises
     ------
-    SourceError
+    UserError
         When the file is no whole picture, or has more than 8 bits, or pixels one can see through.
     """
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise SourceError(f"picture {path} cannot be read: {error.strerror}") from None
+        raise UserError(f"picture {path} cannot be read: {error.strerror}") from None
     if not data:
-        raise SourceError(f"picture {path} is empty (0 bytes)")
+        raise UserError(f"picture {path} is empty (0 bytes)")
     image = None
     # libpng complains to the terminal by itself.
     if not data.startswith(_PNG_BEGIN) or _PNG_END in data:
@@ -111,16 +107,14 @@ def read_picture(path: Path) -> Image:
             except cv2.error:
                 image = None
     if image is None:
-        raise SourceError(
-            f"picture {path} cannot be read: it is cut off, or not {_kind(path)} file"
-        )
+        raise UserError(f"picture {path} cannot be read: it is cut off, or not {_kind(path)} file")
     if image.dtype != np.uint8:
-        raise SourceError(
+        raise UserError(
             f"picture {path} has {image.dtype} values; wanted: 8 bits a channel, as which of more "
             "bits are used is not known"
         )
     if image.ndim == 3 and image.shape[2] == 4 and (image[..., 3] < 255).any():
-        raise SourceError(f"picture {path} has transparent pixels; wanted: an opaque picture")
+        raise UserError(f"picture {path} has transparent pixels; wanted: an opaque picture")
     pixels: Image = np.asarray(image, dtype=np.uint8)
     if pixels.ndim == 2:
         return np.repeat(pixels[..., None], 3, axis=2)
@@ -165,14 +159,14 @@ def _camera_frames(number: int) -> Iterator[Frame]:
         capture = cv2.VideoCapture(number)
     try:
         if not capture.isOpened():
-            raise SourceError(f"camera {number} cannot be opened; is it there, free and allowed?")
+            raise UserError(f"camera {number} cannot be opened; is it there, free and allowed?")
         begin, count = 0.0, 0
         while True:
             with _silent():
                 found, image = capture.read()
             now = time.monotonic()
             if not found:
-                raise SourceError(f"camera {number} gave no picture after {count} frames")
+                raise UserError(f"camera {number} gave no picture after {count} frames")
             begin = now if count == 0 else begin
             count += 1
             yield Frame(image=np.ascontiguousarray(image[..., ::-1], np.uint8), time=now - begin)
@@ -197,17 +191,17 @@ def _video(path: Path, fps: float | None) -> Source:
 @contextmanager
 def _open_video(path: Path) -> Iterator[av.container.InputContainer]:
     if path.stat().st_size == 0:
-        raise SourceError(f"video {path} is empty (0 bytes)")
+        raise UserError(f"video {path} is empty (0 bytes)")
     try:
         container = av.open(str(path))
     except av.FFmpegError as error:
-        raise SourceError(
+        raise UserError(
             f"{path} cannot be read as a video: {_reason(error)}; give {_KINDS}"
         ) from None
     with container:
         # To FFmpeg any text is a film of a terminal.
         if not container.streams.video or container.format.name == "tty":
-            raise SourceError(f"{path} has no video in it; give {_KINDS}")
+            raise UserError(f"{path} has no video in it; give {_KINDS}")
         yield container
 
 
@@ -217,15 +211,15 @@ def _reason(error: av.FFmpegError) -> str:
 
 
 def _video_frames(path: Path, fps: float | None) -> Iterator[Frame]:
-    """Frames with the file's own times, or evenly at `fps`; all of them, or a SourceError."""
+    """Frames with the file's own times, or evenly at `fps`; all of them, or a UserError."""
     with _open_video(path) as container:
         stream = container.streams.video[0]
         rate = float(stream.average_rate or DEFAULT_FPS)
         count, first, last = 0, 0.0, 0.0
 
-        def broken(why: str) -> SourceError:
+        def broken(why: str) -> UserError:
             expected = f" of {stream.frames}" if stream.frames else ""
-            return SourceError(f"video {path} breaks off after {count}{expected} frames: {why}")
+            return UserError(f"video {path} breaks off after {count}{expected} frames: {why}")
 
         try:
             for picture in container.decode(stream):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..control import GripObservation
-from ..errors import UserError
+from ..errors import UserError, located
 from ..loop.observers import ForceObserver
 from ..output.estimate_table import DISPLACEMENTS, FORCES, VALUES, EstimateTable
 from ..render import Frame, View
@@ -25,17 +25,10 @@ from ..tracking import (
     Z90,
     FrictionRule,
     Palette,
-    ReconstructorError,
     Tracks,
-    UnsupportedSensorError,
     load_reconstructor,
 )
-from ..tracking.forces.calibration import (
-    CalibrationFileError,
-    OtherSensorError,
-    check_rest,
-    load_calibration,
-)
+from ..tracking.forces.calibration import check_rest, load_calibration
 from ..tracking.forces.displacement import DisplacementGains, displacement
 from .figure import draw_figure, draw_forces
 from .overlay import OverlayVideo, draw_tracks
@@ -52,10 +45,6 @@ FILES = ("summary.json", "estimates.parquet", "figure.png", "overlay.mp4")
 DEFAULT_WINDOW = 0.3
 #: A single marker's error must not stand for the whole.
 _DEEPEST = 0.95
-
-
-class EstimateError(UserError):
-    """Frames that nothing can be estimated from, with this calibration."""
 
 
 def estimate_source(
@@ -93,14 +82,14 @@ def estimate_source(
     UserError
         When there is nothing to estimate, or the calibration is another sensor's.
     """
-    try:
+    with located(f"calibration {calibration}"):
         known = load_calibration(calibration)
         rule = _friction_rule(friction)
         palette = Palette.of_sensor(known.sensor)
         flat = known.sensor.shape.flat
         gains = known.displacement if flat else None
         if flat and gains is None:
-            raise EstimateError(
+            raise UserError(
                 f"calibration {calibration} is of a flat pad, which has no force model, and has no "
                 "gains for displacements; get them from presses with `chromagrip calibrate sensor`"
             )
@@ -116,10 +105,6 @@ def estimate_source(
             _check_tracker(tracking)
             observer = ForceObserver(known, tracking.resting, reconstructor, window, rule)
             read = _read_forces(observer, rule, tracking, known.sensor.view)
-    except (OtherSensorError, UnsupportedSensorError) as error:
-        raise EstimateError(f"calibration {calibration}: {error}") from None
-    except (CalibrationFileError, ReconstructorError) as error:
-        raise EstimateError(str(error)) from None
     if out is not None:
         open_folder(out, force, FILES)
     table_columns = DISPLACEMENTS if flat else FORCES
@@ -166,7 +151,7 @@ def _friction_rule(name: str | None) -> FrictionRule:
     if name is None:
         return CAMERA_RULE
     if name not in FRICTION:
-        raise EstimateError(f"no friction reading {name!r}; there is {', '.join(FRICTION)}")
+        raise UserError(f"no friction reading {name!r}; there is {', '.join(FRICTION)}")
     return replace(CAMERA_RULE, read=FRICTION[name])
 
 
@@ -238,7 +223,7 @@ def _check_tracker(tracking: Tracking) -> None:
     rest = tracking.resting
     pairs = rest.visible.all(axis=0) if len(rest.visible) == 2 else np.zeros(0, dtype=bool)
     if not pairs.any() or not np.isfinite(rest.covariance[pairs]).all():
-        raise EstimateError(
+        raise UserError(
             f"tracker {tracking.name!r} does not tell how certain places and sizes are, which "
             f"forces are read from; wanted: {DEFAULT_TRACKER}"
         )

@@ -7,14 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
+from ..errors import UserError, located
 from ..output.pictures import Image, read_picture
-from ..tracking import DetectionError, Markers, Palette, PaletteError, detect_markers, load_palette
+from ..tracking import Markers, Palette, detect_markers, load_palette
 from ..tracking.detection import join_layers
-
-
-class MarkerListError(UserError):
-    """A picture that does not show the palette's markers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,13 +40,11 @@ def list_markers(path: Path, palette: str) -> Picture:
         When there is no such picture or palette, or no markers in it.
     """
     image = read_picture(path)
-    try:
+    with located(f"picture {path}"):
         colours = load_palette(palette)
         layers = detect_markers(image, colours)
-    except (PaletteError, DetectionError) as error:
-        raise MarkerListError(f"picture {path}: {error}") from None
     if not any(len(markers.area) for markers in layers):
-        raise MarkerListError(f"picture {path}: no markers found in {' or '.join(colours.names)}")
+        raise UserError(f"picture {path}: no markers found in {' or '.join(colours.names)}")
     return Picture(image=image, palette=colours, layers=layers, rows=_rows(layers, colours))
 
 

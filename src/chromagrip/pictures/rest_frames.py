@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..output.pictures import Source, SourceError, open_source
+from ..errors import UserError
+from ..output.pictures import Source, open_source
 from ..render import Frame
-from ..tracking import DetectionError, Palette, detect_markers
+from ..tracking import Palette, detect_markers
 from ..tracking.detection import join_layers
 
 #: So many frames of a folder or a video of the sensor at rest are averaged.
@@ -33,7 +34,7 @@ def rest_frames(
 
     Raises
     ------
-    SourceError
+    UserError
         When there are no such frames.
     """
     if rest == "auto":
@@ -43,16 +44,16 @@ def rest_frames(
     if first is None:
         own = open_source(rest)
         if own.live:
-            raise SourceError(f"rest {rest} is a camera; give a picture, or first:N of the source")
+            raise UserError(f"rest {rest} is a camera; give a picture, or first:N of the source")
         found = list(itertools.islice(own.frames(), MEAN_OF))
         return found, f"{rest}, mean of {len(found)}" if len(found) > 1 else rest, source.frames()
     wanted = int(first[1] or 1)
     if wanted < 1:
-        raise SourceError(f"rest {rest} is no frame; wanted: first:1 or more")
+        raise UserError(f"rest {rest} is no frame; wanted: first:1 or more")
     frames = source.frames()
     found = list(itertools.islice(frames, wanted))
     if len(found) < wanted:
-        raise SourceError(f"rest {rest} wants {wanted} frames; {source.name} has {len(found)}")
+        raise UserError(f"rest {rest} wants {wanted} frames; {source.name} has {len(found)}")
     words = f"first {wanted} frames of the source" if wanted > 1 else "first frame of the source"
     return found, words, itertools.chain(found, frames)
 
@@ -60,9 +61,9 @@ def rest_frames(
 def _most_exact(source: Source, palette: Palette, tell: Callable[[str], None]) -> tuple[int, Frame]:
     """Number and frame whose markers of two layers are nearest to each other."""
     if source.live:
-        raise SourceError("rest auto looks at every frame twice, which a camera does not give")
+        raise UserError("rest auto looks at every frame twice, which a camera does not give")
     if len(palette.names) < 2:
-        raise SourceError(
+        raise UserError(
             f"rest auto needs two layers to compare; the palette has {palette.names[0]} alone"
         )
     step = math.ceil((source.count or _TRIED) / _TRIED)
@@ -74,7 +75,7 @@ def _most_exact(source: Source, palette: Palette, tell: Callable[[str], None]) -
             continue
         try:
             layers = detect_markers(frame.image, palette)
-        except DetectionError as error:
+        except UserError as error:
             refusal = str(error)
             continue
         radius = math.sqrt(max(float(np.median(layer.area)) for layer in layers) / math.pi)
@@ -85,5 +86,5 @@ def _most_exact(source: Source, palette: Palette, tell: Callable[[str], None]) -
         if best is None or score < best[0]:
             best = score, index, frame
     if best is None:
-        raise SourceError(f"rest auto found no frame of {source.name} with markers: {refusal}")
+        raise UserError(f"rest auto found no frame of {source.name} with markers: {refusal}")
     return best[1:]

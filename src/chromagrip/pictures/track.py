@@ -18,25 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..errors import FolderError, UserError
+from ..errors import UserError
 from ..output.folder import prepare
-from ..output.pictures import Source, SourceError, open_source
+from ..output.pictures import Source, open_source
 from ..output.track_table import TrackTable
 from ..output.versions import versions
 from ..render import Frame
-from ..tracking import (
-    DetectionError,
-    FrameError,
-    Palette,
-    PaletteError,
-    RestFrame,
-    Tracker,
-    TrackerError,
-    Tracks,
-    load_palette,
-    load_tracker,
-    read_rest,
-)
+from ..tracking import Palette, RestFrame, Tracker, Tracks, load_palette, load_tracker, read_rest
 from .noise_level import noise_level
 from .overlay import OverlayVideo, draw_tracks
 from .rest_frames import rest_frames
@@ -51,10 +39,6 @@ _GIVEN = "given"
 Progress = Callable[[int, int | None], None]
 #: Given each frame's number, picture and tracks.
 Add = Callable[[int, Frame, Tracks], None]
-
-
-class TrackError(UserError):
-    """Frames that cannot be tracked, with this palette or this tracker."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,10 +139,7 @@ def track_source(
     UserError
         When there is nothing to track.
     """
-    try:
-        colours = load_palette(palette)
-    except PaletteError as error:
-        raise TrackError(str(error)) from None
+    colours = load_palette(palette)
     tracking = open_tracking(
         rest, source, palette=colours, tracker=tracker, noise=noise, fps=fps, tell=tell
     )
@@ -199,25 +180,22 @@ def open_tracking(
     UserError
         When there is nothing to track.
     """
-    try:
-        follower = load_tracker(tracker)
-        opened = open_source(source, fps)
-        tell("rest frame")
-        with threadpool_limits(1):
-            still, rest_words, coming = rest_frames(rest, opened, palette, tell)
-            if noise is None:
-                tell("noise")
-                noise, noise_words = noise_level(still, opened.lossy)
-            else:
-                noise_words = _GIVEN
-            tell("markers at rest")
-            start = read_rest(still, palette)
-            made = follower(palette, noise)
-            resting = _reset(made, still, noise, noise_words)
-            _check_rest(resting, palette, tracker)
-            first, coming = _first(coming, opened, start)
-    except (PaletteError, TrackerError, DetectionError) as error:
-        raise TrackError(str(error)) from None
+    follower = load_tracker(tracker)
+    opened = open_source(source, fps)
+    tell("rest frame")
+    with threadpool_limits(1):
+        still, rest_words, coming = rest_frames(rest, opened, palette, tell)
+        if noise is None:
+            tell("noise")
+            noise, noise_words = noise_level(still, opened.lossy)
+        else:
+            noise_words = _GIVEN
+        tell("markers at rest")
+        start = read_rest(still, palette)
+        made = follower(palette, noise)
+        resting = _reset(made, still, noise, noise_words)
+        _check_rest(resting, palette, tracker)
+        first, coming = _first(coming, opened, start)
     return Tracking(
         tracker=made,
         name=tracker,
@@ -281,7 +259,7 @@ def follow(
         complete, ended = True, "end of the source"
         if limit is not None and tally.frames == limit:
             ended = f"after {limit} frames, as asked"
-    except (SourceError, FrameError, TrackerError) as error:
+    except UserError as error:
         kept = "" if out is None else f"; the results of the {tally.frames} frames before are kept"
         ended = broken = f"{error}{kept}"
     except KeyboardInterrupt:
@@ -306,7 +284,7 @@ def _first(
     """First frame, and all of them, each checked to be as large as the rest frame."""
     first = next(coming, None)
     if first is None:
-        raise SourceError(f"{source.name} has no frames")
+        raise UserError(f"{source.name} has no frames")
     _check_size(first, 0, source, start)
     return first, itertools.chain([first], _checked(coming, source, start))
 
@@ -320,7 +298,7 @@ def _checked(coming: Iterator[Frame], source: Source, start: RestFrame) -> Itera
 def _check_size(frame: Frame, index: int, source: Source, start: RestFrame) -> None:
     (height, width), (tall, wide) = frame.image.shape[:2], start.image.shape[:2]
     if (height, width) != (tall, wide):
-        raise SourceError(
+        raise UserError(
             f"frame {index} of {source.name} is {width}×{height} pixels, the rest frame "
             f"{wide}×{tall}"
         )
@@ -329,9 +307,9 @@ def _check_size(frame: Frame, index: int, source: Source, start: RestFrame) -> N
 def _check_tracks(tracks: object, resting: Tracks, name: str) -> None:
     """Refuse what somebody's tracker gives that are no tracks of the same markers."""
     if not isinstance(tracks, Tracks):
-        raise TrackError(f"tracker {name!r} gave a {type(tracks).__name__}; wanted: Tracks")
+        raise UserError(f"tracker {name!r} gave a {type(tracks).__name__}; wanted: Tracks")
     if tracks.position.shape != resting.position.shape:
-        raise TrackError(
+        raise UserError(
             f"tracker {name!r} gave positions of shape {tracks.position.shape}, at rest "
             f"{resting.position.shape}; wanted: the same markers in every frame"
         )
@@ -341,10 +319,10 @@ def _reset(tracker: Tracker, still: list[Frame], noise: float, noise_words: str)
     """Tracks at rest; where they are refused, with a word on noise that may be too low."""
     try:
         return tracker.reset(still)
-    except DetectionError as error:
+    except UserError as error:
         if noise_words == _GIVEN:
             raise
-        raise DetectionError(
+        raise UserError(
             f"{error}; the noise was taken as {noise:.2f} levels, give --noise if it is more"
         ) from None
 
@@ -352,9 +330,9 @@ def _reset(tracker: Tracker, still: list[Frame], noise: float, noise_words: str)
 def _check_rest(resting: object, palette: Palette, name: str) -> None:
     """Refuse what somebody's tracker gives at rest that are no tracks of the palette's layers."""
     if not isinstance(resting, Tracks):
-        raise TrackerError(f"tracker {name!r} gave a {type(resting).__name__}; wanted: Tracks")
+        raise UserError(f"tracker {name!r} gave a {type(resting).__name__}; wanted: Tracks")
     if len(resting.position) != len(palette.names):
-        raise TrackerError(
+        raise UserError(
             f"tracker {name!r} gave {len(resting.position)} layers; wanted: {len(palette.names)}"
         )
 
@@ -364,7 +342,7 @@ def open_folder(folder: Path, force: bool, files: tuple[str, ...]) -> None:
 
     Raises
     ------
-    FolderError
+    UserError
         When it holds files and `force` is not given, or cannot be written to.
     """
     prepare(folder, force)
@@ -372,7 +350,7 @@ def open_folder(folder: Path, force: bool, files: tuple[str, ...]) -> None:
         for name in files:
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
-        raise FolderError(f"folder {folder} cannot be written: {error.strerror}") from None
+        raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
 
 
 def _results(tally: _Tally, palette: Palette) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from ..errors import UserError
 from ..strict_toml import Table
 
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
@@ -26,7 +27,7 @@ class ActuatorSettings(Table, frozen=True):
 
     def __post_init__(self) -> None:
         if not self.rate_n_per_s > 0.0:
-            raise ValueError(f"rate_n_per_s = {self.rate_n_per_s} must be above 0, inf is off")
+            raise UserError(f"rate_n_per_s = {self.rate_n_per_s} must be above 0, inf is off")
 
     def rounded(self, command: float) -> float:
         """Command that the drive takes for this one [N]."""

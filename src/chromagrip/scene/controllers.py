@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from ..by_name import import_class
+from ..by_name import Registry
 from ..control import (
     ConservativeControl,
     ConservativeSettings,
@@ -16,7 +16,6 @@ from ..control import (
     SafetyMarginControl,
     SafetyMarginGains,
 )
-from ..errors import SceneError
 from ..strict_toml import Table
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
@@ -24,13 +23,26 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
 Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
 AtLeastOne = Annotated[float, Meta(ge=1.0, le=1e3)]
 
-#: Name and one line about each controller of ours; its table has the same name.
-CONTROLLERS = {
-    "safety-margin": "PI control of the safety margin around its desired value",
-    "margin-inversion": "the grip at which the load read off the image has the desired margin",
-    "react-to-slip": "constant force, raised by a step each time slip is seen",
-    "conservative": "constant force, more than is needed",
-}
+#: Controllers by name; the table of one of ours in a scene has the same name.
+CONTROLLERS = Registry(
+    protocol=Controller,
+    package=__package__,
+    entries={
+        "safety-margin": (
+            "..control:SafetyMarginControl",
+            "PI control of the safety margin around its desired value",
+        ),
+        "margin-inversion": (
+            "..control:MarginInversion",
+            "the grip at which the load read off the image has the desired margin",
+        ),
+        "react-to-slip": (
+            "..control:ReactToSlip",
+            "constant force, raised by a step each time slip is seen",
+        ),
+        "conservative": ("..control:ConservativeControl", "constant force, more than is needed"),
+    },
+)
 
 
 class SafetyMarginSettings(Table, frozen=True):
@@ -122,30 +134,3 @@ class ConservativeTable(Table, frozen=True):
     def build(self) -> Controller:
         """The controller."""
         return ConservativeControl(ConservativeSettings(force=self.force_n))
-
-
-def check_controller(name: str) -> None:
-    """Refuse what is neither a controller of ours nor `module:Class`."""
-    if name not in CONTROLLERS and ":" not in name:
-        raise ValueError(
-            f"controller = {name!r}: allowed: {', '.join(CONTROLLERS)}, or module:Class"
-        )
-
-
-def foreign_controller(name: str) -> Controller:
-    """Controller of anybody's, made by `Class()`.
-
-    Raises
-    ------
-    SceneError
-        When it cannot be imported, is none, or cannot be made so.
-    """
-    kind = import_class(name, name, Controller, SceneError)
-    try:
-        made: Controller = kind()
-    except Exception as reason:  # whatever a foreign class raises
-        raise SceneError(
-            f"controller {name!r} cannot be made without arguments: "
-            f"{type(reason).__name__}: {reason}"
-        ) from None
-    return made

@@ -12,11 +12,12 @@ import numpy as np
 import tomli_w
 from msgspec import Meta
 
+from ..by_name import make
 from ..control import Controller
-from ..errors import SceneError
+from ..errors import UserError
 from ..model import ContactObject, Fingertip, SpringLaw, stiffness_from_young
 from ..model.chain.chain import contact
-from ..render import Defects, SensorDesign, SensorError, load_sensor
+from ..render import Defects, SensorDesign, load_sensor
 from ..strict_toml import Table, convert
 from .actuator import ActuatorSettings
 from .controllers import (
@@ -25,8 +26,6 @@ from .controllers import (
     MarginInversionTable,
     ReactToSlipTable,
     SafetyMarginSettings,
-    check_controller,
-    foreign_controller,
 )
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
@@ -65,9 +64,9 @@ class ObjectSettings(Table, frozen=True):
 
     def __post_init__(self) -> None:
         if not abs(self.radius_mm) >= 1.0:
-            raise ValueError(f"radius_mm = {self.radius_mm} must be at least 1, hollow at most -1")
+            raise UserError(f"radius_mm = {self.radius_mm} must be at least 1, hollow at most -1")
         if self.profile_mm and self.radius_mm != math.inf:
-            raise ValueError("radius_mm must be inf beside profile_mm")
+            raise UserError("radius_mm must be inf beside profile_mm")
         _check_knots("friction_times_s", self.friction_times_s, "frictions", self.frictions)
         places, factors = self.friction_places_mm, self.friction_factors
         _check_knots("friction_places_mm", places, "friction_factors", factors)
@@ -120,12 +119,12 @@ def _check_knots(
     knots_name: str, knots: tuple[float, ...], values_name: str, values: tuple[float, ...]
 ) -> None:
     if len(knots) != len(values):
-        raise ValueError(
+        raise UserError(
             f"{knots_name} has {len(knots)} entries and {values_name} {len(values)}; "
             "they must be as many"
         )
     if tuple(sorted(set(knots))) != knots:
-        raise ValueError(f"{knots_name} must increase, got {list(knots)}")
+        raise UserError(f"{knots_name} must increase, got {list(knots)}")
 
 
 def _held(times: tuple[float, ...], values: tuple[float, ...], time: float, before: float) -> float:
@@ -205,19 +204,16 @@ class Scene(Table, frozen=True):
 
     def __post_init__(self) -> None:
         if self.fingertip.nodes % 2 == 0:
-            raise ValueError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
-        check_controller(self.controller)
+            raise UserError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
+        CONTROLLERS.check(self.controller)
         if self.camera.exposure_ms > 1e3 * self.period:
-            raise ValueError(
+            raise UserError(
                 f"camera.exposure_ms = {self.camera.exposure_ms} must be at most "
                 f"{1e3 * self.period:g}, the time between frames"
             )
         if self.camera.exposure_ms and self.defects.motion_blur:
-            raise ValueError("camera.exposure_ms and defects.motion_blur both delay; set one")
-        try:
-            sensor = self.build_sensor()
-        except SensorError as error:
-            raise ValueError(str(error)) from None
+            raise UserError("camera.exposure_ms and defects.motion_blur both delay; set one")
+        sensor = self.build_sensor()
         if not sensor.shape.flat:  # the node model is a dome
             contact(self.build_fingertip(), self.build_object())  # refuses what cannot touch
 
@@ -269,11 +265,13 @@ class Scene(Table, frozen=True):
 
         Raises
         ------
-        SceneError
+        UserError
             When it is anybody's, and cannot be imported or made.
         """
-        if self.controller not in CONTROLLERS:
-            return foreign_controller(self.controller)
+        if self.controller not in CONTROLLERS.entries:
+            controller: Controller
+            controller = make("controller", self.controller, CONTROLLERS.load(self.controller))
+            return controller
         made: Controller = getattr(self, self.controller.replace("-", "_")).build()
         return made
 
@@ -297,7 +295,7 @@ def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None)
 
     Raises
     ------
-    SceneError
+    UserError
         With the key, the value and what is allowed.
     """
     if name in scene_names():
@@ -307,15 +305,15 @@ def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None)
             text = Path(name).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "not UTF-8 text"
-            raise SceneError(f"scene file {name} cannot be read: {reason}") from None
+            raise UserError(f"scene file {name} cannot be read: {reason}") from None
     else:
-        raise SceneError(
+        raise UserError(
             f"no scene {name!r}; there is {', '.join(scene_names())}, or give a .toml file"
         )
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"scene {name} is not valid TOML: {error}") from None
+        raise UserError(f"scene {name} is not valid TOML: {error}") from None
     # A file that a scene names lies beside the scene, one from the command line where that runs.
     _locate_files(values, Path(name).parent)
     for key, value in (changes or {}).items():
@@ -333,10 +331,7 @@ def _locate_files(values: dict[str, Any], folder: Path) -> None:
 
 def parse_scene(values: dict[str, Any], name: str) -> Scene:
     """Scene from plain values; `name` is used in messages."""
-    try:
-        return convert(values, Scene, f"scene {name}")
-    except ValueError as error:
-        raise SceneError(str(error)) from None
+    return convert(values, Scene, f"scene {name}")
 
 
 def dump_scene(scene: Scene, folder: Path | None = None) -> str:
@@ -364,7 +359,7 @@ def parse_change(text: str) -> tuple[str, Any]:
     """Key and value of `key=value`, the value in TOML, bare words taken as strings."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
-        raise SceneError(f"--set {text}: expected key=value, such as object.friction=0.3")
+        raise UserError(f"--set {text}: expected key=value, such as object.friction=0.3")
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
@@ -376,5 +371,5 @@ def _put(values: dict[str, Any], key: str, value: Any) -> None:
     for table in tables:
         values = values.setdefault(table, {})
         if not isinstance(values, dict):
-            raise SceneError(f"{key}: {table} is a value, not a table")
+            raise UserError(f"{key}: {table} is a value, not a table")
     values[last] = value

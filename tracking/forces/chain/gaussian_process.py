@@ -49,10 +49,6 @@ _COARSENESS = 0.15
 _MISFIT = 9.0
 
 
-class DivergedEstimateError(NoEstimateError):
-    """No deformation of the chain explains the markers; the next frame starts from rest."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
     """Nodal forces after a pass, as unknowns of `force_basis` in the contact zone.
@@ -121,9 +117,9 @@ class GaussianProcess:
 
         Raises
         ------
-        TooFewMarkersError
+        NoEstimateError
             When fewer than MIN_MARKERS pairs are visible.
-        DivergedEstimateError
+        NoEstimateError
             When no solution explains the markers, not even one sought from rest.
         """
         shifts, visible = self._shifts(tracks, MIN_MARKERS)
@@ -136,7 +132,7 @@ class GaussianProcess:
                 self._warm = True
                 return self._field(found)
             self.reset()
-        raise DivergedEstimateError("no deformation of the fingertip explains the markers")
+        raise NoEstimateError("no deformation of the fingertip explains the markers")
 
     def _settle(
         self,

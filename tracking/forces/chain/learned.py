@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from ....errors import UserError
 from ....model import ForceField, FrictionReading
 from ....render import SensorDesign
 from ...tracks import Tracks
 from ..calibration import SensorCalibration
 from ..friction import OBSERVABLE_MARGIN
 from ..shifts import MarkerShifts, NoEstimateError
-from .readout import BEND, ReadOutError, forward, limited, load_readout, slope
+from .readout import BEND, forward, limited, load_readout, slope
 from .sensitivity import MEASURED, MarkerResponse
 
 Array = NDArray[np.float64]
@@ -47,10 +48,6 @@ _AT_ONCE = 20
 _NOTHING = 0.01
 
 
-class UnlikeAnyPressError(NoEstimateError):
-    """Markers that move as no press moves them, or that do not show how hard it is."""
-
-
 class Weights(NamedTuple):
     """How P pairs tell of C codes and sizes' changes, in units of their noise.
 
@@ -77,7 +74,7 @@ class Learned:
 
     def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None:
         if calibration.readout is None:
-            raise ReadOutError(
+            raise UserError(
                 "this sensor has no trained read-out: train one with `chromagrip train`, or choose "
                 "a reconstructor that needs none"
             )
@@ -85,7 +82,7 @@ class Learned:
         read = self._readout = load_readout(calibration.readout)
         nodes = read.modes.shape[1]
         if tip.law != "split" or tip.nodes != nodes:
-            raise ReadOutError(
+            raise UserError(
                 f"{calibration.readout.name} was trained on a split chain of {nodes} nodes, the "
                 f"calibration has a {tip.law} one of {tip.nodes}"
             )
@@ -108,9 +105,9 @@ class Learned:
 
         Raises
         ------
-        TooFewMarkersError
+        NoEstimateError
             When fewer than MIN_PAIRS pairs are visible.
-        UnlikeAnyPressError
+        NoEstimateError
             When no press that was trained explains them, or many do.
         """
         codes, covariance = self._encode(tracks)
@@ -218,7 +215,7 @@ class Learned:
         freedom = MEASURED * seen.sum() - count
         misfit = float(_badness(weights, white, codes)[seen].sum() / freedom)
         if misfit > _UNLIKE:
-            raise UnlikeAnyPressError(
+            raise NoEstimateError(
                 f"the markers move as no trained press moves them: χ² is {misfit:.0f} a "
                 f"measurement, {_UNLIKE:g} at most is allowed"
             )
@@ -325,7 +322,7 @@ class Learned:
         covariance *= np.outer(unit, unit)
         deviation = float(np.sqrt(covariance[0, 0]))
         if deviation > _VAGUE_SHARE * abs(normal) + _VAGUE:
-            raise UnlikeAnyPressError(
+            raise NoEstimateError(
                 f"the markers leave ΣFn open: {normal:.1f} N with a deviation of {deviation:.1f} N"
             )
         return self._field(

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ....errors import UserError
 from ....render import SensorDesign
 
 Array = NDArray[np.float64]
@@ -27,10 +28,6 @@ _SIZE_CHANGE = 0.1
 #: Arrays of more numbers are written short.
 _MANY = 5000
 _NETWORKS = ("totals", "deviations", "shapes")
-
-
-class ReadOutError(ValueError):
-    """A trained read-out that is not there, or is of another sensor."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +130,7 @@ def load_readout(path: Path) -> ReadOut:
 
     Raises
     ------
-    ReadOutError
+    UserError
         When the file is none.
     """
     try:
@@ -151,4 +148,4 @@ def load_readout(path: Path) -> ReadOut:
         numbers = {name: float(values.pop(name)) for name in ("tissue_stiffness", "prior")}
         return ReadOut(design=design, **values, **networks, **numbers)  # type: ignore[arg-type]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ReadOutError(f"{path} is not a trained read-out: {error}") from None
+        raise UserError(f"{path} is not a trained read-out: {error}") from None

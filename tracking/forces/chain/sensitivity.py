@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ....errors import UserError
 from ....render import SensorDesign
 from ....render.harmonics import harmonic_map
 from ....render.membrane import Membrane, outline_axes
@@ -14,10 +15,6 @@ Array = NDArray[np.float64]
 
 #: What is measured of a pair, in order: (x, y, log size) of magenta, then of yellow.
 MEASURED = 6
-
-
-class UnsupportedSensorError(ValueError):
-    """A sensor whose markers do what the estimator does not know of."""
 
 
 class MarkerResponse:
@@ -32,7 +29,7 @@ class MarkerResponse:
 
     def __init__(self, sensor: SensorDesign, places: Array, nodes: int | Array) -> None:
         if sensor.markers.stretch or sensor.markers.swell_mm or sensor.markers.form != "disc":
-            raise UnsupportedSensorError(
+            raise UserError(
                 "forces are read from stiff discs only: markers.form = 'disc', markers.stretch = 0 "
                 "and markers.swell_mm = 0"
             )

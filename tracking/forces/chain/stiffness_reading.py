@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from ....model import ForceField, chain_forces
 from ...tracks import Tracks
 from ..calibration import SensorCalibration
-from ..shifts import MarkerShifts
+from ..shifts import MarkerShifts, NoEstimateError
 from .contact_reading import ForcePrior, read_contact
-from .gaussian_process import DivergedEstimateError
 from .sensitivity import MarkerResponse
 
 Array = NDArray[np.float64]
@@ -59,9 +58,9 @@ class StiffnessReading:
 
         Raises
         ------
-        TooFewMarkersError
+        NoEstimateError
             When fewer than MIN_MARKERS pairs are visible.
-        DivergedEstimateError
+        NoEstimateError
             When the passes run away.
         """
         shifts, visible = self._shifts(tracks, MIN_MARKERS)
@@ -80,7 +79,7 @@ class StiffnessReading:
                     left = (shifts - predicted + self._at_rest)[visible].ravel() + jacobian @ mean
                     mean = root @ (root.T @ (weighted.T @ left))
         except FloatingPointError:
-            raise DivergedEstimateError(
+            raise NoEstimateError(
                 "no smooth displacement of the skin explains the markers"
             ) from None
         seen, factor = self._basis @ mean, self._basis @ root

@@ -61,7 +61,7 @@ class Tikhonov:
 
         Raises
         ------
-        TooFewMarkersError
+        NoEstimateError
             When fewer than MIN_MARKERS pairs are visible.
         """
         shifts, visible = self._shifts(tracks, MIN_MARKERS)

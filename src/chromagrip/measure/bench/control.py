@@ -17,7 +17,6 @@ from ...loop.run_folder import Result, run
 from ...loop.trace import make_trace, row
 from ...output.processes import start_worker
 from ...output.rows import Row, reported, within
-from ...render import GLMissingError
 from ...scene.controllers import CONTROLLERS
 from ...scene.scene import Scene, load_scene
 from ..worlds.grasps import OBJECTS, WORLDS, calibration, object_changes, seed_of
@@ -145,7 +144,7 @@ def chosen(controllers: Sequence[str]) -> tuple[str, ...]:
     UserError
         When there is no such controller.
     """
-    names = tuple(dict.fromkeys(controllers)) or tuple(CONTROLLERS)
+    names = tuple(dict.fromkeys(controllers)) or tuple(CONTROLLERS.entries)
     for name in names:
         load_scene(SCENES[0], {"controller": name}).build_controller()
     return names
@@ -199,7 +198,7 @@ def ask(task: Task) -> dict[str, float] | str:
     try:
         scene = load_scene(task.scene, task.changes)
         return scores(run(scene) if task.specimen is None else _with(task.specimen, scene))
-    except (UserError, GLMissingError) as error:
+    except UserError as error:
         return str(error)
 
 

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ...errors import UserError
 from ...output.processes import start_worker
 from ...output.rows import Row, at_least, reported, within
 from ...render.drawing.gl import gl_problem
-from ...tracking import RECONSTRUCTORS, ReconstructorError, load_reconstructor
+from ...tracking import RECONSTRUCTORS, load_reconstructor
 from ..worlds.force_scores import (
     CONSTANT,
     QUANTITIES,
@@ -141,7 +140,7 @@ def bench_force(
     UserError
         When there is no such reconstructor.
     """
-    default = tuple(BEST.values()) if quick else tuple(RECONSTRUCTORS)
+    default = tuple(BEST.values()) if quick else tuple(list(RECONSTRUCTORS.entries)[1:])
     names = chosen(reconstructors or default)
     counts = dict(QUICK if quick else COUNTS)
     rows: list[Row] = []
@@ -170,10 +169,7 @@ def chosen(reconstructors: Sequence[str]) -> tuple[str, ...]:
     """
     names = tuple(dict.fromkeys(reconstructors))
     for name in names:
-        try:
-            load_reconstructor(name)
-        except ReconstructorError as error:
-            raise UserError(str(error)) from None
+        load_reconstructor(name)
     return names
 
 

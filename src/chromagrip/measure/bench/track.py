@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from ...errors import UserError
 from ...output.rows import Row, at_least, reported, within
 from ...render import LAYERS
-from ...tracking import DEFAULT_TRACKER, TrackerError, tracker_names
+from ...tracking import DEFAULT_TRACKER, tracker_names
 from ..worlds.track_motion import ROUND
 from ..worlds.track_scenes import PERIOD, SCENES, noisy, sequence
 from ..worlds.track_scores import (
@@ -76,7 +76,7 @@ def bench_track(
                 progress(f"{scene}: {name}")
                 try:
                     found = scores(follow(name, seen), seen)
-                except ValueError as error:
+                except UserError as error:
                     rows.append(Row(f"{scene}/{name}/refused", None, "", str(error), False))
                     continue
                 rows += [_row(scene, name, score, value) for score, value in found.items()]
@@ -100,10 +100,7 @@ def chosen(trackers: tuple[str, ...]) -> list[str]:
     """
     names = list(dict.fromkeys([CONSTANT, *(trackers or tracker_names())]))
     for name in names:
-        try:
-            tracker_class(name)
-        except TrackerError as error:
-            raise UserError(str(error)) from None
+        tracker_class(name)
     return names
 
 
@@ -135,7 +132,7 @@ def _drifts(names: tuple[str, ...], count: int, progress: Callable[[str], None])
                 if k < _END or k >= count - _END:
                     error = positions(tracks, number) - shot.centre
                     squares.append(float(np.nanmean(error**2)))
-        except ValueError as refused:
+        except UserError as refused:
             yield Row(row, None, "", str(refused), False)
             continue
         ratio = float(np.sqrt(np.mean(squares[-_END:]) / np.mean(squares[:_END])))

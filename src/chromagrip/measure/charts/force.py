@@ -33,7 +33,7 @@ def chart_force(
     UserError
         When there is no such reconstructor.
     """
-    names = chosen(reconstructors or tuple(RECONSTRUCTORS))
+    names = chosen(reconstructors or tuple(list(RECONSTRUCTORS.entries)[1:]))
     grasps, turns = (_QUICK_GRASPS, _QUICK_TURNS) if quick else (_GRASPS, _TURNS)
     found = measure({("matched", LIBRARY): grasps}, names, grasps, progress)["matched"]
     progress("speed")

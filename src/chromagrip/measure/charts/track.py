@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ...errors import UserError
 from ...render import LAYERS
 from ...tracking import DEFAULT_TRACKER, tracker_names
 from ..worlds.track_scenes import SCENES, Sequence, sequence
@@ -52,7 +53,7 @@ def chart_track(quick: bool, progress: Callable[[str], None]) -> Chart:
                     progress(f"{scene}: {name}, turn {turn + 1}")
                     try:
                         said = follow(name, seen)
-                    except ValueError:
+                    except UserError:
                         continue  # refuses such frames
                     times.setdefault(name, []).append(float(np.median(said.times)))
                     if turn == 0:

@@ -41,7 +41,7 @@ from ...model.kernels.contact import contact_frames
 from ...render import MembraneMap, SensorDesign
 from ...render.drawing.coverage import edge_width
 from ...render.ground import ground_image
-from ...tracking.forces.chain.sensitivity import MarkerResponse, UnsupportedSensorError
+from ...tracking.forces.chain.sensitivity import MarkerResponse
 from .kernels import pair_information
 from .positions import marker_shapes
 
@@ -288,10 +288,7 @@ def _shown(
     loads = np.zeros((tip.nodes, 2, 2, len(nodes)))
     loads[nodes, :, :, np.arange(len(nodes))] = np.swapaxes(pressed.axes, -1, -2)
     forced = chain_compliance(tip, pressed.seen, loads.reshape(tip.nodes, 2, -1), _BLUNT)
-    try:
-        response = MarkerResponse(sensor, np.stack([sensor.places] * 2), tip.angles())
-    except UnsupportedSensorError as error:
-        raise UserError(str(error)) from None
+    response = MarkerResponse(sensor, np.stack([sensor.places] * 2), tip.angles())
     _, derivative = response(pressed.seen, np.concatenate([forced, pressed.moves], axis=-1))
     white = (whiten @ derivative).reshape(-1, derivative.shape[-1])
     count = 2 * len(nodes)

@@ -13,6 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ...render import SensorDesign
 from ...render.design.sensor import Geodesic
 from ...render.membrane import Membrane, rest_membrane
@@ -24,10 +25,6 @@ Array = NDArray[np.float64]
 #: Multiples of a design's own value, from what is easiest to make to what is hardest.
 STEPS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 _COLOURS = ("#1f3b73", "#d1495b", "#edae49", "#00798c", "#6c757d")
-
-
-class CannotVaryError(ValueError):
-    """A design of which one thing cannot be changed alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +50,7 @@ class Point:
 def _more_markers(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
     plan = sensor.layout
     if not isinstance(plan, Geodesic):
-        raise CannotVaryError("only a geodesic layout can have another count")
+        raise UserError("only a geodesic layout can have another count")
     pitch = plan.meridian_pitch_mm / np.sqrt(share)
     layout = replace(plan, count=round(plan.count * share), meridian_pitch_mm=pitch)
     return replace(sensor, layout=layout), noise
@@ -63,7 +60,7 @@ def _more_pixels(sensor: SensorDesign, noise: float, share: float) -> tuple[Sens
     """A lens as good as its camera: the blur stays as many pixels."""
     old = sensor.camera
     if old.focal_px is None:
-        raise CannotVaryError("a camera from a calibration file has its own resolution")
+        raise UserError("a camera from a calibration file has its own resolution")
     fx, fy = old.focal_px
     camera = replace(
         old,
@@ -144,7 +141,7 @@ def sweep(
                 changed, level = dial.change(sensor, noise, share)
                 value = dial.value(changed, level)
                 margin = force_limit(changed, pressed, level, frames=frames).margin
-            except ValueError as error:
+            except UserError as error:
                 note = str(error)
             points.append(Point(dial=name, value=value, own=share == 1.0, margin=margin, note=note))
     return points

@@ -8,6 +8,7 @@ from importlib.resources import files
 
 from matplotlib.figure import Figure
 
+from ...errors import UserError
 from ...output.rows import Row, within
 
 
@@ -39,7 +40,7 @@ def number(name: str) -> float:
     """Printed number of that name."""
     value = printed()[name].value
     if value is None:
-        raise ValueError(f"the thesis prints no number for {name}")
+        raise UserError(f"the thesis prints no number for {name}")
     return value
 
 
@@ -168,7 +169,7 @@ def judged(
 ) -> Section:
     """Section whose verdict is what its checks say, one at least."""
     if not checks:
-        raise ValueError(f"{part} is compared with nothing")
+        raise UserError(f"{part} is compared with nothing")
     broken = [check for check in checks if not check.agrees]
     held = f"{len(checks) - len(broken)} of {len(checks)} statements hold"
     sentence = "; ".join([held, *(check.difference() for check in broken)]) + "."

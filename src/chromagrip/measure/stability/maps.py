@@ -261,7 +261,7 @@ def maps(quick: bool) -> dict[str, Map]:
             y_label="",
             columns=2,
             panels=tuple(
-                Panel(title=f"{title} gains", base=base, x=noises, y=tuple(CONTROLLERS))
+                Panel(title=f"{title} gains", base=base, x=noises, y=tuple(CONTROLLERS.entries))
                 for title, base in at_rates.items()
             ),
             lines=_noise_lines,

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from threadpoolctl import threadpool_limits
 
+from ...errors import UserError
 from ...output.cells import read_cells, write_cells
 from ...output.folder import prepare
 from ...output.rows import Row, report, reported
@@ -217,7 +218,7 @@ def _cell(name: str, dial: str, value: float, seen: Sequence) -> Cell:
     count = len(seen.shots)
     try:
         said = follow(name, seen)
-    except ValueError as error:
+    except UserError as error:
         return Cell(name, dial, value, count, 0.0, np.nan, 0, str(error))
     right, rms, swaps = _judge(said, seen)
     return Cell(name, dial, value, count, right, rms, swaps, "")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import FolderError
+from ...errors import UserError
 from ...loop.fidelity import Fidelity, Measured
 from ...loop.run_folder import run
 from ...loop.trace import Trace
@@ -101,7 +101,7 @@ def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
 
     Raises
     ------
-    FolderError
+    UserError
         When it cannot be written.
     """
     found = measure(progress)
@@ -110,7 +110,7 @@ def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
         write_cells(found, part)
         part.replace(path)
     except OSError as error:
-        raise FolderError(f"{path} cannot be written: {error.strerror}") from None
+        raise UserError(f"{path} cannot be written: {error.strerror}") from None
     return found
 
 

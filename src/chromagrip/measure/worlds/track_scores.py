@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from threadpoolctl import threadpool_limits
 
+from ...errors import UserError
 from ...render import LAYERS, Frame
 from ...tracking import Palette, Tracker, Tracks, load_tracker, read_rest
 from .track_scenes import SCENES, Sequence, sequence
@@ -112,7 +113,7 @@ def follow(name: str, seen: Sequence) -> Followed:
 
     Raises
     ------
-    ValueError
+    UserError
         When the tracker refuses the frames, with its reason.
     """
     with threadpool_limits(1):
@@ -359,4 +360,4 @@ def _memory(key: str) -> float:
     for line in _STATUS.read_text().splitlines():
         if line.startswith(f"{key}:"):
             return float(line.split()[1]) / 1024.0
-    raise ValueError(f"{_STATUS} has no {key}")
+    raise UserError(f"{_STATUS} has no {key}")
