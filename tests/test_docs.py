@@ -7,9 +7,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import CompletedProcess
 
+import msgspec
 import pytest
 
 import chromagrip
+from chromagrip.dataset.sequence import FRAME, MARKERS, NODES
+from chromagrip.loop import COLUMNS
+from chromagrip.loop.pose_folder import ARRAYS
+from chromagrip.output.estimate_table import DISPLACEMENTS, FORCES
+from chromagrip.output.track_table import COLUMNS as TRACKS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "fixtures/README.md"])
@@ -33,10 +39,12 @@ def anchor(heading: str) -> str:
 def typed_commands(text: str) -> Iterator[list[str]]:
     """Words of every `chromagrip` command in a page, in code blocks and between back quotes."""
     lines = [line for language, block in blocks(text) if not language for line in block.split("\n")]
-    inline = re.findall(r"(?<!`)`([^`]+)`(?!`)", re.sub(r"^```.*?^```$", "", text, flags=re.S | re.M))
+    inline = re.findall(
+        r"(?<!`)`([^`]+)`(?!`)", re.sub(r"^```.*?^```$", "", text, flags=re.S | re.M)
+    )
     for line in [*lines, *inline]:
         found = re.match(r"\s*(?:\S*bin/)?chromagrip ([a-z].*)", line.split(" #")[0])
-        if found:
+        if found and not re.match(r"\w+ \d", found[1]):  # `chromagrip dataset 1` is a format
             yield found[1].split()
 
 
@@ -66,9 +74,11 @@ def test_the_readme_fits_on_a_page() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_files_of_the_code_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    folders = "model|render|tracking|control|src|tests|docs|examples|fixtures"
-    for path in re.findall(rf"`((?:{folders})/[\w./-]+)`", text):
-        assert (ROOT / path).exists(), f"{page.name} names {path}"
+    rooms = "|".join(path.name for path in (ROOT / "src/chromagrip").iterdir() if path.is_dir())
+    paths = rf"`((?:{rooms}|src|tests|docs|examples|fixtures)/[\w./-]*(?:\.(?:py|toml|csv|md)|/))`"
+    for path in re.findall(paths, text):
+        known = (ROOT / path).exists() or (ROOT / "src/chromagrip" / path).exists()
+        assert known, f"{page.name} names {path}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -84,6 +94,21 @@ def test_commands_and_flags_exist(page: Path, typed: Typed) -> None:
             helps[key] = done.stdout
         for flag in re.findall(r"(?<!\S)--[a-z][a-z-]*", " ".join(words)):
             assert re.search(rf"{flag}\b", helps[key]), f"{page.name}: chromagrip {key} {flag}"
+
+
+def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:
+    for field in msgspec.structs.fields(kind):
+        if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):
+            yield from scene_keys(field.type, f"{prefix}{field.encode_name}.")
+        else:
+            yield prefix + field.encode_name
+
+
+def test_the_page_on_files_names_every_key_and_column() -> None:
+    text = (ROOT / "docs/file-formats.md").read_text(encoding="utf-8")
+    tables = (COLUMNS, TRACKS, FORCES, DISPLACEMENTS, ARRAYS, FRAME, MARKERS, NODES)
+    names = {*scene_keys(chromagrip.Scene), *(name for table in tables for name in table)}
+    assert {name for name in names if f"`{name}`" not in text} == set()
 
 
 def sections() -> dict[str, str]:
@@ -116,7 +141,7 @@ def test_gains_are_swept_from_python(typed: Typed, tmp_path: Path) -> None:
     exec(files["sweep"], space)
     result = space["result"]
     assert isinstance(result, chromagrip.Result)
-    assert result.summary["final_margin_true"] > 0.4  # Γ = 1 − 1/(gain·µ) where the grip has settled
+    assert result.summary["final_margin_true"] > 0.4  # Γ = 1 − 1/(gain·µ) when settled
 
 
 def test_the_mechanics_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
