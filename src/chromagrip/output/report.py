@@ -3,7 +3,8 @@
 import math
 import os
 import platform
-from collections.abc import Iterable, Iterator
+import textwrap
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from .versions import versions
@@ -88,14 +89,16 @@ class Report:
     Parameters
     ----------
     rows: every figure
-    tables: summaries of the rows
+    tables: summaries of the rows, short enough for a screen
     notes: sentences that explain the tables
+    details: further tables, for pages only
     quick: whether the measurement was shortened
     """
 
     rows: tuple[Row, ...]
     tables: tuple[Table, ...] = ()
     notes: tuple[str, ...] = ()
+    details: tuple[Table, ...] = ()
     quick: bool = False
 
     def as_json(self) -> dict[str, object]:
@@ -110,13 +113,16 @@ class Report:
         """Rows that have a target."""
         return tuple(row for row in self.rows if row.target is not None)
 
+    def listed(self) -> tuple[Row, ...]:
+        """Rows to print one by one: those with a target, or all where no table sums them up."""
+        return self.judged() if self.tables else self.rows
+
 
 def row_as_json(row: Row) -> dict[str, object]:
-    """Entry of a row in JSON; a value that is not finite is null."""
-    value = row.value if row.value is not None and math.isfinite(row.value) else None
+    """Entry of a row in JSON."""
     entry: dict[str, object] = {
         "name": row.name,
-        "value": value,
+        "value": row.value,
         "unit": row.unit,
         "target": None if row.target is None else str(row.target),
         "met": row.met,
@@ -134,36 +140,103 @@ def machine() -> dict[str, object]:
     }
 
 
+def measured(
+    name: Name, value: float | None, unit: str, target: Bounds | None = None, note: str = ""
+) -> Row:
+    """Figure with or without a target.
+
+    Parameters
+    ----------
+    name: subject from the general to the particular, then the score
+    value: of the figure; a number that is not finite counts as not measured
+    unit: of the value; empty for a ratio
+    target: bounds that are asked for; bounds that are all infinite ask for nothing
+    note: the reason why there is no value
+    """
+    *subject, score = (name,) if isinstance(name, str) else name
+    finite = float(value) if value is not None and math.isfinite(value) else None
+    return Row(tuple(subject), score, finite, unit, None if target == Bounds() else target, note)
+
+
 def within(
     name: Name, value: float | None, unit: str, low: float, high: float, note: str = ""
 ) -> Row:
     """Figure that has to lie between two bounds."""
-    return _row(name, value, unit, Bounds(low, high), note)
+    return measured(name, value, unit, Bounds(low, high), note)
 
 
 def at_least(name: Name, value: float | None, unit: str, low: float, note: str = "") -> Row:
-    """Figure that has to reach a bound."""
-    return _row(name, value, unit, Bounds(low=low), note)
+    """Figure that has to reach a bound; without a finite one it is only reported."""
+    return measured(name, value, unit, Bounds(low=low), note)
 
 
 def at_most(name: Name, value: float | None, unit: str, high: float, note: str = "") -> Row:
     """Figure that must not exceed a bound; without a finite one it is only reported."""
-    return _row(name, value, unit, Bounds(high=high) if math.isfinite(high) else None, note)
+    return measured(name, value, unit, Bounds(high=high), note)
 
 
 def reported(name: Name, value: float | None, unit: str, note: str = "") -> Row:
     """Figure without a target."""
-    return _row(name, value, unit, None, note)
+    return measured(name, value, unit, None, note)
 
 
-def _row(name: Name, value: float | None, unit: str, target: Bounds | None, note: str) -> Row:
-    *subject, score = (name,) if isinstance(name, str) else name
-    number = None if value is None else float(value)
-    return Row(tuple(subject), score, number, unit, target, note)
+def values(rows: Iterable[Row]) -> dict[tuple[str, ...], float | None]:
+    """Value of each row by its subject and score."""
+    return {(*row.subject, row.score): row.value for row in rows}
 
 
-def table_lines(table: Table, width: int = SCREEN_WIDTH) -> Iterator[str]:
+def number(value: float | None, form: str = ".3g") -> str:
+    """Value as a cell of a table; a dash where there is none."""
+    return "–" if value is None else format(value, form)
+
+
+def score_table(rows: Iterable[Row], column: Callable[[Row], str], title: str = "") -> Table:
+    """Table with a line for each score and a column for each case.
+
+    Parameters
+    ----------
+    rows: figures; a score has one unit throughout
+    column: heading of the column of a row
+    title: what the table shows
+    """
+    rows = list(rows)
+    columns = dict.fromkeys(map(column, rows))
+    units = {row.score: row.unit for row in rows}
+    cells = {(row.score, column(row)): number(row.value) for row in rows}
+    return Table(
+        header=("score", *columns),
+        lines=tuple(
+            (f"{score} [{unit}]" if unit else score, *(cells.get((score, c), "–") for c in columns))
+            for score, unit in units.items()
+        ),
+        title=title,
+    )
+
+
+def rows_table(rows: Iterable[Row]) -> Table:
+    """Rows as a table: name, value, unit, target, verdict, and notes where there are any."""
+    rows = list(rows)
+    noted = any(row.note for row in rows)
+    return Table(
+        header=("figure", "value", "unit", "target", "met", "note")[: 6 if noted else 5],
+        lines=tuple(
+            (
+                row.name,
+                number(row.value, ".4g"),
+                row.unit,
+                "" if row.target is None else str(row.target),
+                {None: "", True: "yes", False: "no"}[row.met],
+                row.note,
+            )[: 6 if noted else 5]
+            for row in rows
+        ),
+    )
+
+
+def table_lines(table: Table, width: float = SCREEN_WIDTH) -> Iterator[str]:
     """Table as text, in as many blocks of columns as a line of that width needs."""
+    if table.title:
+        yield table.title
     cells = (table.header, *table.lines)
     sizes = [max(len(line[column]) for line in cells) for column in range(len(table.header))]
     first = 1
@@ -179,29 +252,37 @@ def table_lines(table: Table, width: int = SCREEN_WIDTH) -> Iterator[str]:
         first = last
 
 
+def report_lines(report: Report) -> Iterator[str]:
+    """Report as text for a screen: tables, notes and figures."""
+    for table in report.tables:
+        yield from table_lines(table)
+    for note in report.notes:
+        yield from (*textwrap.wrap(note, SCREEN_WIDTH), "")
+    if report.listed():
+        yield from table_lines(rows_table(report.listed()), math.inf)
+
+
+def print_report(report: Report) -> None:
+    """Print a report on the screen."""
+    for line in report_lines(report):
+        print(line)
+
+
+def report_markdown(report: Report) -> Iterator[str]:
+    """Report as lines of Markdown for a page: notes, tables, figures and details."""
+    for note in report.notes:
+        yield from (note, "")
+    for table in report.tables:
+        yield from (*markdown(table), "")
+    if report.listed():
+        yield from (*markdown(rows_table(report.listed())), "")
+    for table in report.details:
+        yield from (*markdown(table), "")
+
+
 def markdown(table: Table) -> Iterator[str]:
     """Table as lines of Markdown."""
-    yield _markdown_line(table.header)
-    yield "|" + "---|" * len(table.header)
-    yield from map(_markdown_line, table.lines)
-
-
-def _markdown_line(cells: Iterable[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def rows_table(rows: Iterable[Row]) -> Table:
-    """Rows as a table: name, value, unit, target, verdict."""
-    return Table(
-        header=("figure", "value", "unit", "target", "met"),
-        lines=tuple(
-            (
-                row.name,
-                row.note or "–" if row.value is None else f"{row.value:.4g}",
-                row.unit,
-                "" if row.target is None else str(row.target),
-                {None: "", True: "yes", False: "no"}[row.met],
-            )
-            for row in rows
-        ),
-    )
+    if table.title:
+        yield from (f"{table.title}:", "")
+    for line in (table.header, ("---",) * len(table.header), *table.lines):
+        yield f"| {' | '.join(line)} |"
