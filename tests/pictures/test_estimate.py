@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from chromagrip.cli.estimate import estimate
 from msgspec.structs import asdict, replace
 
 from chromagrip.cli.calibrate import calibrate_sensor
-from chromagrip.cli.estimate import estimate
 from chromagrip.errors import UserError
 from chromagrip.loop.poses import Pose, settle
 from chromagrip.model import ContactObject, contact_forces, equilibrium
