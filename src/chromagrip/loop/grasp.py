@@ -207,4 +207,4 @@ def known_sensor(scene: Scene) -> SensorCalibration:
     if scene.calibration:
         return load_calibration(scene.calibration)
     known = nominal_calibration(scene.build_sensor(), scene.fingertip.model)
-    return replace(known, readout=shipped_readout(scene.sensor))
+    return replace(known, name=scene.sensor, readout=shipped_readout(scene.sensor))

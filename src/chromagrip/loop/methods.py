@@ -9,6 +9,7 @@ from ..by_name import Choice, name_of
 from ..control import Controller
 from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Scene
+from ..tracking import AUTOMATIC, DEFAULT_RECONSTRUCTOR
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +50,8 @@ class Methods:
 def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
     """Scene that names the chosen methods, and the methods themselves.
 
+    The reconstructor `auto` of a camera path is replaced with the name of the one it stands for.
+
     Parameters
     ----------
     scene: whose methods are taken where none is chosen
@@ -61,6 +64,9 @@ def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
     """
     chosen = {kind: choice for kind, choice in choices.items() if choice is not None}
     names: dict[str, Any] = {kind: name_of(choice) for kind, choice in chosen.items()}
+    reconstructor = names.get("reconstructor", scene.reconstructor)
+    if scene.path == "camera" and reconstructor == DEFAULT_RECONSTRUCTOR:
+        names["reconstructor"] = AUTOMATIC
     if "controller" in chosen:
         names["controller_arguments"] = {}
     scene = msgspec.structs.replace(scene, **names)

@@ -18,13 +18,14 @@ from threadpoolctl import threadpool_limits
 
 from ..by_name import Choice
 from ..control import Controller
-from ..errors import UserError
+from ..errors import UserError, located
 from ..extras import need, require
 from ..output.folder import prepare
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
+from ..tracking import SensorCalibration, check_reconstructor
 from .camera import SimulatedCamera
-from .grasp import Sample, grasp, open_camera
+from .grasp import Sample, grasp, known_sensor, open_camera
 from .methods import Methods, choose
 from .trace import COLUMNS, Summary, Trace, make_trace, row, summarise
 
@@ -97,27 +98,33 @@ def run(
         renderer=renderer,
     )
     methods.build_controller(scene)  # a controller that cannot be made leaves no folder
+    known = None
+    if scene.path == "camera" and not scene.build_sensor().shape.flat:
+        with located(f"sensor {scene.sensor}"):
+            known = known_sensor(scene)
+            check_reconstructor(methods.reconstructor, known)
     if out is not None:
         require("data", "video", purpose="writing a run folder")
     with closing(open_camera(scene, methods)) as camera, threadpool_limits(1):
         # One thread: frames are small, and runs are made side by side.
         cv2.setNumThreads(1)
         if out is None:
-            return _record(scene, methods, camera, None, progress)
+            return _record(scene, methods, camera, known, None, progress)
         with RunFiles(Path(out), overwrite, scene) as files:
-            return _record(scene, methods, camera, files, progress)
+            return _record(scene, methods, camera, known, files, progress)
 
 
 def _record(
     scene: Scene,
     methods: Methods,
     camera: SimulatedCamera,
+    known: SensorCalibration | None,
     files: "RunFiles | None",
     progress: Progress | None,
 ) -> Result:
     """Run the loop, and keep what it gave however it ends."""
     rows = array("d")
-    samples = grasp(scene, camera, methods=methods)
+    samples = grasp(scene, camera, known=known, methods=methods)
     seconds = 0.0
     try:
         while True:
