@@ -4,7 +4,7 @@ from .chain.assembly import check_fit
 from .chain.drive import Drive
 from .chain.ensemble import Ensemble, rest_ensemble, step_many
 from .chain.fingertip import REFERENCE_NODES, Fingertip, SpringLaw
-from .chain.integrators import INTEGRATORS, Method, explicit_limit, simulate
+from .chain.integrators import INTEGRATORS, Integrator, Method, explicit_limit, simulate
 from .chain.metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
 from .chain.plant import History, step, steps
 from .chain.state import Deformation, State, load_state, rest_state, save_state
@@ -42,6 +42,7 @@ __all__ = [
     "ForceField",
     "FrictionReading",
     "History",
+    "Integrator",
     "LostContactError",
     "Method",
     "ModelError",
