@@ -31,6 +31,7 @@ from ..model import (
 )
 from ..render import RENDERERS, Defects, SensorDesign, load_sensor
 from ..strict_toml import Table, convert, read_toml
+from ..thesis import LOAD_TIMES_S, LOADS_N
 from .actuator import ActuatorSettings
 from .controllers import CONTROLLERS
 
@@ -97,8 +98,8 @@ class LoadSettings(Table, frozen=True):
     `interpolation` says; a sine of `sine_n` and `sine_hz` is added from the first time on.
     """
 
-    times_s: tuple[NotNegative, ...] = (0.04, 1.0)
-    forces_n: tuple[Force, ...] = (0.25, 0.65)
+    times_s: tuple[NotNegative, ...] = LOAD_TIMES_S
+    forces_n: tuple[Force, ...] = LOADS_N
     interpolation: Literal["hold", "linear"] = "hold"
     sine_n: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
     sine_hz: Positive = 1.0
