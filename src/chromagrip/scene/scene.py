@@ -41,6 +41,9 @@ Part = Annotated[float, Meta(ge=0.0, lt=1.0)]
 Force = Annotated[float, Meta(ge=-100.0, le=100.0)]
 Friction = Annotated[float, Meta(gt=0.0, le=5.0)]
 
+#: Settings of controllers that are grip forces.
+GRIP_KEYS = ("force_n", "start_n", "step_n", "feedforward_n", "floor_n", "ceiling_n")
+
 PathName = Literal["camera", "truth"]
 
 
@@ -264,9 +267,9 @@ class Scene(Table, frozen=True):
             return
         settings = getattr(self, self._settings_name)
         limit = largest_grip(self.build_fingertip(), self.build_object())
-        for key in settings.__struct_fields__:
-            force = getattr(settings, key)
-            if key.endswith("_n") and force > limit:
+        for key in GRIP_KEYS:
+            force = getattr(settings, key, 0.0)
+            if force > limit:
                 raise UserError(
                     f"{self._settings_name}.{key} = {force:g} must be at most {limit:.3g}, the "
                     "grip that presses the whole fingertip flat"
