@@ -63,7 +63,7 @@ def main(count: int, folder: Path) -> None:
             y.append(sequence.frames["margin"][contact])
     x, y = np.concatenate(x), np.concatenate(y)
     x += NOISE * np.random.default_rng(0).standard_normal(x.shape)
-    network = MLPRegressor((128, 64), early_stopping=True, random_state=0)
+    network = MLPRegressor(hidden_layer_sizes=(128, 64), early_stopping=True, random_state=0)
     model = make_pipeline(PCA(40, whiten=True, random_state=0), network).fit(x, y)
     for name, sequences in tests.items():
         read = [(*tracked(sequence), sequence.frames["margin"]) for sequence in sequences]
