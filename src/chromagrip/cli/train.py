@@ -9,6 +9,7 @@ import tyro
 from rich.console import Console
 
 from ..errors import UserError, located
+from ..extras import require
 from .options import Flag, option, telling
 
 
@@ -31,6 +32,7 @@ def train(
 
     Interrupted, it goes on where it was when it is called again; needs the extra `learn`.
     """
+    require("learn")
     for name, value, least in (
         ("histories", histories, 500), ("epochs", epochs, 1), ("workers", workers, 1)
     ):  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from ...extras import require
 from ...loop.grasp import grasp, open_camera
 from ...model import ContactObject, Fingertip, equilibrium
 from ...output.rows import Row, at_least, at_most, reported
@@ -43,6 +44,7 @@ def bench_render(quick: bool, progress: Callable[[str], None]) -> list[Row]:
     quick: fewer repeats and poses
     progress: told what is being measured
     """
+    require("images")
     sensor = load_sensor("thesis")
     with threadpool_limits(1):
         cv2.setNumThreads(1)
