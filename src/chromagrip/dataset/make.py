@@ -71,6 +71,7 @@ def make(
         For a folder of another recipe, a sequence that cannot be made, or a cluster that is not
         there.
     """
+    require("data")
     first, step = shard
     wanted = range(first - 1, recipe.sequences, step)
     if not wanted:
@@ -103,6 +104,7 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
         When the shards are of other recipes or versions, hold a sequence twice, or are not whole
         or not what they were.
     """
+    require("data")
     recipe = open_recipe(folders[0])
     manifests = [read_manifest(folder) for folder in folders]
     seen: dict[str, Path] = {}
