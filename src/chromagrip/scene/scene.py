@@ -12,11 +12,10 @@ import numpy as np
 import tomli_w
 from msgspec import Meta
 
-from ..by_name import make
 from ..control import Controller
 from ..errors import UserError
 from ..model import ContactObject, Fingertip, SpringLaw, stiffness_from_young
-from ..model.chain.chain import contact
+from ..model.chain.assembly import contact
 from ..render import RENDERERS, Defects, SensorDesign, load_sensor
 from ..strict_toml import Table, convert
 from .actuator import ActuatorSettings
@@ -270,7 +269,7 @@ class Scene(Table, frozen=True):
         """
         if self.controller not in CONTROLLERS.entries:
             controller: Controller
-            controller = make("controller", self.controller, CONTROLLERS.load(self.controller))
+            controller = CONTROLLERS.build(self.controller)
             return controller
         made: Controller = getattr(self, self.controller.replace("-", "_")).build()
         return made
