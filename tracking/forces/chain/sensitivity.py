@@ -1,15 +1,15 @@
-"""What the markers of a sensor do when the chain moves: prediction and its exact derivative."""
+"""Response of a sensor's markers to a motion of the chain: prediction and its exact derivative."""
 
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....errors import UserError
 from ....render import SensorDesign
 from ....render.harmonics import harmonic_map
 from ....render.membrane import Membrane, outline_axes
 from ....render.outlines import areas, centroids, outlines
+from ..calibration import check_markers
 
 Array = NDArray[np.float64]
 
@@ -25,11 +25,7 @@ class MarkerResponse:
     """
 
     def __init__(self, sensor: SensorDesign, places: Array, nodes: int | Array) -> None:
-        if sensor.markers.stretch or sensor.markers.swell_mm or sensor.markers.form != "disc":
-            raise UserError(
-                "forces are read from stiff discs only: markers.form = 'disc', markers.stretch = 0 "
-                "and markers.swell_mm = 0"
-            )
+        check_markers(sensor)
         self._view, skin = sensor.view, sensor.shape
         self._half_sizes = sensor.half_sizes
         self._layers = [
