@@ -275,7 +275,7 @@ def calibration_table(
 def save_calibration(
     calibration: SensorCalibration, sensor: str, report: FitReport, path: Path
 ) -> None:
-    """Write a calibration file, see `calibration_table`; a design's file is named relative to it."""
+    """Write a calibration file; a design's file is named relative to it."""
     if sensor.endswith(".toml"):
         sensor = os.path.relpath(sensor, path.parent)
     table = calibration_table(calibration, sensor, report)
