@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from chromagrip.cli.estimate import estimate
 from msgspec.structs import asdict, replace
 
 from chromagrip.cli.calibrate import calibrate_sensor
-from chromagrip.cli.estimate import estimate
 from chromagrip.errors import UserError
 from chromagrip.loop.poses import Pose, settle
 from chromagrip.model import ContactObject, contact_forces, equilibrium
@@ -240,7 +240,11 @@ def shifted(image: np.ndarray) -> np.ndarray:
         ({"calibration": "nobody"}, None, "no calibration 'nobody'"),
         ({"calibration": "thesis", "reconstructor": "wish"}, None, "no reconstructor 'wish'"),
         ({"calibration": "thesis", "friction": "luck"}, None, "no friction reading 'luck'"),
-        ({"calibration": "thesis", "tracker": "lk"}, None, "tracker 'lk' does not tell how"),
+        (
+            {"calibration": "thesis", "tracker": "lk"},
+            None,
+            "tracker 'lk' does not estimate the covariances",
+        ),
         ({"calibration": "thesis", "window": 0.0}, None, "--window 0.0"),
     ],
 )

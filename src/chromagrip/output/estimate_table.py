@@ -2,7 +2,10 @@
 
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..extras import need
 
@@ -56,6 +59,8 @@ VALUES = {
 #: So many rows make a row group, which is written when it is full.
 _GROUP = 1000
 
+#: A frame's values by column; None is null.
+Row = dict[str, float | str | NDArray[np.float32] | None]
 Columns = dict[str, tuple[str, str]]
 
 
@@ -79,7 +84,7 @@ class EstimateTable:
         fields = [pa.field(name, kinds.get(kind, kind)) for name, (kind, _) in columns.items()]
         self._schema = pa.schema(fields, metadata=meaning)
         self._writer = pq.ParquetWriter(self._part, self._schema)
-        self._rows: list[dict[str, Any]] = []
+        self._rows: list[Row] = []
 
     def __enter__(self) -> Self:
         """Use as a context: closed and renamed even after an interruption."""
@@ -96,7 +101,7 @@ class EstimateTable:
         self._writer.close()
         self._part.replace(self._path)
 
-    def add(self, row: dict[str, Any]) -> None:
+    def add(self, row: Row) -> None:
         """Append a frame's row; None is null."""
         self._rows.append(row)
         if len(self._rows) == _GROUP:

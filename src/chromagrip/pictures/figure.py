@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +14,7 @@ from ..control import GripObservation
 from ..loop.figure import ESTIMATED, LOAD, TRUE, finish
 from ..loop.tactile_video import ARROW, MAGNIFY
 from ..model import REFERENCE_NODES
+from ..output.estimate_table import Row
 from ..render import View
 from ..tracking import Tracks
 from .overlay import Canvas
@@ -25,7 +25,7 @@ _TEXT, _FORCE, _MOTION, _LOST = (20, 20, 20), (30, 60, 200), (0, 130, 60), (215,
 _BAR, _BAND = (90, 150, 90), (190, 220, 190)
 
 
-def draw_figure(rows: list[dict[str, Any]], flat: bool, path: Path) -> None:
+def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
     """Write forces, µ and Γ with their intervals over time to a PNG, or displacements of a pad."""
     time = _column(rows, "time_s")
     panels: list[tuple[str, list[tuple[str, str, str]]]] = (
@@ -62,14 +62,14 @@ def draw_figure(rows: list[dict[str, Any]], flat: bool, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _column(rows: list[dict[str, Any]], name: str) -> NDArray[np.float64]:
-    found = [row.get(name) for row in rows]
-    return np.array([math.nan if value is None else value for value in found])
+def _column(rows: list[Row], name: str) -> NDArray[np.float64]:
+    values = [row.get(name) for row in rows]
+    return np.array([value if isinstance(value, float) else math.nan for value in values])
 
 
 def _curve(
     axes: Axes,
-    rows: list[dict[str, Any]],
+    rows: list[Row],
     time: NDArray[np.float64],
     name: str,
     unit: str,
