@@ -1,13 +1,13 @@
 """Renderers by name: ours, installed plug-ins, and anybody's `module:Class`."""
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...by_name import Choice, Registry, make
+from ...by_name import Choice, Registry, describe, name_of
+from ...errors import UserError
 from ..design.sensor import SensorDesign
 from ..membrane import Membrane
 
@@ -58,10 +58,15 @@ def open_renderer(
         When there is none of that name, or it cannot be imported or made, as pyrender where no
         OpenGL context can be opened.
     """
-    factory = partial(RENDERERS.load(choice, arguments), sensor)
+    factory = RENDERERS.load(choice, arguments)
     renderer: Renderer
-    if isinstance(choice, str) and choice in RENDERERS.entries:
-        renderer = factory()
-    else:
-        renderer = make("renderer", getattr(choice, "__name__", str(choice)), factory)
+    if choice in RENDERERS.entries:
+        renderer = factory(sensor)
+        return renderer
+    try:
+        renderer = factory(sensor)
+    except (Exception, SystemExit) as reason:  # a plug-in may raise anything
+        raise UserError(
+            f"renderer {name_of(choice)!r} cannot be made: {describe(reason)}"
+        ) from reason
     return renderer
