@@ -33,7 +33,7 @@ NOISE = 2.0
 #: Dark dots, not in a row so that no two are alike [px].
 DOTS = np.stack(np.meshgrid(np.arange(30, 220, 36), np.arange(30, 160, 36)), -1).reshape(-1, 2)
 DOTS = DOTS + np.random.default_rng(5).uniform(-3.0, 3.0, DOTS.shape)
-DOC = Path(__file__).parents[2] / "docs" / "marker-tracking.md"
+DOC = Path(__file__).parents[2] / "docs" / "extend.md"
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +47,7 @@ def _signal_handler() -> Iterator[None]:
 def nearest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The tracker that the documentation shows."""
     text = DOC.read_text(encoding="utf-8")
-    code = re.search(r"```python\n(.*?)```", text, re.DOTALL)
+    code = re.search(r"```python\n(# my_tracker\.py\n.*?)```", text, re.DOTALL)
     assert code is not None
     (tmp_path / "my_module.py").write_text(code[1], encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
@@ -412,10 +412,12 @@ class Failing:
 def test_an_exit_of_a_tracker_is_its_failure(film: Path, nearest: str, tmp_path: Path) -> None:
     """Not the end of the program, which would look like success."""
     tracker = functools.partial(Failing, load_tracker(nearest), SystemExit(0))
-    outcome = track_source("first", str(film), palette="dark-dots", tracker=tracker, out=tmp_path)
+    outcome = track_source(
+        "first", str(film), palette="dark-dots", tracker=tracker, out=tmp_path / "out"
+    )
     assert outcome.broken is not None
     assert re.match(r"tracker '.*:Failing' failed: SystemExit: 0; .* 2 frames", outcome.broken)
-    summary, columns, _ = read(tmp_path)
+    summary, columns, _ = read(tmp_path / "out")
     assert (summary["frames"], summary["complete"]) == (2, False)
     assert summary["ended"] == outcome.broken
     assert columns["frame"].max() == 1
@@ -424,9 +426,9 @@ def test_an_exit_of_a_tracker_is_its_failure(film: Path, nearest: str, tmp_path:
 def test_a_bug_of_a_tracker_is_shown_as_one(film: Path, nearest: str, tmp_path: Path) -> None:
     tracker = functools.partial(Failing, load_tracker(nearest), ValueError("a bug"))
     with pytest.raises(ValueError, match="a bug") as raised:
-        track_source("first", str(film), palette="dark-dots", tracker=tracker, out=tmp_path)
+        track_source("first", str(film), palette="dark-dots", tracker=tracker, out=tmp_path / "out")
     assert not isinstance(raised.value, UserError)
-    summary, _, _ = read(tmp_path)
+    summary, _, _ = read(tmp_path / "out")
     assert (summary["frames"], summary["complete"]) == (2, False)
     assert summary["ended"] == "ValueError: a bug"
 
