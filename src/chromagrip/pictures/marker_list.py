@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..output.pictures import Image, read_picture
-from ..tracking import Markers, Palette, detect_markers, load_palette
-from ..tracking.detection import join_layers
+from ..tracking import Markers, Palette, detect_markers, join_layers, load_palette
 
 
 class MarkerRow(TypedDict):

@@ -10,8 +10,7 @@ import numpy as np
 from ..errors import UserError
 from ..output.pictures import Source, open_source
 from ..render import Frame
-from ..tracking import Palette, detect_markers
-from ..tracking.detection import join_layers
+from ..tracking import Palette, detect_markers, join_layers
 
 #: So many frames of a folder or a video of the sensor at rest are averaged.
 MEAN_OF = 8
