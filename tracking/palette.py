@@ -91,17 +91,17 @@ def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
     UserError
         When there is no such palette, or the file has a key or value that is not allowed.
     """
-    what = f"palette {name}"
+    title = f"palette {name}"
     if name in palette_names():
         text = (files(__package__) / "palettes" / f"{name}.toml").read_text(encoding="utf-8")
-        return _palette(convert(parse_toml(text, what), PaletteTable, what))
+        return _palette(convert(parse_toml(text, title), PaletteTable, title))
     if name not in sensor_names():
         if not name.endswith(".toml"):
             known = ", ".join([*palette_names(), *sensor_names()])
             raise UserError(f"no palette {name!r}; there is {known}, or give a .toml file")
-        values = read_toml(Path(name), what)
+        values = read_toml(Path(name), title)
         if "skin" not in values:
-            return _palette(convert(values, PaletteTable, what))
+            return _palette(convert(values, PaletteTable, title))
     return Palette.of_sensor(load_sensor(name))
 
 

@@ -54,12 +54,12 @@ def find_spots(density: Single, field: NDArray[np.bool_], parted: bool) -> Spots
     clean: Any = cv2.medianBlur(density * field, 3)
     dyed = clean[clean > _FAINTEST]
     inside = float(np.percentile(dyed, _INSIDE)) if len(dyed) else 0.0
-    found = [
+    spots = [
         _plausible(clean, field, max(edge * inside, _FAINTEST))
         for edge in (_EDGES if parted else _EDGES[:1])
     ]
     # The lowest of the edges that give the most spots.
-    best = max(found, key=lambda spots: len(spots[1]))
+    best = max(spots, key=lambda labels_areas: len(labels_areas[1]))
     return Spots(*best, density=inside)
 
 

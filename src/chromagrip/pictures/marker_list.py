@@ -1,4 +1,4 @@
-"""The markers of a single picture as a list, layers that lie on each other paired."""
+"""Markers of a single picture as a list; those of two layers that lie on each other are pairs."""
 
 from dataclasses import dataclass
 from pathlib import Path
