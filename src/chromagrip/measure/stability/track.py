@@ -103,7 +103,7 @@ DIALS = {
         label="green that yellow takes, told 1 %",
         unit="",
         values=(0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5),
-        conditions=lambda v: Conditions(text="", crosstalk=v, told_crosstalk=0.01),
+        conditions=lambda v: Conditions(text="", crosstalk=v, stated_crosstalk=0.01),
     ),
     "jpeg": Dial(
         label="JPEG quality",
