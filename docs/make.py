@@ -151,9 +151,10 @@ def reproduction(plan: Plan = REPRODUCED) -> None:
     _, sections = reproduce(parts, plan, folder, True, os.cpu_count() or 1, print)
     verdicts = tuple((s.heading, s.verdict, s.sentence) for s in sections)
     lines = [
-        "The values that the thesis prints are in `fixtures/thesis/printed.toml`. It has no data",
-        "of its figures: numbers and sentences are compared, and curves by their shape only.",
-        "`chromagrip reproduce appendix-b` is about Figs. 20 to 27: see `node-models.md`.",
+        "The values that the thesis prints are in `src/chromagrip/measure/reproduce/printed.toml`.",
+        "It has no data of its figures: numbers and sentences are compared, and curves by their",
+        "shape only. `chromagrip reproduce appendix-b` is about Figs. 20 to 27: see",
+        "`node-models.md`.",
         "",
         *markdown(Table(("", "verdict", ""), verdicts)),
     ]

@@ -28,7 +28,7 @@ AXES = (
 #: What is combined, the default first; only trackers that measure sizes, without which no
 #: reconstructor reads a normal force.
 _TRACKERS = ("fit", "thrifty", "sparse")
-_RECONSTRUCTORS = ("sequential", "gp", "tikhonov", "stiffness")
+_RECONSTRUCTORS = ("sequential", "gp", "stiffness")
 
 
 def settings(quick: bool) -> dict[str, dict[str, Any]]:
