@@ -98,10 +98,10 @@ class Press:
     Attributes
     ----------
     fingertip, mu: of the contact
-    seen: node displacements relative to the camera [m], shape (N, 2)
+    displacement: node displacements relative to the camera [m], shape (N, 2)
     field: contact forces
-    moves: change of `seen` by a prior standard deviation of (µ, curvature, log k_c, grip, load,
-        four histories) [m], shape (N, 2, 9)
+    moves: change of `displacement` by a prior standard deviation of (µ, curvature, log k_c, grip,
+        load, four histories) [m], shape (N, 2, 9)
     sums: change of (ΣFn, signed ΣFf) by each of them [N], shape (2, 9)
     nodes: indices of the nodes in contact, shape (K,)
     axes: the object's normal and tangent at them, pointing as the forces on the node do, (K, 2, 2)
@@ -109,7 +109,7 @@ class Press:
 
     fingertip: Fingertip
     mu: float
-    seen: Array
+    displacement: Array
     field: ForceField
     moves: Array
     sums: Array
@@ -184,7 +184,7 @@ def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) ->
     return Press(
         fingertip=fingertip,
         mu=obj.friction,
-        seen=state.deformation.seen,
+        displacement=state.deformation.seen,
         field=contact_forces(fingertip, obj, state),
         moves=np.stack([(up[0] - down[0]) / span for down, up, span in ends], axis=-1),
         sums=np.stack([(up[1] - down[1]) / span for down, up, span in ends], axis=-1),
@@ -302,20 +302,20 @@ def _response(
     moves: to `pressed.moves`, shape (Y, 9)
     """
     tip, nodes = pressed.fingertip, pressed.nodes
-    at_rest, now = _rest_covariance(sensor), pair_covariance(sensor, pressed.seen)
+    at_rest, now = _rest_covariance(sensor), pair_covariance(sensor, pressed.displacement)
     covariance = noise**2 * (now / frames + at_rest / rest_frames)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     loads = np.zeros((tip.nodes, 2, 2, len(nodes)))
     loads[nodes, :, :, np.arange(len(nodes))] = np.swapaxes(pressed.axes, -1, -2)
-    forced = chain_compliance(tip, pressed.seen, loads.reshape(tip.nodes, 2, -1), _BLUNT)
+    forced = chain_compliance(tip, pressed.displacement, loads.reshape(tip.nodes, 2, -1), _BLUNT)
     response = MarkerResponse(sensor, np.stack([sensor.places] * 2), tip.angles())
-    _, derivative = response(pressed.seen, np.concatenate([forced, pressed.moves], axis=-1))
+    _, derivative = response(pressed.displacement, np.concatenate([forced, pressed.moves], axis=-1))
     white = (whiten @ derivative).reshape(-1, derivative.shape[-1])
     count = 2 * len(nodes)
     return np.moveaxis(white[:, :count].reshape(len(white), 2, -1), 1, 0), white[:, count:]
 
 
-def pair_covariance(sensor: SensorDesign, seen: Array) -> Array:
+def pair_covariance(sensor: SensorDesign, displacement: Array) -> Array:
     """Cramér–Rao bound of (x, y, log size) of both layers' markers, (M, 6, 6), at noise 1 level.
 
     An invisible marker is infinitely uncertain.
@@ -323,9 +323,9 @@ def pair_covariance(sensor: SensorDesign, seen: Array) -> Array:
     Parameters
     ----------
     sensor: design, with disc markers
-    seen: node displacements relative to the camera [m], shape (N, 2)
+    displacement: node displacements relative to the camera [m], shape (N, 2)
     """
-    shapes, inverses = marker_shapes(sensor, MembraneMap(sensor, len(seen))(seen))
+    shapes, inverses = marker_shapes(sensor, MembraneMap(sensor, len(displacement))(displacement))
     information = pair_information(
         shapes,
         inverses,

@@ -96,21 +96,21 @@ def measure(progress: Callable[[str], None]) -> list[Measured]:
 
 
 def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
-    """Measure the table and write it; what was there stays until the new one is whole.
+    """Measure the table and write it; what was there stays until the new one is complete.
 
     Raises
     ------
     UserError
         When it cannot be written.
     """
-    found = measure(progress)
+    table = measure(progress)
     part = path.with_suffix(".part")
     try:
-        write_cells(found, part)
+        write_cells(table, part)
         part.replace(path)
     except OSError as error:
         raise UserError(f"{path} cannot be written: {error.strerror}") from None
-    return found
+    return table
 
 
 def margin_error(trace: Trace) -> float:

@@ -197,7 +197,6 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
     rest = rest_membrane(sensor, flaws.places)
     at_rest = imaging(painter.render(_without(rest, absent)), 0)
     gone = absent | _vanished(absent, c.vanishing)
-    ground = _ground(sensor)
     shots = []
     path = motion(
         sensor,
@@ -216,13 +215,7 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
         _cover(clean, patch)
         centre = _centres(sensor, moved)
         covered, partly = _behind(centre, _radius(sensor), patch)
-        limit = np.full(centre.shape, np.nan)
-        if limits:
-            gain = light[..., None] * _camera_gain(c.defects, k)
-            limit = position_limits(
-                sensor, membrane, ground * gain, c.noise,
-                defocus=c.defocus_px, contrast=c.contrast,
-            )  # fmt: skip
+        limit = _limits(c, k, sensor, membrane, light) if limits else np.full_like(centre, np.nan)
         image = imaging(clean, k)
         hue = _hues(image, outlines(membrane, sensor.view)[0])
         add_noise(image, c.noise, _SEED, k)
@@ -246,6 +239,14 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
         distance=_distance(rest),
         radius=_radius(sensor),
         shots=shots,
+    )
+
+
+def _limits(c: Conditions, k: int, sensor: SensorDesign, membrane: Membrane, light: Array) -> Array:
+    """Cramér–Rao bounds of the markers of a frame [px], shape (2, M, 2)."""
+    ground = _ground(sensor) * (light[..., None] * _camera_gain(c.defects, k))
+    return position_limits(
+        sensor, membrane, ground, c.noise, defocus=c.defocus_px, contrast=c.contrast
     )
 
 
