@@ -16,7 +16,7 @@ import chromagrip
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(chromagrip.__path__[0])
-GROUND = ("by_name", "compiled", "errors", "strict_toml")
+GROUND = ("by_name", "compiled", "errors", "strict_toml", "thesis")
 #: Rooms from the lowest to the highest, each with the rooms that it may import. The modules of the
 #: ground floor may be imported everywhere and import nothing of ours but each other.
 MAY_IMPORT = {
