@@ -5,6 +5,8 @@ import subprocess
 import sys
 from functools import lru_cache
 
+from ...extras import missing
+
 #: Command that installs what Debian lacks for an off-screen context.
 MEND = "sudo apt-get install libegl1 libgl1 libgl1-mesa-dri libxrender1"
 
@@ -26,6 +28,9 @@ def prepare() -> None:
 @lru_cache(maxsize=1)
 def gl_problem() -> str | None:
     """Why there is no off-screen OpenGL, in a few words; None when there is."""
+    absent = missing("gl")
+    if absent is not None:
+        return absent
     prepare()
     try:
         probe = subprocess.run(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from ...extras import need, require
 from ..colour import encoding_table
 from ..design.sensor import SensorDesign
 from ..ground import ground_image
@@ -47,11 +48,12 @@ class MeshRenderer:
     name = "pyrender"
 
     def __init__(self, sensor: SensorDesign, oversampling: int = OVERSAMPLING) -> None:
+        require("gl")  # the probe would not name what installs it
         problem = gl_problem()
         if problem is not None:
             raise UserError(f"renderer pyrender cannot run here: {problem}; mend: {MEND}")
         prepare()
-        import pyrender  # fails without libGL even where it is not used
+        pyrender = need("pyrender", "gl")  # fails without libGL even where it is not used
 
         self._pyrender = pyrender
         self._view = sensor.view

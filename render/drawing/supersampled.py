@@ -6,8 +6,8 @@ Slow, and shares no code with the other renderers' coverage: it is what they are
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.draw import polygon
 
+from ...extras import need
 from ..colour import encode_srgb
 from ..design.sensor import SensorDesign
 from ..ground import ground_image
@@ -58,6 +58,7 @@ def supersampled_image(sensor: SensorDesign, membrane: Membrane) -> NDArray[np.u
 
 def _fine_mask(sensor: SensorDesign, corners: Array) -> NDArray[np.uint8]:
     """Samples that polygons (K, CORNERS, 2) cover, 255 there."""
+    polygon = need("skimage.draw", "images").polygon
     shape = (sensor.view.height * SAMPLES, sensor.view.width * SAMPLES)
     fine = np.zeros(shape, dtype=np.uint8)
     for outline in corners:

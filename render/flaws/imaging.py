@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...extras import need
 from ..colour import decoding_table, encode_srgb
 from ..design.sensor import SensorDesign
 from .defects import GAIN, NOISE, WHITE_BALANCE, Defects
@@ -169,8 +170,7 @@ def through_jpeg(image: Image, quality: int) -> Image:
 
 def through_h264(images: Sequence[Image], crf: int) -> list[Image]:
     """Images after H.264 in 4:2:0, as one stream; all of one shape."""
-    import av  # FFmpeg loads only where it is asked for
-
+    av = need("av", "video")
     height, width = images[0].shape[:2]
     encoder = av.CodecContext.create("libx264", "w")
     # Chroma is stored for two by two pixels.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
+from ..extras import need
 from ..model import Fingertip
 from ..render import SensorDesign
 from ..tracking.forces.chain.readout import BEND, Layers, ReadOut, forward
@@ -238,14 +238,7 @@ def _train(
 
 
 def _regressor(sizes: tuple[int, ...], batch: int) -> object:
-    try:
-        from sklearn.neural_network import MLPRegressor
-    except ImportError:
-        raise UserError(
-            "training needs scikit-learn, which the extra `learn` brings: "
-            "pip install 'chromagrip[learn]'"
-        ) from None
-    return MLPRegressor(
+    return need("sklearn.neural_network", "learn").MLPRegressor(
         hidden_layer_sizes=sizes, batch_size=batch, learning_rate_init=_RATE, alpha=1e-7,
         random_state=7,
     )  # fmt: skip

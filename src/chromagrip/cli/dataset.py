@@ -22,6 +22,7 @@ from rich.progress import (
 from rich.text import Text
 
 from ..errors import UserError
+from ..extras import need
 from .options import Flag, option
 
 Folder = Annotated[Path, tyro.conf.Positional, option("of a dataset", "DIR")]
@@ -127,12 +128,10 @@ def dataset_check(folder: Folder, *, json_only: Json = False) -> int:
 
 def dataset_info(folder: Folder, *, json_only: Json = False) -> int:
     """Summarise a dataset."""
-    import pyarrow.parquet as pq
-
     from ..dataset.folder import TABLE, open_recipe, read_manifest, tables
 
     manifest, recipe = read_manifest(folder), open_recipe(folder)
-    rows = pq.read_table(folder / TABLE).to_pylist()
+    rows = need("pyarrow.parquet", "data").read_table(folder / TABLE).to_pylist()
     states: dict[str, int] = {}
     for _, table in tables(folder, "frames", ["slip_state"]):
         for state in table["slip_state"].to_pylist():

@@ -1,13 +1,13 @@
 """What sums a dataset up: the table of its sequences, its card, and a sheet of its pictures."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
+from ..extras import need
 from ..output.pictures import read_picture
 from ..output.png import encode_png
 from .folder import (
@@ -23,6 +23,9 @@ from .folder import (
 )
 from .recipe import Recipe
 from .sequence import FRAME, MARKERS, NODES, STATES
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 #: Values of frames that are counted in bins.
 _COUNTED = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
@@ -41,12 +44,14 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     for _, table in tables(folder, "frames", columns):
         for name in columns:
             parts[name].append(table[name].combine_chunks())
+    pa = need("pyarrow", "data")
     values = {name: pa.chunked_array(parts[name]) for name in columns}
     write_whole(folder / CARD, _card(recipe, drawn, values).encode())
     write_whole(folder / SHEET, encode_png(_sheet(folder, numbers)))
 
 
-def _table(numbers: list[int], drawn: list[dict[str, Any]]) -> pa.Table:
+def _table(numbers: list[int], drawn: list[dict[str, Any]]) -> "pa.Table":
+    pa = need("pyarrow", "data")
     columns: dict[str, Any] = {"number": pa.array(numbers, pa.int64())}
     for key in sorted({key for values in drawn for key in values}):
         column = [values[key] for values in drawn]
@@ -55,7 +60,7 @@ def _table(numbers: list[int], drawn: list[dict[str, Any]]) -> pa.Table:
     return pa.table(columns)
 
 
-def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: dict[str, pa.ChunkedArray]) -> str:
+def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: "dict[str, pa.ChunkedArray]") -> str:
     counted = values.pop("slip_state").value_counts().to_pylist()
     states = {one["values"]: one["counts"] for one in counted}
     motions = [str(one.get("motion", "press")) for one in drawn]
@@ -101,7 +106,7 @@ def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: dict[str, pa.Chun
     return "\n".join(lines) + "\n"
 
 
-def _histogram(column: pa.ChunkedArray) -> list[str]:
+def _histogram(column: "pa.ChunkedArray") -> list[str]:
     values = column.to_numpy()
     there = values[np.isfinite(values)]
     if not len(there):

@@ -6,10 +6,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ..errors import UserError
+from ..extras import need
 from ..model.chain.chain import chain, contact
 from ..model.kernels.contact import contact_frames
 from ..render import View
@@ -96,6 +96,7 @@ def _wrong(folder: Path) -> Iterator[str]:
     except UserError as error:
         yield str(error)
         return
+    pq = need("pyarrow.parquet", "data")
     frames = pq.read_table(folder / "frames.parquet").to_pydict()
     markers = pq.read_table(folder / "markers.parquet")
     if list(frames) != list(FRAME):

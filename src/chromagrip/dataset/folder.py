@@ -23,15 +23,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ..errors import UserError, located
+from ..extras import need
 from ..output.pictures import read_picture
 from ..output.png import encode_png
 from ..output.versions import versions
@@ -39,6 +38,9 @@ from ..render import camera_text
 from ..scene.scene import Scene, dump_scene, load_scene, seen_from
 from .recipe import Recipe, dump_recipe, load_recipe, portable
 from .sequence import FRAME, MARKERS, NODES, Shot, sequence, shots
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 FORMAT = "chromagrip dataset 1"
 RECIPE, MANIFEST, FILES = "recipe.toml", "manifest.json", "files.json"
@@ -122,8 +124,9 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
     (part / FILES).write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n", "utf-8")
 
 
-def frame_table(rows: list[Shot]) -> pa.Table:
+def frame_table(rows: list[Shot]) -> "pa.Table":
     """Table of the frames' values."""
+    pa = need("pyarrow", "data")
     columns = {}
     for name in FRAME:
         values = [row.values[name] for row in rows]
@@ -135,11 +138,10 @@ def frame_table(rows: list[Shot]) -> pa.Table:
     return _with_meaning(pa.table(columns), FRAME)
 
 
-def marker_table(rows: list[Shot]) -> pa.Table:
+def marker_table(rows: list[Shot]) -> "pa.Table":
     """Table of the frames' markers and nodes, as lists."""
-    columns: dict[str, pa.Array] = {
-        "frame": pa.array([int(row.values["frame"]) for row in rows], pa.int32())
-    }
+    pa = need("pyarrow", "data")
+    columns = {"frame": pa.array([int(row.values["frame"]) for row in rows], pa.int32())}
     for name in MARKERS:
         columns[name] = _lists([row.markers[name] for row in rows])
     for name in NODES:
@@ -147,19 +149,21 @@ def marker_table(rows: list[Shot]) -> pa.Table:
     return _with_meaning(pa.table(columns), {"frame": FRAME["frame"], **MARKERS, **NODES})
 
 
-def _lists(values: list[Any]) -> pa.Array:
+def _lists(values: list[Any]) -> "pa.Array":
     """Lists of one length; numbers in single precision, which is 0.05 nm and 0.00006 px."""
+    pa = need("pyarrow", "data")
     stacked = np.stack(values)
     flat = stacked.ravel() if stacked.dtype == bool else stacked.astype(np.float32).ravel()
     return pa.FixedSizeListArray.from_arrays(pa.array(flat), stacked.shape[1])
 
 
-def _with_meaning(table: pa.Table, meaning: dict[str, str]) -> pa.Table:
+def _with_meaning(table: "pa.Table", meaning: dict[str, str]) -> "pa.Table":
     return table.replace_schema_metadata({name: text.encode() for name, text in meaning.items()})
 
 
-def to_parquet(table: pa.Table) -> bytes:
+def to_parquet(table: "pa.Table") -> bytes:
     """Bytes of a Parquet file."""
+    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     # Numbers never repeat, but their signs and exponents do: bytes of one rank lie together.
     split = [
         f"{field.name}.list.element"
@@ -331,6 +335,7 @@ def _changes(told: dict[str, str]) -> str:
 
 def tables(folder: Path, name: str, columns: list[str] | None = None) -> Iterator[tuple[int, Any]]:
     """A table of every sequence, `frames` or `markers`, with the sequence's number."""
+    pq = need("pyarrow.parquet", "data")
     for number in numbers_in(folder):
         path = folder / sequence_name(number) / f"{name}.parquet"
         yield number, pq.read_table(path, columns=columns)
@@ -385,6 +390,7 @@ def load_sequences(folder: Path) -> Iterator[Loaded]:
     UserError
         When the folder is no whole dataset.
     """
+    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     for name in read_manifest(folder)["sequences"]:
         where = folder / name
         told = read_json(where / FILES)
@@ -404,7 +410,7 @@ def load_sequences(folder: Path) -> Iterator[Loaded]:
         )
 
 
-def stacked(column: pa.ChunkedArray) -> NDArray[Any]:
+def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
     """Column of lists as an array, a row for each."""
     lists = column.combine_chunks()
     flat = lists.flatten().to_numpy(zero_copy_only=False)

@@ -4,17 +4,19 @@ import json
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ..errors import UserError
+from ..extras import need
 from ..output.video import VideoFile
 from .folder import Loaded, load_sequences
 from .sequence import STATES
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 CAMERA = "observation.images.tactile"
 #: What is kept of a frame, by feature.
@@ -147,6 +149,7 @@ def _write_tables(
     episodes: list[dict[str, Any]],
     tasks: list[str],
 ) -> None:
+    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     columns: dict[str, Any] = {}
     for name in parts[0]:
         values = np.concatenate([part[name] for part in parts])
@@ -163,8 +166,9 @@ def _write_tables(
         pq.write_table(table, path)
 
 
-def _tasks(tasks: list[str]) -> pa.Table:
+def _tasks(tasks: list[str]) -> "pa.Table":
     """Table of tasks, whose names pandas takes as its index."""
+    pa = need("pyarrow", "data")
     table = pa.table({"task_index": list(range(len(tasks))), "task": tasks})
     pandas = {
         "index_columns": ["task"],

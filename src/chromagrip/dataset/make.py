@@ -11,6 +11,7 @@ from typing import Any, Literal
 import msgspec
 
 from ..errors import UserError
+from ..extras import need, require
 from ..output.folder import filling, prepare
 from .card import write_card
 from .check import check_files
@@ -194,12 +195,9 @@ def _first(error: BaseException) -> str:
 
 
 def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
-    try:
-        from distributed import Client, KilledWorker, LocalCluster, as_completed
-    except ImportError:
-        raise UserError(
-            "the backend dask needs the extra: pip install 'chromagrip[dask]'"
-        ) from None
+    require("dask")
+    from distributed import Client, KilledWorker, LocalCluster, as_completed
+
     with ExitStack() as opened:
         try:
             if address:
@@ -230,10 +228,7 @@ def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -
 
 
 def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
-    try:
-        import ray
-    except ImportError:
-        raise UserError("the backend ray needs the extra: pip install 'chromagrip[ray]'") from None
+    ray = need("ray", "ray")
     quiet = {"log_to_driver": False, "logging_level": "error"}
     try:
         if address:

@@ -6,9 +6,9 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from ..errors import UserError
+from ..extras import need
 from .folder import TABLE, read_manifest, sequence_name, write_whole
 
 SPLIT = "split.json"
@@ -34,6 +34,7 @@ def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, li
         told = ", ".join(f"{name} {share:g}" for name, share in shares.items())
         raise UserError(f"shares must be above 0 and add up to 1, got {told}")
     read_manifest(folder)
+    pq = need("pyarrow.parquet", "data")
     objects = _objects(pq.read_table(folder / TABLE).to_pylist())
     keys = sorted(objects)
     if len(keys) < len(shares):

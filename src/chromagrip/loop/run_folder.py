@@ -16,6 +16,7 @@ import cv2
 from threadpoolctl import threadpool_limits
 
 from ..errors import UserError
+from ..extras import need, require
 from ..output.folder import prepare
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
@@ -78,6 +79,8 @@ def run(
     if isinstance(scene, str):
         scene = load_scene(scene)
     scene.build_controller()  # refuses one that is not there before there is a folder
+    if out is not None:
+        require("data", "video", purpose="writing a run folder")
     with closing(open_camera(scene)) as camera, threadpool_limits(1):
         # One thread: frames are small, and runs are made side by side.
         cv2.setNumThreads(1)
@@ -140,11 +143,9 @@ def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: dict[str, Any]) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     from .figure import draw_figure
 
+    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     table = pa.table({name: pa.array(column) for name, column in trace.columns.items()})
     meaning = {name: text.encode() for name, text in COLUMNS.items()}
     pq.write_table(table.replace_schema_metadata(meaning), folder / "trace.parquet")

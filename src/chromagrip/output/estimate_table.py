@@ -4,19 +4,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import pyarrow as pa
-import pyarrow.parquet as pq
+from ..extras import need
 
-_F = pa.float64()
-_NODES = pa.list_(pa.float32())
+_F = "float64"
+_NODES = "list"
 
-_FRAME: dict[str, tuple[pa.DataType, str]] = {
-    "frame": (pa.int32(), "number of the frame in the source, from 0"),
+_FRAME: dict[str, tuple[str, str]] = {
+    "frame": ("int32", "number of the frame in the source, from 0"),
     "time_s": (_F, "time of the frame [s]"),
-    "markers_seen": (pa.int32(), "marker pairs found in the frame"),
-    "no_estimate": (pa.string(), "why the frame says nothing; empty when it does"),
+    "markers_seen": ("int32", "marker pairs found in the frame"),
+    "no_estimate": ("string", "why the frame says nothing; empty when it does"),
 }
-#: Type of every column of forces and what it holds; low and high bound a 90 % interval.
+#: Arrow type of every column of forces and what it holds; low and high bound a 90 % interval.
 FORCES = _FRAME | {
     "normal_n": (_F, "sum of the normal forces [N]"),
     "normal_low_n": (_F, "lower end of its interval"),
@@ -27,7 +26,7 @@ FORCES = _FRAME | {
     "mu": (_F, "friction coefficient in use"),
     "mu_low": (_F, "lower end of its interval"),
     "mu_high": (_F, "upper end of its interval"),
-    "mu_observable": (pa.bool_(), "whether the frame shows mu, rather than what a press shows"),
+    "mu_observable": ("bool", "whether the frame shows mu, rather than what a press shows"),
     "margin": (_F, "safety margin; null with nothing in contact"),
     "margin_low": (_F, "lower end of its interval"),
     "margin_high": (_F, "upper end of its interval"),
@@ -57,7 +56,7 @@ VALUES = {
 #: So many rows make a row group, which is written when it is full.
 _GROUP = 1000
 
-Columns = dict[str, tuple[pa.DataType, str]]
+Columns = dict[str, tuple[str, str]]
 
 
 class EstimateTable:
@@ -74,8 +73,10 @@ class EstimateTable:
     def __init__(self, path: Path, columns: Columns) -> None:
         self._path = path
         self._part = path.with_name(path.name + ".part")
+        pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
         meaning = {name: text for name, (_, text) in columns.items()}
-        fields = [pa.field(name, kind) for name, (kind, _) in columns.items()]
+        kinds = {_NODES: pa.list_(pa.float32())}
+        fields = [pa.field(name, kinds.get(kind, kind)) for name, (kind, _) in columns.items()]
         self._schema = pa.schema(fields, metadata=meaning)
         self._writer = pq.ParquetWriter(self._part, self._schema)
         self._rows: list[dict[str, Any]] = []
@@ -103,5 +104,6 @@ class EstimateTable:
 
     def _flush(self) -> None:
         if self._rows:
+            pa = need("pyarrow", "data")
             self._writer.write_table(pa.Table.from_pylist(self._rows, self._schema))
             self._rows = []

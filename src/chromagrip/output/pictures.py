@@ -6,14 +6,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
+from ..extras import need
 from ..render import Frame
+
+if TYPE_CHECKING:
+    import av
 
 Image = NDArray[np.uint8]
 
@@ -189,7 +193,8 @@ def _video(path: Path, fps: float | None) -> Source:
 
 
 @contextmanager
-def _open_video(path: Path) -> Iterator[av.container.InputContainer]:
+def _open_video(path: Path) -> "Iterator[av.container.InputContainer]":
+    av = need("av", "video")
     if path.stat().st_size == 0:
         raise UserError(f"video {path} is empty (0 bytes)")
     try:
@@ -205,13 +210,14 @@ def _open_video(path: Path) -> Iterator[av.container.InputContainer]:
         yield container
 
 
-def _reason(error: av.FFmpegError) -> str:
+def _reason(error: "av.FFmpegError") -> str:
     text = str(error.strerror).lower()
     return f"{text} (cut off, or not a video)" if "invalid data" in text else text
 
 
 def _video_frames(path: Path, fps: float | None) -> Iterator[Frame]:
     """Frames with the file's own times, or evenly at `fps`; all of them, or a UserError."""
+    av = need("av", "video")
     with _open_video(path) as container:
         stream = container.streams.video[0]
         rate = float(stream.average_rate or DEFAULT_FPS)

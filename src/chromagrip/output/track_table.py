@@ -5,28 +5,27 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from ..extras import need
 from ..tracking import Tracks
 
-#: Type of every column and what it holds; a null is what was not seen or not measured.
-COLUMNS: dict[str, tuple[pa.DataType, str]] = {
-    "frame": (pa.int32(), "number of the frame in the source, from 0"),
-    "time_s": (pa.float64(), "time of the frame [s]"),
-    "layer": (pa.dictionary(pa.int8(), pa.string()), "name of the layer in the palette"),
-    "marker": (pa.int32(), "number of the marker; layers share it that lie on each other at rest"),
-    "x_px": (pa.float64(), "middle of the marker's image, rightwards, pixel centres at integers"),
-    "y_px": (pa.float64(), "middle of the marker's image, downwards"),
-    "log_size": (pa.float64(), "natural logarithm of the size over the size at rest"),
-    "hue_deg": (pa.float64(), "mean hue over the first layer's marker [°], in that layer's rows"),
-    "visible": (pa.bool_(), "found in this frame"),
-    "ambiguous": (pa.bool_(), "found, but its number is not certain"),
-    "last_seen_s": (pa.float64(), "time of the last frame in which it was found [s]"),
-    "var_xx_px2": (pa.float64(), "variance of x [px²]"),
-    "var_xy_px2": (pa.float64(), "covariance of x and y [px²]"),
-    "var_yy_px2": (pa.float64(), "variance of y [px²]"),
+#: Arrow type of every column and what it holds; a null is what was not seen or not measured.
+COLUMNS: dict[str, tuple[str, str]] = {
+    "frame": ("int32", "number of the frame in the source, from 0"),
+    "time_s": ("float64", "time of the frame [s]"),
+    "layer": ("dictionary", "name of the layer in the palette"),
+    "marker": ("int32", "number of the marker; layers share it that lie on each other at rest"),
+    "x_px": ("float64", "middle of the marker's image, rightwards, pixel centres at integers"),
+    "y_px": ("float64", "middle of the marker's image, downwards"),
+    "log_size": ("float64", "natural logarithm of the size over the size at rest"),
+    "hue_deg": ("float64", "mean hue over the first layer's marker [°], in that layer's rows"),
+    "visible": ("bool", "found in this frame"),
+    "ambiguous": ("bool", "found, but its number is not certain"),
+    "last_seen_s": ("float64", "time of the last frame in which it was found [s]"),
+    "var_xx_px2": ("float64", "variance of x [px²]"),
+    "var_xy_px2": ("float64", "covariance of x and y [px²]"),
+    "var_yy_px2": ("float64", "variance of y [px²]"),
 }
 #: About so many rows make a row group, which is written when it is full.
 _GROUP = 100_000
@@ -46,10 +45,13 @@ class TrackTable:
     def __init__(self, path: Path, layers: tuple[str, ...]) -> None:
         self._path = path
         self._part = path.with_name(path.name + ".part")
+        pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
         self._layers = pa.array(layers)
         meaning = {name: text for name, (_, text) in COLUMNS.items()}
+        kinds = {"dictionary": pa.dictionary(pa.int8(), pa.string())}
         self._schema = pa.schema(
-            [pa.field(name, kind) for name, (kind, _) in COLUMNS.items()], metadata=meaning
+            [pa.field(name, kinds.get(kind, kind)) for name, (kind, _) in COLUMNS.items()],
+            metadata=meaning,
         )
         self._writer = pq.ParquetWriter(self._part, self._schema)
         # One buffer a column for a whole row group: kept small pieces would lie between the large
@@ -110,10 +112,10 @@ class TrackTable:
 
     def _allocate(self, rows: int) -> None:
         for name, (kind, _) in COLUMNS.items():
-            number = np.int8 if name == "layer" else kind.to_pandas_dtype()
-            self._columns[name] = np.empty(rows, number)
+            self._columns[name] = np.empty(rows, "int8" if kind == "dictionary" else kind)
 
     def _flush(self) -> None:
+        pa = need("pyarrow", "data")
         filled = {name: column[: self._rows] for name, column in self._columns.items()}
         arrays = [
             pa.DictionaryArray.from_arrays(pa.array(values), self._layers)

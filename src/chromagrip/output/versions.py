@@ -1,10 +1,15 @@
 """Versions that results are kept with."""
 
 import platform
-from importlib.metadata import version
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 
 
 def versions() -> dict[str, str]:
     """Versions that decide what a run computes."""
     names = ("chromagrip", "numpy", "scipy", "numba", "opencv-contrib-python-headless", "av")
-    return {"python": platform.python_version()} | {name: version(name) for name in names}
+    found = {"python": platform.python_version()}
+    for name in names:
+        with suppress(PackageNotFoundError):  # av comes with an extra
+            found[name] = version(name)
+    return found

@@ -3,11 +3,15 @@
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-import av
 import numpy as np
 from numpy.typing import NDArray
+
+from ..extras import need
+
+if TYPE_CHECKING:
+    import av
 
 Image = NDArray[np.uint8]
 
@@ -23,6 +27,8 @@ class VideoFile:
     options: more of x264, as PyAV takes them
     """
 
+    _stream: "av.VideoStream | None"
+
     def __init__(
         self,
         path: Path,
@@ -33,8 +39,9 @@ class VideoFile:
         self._path, self._rate, self._quality = path, rate, quality
         self._options = options or {}
         self._part = path.with_name(path.name + ".part")
+        av = need("av", "video")
         self._container = av.open(str(self._part), "w", format="mp4")
-        self._stream: av.VideoStream | None = None
+        self._stream = None
 
     def __enter__(self) -> Self:
         """Use as a context: closed and renamed even after an interruption."""
@@ -69,6 +76,7 @@ class VideoFile:
                 **self._options,
             }
             self._stream.options = options
+        av = need("av", "video")
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
         for packet in self._stream.encode(frame):
             self._container.mux(packet)

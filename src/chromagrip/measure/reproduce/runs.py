@@ -7,10 +7,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from ...errors import UserError
+from ...extras import need
 from ...loop.run_folder import run
 from ...loop.trace import COLUMNS, Trace
 from ...output.cells import read_cells, write_cells
@@ -187,6 +185,7 @@ def _cell(job: Job, summary: dict[str, Any]) -> Cell:
 
 
 def _write_trace(trace: Trace, path: Path) -> None:
+    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     path.parent.mkdir(exist_ok=True)
     table = pa.table({name: pa.array(column) for name, column in trace.columns.items()})
     part = path.with_suffix(".part")
@@ -195,7 +194,7 @@ def _write_trace(trace: Trace, path: Path) -> None:
 
 
 def _read_trace(path: Path) -> Trace:
-    table = pq.read_table(path)
+    table = need("pyarrow.parquet", "data").read_table(path)
     return Trace({name: table[name].to_numpy() for name in COLUMNS})
 
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.color import deltaE_ciede2000, rgb2lab
 
+from ...extras import need
 from ...model import ContactObject, Fingertip, equilibrium
 from ...render import Membrane, SensorDesign
 from ...render.colour import decode_srgb
@@ -20,7 +20,9 @@ _MARGIN = 5.0
 
 def colour_difference(first: Array | Image, second: Array | Image) -> Array:
     """CIEDE2000 between sRGB levels 0…255, shape (…, 3) to (…)."""
-    return np.asarray(deltaE_ciede2000(rgb2lab(first / 255.0), rgb2lab(second / 255.0)))
+    color = need("skimage.color", "images")
+    first_lab, second_lab = color.rgb2lab(first / 255.0), color.rgb2lab(second / 255.0)
+    return np.asarray(color.deltaE_ciede2000(first_lab, second_lab))
 
 
 def poses_of(sensor: SensorDesign, nodes: int = 251) -> list[tuple[str, Array]]:

@@ -1,0 +1,96 @@
+"""Optional packages: which extra brings each, what it is for, and the refusal where one is missing.
+
+A package of an extra is imported in the function that uses it, by `need`.
+"""
+
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+from .errors import UserError
+
+
+@dataclass(frozen=True)
+class Extra:
+    """A set of optional packages.
+
+    Attributes
+    ----------
+    module: that the extra brings, by the name it is imported by
+    purpose: what the extra is for, as the subject of a sentence
+    """
+
+    module: str
+    purpose: str
+
+
+#: By name; each is an extra of `pyproject.toml`, where `all` holds the first five.
+EXTRAS = {
+    "images": Extra("skimage", "comparing pictures with each other"),
+    "gl": Extra("pyrender", "the renderer pyrender"),
+    "data": Extra("pyarrow", "reading and writing Parquet tables"),
+    "video": Extra("av", "reading and writing videos"),
+    "mesh": Extra("trimesh", "reading triangle meshes of objects"),
+    "learn": Extra("sklearn", "training read-outs"),
+    "dask": Extra("distributed", "making datasets on a Dask cluster"),
+    "ray": Extra("ray", "making datasets on a Ray cluster"),
+    "reference": Extra("mitsuba", "path tracing the reference pictures"),
+}
+
+
+def install_command(*extras: str) -> str:
+    """Command that installs these extras."""
+    return f"pip install 'chromagrip[{','.join(extras)}]'"
+
+
+def missing(*extras: str, purpose: str = "") -> str | None:
+    """One sentence on those of these extras that are not installed; None when all are.
+
+    Parameters
+    ----------
+    extras: names in `EXTRAS`
+    purpose: what they are needed for, as the subject of a sentence; by default the first one's
+    """
+    absent = [name for name in extras if find_spec(EXTRAS[name].module) is None]
+    if not absent:
+        return None
+    names = " and ".join(f"`{name}`" for name in absent)
+    return (
+        f"{purpose or EXTRAS[absent[0]].purpose} needs the extra{'s' * (len(absent) > 1)} {names}: "
+        f"{install_command(*absent)}"
+    )
+
+
+def require(*extras: str, purpose: str = "") -> None:
+    """Refuse before anything is computed where one of these extras is not installed.
+
+    Raises
+    ------
+    UserError
+        When one is missing; parameters as in `missing`.
+    """
+    problem = missing(*extras, purpose=purpose)
+    if problem is not None:
+        raise UserError(problem)
+
+
+def need(module: str, extra: str) -> Any:
+    """Import a module that an extra brings.
+
+    Parameters
+    ----------
+    module: its full name, such as `pyarrow.parquet`
+    extra: name in `EXTRAS`
+
+    Raises
+    ------
+    UserError
+        When the extra is missing, or its package cannot be imported.
+    """
+    require(extra)
+    try:
+        return import_module(module)
+    except ImportError as error:
+        text = f"{EXTRAS[extra].purpose} is not possible, because {module} cannot be imported"
+        raise UserError(f"{text}: {error}; to mend it: {install_command(extra)}") from error
