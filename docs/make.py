@@ -17,6 +17,7 @@ from typing import Any
 
 import av
 import cv2
+from chromagrip.measure.reproduce.page import HEADING, cells
 
 from chromagrip import run
 from chromagrip.cli.limit import limit
@@ -28,7 +29,6 @@ from chromagrip.measure.bench.parts import bench
 from chromagrip.measure.bench.track import asked, matrix, refusals
 from chromagrip.measure.charts.page import charts
 from chromagrip.measure.reproduce.appendix_b import appendix_b
-from chromagrip.measure.reproduce.page import HEADING, cells
 from chromagrip.measure.reproduce.parts import PARTS as THESIS
 from chromagrip.measure.reproduce.parts import Plan, reproduce
 from chromagrip.measure.stability.loop import stability_loop

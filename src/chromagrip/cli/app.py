@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from ..errors import UserError
+from ..output.report import print_report
 from ..scene.controllers import CONTROLLERS
 from ..scene.scene import (
     DEFAULT_SCENE,
@@ -282,9 +283,7 @@ def stability(
     json_only: JsonOnly = False,
 ) -> int:
     """Map where each integrator is true and where it is lost, or each tracker, or the grip."""
-    from ..measure.stability.loop import stability_loop
-    from ..measure.stability.model import stability_model
-    from ..measure.stability.track import stability_track
+    from ..measure.stability.parts import stability_loop, stability_model, stability_track
 
     if trackers and part != "track":
         raise UserError(f"--tracker goes with stability track, not with stability {part}")
@@ -296,17 +295,15 @@ def stability(
     with Console(stderr=True).status("starting") as status:
         if part == "loop":
             processes = workers or os.cpu_count() or 1
-            report, sentences = stability_loop(quick, out, force, telling(status), processes)
+            report = stability_loop(quick, out, force, telling(status), processes)
         elif part == "track":
-            report, sentences = stability_track(quick, out, force, telling(status), trackers)
+            report = stability_track(quick, out, force, telling(status), trackers)
         else:
-            report, sentences = stability_model(quick, out, force, telling(status))
+            report = stability_model(quick, out, force, telling(status))
     if json_only:
-        print(json.dumps(report))
+        print(json.dumps(report.as_json()))
         return 0
-    print_rows(report["rows"])
-    for sentence in sentences:
-        print(sentence)
+    print_report(report)
     print(f"folder {out}")
     return 0
 
@@ -339,11 +336,11 @@ def chart(
         out = new_folder(f"chart-{part}")
     parts = list(PARTS) if part == "all" else [part]
     with Console(stderr=True).status("starting") as status:
-        result = charts(parts, quick, out, force, telling(status), reconstructors)
+        report = charts(parts, quick, out, force, telling(status), reconstructors)
     if json_only:
-        print(json.dumps(result))
+        print(json.dumps(report.as_json()))
         return 0
-    print_rows(result["rows"])
+    print_report(report)
     print(f"folder {out}, open index.html")
     return 0
 

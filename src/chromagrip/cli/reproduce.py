@@ -8,6 +8,7 @@ import tyro
 from rich.console import Console
 
 from ..errors import UserError
+from ..output.report import Report, print_report
 from .options import Force, JsonOnly, Out, Quick, check_least, new_folder, option, telling
 
 PartName = Literal[
@@ -50,10 +51,6 @@ def reproduce(
     Interrupted, it goes on where it was when it is called again with the same --out.
     """
     check_least(workers=(workers, 1))
-    if part == "appendix-b":
-        if camera or quick:
-            raise UserError("appendix-b has neither a camera nor a quick run")
-        return _appendix_b(out, force, json_only)
     from ..measure.reproduce.parts import PARTS, Plan
     from ..measure.reproduce.parts import reproduce as compare
 
@@ -63,29 +60,10 @@ def reproduce(
         raise UserError(f"--camera goes with all, table-2 and figure-13 to -15, not with {part}")
     parts: list[str] = list(PARTS) if part == "all" else [part]
     with Console(stderr=True).status("starting") as status:
-        report, sections = compare(parts, Plan(quick, camera), out, force, workers, telling(status))
+        report, _ = compare(parts, Plan(quick, camera), out, force, workers, telling(status))
     if json_only:
-        print(json.dumps(report))
+        print(json.dumps(report.as_json()))
         return 0
-    for section in sections:
-        word = section.verdict if section.agrees else "DIFFERS"
-        print(f"{section.heading:<8} {word}: {section.sentence}")
-    print(f"folder {out}, open index.html")
-    return 0
-
-
-def _appendix_b(out: Out, force: bool, json_only: bool) -> int:
-    from ..measure.reproduce.appendix_b import appendix_b
-
-    if out is None and not json_only:
-        out = new_folder("appendix-b")
-    with Console(stderr=True).status("starting") as status:
-        report, verdicts = appendix_b(out, force, telling(status))
-    if json_only:
-        print(json.dumps(report))
-        return 0
-    for verdict in verdicts:
-        word = "reproduced" if verdict.agrees else "DIFFERS"
-        print(f"Fig. {verdict.figure}  {word}: {verdict.sentence}")
+    print_report(Report(rows=(), notes=report.notes))
     print(f"folder {out}, open index.html")
     return 0

@@ -23,9 +23,9 @@ def write_cells(cells: Sequence[Any], path: Path) -> None:
     part.replace(path)
 
 
-def read_cells(path: Path, kind: type[Cell]) -> Iterator[Cell]:
+def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:
     """Dataclasses of a file that `write_cells` wrote; none if there is no file."""
-    if not path.exists():
+    if path is None or not path.exists():
         return
     # Types of the fields are the converters: str, int and float.
     kinds: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
@@ -71,10 +71,11 @@ def resumed(
     key: of a cell
     wanted: keys
     run: makes the cells of some keys, in any order
-    progress: called with the numbers of cells that are done and wanted, after each cell
+    progress: called with the numbers of cells that are done and wanted, first and after each cell
     """
     before = {key(cell): cell for cell in done}
     cells = {one: before[one] for one in wanted if one in before}
+    progress(len(cells), len(wanted))
     with closing(run([one for one in wanted if one not in cells])) as results:
         for cell in results:
             cells[key(cell)] = cell

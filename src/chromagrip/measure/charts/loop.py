@@ -79,7 +79,9 @@ def chart_loop(quick: bool, progress: Callable[[str], None]) -> Chart:
     )
 
 
-def _measure(point: Point, changes: dict[str, object], objects: Sequence[dict[str, object]]) -> None:
+def _measure(
+    point: Point, changes: dict[str, object], objects: Sequence[dict[str, object]]
+) -> None:
     """Run the loop with each object, and add its time and its errors to a point."""
     squares, slip, spent = [], 0.0, []
     for obj in objects:
