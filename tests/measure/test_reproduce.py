@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -308,6 +309,7 @@ def test_the_page_holds_all_that_it_shows(tmp_path: Path) -> None:
     out = tmp_path / "page"
     report, sections = reproduce(["figure-9", "figure-10"], TRUTH, out, False, 1, silent)
     page = (out / "index.html").read_text(encoding="utf-8")
+    ElementTree.fromstring(page)  # well-formed
     links = _Links()
     links.feed(page)
     pictures = [value for key, value in links.found if key == "src"]
