@@ -261,7 +261,7 @@ def test_images_that_will_not_do_are_refused(fisheye_images: Path, tmp_path: Pat
 def test_nothing_is_written_over_unless_asked(fisheye_images: Path, tmp_path: Path) -> None:
     out = tmp_path / "lens.yml"
     out.write_text("dear to somebody")
-    with pytest.raises(UserError, match="exists; choose another or give --force"):
+    with pytest.raises(UserError, match="exists; choose another or give --overwrite"):
         calibrate((fisheye_images,), out=out)
     assert out.read_text() == "dear to somebody"
     assert calibrate((fisheye_images,), out=out, force=True) == 0

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from chromagrip.cli.reproduce import reproduce as command
+from chromagrip.cli.measure import reproduce as command
 from chromagrip.errors import UserError
 from chromagrip.loop.trace import COLUMNS, Trace
 from chromagrip.measure.reproduce import runs as reproduce_runs
@@ -405,7 +405,7 @@ def test_the_camera_adds_its_own_runs_and_no_others() -> None:
     ("arguments", "message"),
     [
         ({"part": "figure-9", "camera": "thesis"}, "--camera goes with all, table-2"),
-        ({"part": "appendix-b", "camera": "thesis"}, "--camera goes with all, table-2"),
+        ({"part": "appendix-b", "quick": True}, "neither a camera nor a quick run"),
         ({"part": "figure-9", "workers": 0}, "--workers 0: expected 1 or more"),
     ],
 )

@@ -5,13 +5,9 @@ import math
 from pathlib import Path
 from typing import Annotated, Any
 
-import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
 from ..errors import UserError
 from ..scene.scene import DEFAULT_SCENE, RendererName, load_scene, parse_change
-from .options import Force, JsonOnly, Out, new_folder, option, stop_if_interrupted
+from .options import Changes, JsonOnly, Out, Overwrite, counting, new_folder, option
 
 
 def render(
@@ -31,19 +27,17 @@ def render(
         float | None, option("standard deviation, short for camera.noise_levels", "LEVELS")
     ] = None,
     seed: Annotated[int | None, option("of noise and defects", "N")] = None,
-    changes: Annotated[
-        tuple[str, ...],
-        tyro.conf.UseAppendAction,
-        option("change one scene value, such as defects.dust=20", "KEY=VALUE", "set"),
-    ] = (),
+    changes: Changes = (),
     out: Out = None,
-    force: Force = False,
+    overwrite: Overwrite = False,
     json_only: JsonOnly = False,
 ) -> int:
     """Take pictures of poses, with everything that is true of them.
 
     One pose by default (2 N of grip, 0.3 N of load); lists of forces make a sweep. Each picture
     comes with marker centres, visibility, overlaps, masks, flow, depth and forces, and a preview.
+
+    Example: chromagrip render --grip 1 2 4 --load 0 0.4
     """
     shortcuts = {
         "sensor": sensor,
@@ -74,22 +68,8 @@ def render(
             raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
     if out is None and not json_only:
         out = new_folder(f"render-{Path(resolved.sensor).stem}")
-    with Progress(
-        TextColumn("rendering"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("poses"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    ) as bar:
-        task = bar.add_task("", total=len(poses))
-
-        def tell(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-            stop_if_interrupted()
-
-        report = render_poses(resolved, poses, out, force, tell)
+    with counting("rendering", "poses") as progress:
+        report = render_poses(resolved, poses, out, overwrite, progress)
     if json_only:
         print(json.dumps(report))
         return 0

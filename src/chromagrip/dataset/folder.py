@@ -415,3 +415,24 @@ def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
     lists = column.combine_chunks()
     flat = lists.flatten().to_numpy(zero_copy_only=False)
     return np.asarray(flat.reshape(len(lists), -1))
+
+
+def summarise(folder: Path) -> dict[str, object]:
+    """Counts, drawn keys, size and versions of a dataset, for `chromagrip dataset info`."""
+    manifest, recipe = read_manifest(folder), open_recipe(folder)
+    rows = need("pyarrow.parquet", "data").read_table(folder / TABLE).to_pylist()
+    states: dict[str, int] = {}
+    for _, table in tables(folder, "frames", ["slip_state"]):
+        for state in table["slip_state"].to_pylist():
+            states[state] = states.get(state, 0) + 1
+    size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    return {
+        "description": recipe.description,
+        "sequences": len(manifest["sequences"]),
+        "of": recipe.sequences,
+        "frames": sum(states.values()),
+        "slip_states": states,
+        "drawn": sorted(set(rows[0]) - {"number"}) if rows else [],
+        "megabytes": round(size / 1e6, 1),
+        "versions": manifest["versions"],
+    }

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from ...output.cells import open_unfinished
 from ...output.figure import png
 from ...output.page import write_page
-from ...output.report import Report, row_as_json
+from ...output.report import Report, Table, row_as_json
 from .appendix_b import appendix_b
 from .figure_16_table_2 import figure_16, object_jobs, table_2
 from .figure_17 import figure_17, setting_jobs
@@ -106,7 +106,10 @@ def reproduce(
         sections += PARTS[name](runs, plan)
     report = Report(
         rows=tuple(row for section in sections for row in section.rows),
-        notes=tuple(f"{s.heading} {s.verdict}: {s.sentence}" for s in sections),
+        tables=(
+            Table(("", "", "verdict"), tuple((s.heading, s.title, s.verdict) for s in sections)),
+        ),
+        notes=tuple(f"{s.heading}: {s.sentence}" for s in sections),
         quick=plan.quick,
     )
     if out is not None and unfinished is not None:

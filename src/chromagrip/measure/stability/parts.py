@@ -1,12 +1,13 @@
 """`chromagrip stability`: maps of the settings at which methods stop working."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
+from ...by_name import Choice
 from ...output.cells import open_unfinished, read_cells, resumed, write_cells
 from ...output.processes import map_processes
 from ...output.report import Report
-from ..bench.track import chosen
+from ..bench.track import choose
 from . import loop, model, track
 from .boundaries import boundaries
 from .cells import Cell, Setting, cell
@@ -55,7 +56,7 @@ def stability_track(
     out: Path | None,
     overwrite: bool,
     progress: Progress,
-    trackers: tuple[str, ...] = (),
+    trackers: Sequence[Choice] = (),
 ) -> Report:
     """Map the trackers over one condition at a time.
 
@@ -63,7 +64,7 @@ def stability_track(
     ----------
     quick: a few values of two dials, fewer frames
     out, overwrite, progress: as of `stability_model`
-    trackers: names or module:Class; none are all, beside a constant answer
+    trackers: names, module:Class or classes; none are all, beside a constant answer
 
     Returns
     -------
@@ -74,14 +75,15 @@ def stability_track(
     UserError
         When there is no such tracker, or the folder is taken.
     """
-    settings = track.settings(chosen(trackers), quick)
+    choices = choose(trackers)
+    settings = track.settings(choices, quick)
     unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
     found = resumed(
         unfinished,
         read_cells(unfinished, track.Cell),
         lambda one: one.setting,
         settings,
-        lambda waiting: track.cells(waiting, progress),
+        lambda waiting: track.cells(waiting, choices, progress),
     )
     cells = list(found.values())
     if out is not None and unfinished is not None:

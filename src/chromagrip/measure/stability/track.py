@@ -1,13 +1,14 @@
 """Breakdown curves of the trackers: one condition changed at a time, until markers are lost."""
 
 import itertools
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from collections.abc import Sequence as Listed
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from ...by_name import Choice
 from ...errors import UserError
 from ...output.processes import one_thread
 from ...output.report import Report, Row, reported
@@ -142,37 +143,32 @@ class Cell:
         return Setting(self.tracker, self.dial, self.value, self.frames)
 
 
-def settings(trackers: Listed[str], quick: bool) -> list[Setting]:
+def settings(trackers: Iterable[str], quick: bool) -> list[Setting]:
     """Every point of the curves of some trackers."""
     values = QUICK_VALUES if quick else {name: dial.values for name, dial in DIALS.items()}
-    frames = QUICK_FRAMES if quick else FRAMES
-    return _points(trackers, values, frames)
-
-
-def _points(
-    trackers: Listed[str], values: Mapping[str, tuple[float, ...]], frames: int
-) -> list[Setting]:
     return [
-        Setting(tracker, dial, value, frames)
+        Setting(tracker, dial, value, QUICK_FRAMES if quick else FRAMES)
         for dial in values
         for value in values[dial]
         for tracker in trackers
     ]
 
 
-def cells(wanted: Listed[Setting], progress: Callable[[str], None]) -> Generator[Cell]:
+def cells(
+    wanted: Listed[Setting], trackers: Mapping[str, Choice], progress: Callable[[str], None]
+) -> Generator[Cell]:
     """Run settings; those of one condition, one after the other, share their frames."""
     with one_thread():
         for (dial, value, count), group in itertools.groupby(wanted, lambda one: one[1:]):
             frames = sequence(DIALS[dial].conditions(value), count, limits=False)
             for setting in group:
                 progress(f"{dial} {value:g}: {setting.tracker}")
-                yield _cell(setting, frames)
+                yield _cell(setting, trackers[setting.tracker], frames)
 
 
-def _cell(setting: Setting, frames: Sequence) -> Cell:
+def _cell(setting: Setting, tracker: Choice, frames: Sequence) -> Cell:
     try:
-        followed = follow(setting.tracker, frames)
+        followed = follow(tracker, frames)
     except UserError as error:
         return Cell(*setting, 0.0, np.nan, 0, str(error))
     return Cell(*setting, *_scores(followed, frames), "")
