@@ -104,11 +104,10 @@ def reproduce(
     for name in parts:
         progress(name)
         sections += PARTS[name](runs, plan)
+    verdicts = tuple((s.heading, s.title, s.verdict) for s in sections)
     report = Report(
         rows=tuple(row for section in sections for row in section.rows),
-        tables=(
-            Table(("", "", "verdict"), tuple((s.heading, s.title, s.verdict) for s in sections)),
-        ),
+        tables=(Table(("figure", "title", "verdict"), verdicts),),
         notes=tuple(f"{s.heading}: {s.sentence}" for s in sections),
         quick=plan.quick,
     )
