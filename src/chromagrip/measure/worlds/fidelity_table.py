@@ -104,10 +104,8 @@ def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
         When it cannot be written.
     """
     table = measure(progress)
-    part = path.with_suffix(".part")
     try:
-        write_cells(table, part)
-        part.replace(path)
+        write_cells(table, path)
     except OSError as error:
         raise UserError(f"{path} cannot be written: {error.strerror}") from None
     return table
