@@ -53,12 +53,17 @@ class VideoFile:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
         """Finish the file and give it its name; without a picture it has none."""
-        if self._stream is not None:
-            for packet in self._stream.encode():
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            for packet in stream.encode():
                 self._container.mux(packet)
         self._container.close()
-        if self._stream is not None:
+        if stream is not None:
             self._part.replace(self._path)
 
     def append(self, picture: Image) -> None:
