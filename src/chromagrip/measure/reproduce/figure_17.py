@@ -157,7 +157,7 @@ def _drawn(safe: dict[float, Cell], react: dict[float, Cell]) -> Figure:
         moved.plot(
             x, [c.rigid_slip for c in found.values()], "x:", color=colour, label="rigid slip"
         )
-        pressed.set_title(label, fontsize=9)
-        finish(pressed, "pressure [N/m]" if column == 0 else "", legend=False)
+        y_label = "pressure [N/m]" if column == 0 else ""
+        finish(pressed, y_label, legend=False, title=label)
         finish(moved, "displacement [mm]" if column == 0 else "", across)
     return figure
