@@ -121,7 +121,7 @@ def stability_loop(
     def run(waiting: list[Setting]) -> Generator[Cell]:
         yield from map_processes(cell, waiting, workers)
 
-    found = resumed(
+    results = resumed(
         unfinished,
         read_cells(unfinished, Cell),
         lambda one: one.setting,
@@ -129,15 +129,15 @@ def stability_loop(
         run,
         lambda done, total: progress(f"{done} of {total} runs"),
     )
-    edges = list(boundaries(plan, found, progress))
+    edges = list(boundaries(plan, results, progress))
     if out is not None and unfinished is not None:
         for name, which in plan.items():
-            draw_map(which, found, out, name, quick)
-            write_cells([found[one] for one in which.settings()], out / f"{name}.csv")
+            draw_map(which, results, out, name, quick)
+            write_cells([results[one] for one in which.settings()], out / f"{name}.csv")
         write_cells(edges, out / "boundaries.csv")
         unfinished.unlink()
     return Report(
-        rows=(*ratio_rows(edges), *_outcome_rows(plan, found)),
+        rows=(*ratio_rows(edges), *_outcome_rows(plan, results)),
         notes=tuple(sentences(plan["rate-latency"], edges)),
         quick=quick,
     )
