@@ -2,31 +2,28 @@
 
 from .detection import Markers, RestFrame, detect_markers, read_rest
 from .fit.tracker import MarkerTracker
-from .forces.calibration import (
-    SensorCalibration,
-    load_calibration,
-    nominal_calibration,
-    shipped_readout,
-)
-from .forces.chain.contact_reading import ForcePrior
-from .forces.chain.gaussian_process import MIN_MARKERS, GaussianProcess
-from .forces.friction import (
+from .forces import (
     CAMERA_RULE,
+    DEFAULT_RECONSTRUCTOR,
     FRICTION,
+    METHODS,
+    RECONSTRUCTORS,
     THESIS_RULE,
     Z90,
     FrictionEstimate,
     FrictionRule,
-    core_quantile,
-    max_ratio,
-)
-from .forces.reconstructors import (
-    DEFAULT_RECONSTRUCTOR,
-    RECONSTRUCTORS,
+    NoEstimateError,
     Reconstructor,
+    SensorCalibration,
+    check_reconstructor,
+    core_quantile,
+    load_calibration,
     load_reconstructor,
+    max_ratio,
+    nominal_calibration,
+    shipped_readout,
 )
-from .forces.shifts import NoEstimateError
+from .forces.chain import MIN_MARKERS, ForcePrior, GaussianProcess
 from .palette import DEFAULT_PALETTE, Palette, load_palette, palette_names
 from .trackers import DEFAULT_TRACKER, Tracker, load_tracker, tracker_names
 from .tracks import Tracks
@@ -37,6 +34,7 @@ __all__ = [
     "DEFAULT_RECONSTRUCTOR",
     "DEFAULT_TRACKER",
     "FRICTION",
+    "METHODS",
     "MIN_MARKERS",
     "RECONSTRUCTORS",
     "THESIS_RULE",
@@ -54,6 +52,7 @@ __all__ = [
     "SensorCalibration",
     "Tracker",
     "Tracks",
+    "check_reconstructor",
     "core_quantile",
     "detect_markers",
     "load_calibration",

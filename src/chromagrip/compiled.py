@@ -94,7 +94,7 @@ def announce() -> None:
     events.register("numba:compile", _Announcer())
 
 
-class _Announcer(events.Listener):
+class _Announcer(events.Listener):  # type: ignore[misc]  # numba has no types
     """Speaks once, and only if nothing was compiled before or nothing can be kept."""
 
     _spoken = False

@@ -1,1 +1,76 @@
-"""Forces and friction from tracks."""
+"""Forces and friction from tracks: f = argmin |y − J·K⁻¹·f|² + prior(f); slipping, µ = |Ff|/Fn.
+
+Here is what every body shares: calibration, shifts of the markers, friction, reconstructors by
+name. `chain` and `dome` hold the reconstructors of each body.
+"""
+
+from .calibration import (
+    FitReport,
+    SensorCalibration,
+    Values,
+    calibration_table,
+    check_rest,
+    load_calibration,
+    nominal_calibration,
+    required_readout,
+    save_calibration,
+    shipped_readout,
+    values_of,
+    with_values,
+)
+from .displacement import DisplacementGains, fit_gains, skin_displacement
+from .friction import (
+    CAMERA_RULE,
+    FRICTION,
+    THESIS_RULE,
+    Z90,
+    FrictionEstimate,
+    FrictionRule,
+    core_quantile,
+    max_ratio,
+)
+from .reconstructors import (
+    DEFAULT_RECONSTRUCTOR,
+    METHODS,
+    RECONSTRUCTORS,
+    NoEstimateError,
+    Reconstructor,
+    check_reconstructor,
+    load_reconstructor,
+)
+from .shifts import MEASURED, MarkerShifts
+
+__all__ = [
+    "CAMERA_RULE",
+    "DEFAULT_RECONSTRUCTOR",
+    "FRICTION",
+    "MEASURED",
+    "METHODS",
+    "RECONSTRUCTORS",
+    "THESIS_RULE",
+    "Z90",
+    "DisplacementGains",
+    "FitReport",
+    "FrictionEstimate",
+    "FrictionRule",
+    "MarkerShifts",
+    "NoEstimateError",
+    "Reconstructor",
+    "SensorCalibration",
+    "Values",
+    "calibration_table",
+    "check_reconstructor",
+    "check_rest",
+    "core_quantile",
+    "fit_gains",
+    "load_calibration",
+    "load_reconstructor",
+    "max_ratio",
+    "nominal_calibration",
+    "required_readout",
+    "save_calibration",
+    "shipped_readout",
+    "skin_displacement",
+    "values_of",
+    "with_values",
+]

@@ -1,8 +1,7 @@
 """What an estimator may know of a sensor beside its rest frame, and the file that holds it."""
 
 import os
-import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,7 +15,7 @@ from scipy.spatial import KDTree
 from ...errors import UserError
 from ...model import REFERENCE_NODES, Fingertip, SpringLaw
 from ...render import SensorDesign, load_sensor, sensor_names
-from ...strict_toml import Table, convert
+from ...strict_toml import Table, convert, read_toml
 from ..tracks import Tracks
 from .displacement import DisplacementGains
 
@@ -68,6 +67,7 @@ class SensorCalibration:
     stiffness_deviation: standard deviation of what all springs are stiffer, as a share: forces have
         it too, ΣFn and ΣFf nearly alike
     readout: trained read-out of this kind of sensor; None if it has none
+    name: of the sensor or of the calibration's file, for messages
     displacement: gains from image to displacement; None where they were not calibrated
     """
 
@@ -77,6 +77,7 @@ class SensorCalibration:
     size_floor: float = 6e-4
     stiffness_deviation: float = 0.0
     readout: Path | None = None
+    name: str = field(default="", compare=False)
     displacement: DisplacementGains | None = None
 
 
@@ -89,7 +90,7 @@ class _File(Table, frozen=True, kw_only=True):
     stiffness_deviation: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     values: Values | None = None
     displacement: DisplacementGains | None = None
-    fit: FitReport
+    fit: FitReport | None = None
 
 
 def nominal_calibration(sensor: SensorDesign, law: SpringLaw = "split") -> SensorCalibration:
@@ -173,36 +174,50 @@ def load_calibration(name: str) -> SensorCalibration:
         When there is no such calibration, or with the key, the value and what is allowed.
     """
     if name in sensor_names():
-        return replace(nominal_calibration(load_sensor(name)), readout=shipped_readout(name))
+        nominal = nominal_calibration(load_sensor(name))
+        return replace(nominal, name=name, readout=shipped_readout(name))
     if not name.endswith(".toml"):
         raise UserError(
             f"no calibration {name!r}; give a .toml file of `chromagrip calibrate sensor`, or for "
             f"a sensor as designed one of {', '.join(sensor_names())}"
         )
-    try:
-        values = tomllib.loads(Path(name).read_text(encoding="utf-8"))
-        if values.get("format") != FORMAT:
-            raise UserError(
-                f"calibration {name} has format {values.get('format')!r}; wanted: {FORMAT!r}"
-            )
-        file = convert(values, _File, f"calibration {name}")
-        own = file.sensor.endswith(".toml")
-        sensor = load_sensor(str(Path(name).parent / file.sensor) if own else file.sensor)
-        calibration = nominal_calibration(sensor)
-        if file.values is not None:
-            calibration = with_values(calibration, file.values)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise UserError(f"calibration {name} cannot be read: {reason}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"calibration {name} is not valid TOML: {error}") from None
+    folder, title = Path(name).parent, f"calibration {name}"
+    values = read_toml(Path(name), title)
+    if values.get("format") != FORMAT:
+        raise UserError(f"{title} has format {values.get('format')!r}; wanted: {FORMAT!r}")
+    file = convert(values, _File, title)
+    own = file.sensor.endswith(".toml")
+    calibration = nominal_calibration(
+        load_sensor(str(folder / file.sensor) if own else file.sensor)
+    )
+    if file.values is not None:
+        calibration = with_values(calibration, file.values)
     return replace(
         calibration,
+        name=name,
         position_floor=file.position_floor_px,
         size_floor=file.size_floor,
         stiffness_deviation=file.stiffness_deviation,
-        readout=Path(name).parent / file.readout if file.readout else shipped_readout(file.sensor),
+        readout=folder / file.readout if file.readout else shipped_readout(file.sensor),
         displacement=file.displacement,
+    )
+
+
+def required_readout(calibration: SensorCalibration) -> Path:
+    """File of the sensor's trained read-out.
+
+    Raises
+    ------
+    UserError
+        When it has none.
+    """
+    if calibration.readout is not None:
+        return calibration.readout
+    sensor, named = calibration.name or "SENSOR", f"sensor {calibration.name}".rstrip()
+    raise UserError(
+        f"{named} has no trained read-out: train one with `chromagrip train {sensor} --out "
+        "FILE.npz` and name it in a calibration file as readout = 'FILE.npz', or choose a "
+        "reconstructor that needs none, such as gp, which reads forces but no reliable margins"
     )
 
 

@@ -81,7 +81,9 @@ def fit_gains(rest: Tracks, presses: list[Tracks], depth: Array, shear: Array) -
     )
 
 
-def displacement(gains: DisplacementGains, rest: Tracks, tracks: Tracks) -> tuple[Array, Array]:
+def skin_displacement(
+    gains: DisplacementGains, rest: Tracks, tracks: Tracks
+) -> tuple[Array, Array]:
     """Displacement (x, y, depth) at each outer marker [m], (M, 3), and covariance, (M, 3, 3).
 
     NaN where a marker is not seen, or its hue and size are not measured.

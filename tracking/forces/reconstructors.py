@@ -4,16 +4,21 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from ...by_name import Choice, Registry
+from ...errors import UserError
 from ...model import ForceField
 from ..tracks import Tracks
-from .calibration import SensorCalibration
+from .calibration import SensorCalibration, required_readout
+
+
+class NoEstimateError(UserError):
+    """The frame does not determine the forces."""
 
 
 class Reconstructor(Protocol):
     """Reads forces off the tracks of one specimen; made by `Class(calibration, rest)`.
 
-    A field that says what µ is has a `friction_reading`; a field whose sums are known has a
-    `totals_covariance`.
+    A field whose µ was read together with the forces has a `friction_reading`; a field whose sums
+    are known has a `totals_covariance`.
     """
 
     def reset(self) -> None:
@@ -26,47 +31,56 @@ class Reconstructor(Protocol):
         Raises
         ------
         NoEstimateError
-            When the frame says nothing of the forces: too few markers, or nothing explains them.
+            When the frame does not determine the forces: too few markers are visible, or no forces
+            explain them.
         """
         ...
 
 
-#: Reconstructors by name.
+#: Reconstructors that differ in method, by name; `auto` chooses among them.
+METHODS = {
+    "gp": (
+        ".chain.gaussian_process:GaussianProcess",
+        "Gaussian-process prior on nodal forces in a zone",
+    ),
+    "stiffness": (".chain.stiffness_reading:StiffnessReading", "smooth displacements times K(u)"),
+    "learned": (
+        ".chain.learned:Learned",
+        "read-out trained on random grips, each frame by itself",
+    ),
+    "sequential": (
+        ".chain.learned:sequential",
+        "the same over codes averaged while the skin holds still",
+    ),
+}
+#: Reads forces unless another is chosen.
+DEFAULT_RECONSTRUCTOR = "auto"
+#: Every name that can be chosen.
 RECONSTRUCTORS = Registry(
     protocol=Reconstructor,
     package=__package__,
     entries={
-        "auto": (".reconstructors:automatic", "sequential with a read-out, gp without"),
-        "gp": (
-            ".chain.gaussian_process:GaussianProcess",
-            "Gaussian-process prior on nodal forces in a zone",
+        DEFAULT_RECONSTRUCTOR: (
+            ".reconstructors:automatic",
+            "sequential; refuses a sensor without a read-out",
         ),
-        "tikhonov": (
-            ".chain.tikhonov:Tikhonov",
-            "one matrix product, linearised at rest, λ by evidence",
-        ),
-        "stiffness": (
-            ".chain.stiffness_reading:StiffnessReading",
-            "smooth displacements times K(u)",
-        ),
-        "learned": (
-            ".chain.learned:Learned",
-            "read-out trained on random grips, each frame by itself",
-        ),
-        "sequential": (
-            ".chain.learned:Sequential",
-            "the same over codes averaged while the skin holds still",
-        ),
+        **METHODS,
     },
 )
-#: Reads forces unless another is chosen: `sequential` with a read-out, `gp` without.
-DEFAULT_RECONSTRUCTOR = "auto"
+#: Names of those that need a trained read-out.
+_TRAINED = (DEFAULT_RECONSTRUCTOR, "learned", "sequential")
 
 
 def automatic(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
-    """Reconstructor for a sensor whose user chose none."""
-    name = "gp" if calibration.readout is None else "sequential"
-    return load_reconstructor(name)(calibration, rest)
+    """Reconstructor for a sensor whose user chose none: the only one good enough for a default.
+
+    Raises
+    ------
+    UserError
+        When the sensor has no trained read-out.
+    """
+    required_readout(calibration)
+    return load_reconstructor("sequential")(calibration, rest)
 
 
 def load_reconstructor(
@@ -76,7 +90,7 @@ def load_reconstructor(
 
     Parameters
     ----------
-    choice: name of ours or of an entry point, `auto`, `module:Class`, or a class or other factory
+    choice: name of ours or of an entry point, `module:Class`, or a class or other factory
     arguments: further arguments of the class, by name
 
     Raises
@@ -87,3 +101,17 @@ def load_reconstructor(
     factory: Callable[[SensorCalibration, Tracks], Reconstructor]
     factory = RECONSTRUCTORS.load(choice, arguments)
     return factory
+
+
+def check_reconstructor(choice: Choice, calibration: SensorCalibration) -> None:
+    """Refuse, before anything is computed, a reconstructor that cannot read this sensor.
+
+    Raises
+    ------
+    UserError
+        When there is none of that name, it cannot be imported, or it needs a trained read-out and
+        the sensor has none.
+    """
+    load_reconstructor(choice)
+    if choice in _TRAINED:
+        required_readout(calibration)

@@ -5,18 +5,17 @@ from numpy.typing import NDArray
 
 from ..tracks import Tracks
 from .calibration import SensorCalibration
-from .chain.sensitivity import MEASURED
+from .reconstructors import NoEstimateError
 from .rest_fit import fitted_to_rest
 
 Array = NDArray[np.float64]
 
-
-class NoEstimateError(ValueError):
-    """A frame that says nothing about the forces."""
+#: Measurements of a pair, in order: (x, y, log size) of magenta, then of yellow.
+MEASURED = 6
 
 
 class MarkerShifts:
-    """Shifts of the pairs that were whole at rest, up to an angle from the apex.
+    """Shifts of the pairs of which both markers were visible at rest, up to an angle from the apex.
 
     Parameters
     ----------
@@ -29,7 +28,7 @@ class MarkerShifts:
     sensor: calibration of the image, its camera fitted to the rest frame
     pairs: numbers of the pairs read, P of them, shape (P,)
     places: where they are at rest, see `render.skin`, shape (2, P, 2)
-    rest_covariance: of what was measured at rest, shape (P, 6, 6)
+    rest_covariance: of the measurements at rest, shape (P, 6, 6)
     floor: variances that stand for the calibration's own errors, shape (6,)
     """
 
@@ -41,8 +40,8 @@ class MarkerShifts:
         self.pairs = pairs[near]
         self.places = places[:, near]
         self.rest_covariance = rest.covariance[self.pairs]
-        at, size = calibration.position_floor, calibration.size_floor
-        self.floor = np.tile([at, at, size], 2) ** 2
+        position, size = calibration.position_floor, calibration.size_floor
+        self.floor = np.tile([position, position, size], 2) ** 2
         self._at_rest = _measured(rest)[self.pairs]
 
     def __call__(self, tracks: Tracks, least: int) -> tuple[Array, NDArray[np.bool_]]:
@@ -51,7 +50,7 @@ class MarkerShifts:
         Raises
         ------
         NoEstimateError
-            When fewer than `least` pairs are seen.
+            When fewer than `least` pairs are certain.
         """
         certain = tracks.visible & ~tracks.ambiguous
         visible = np.all(certain[:, self.pairs], axis=0)

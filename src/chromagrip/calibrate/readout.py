@@ -14,7 +14,8 @@ from ..model import Fingertip, rest_state
 from ..render import SensorDesign, open_renderer
 from ..tracking import MarkerTracker, Palette, SensorCalibration
 from ..tracking.forces.chain.readout import limited, save_readout
-from ..tracking.forces.chain.sensitivity import MEASURED, MarkerResponse
+from ..tracking.forces.chain.sensitivity import MarkerResponse
+from ..tracking.forces.shifts import MEASURED
 from .histories import Snapshots, snapshots, with_mirrored
 from .networks import Basis, Lessons, fit_readout, make_basis
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..errors import UserError, located
-from ..model import ModelError
 from ..render import SensorDesign
 from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
 from ..tracking.forces.calibration import FitReport, nominal_calibration
@@ -110,10 +109,7 @@ def calibrate_sensor(
     if not by_force:
         return _fit_displacement(nominal, seen, where)
     with threadpool_limits(1):
-        try:
-            return _fit_forces(nominal, seen, tell)
-        except ModelError as error:
-            raise UserError(f"a press of {where} cannot be calculated: {error}") from None
+        return _fit_forces(nominal, seen, tell)
 
 
 def _check_forces(presses: list[Press], where: Path) -> None:

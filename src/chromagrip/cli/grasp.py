@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ..scene import load_scene
-from ..scene.scene import DEFAULT_SCENE, PathName, RendererName, grasp_command, parse_change
+from ..scene.scene import DEFAULT_SCENE, PathName, grasp_command, parse_change
 from .options import (
     Changes,
     Flag,
@@ -44,7 +44,7 @@ def grasp(
         ),
     ] = None,
     renderer: Annotated[
-        RendererName | None,
+        str | None,
         option("instead of the scene's; see `chromagrip renderers`", "NAME|MODULE:CLASS"),
     ] = None,
     fps: Annotated[float | None, option("camera rate, short for camera.rate_hz", "HZ")] = None,

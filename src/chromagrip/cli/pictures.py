@@ -186,7 +186,7 @@ def estimate(
         str | None,
         option(
             "how µ is read off the forces, by default as in grasps",
-            "max-ratio|core-quantile|slip-zones|read-out",
+            "max-ratio|core-quantile|read-out",
         ),
     ] = None,
     tracker: TrackerName = _TRACKER,

@@ -20,8 +20,9 @@ from ..extras import need, require
 from ..output.folder import prepare
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
+from ..tracking import check_reconstructor
 from .camera import SimulatedCamera
-from .grasp import grasp, open_camera
+from .grasp import grasp, known_sensor, open_camera
 from .trace import COLUMNS, Trace, make_trace, row, summarise
 
 if TYPE_CHECKING:
@@ -79,6 +80,8 @@ def run(
     if isinstance(scene, str):
         scene = load_scene(scene)
     scene.build_controller()  # refuses one that is not there before there is a folder
+    if scene.path == "camera" and not scene.build_sensor().shape.flat:
+        check_reconstructor(scene.reconstructor, known_sensor(scene))
     if out is not None:
         require("data", "video", purpose="writing a run folder")
     with closing(open_camera(scene)) as camera, threadpool_limits(1):

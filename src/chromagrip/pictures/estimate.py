@@ -26,10 +26,10 @@ from ..tracking import (
     FrictionRule,
     Palette,
     Tracks,
-    load_reconstructor,
+    check_reconstructor,
 )
 from ..tracking.forces.calibration import check_rest, load_calibration
-from ..tracking.forces.displacement import DisplacementGains, displacement
+from ..tracking.forces.displacement import DisplacementGains, skin_displacement
 from .figure import draw_figure, draw_forces
 from .overlay import OverlayVideo, draw_tracks
 from .track import Add, Outcome, Progress, Tracking, follow, open_folder, open_tracking
@@ -94,7 +94,7 @@ def estimate_source(
                 "gains for displacements; get them from presses with `chromagrip calibrate sensor`"
             )
         if not flat:
-            load_reconstructor(reconstructor)  # before the work
+            check_reconstructor(reconstructor, known)  # before the work
         tracking = open_tracking(
             rest, source, palette=palette, tracker=tracker, noise=noise, fps=fps, tell=tell
         )
@@ -192,7 +192,7 @@ def _force_row(seen: GripObservation, rule: FrictionRule) -> dict[str, Any]:
 
 def _read_displacements(gains: DisplacementGains, tracking: Tracking) -> Read:
     def read(frame: Frame, tracks: Tracks) -> tuple[dict[str, Any], Draw]:
-        moved, covariance = displacement(gains, tracking.resting, tracks)
+        moved, covariance = skin_displacement(gains, tracking.resting, tracks)
         row: dict[str, Any] = {"markers_seen": int(tracks.visible.all(axis=0).sum())}
         known = moved[np.isfinite(moved).all(axis=1)]
         if len(known):

@@ -78,43 +78,41 @@ _PASSES = 2
 
 def read_contact(
     fingertip: Fingertip,
-    seen: Array,
+    displacement: Array,
     forces: Array,
     force_factor: Array,
-    seen_factor: Array,
-    first: int = 0,
+    displacement_factor: Array,
 ) -> ForceField:
     """Force field of an estimate, with the covariance that the object's unknown slope adds.
 
     Parameters
     ----------
     fingertip: the chain
-    seen: node displacements relative to the rigid part [m], shape (N, 2)
+    displacement: of the nodes relative to the rigid part [m], shape (N, 2)
     forces: of the contact on each node in sensor axes [N], shape (N, 2)
-    force_factor, seen_factor: common factor of their covariance, of the Z nodes from `first` on:
-        elsewhere there are no forces; both (Z, 2, R)
-    first: number of the first of those nodes
+    force_factor, displacement_factor: common factor of their covariance, both (N, 2, R)
     """
-    slope, lean = object_slope(fingertip, seen, forces, force_factor, seen_factor, first)
+    slope, slope_factor = object_slope(
+        fingertip, displacement, forces, force_factor, displacement_factor
+    )
     rest, _, threshold = _chain_at_rest(fingertip)
     cos = 1.0 / np.hypot(1.0, slope)
     sin = slope * cos
     normal = sin * forces[:, 0] - cos * forces[:, 1]
     friction = cos * forces[:, 0] + sin * forces[:, 1]
     contact = normal > threshold
-    (reach, _, shared), nodes = force_factor.shape, len(normal)
-    spread = np.zeros((2, nodes, lean.shape[1] + 1))
-    zone = slice(first, first + reach)
-    here, s, c = spread[:, zone], sin[zone, None], cos[zone, None]
-    turn = lean * c**2  # what a change of slope turns forces by
-    here[0, :, :-1] = friction[zone, None] * turn
-    here[1, :, :-1] = -normal[zone, None] * turn
-    here[0, :, :shared] += s * force_factor[:, 0] - c * force_factor[:, 1]
-    here[1, :, :shared] += c * force_factor[:, 0] + s * force_factor[:, 1]
-    here[0, :, -1], here[1, :, -1] = _COMMON * normal[zone], _COMMON * friction[zone]
-    totals = contact[zone].astype(float) @ here
+    nodes, shared = len(normal), force_factor.shape[2]
+    spread = np.zeros((2, nodes, slope_factor.shape[1] + 1))
+    s, c = sin[:, None], cos[:, None]
+    turn = slope_factor * c**2  # rotation of the forces by a change of slope
+    spread[0, :, :-1] = friction[:, None] * turn
+    spread[1, :, :-1] = -normal[:, None] * turn
+    spread[0, :, :shared] += s * force_factor[:, 0] - c * force_factor[:, 1]
+    spread[1, :, :shared] += c * force_factor[:, 0] + s * force_factor[:, 1]
+    spread[0, :, -1], spread[1, :, -1] = _COMMON * normal, _COMMON * friction
+    totals = contact.astype(float) @ spread
     return ForceField(
-        position=rest + seen,
+        position=rest + displacement,
         normal=np.maximum(normal, 0.0),
         friction=friction,
         contact=contact,
@@ -125,27 +123,25 @@ def read_contact(
 
 def object_slope(
     fingertip: Fingertip,
-    seen: Array,
+    displacement: Array,
     forces: Array,
     force_factor: Array,
-    seen_factor: Array,
-    first: int = 0,
+    displacement_factor: Array,
 ) -> tuple[Array, Array]:
-    """Slope of the object at every node (N,), and a factor (Z, R + 4) of its covariance.
+    """Slope of the object at every node (N,), and a factor (N, R + 4) of its covariance.
 
     z = a + b·x + c·(x² + z²)/2 + fn/k from the loaded skin's middle is a circle, pressed in.
     Parameters as in `read_contact`.
     """
     rest, share, threshold = _chain_at_rest(fingertip)
-    position, normal = rest + seen, -forces[:, 1]
+    position, normal = rest + displacement, -forces[:, 1]
     unknowns = len(_OBJECT_MEAN)
     slope = np.zeros(len(normal))
-    zone = slice(first, first + len(seen_factor))
-    lean = np.zeros((len(seen_factor), seen_factor.shape[2] + unknowns))
     for _ in range(_PASSES):
         pressed = np.flatnonzero(normal > threshold)
         if len(pressed) < unknowns:
-            return np.zeros_like(slope), np.zeros_like(lean)
+            none = np.zeros((len(normal), displacement_factor.shape[2] + unknowns))
+            return np.zeros_like(slope), none
         load = normal[pressed] / share[pressed]
         x, z = (position - load @ position[pressed] / load.sum()).T
         at_x, at_z = x[pressed], z[pressed]
@@ -157,11 +153,10 @@ def object_slope(
         upright = np.maximum(1.0 - c * z, 0.3)  # beyond the circle's side there is no contact
         slope = (b + c * x) / upright
         normal = (slope * forces[:, 0] - forces[:, 1]) / np.hypot(1.0, slope)
-    factors = pressed - first
-    propagated = gain[1:3] @ seen_factor[factors, 1]
-    propagated -= (gain[1:3] * (softness / share[pressed])) @ force_factor[factors, 1]
+    propagated = gain[1:3] @ displacement_factor[pressed, 1]
+    propagated -= (gain[1:3] * (softness / share[pressed])) @ force_factor[pressed, 1]
     tilt, bend = np.concatenate([propagated, np.linalg.cholesky(covariance)[1:3]], axis=1)
-    return slope, (tilt + (x / upright)[zone, None] * bend) / upright[zone, None]
+    return slope, (tilt + (x / upright)[:, None] * bend) / upright[:, None]
 
 
 @lru_cache(maxsize=64)

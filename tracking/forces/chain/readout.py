@@ -1,13 +1,14 @@
-"""Read-outs: what was learned from the node model's own histories, as data.
+"""Read-outs: trained on histories of the node model, kept as data.
 
-What a frame's marker pairs do is written as few numbers, the codes a: shifts y = m + U·a + noise. A
-small network reads ΣFn, ΣFf and µ off the codes and the noise in them, a second one how far it may
-be wrong. So it is a regression on everything that tissue, object and the history of a grip can do
-together, which no prior on single forces knows. Snapshots of the chain travel with it: from what
-they do to markers that sit elsewhere than designed, m and U of each specimen follow.
+The shifts of a frame's marker pairs are written as few numbers, the codes a: y = m + U·a + noise. A
+small network reads ΣFn, ΣFf and µ off the codes and their noise, a second one the errors of the
+first. It is a regression on tissue, object and history of a grip together, which a prior on single
+forces does not know. Snapshots of the chain are kept with it: from the shifts that they cause on
+markers that sit elsewhere than designed, m and U of each specimen follow.
 """
 
-from dataclasses import dataclass
+import zipfile
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,14 +20,18 @@ from ....errors import UserError
 from ....render import SensorDesign
 
 Array = NDArray[np.float64]
-Layers = tuple[tuple[Array, Array], ...]
+#: In single or double precision.
+Numbers = NDArray[np.floating]
+#: Weights (I, O) and bias (O,) of each layer of a network; float32 in a read-out from a file.
+Layers = tuple[tuple[Numbers, Numbers], ...]
 
 #: ΣFn at which its scale turns from linear to logarithmic [N].
 BEND = 0.4
 #: Largest change of a marker's log size that is read.
 _SIZE_CHANGE = 0.1
-#: Arrays of more numbers are written short.
+#: Arrays of more numbers than this are written in half precision.
 _MANY = 5000
+#: Fields of a read-out that are networks.
 _NETWORKS = ("totals", "deviations", "shapes")
 
 
@@ -76,36 +81,41 @@ class ReadOut:
     correlation: Array
     prior: float
 
+    def snapshot_inputs(self) -> Array:
+        """Codes of the snapshots and 1, by which they are regressed, shape (S, K + 1)."""
+        return np.column_stack([self.codes, np.ones(len(self.codes))])
+
 
 def limited(shifts: Array) -> Array:
-    """Shifts (…, 6M) whose changes of log size are limited.
+    """Shifts (…, 6M) or (…, M, 6) whose changes of log size are limited.
 
     A disc that turns its side on a sharp object nearly vanishes: no code is worth spending on it.
     """
-    out = np.array(shifts).reshape(*np.shape(shifts)[:-1], -1, 3)
-    out[..., 2] = np.clip(out[..., 2], -_SIZE_CHANGE, _SIZE_CHANGE)
-    return out.reshape(np.shape(shifts))
+    limited = np.array(shifts, order="C")
+    sizes = limited.reshape(-1, 3)[:, 2]
+    np.clip(sizes, -_SIZE_CHANGE, _SIZE_CHANGE, out=sizes)
+    return limited
 
 
-def forward(layers: Layers, x: Array) -> Array:
-    """Output of a network of rectified linear units, for inputs (…, I)."""
+def forward(layers: Layers, x: Numbers) -> Numbers:
+    """Output of a network of rectified linear units, for inputs (…, I), in their precision."""
     for weights, bias in layers[:-1]:
         x = np.maximum(x @ weights + bias, 0.0)
     weights, bias = layers[-1]
     return x @ weights + bias
 
 
-def slope(layers: Layers, x: Array) -> Array:
-    """Derivative of the output by the input (O, I), at one input (I,)."""
-    open_units = []
+def linearised(layers: Layers, x: Numbers) -> tuple[Numbers, Numbers]:
+    """Output (O,) of a network at one input (I,), and its derivative by the input (O, I)."""
+    active = []
     for weights, bias in layers[:-1]:
-        x = x @ weights + bias
-        open_units.append(x > 0.0)
-        x = np.maximum(x, 0.0)
-    through = layers[-1][0].T
-    for (weights, _), units in zip(layers[-2::-1], open_units[::-1], strict=True):
-        through = (through * units) @ weights.T
-    return through
+        x = np.maximum(x @ weights + bias, 0.0)
+        active.append(x > 0.0)
+    weights, bias = layers[-1]
+    derivative = weights.T
+    for (before, _), units in zip(layers[-2::-1], active[::-1], strict=True):
+        derivative = (derivative * units) @ before.T
+    return x @ weights + bias, derivative
 
 
 def save_readout(readout: ReadOut, path: Path) -> None:
@@ -115,7 +125,6 @@ def save_readout(readout: ReadOut, path: Path) -> None:
     for name in _NETWORKS:
         for k, (weights, bias) in enumerate(values.pop(name)):
             values[f"{name}_{k}_weights"], values[f"{name}_{k}_bias"] = weights, bias
-    # Half of single precision is plenty for what is many numbers.
     short = {
         name: np.asarray(value, dtype=np.float16 if np.size(value) > _MANY else np.float32)
         for name, value in values.items()
@@ -126,26 +135,39 @@ def save_readout(readout: ReadOut, path: Path) -> None:
 
 @lru_cache(maxsize=4)
 def load_readout(path: Path) -> ReadOut:
-    """Read a read-out.
+    """Read a read-out; its networks in single precision, in which they are evaluated.
 
     Raises
     ------
     UserError
-        When the file is none.
+        When the file cannot be read, or is none.
     """
+    if path.is_file() and not zipfile.is_zipfile(path):
+        raise UserError(f"{path} is not a trained read-out")
     try:
         with np.load(path) as file:
-            design = msgspec.json.decode(file["design"].tobytes(), type=SensorDesign)
-            names = [name for name in file.files if name != "design"]
-            values = {name: file[name].astype(float) for name in names}
-        networks = {
-            name: tuple(
-                (values.pop(f"{name}_{k}_weights"), values.pop(f"{name}_{k}_bias"))
-                for k in range(sum(key.startswith(f"{name}_") for key in values) // 2)
-            )
-            for name in _NETWORKS
-        }
-        numbers = {name: float(values.pop(name)) for name in ("tissue_stiffness", "prior")}
-        return ReadOut(design=design, **values, **networks, **numbers)  # type: ignore[arg-type]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+            absent = {f.name for f in fields(ReadOut)} - {*file.files, *_NETWORKS}
+            if absent:
+                raise UserError(f"{path} is not a trained read-out: it has no {min(absent)}")
+            stored = {name: file[name] for name in file.files}
+        design = msgspec.json.decode(stored.pop("design").tobytes(), type=SensorDesign)
+    except OSError as error:
+        raise UserError(f"read-out {path} cannot be read: {error.strerror}") from None
+    except (zipfile.BadZipFile, msgspec.DecodeError) as error:
         raise UserError(f"{path} is not a trained read-out: {error}") from None
+    networks = {name: _network(stored, name) for name in _NETWORKS}
+    numbers = {name: float(stored.pop(name)) for name in ("tissue_stiffness", "prior")}
+    arrays = {name: value.astype(float) for name, value in stored.items()}
+    return ReadOut(design=design, **arrays, **networks, **numbers)  # type: ignore[arg-type]
+
+
+def _network(stored: dict[str, Numbers], name: str) -> Layers:
+    """Layers of a network, taken out of the arrays of a file."""
+    count = sum(key.startswith(f"{name}_") for key in stored) // 2
+    return tuple(
+        (
+            stored.pop(f"{name}_{k}_weights").astype(np.float32),
+            stored.pop(f"{name}_{k}_bias").astype(np.float32),
+        )
+        for k in range(count)
+    )

@@ -13,9 +13,6 @@ from ....render.outlines import areas, centroids, outlines
 
 Array = NDArray[np.float64]
 
-#: What is measured of a pair, in order: (x, y, log size) of magenta, then of yellow.
-MEASURED = 6
-
 
 class MarkerResponse:
     """Predicted (x, y, log size) of both layers of every marker pair of one calibrated sensor.

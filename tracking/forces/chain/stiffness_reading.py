@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from ....model import ForceField, chain_forces
 from ...tracks import Tracks
 from ..calibration import SensorCalibration
-from ..shifts import MarkerShifts, NoEstimateError
+from ..reconstructors import NoEstimateError
+from ..shifts import MarkerShifts
 from .contact_reading import ForcePrior, read_contact
 from .sensitivity import MarkerResponse
 

@@ -24,8 +24,7 @@ from ...output.report import (
 )
 from ...render.drawing.gl import gl_problem
 from ...thesis import OBJECTS
-from ...tracking import RECONSTRUCTORS, load_reconstructor
-from ...tracking.forces.friction import FRICTION
+from ...tracking import FRICTION, METHODS, load_reconstructor
 from ..worlds.force_scores import (
     CONSTANT,
     QUANTITIES,
@@ -205,8 +204,7 @@ def choose(reconstructors: Sequence[Choice]) -> dict[str, Choice]:
     UserError
         When there is no such reconstructor.
     """
-    ours = [name for name in RECONSTRUCTORS.entries if name != "auto"]
-    return named(reconstructors or ours, load_reconstructor)
+    return named(reconstructors or list(METHODS), load_reconstructor)
 
 
 def measure(

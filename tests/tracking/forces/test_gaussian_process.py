@@ -13,7 +13,6 @@ from chromagrip.tracking import (
     Tracks,
 )
 from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
-from chromagrip.tracking.forces.friction import slip_zones
 
 SENSOR = load_sensor("thesis")
 PAINTER = open_renderer("painter", SENSOR)
@@ -59,17 +58,15 @@ def watch(
         (ContactObject(stiffness=160.0, curvature=50.0, friction=0.3), 3.1, 0.65),
     ],
 )
-def test_forces_and_friction_come_out_of_the_image(
+def test_forces_come_out_of_the_image(
     tracker: MarkerTracker, obj: ContactObject, grip: float, load: float
 ) -> None:
-    """Object, friction and command are unknown to the estimator; 0.2 s are averaged."""
+    """Object and command are unknown to the estimator; 0.2 s are averaged."""
     late = watch(tracker, obj, grip, load)[-20:]
     normal = np.mean([e.total_normal / t.total_normal for e, t, _ in late])
     friction = np.mean([e.total_friction - t.total_friction for e, t, _ in late])
-    mu = np.mean([slip_zones(e).value for e, _, _ in late])
     assert normal == pytest.approx(1.0, abs=0.05)
     assert friction == pytest.approx(0.0, abs=0.02)
-    assert mu == pytest.approx(obj.friction, abs=0.05)
     estimate = late[-1][0]
     assert np.sign(estimate.friction[estimate.contact].sum()) == np.sign(load)
 

@@ -9,8 +9,8 @@ from chromagrip.errors import UserError
 from chromagrip.model import ContactObject, Fingertip, ForceField, equilibrium
 from chromagrip.render import load_sensor
 from chromagrip.tracking import NoEstimateError, SensorCalibration, Tracks, load_calibration
-from chromagrip.tracking.forces.chain.learned import Learned, Sequential
-from chromagrip.tracking.forces.chain.readout import forward, load_readout, save_readout, slope
+from chromagrip.tracking.forces.chain.learned import Learned, sequential
+from chromagrip.tracking.forces.chain.readout import forward, linearised, load_readout, save_readout
 from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
 
 SENSOR = load_sensor("thesis")
@@ -226,7 +226,7 @@ def test_forces_scale_with_the_calibrated_stiffness(
 def test_standing_still_steadies_the_reading_and_a_change_is_followed_at_once(
     specimen: Specimen, unseen: Snapshots
 ) -> None:
-    alone, steady = Learned(KNOWN, specimen.rest), Sequential(KNOWN, specimen.rest)
+    alone, steady = Learned(KNOWN, specimen.rest), sequential(KNOWN, specimen.rest)
     first, second = unseen.seen[2], unseen.seen[-3]
     still = [specimen.tracks(first, 1.0, k) for k in range(30)]
     single = np.array([alone.update(t).total_normal for t in still])
@@ -268,7 +268,7 @@ def test_slope_of_a_network_is_its_derivative() -> None:
     x = rng.standard_normal(len(network[0][0]))
     step = 1e-7 * rng.standard_normal(len(x))
     change = (forward(network, x + step) - forward(network, x - step)) / 2
-    assert slope(network, x) @ step == pytest.approx(change, rel=1e-4, abs=1e-12)
+    assert linearised(network, x)[1] @ step == pytest.approx(change, rel=1e-4, abs=1e-12)
 
 
 def test_a_read_out_survives_its_file_and_nonsense_does_not(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from chromagrip.tracking.forces.calibration import (
     values_of,
     with_values,
 )
-from chromagrip.tracking.forces.displacement import DisplacementGains, displacement, fit_gains
+from chromagrip.tracking.forces.displacement import DisplacementGains, fit_gains, skin_displacement
 
 SENSOR = load_sensor("thesis")
 REPORT = FitReport(presses=("a.png",), noise_levels=2.0, error_px=0.01)
@@ -84,7 +84,7 @@ def test_a_file_gives_back_what_was_written(tmp_path: Path) -> None:
 def test_a_design_of_ones_own_is_found_from_the_calibration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shipped = Path(__file__).parents[2] / "render" / "designs" / "thesis.toml"
+    shipped = Path(__file__).parents[3] / "render" / "designs" / "thesis.toml"
     (tmp_path / "designs").mkdir()
     (tmp_path / "calibrations").mkdir()
     (tmp_path / "designs" / "own.toml").write_text(shipped.read_text(encoding="utf-8"))
@@ -182,11 +182,11 @@ def test_displacements_are_inverted_with_their_covariance() -> None:
     rng = np.random.default_rng(1)
     rest = shown(np.zeros((400, 3)), 0.0, rng)
     moved = rng.uniform([-0.2, -0.2, 0.0], [0.2, 0.2, 0.3], (400, 3))
-    exact, _ = displacement(GAINS, rest, shown(moved, 0.0, rng))
+    exact, _ = skin_displacement(GAINS, rest, shown(moved, 0.0, rng))
     np.testing.assert_allclose(1e3 * exact, moved, atol=1e-12)
     scores = []
     for _ in range(50):
-        found, covariance = displacement(GAINS, rest, shown(moved, 1.0, rng))
+        found, covariance = skin_displacement(GAINS, rest, shown(moved, 1.0, rng))
         error = found - 1e-3 * moved
         scores.append(
             np.einsum("mi,mi->m", error, np.linalg.solve(covariance, error[..., None])[..., 0])
@@ -199,14 +199,14 @@ def test_hue_and_size_count_by_what_they_know() -> None:
     rest, now = (shown(np.full((9, 3), v), 0.0, rng) for v in (0.0, 0.2))
     variances = []
     for lacking in ({}, {"hue": now.hue * np.nan}, {"log_size": now.log_size * np.nan}):
-        found, covariance = displacement(GAINS, rest, replace(now, **lacking))
+        found, covariance = skin_displacement(GAINS, rest, replace(now, **lacking))
         np.testing.assert_allclose(found, 2e-4)
         variances.append(covariance[0, 2, 2])
     both, by_size, by_hue = variances
     assert by_hue == pytest.approx((1e-3 * 0.3 / 16.5) ** 2)
     assert by_size == pytest.approx((1e-3 * 0.01 / 0.3) ** 2)
     assert both == pytest.approx(1.0 / (1.0 / by_hue + 1.0 / by_size))
-    neither, _ = displacement(
+    neither, _ = skin_displacement(
         GAINS, rest, replace(now, hue=now.hue * np.nan, log_size=now.log_size * np.nan)
     )
     assert np.isnan(neither).all()

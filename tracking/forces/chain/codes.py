@@ -1,0 +1,354 @@
+"""Codes of a frame: the few numbers that the marker pairs of one specimen determine.
+
+Shifts are y = m + U·a + noise. The codes a, and one change of all log sizes in each layer, are the
+mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...tracks import Tracks
+from ..reconstructors import NoEstimateError
+from ..shifts import MEASURED
+from .readout import limited
+from .specimen import SIZES, Specimen
+
+Array = NDArray[np.float64]
+#: Of what is multiplied in every frame: half the memory to read, and far finer than the noise.
+Short = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+#: Fewer visible pairs than this do not determine the codes.
+MIN_PAIRS = 60
+#: A pair whose χ² (of 6) given the others is above this is not where its track is.
+STRAY = 50.0
+#: A stray pair draws the others with it: pairs below this share of the worst χ² are judged again
+#: without the worst.
+_NEAR_WORST = 0.25
+#: A pair of ambiguous number is read where its χ² given the others is below this. On folded skin
+#: the right one is up to 170 off, the wrong one 50 000.
+_LIKELY = 1000.0
+#: Largest mean χ² per measurement at which a frame still counts as a trained press.
+_UNLIKE = 9.0
+#: Weights are computed anew when the noise has changed by more than this share …
+_NOISE_CHANGE = 0.25
+#: … and those of single pairs where the variance of a log size is more than this many times theirs.
+_VAGUER = 4.0
+#: Directions of codes whose variance is more than this many times the median's widen the interval.
+_NOISIER = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """What P pairs say of U unknowns, in units of their noise.
+
+    Attributes
+    ----------
+    whiten: of each pair's shifts, shape (P, 6, 6)
+    rows: change of each whitened shift with the unknowns, shape (6P, U)
+    information: of all pairs and of the prior, shape (U, U)
+    """
+
+    whiten: Short
+    rows: Short
+    information: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseLevel:
+    """Weights for frames of one noise level, and what follows from them where no pair is missing.
+
+    Attributes
+    ----------
+    level: median variance of a pair's x [px²]
+    sizes: variances of a pair's log sizes in a frame, shape (P, 2)
+    constant: covariance of the errors that are the same in every frame, shape (P, 6, 6)
+    weights: of the pairs
+    covariance: of the unknowns as the prior shrinks them, shape (U, U)
+    unshrink: factor of each unknown that undoes the prior: the read-out was trained on codes with
+        noise, not on codes drawn towards their mean; shape (U,)
+    variance: of each code, shape (K,)
+    constant_variance: share of it that is the same in every frame, shape (K,)
+    excess: covariance of the codes beyond that of training, shape (K, K)
+    """
+
+    level: float
+    sizes: Array
+    constant: Array
+    weights: Weights
+    covariance: Array
+    unshrink: Array
+    variance: Array
+    constant_variance: Array
+    excess: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class VagueSizes:
+    """Weights where the log sizes of some pairs are vaguer than at the noise level.
+
+    Attributes
+    ----------
+    pairs: which, shape (P,)
+    variances: of their measurements, shape (V, 6)
+    weights: of all pairs
+    """
+
+    pairs: Mask
+    variances: Array
+    weights: Weights
+
+
+@dataclass(frozen=True, kw_only=True)
+class Posterior:
+    """Covariance (U, U) of the unknowns from some pairs (P,) by some weights."""
+
+    weights: Weights
+    pairs: Mask
+    covariance: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kept:
+    """What the next frame uses again, because it seldom changes and takes long to compute."""
+
+    noise: NoiseLevel
+    vague: VagueSizes | None = None
+    posterior: Posterior | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Unknowns of a frame.
+
+    Attributes
+    ----------
+    pairs: that they rest on, shape (P,)
+    unknowns: shape (U,)
+    posterior: their covariance
+    misfit: χ² of each pair, shape (P,)
+    """
+
+    pairs: Mask
+    unknowns: Array
+    posterior: Posterior
+    misfit: Short
+
+
+@dataclass(frozen=True, kw_only=True)
+class Codes:
+    """Codes of a frame.
+
+    Attributes
+    ----------
+    value: shape (K,)
+    variance: of each, as in training, shape (K,)
+    constant_variance: share of it that is the same in every frame, shape (K,)
+    excess: covariance beyond that of training, shape (K, K)
+    """
+
+    value: Array
+    variance: Array
+    constant_variance: Array
+    excess: Array
+
+
+def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fit, Kept]:
+    """Unknowns of a frame, and what to keep for the next one.
+
+    Parameters
+    ----------
+    specimen: whose pairs were tracked
+    kept: of the frame before
+    tracks: of the frame
+
+    Raises
+    ------
+    NoEstimateError
+        When fewer than MIN_PAIRS pairs are visible.
+    """
+    shifts, certain = specimen.shifts(tracks, MIN_PAIRS)
+    visible = np.asarray(tracks.visible[:, specimen.shifts.pairs].all(axis=0))
+    level = float(np.median(tracks.covariance[specimen.shifts.pairs[visible], 0, 0]))
+    if kept is None or abs(level - kept.noise.level) >= _NOISE_CHANGE * kept.noise.level:
+        kept = Kept(noise=_noise_level(specimen, level, tracks, visible))
+    noise = kept.noise
+    vague = _vague_sizes(specimen, kept, tracks, visible)
+    weights = noise.weights if vague is None else vague.weights
+    centred = (limited(shifts) - specimen.mean).astype(np.float32)
+    centred[~visible] = 0.0
+    solver = _Solver(
+        noise=noise,
+        weights=weights,
+        white=np.einsum("pij,pj->pi", weights.whiten, centred),
+        before=kept.posterior,
+    )
+    fit = solver.consistent(certain)
+    ambiguous = visible & ~certain
+    if ambiguous.any():
+        fit = solver.consistent(solver.with_likely(fit, ambiguous, _LIKELY))
+    return fit, Kept(noise=noise, vague=vague or kept.vague, posterior=fit.posterior)
+
+
+def trained_codes(fit: Fit, noise: NoiseLevel) -> Codes:
+    """Codes that a fit determines.
+
+    Raises
+    ------
+    NoEstimateError
+        When the pairs move as no trained press moves them.
+    """
+    count = len(noise.variance)
+    freedom = MEASURED * fit.pairs.sum() - count
+    misfit = float(fit.misfit[fit.pairs].sum() / freedom)
+    if misfit > _UNLIKE:
+        raise NoEstimateError(
+            f"the markers move as no trained press moves them: χ² is {misfit:.0f} a measurement, "
+            f"{_UNLIKE:g} at most is allowed"
+        )
+    excess = noise.excess
+    if fit.posterior.covariance is not noise.covariance:
+        change = fit.posterior.covariance - noise.covariance
+        excess = excess + (noise.unshrink[:, None] * change * noise.unshrink)[:count, :count]
+    return Codes(
+        value=fit.unknowns[:count],
+        variance=noise.variance,
+        constant_variance=noise.constant_variance,
+        excess=excess,
+    )
+
+
+def _noise_level(specimen: Specimen, level: float, tracks: Tracks, visible: Mask) -> NoiseLevel:
+    """Weights for frames as noisy as this one."""
+    frame = tracks.covariance[specimen.shifts.pairs]
+    # A pair that is not visible now may be visible in a later frame.
+    frame[~visible] = np.median(frame[visible], axis=0)
+    constant = specimen.shifts.rest_covariance + np.diag(specimen.shifts.floor)
+    constant = constant + specimen.unexplained[:, :, None] * np.eye(MEASURED)
+    whiten = np.linalg.inv(np.linalg.cholesky(frame + constant))
+    pairs, _, unknowns = specimen.loadings.shape
+    rows = (whiten @ specimen.loadings).reshape(-1, unknowns)
+    # The prior keeps unknowns that no visible pair determines near their mean.
+    information = rows.T @ rows + np.diag(1.0 / specimen.strength)
+    covariance = np.asarray(np.linalg.inv(information))
+    unshrink = 1.0 / (1.0 - np.diag(covariance) / specimen.strength)
+    codes = unknowns - len(SIZES)
+    unshrink[codes:] = 1.0
+    variance = (unshrink * np.diag(covariance))[:codes]
+    # Where markers were missing at rest, some directions are noisier than all were in training.
+    typical = float(np.median(variance))
+    raised = (unshrink[:, None] * covariance * unshrink)[:codes, :codes]
+    spreads, directions = np.linalg.eigh(raised)
+    excess = np.where(spreads > _NOISIER * typical, spreads - typical, 0.0)
+    operator = (unshrink[:, None] * (covariance @ rows.T))[:codes].reshape(codes, pairs, MEASURED)
+    whitened = whiten @ constant @ np.swapaxes(whiten, 1, 2)
+    return NoiseLevel(
+        level=level,
+        sizes=frame[:, SIZES, SIZES],
+        constant=constant,
+        weights=Weights(
+            whiten=whiten.astype(np.float32),
+            rows=rows.astype(np.float32),
+            information=information,
+        ),
+        covariance=covariance,
+        unshrink=unshrink,
+        variance=variance,
+        constant_variance=np.einsum("kpi,pij,kpj->k", operator, whitened, operator, optimize=True),
+        excess=(directions * excess) @ directions.T,
+    )
+
+
+def _vague_sizes(
+    specimen: Specimen, kept: Kept, tracks: Tracks, visible: Mask
+) -> VagueSizes | None:
+    """Weights of a frame in which log sizes of some pairs, which touch others, are vaguer."""
+    numbers, noise, before = specimen.shifts.pairs, kept.noise, kept.vague
+    sizes = tracks.covariance[numbers[:, None], SIZES, SIZES]
+    pairs = visible & (sizes > _VAGUER * noise.sizes).any(axis=1)
+    if not pairs.any():
+        return None
+    covariance = tracks.covariance[numbers[pairs]]
+    variances = covariance.diagonal(axis1=1, axis2=2)
+    if before is not None and np.array_equal(pairs, before.pairs):
+        change = abs(variances - before.variances)
+        if (change < _NOISE_CHANGE * before.variances).all():
+            return before
+    whiten, unknowns = noise.weights.whiten.copy(), specimen.loadings.shape[2]
+    rows = noise.weights.rows.reshape(len(pairs), MEASURED, unknowns).copy()
+    sure = rows[pairs].reshape(-1, unknowns).astype(float)
+    own = np.linalg.inv(np.linalg.cholesky(covariance + noise.constant[pairs]))
+    vague = (own @ specimen.loadings[pairs]).reshape(sure.shape)
+    whiten[pairs], rows[pairs] = own, vague.reshape(-1, MEASURED, unknowns)
+    weights = Weights(
+        whiten=whiten,
+        rows=rows.reshape(-1, unknowns),
+        information=noise.weights.information - sure.T @ sure + vague.T @ vague,
+    )
+    return VagueSizes(pairs=pairs, variances=variances, weights=weights)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Solver:
+    """Least squares of one frame.
+
+    Attributes
+    ----------
+    noise: level of the frame
+    weights: of the frame's pairs
+    white: whitened shifts, 0 where a pair is not visible, shape (P, 6)
+    before: posterior of the frame before, used again where it is of the same weights and pairs
+    """
+
+    noise: NoiseLevel
+    weights: Weights
+    white: Short
+    before: Posterior | None
+
+    def consistent(self, certain: Mask) -> Fit:
+        """Fit to those of the certain pairs that do not stray from the others."""
+        pairs, limit = certain, STRAY
+        while True:
+            fit = self.fit(pairs)
+            worst = float(fit.misfit[pairs].max())
+            if worst > STRAY or pairs is not certain:
+                limit = STRAY * max(1.0, float(np.median(fit.misfit[pairs])) / MEASURED)
+            stray = pairs & (fit.misfit > max(limit, _NEAR_WORST * worst))
+            if not stray.any():
+                break
+            pairs = pairs & ~stray
+        # Pairs that were only drawn along by a stray one come back.
+        likely = self.with_likely(fit, certain & ~pairs, limit)
+        return fit if np.array_equal(likely, pairs) else self.fit(likely)
+
+    def with_likely(self, fit: Fit, doubtful: Mask, limit: float) -> Mask:
+        """Pairs of a fit, and doubtful ones whose χ² given the fit is below a limit."""
+        pairs, shrunk = fit.pairs.copy(), fit.unknowns / self.noise.unshrink
+        for pair in np.flatnonzero(doubtful):
+            rows = self.weights.rows[MEASURED * pair : MEASURED * (pair + 1)].astype(float)
+            missed = self.white[pair] - rows @ shrunk
+            spread = np.eye(MEASURED) + rows @ fit.posterior.covariance @ rows.T
+            pairs[pair] = missed @ np.linalg.solve(spread, missed) < limit
+        return pairs
+
+    def fit(self, pairs: Mask) -> Fit:
+        """Unknowns from these pairs."""
+        posterior, rows = self._posterior(pairs), self.weights.rows
+        moment = rows.T @ (self.white * pairs[:, None]).ravel()
+        unknowns = self.noise.unshrink * (posterior.covariance @ moment)
+        missed = self.white - (rows @ unknowns.astype(np.float32)).reshape(self.white.shape)
+        misfit = np.einsum("pj,pj->p", missed, missed)
+        return Fit(pairs=pairs, unknowns=unknowns, posterior=posterior, misfit=misfit)
+
+    def _posterior(self, pairs: Mask) -> Posterior:
+        weights, before = self.weights, self.before
+        if weights is self.noise.weights and pairs.all():
+            return Posterior(weights=weights, pairs=pairs, covariance=self.noise.covariance)
+        if before is not None and before.weights is weights and np.array_equal(before.pairs, pairs):
+            return before
+        rows = weights.rows.reshape(len(pairs), MEASURED, -1)[~pairs]
+        lost = rows.reshape(-1, rows.shape[2]).astype(float)
+        covariance = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
+        return Posterior(weights=weights, pairs=pairs, covariance=covariance)
