@@ -9,7 +9,7 @@ import tomli_w
 
 from ..errors import UserError
 from ..output.folder import disk_errors, write_whole
-from ..render.design.sensor import FILES_NAMED
+from ..render import FILES_NAMED
 from ..strict_toml import read_toml
 from .folder import RECIPE, SENSORS
 from .recipe import Recipe, with_sensors
