@@ -3,6 +3,7 @@
 from .detection import Markers, RestFrame, detect_markers, read_rest
 from .fit.tracker import MarkerTracker
 from .forces import (
+    AUTOMATIC,
     CAMERA_RULE,
     DEFAULT_RECONSTRUCTOR,
     FRICTION,
@@ -29,6 +30,7 @@ from .trackers import DEFAULT_TRACKER, Tracker, load_tracker, tracker_names
 from .tracks import Tracks
 
 __all__ = [
+    "AUTOMATIC",
     "CAMERA_RULE",
     "DEFAULT_PALETTE",
     "DEFAULT_RECONSTRUCTOR",

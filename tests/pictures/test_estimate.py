@@ -233,9 +233,17 @@ def shifted(image: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("options", "change", "words"),
     [
-        ({"calibration": "dome-2022"}, None, "calibration dome-2022: the markers at rest lie"),
+        (
+            {"calibration": "dome-2022", "reconstructor": "gp"},
+            None,
+            "calibration dome-2022: the markers at rest lie",
+        ),
         ({"calibration": "thesis"}, shifted, r"lie \d\.\d px RMS from the places"),
-        ({"calibration": "dome-2020"}, None, "image has shape|the sensor has 77 of each"),
+        (
+            {"calibration": "dome-2020", "reconstructor": "gp"},
+            None,
+            "image has shape|the sensor has 77 of each",
+        ),
         ({"calibration": "flat-2019"}, None, "a flat pad, which has no force model"),
         ({"calibration": "nobody"}, None, "no calibration 'nobody'"),
         ({"calibration": "thesis", "reconstructor": "wish"}, None, "no reconstructor 'wish'"),

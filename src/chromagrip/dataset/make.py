@@ -76,6 +76,7 @@ def make(
         For a folder of another recipe, a sequence that cannot be made, or a cluster that does not
         answer.
     """
+    require("data")
     first, step = shard
     wanted = range(first - 1, recipe.sequences, step)
     if not wanted:
@@ -109,6 +110,7 @@ def merge(folders: list[Path], out: Path) -> Manifest:
         When the shards differ in recipe, sensor or versions, hold a sequence twice, are not
         complete or have changed.
     """
+    require("data")
     recipe = open_recipe(folders[0])
     manifests = [read_manifest(folder) for folder in folders]
     origins: dict[str, Path] = {}

@@ -108,7 +108,11 @@ class GrowingFile:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Finish the file and give it its name.
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Finish the file and give it its name; closing it again does nothing.
 
         Raises
         ------

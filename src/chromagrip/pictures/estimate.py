@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..control import GripObservation
 from ..errors import UserError, located
+from ..extras import require
 from ..loop.observers import ForceObserver
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable
 from ..render import Frame, View
@@ -82,6 +83,8 @@ def estimate_source(
     UserError
         When there is nothing to estimate, or the calibration is another sensor's.
     """
+    if out is not None:
+        require("data", "video", purpose="writing estimates")
     with located(f"calibration {calibration}"):
         known = load_calibration(calibration)
         rule = _friction_rule(friction)

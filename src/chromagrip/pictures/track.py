@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..errors import UserError
+from ..extras import require
 from ..output.folder import prepare
 from ..output.parquet import TrackTable
 from ..output.pictures import Source, open_source
@@ -139,6 +140,8 @@ def track_source(
     UserError
         When there is nothing to track.
     """
+    if out is not None:
+        require("data", "video", purpose="writing tracks")
     colours = load_palette(palette)
     tracking = open_tracking(
         rest, source, palette=colours, tracker=tracker, noise=noise, fps=fps, tell=tell

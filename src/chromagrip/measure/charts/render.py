@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from ...extras import require
 from ...render import Membrane, MembraneMap, Renderer, SensorDesign, TruthMap, load_sensor
 from ...render.colour import encode_srgb, encoding_table
 from ...render.drawing.gl import gl_problem
@@ -34,6 +35,7 @@ AXES = (
 
 def chart_render(quick: bool, progress: Callable[[str], None]) -> Chart:
     """Measure every renderer, with fewer passes where it has to be quick."""
+    require("images")
     with threadpool_limits(1):
         cv2.setNumThreads(1)
         points = _measure(load_sensor("thesis"), quick, progress)

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ...extras import require
 from ...output.folder import prepare
 from ...output.rows import Row, report
 from .appendix_b import FIGURES
@@ -133,6 +134,7 @@ def reproduce(
     Report of the rows, and a section for each figure or table.
     """
     if out is not None:
+        require("data")
         prepare(out, force or (out / UNFINISHED).exists())
     chosen = {name: PARTS[name] for name in parts}
     jobs = [job for part in chosen.values() for job in part.jobs(plan)]

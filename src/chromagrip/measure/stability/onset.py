@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...control import GripObservation, SafetyMarginControl, SafetyMarginGains
+from ...control import GripObservation, SafetyMarginControl, SafetyMarginSettings
 from ...loop.observers import TruthObserver
 from ...model import ContactObject, Fingertip, State, contact_forces, step
 from .cells import FIRST_LOAD, MARGIN, Setting
@@ -47,12 +47,12 @@ def _grows(
     setting: Setting, tip: Fingertip, obj: ContactObject, state: State, grip: float, period: float
 ) -> bool:
     """Whether the margin strays further at the end than the disturbance itself put it off by."""
-    gains = SafetyMarginGains(
+    gains = SafetyMarginSettings(
         desired_margin=contact_forces(tip, obj, state).safety_margin(obj.friction),
-        feedforward=grip,
-        proportional=setting.proportional_n,
-        integral=setting.integral_n_per_s,
-        start=0.0,
+        feedforward_n=grip,
+        proportional_n=setting.proportional_n,
+        integral_n_per_s=setting.integral_n_per_s,
+        start_s=0.0,
     )
     controller, observer = SafetyMarginControl(gains), TruthObserver(setting.window_s)
     delay = (setting.latency_frames + 1) * period
