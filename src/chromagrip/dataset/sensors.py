@@ -60,7 +60,9 @@ def _files(path: Path) -> dict[str, bytes]:
         if name := values.get(table, {}).get(key):
             other = path.parent / name
             if other.name in (path.name, *beside):
-                raise UserError(f"sensor file {path} names two files called {other.name}")
+                raise UserError(
+                    f"sensor file {path} cannot be copied: it names two files called {other.name}"
+                )
             beside[other.name] = _bytes(other)
             values[table][key] = other.name
     return {path.name: tomli_w.dumps(values).encode() if beside else _bytes(path), **beside}
