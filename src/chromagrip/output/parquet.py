@@ -86,6 +86,10 @@ _TRACK_GROUP = 100_000
 _ESTIMATE_GROUP = 1000
 
 
+#: Values of a frame by column.
+Row = dict[str, float | str | NDArray[np.float32] | None]
+
+
 class _ParquetFile(GrowingFile):
     """Parquet file that is written in groups of rows.
 
@@ -203,9 +207,9 @@ class EstimateTable(_ParquetFile):
 
     def __init__(self, path: Path, columns: Columns) -> None:
         super().__init__(path, columns)
-        self._rows: list[dict[str, Any]] = []
+        self._rows: list[Row] = []
 
-    def add(self, row: dict[str, Any]) -> None:
+    def add(self, row: Row) -> None:
         """Append a frame's row; None is null."""
         self._rows.append(row)
         if len(self._rows) == _ESTIMATE_GROUP:
