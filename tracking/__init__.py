@@ -17,6 +17,7 @@ from .detection import (
 )
 from .fit import FitSettings, MarkerTracker
 from .forces import (
+    AUTOMATIC,
     CAMERA_RULE,
     DEFAULT_RECONSTRUCTOR,
     FRICTION,
@@ -45,6 +46,7 @@ from .tracks import Tracks
 from .unmixing import dye_densities, unmixing_matrix
 
 __all__ = [
+    "AUTOMATIC",
     "CAMERA_RULE",
     "DEFAULT_PALETTE",
     "DEFAULT_RECONSTRUCTOR",

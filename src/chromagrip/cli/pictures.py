@@ -240,7 +240,7 @@ def estimate(
 
 
 def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
-    from ..output.estimate_table import VALUES
+    from ..output.parquet import VALUES
 
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()

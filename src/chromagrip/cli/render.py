@@ -3,11 +3,14 @@
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import UserError
-from ..scene.scene import DEFAULT_SCENE, load_scene, parse_change
+from ..scene.scene import DEFAULT_SCENE, Scene, load_scene, parse_change
 from .options import Changes, JsonOnly, Out, Overwrite, counting, new_folder, option
+
+if TYPE_CHECKING:
+    from ..loop.poses import Pose
 
 
 def render(
@@ -48,26 +51,12 @@ def render(
     changed: dict[str, Any] = {k: v for k, v in shortcuts.items() if v is not None}
     changed |= dict(parse_change(text) for text in changes)
     resolved = load_scene(scene, changed)
-    flat = resolved.build_sensor().shape.flat
-
-    from ..loop.pose_folder import render_poses
-    from ..loop.poses import Pose  # OpenCV and matplotlib load only when something is drawn
-
-    if flat and not (grip or load):
-        press, shear = press_mm or (1.0,), shear_mm or ((0.5,) if not press_mm else (0.0,))
-        poses = [Pose(depth=d * 1e-3, shear=s * 1e-3) for d in press for s in shear]
-    elif press_mm or shear_mm:
-        press, shear = press_mm or (0.0,), shear_mm or (0.0,)
-        poses = [Pose(depth=d * 1e-3, shear=s * 1e-3) for d in press for s in shear]
-    else:
-        grips, loads = grip or (2.0,), load or ((0.3,) if not grip else (0.0,))
-        poses = [Pose(grip=g, load=f) for g in grips for f in loads]
-    for pose in poses:
-        asked = (pose.grip, pose.load, pose.depth, pose.shear)
-        if not all(map(math.isfinite, asked)) or min(pose.grip, pose.depth) < 0.0:
-            raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
+    poses = _poses(resolved, grip, load, press_mm, shear_mm)
     if out is None and not json_only:
         out = new_folder(f"render-{Path(resolved.sensor).stem}")
+
+    from ..loop.pose_folder import render_poses  # OpenCV loads only when something is drawn
+
     with counting("rendering", "poses") as progress:
         report = render_poses(resolved, poses, out, overwrite, progress)
     if json_only:
@@ -80,3 +69,26 @@ def render(
         print(f"{entry['image']}  {numbers}")
     print(f"folder {out}, see {report['poses'][0]['preview']}")
     return 0
+
+
+def _poses(
+    scene: Scene,
+    grip: tuple[float, ...],
+    load: tuple[float, ...],
+    press_mm: tuple[float, ...],
+    shear_mm: tuple[float, ...],
+) -> "list[Pose]":
+    """Poses of the sweep: forces on a dome, or depths and shears; one by default."""
+    from ..loop.poses import Pose
+
+    numbers = (*grip, *load, *press_mm, *shear_mm)
+    if not all(map(math.isfinite, numbers)) or min((*grip, *press_mm), default=0.0) < 0.0:
+        raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
+    flat = scene.build_sensor().shape.flat
+    if press_mm or shear_mm or (flat and not (grip or load)):
+        presses = press_mm or ((1.0,) if flat and not (grip or load) else (0.0,))
+        shears = shear_mm or ((0.0,) if press_mm else (0.5,))
+        return [Pose(depth=d * 1e-3, shear=s * 1e-3) for d in presses for s in shears]
+    grips = grip or (2.0,)
+    loads = load or ((0.0,) if grip else (0.3,))
+    return [Pose(grip=g, load=f) for g in grips for f in loads]

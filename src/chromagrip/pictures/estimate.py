@@ -15,7 +15,7 @@ from ..by_name import Choice, name_of
 from ..errors import UserError, located
 from ..extras import require
 from ..loop.observers import ForceObserver
-from ..output.estimate_table import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
+from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
 from ..render import Frame
 from ..tracking import (

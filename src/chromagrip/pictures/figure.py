@@ -14,7 +14,7 @@ from ..control import GripObservation
 from ..loop.figure import ESTIMATED, LOAD, TRUE, finish
 from ..loop.tactile_video import ARROW, MAGNIFY
 from ..model import REFERENCE_NODES
-from ..output.estimate_table import Row
+from ..output.parquet import Row
 from ..render import View
 from ..tracking import Tracks
 from .overlay import Canvas

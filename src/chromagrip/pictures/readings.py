@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..control import GripObservation
 from ..errors import UserError
 from ..loop.observers import ForceObserver
-from ..output.estimate_table import Row
+from ..output.parquet import Row
 from ..render import Frame, View
 from ..tracking import DEFAULT_TRACKER, Z90, DisplacementGains, FrictionRule, Tracks
 from ..tracking.forces import skin_displacement

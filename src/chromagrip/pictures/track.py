@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..by_name import Choice
 from ..extras import require
-from ..output.track_table import TrackTable
+from ..output.parquet import TrackTable
 from ..output.versions import versions
 from ..render import Frame
 from ..tracking import Tracks, load_palette
@@ -66,6 +66,8 @@ def track_source(
     UserError
         When there is nothing to track.
     """
+    if out is not None:
+        require("data", "video", purpose="writing tracks")
     colours = load_palette(palette)
     if out is not None:
         require("data", "video", purpose="a folder of tracks")

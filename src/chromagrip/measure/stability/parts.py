@@ -1,0 +1,170 @@
+"""`chromagrip stability`: maps of the settings at which methods stop working."""
+
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...by_name import Choice
+from ...model import GROSS_SLIP
+from ...output.cells import open_unfinished, read_cells, resumed, write_cells
+from ...output.processes import map_processes
+from ...output.report import Report, Row, reported
+from ..bench.track import choose
+from . import model, track
+from .boundaries import boundaries, ratio_rows, sentences
+from .cells import Cell, Setting, cell
+from .figures import draw_map, draw_model, draw_track
+from .maps import PRESETS, Map, maps
+
+Progress = Callable[[str], None]
+
+
+def stability_model(quick: bool, out: Path | None, overwrite: bool, progress: Progress) -> Report:
+    """Map the integrators over step, contact stiffness and node count.
+
+    One grasp (press to 1 N, pull to half of what friction holds, hold) is compared with the same
+    grasp in fine implicit steps.
+
+    Parameters
+    ----------
+    quick: a map of under a minute
+    out: folder for picture and table, where an interrupted map goes on; None writes nothing
+    overwrite: write over what is there
+    progress: called with the name of each run
+
+    Returns
+    -------
+    Figures of the map, with a sentence for each place where the default is not accurate.
+    """
+    plan = model.grid(quick)
+    run = partial(model.cells, budget=plan.budget, progress=progress)
+    draw = partial(draw_model, quick=quick)
+    cells = _map(out, overwrite, model.Cell, model.settings(plan), run, draw)
+    return model.report(cells, quick)
+
+
+def stability_track(
+    quick: bool,
+    out: Path | None,
+    overwrite: bool,
+    progress: Progress,
+    trackers: Sequence[Choice] = (),
+) -> Report:
+    """Map the trackers over one condition at a time.
+
+    Parameters
+    ----------
+    quick: a few values of two dials, fewer frames
+    out, overwrite, progress: as of `stability_model`
+    trackers: names, module:Class or classes; none are all, beside a constant answer
+
+    Returns
+    -------
+    Figures of the map, with a sentence for each tracker that loses identity.
+
+    Raises
+    ------
+    UserError
+        When there is no such tracker, or the folder is taken.
+    """
+    choices = choose(trackers)
+    run = partial(track.cells, trackers=choices, progress=progress)
+    draw = partial(draw_track, quick=quick)
+    cells = _map(out, overwrite, track.Cell, track.settings(choices, quick), run, draw)
+    return track.report(cells, quick)
+
+
+def _map(
+    out: Path | None,
+    overwrite: bool,
+    kind: type[Any],
+    wanted: Sequence[Any],
+    run: Callable[[list[Any]], Generator[Any]],
+    draw: Callable[[list[Any], Path], None],
+) -> list[Any]:
+    """Cells of one map, in the order of their settings, with picture and table in a folder."""
+    unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
+    done = read_cells(unfinished, kind)
+    cells = list(resumed(unfinished, done, lambda one: one.setting, wanted, run).values())
+    if out is not None and unfinished is not None:
+        draw(cells, out / "map.png")
+        write_cells(cells, out / "map.csv")
+        unfinished.unlink()
+    return cells
+
+
+def stability_loop(
+    quick: bool, out: Path | None, overwrite: bool, progress: Progress, workers: int
+) -> Report:
+    """Map the closed loop, with the boundary that the linearised loop predicts.
+
+    Runs of the thesis's experiment on the truth path, with stated noise on Γ, over camera rate ×
+    latency, Kp × Ki, load step × µ, noise × controller and the 27 objects; some through the camera.
+
+    Parameters
+    ----------
+    quick: a few cells of each map
+    out, overwrite, progress: as of `stability_model`
+    workers: processes; one runs in this one
+
+    Returns
+    -------
+    Figures of the maps, with a sentence for each panel on its plant and its boundaries.
+    """
+    plan = maps(quick)
+    wanted = list(dict.fromkeys(one for which in plan.values() for one in which.settings()))
+    unfinished = open_unfinished(out, "cells.unfinished.csv", overwrite)
+
+    def run(waiting: list[Setting]) -> Generator[Cell]:
+        yield from map_processes(cell, waiting, workers)
+
+    results = resumed(
+        unfinished,
+        read_cells(unfinished, Cell),
+        lambda one: one.setting,
+        wanted,
+        run,
+        lambda done, total: progress(f"{done} of {total} runs"),
+    )
+    edges = list(boundaries(plan, results, progress))
+    if out is not None and unfinished is not None:
+        for name, which in plan.items():
+            draw_map(which, results, out, name, quick)
+            write_cells([results[one] for one in which.settings()], out / f"{name}.csv")
+        write_cells(edges, out / "boundaries.csv")
+        unfinished.unlink()
+    return Report(
+        rows=(*ratio_rows(edges), *_outcome_rows(plan, results)),
+        notes=tuple(sentences(plan["rate-latency"], edges)),
+        quick=quick,
+    )
+
+
+def _outcome_rows(plan: Mapping[str, Map], done: Mapping[Setting, Cell]) -> Iterator[Row]:
+    for name in ("rate-latency", "gains", "load", "objects"):
+        truth = [done[one] for one in plan[name].settings() if one.path == "truth"]
+        known = [cell for cell in truth if np.isfinite([cell.root, cell.swing]).all()]
+        right = np.mean([(cell.root >= 1.0) == cell.swings for cell in known])
+        yield reported((name, "cells_predicted_right"), 100.0 * float(right), "%")
+    for title, settings in _by_preset(plan["objects"]).items():
+        slipped = sum(done[one].displacement_mm > 1e3 * GROSS_SLIP for one in settings)
+        yield reported(("objects", title, "gross_slip"), slipped, f"of {len(settings)}")
+    pairs = [(done[one], done[one.on_truth_path()]) for one in plan["rate-latency"].camera]
+    same = np.mean([camera.swings == truth.swings for camera, truth in pairs])
+    yield reported(("camera", "swings_where_the_truth_path_does"), 100.0 * float(same), "%")
+    same = np.mean([camera.outcome == truth.outcome for camera, truth in pairs])
+    yield reported(("camera", "same_outcome"), 100.0 * float(same), "%")
+
+
+def _by_preset(which: Map) -> dict[str, list[Setting]]:
+    """Settings of the map of the objects by preset."""
+    settings: dict[str, list[Setting]] = {}
+    for panel in which.panels:
+        title = next(name for name in PRESETS if panel.title.startswith(name))
+        settings.setdefault(title, []).extend(
+            which.at(panel, x, y) for y in panel.y for x in panel.x
+        )
+    return settings
