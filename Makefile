@@ -1,6 +1,6 @@
 # Only forwards to ./run, e.g. make test ARGS='-k marker'
-help demo test lint lock:
+help demo test lint check-all lock:
 	@./run $@ $(ARGS)
 
-.PHONY: help demo test lint lock
+.PHONY: help demo test lint check-all lock
 .NOTPARALLEL:

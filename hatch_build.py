@@ -15,7 +15,7 @@ MEND = (
 )
 
 
-class StagesHook(BuildHookInterface):
+class StagesHook(BuildHookInterface[Any]):
     """Adds the stages to a wheel or a source distribution, and refuses to build without them."""
 
     PLUGIN_NAME = "custom"
@@ -25,17 +25,19 @@ class StagesHook(BuildHookInterface):
         root = Path(self.root)
         package = "src/chromagrip" if self.target_name == "sdist" else "chromagrip"
         for stage in STAGES:
-            linked = root / "src/chromagrip" / stage
             # An unpacked source distribution has the folder in place of the link.
-            source = next(
-                (f for f in (root / stage, linked) if (f / "__init__.py").is_file()), None
-            )
+            folder, linked = root / stage, root / "src/chromagrip" / stage
+            source = next(filter(_is_package, (folder, linked)), None)
             if source is None:
-                self.app.abort(f"cannot build chromagrip: there is no folder {root / stage}")
+                self.app.abort(f"cannot build chromagrip: there is no folder {folder}")
             elif version != "editable":
                 build_data["force_include"][str(source)] = f"{package}/{stage}"
-            elif not (linked / "__init__.py").is_file():
+            elif not _is_package(linked):
                 self.app.abort(
                     "cannot install chromagrip as editable: the checkout has no symbolic links; "
                     f"run: {MEND}"
                 )
+
+
+def _is_package(folder: Path) -> bool:
+    return (folder / "__init__.py").is_file()

@@ -1,28 +1,32 @@
-"""What can go wrong in a run of the model, each naming where and with which values."""
+"""Reasons for which a run of the model cannot go on; each message names the time and the forces."""
+
+import math
+
+from ..errors import UserError
 
 
-class ModelError(RuntimeError):
+class ModelError(UserError):
     """A run of the model that cannot go on."""
 
 
 class ConvergenceError(ModelError):
-    """An implicit step did not converge even after halving it."""
+    """An implicit step that does not converge, not even in the shortest parts."""
 
 
 class LostContactError(ModelError):
-    """A load on an object that nothing touches."""
+    """A load on an object that the fingertip does not touch."""
 
 
 class PiercedError(ModelError):
-    """A fingertip that went through its object: penalty contact holds only so much."""
+    """A fingertip that went through its object, which is too soft for the grip."""
 
 
 class NoEquilibriumError(ModelError):
-    """A load that friction cannot hold: the object slides for ever."""
+    """A load that friction cannot hold, so that the object slides for ever."""
 
 
 class DivergedError(ModelError):
-    """An explicit run grew without bound.
+    """An explicit run that grew without bound.
 
     Attributes
     ----------
@@ -30,10 +34,8 @@ class DivergedError(ModelError):
     limit: largest stable step predicted by linear theory [s]
     """
 
-    def __init__(self, method: str, step: int, dt: float, limit: float) -> None:
-        super().__init__(
-            f"{method} diverged at step {step} with dt = {dt:.3g} s; linear theory predicts "
-            f"stability up to {limit:.3g} s"
-        )
+    # A message alone must do: `located` and pickle make the error anew from it.
+    def __init__(self, message: str, step: int = 0, limit: float = math.nan) -> None:
+        super().__init__(message)
         self.step = step
         self.limit = limit

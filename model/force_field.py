@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .chain.chain import chain, contact
+from .chain.assembly import chain, contact
 from .chain.fingertip import CONTACT_THRESHOLD, Fingertip
 from .chain.plant import History
 from .chain.state import State

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import vstack
 
 from .design.sensor import SensorDesign
-from .harmonics import HarmonicMap, harmonic_map
+from .harmonics import harmonic_map
+from .place_kernels import carry_markers, unit_axes_each
 
 Array = NDArray[np.float64]
 
@@ -48,41 +50,31 @@ class MembraneMap:
         self.sensor = sensor
         skin, count = sensor.shape, len(sensor.places)
         # Layers that lie on each other share one map.
-        one = sensor.places[None] if places is None else places
-        self._map: HarmonicMap = harmonic_map(skin, one.reshape(-1, 2), nodes)
-        layers = zip(np.broadcast_to(one, (2, count, 2)), sensor.depths, strict=True)
-        self._rest = np.stack([skin.points(place, depth) for place, depth in layers])
-        self._tangents = np.stack(skin.tangents(one), axis=-1)
-        self._share = sensor.follow / [skin.metric(depth) for depth in sensor.depths]
-        # Squares lie along the sensor's x and y, discs anyhow.
-        cos, sin = np.cos(one[..., 1]), np.sin(one[..., 1])
-        self._turn = np.moveaxis(np.stack([[cos, sin], [-sin, cos]]), (0, 1), (-2, -1))
-        self._outwards = np.cross(*np.moveaxis(self._tangents, -1, 0))
+        own = sensor.places[None] if places is None else places
+        carry = harmonic_map(skin, own.reshape(-1, 2), nodes)
+        self._chain = vstack([carry.right, carry.left, carry.right_slope, carry.left_slope], "csr")
+        self._shape = (4, *own.shape)
+        layers = zip(np.broadcast_to(own, (2, count, 2)), sensor.depths, strict=True)
+        markers = sensor.markers
+        self._places = (
+            np.stack([np.cos(own[..., 1]), np.sin(own[..., 1])], axis=-1),
+            carry.ring.reshape(own.shape[:2]),
+            np.stack(skin.tangents(own), axis=-1),
+            np.stack([skin.points(place, depth) for place, depth in layers]),
+            sensor.follow,
+            sensor.follow / [skin.metric(depth) for depth in sensor.depths],
+            sensor.half_sizes,
+            float(markers.stretch),
+            1e-3 * float(markers.swell_mm),
+        )
 
     def __call__(self, seen: Array) -> Membrane:
         """Membrane for node displacements relative to the rigid part (N, 2) [m]."""
-        sensor = self.sensor
-        shape = (-1, *self._rest.shape[1:])
-        moved = self._map.displacement(seen).reshape(shape)
-        slope = np.stack(self._map.gradient(seen), axis=-1).reshape(*shape, 2)
-        # How the skin maps its own tangent plane into space, per layer, shape (2, M, 3, 2).
-        carried = self._tangents + self._share[:, None, None, None] * slope
-        axes = outline_axes(carried, sensor.markers.stretch) @ self._turn
-        axes *= sensor.half_sizes[:, None, None, None]
-        if sensor.markers.swell_mm:
-            axes *= self._swelling(moved)[..., None, None]
-        return Membrane(
-            centres=self._rest + sensor.follow[:, None, None] * moved,
-            axes=axes,
-        )
-
-    def _swelling(self, moved: Array) -> Array:
-        """Growth of outlines where incompressible silicone gets thinner, shape (2, M)."""
-        thinning = np.einsum("lmk,lmk->lm", moved, self._outwards)
-        thickness = 1.0 + thinning / (self.sensor.markers.swell_mm * 1e-3)
-        # What does not move does not swell; no silicone is pressed to less than a fifth.
-        strain = self.sensor.follow[:, None] * (np.clip(thickness, 0.2, 5.0) ** -0.5 - 1.0)
-        return 1.0 + strain
+        chain = np.asarray(self._chain @ seen).reshape(self._shape)
+        rest = self._places[3]
+        centres, axes = np.empty_like(rest), np.empty((*rest.shape, 2))
+        carry_markers(chain, *self._places, centres, axes)
+        return Membrane(centres=centres, axes=axes)
 
 
 def rest_membrane(sensor: SensorDesign, places: Array | None = None) -> Membrane:
@@ -92,16 +84,7 @@ def rest_membrane(sensor: SensorDesign, places: Array | None = None) -> Membrane
 
 def outline_axes(carried: Array, stretch: float) -> Array:
     """Axes of unit outlines on a skin carried by F = R·U: R and `stretch` of the U, (…, 3, 2)."""
-    # The root of a 2×2 matrix C is (C + √det C)/√(tr C + 2√det C).
-    a, b = carried[..., 0], carried[..., 1]
-    aa, ab, bb = (np.einsum("...k,...k->...", p, q) for p, q in ((a, a), (a, b), (b, b)))
-    area = np.sqrt(np.maximum(aa * bb - ab * ab, 1e-12))
-    norm = np.sqrt(aa + bb + 2.0 * area)
-    u = np.empty((*aa.shape, 2, 2))
-    u[..., 0, 0], u[..., 1, 1] = (aa + area) / norm, (bb + area) / norm
-    u[..., 0, 1] = u[..., 1, 0] = ab / norm
-    inverse = np.empty_like(u)
-    inverse[..., 0, 0], inverse[..., 1, 1] = u[..., 1, 1] / area, u[..., 0, 0] / area
-    inverse[..., 0, 1] = inverse[..., 1, 0] = -u[..., 0, 1] / area
-    rotated = carried @ inverse
-    return rotated if stretch == 0.0 else rotated @ (np.eye(2) + stretch * (u - np.eye(2)))
+    flat = np.ascontiguousarray(carried, dtype=float).reshape(-1, 3, 2)
+    out = np.empty_like(flat)
+    unit_axes_each(flat, stretch, out)
+    return out.reshape(carried.shape)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .membrane import Membrane
 from .optics.view import View
+from .place_kernels import project_markers
 
 Array = NDArray[np.float64]
 
@@ -26,18 +27,34 @@ _TERMS = np.column_stack(
         PROBES[:, 1] ** 2,
     ]
 )
-_FIT = np.linalg.pinv(_TERMS)
+_FIT = np.ascontiguousarray(np.linalg.pinv(_TERMS))
 
 
 @lru_cache(maxsize=1)
-def outlines(membrane: Membrane, view: View) -> Array:
-    """Coefficients (c, a₁, a₂, b₁₁, b₁₂, b₂₂) of every marker [px], shape (2, M, 6, 2).
+def place_markers(membrane: Membrane, view: View) -> tuple[Array, Array]:
+    """Projected centres (2, M, 2) and `outlines` (2, M, 6, 2) of every marker [px].
 
     Those of the last membrane are kept, read-only: picture and labels are of the same.
     """
-    found = _FIT @ view.project(outline_points(membrane, PROBES))
-    found.flags.writeable = False
-    return found
+    shape = membrane.centres.shape[:-1]
+    pixels, coefficients = np.empty((*shape, 2)), np.empty((*shape, 6, 2))
+    project_markers(
+        np.ascontiguousarray(membrane.centres).reshape(-1, 3),
+        np.ascontiguousarray(membrane.axes).reshape(-1, 3, 2),
+        PROBES,
+        _FIT,
+        view.surface,
+        view.camera.lens,
+        pixels.reshape(-1, 2),
+        coefficients.reshape(-1, 6, 2),
+    )
+    pixels.flags.writeable = coefficients.flags.writeable = False
+    return pixels, coefficients
+
+
+def outlines(membrane: Membrane, view: View) -> Array:
+    """Coefficients (c, a₁, a₂, b₁₁, b₁₂, b₂₂) of every marker [px], shape (2, M, 6, 2)."""
+    return place_markers(membrane, view)[1]
 
 
 def outline_points(membrane: Membrane, q: Array) -> Array:

@@ -5,7 +5,6 @@ import graphlib
 import os
 import subprocess
 import sys
-import zipfile
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -16,7 +15,7 @@ import chromagrip
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(chromagrip.__path__[0])
-GROUND = ("by_name", "compiled", "errors", "extras", "strict_toml", "thesis")
+GROUND = ("by_name", "compiled", "errors", "extras", "links", "strict_toml", "thesis")
 #: Rooms from the lowest to the highest, each with the rooms that it may import. The modules of the
 #: ground floor may be imported everywhere and import nothing of ours but each other.
 MAY_IMPORT = {
@@ -152,29 +151,3 @@ def test_nothing_heavy_is_imported_before_it_is_used(module: str, heavy: str) ->
 def test_every_module_says_what_it_is_for() -> None:
     for path in modules().values():
         assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
-
-
-def test_the_wheel_holds_every_module(tmp_path: Path) -> None:
-    pytest.importorskip("hatchling", reason="hatchling is not installed")
-    if not (ROOT / "pyproject.toml").is_file():
-        pytest.skip("not a checkout")
-    subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)],
-        cwd=ROOT,
-        check=True,
-        capture_output=True,
-    )
-    (wheel,) = tmp_path.glob("*.whl")
-    held = set(zipfile.ZipFile(wheel).namelist())
-    for name in modules():
-        assert f"chromagrip/{name.replace('.', '/')}.py" in held
-    for data in (
-        "loop/fidelity.csv",
-        "scene/library/camera-100hz.toml",
-        "dataset/recipes/tiny.toml",
-        "measure/reproduce/printed.toml",
-        "render/designs/thesis.toml",
-        "tracking/palettes/chromatouch.toml",
-        "tracking/readouts/thesis.npz",
-    ):
-        assert f"chromagrip/{data}" in held

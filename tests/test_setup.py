@@ -30,8 +30,11 @@ def test_lock_holds_only_pins_hashes_and_names() -> None:
 
 def test_lock_satisfies_pyproject() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    extras = project["project"]["optional-dependencies"]
+    (everything,) = map(Requirement, extras["all"])
     wanted = [
         *project["project"]["dependencies"],
+        *(requirement for name in everything.extras for requirement in extras[name]),
         *project["dependency-groups"]["dev"],
         *project["build-system"]["requires"],
     ]
@@ -78,7 +81,7 @@ def test_run_without_a_python_says_so_in_one_line(tmp_path: Path) -> None:
     assert not (tmp_path / ".venv").exists()
 
 
-@pytest.mark.parametrize("job", ["demo", "test", "lint", "lock"])
+@pytest.mark.parametrize("job", ["demo", "test", "lint", "check-all", "lock"])
 def test_make_forwards_to_run(job: str) -> None:
     make = shutil.which("make")
     if make is None:

@@ -30,6 +30,8 @@ Levels = NDArray[np.uint8] | Array
 
 #: A colour image has channels that differ by more than this somewhere [grey levels].
 _COLOURED = 12.0
+#: Share of the pixels of any sensor that certainly shows ground.
+_GROUND_SHARE = 0.3
 #: Less shows no markers with ground between them [px].
 _SMALLEST_IMAGE = 16
 
@@ -84,6 +86,28 @@ def detect_markers(image: Levels, palette: Palette) -> list[Markers]:
         When the picture is grey and the palette is not, or it shows no markers at all.
     """
     return _detect(image, palette)[0]
+
+
+def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) -> list[Markers]:
+    """Markers of each layer in a later frame, against the ground of the rest frame.
+
+    That ground is smoother than one estimated anew: sizes are twice as exact. It is scaled to
+    the frame's light, a factor for each channel. A layer may have no markers.
+    """
+    levels = image.astype(float)
+    linear = decode_srgb(levels).astype(np.float32)
+    field = rest.ground[..., 0] > 0.0
+    ground = np.where(field[..., None], rest.ground, 1.0).astype(np.float32)
+    share = 100.0 * (_GROUND_SHARE if palette.bright else 1.0 - _GROUND_SHARE)
+    ground *= np.percentile(linear[field] / ground[field], share, axis=0).astype(np.float32)
+    matrix = unmixing_matrix(palette.transmittance)
+    plain = plain_pixels(dye_densities(linear, ground, matrix) * field, field, 2)
+    if plain.any():
+        ground *= np.median(linear[plain] / ground[plain], axis=0)
+    densities = dye_densities(linear, ground, matrix)
+    spots = [find_spots(density, field, parted=True) for density in densities]
+    ratio = np.where(field[..., None], linear / np.maximum(ground, 1e-4), np.float32(1.0))
+    return _markers(spots, levels, ratio, palette)
 
 
 def resting_ground(image: Levels, palette: Palette) -> Array:

@@ -15,12 +15,14 @@ from .tracks import Tracks
 class Tracker(Protocol):
     """Follows the markers of one sensor from frame to frame; made by `Class(palette, noise)`.
 
-    `state` holds everything that changes from frame to frame, as arrays and numbers by name: a
-    tracker that was reset with the same rest frames and is given another's state goes on as that
-    one would have.
+    Attributes
+    ----------
+    state: all that changes from frame to frame, as one value that is never changed in place: a
+        tracker that was reset with the same rest frames and is given another one's state goes on as
+        that one would have
     """
 
-    state: dict[str, Any]
+    state: Any
 
     def reset(self, rest: list[Frame]) -> Tracks:
         """Find the markers in frames of the unloaded sensor.
@@ -64,13 +66,11 @@ TRACKERS = Registry(
     package=__package__,
     entries={
         "fit": (".fit.tracker:MarkerTracker", "least-squares fit of the shape of both layers"),
-        "thrifty": (".fit.thrifty:ThriftyTracker", "fit, every fourth frame for still markers"),
-        "sparse": (".fit.thrifty:SparseTracker", "thrifty, on every other row of the image"),
-        "quick": (".fit.tracker:QuickTracker", "fit of positions alone, on every other row"),
-        "centroid": (".baselines.centroid:WeightedCentroid", "weighted centroids of dye cover"),
+        "thrifty": (".fit.tracker:thrifty", "fit, every fourth frame for still markers"),
+        "sparse": (".fit.tracker:sparse", "thrifty, on every other row of the image"),
+        "quick": (".fit.tracker:quick", "fit of positions alone, on every other row"),
+        "detect": (".baselines.detected:DetectedMarkers", "markers of any form, detected anew"),
         "lk": (".baselines.flow:LucasKanade", "Lucas-Kanade from the rest frame, warm started"),
-        "dis": (".baselines.flow:DenseInverseSearch", "dense flow (DIS) from the rest frame"),
-        "farneback": (".baselines.flow:Farneback", "dense flow (Farnebäck) from the rest frame"),
         "blob": (".baselines.blob:BlobDetector", "OpenCV's blob detector on dye density"),
         "chromatouch": (
             ".baselines.chromatouch:ChromaTouch",

@@ -1,11 +1,32 @@
 """What is known of the markers in one frame."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+class _WhenRead:
+    """Field that may be given as a function, which is called when the field is first read."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: object, owner: type | None = None) -> Array:
+        if instance is None:
+            raise AttributeError(self._name)  # the field has no default
+        values = vars(instance)
+        if callable(values[self._name]):
+            values[self._name] = values[self._name]()
+        value: Array = values[self._name]
+        return value
+
+    def __set__(self, instance: object, value: Array | Callable[[], Array]) -> None:
+        vars(instance)[self._name] = value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,18 +41,24 @@ class Tracks:
     time: of the frame [s]
     position: of the middle of each marker's image [px], shape (L, M, 2); NaN where not visible
     log_size: logarithm of the marker's size over its size at rest, shape (L, M)
-    hue: mean hue over the first layer's marker [°], −180…180, shape (M,)
+    hue: mean hue over the first layer's marker [°], −180…180, shape (M,); a tracker may give a
+        function that measures it, which is called when it is first read: until then the frame's
+        image must not be changed
     visible: found in this frame, shape (L, M)
     ambiguous: found, but its number is not certain, shape (L, M)
-    last_seen: time of the last frame that it was found in [s], shape (L, M); NaN for never
+    last_seen: time of the last frame in which it was found [s], shape (L, M); NaN for never
     covariance: of (x, y, log_size) of all layers together, shape (M, 3L, 3L), first layer first
     """
 
     time: float
     position: Array
     log_size: Array
-    hue: Array
+    hue: _WhenRead = _WhenRead()
     visible: NDArray[np.bool_]
     ambiguous: NDArray[np.bool_]
     last_seen: Array
     covariance: Array
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Values to copy or pickle: the hue is measured, the image stays behind."""
+        return {**vars(self), "hue": self.hue}

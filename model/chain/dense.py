@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from ..errors import DivergedError
 from ..kernels.contact import Contact, contact_frames, frictions_at
 from ..kernels.springs import AXIAL, SPLIT
-from .chain import Chain
+from .assembly import Chain
 from .drive import Drive
 from .state import Deformation, State
 
@@ -247,7 +247,13 @@ def _refuse_lost(
     method: str, y: Array, step: int, ch: Chain, ct: Contact, state: State, dt: float
 ) -> None:
     if not abs(y[: 2 * len(ch.share) + 1]).max() < LOST:
-        raise DivergedError(method, step, dt, stable_step(ch, ct, state, method))
+        limit = stable_step(ch, ct, state, method)
+        raise DivergedError(
+            f"{method} diverged at step {step} with dt = {dt:.3g} s; linear theory predicts "
+            f"stability up to {limit:.3g} s",
+            step,
+            limit,
+        )
 
 
 def stable_step(ch: Chain, ct: Contact, state: State, method: str = "euler") -> float:

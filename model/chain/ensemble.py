@@ -17,7 +17,7 @@ from ..kernels.bordered_kernels import Scratch, scratch
 from ..kernels.contact import Contact
 from ..kernels.implicit_kernels import SOLVED, UNSOLVED, Record, Rule, advance
 from ..objects import ContactObject
-from .chain import Chain, chain, contact
+from .assembly import Chain, chain, contact
 from .drive import Drive
 from .fingertip import Fingertip
 from .plant import IMPLICIT, NO_RECORD, _broken, _in_parts

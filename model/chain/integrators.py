@@ -8,7 +8,7 @@ import numpy as np
 from ...errors import UserError
 from ..kernels.contact import Contact
 from ..objects import ContactObject
-from .chain import chain, contact
+from .assembly import chain, contact
 from .dense import march_dense, stable_step
 from .drive import Drive
 from .fingertip import Fingertip

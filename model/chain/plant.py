@@ -17,7 +17,7 @@ from ..kernels.bordered_kernels import Scratch, scratch
 from ..kernels.contact import Contact
 from ..kernels.implicit_kernels import LOST, PIERCED, SOLVED, UNSOLVED, Rule, advance, record
 from ..objects import ContactObject
-from .chain import Chain, chain, contact
+from .assembly import Chain, chain, contact
 from .drive import Drive
 from .fingertip import Fingertip
 from .state import State, state_of

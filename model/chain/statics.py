@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import UserError
+from ...errors import UserError, located
 from ..errors import ConvergenceError, NoEquilibriumError
 from ..objects import ContactObject
-from .chain import chain, contact
+from .assembly import chain, contact
 from .drive import Drive
 from .fingertip import Fingertip
 from .plant import IMPLICIT, march
@@ -51,7 +51,9 @@ def equilibrium(
     NoEquilibriumError
         When friction cannot hold the load, so that the object slides for ever.
     PiercedError
-        When the object cannot hold the grip.
+        When the object is too soft for the grip.
+    ConvergenceError
+        When no balance of forces was found.
     """
     if not (np.isfinite([grip, load]).all() and grip > 0.0):
         raise UserError(f"an equilibrium needs grip > 0 and finite forces, got {grip=}, {load=}")
@@ -68,10 +70,8 @@ def equilibrium(
             lateral=np.array([0.0, 0.0, load]),
         )
         steps = stages * parts
-        try:
+        with located("on the way to these forces"):
             now = march(ch, ct, start, path, LONG, steps, steps, QUASI_STATIC).state(-1)
-        except ConvergenceError as error:
-            raise NoEquilibriumError(f"on the way to the wanted forces: {error}") from None
     goal = Drive.constant(grip, load)
     for _ in range(MAX_HOLDS):
         before = now

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..kernels.blocks import solve_block_tridiagonal
 from ..kernels.elastic_kernels import chain_tangent
 from ..kernels.springs import spring
-from .chain import chain
+from .assembly import chain
 from .fingertip import Fingertip, SpringLaw
 
 Array = NDArray[np.float64]

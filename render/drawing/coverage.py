@@ -9,17 +9,34 @@ from ...compiled import njit
 
 Array = NDArray[np.float64]
 
-#: An edge is followed over ± this many standard deviations of the blur.
+#: An edge reaches over ± this many standard deviations of the blur.
 EDGE_RANGE = 3.5
 #: Φ(EDGE_RANGE·u) − 1/2 on −1…1 as an odd polynomial in u, within 3e-5: no table, no branch.
-_C1, _C3, _C5, _C7 = (np.float32(v) for v in (1.395861965, -2.832835122, 5.022045093, -6.455834289))
-_C9, _C11, _C13 = (np.float32(v) for v in (5.579158215, -2.845730945, 0.637130102))
-_D3, _D5, _D7 = np.float32(3) * _C3, np.float32(5) * _C5, np.float32(7) * _C7
-_D9, _D11, _D13 = np.float32(9) * _C9, np.float32(11) * _C11, np.float32(13) * _C13
-_ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+_C1 = np.float32(1.395861965)
+_C3 = np.float32(-2.832835122)
+_C5 = np.float32(5.022045093)
+_C7 = np.float32(-6.455834289)
+_C9 = np.float32(5.579158215)
+_C11 = np.float32(-2.845730945)
+_C13 = np.float32(0.637130102)
+#: Its derivative: each coefficient times its power.
+_D3 = np.float32(3) * _C3
+_D5 = np.float32(5) * _C5
+_D7 = np.float32(7) * _C7
+_D9 = np.float32(9) * _C9
+_D11 = np.float32(11) * _C11
+_D13 = np.float32(13) * _C13
+#: Literals in float32: a float64 one would make the whole expression float64.
+_ZERO = np.float32(0.0)
+_HALF = np.float32(0.5)
+_ONE = np.float32(1.0)
+_TWO = np.float32(2.0)
+#: Least square under a root in a denominator.
 _LITTLE = np.float32(1e-6)
-#: Odds ratios of edges that face each other and that run side by side: what is beyond is rounding.
-_FACING, SIDE_BY_SIDE = 1e-3, 1e6
+#: Odds ratio of edges that face each other; a smaller one is below float32's rounding.
+_FACING = 1e-3
+#: Odds ratio of edges that run side by side; a larger one is beyond float32's rounding.
+SIDE_BY_SIDE = 1e6
 #: Edges further apart than this many standard deviations do not meet.
 APART = 4.0
 #: Odds ratios are this power of √η at Φ₂(0, 0): so they fit all of Φ₂ best, instead of its middle.
@@ -80,13 +97,14 @@ def signed_distance(
 
 @njit()
 def togetherness(first: Array, second: Array) -> float:
-    """How much the edges of two discs go together where they cross; NaN if one is not there.
+    """Odds ratio of the edges of two discs where they cross; NaN if a disc is missing.
 
-    A lens blurs the light that both dyes leave, not each dye. Of two straight edges whose normals
-    have the cosine ρ, both cover Φ₂(d₁, d₂; ρ) of the blur. Plackett's distribution (1965) with the
-    odds ratio η is algebraic and all but the same: 1 for edges that cross at right angles, where
-    both cover the product, ∞ where they run side by side and the smaller coverage is of both, 0
-    where they face each other and nothing is. For this η it is within 0.012 of Φ₂ everywhere.
+    A lens blurs the light that both dyes leave, not each dye. Two straight edges whose normals have
+    the cosine ρ both cover the share Φ₂(d₁, d₂; ρ) of the blur. Plackett's distribution (1965) with
+    the odds ratio η is algebraic and nearly the same. η is 1 for edges that cross at right angles,
+    where both cover the product of the coverages; ∞ for edges that run side by side, where both
+    cover the smaller coverage; 0 for edges that face each other, where both cover nothing. For this
+    η it is within 0.012 of Φ₂ everywhere.
 
     Parameters
     ----------
@@ -110,7 +128,7 @@ def crossing(r2: float, s2: float, apart2: float) -> float:
 
 @njit()
 def odds_ratio(angle: float) -> float:
-    """How much edges go together whose normals are at this angle [rad], see `togetherness`."""
+    """Odds ratio of edges whose normals are at this angle [rad], see `togetherness`."""
     # Φ₂(0, 0; ρ), from which √η follows.
     both = max(0.5 - angle / (2.0 * math.pi), 0.0)
     root = 2.0 * both / max(1.0 - 2.0 * both, 1e-9)
@@ -119,11 +137,11 @@ def odds_ratio(angle: float) -> float:
 
 @njit(inline="always")
 def covered_by_both(first: np.float32, second: np.float32, odds: np.float32) -> np.float32:
-    """Coverage by both of two markers that cover so much of a pixel each.
+    """Share of a pixel that two markers both cover.
 
     Parameters
     ----------
-    first, second: coverages
+    first, second: share that each covers
     odds: of `togetherness`
     """
     more, apart = odds - _ONE, first - second
@@ -144,13 +162,13 @@ def covered_slope(first: np.float32, second: np.float32, odds: np.float32) -> np
 
 @njit(inline="always")
 def beside(first: np.float32, second: np.float32, share: np.float32) -> np.float32:
-    """Light that is left by two pairs side by side, each of which alone leaves so much.
+    """Light that two pairs side by side leave over.
 
     Parameters
     ----------
-    first, second: light left over
+    first, second: light that each alone leaves over
     share: coverage by both pairs over the product of their coverages: 0 where their edges face each
-        other, and what they absorb adds up; 1 where one lies on the other
+        other, so that their absorptions add up; 1 where one lies on the other
     """
     return first + second - _ONE + share * (_ONE - first) * (_ONE - second)
 
@@ -159,7 +177,7 @@ def beside(first: np.float32, second: np.float32, share: np.float32) -> np.float
 def shared_coverage(
     first: NDArray[np.float32], second: NDArray[np.float32], angle: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """`covered_by_both` of whole images (H, W), whose edges are at such angles [rad]."""
+    """`covered_by_both` of images (H, W) of coverage, and of the angle between edges [rad]."""
     shared = np.empty_like(first)
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):

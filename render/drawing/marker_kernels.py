@@ -15,11 +15,11 @@ Array = NDArray[np.float64]
 TILE = 16
 #: Pixels of a row that are worked on together.
 LANES = 8
-#: Numbers kept of each marker: c (2), A⁻¹ (4), A⁻¹·b (6); how wide a row of it is: the slope of its
-#: middle, half its width in the middle row, half its height (3); and with the first layer how much
-#: both layers' edges go together (1). NaN if it is not seen.
+#: Numbers kept of each marker: c (2), A⁻¹ (4), A⁻¹·b (6); the width of its rows: slope of their
+#: middles, half the width of the middle row, half the height (3); in the first layer also
+#: `togetherness` of both layers' edges (1). NaN if it is not visible.
 NUMBERS = 16
-#: Largest second-order part of an outline that the series is believed for.
+#: Largest second-order part of an outline; beyond it the series does not hold, and it is cut off.
 _MAX_BEND = 0.4
 
 
@@ -88,7 +88,7 @@ def update_coverage(
     spans: NDArray[np.int64],
     dirty: NDArray[np.bool_],
 ) -> None:
-    """Coverage of the pairs that have changed, and the tiles they reach or have reached.
+    """Compute the coverage of pairs that have changed; mark the tiles they reach or reached.
 
     Parameters
     ----------

@@ -45,8 +45,6 @@ class MeshRenderer:
         When no off-screen OpenGL context can be made.
     """
 
-    name = "pyrender"
-
     def __init__(self, sensor: SensorDesign, oversampling: int = OVERSAMPLING) -> None:
         require("gl")  # the probe would not name what installs it
         problem = gl_problem()

@@ -248,7 +248,7 @@ def _meet(members: Any, numbers: Any, width: float) -> bool:
 
 @njit()
 def _side_by_side(numbers: Any, k: int, other: int) -> np.float32:
-    """How much the edges of two pairs go together, where their discs are deepest in each other."""
+    """Odds ratio of the edges of two pairs, where their discs are deepest in each other."""
     deepest = -1.0
     for i in range(numbers.shape[0]):
         n = numbers[i, k]

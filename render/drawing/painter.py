@@ -28,8 +28,6 @@ class Painter:
     redraw: draw every frame in full, as a measure of what the above saves
     """
 
-    name = "painter"
-
     def __init__(self, sensor: SensorDesign, *, redraw: bool = False) -> None:
         self._view = sensor.view
         self._absorbed = (1.0 - sensor.transmittance).astype(np.float32)

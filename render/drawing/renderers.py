@@ -1,48 +1,72 @@
-"""Renderers by name, one call: `render(membrane) -> image`."""
+"""Renderers by name: ours, installed plug-ins, and anybody's `module:Class`."""
 
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...by_name import Choice, Registry, describe, name_of
 from ...errors import UserError
 from ..design.sensor import SensorDesign
 from ..membrane import Membrane
-from .painter import Painter
-
-#: Name and one line about each renderer.
-RENDERERS = {
-    "painter": "analytic anti-aliased ellipses, the fast default",
-    "pyrender": "OpenGL meshes of both layers; needs the system's GL libraries",
-}
 
 
 class Renderer(Protocol):
-    """Draws membranes of one sensor."""
-
-    name: str
+    """Draws the membranes of one sensor; made by `Class(sensor)`."""
 
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
-        """Noise-free sRGB image, shape (H, W, 3)."""
+        """Noise-free sRGB image, shape (H, W, 3).
+
+        The image depends on the membrane alone. The array is the caller's to change.
+        """
+        ...
 
     def close(self) -> None:
         """Release what the renderer holds."""
+        ...
 
 
-def open_renderer(name: str, sensor: SensorDesign) -> Renderer:
-    """Renderer of that name for one sensor; close it after the run.
+#: Renderers by name.
+RENDERERS = Registry(
+    protocol=Renderer,
+    package=__package__,
+    entries={
+        "painter": (".painter:Painter", "analytic anti-aliased ellipses, the fast default"),
+        "pyrender": (
+            ".mesh_renderer:MeshRenderer",
+            "OpenGL meshes of both layers; needs the system's GL libraries",
+        ),
+    },
+)
+
+
+def open_renderer(
+    choice: Choice, sensor: SensorDesign, arguments: Mapping[str, Any] | None = None
+) -> Renderer:
+    """Renderer for one sensor; close it after the run.
+
+    Parameters
+    ----------
+    choice: name of ours or of an entry point, `module:Class`, or a class or other factory
+    sensor: that it draws
+    arguments: further arguments of the class, by name
 
     Raises
     ------
     UserError
-        When there is no such renderer.
-    UserError
-        When pyrender is asked for where no OpenGL context can be made.
+        When there is none of that name, or it cannot be imported or made, as pyrender where no
+        OpenGL context can be opened.
     """
-    if name == "painter":
-        return Painter(sensor)
-    if name == "pyrender":
-        from .mesh_renderer import MeshRenderer  # OpenGL is imported only where it is used
-
-        return MeshRenderer(sensor)
-    raise UserError(f"no renderer {name!r}; there is: {', '.join(RENDERERS)}")
+    factory = RENDERERS.load(choice, arguments)
+    renderer: Renderer
+    if choice in RENDERERS.entries:
+        renderer = factory(sensor)
+        return renderer
+    try:
+        renderer = factory(sensor)
+    except (Exception, SystemExit) as reason:  # a plug-in may raise anything
+        raise UserError(
+            f"renderer {name_of(choice)!r} cannot be made: {describe(reason)}"
+        ) from reason
+    return renderer

@@ -1,5 +1,6 @@
 """What is true of an image: where every marker is, what each pixel shows, how it has moved."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,7 +12,7 @@ from ..design.sensor import SensorDesign
 from ..ground import pixel_grid
 from ..harmonics import harmonic_map
 from ..membrane import Membrane
-from ..outlines import areas, centroids, outlines
+from ..outlines import areas, centroids, outlines, place_markers
 from .coverage import edge_width
 from .painter import coverage_image
 from .truth_kernels import shares_inside
@@ -68,8 +69,7 @@ class GroundTruth(MarkerTruth):
 def marker_truth(sensor: SensorDesign, membrane: Membrane) -> MarkerTruth:
     """Truth of the markers of a membrane in the image of a sensor."""
     view, square = sensor.view, sensor.markers.form == "square"
-    coefficients = outlines(membrane, view)
-    pixels = view.project(membrane.centres)
+    pixels, coefficients = place_markers(membrane, view)
     inside = ((pixels > -0.5) & (pixels < np.array([view.width, view.height]) - 0.5)).all(-1)
     normals = membrane.normals
     towards = membrane.centres - np.array([0.0, 0.0, view.position])
@@ -112,17 +112,30 @@ class TruthMap:
 
     def __call__(self, membrane: Membrane, seen: Array) -> GroundTruth:
         """Truth of the image of a membrane, for node displacements (N, 2) [m]."""
-        sensor, view = self._sensor, self._sensor.view
-        square = sensor.markers.form == "square"
-        coefficients = outlines(membrane, view)
-        size, width = (view.height, view.width), edge_width(sensor.camera.blur_px)
-        masks = np.stack([coverage_image(layer, width, square, size) for layer in coefficients])
         return GroundTruth(
-            **vars(marker_truth(sensor, membrane)),
-            masks=masks,
+            **vars(marker_truth(self._sensor, membrane)),
+            masks=self._masks(membrane),
             flow=self._flow(seen),
             depth=self._depth(seen),
         )
+
+    def images(
+        self, names: Sequence[str], membrane: Membrane, seen: Array
+    ) -> dict[str, NDArray[np.float32]]:
+        """Only those of `masks`, `flow` and `depth` that are named; see `GroundTruth`."""
+        makers = {
+            "masks": lambda: self._masks(membrane),
+            "flow": lambda: self._flow(seen),
+            "depth": lambda: self._depth(seen),
+        }
+        return {name: makers[name]() for name in names}
+
+    def _masks(self, membrane: Membrane) -> NDArray[np.float32]:
+        sensor, view = self._sensor, self._sensor.view
+        square = sensor.markers.form == "square"
+        size, width = (view.height, view.width), edge_width(sensor.camera.blur_px)
+        layers = outlines(membrane, view)
+        return np.stack([coverage_image(layer, width, square, size) for layer in layers])
 
     def _flow(self, seen: Array) -> NDArray[np.float32]:
         flow = np.full((2, *self._skin.shape, 2), np.nan, dtype=np.float32)

@@ -8,8 +8,9 @@ from scipy.special import ndtri
 
 from ...compiled import njit
 
+#: The table of offsets has 2 to this power entries; five fit into a draw of 64 bits.
 _TABLE_BITS = 12
-#: Draws for which offsets are made before any is added.
+#: Draws of which offsets are looked up before any is added: the buffers stay in the cache.
 _DRAWS = 640
 
 

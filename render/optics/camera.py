@@ -1,12 +1,14 @@
 """Cameras in OpenCV's parameters: the only place where directions become pixels."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from .projection_kernels import NO_PORT, Distortion, Lens, Port, project_points
 
 Array = NDArray[np.float64]
 
@@ -23,6 +25,10 @@ class Camera(Protocol):
     @property
     def height(self) -> int:
         """Image height [px]."""
+
+    @property
+    def lens(self) -> Lens:
+        """Parameters of the compiled projection."""
 
     def project(self, points: Array) -> Array:
         """Pixels (…, 2) of points (…, 3) [m]; NaN where a point cannot be seen."""
@@ -68,16 +74,14 @@ class FisheyeCamera:
         k, t = self.distortion, angle * angle
         return 1.0 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3])))
 
+    @cached_property
+    def lens(self) -> Lens:
+        """Parameters of the compiled projection."""
+        return _lens(True, self.focal, self.centre, (*self.distortion, 0.0))
+
     def project(self, points: Array) -> Array:
         """Pixels (…, 2) of points (…, 3) [m]."""
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        rho = np.sqrt(x * x + y * y)
-        bent = self._bent(np.arctan2(rho, z))
-        scale = bent / np.maximum(rho, 1e-300)  # on the axis x and y are 0, whatever the scale
-        out = np.empty((*rho.shape, 2))
-        out[..., 0] = self.centre[0] + self.focal[0] * scale * x
-        out[..., 1] = self.centre[1] + self.focal[1] * scale * y
-        return out
+        return projected(points, NO_PORT, self.lens)
 
     def jacobian(self, points: Array) -> Array:
         """Derivative of `project` [px/m], shape (…, 2, 3)."""
@@ -161,11 +165,14 @@ class PinholeCamera:
         out[..., 1, 1] = scale + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
         return bent, out
 
+    @cached_property
+    def lens(self) -> Lens:
+        """Parameters of the compiled projection."""
+        return _lens(False, self.focal, self.centre, self.distortion)
+
     def project(self, points: Array) -> Array:
         """Pixels (…, 2) of points (…, 3) [m]; NaN behind the camera."""
-        z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
-        bent, _ = self._distort(points[..., :2] / z)
-        return np.asarray(self.centre) + np.asarray(self.focal) * bent
+        return projected(points, NO_PORT, self.lens)
 
     def jacobian(self, points: Array) -> Array:
         """Derivative of `project` [px/m], shape (…, 2, 3)."""
@@ -192,3 +199,26 @@ class PinholeCamera:
                 flat = flat - step / (a * d - b * c)[..., None]
         ray = np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
         return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+
+
+def projected(points: Array, port: Port, lens: Lens) -> Array:
+    """Pixels (…, 2) of points (…, 3) behind a port [m]."""
+    flat = np.ascontiguousarray(points, dtype=float).reshape(-1, 3)
+    out = np.empty((len(flat), 2))
+    project_points(flat, port, lens, out)
+    return out.reshape(*np.shape(points)[:-1], 2)
+
+
+def _lens(
+    fisheye: bool, focal: tuple[float, float], centre: tuple[float, float], distortion: Distortion
+) -> Lens:
+    """Parameters of the compiled projection, all of one type: else it would be compiled anew."""
+    first, second, third, fourth, fifth = map(float, distortion)
+    return Lens(
+        fisheye=fisheye,
+        focal_x=float(focal[0]),
+        focal_y=float(focal[1]),
+        centre_x=float(centre[0]),
+        centre_y=float(centre[1]),
+        distortion=(first, second, third, fourth, fifth),
+    )

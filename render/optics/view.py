@@ -1,15 +1,17 @@
 """A camera at its place in the sensor, looking through the surface of the clear silicone."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Camera
+from .camera import Camera, projected
+from .projection_kernels import Port, apparent_points
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 12
+#: Half the distance over which refraction is differentiated [m].
 _NUDGE = 1e-7
 
 
@@ -49,9 +51,20 @@ class View:
         """Whether refraction changes the image."""
         return self.index != 1.0 and (self.flat or self.position != 0.0)
 
+    @cached_property
+    def surface(self) -> Port:
+        """Parameters of the compiled projection."""
+        return Port(
+            position=float(self.position),
+            size=float(self.port),
+            flat=self.flat,
+            refraction=float(self.index),
+            bends=self.bends,
+        )
+
     def project(self, points: Array) -> Array:
         """Pixels (…, 2) of points (…, 3) in the sensor frame [m]."""
-        return self.camera.project(self._apparent(points))
+        return projected(points, self.surface, self.camera.lens)
 
     def jacobian(self, points: Array) -> Array:
         """Derivative of `project` [px/m], shape (…, 2, 3)."""
@@ -82,55 +95,10 @@ class View:
 
     def _apparent(self, points: Array) -> Array:
         """Where the camera sees points (…, 3), from itself: bent rays drawn out straight [m]."""
-        if self.position == 0.0 and not self.bends:
-            return points
-        straight = points - np.array([0.0, 0.0, self.position])
-        if not self.bends:
-            return straight
-        # In the plane of the ray and the axis: Fermat's shortest path over the port's points q.
-        rho, z = np.hypot(points[..., 0], points[..., 1]), points[..., 2]
-        distance = np.hypot(rho, straight[..., 2])
-        along, up = rho / distance, straight[..., 2] / distance
-        if self.flat:
-            place = along / up * (self.port - self.position)
-        else:
-            reach = sphere_distance(
-                np.stack([np.zeros_like(z), np.full_like(z, self.position)], axis=-1),
-                np.stack([along, up], axis=-1),
-                self.port,
-            )
-            place = np.arctan2(reach * along, self.position + reach * up)
-        for _ in range(_ROUNDS):
-            q, tangent, curve = self._port(place)
-            before = q - np.array([0.0, self.position])
-            after = q - np.stack([rho, z], axis=-1)
-            slope, bend = 0.0, 0.0
-            for leg, n in ((before, 1.0), (after, self.index)):
-                length = np.linalg.norm(leg, axis=-1)
-                part = (leg * tangent).sum(axis=-1) / length
-                slope = slope + n * part
-                bend = bend + n * (
-                    ((tangent**2).sum(axis=-1) - part**2 + (leg * curve).sum(axis=-1)) / length
-                )
-            place = place - slope / bend
-        q, _, _ = self._port(place)
-        seen = q - np.array([0.0, self.position])
-        seen *= (distance / np.linalg.norm(seen, axis=-1))[..., None]
-        share = seen[..., 0] / np.where(rho > 0.0, rho, 1.0)
-        return np.concatenate([share[..., None] * points[..., :2], seen[..., 1:]], axis=-1)
-
-    def _port(self, place: Array) -> tuple[Array, Array, Array]:
-        """Point (ρ, z) of the port at a place along it, and its two derivatives, (…, 2)."""
-        zero = np.zeros_like(place)
-        if self.flat:
-            ones = zero + 1.0
-            return (
-                np.stack([place, zero + self.port], axis=-1),
-                np.stack([ones, zero], axis=-1),
-                np.stack([zero, zero], axis=-1),
-            )
-        q = self.port * np.stack([np.sin(place), np.cos(place)], axis=-1)
-        return q, np.stack([q[..., 1], -q[..., 0]], axis=-1), -q
+        flat = np.ascontiguousarray(points, dtype=float).reshape(-1, 3)
+        out = np.empty_like(flat)
+        apparent_points(flat, self.surface, out)
+        return out.reshape(np.shape(points))
 
 
 def sphere_distance(start: Array, ray: Array, radius: float) -> Array:

@@ -1,4 +1,4 @@
-"""Methods by name: ours, installed plug-ins, anybody's `module:Class`, and objects from Python.
+"""Methods by name: ours, installed plug-ins, any other `module:Class`, and objects from Python.
 
 Each kind of method (tracker, reconstructor, controller, renderer, integrator) has one `Registry`.
 """
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
+from operator import attrgetter
 from typing import Any
 
 from .errors import UserError
@@ -54,7 +55,9 @@ class Registry:
         UserError
             With the names that there are.
         """
-        if ":" not in name and name not in self.descriptions():
+        if name in self.entries or ":" in name:  # installed plug-ins take milliseconds to list
+            return
+        if name not in self.descriptions():
             known = ", ".join(self.descriptions())
             raise UserError(f"no {self.kind} {name!r}; there is {known}, or give module:Class")
 
@@ -73,7 +76,35 @@ class Registry:
             protocol.
         """
         factory = self._import(choice) if isinstance(choice, str) else choice
+        if isinstance(factory, type):
+            self._check_methods(factory, name_of(choice))
         return partial(factory, **arguments) if arguments else factory
+
+    def build(self, choice: Choice | object, arguments: Mapping[str, Any] | None = None) -> Any:
+        """A method: an object as it is, or what a name, class or other factory makes.
+
+        Parameters
+        ----------
+        choice: an object with the methods of the protocol, or as in `load`
+        arguments: as in `load`
+
+        Raises
+        ------
+        UserError
+            As in `load`, and when the factory raises an error.
+        """
+        name = name_of(choice)
+        if not (isinstance(choice, str) or callable(choice)):
+            self._check_methods(choice, name)
+            return choice
+        factory = self.load(choice, arguments)
+        try:
+            return factory()
+        except (Exception, SystemExit) as reason:  # a plug-in may raise anything
+            given = f"with {', '.join(arguments)}" if arguments else "without arguments"
+            raise UserError(
+                f"{self.kind} {name!r} cannot be made {given}: {describe(reason)}"
+            ) from reason
 
     def _import(self, name: str) -> Any:
         if name in self.entries:
@@ -83,31 +114,34 @@ class Registry:
         target = next((p.value for p in entry_points(group=self.group) if p.name == name), name)
         module, _, kind = target.partition(":")
         try:
-            factory = getattr(import_module(module), kind)
-        except (Exception, SystemExit) as reason:  # whatever somebody's module raises
+            factory = attrgetter(kind)(import_module(module))
+        except (Exception, SystemExit) as reason:  # a plug-in may raise anything
             raise UserError(
-                f"{self.kind} {name!r} cannot be imported: {type(reason).__name__}: {reason}"
+                f"{self.kind} {name!r} cannot be imported: {describe(reason)}"
             ) from reason
-        for method in (key for key in vars(self.protocol) if not key.startswith("_")):
-            if not hasattr(factory, method):
-                home = self.protocol.__module__.rpartition(".")[0]
-                raise UserError(
-                    f"{self.kind} {name!r} has no {method}; see {home}.{self.protocol.__name__}"
-                )
+        self._check_methods(factory, name)
         return factory
 
+    def _check_methods(self, method: object, name: str) -> None:
+        """Refuse a class or an object that lacks a method of the protocol."""
+        for required in (key for key in vars(self.protocol) if not key.startswith("_")):
+            if not hasattr(method, required):
+                home = self.protocol.__module__.rpartition(".")[0]
+                raise UserError(
+                    f"{self.kind} {name!r} has no {required}; see {home}.{self.protocol.__name__}"
+                )
 
-def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:
-    """What a factory of somebody's makes.
 
-    Raises
-    ------
-    UserError
-        When it fails, with its error.
-    """
-    try:
-        return factory()
-    except (Exception, SystemExit) as reason:  # whatever somebody's class raises
-        raise UserError(
-            f"{kind} {name!r} cannot be made: {type(reason).__name__}: {reason}"
-        ) from reason
+def name_of(choice: Choice | object) -> str:
+    """Name of a choice: itself, or the `module:Class` of a class, a factory or an object."""
+    if isinstance(choice, str):
+        return choice
+    if isinstance(choice, partial):
+        return name_of(choice.func)
+    kind = choice if hasattr(choice, "__qualname__") else type(choice)
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def describe(reason: BaseException) -> str:
+    """Kind and text of an error that a plug-in raised."""
+    return f"{type(reason).__name__}: {reason}"

@@ -1,6 +1,7 @@
 """Calibration from boards drawn with a camera's rays: what comes out must be that camera."""
 
 import json
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ from chromagrip.calibrate.lens import calibrate_camera
 from chromagrip.cli.calibrate import calibrate
 from chromagrip.errors import UserError
 from chromagrip.render import FisheyeCamera, PinholeCamera, load_camera
-from chromagrip.render.optics.board import Board, board_picture, photograph
+from chromagrip.render.optics.board import Board, board_picture
 
 BOARD = Board(columns=9, rows=6, square=3e-3, marker=2.2e-3, dictionary="4X4_100")
 # Brown's tangential terms look much like a shift of the centre: more corners tell them apart.
@@ -32,6 +33,9 @@ PINHOLE = PinholeCamera(
     distortion=(-0.25, 0.09, 0.001, -0.0008, -0.01),
 )
 
+#: Pixels of a square in the picture that `photograph` samples: finer than most cameras see it.
+PICTURE = 96
+
 
 def pose(
     board: Board, off_axis: float, azimuth: float, tilt: np.ndarray, spin: float, distance: float
@@ -42,6 +46,73 @@ def pose(
     rotation = parts[0] @ parts[1] @ parts[2]
     middle = distance * parts[0][:, 2]
     return rotation, middle - rotation @ np.array([*board.size, 0.0]) / 2
+
+
+def photograph(
+    board: Board,
+    camera: FisheyeCamera | PinholeCamera,
+    rotation: np.ndarray,
+    translation: np.ndarray,
+    *,
+    surroundings: int = 200,
+    blur: float = 0.6,
+    samples: int = 3,
+) -> np.ndarray:
+    """RGB image (height, width, 3) of the board as a camera sees it.
+
+    Made from the camera's rays alone, so that it puts a calibration to an honest test.
+
+    Parameters
+    ----------
+    board: that is seen
+    camera: that sees it
+    rotation: matrix (3, 3) from the board's frame to the camera's
+    translation: the board's origin in the camera's frame (3,) [m]
+    surroundings: grey level of everything but the board
+    blur: standard deviation of the lens's blur [px]
+    samples: rays of a pixel along x and along y
+    """
+    rays = camera_rays(camera, samples)
+    # A ray s·d meets the plane where the board's z vanishes: n·(s·d − t) = 0.
+    normal = rotation[:, 2]
+    facing = rays @ normal.astype(np.float32)
+    ahead = float(normal @ translation)
+    visible = (facing > 1e-6) & (ahead > 0.0)  # the board's back shows nothing
+    with np.errstate(divide="ignore"):
+        reach = np.where(visible, ahead / facing, np.nan)
+    maps = []
+    for axis in rotation[:, :2].T:
+        place = reach * (rays @ axis.astype(np.float32)) - axis @ translation  # [m]
+        # The picture's pixel centres lie at integers, its edge half a pixel before the first.
+        pixel = place * (PICTURE / board.square) - 0.5
+        maps.append(np.nan_to_num(pixel, nan=-9.0).clip(-9.0, 1e4).astype(np.float32))
+    fine = cv2.remap(
+        board_picture(board, PICTURE),
+        maps[0],
+        maps[1],
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=surroundings,
+    ).astype(np.float32)
+    image = fine.reshape(camera.height, samples, camera.width, samples).mean(axis=(1, 3))
+    if blur > 0.0:
+        image = cv2.GaussianBlur(image, (0, 0), blur)
+    grey = np.rint(image).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+@lru_cache(maxsize=1)  # many photographs are taken with one camera
+def camera_rays(camera: FisheyeCamera | PinholeCamera, samples: int) -> np.ndarray:
+    """Directions (height·samples, width·samples, 3) spread evenly over the pixels."""
+    x, y = (
+        (np.arange(count * samples) + 0.5) / samples - 0.5
+        for count in (camera.width, camera.height)
+    )
+    # By rows: the inverse of a distortion takes several arrays of this size.
+    out = np.empty((y.size, x.size, 3), dtype=np.float32)
+    for row, height in enumerate(y):
+        out[row] = camera.rays(np.column_stack([x, np.full(x.size, height)]))
+    return out
 
 
 def take(
@@ -261,7 +332,7 @@ def test_images_that_will_not_do_are_refused(fisheye_images: Path, tmp_path: Pat
 def test_nothing_is_written_over_unless_asked(fisheye_images: Path, tmp_path: Path) -> None:
     out = tmp_path / "lens.yml"
     out.write_text("dear to somebody")
-    with pytest.raises(UserError, match="exists; choose another or give --force"):
+    with pytest.raises(UserError, match="exists; choose another or give --overwrite"):
         calibrate((fisheye_images,), out=out)
     assert out.read_text() == "dear to somebody"
     assert calibrate((fisheye_images,), out=out, force=True) == 0

@@ -87,8 +87,8 @@ def test_a_filled_folder_is_not_written_over(tmp_path: Path, typed: Typed) -> No
     (tmp_path / "thesis.pdf").write_text("dear to somebody")
     first = typed("grasp", *QUICK, "--path", "truth", "--out", str(tmp_path))
     assert first.returncode == 2
-    assert "is not empty; choose another or give --force" in first.stderr
-    forced = typed("grasp", *QUICK, "--path", "truth", "--out", str(tmp_path), "--force")
+    assert "is not empty; choose another or give --overwrite" in first.stderr
+    forced = typed("grasp", *QUICK, "--path", "truth", "--out", str(tmp_path), "--overwrite")
     assert forced.returncode == 0
     assert (tmp_path / "thesis.pdf").read_text() == "dear to somebody"
     assert (tmp_path / "summary.json").exists()

@@ -16,7 +16,7 @@ import pytest
 
 from chromagrip import Result, UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
-from chromagrip.loop.grasp import Sample, arrivals, grasp, open_camera
+from chromagrip.loop import Sample, arrivals, grasp, open_camera
 from chromagrip.model import State
 from chromagrip.render import Frame
 from chromagrip.scene.scene import Scene

@@ -142,7 +142,7 @@ def test_from_the_command_line(tmp_path: Path) -> None:
     assert len(list(out.glob("image-*.png"))) == 2
     again = chromagrip("render", "--out", str(out))
     assert again.returncode == 2
-    assert "is not empty; choose another or give --force" in again.stderr
+    assert "is not empty; choose another or give --overwrite" in again.stderr
 
 
 @pytest.mark.parametrize(

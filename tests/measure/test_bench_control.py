@@ -2,9 +2,7 @@
 
 import subprocess
 import sys
-from contextlib import nullcontext
-from dataclasses import asdict
-from types import SimpleNamespace
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,7 @@ from chromagrip import UserError, load_scene
 from chromagrip.loop.run_folder import Result
 from chromagrip.loop.trace import COLUMNS, Trace
 from chromagrip.measure.bench import control as bench_control
-from chromagrip.measure.bench.control import OBJECT_SETS, SCENES, TARGETS, Task, ask, matrix, tasks
+from chromagrip.measure.bench.control import OBJECT_SETS, SCENES, TARGETS, Task, score_run, tasks
 from chromagrip.measure.worlds.scorecard import SCORES, overshoot, scores, settling, together, worst
 from chromagrip.render.drawing.gl import gl_problem
 
@@ -94,7 +92,9 @@ def test_a_run_is_scored_by_the_truth_and_a_bad_grip_shows() -> None:
 
     def card(controller: str, **changes: Any) -> dict[str, float]:
         told = {"controller": controller, "path": "truth", **changes}
-        said = ask(Task(group="", path="truth", controller="", scene="moisture-1", changes=told))
+        said = score_run(
+            Task(group="", path="truth", controller="", scene="moisture-1", changes=told)
+        )
         assert isinstance(said, dict)
         return said
 
@@ -109,29 +109,33 @@ def test_a_run_is_scored_by_the_truth_and_a_bad_grip_shows() -> None:
 
 
 def test_a_run_that_stops_is_a_row_and_spoils_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    pool = SimpleNamespace(imap=map)
-    here = SimpleNamespace(Pool=lambda *_, **__: nullcontext(pool))
-
     def fails(task: Task) -> dict[str, float] | str:
         return "the plant broke" if task.scene == "jerk-1" else dict.fromkeys(SCORES, 1.0)
 
-    monkeypatch.setattr(bench_control, "get_context", lambda _: here)
-    monkeypatch.setattr(bench_control, "ask", fails)
+    def here(
+        function: Callable[[Task], object], todo: Sequence[Task], workers: int, *, ordered: bool
+    ) -> Iterator[object]:
+        assert ordered
+        return map(function, todo)
+
+    monkeypatch.setattr(bench_control, "map_processes", here)
+    monkeypatch.setattr(bench_control, "score_run", fails)
     told: list[str] = []
-    rows = bench_control.bench_control(True, told.append, ("conservative",))
-    found = {row.name: row for row in rows}
+    report = bench_control.bench_control(True, told.append, ("conservative",))
+    found = {row.name: row for row in report.rows}
     assert len(told) == len(SCENES) + 2
     stopped = found["jerk-1/truth/conservative/stopped"]
     assert (stopped.value, stopped.met) == (1.0, False)
-    assert "1 of 1 runs stopped: the plant broke" in stopped.target
+    assert "1 of 1 runs stopped: the plant broke" in stopped.note
     assert found["ramp-1/truth/conservative/displacement"].value == 1.0
     assert "jerk-1/truth/conservative/displacement" not in found
     assert found["worst/truth/conservative/gross"].value == len(SCENES) - 1
     assert found["worst/truth/conservative/stopped"].value == 1.0
-    table = matrix([asdict(row) for row in rows])
-    assert {len(line) for line in table} == {len(SCORES) + 1}
-    assert ["conservative, truth: jerk-1 (stopped)", *["–"] * len(SCORES)] in table
-    assert table[len(SCENES) + 1][0] == "conservative, truth: worst (stopped)"
+    (table,) = report.tables
+    assert {len(line) for line in (table.header, *table.lines)} == {len(SCORES) + 1}
+    assert ("conservative, truth: jerk-1 (stopped)", *["–"] * len(SCORES)) in table.lines
+    assert table.lines[len(SCENES)][0] == "conservative, truth: worst (stopped)"
+    assert stopped in report.listed()
 
 
 def test_everything_is_run_once_with_each_seed() -> None:
@@ -168,7 +172,7 @@ def test_a_sensor_that_is_not_what_is_told_grasps() -> None:
     for specimen in (None, 1, 2):
         task = Task(group="", path="camera", controller="conservative", scene="margin-60hz",
                     changes=changes, specimen=specimen)  # fmt: skip
-        said = ask(task)
+        said = score_run(task)
         assert isinstance(said, dict)
         found.append(said["pressure_max"])
     assert len(set(found)) == 3

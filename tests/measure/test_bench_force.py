@@ -1,6 +1,5 @@
 """The score of force estimates: its scenes are what they say, its counts are what they must be."""
 
-import multiprocessing.dummy
 from contextlib import closing
 from pathlib import Path
 
@@ -25,7 +24,6 @@ from chromagrip.measure.worlds.grasps import (
     HELD_FRAMES,
     KNOWN,
     LIBRARY,
-    OBJECTS,
     PERIOD,
     WORLDS,
     ForceScene,
@@ -35,8 +33,8 @@ from chromagrip.measure.worlds.grasps import (
     seed_of,
 )
 from chromagrip.model import contact_forces, rest_state
-from chromagrip.output.rows import report
 from chromagrip.render.drawing.gl import gl_problem
+from chromagrip.thesis import OBJECTS
 from chromagrip.tracking import Z90, MarkerTracker, Palette
 
 INDEX = 5  # of a grasp that the tracker follows quickly
@@ -298,7 +296,7 @@ def test_who_is_told_the_truth_is_right_and_who_refuses_is_flagged(
     readers: None, scene: ForceScene
 ) -> None:
     told, refusing = (
-        answers(name, scene)[name, "0.1s"]
+        answers(name, name, scene)[name, "0.1s"]
         for name in ("users_readers:Told", "users_readers:Refusing")
     )
     np.testing.assert_allclose(told.value[0, :2], truth(scene)[:2])
@@ -309,7 +307,8 @@ def test_who_is_told_the_truth_is_right_and_who_refuses_is_flagged(
 
 
 def test_the_slower_one_is_slower(readers: None, scene: ForceScene) -> None:
-    spent = force_scores.times(["users_readers:Told", "users_readers:Slow"], [scene], 2)
+    names = ("users_readers:Told", "users_readers:Slow")
+    spent = force_scores.times({name: name for name in names}, [scene], 2)
     assert all(len(turns) == 2 for turns in spent.values())
     assert min(spent["users_readers:Slow"]) >= 3.0
     assert max(spent["users_readers:Told"]) < 3.0
@@ -324,36 +323,41 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
         bench_force, "BEST", dict.fromkeys(("single", "0.1s"), "users_readers:Told")
     )
     monkeypatch.setattr(bench_force, "scenes", lambda *_: [scene])
-    monkeypatch.setattr(bench_force, "get_context", lambda _: multiprocessing.dummy)
-    monkeypatch.setattr(bench_force, "start_worker", lambda: None)
+    monkeypatch.setattr(
+        bench_force, "map_processes", lambda function, tasks, *_, **__: map(function, tasks)
+    )
     names = ("users_readers:Told", "users_readers:Refusing")
-    rows = report(bench_force.bench_force(True, lambda _: None, names))["rows"]
-    found = {row["name"]: row for row in rows}
+    report = bench_force.bench_force(True, lambda _: None, names)
+    found = {row.name: row for row in report.rows}
     told = found["matched/single/users_readers:Told/normal_rms"]
-    assert told["value"] == pytest.approx(0.0, abs=1e-9)
-    assert told["target"] == "0…5"
+    assert told.value == pytest.approx(0.0, abs=1e-9)
+    assert str(told.target) == "0…5"
     refused = found["matched/0.1s/users_readers:Refusing/normal_rms"]
-    assert (refused["value"], refused["target"]) == (pytest.approx(100.0), "reported")
-    assert found["matched/single/users_readers:Refusing/flagged"]["value"] == 100.0
-    assert found["matched/single/constant/margin_rms"]["value"] == pytest.approx(0.0)
-    assert found["speed/users_readers:Told"]["target"] == "≥ 300"
-    assert found["speed/cheapest"]["met"]
-    table = bench_force.matrix(rows)
-    assert all(len(line) == len(table[0]) for line in table)
-    assert [line[0] for line in table[1:4]] == [
+    assert (refused.value, refused.target, refused.met) == (pytest.approx(100.0), None, None)
+    assert found["matched/single/users_readers:Refusing/flagged"].value == 100.0
+    assert found["matched/single/constant/margin_rms"].value == pytest.approx(0.0)
+    assert str(found["speed/users_readers:Told"].target) == "≥ 300"
+    assert found["speed/cheapest"].met
+    table, readings = report.tables
+    assert all(len(line) == len(table.header) for line in table.lines)
+    assert [line[0] for line in table.lines[:3]] == [
         "constant, single",
         "users_readers:Told, single",
         "users_readers:Refusing, single",
     ]
-    assert len(list(bench_force.matrix_lines(table))) == len(table)
-    heading, *body = bench_force.readings(rows)
-    assert [line[0] for line in body] == ["users_readers:Told"]
-    largest = body[0][heading.index("max-ratio")]
-    error = found["matched/single/users_readers:Told+max-ratio/mu_bias"]["value"]
+    (line,) = readings.lines
+    assert line[0] == "users_readers:Told"
+    largest = line[readings.header.index("max-ratio")]
+    error = found["matched/single/users_readers:Told+max-ratio/mu_bias"].value
+    assert error is not None
     assert largest == f"{abs(error):.3f} ({error:+.3f}) / –"
     assert error < 0.0  # a ratio of true forces is never above µ
-    for row in bench_force.asked(rows):
-        assert "Refusing" not in row["name"] or row["name"].startswith("speed/")
+    assert not any("Refusing" in row.name for row in report.listed())
+    single, several = report.details
+    assert single.header == several.header == ("score", "constant", *names)
+    assert {line[0].split(" ")[0] for line in single.lines} == {
+        score for score in UNITS if not score.endswith("_limit")
+    }
 
 
 def test_every_target_is_of_a_set_and_a_score_that_there_is() -> None:

@@ -5,9 +5,9 @@ import pytest
 from chromagrip import UserError
 from chromagrip.loop.fidelity import Choice, Fidelity
 from chromagrip.measure.bench import speed as bench_speed
+from chromagrip.measure.bench.speed import STAGES, frame_parts
 from chromagrip.measure.charts.chart import Chart, Point
 from chromagrip.measure.charts.loop import AXES
-from chromagrip.measure.worlds.frame_parts import STAGES, frame_parts
 from chromagrip.scene.scene import Scene, load_scene
 
 

@@ -17,9 +17,18 @@ from chromagrip.measure.limits.positions import bounds, position_limits
 from chromagrip.measure.stability import track as stability_track
 from chromagrip.measure.worlds.track_motion import pitch
 from chromagrip.measure.worlds.track_scenes import SCENES, Conditions, Sequence, sequence
-from chromagrip.measure.worlds.track_scores import UNITS, WITHIN, Followed, follow, numbers, scores
+from chromagrip.measure.worlds.track_scores import (
+    UNITS,
+    WITHIN,
+    Constant,
+    Followed,
+    follow,
+    numbers,
+    scores,
+)
+from chromagrip.output.report import Bounds
 from chromagrip.output.rows import report
-from chromagrip.render import load_sensor
+from chromagrip.render import Frame, load_sensor
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.drawing.coverage import edge_width
 from chromagrip.render.ground import ground_image
@@ -376,27 +385,40 @@ def test_an_interrupted_map_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_rows_of_a_bench_and_their_table(theirs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_track, "TARGETS", {("sway", "lost"): (0.0, 0.0)})
+    monkeypatch.setattr(bench_track, "TARGETS", {("sway", "lost"): Bounds(0.0, 0.0)})
     monkeypatch.setattr(bench_track, "QUICK_FRAMES", 2)
     monkeypatch.setattr(bench_track, "QUICK_LONG", 2)
     monkeypatch.setattr(bench_track, "ROUND", 2)
     refusing = "users_trackers:Refusing"
-    result = bench("track", True, lambda _: None, ("constant", refusing))
-    json.dumps(result, allow_nan=False)
-    rows = {row["name"]: row for row in result["rows"]}
-    assert rows[f"sway/{refusing}/refused"]["target"] == "this tracker does not like the frame"
-    assert rows[f"sway/{refusing}/refused"]["value"] is None
-    assert rows["sway/constant/false"]["value"] == 0.0
-    assert rows["long/constant/drift"]["value"] > 0.0
-    assert rows[f"long/{refusing}/drift"]["value"] is None
-    (sentence,) = bench_track.refusals(result["rows"])
-    assert sentence == f"{refusing} refused sway: this tracker does not like the frame"
-    table = bench_track.matrix(result["rows"])
-    assert table[0] == ["", "sway"]
-    assert [line[0] for line in table[1:]] == ["constant", refusing]
-    assert table[2][1] == "refused"
-    lines = list(bench_track.matrix_lines([[*line * 12] for line in table], width=90))
-    assert max(map(len, lines)) <= 90
+    report = bench("track", True, lambda _: None, ("constant", refusing))
+    json.dumps(report.as_json(), allow_nan=False)
+    rows = {row.name: row for row in report.rows}
+    refused = rows[f"sway/{refusing}/refused"]
+    assert refused.note == "this tracker does not like the frame"
+    assert (refused.value, refused.target, refused.met) == (None, None, None)
+    assert rows["sway/constant/false"].value == 0.0
+    drift = rows["long/constant/drift"].value
+    assert drift is not None
+    assert drift > 0.0
+    assert rows[f"long/{refusing}/drift"].value is None
+    assert rows[f"long/{refusing}/drift"].met is False
+    assert report.notes[-1] == f"{refusing} refused sway: this tracker does not like the frame"
+    (table,) = report.tables
+    assert table.header == ("scene", "constant", refusing)
+    ((scene, constant, refusal),) = table.lines
+    assert (scene, refusal) == ("sway", "refused")
+    assert float(constant.split()[0]) > 1.0
+
+
+def test_a_bug_of_a_tracker_is_not_taken_for_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Broken(Constant):
+        def update(self, frame: Frame) -> Tracks:
+            raise IndexError("a bug")
+
+    monkeypatch.setattr(bench_track, "TARGETS", {("sway", "lost"): Bounds(0.0, 0.0)})
+    monkeypatch.setattr(bench_track, "QUICK_FRAMES", 1)
+    with pytest.raises(IndexError, match="a bug"):
+        bench("track", True, lambda _: None, [Broken])
 
 
 def test_impossible_wishes_are_one_sentence() -> None:

@@ -174,7 +174,7 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit(
     said = Answers(value=value, interval=np.stack([value] * 2, axis=-1), flagged=true[:, 0] < 0.0)
     found = bench_force.Measured(
         true=true,
-        said={("gp", read): said for read in force_scores.READ},
+        answers={("gp", read): said for read in force_scores.READ},
         limit={"single": 0.01 * true, "0.1s": np.full(true.shape, 0.005)},
     )
     monkeypatch.setattr(chart_force, "measure", lambda *_: {"matched": found})

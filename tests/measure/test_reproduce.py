@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from chromagrip.cli.reproduce import reproduce as command
+
 from chromagrip.errors import UserError
 from chromagrip.loop.trace import COLUMNS, Trace
 from chromagrip.measure.reproduce import runs as reproduce_runs
@@ -45,8 +45,8 @@ from chromagrip.measure.reproduce.figures_13_to_15 import (
 from chromagrip.measure.reproduce.parts import PARTS, Plan, reproduce
 from chromagrip.measure.reproduce.runs import NAN, Cell, Job, Runs, make_job, run_jobs
 from chromagrip.measure.reproduce.statements import Section, near, over, printed
-from chromagrip.measure.worlds.grasps import OBJECTS
 from chromagrip.output.figure import CONTROLLERS
+from chromagrip.thesis import OBJECTS
 
 TRUTH = Plan(quick=True, camera=None)
 

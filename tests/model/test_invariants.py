@@ -14,7 +14,7 @@ from chromagrip.model import (
     equilibrium,
     simulate,
 )
-from chromagrip.model.chain.chain import chain
+from chromagrip.model.chain.assembly import chain
 from chromagrip.model.chain.dense import stiffness_matrix
 
 TIP = Fingertip(nodes=51)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from chromagrip.model import ContactObject, Drive, Fingertip, contact_forces, equilibrium, simulate
-from chromagrip.model.chain.chain import contact
+from chromagrip.model.chain.assembly import contact
 from chromagrip.model.kernels.contact import contact_frames
 
 TIP = Fingertip(nodes=101)

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from chromagrip.cli.estimate import estimate
 from msgspec.structs import asdict, replace
 
 from chromagrip.cli.calibrate import calibrate_sensor
-from chromagrip.cli.estimate import estimate
 from chromagrip.errors import UserError
 from chromagrip.loop.poses import Pose, settle
 from chromagrip.model import ContactObject, contact_forces, equilibrium
@@ -344,7 +344,7 @@ def test_a_flat_pad_is_calibrated_and_read_by_its_displacements(
     for k in range(4):
         press(frames / f"{k}.png", 0.1 * (k + 1) - 0.05, 0.05 * k, 10 + k)
     out, calibration = tmp_path / "out", tmp_path / "pad.toml"
-    options: dict[str, Any] = {"tracker": "centroid", "noise": NOISE}
+    options: dict[str, Any] = {"tracker": "detect", "noise": NOISE}
     assert calibrate_sensor(presses, sensor="flat-2019", out=calibration, **options) == 0
     rest = str(presses / "rest.png")
     assert estimate(rest, str(frames), calibration=str(calibration), out=out, **options) == 0

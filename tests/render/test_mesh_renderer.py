@@ -56,8 +56,3 @@ def test_missing_gl_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UserError, match=r"pyrender cannot run here.*apt-get install"):
         open_renderer("pyrender", SENSOR)
     assert gl_module.MEND.startswith("sudo apt-get install")
-
-
-def test_unknown_renderer_is_named() -> None:
-    with pytest.raises(ValueError, match="no renderer 'crayon'; there is: painter, pyrender"):
-        open_renderer("crayon", SENSOR)

@@ -21,13 +21,11 @@ REST = MembraneMap(SENSOR, Fingertip().nodes)(np.zeros((Fingertip().nodes, 2)))
 NOISE = 2.0
 IMAGE_MIDDLE = np.array([319.5, 239.5])
 #: RMS error of a displacement per coordinate that each may have [px]. The limit for one disc is
-#: 0.0092; known of one layer of discs: Lucas–Kanade 0.0116, DIS 0.044, mask centroids 0.088.
+#: 0.0092; known of one layer of discs: Lucas–Kanade 0.0116, mask centroids 0.088.
 ALLOWED = {
-    "centroid": 0.0135,
     "lk": 0.022,  # edges of the other dye, which densities in log space do not quite divide out
-    "farneback": 0.03,
+    "detect": 0.0135,
     "blob": 0.045,
-    "dis": 0.05,
     "chromatouch": 0.12,
 }
 NAMES = list(ALLOWED)
@@ -101,7 +99,7 @@ def dots(palette: Palette, shift: tuple[float, float], index: int, pitch: float 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_small_shifts_are_found_without_drift(name: str) -> None:
-    """As good at the fifth frame as at the first; covariances, where given, are honest."""
+    """As good at the fifth frame as at the first."""
     tracker, rest = fresh(name)
     assert rest.visible.mean() > 0.97
     errors = []
@@ -117,28 +115,15 @@ def test_small_shifts_are_found_without_drift(name: str) -> None:
     assert rms[-1] < 1.2 * rms[0]
     # One disc alone cannot do better than σ/A·sqrt(2s/(√π R)) ≈ 0.0065 px per frame.
     assert rms.min() > 0.0065
-    if np.isfinite(tracks.covariance).any():
-        variance = tracks.covariance + rest.covariance
-        for k, first in ((0, 0), (1, 3)):
-            block = variance[:, first : first + 2, first : first + 2]
-            e = errors[-1][k]
-            squared = np.einsum("mi,mij,mj->m", e, np.linalg.inv(block), e)
-            # At the very rim the housing reaches into the windows.
-            inner = np.linalg.norm(rest.position[0] - IMAGE_MIDDLE, axis=1) < 200
-            assert 0.75 < np.nanmean(squared[inner]) / 2 < 1.4
 
 
-def test_centroids_tell_size() -> None:
-    """A membrane nearer by 2 % looks 2 % larger, within what the covariance says."""
-    tracker, rest = fresh("centroid")
+def test_detected_areas_tell_size() -> None:
+    """A membrane nearer by 2 % looks 2 % larger."""
+    tracker, rest = fresh("detect")
     nearer = Membrane(centres=0.98 * REST.centres, axes=REST.axes)
     tracks = tracker.update(shoot(nearer, 0))
     assert np.nanmean(tracks.log_size, axis=1) == pytest.approx(-np.log(0.98), abs=2e-3)
-    still = tracker.update(shoot(REST, 1))
-    size = still.log_size - rest.log_size
-    for layer, at in ((0, 2), (1, 5)):
-        variance = (still.covariance + rest.covariance)[:, at, at]
-        assert 0.6 < np.nanmedian(size[layer] ** 2 / variance) / 0.455 < 2.5
+    np.testing.assert_allclose(np.nanmean(rest.log_size, axis=1), 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -154,9 +139,7 @@ def test_covered_markers_are_lost_and_found_again(name: str) -> None:
             frame.image[198:282, 290:400] = 128  # a finger on the lens
         tracks = tracker.update(frame)
         certain = (tracks.visible & ~tracks.ambiguous)[:, hidden]
-        # Farnebäck's flow is so smooth that it drags some numbers out from under the finger.
-        least = 0.1 if name == "farneback" else 0.0
-        assert (certain.mean() > least) == (not covered)
+        assert certain.any() == (not covered)
         # Never a stale position, and the time of the last good one.
         np.testing.assert_array_equal(np.isnan(tracks.position).any(axis=-1), ~tracks.visible)
         last = tracks.last_seen[:, hidden]
@@ -180,9 +163,9 @@ def test_nothing_is_seen_on_a_blank_frame(name: str) -> None:
     np.testing.assert_array_equal(tracks.last_seen, rest.last_seen)
 
 
-def test_centroids_do_not_mind_less_light() -> None:
+def test_detected_markers_do_not_mind_less_light() -> None:
     """A step to 0.6 of the light: noise weighs more by less than 2, and nothing is lost."""
-    tracker, rest = fresh("centroid")
+    tracker, rest = fresh("detect")
     moved = pushed(4e-5)
     dim = encode_srgb(0.6 * decode_srgb(PAINTER.render(moved).astype(float)))
     noisy = dim + np.random.default_rng(3).normal(0.0, NOISE, dim.shape)
@@ -237,7 +220,7 @@ def test_half_a_pitch_between_frames_is_the_end(name: str) -> None:
 def test_layers_pull_on_each_other_only_where_colours_are_not_unmixed() -> None:
     """The outer layer slides by 3 px over the other: centroids stay, masks are dragged along."""
     bias = {}
-    for name in ("centroid", "chromatouch"):
+    for name in ("detect", "chromatouch"):
         tracker, rest = fresh(name)
         for shift in (0.05e-3, 0.10e-3, 0.16e-3):
             centres = REST.centres.copy()
@@ -249,7 +232,7 @@ def test_layers_pull_on_each_other_only_where_colours_are_not_unmixed() -> None:
         middle = np.linalg.norm(rest.position[0] - IMAGE_MIDDLE, axis=1) < 100
         assert abs(true[0, middle, 0]).min() > 1.5
         bias[name] = abs(np.nanmean(error[:, middle], axis=1))
-    assert bias["centroid"].max() < 0.02
+    assert bias["detect"].max() < 0.02
     assert bias["chromatouch"].max() > 0.05
 
 

@@ -1,3 +1,4 @@
+import pickle
 from collections.abc import Callable
 
 import numpy as np
@@ -11,8 +12,9 @@ from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sens
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.tracking import MarkerTracker, Palette, Tracks
-from chromagrip.tracking.fit.thrifty import SparseTracker, ThriftyTracker
-from chromagrip.tracking.fit.tracker import QuickTracker
+from chromagrip.tracking.fit.at_rest import FitSettings
+from chromagrip.tracking.fit.pair_kernels import mean_hues
+from chromagrip.tracking.fit.tracker import FULL, QUICK, SPARSE, THRIFTY
 
 SENSOR = load_sensor("thesis")
 PALETTE = Palette.of_sensor(SENSOR)
@@ -21,6 +23,7 @@ TIP = Fingertip()
 MAP = MembraneMap(SENSOR, TIP.nodes)
 REST = MAP(np.zeros((TIP.nodes, 2)))
 NOISE = 2.0
+Image = NDArray[np.uint8]
 
 
 def shoot(membrane: Membrane, index: int, noise: float = NOISE) -> Frame:
@@ -39,8 +42,8 @@ def pressing(grip: float, load: float, frames: int) -> list[State]:
     return states
 
 
-def fresh(noise: float = NOISE, kind: type[MarkerTracker] = MarkerTracker) -> MarkerTracker:
-    tracker = kind(PALETTE, NOISE)
+def fresh(noise: float = NOISE, settings: FitSettings = FULL) -> MarkerTracker:
+    tracker = MarkerTracker(PALETTE, NOISE, settings)
     tracker.reset([shoot(REST, 2**31 + k, noise) for k in range(8)])
     return tracker
 
@@ -150,6 +153,31 @@ def test_hue_turns_from_overlap_towards_magenta() -> None:
     assert -30.0 < apart < start - 20.0
 
 
+def test_hue_is_measured_when_it_is_first_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes its time, and no force is read from it."""
+    calls = []
+
+    def hues(image: Image, shapes: np.ndarray, fits: np.ndarray) -> np.ndarray:
+        calls.append(image)
+        return mean_hues(image, shapes, fits)
+
+    tracker = fresh()
+    monkeypatch.setattr("chromagrip.tracking.fit.pair_fit.mean_hues", hues)
+    tracks = tracker.update(shoot(REST, 0))
+    assert not calls
+    hue = tracks.hue
+    assert len(calls) == 1
+    assert tracks.hue is hue
+    np.testing.assert_allclose(np.nanmedian(hue), np.nanmedian(tracker.rest.hue), atol=0.5)
+
+
+def test_copied_tracks_hold_their_hue_and_no_image() -> None:
+    tracks = fresh().update(shoot(REST, 0))
+    data = pickle.dumps(tracks)
+    assert len(data) < 400_000  # the image alone has 921,600 bytes
+    np.testing.assert_array_equal(pickle.loads(data).hue, tracks.hue)
+
+
 @pytest.mark.parametrize(
     ("frames", "words"),
     [
@@ -167,9 +195,6 @@ def test_bad_rest_frames_are_refused(frames: list[np.ndarray], words: str) -> No
 def test_frame_of_another_size_is_refused() -> None:
     with pytest.raises(ValueError, match=r"shape \(240, 320, 3\).*\(480, 640, 3\)"):
         fresh().update(Frame(image=np.zeros((240, 320, 3), np.uint8), time=0.0))
-
-
-Image = NDArray[np.uint8]
 
 
 def sheared(pitches: float) -> np.ndarray:
@@ -342,9 +367,9 @@ def test_errors_do_not_add_up() -> None:
     assert np.mean(rms[-20:]) == pytest.approx(np.mean(rms[:20]), rel=0.1)
 
 
-@pytest.mark.parametrize("kind", [MarkerTracker, QuickTracker, ThriftyTracker, SparseTracker])
-def test_a_state_goes_on_where_it_was_taken(kind: type[MarkerTracker]) -> None:
-    first, second = fresh(kind=kind), fresh(kind=kind)
+@pytest.mark.parametrize("settings", [FULL, QUICK, THRIFTY, SPARSE])
+def test_a_state_goes_on_where_it_was_taken(settings: FitSettings) -> None:
+    first, second = fresh(settings=settings), fresh(settings=settings)
     frames = [shoot(MAP(sheared(0.1 * k)), k) for k in range(6)]
     for frame in frames[:3]:
         first.update(frame)
@@ -357,7 +382,7 @@ def test_a_state_goes_on_where_it_was_taken(kind: type[MarkerTracker]) -> None:
 
 def test_markers_that_hold_still_take_turns_and_others_do_not() -> None:
     """Pairs that move are fitted as ever; of the others a quarter in each frame."""
-    whole, thrifty = fresh(kind=MarkerTracker), fresh(kind=ThriftyTracker)
+    whole, thrifty = fresh(), fresh(settings=THRIFTY)
     order = numbers(whole.rest)
     moving, far = SENSOR.places[order, 0] < 0.6, SENSOR.places[order, 0] > 1.0
     assert min(moving.sum(), far.sum()) > 60
@@ -387,13 +412,13 @@ def test_markers_that_hold_still_take_turns_and_others_do_not() -> None:
 def test_less_effort_costs_less_than_twice_the_error() -> None:
     """Half of the rows, shapes as at rest: √2 of the error, and a little."""
     rms = {}
-    for kind in (MarkerTracker, QuickTracker):
-        tracker = fresh(kind=kind)
+    for settings in (FULL, QUICK):
+        tracker = fresh(settings=settings)
         order = numbers(tracker.rest)
         errors = []
         for k, state in enumerate(pressing(2.0, 0.5, 20)):
             membrane = MAP(state.deformation.seen)
             tracks = tracker.update(shoot(membrane, k))
             errors.append(tracks.position - image_centres(membrane)[:, order])
-        rms[kind] = np.sqrt(np.mean(np.square(errors)))
-    assert 1.3 < rms[QuickTracker] / rms[MarkerTracker] < 1.8
+        rms[settings] = np.sqrt(np.mean(np.square(errors)))
+    assert 1.3 < rms[QUICK] / rms[FULL] < 1.8

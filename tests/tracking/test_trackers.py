@@ -3,24 +3,33 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from chromagrip.errors import UserError
-from chromagrip.tracking import load_tracker, tracker_names
-from chromagrip.tracking.baselines.centroid import WeightedCentroid
-from chromagrip.tracking.fit.tracker import MarkerTracker
+from chromagrip.render import load_sensor
+from chromagrip.tracking import MarkerTracker, Palette, load_tracker, tracker_names
+from chromagrip.tracking.baselines.blob import BlobDetector
+from chromagrip.tracking.fit.at_rest import FitSettings
 
 
 def test_ours_are_found_by_name() -> None:
     assert load_tracker("fit") is MarkerTracker
+    palette = Palette.of_sensor(load_sensor("thesis"))
     for name in tracker_names():
-        kind = load_tracker(name)
-        assert callable(kind.reset)  # type: ignore[attr-defined]
-        assert callable(kind.update)  # type: ignore[attr-defined]
+        tracker = load_tracker(name)(palette, 2.0)
+        assert callable(tracker.reset)
+        assert callable(tracker.update)
 
 
-TARGET = "chromagrip.tracking.baselines.centroid:WeightedCentroid"
+def test_arguments_are_handed_to_the_class() -> None:
+    coarse = load_tracker("fit", {"settings": FitSettings(rows=3)})
+    tracker = coarse(Palette.of_sensor(load_sensor("thesis")), 2.0)
+    assert isinstance(tracker, MarkerTracker)
+    assert tracker.settings == FitSettings(rows=3)
+
+
+TARGET = "chromagrip.tracking.baselines.blob:BlobDetector"
 
 
 def test_anybodys_by_module_and_class() -> None:
-    assert load_tracker(TARGET) is WeightedCentroid
+    assert load_tracker(TARGET) is BlobDetector
 
 
 def test_installed_ones_by_their_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -29,7 +38,7 @@ def test_installed_ones_by_their_entry_point(monkeypatch: pytest.MonkeyPatch) ->
         return [EntryPoint("mine", TARGET, group)]
 
     monkeypatch.setattr("chromagrip.by_name.entry_points", installed)
-    assert load_tracker("mine") is WeightedCentroid
+    assert load_tracker("mine") is BlobDetector
     assert "mine" in tracker_names()
     with pytest.raises(UserError, match="mine, fit"):
         load_tracker("yours")

@@ -1,6 +1,6 @@
-"""Pictures of each dye's density: 8-bit frames through tables, against the ground at rest."""
+"""Images of each dye's density: 8-bit frames through tables, against the ground at rest."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -61,16 +61,16 @@ def markers_there(density: Image, position: Array, radius: float) -> NDArray[np.
     """Whether the density image (H, W) shows markers at positions (M, 2): denser than around."""
     angles = np.arange(8) * (np.pi / 4)
     circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    inside = sample(density, position[:, None] + 0.4 * circle).mean(axis=1)
+    inside = _sample(density, position[:, None] + 0.4 * circle).mean(axis=1)
     # A neighbour may lie on a part of the ring.
-    around = np.quantile(sample(density, position[:, None] + 1.7 * circle), 0.25, axis=1)
+    around = np.quantile(_sample(density, position[:, None] + 1.7 * circle), 0.25, axis=1)
     return inside - around > LEAST_CONTRAST * UNIT
 
 
-def sample(image: NDArray[Any], at: Array) -> Array:
-    """Bilinear values at places (M, n, 2) or (M, 2); NaN for a place that is NaN."""
-    places = np.nan_to_num(at.reshape(len(at), -1, 2)).astype(np.float32)
+def _sample(image: Image, at: Array) -> Array:
+    """Bilinear values at places (M, n, 2); NaN for a place that is NaN."""
+    places = np.nan_to_num(at).astype(np.float32)
     x, y = (np.ascontiguousarray(places[..., i]) for i in range(2))
     # Outside the image as at its edge.
-    seen = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.where(np.isfinite(at).all(axis=-1), seen.reshape(at.shape[:-1]), np.nan)
+    values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.where(np.isfinite(at).all(axis=-1), values, np.nan)

@@ -1,11 +1,12 @@
-"""What the trackers beside our own share: where to look, what is lost, and since when.
+"""What the baseline trackers share: where to look, which markers are lost, and since when.
 
-A marker is looked for where it was, a lost one where its neighbours say that it went; each tracker
-only adds how a marker near there is found. All of them are local: a marker that moves by more than
-half a pitch between two frames is taken for its neighbour.
+A marker is looked for at its last place, a lost one where its neighbours moved; each tracker adds
+how a marker near there is found. All of them are local: a marker that moves by more than half a
+pitch between two frames is taken for its neighbour.
 """
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,41 +22,58 @@ from ..tracks import Tracks
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: A marker that jumps further than this could have come from a neighbour's place [pitches]:
-#: there would be one nearly as near, the other way round.
+#: A marker that jumps further than this may be a neighbour of the one that was there [pitches].
 _DOUBTFUL_JUMP = 0.375
 #: Markers of one layer are further apart than this [pitches].
 _APART = 0.25
-#: Fewer markers than this share, seen in the rest frame itself, are no start.
+#: Share of the rest frame's markers that the tracker itself must find there.
 _FEWEST = 0.5
+#: Neighbours of a marker.
 _NEIGHBOURS = 6
 
 
 class Measured(NamedTuple):
-    """What a tracker finds in one frame, as in `Tracks`; None for what it does not measure."""
+    """What a tracker measures in one frame, as in `Tracks`; None for what it does not measure."""
 
     position: Array
     log_size: Array | None = None
     hue: Array | None = None
-    covariance: Array | None = None
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """All that changes from frame to frame.
+
+    Attributes
+    ----------
+    shift: of each marker since rest [px], shape (L, M, 2); of a lost one, its neighbours'
+    last_seen: time of the last frame in which it was found [s], shape (L, M)
+    """
+
+    shift: Array
+    last_seen: Array
 
 
 class Follower:
     """Base of the trackers that look for each marker near its last place.
 
-    A subclass gives `_prepare`, which reads what it needs from the rest frame, and `_find`. What
-    changes from frame to frame goes into the dictionary `_state`.
+    A subclass gives `_prepare`, which reads what it needs from the rest frame, and `_find`.
 
     Parameters
     ----------
     palette: of the markers
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
+
+    Attributes
+    ----------
+    state: all that changes from frame to frame, as one frozen value
     """
+
+    state: Shifts
 
     def __init__(self, palette: Palette, noise: float) -> None:
         self._palette = palette
         self._noise = noise
-        self._state: dict[str, Any] = {}
 
     def _prepare(self, rest: RestFrame, image: Image) -> None:
         """Keep what is needed of the rest frame; `image` is its mean, rounded."""
@@ -65,15 +83,6 @@ class Follower:
         """Markers in an image (H, W, 3), by where they are expected [px], shape (L, M, 2)."""
         raise NotImplementedError
 
-    @property
-    def state(self) -> dict[str, Any]:
-        """All that changes from frame to frame, by name."""
-        return {name: np.copy(value) for name, value in self._state.items()}
-
-    @state.setter
-    def state(self, state: dict[str, Any]) -> None:
-        self._state = {name: np.copy(value) for name, value in state.items()}
-
     def reset(self, rest: list[Frame]) -> Tracks:
         """Find the markers in frames of the unloaded sensor; their mean is the rest frame.
 
@@ -82,27 +91,26 @@ class Follower:
         UserError
             When there is no frame, or it does not show the markers.
         """
-        seen = read_rest(rest, self._palette)
-        self._origin, self._pitch = seen.position, seen.pitch
-        self._near = neighbours(np.nanmean(seen.position, axis=0), _NEIGHBOURS)
-        self._state = {
-            "shift": np.zeros_like(seen.position),
-            "last_seen": np.full(seen.position.shape[:2], np.nan),
-        }
-        image = np.rint(seen.image).astype(np.uint8)
+        at_rest = read_rest(rest, self._palette)
+        self._origin, self._pitch = at_rest.position, at_rest.pitch
+        self._near = neighbours(np.nanmean(at_rest.position, axis=0), _NEIGHBOURS)
+        self.state = Shifts(
+            shift=np.zeros_like(at_rest.position),
+            last_seen=np.full(at_rest.position.shape[:2], np.nan),
+        )
+        image = np.rint(at_rest.image).astype(np.uint8)
         self._shape = image.shape
-        self._prepare(seen, image)
+        self._prepare(at_rest, image)
         tracks = self._follow(Frame(image=image, time=rest[-1].time))
-        there = int(np.isfinite(self._origin[..., 0]).sum())
-        if tracks.visible.sum() < _FEWEST * there:
+        count = int(np.isfinite(self._origin[..., 0]).sum())
+        if tracks.visible.sum() < _FEWEST * count:
             raise UserError(
-                f"only {tracks.visible.sum()} of {there} markers of the rest frame are found by "
+                f"only {tracks.visible.sum()} of {count} markers of the rest frame are found by "
                 f"this tracker, at least {_FEWEST:.0%} must be"
             )
-        # Shifts count from where the tracker itself sees a marker at rest.
+        # Shifts count from where the tracker itself finds a marker at rest.
         self._origin = np.where(tracks.visible[..., None], tracks.position, self._origin)
-        self._state["shift"] = np.zeros_like(self._origin)
-        tracks.covariance[:] /= len(rest)
+        self.state = replace(self.state, shift=np.zeros_like(self._origin))
         return tracks
 
     def update(self, frame: Frame) -> Tracks:
@@ -117,7 +125,7 @@ class Follower:
         return self._follow(frame)
 
     def _follow(self, frame: Frame) -> Tracks:
-        shift = self._state["shift"]
+        shift = self.state.shift
         measured = self._find(np.ascontiguousarray(frame.image), self._origin + shift)
         position, (layers, count, _) = measured.position, self._origin.shape
         height, width, _ = self._shape
@@ -127,51 +135,48 @@ class Follower:
         jump = np.linalg.norm(moved - shift, axis=-1)
         apart = np.linalg.norm(position[:, :, None] - position[:, self._near], axis=-1)
         claimed = (apart < _APART * self._pitch).any(axis=-1)
-        seen = visible[..., None]
-        last_seen = np.where(visible, frame.time, self._state["last_seen"])
-        self._state["last_seen"] = last_seen
-        self._state["shift"] = _carry(np.where(seen, moved, shift), visible, self._near)
+        self.state = Shifts(
+            shift=_carry(np.where(visible[..., None], moved, shift), visible, self._near),
+            last_seen=np.where(visible, frame.time, self.state.last_seen),
+        )
         unknown = np.full((layers, count), np.nan)
         size = unknown if measured.log_size is None else measured.log_size
         hue = unknown[0] if measured.hue is None else measured.hue
-        covariance = measured.covariance
-        if covariance is None:
-            covariance = np.full((count, 3 * layers, 3 * layers), np.nan)
         return Tracks(
             time=frame.time,
-            position=np.where(seen, position, np.nan),
+            position=np.where(visible[..., None], position, np.nan),
             log_size=np.where(visible, size, np.nan),
             hue=np.where(visible[0], hue, np.nan),
             visible=visible,
             ambiguous=visible & ((jump > _DOUBTFUL_JUMP * self._pitch) | claimed),
-            last_seen=last_seen,
-            covariance=covariance,
+            last_seen=self.state.last_seen.copy(),
+            covariance=np.full((count, 3 * layers, 3 * layers), np.nan),
         )
 
 
 def nearest(found: Array, expected: Array, reach: float, mutual: bool) -> NDArray[np.intp]:
-    """Which of the found points (n, 2) is nearest to each expected one (M, 2), −1 for none.
+    """Number of the found point (n, 2) that is nearest to each expected one (M, 2), −1 for none.
 
     Parameters
     ----------
     reach: a point further away is none [px]
     mutual: whether a point goes only to the one that it is nearest to
     """
-    which = np.full(len(expected), -1)
-    there = np.flatnonzero(np.isfinite(expected).all(axis=-1))
-    if len(found) == 0 or len(there) == 0:
-        return which
-    distance, partner = KDTree(found).query(expected[there])
+    number = np.full(len(expected), -1)
+    known = np.flatnonzero(np.isfinite(expected).all(axis=-1))
+    if len(found) == 0 or len(known) == 0:
+        return number
+    distance, partner = KDTree(found).query(expected[known])
     taken = np.asarray(distance) < reach
     if mutual:
-        back = np.asarray(KDTree(expected[there]).query(found)[1])
-        taken &= back[partner] == np.arange(len(there))
-    which[there[taken]] = np.asarray(partner)[taken]
-    return which
+        back = np.asarray(KDTree(expected[known]).query(found)[1])
+        taken &= back[partner] == np.arange(len(known))
+    number[known[taken]] = np.asarray(partner)[taken]
+    return number
 
 
 def _carry(shift: Array, visible: NDArray[np.bool_], near: NDArray[np.intp]) -> Array:
-    """Shifts (L, M, 2); a lost marker's is the median of its visible neighbours', if there are."""
+    """Shifts (L, M, 2); a lost marker has the median of its visible neighbours', if any."""
     lost = ~visible & visible[:, near].any(axis=-1)
     for layer, m in np.argwhere(lost):
         around = near[m][visible[layer, near[m]]]

@@ -1,110 +1,88 @@
-"""The fit of every marker pair of one sensor to an image; optics and light tuned where they drift.
+"""The fit of every marker pair of one sensor to an image.
 
 What is fitted is the known shape under the local light: each pair has a gain of its own for each
-channel, whose slope across the pair is read off its neighbours. Where the pairs stop being
-explained, the colours and the blur are fitted too, to all pairs together.
+channel; the gain's slope across the pair is read off its neighbours. Colours and blur are taken as
+given here; `tuning.py` fits them.
 """
 
-from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...render.colour import decode_srgb
 from ...render.drawing.coverage import edge_width
 from ..detection import RestFrame, neighbours
 from ..palette import Palette
-from .colours import fit_colours, level_tables
-from .light_kernels import light_sums
 from .neighbour_kernels import crowded, median
 from .pair_kernels import fit_step, mean_hues
+from .pair_state import PairFits, PairState, chosen
 from .pixel_kernels import BUFFER, TERMS, Optics
 
 Array = NDArray[np.float64]
+Array32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
-#: Pixels this many standard deviations outside an edge still tell of sizes; of places, these.
-_REACH, _CLOSE = 3.0, 2.0
-#: A fit whose last step was larger than this was not on its way to the end [px].
+#: Pixels up to so many standard deviations outside an edge are read, where sizes are fitted.
+_REACH = 3.0
+#: The same, where places alone are fitted.
+_CLOSE = 2.0
+#: A fit whose last step was larger than this did not converge [px].
 _NEARLY = 0.3
-#: A misfit this many times the typical one may be for uneven light, which takes more steps.
-_UNEVEN, _UNEVEN_STEPS = 1.6, 6
-#: Steps of pairs whose motion changed, where a single one is enough for most.
+#: Pairs with a misfit this many times the typical one are fitted with uneven light.
+_UNEVEN = 1.6
+#: Steps with uneven light, at most.
+_UNEVEN_STEPS = 6
+#: Steps of a glance, at most: a single one is enough for most pairs.
 _GLANCES = 3
-#: A slope of the light that changed by more than this is worth another step [1/px].
+#: A slope of the light that changed by more than this takes another step [1/px].
 _SLOPED = 2e-4
-#: Blur that is tried first, standard deviation [px]; by how much an edge is tried wider or
-#: narrower; and the widest.
+#: Blur that is assumed first, standard deviation [px].
 _FIRST_BLUR = 0.8
-_WIDER, _WIDEST = 1.15, 4.0
-#: Colours and places are fitted in turns, so often.
-_ROUNDS = 2
-#: Levels of black that are tried, and the one of a picture as it should be. Levels next to 0 would
-#: explain what is a dye's.
-_BLACKS = (-32.0, -16.0, 0.0, *np.arange(16.0, 121.0, 8.0).tolist())
+#: Level of black of a picture without fog or stray light.
 _NO_LIFT = (0.0, 0.0, 0.0)
-#: Below this share of its contrast at rest a dye is not seen.
-_FADED = 0.15
+#: Neighbours of a pair that the light's slope is read off.
 _NEIGHBOURS = 6
 #: Pairs next to each pair at rest that may come to lie on it.
 _OVERLAPPING = 12
-#: Markers of a layer within this many radii of each other are not told apart with certainty, within
-#: this many are fitted in so many more, and so much smaller steps, and within this many lie so near
-#: that their edges' light goes together.
-_CROWDED, _TOUCHING, _BESIDE = 1.2, 2.1, 2.7
-_TOUCHING_STEPS, _SMALLER = 30, 0.1
-#: How light goes between pairs that touch is not believed where it explains them so much less.
+#: Markers of a layer within this many radii of each other cannot be told apart with certainty.
+_CROWDED = 1.2
+#: Markers within this many radii touch: they take more and smaller steps.
+_TOUCHING = 2.1
+#: Markers within this many radii share the light between their edges.
+_BESIDE = 2.7
+#: Further steps of pairs that touch, at most.
+_TOUCHING_STEPS = 30
+#: Their last step is smaller than that of other pairs by this factor.
+_SMALLER = 0.1
+#: Further steps of pairs that touch are undone where they raise the misfit by this factor.
 _WORSE = 1.1
 
 
-@dataclass(frozen=True)
-class PairState:
-    """What is known of M pairs, and what is assumed of the light.
+@lru_cache(maxsize=64)
+def level_tables(black: tuple[float, ...], noise: float) -> tuple[Array32, Array32]:
+    """Linear light of each level, and 1 over its variance, of each channel, shape (3, 256).
 
-    Attributes
+    A camera of lower contrast, fog, or faded dyes lift the dark levels. Taking the level of black
+    away from sRGB levels restores the light but for its gain, which is fitted anyway.
+
+    Parameters
     ----------
-    fits: (x, y, e, p, q) of both layers, see `pair_kernels`, shape (M, 2, 5)
-    present: layers that are there, shape (M, 2)
-    gains: light of each channel over that at rest, shape (M, 3)
-    slopes: how it changes across each pair, see `pixel_kernels`, shape (M, 5)
-    absorbed: what the dyes absorb, and what both together leave over, shape (3, 3)
-    width: standard deviation of an edge [px]
-    black: level of each channel that stands for no light
+    black: level that stands for no light in each channel
+    noise: standard deviation of the camera noise [grey levels]; rounding is added to it
     """
-
-    fits: Array
-    present: NDArray[np.bool_]
-    gains: Array
-    slopes: Array
-    absorbed: NDArray[np.float32]
-    width: float
-    black: tuple[float, ...]
+    lowest = np.array(black)[:, None]
+    levels = (np.arange(256.0) - lowest) * (255.0 / (255.0 - lowest))
+    # Below black the curve goes on as a line.
+    linear = np.where(levels > 0.0, decode_srgb(np.maximum(levels, 0.0)), levels / 255.0 / 12.92)
+    weight = 1.0 / (np.gradient(linear, axis=1) ** 2 * (noise**2 + 1.0 / 12.0))
+    return linear.astype(np.float32), weight.astype(np.float32)
 
 
-@dataclass(frozen=True)
-class PairFits:
-    """A fit: the state, how it explains the image, and how certain it is.
-
-    Attributes
-    ----------
-    state: after the fit
-    misfit: mean squared residual over noise variance, shape (M,); infinite where none was found
-    covariance: of (x, y, e) of both layers and of the gains' logarithms, shape (M, 9, 9)
-    """
-
-    state: PairState
-    misfit: Array
-    covariance: Array
-
-    @cached_property
-    def typical(self) -> float:
-        """Median misfit."""
-        return float(median(self.misfit))
-
-
-class PairFit:
-    """Fits the pairs of a rest frame to other frames.
+def prepare_fit(rest: RestFrame, palette: Palette, noise: float) -> tuple["PairFit", PairState]:
+    """Fit of a sensor's pairs with nominal shapes and colours, and the state to start from.
 
     Parameters
     ----------
@@ -112,342 +90,296 @@ class PairFit:
     palette: of the markers
     noise: standard deviation of the camera noise [grey levels]; rounding is added to it
     """
+    linear, weight = level_tables(_NO_LIFT, noise)
+    layers, count, _ = rest.position.shape
+    nominal = np.zeros((3, 3))
+    nominal[:layers] = 1.0 - palette.transmittance
+    nominal[2] = nominal[0] * nominal[1]
+    position = np.full((2, count, 2), np.nan)
+    position[:layers] = rest.position
+    radius = np.append(rest.radius, rest.radius[-1:])[:2]
+    middle = np.nanmean(position, axis=0)
+    near = neighbours(middle, _NEIGHBOURS)
+    optics = Optics(
+        linear=linear,
+        weight=weight,
+        ground=rest.ground.astype(np.float32),
+        absorbed=nominal.astype(np.float32),
+        shapes=np.tile(radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
+        neighbours=neighbours(middle, _OVERLAPPING),
+        width=edge_width(_FIRST_BLUR),
+        reach=_REACH,
+    )
+    fit = PairFit(
+        optics=optics,
+        nominal=nominal,
+        noise=noise,
+        radius=radius,
+        near=near,
+        to_slope=_slope_matrices(middle, near),
+        buffer=np.zeros(BUFFER, dtype=np.float32),
+    )
+    fits = np.zeros((count, 2, 5))
+    # A layer that has no marker here still needs a place.
+    fits[:, :, :2] = np.where(np.isnan(position), middle, position).swapaxes(0, 1)
+    return fit, PairState(
+        fits=fits,
+        present=np.isfinite(position[:, :, 0]).T,
+        gains=np.ones((count, 3)),
+        slopes=np.zeros((count, TERMS)),
+        absorbed=optics.absorbed,
+        width=optics.width,
+        black=_NO_LIFT,
+    )
 
-    def __init__(self, rest: RestFrame, palette: Palette, noise: float) -> None:
-        self._free, self._stride, self._arrived = 5, 1, 0.0
-        self._noise = noise
-        linear, weight = level_tables(_NO_LIFT, noise)
-        layers, count, _ = rest.position.shape
-        absorbed = np.zeros((3, 3))
-        absorbed[:layers] = 1.0 - palette.transmittance
-        absorbed[2] = absorbed[0] * absorbed[1]
-        self._nominal = absorbed
-        position = np.full((2, count, 2), np.nan)
-        position[:layers] = rest.position
-        radius = np.append(rest.radius, rest.radius[-1:])[:2]
-        self._radius = radius
-        middle = np.nanmean(position, axis=0)
-        self._near = neighbours(middle, _NEIGHBOURS)
-        offsets = middle[self._near] - middle[:, None]
-        # Slope of a plane through the logarithms of a pair's own gain and its neighbours'.
-        centred = offsets - offsets.sum(axis=1, keepdims=True) / (offsets.shape[1] + 1)
-        own = -offsets.sum(axis=1) / (offsets.shape[1] + 1)
-        square = np.einsum("mki,mkj->mij", centred, centred) + own[:, :, None] * own[:, None]
-        self._to_slope = np.linalg.solve(square, np.swapaxes(centred, 1, 2))
-        self._optics = Optics(
-            linear=linear,
-            weight=weight,
-            ground=rest.ground.astype(np.float32),
-            absorbed=absorbed.astype(np.float32),
-            shapes=np.tile(radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
-            neighbours=neighbours(middle, _OVERLAPPING),
-            width=edge_width(_FIRST_BLUR),
-            reach=_REACH,
-        )
-        fits = np.zeros((count, 2, 5))
-        # A layer that is not there has some place, too.
-        fits[:, :, :2] = np.where(np.isnan(position), middle, position).swapaxes(0, 1)
-        self.start = PairState(
-            fits=fits,
-            present=np.isfinite(position[:, :, 0]).T,
-            gains=np.ones((count, 3)),
-            slopes=np.zeros((count, TERMS)),
-            absorbed=self._optics.absorbed,
-            width=self._optics.width,
-            black=_NO_LIFT,
-        )
-        self._buffer = np.zeros(BUFFER, dtype=np.float32)
 
-    def with_effort(self, free: int, stride: int, arrived: float) -> "PairFit":
-        """The same with less effort.
+def _slope_matrices(middle: Array, near: NDArray[np.int64]) -> Array:
+    """Maps from the logarithms of the neighbours' gains, less the own one's, to their slope.
 
-        Parameters
-        ----------
-        free: numbers of each layer that are fitted, 5 or only the first 2, its place
-        stride: every so manieth row of the image is read
-        arrived: a step that moves no edge by more than this is the last [px]
-        """
-        other = copy(self)
-        other._free, other._stride, other._arrived = free, stride, arrived
-        if free == 2:
-            other._optics = self._optics._replace(reach=_CLOSE)
-        return other
+    It is the slope of the plane through them, shape (M, 2, K).
+    """
+    offsets = middle[near] - middle[:, None]
+    centred = offsets - offsets.sum(axis=1, keepdims=True) / (offsets.shape[1] + 1)
+    own = -offsets.sum(axis=1) / (offsets.shape[1] + 1)
+    square = np.einsum("mki,mkj->mij", centred, centred) + own[:, :, None] * own[:, None]
+    return np.linalg.solve(square, np.swapaxes(centred, 1, 2))
 
-    @property
-    def radius(self) -> Array:
-        """Of the markers of each layer at rest [px], shape (2,)."""
-        return self._radius
 
-    @property
-    def near(self) -> NDArray[np.int64]:
-        """Pairs next to each pair, shape (M, K)."""
-        return self._near
+@dataclass(frozen=True, kw_only=True)
+class PairFit:
+    """Fits the pairs of a rest frame to other frames; made by `prepare_fit`.
 
-    def take_shapes(self, state: PairState) -> PairState:
-        """Make the shapes of a state the nominal ones; the same state relative to them."""
-        fits = state.fits
-        size = np.exp(fits[..., 2])[..., None, None]
-        p, q = fits[..., 3], fits[..., 4]
+    Attributes
+    ----------
+    optics: of the sensor, with nominal colours and blur
+    nominal: absorbed by both dyes, and left over by both, of each channel, shape (3, 3)
+    noise: standard deviation of the camera noise [grey levels]
+    radius: of the markers of each layer at rest [px], shape (2,)
+    near: pairs next to each pair, shape (M, K)
+    to_slope: see `_slope_matrices`, shape (M, 2, K)
+    buffer: working memory of the kernels, shape (BUFFER,)
+    free: numbers of each layer that are fitted: 5, or its place alone, 2
+    rows: every `rows`-th row of the image is read
+    arrived: a pair whose step moves no edge by more than this has converged [px]
+    """
+
+    optics: Optics
+    nominal: Array
+    noise: float
+    radius: Array
+    near: NDArray[np.int64]
+    to_slope: Array
+    buffer: Array32
+    free: int = 5
+    rows: int = 1
+    arrived: float = 0.0
+
+    def with_effort(self, free: int, rows: int, arrived: float) -> "PairFit":
+        """The same fit with another effort; see the attributes of these names."""
+        optics = self.optics._replace(reach=_CLOSE) if free == 2 else self.optics
+        return replace(self, optics=optics, free=free, rows=rows, arrived=arrived)
+
+    def with_shapes_of(self, state: PairState) -> tuple["PairFit", PairState]:
+        """The fit with a state's shapes as the nominal ones, and that state relative to them."""
+        size = np.exp(state.fits[..., 2])[..., None, None]
+        p, q = state.fits[..., 3], state.fits[..., 4]
         strain = np.stack([np.stack([1 + p, q], -1), np.stack([q, 1 - p], -1)], axis=-2)
-        shapes = np.swapaxes(size * strain, 0, 1) @ self._optics.shapes
-        self._optics = self._optics._replace(shapes=shapes)
-        unstrained = fits.copy()
+        shapes = np.swapaxes(size * strain, 0, 1) @ self.optics.shapes
+        unstrained = state.fits.copy()
         unstrained[..., 2:] = 0.0
-        return replace(state, fits=unstrained)
+        optics = self.optics._replace(shapes=shapes)
+        return replace(self, optics=optics), replace(state, fits=unstrained)
 
     def fit(self, image: Image, start: PairState, steps: int) -> PairFits:
         """Fit all pairs of an image, from a state, in at most so many steps."""
-        state = _copy(start)
-        state.slopes[:, 2:] = 0.0
-        count = len(state.fits)
-        covariance, misfit = np.full((count, 9, 9), np.nan), np.full(count, np.inf)
-        self._step(image, state, np.ones(count, dtype=np.bool_), steps, covariance, misfit)
-        return PairFits(state, misfit, covariance)
+        work = self._work(image, _unknown(start.copied()))
+        work.state.slopes[:, 2:] = 0.0
+        self._step(work, np.ones(len(start.fits), dtype=np.bool_), steps)
+        return work.fits()
 
-    def refit(
-        self,
-        image: Image,
-        start: PairState,
-        active: NDArray[np.bool_],
-        covariance: Array,
-        misfit: Array,
-        steps: int,
-    ) -> PairFits:
-        """Fit some pairs, shape (M,), of an image; the others stay as they are in a state.
-
-        What is known of those is given: covariance (M, 9, 9) and misfit (M,).
-        """
-        state = _copy(start)
-        state.slopes[active, 2:] = 0.0
-        covariance, misfit = covariance.copy(), np.where(active, np.inf, misfit)
-        self._step(image, state, active, steps, covariance, misfit)
-        return PairFits(state, misfit, covariance)
+    def refit(self, image: Image, known: PairFits, active: Mask, steps: int) -> PairFits:
+        """Fit some pairs, shape (M,), of an image; the others stay as they are known."""
+        work = self._work(image, known.copied())
+        work.state.slopes[active, 2:] = 0.0
+        work.misfit[active] = np.inf
+        self._step(work, active, steps)
+        return work.fits()
 
     def glance(self, image: Image, start: PairState) -> PairFits:
-        """Single steps from a state, a few more for pairs that have not arrived."""
-        state = _copy(start)
-        count = len(state.fits)
-        covariance, misfit = np.full((count, 9, 9), np.nan), np.full(count, np.inf)
-        optics = self._optics_of(state)
-        moved, no = np.zeros(count), np.zeros(count, dtype=np.bool_)
-        active = state.present.any(axis=1)
+        """Single steps from a state, a few more for pairs that have not converged."""
+        work = self._work(image, _unknown(start.copied()))
+        state, no = work.state, np.zeros(len(start.fits), dtype=np.bool_)
+        active: Mask = np.asarray(state.present.any(axis=1))
         for _ in range(_GLANCES):
-            fit_step(
-                image, optics, active, state.present, no, no, self._free, self._stride, state.fits,
-                state.gains, state.slopes, moved, covariance, misfit, self._buffer,
-            )  # fmt: skip
-            active = moved > self._arrived
+            work.step(active, no, no)
+            active = work.moved > self.arrived
             if not active.any():
                 break
-        misfit[active] = np.inf
+        work.misfit[active] = np.inf
         state.slopes[:, :2] += 0.5 * (self._slopes(state.gains) - state.slopes[:, :2])
-        return PairFits(state, misfit, covariance)
+        return work.fits()
 
     def fit_apart(
         self, image: Image, found: PairFits, start: PairState, limit: float, steps: int
     ) -> PairFits:
-        """Fit pairs whose misfit is above a limit again, as if one layer, or none, were not there.
+        """Fit pairs whose misfit is above a limit again, with one layer alone, then with both.
 
-        What is not there casts no shade on its neighbours; they are fitted again as well.
+        A layer that is not there casts no shade on the neighbours, which are fitted again as well.
         """
         bad = found.misfit > limit
-        state = _copy(found.state)
+        state = found.state.copied()
         state.present[bad] = False
         covariance, misfit = found.covariance.copy(), np.where(bad, np.inf, found.misfit)
         for layers in ([True, False], [False, True], [True, True]):
             active = (misfit > limit) & (start.present >= layers).all(axis=1)
             if not active.any():
                 continue
-            tried, tried_misfit = _copy(state), misfit.copy()
-            tried.present[active] = layers
-            for ours, theirs in ((tried.fits, start.fits), (tried.gains, start.gains),
-                                 (tried.slopes, start.slopes)):  # fmt: skip
+            work = self._work(image, PairFits(state.copied(), misfit.copy(), covariance))
+            work.state.present[active] = layers
+            for ours, theirs in ((work.state.fits, start.fits), (work.state.gains, start.gains),
+                                 (work.state.slopes, start.slopes)):  # fmt: skip
                 ours[active] = theirs[active]
-            self._step(image, tried, active, steps, covariance, tried_misfit)
-            explained = active & (tried_misfit < limit)
-            state = _chosen(explained, tried, state)
-            misfit = np.where(explained, tried_misfit, misfit)
+            self._step(work, active, steps)
+            explained = active & (work.misfit < limit)
+            state = chosen(explained, work.state, state)
+            misfit = np.where(explained, work.misfit, misfit)
+        work = self._work(image, PairFits(state, misfit, covariance))
         shaded = misfit > _UNEVEN * max(1.0, median(misfit))
-        self._step(image, state, shaded & np.isfinite(misfit), steps, covariance, misfit)
-        return PairFits(state, misfit, covariance)
+        self._step(work, shaded & np.isfinite(misfit), steps)
+        return work.fits()
 
-    def tune(self, image: Image, found: PairFits, shapes: Array, steps: int) -> PairFits:
-        """Fit colours and blur as well; the result is the best of those tried, or `found`.
-
-        Parameters
-        ----------
-        image, found: a fit to the image that may not explain it
-        shapes: fits (M, 2, 5) whose sizes and strains are taken until the colours are known, which
-            they would make up for
-        steps: at most so many in a fit
-        """
-        places = self.with_effort(2, self._stride, self._arrived)
-        fits = np.concatenate([found.state.fits[..., :2], shapes[..., 2:]], axis=-1)
-        start = replace(found.state, fits=fits)
-        start = replace(start, black=self._black(image, start))
-
-        def tuned(width: float) -> PairFits:
-            state = replace(start, width=width)
-            for _ in range(_ROUNDS):
-                state = places.fit(image, self._colours(image, state), steps).state
-            return self.fit(image, self._colours(image, state), steps)
-
-        best = min(found, tuned(found.state.width), key=_score)
-        for factor in (_WIDER, 1.0 / _WIDER):
-            while 1.0 < _WIDEST * self._optics.width / best.state.width < _WIDEST**2:
-                tried = tuned(factor * best.state.width)
-                if not _score(tried) < _score(best):
-                    break
-                best = tried
-        return best
-
-    def faded(self, state: PairState) -> bool:
-        """Whether a dye has lost so much contrast that what is fitted may be anything."""
-        now = np.linalg.norm(state.absorbed[:2], axis=1)
-        return bool((now < _FADED * np.linalg.norm(self._nominal[:2], axis=1)).any())
-
-    def crowded(self, fits: Array, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def crowded(self, fits: Array, visible: Mask) -> Mask:
         """Visible markers that lie on another one of their layer, shape (M, 2)."""
-        return np.asarray(crowded(fits, visible, self._optics.neighbours, _CROWDED * self._radius))
+        return np.asarray(crowded(fits, visible, self.optics.neighbours, _CROWDED * self.radius))
 
-    def touching(self, fits: Array, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def touching(self, fits: Array, visible: Mask) -> Mask:
         """Pairs with a marker that touches another one of its layer, shape (M,)."""
         return self._within(_TOUCHING, fits, visible)
 
     def hues(self, image: Image, fits: Array) -> Array:
         """Mean hue inside each first-layer marker [°], shape (M,)."""
-        return np.asarray(mean_hues(image, self._optics.shapes, fits))
+        return np.asarray(mean_hues(image, self.optics.shapes, fits))
 
-    def _step(
-        self,
-        image: Image,
-        state: PairState,
-        active: NDArray[np.bool_],
-        steps: int,
-        covariance: Array,
-        misfit: Array,
-    ) -> None:
-        """Steps on the active pairs, in place, until they have arrived."""
-        optics = self._optics_of(state)
-        moved, asked = np.zeros(len(active)), active
-        uneven = np.zeros(len(active), dtype=np.bool_)
-        # Those that touch may be far from where they will be found.
-        lying = (state.fits, state.present)
+    def optics_of(self, state: PairState) -> Optics:
+        """Optics with the colours, the blur and the level of black of a state."""
+        linear, weight = level_tables(state.black, self.noise)
+        return self.optics._replace(
+            linear=linear, weight=weight, absorbed=state.absorbed, width=state.width
+        )
+
+    def _work(self, image: Image, known: PairFits) -> "_Work":
+        """Work on what is known, whose arrays are changed."""
+        return _Work(
+            fit=self,
+            image=image,
+            optics=self.optics_of(known.state),
+            state=known.state,
+            moved=np.zeros(len(known.misfit)),
+            covariance=known.covariance,
+            misfit=known.misfit,
+        )
+
+    def _step(self, work: "_Work", asked: Mask, steps: int) -> None:
+        """Steps on the pairs that are asked for, shape (M,), until they have converged."""
+        lying = (work.state.fits, work.state.present)
+        # Pairs that touch may still be far from their place.
         beside = self._within(_BESIDE, *lying) & ~self._within(_TOUCHING, *lying)
-
-        def step() -> None:
-            fit_step(
-                image, optics, active, state.present, uneven, beside, self._free, self._stride,
-                state.fits, state.gains, state.slopes, moved, covariance, misfit, self._buffer,
-            )  # fmt: skip
-
-        for _ in range(steps):
-            step()
-            slopes, now = self._slopes(state.gains), state.slopes[:, :2]
-            turned = abs(slopes - now).max(axis=1) > _SLOPED
-            now[:] = np.where(turned[:, None], slopes, 0.5 * (slopes + now))
-            active = active & np.isfinite(misfit) & ((moved > self._arrived) | turned)
-            if not active.any():
-                break
-        # Each of those that touch is fitted to where the others were: they creep.
+        self._converge(work, asked, beside, steps)
         touching = self._within(_TOUCHING, *lying) | (self._within(_BESIDE, *lying) & ~beside)
-        refined = active = asked & touching & np.isfinite(misfit)
-        results = (state.fits, state.gains, state.slopes, misfit, covariance, moved)
-        before = [values[refined] for values in results]
-        beside = beside | refined
-        for _ in range(_TOUCHING_STEPS):
-            if not active.any():
-                break
-            step()
-            active = active & np.isfinite(misfit) & (moved > _SMALLER * self._arrived)
-        worse = ~(misfit[refined] < _WORSE * before[3])
-        back = np.flatnonzero(refined)[worse]
-        for values, kept in zip(results, before, strict=True):
-            values[back] = kept[worse]
-        beside[back] = False
-        # What is explained badly may lie at the edge of a shadow.
-        typical = max(1.0, median(misfit))
-        uneven = asked & np.isfinite(misfit) & (misfit > _UNEVEN * typical)
+        beside = self._refine(work, asked & touching & np.isfinite(work.misfit), beside)
+        # Pairs that are explained badly may lie at the edge of a shadow.
+        typical = max(1.0, median(work.misfit))
+        uneven = asked & np.isfinite(work.misfit) & (work.misfit > _UNEVEN * typical)
         active = uneven
         for turn in range(_UNEVEN_STEPS):
             if not active.any():
                 break
-            step()
-            # How well a step explains the image is known at the next one.
-            active = active & np.isfinite(misfit) & ((moved > self._arrived) | (turn == 0))
-        # Not arrived is not found.
-        misfit[asked & (moved > max(self._arrived, _NEARLY))] = np.inf
+            work.step(active, uneven, beside)
+            # The misfit after a step is known at the next one.
+            active = active & np.isfinite(work.misfit) & ((work.moved > self.arrived) | (turn == 0))
+        work.misfit[asked & (work.moved > max(self.arrived, _NEARLY))] = np.inf
 
-    def _within(self, radii: float, fits: Array, there: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _converge(self, work: "_Work", active: Mask, beside: Mask, steps: int) -> None:
+        """Steps under light whose slope is read off the neighbours, at most so many."""
+        even = np.zeros(len(active), dtype=np.bool_)
+        for _ in range(steps):
+            work.step(active, even, beside)
+            slopes, now = self._slopes(work.state.gains), work.state.slopes[:, :2]
+            turned = abs(slopes - now).max(axis=1) > _SLOPED
+            now[:] = np.where(turned[:, None], slopes, 0.5 * (slopes + now))
+            active = active & np.isfinite(work.misfit) & ((work.moved > self.arrived) | turned)
+            if not active.any():
+                break
+
+    def _refine(self, work: "_Work", refined: Mask, beside: Mask) -> Mask:
+        """More steps for pairs that touch; returns the pairs that share the light at their edges.
+
+        Each is fitted to where the others were, so that they converge slowly.
+        """
+        state = work.state
+        even = np.zeros(len(refined), dtype=np.bool_)
+        results = (state.fits, state.gains, state.slopes, work.misfit, work.covariance, work.moved)
+        before = [values[refined] for values in results]
+        beside = beside | refined
+        active = refined
+        for _ in range(_TOUCHING_STEPS):
+            if not active.any():
+                break
+            work.step(active, even, beside)
+            active = active & np.isfinite(work.misfit) & (work.moved > _SMALLER * self.arrived)
+        worse = ~(work.misfit[refined] < _WORSE * before[3])
+        back = np.flatnonzero(refined)[worse]
+        for values, kept in zip(results, before, strict=True):
+            values[back] = kept[worse]
+        beside[back] = False
+        return beside
+
+    def _within(self, radii: float, fits: Array, present: Mask) -> Mask:
         """Pairs with a marker that lies within so many radii of another one, shape (M,)."""
-        near = self._optics.neighbours
-        found = np.asarray(crowded(fits, there, near, radii * self._radius))
-        return np.logical_or(found[:, 0], found[:, 1])
+        near = self.optics.neighbours
+        close = np.asarray(crowded(fits, present, near, radii * self.radius))
+        return np.logical_or(close[:, 0], close[:, 1])
 
     def _slopes(self, gains: Array) -> Array:
         """Relative slope of the gains at each pair [1/px], shape (M, 2)."""
         light = np.log(gains).mean(axis=1)
-        return np.asarray(
-            np.einsum("mik,mk->mi", self._to_slope, light[self._near] - light[:, None])
-        )
+        return np.asarray(np.einsum("mik,mk->mi", self.to_slope, light[self.near] - light[:, None]))
 
-    def _optics_of(self, state: PairState) -> Optics:
-        linear, weight = level_tables(state.black, self._noise)
-        return self._optics._replace(
-            linear=linear, weight=weight, absorbed=state.absorbed, width=state.width
-        )
 
-    def _colours(self, image: Image, state: PairState) -> PairState:
-        """Colours that explain the image best on the markers, and gains that go with them."""
-        seen, sums = self._light_sums(image, state)
-        absorbed, gain, _ = fit_colours(sums, self._nominal)
-        gains = state.gains.copy()
-        gains[seen] *= gain
-        # Rows one after another, as before: else every kernel would be compiled once more.
-        rows = absorbed.astype(np.float32, order="C")
-        return replace(state, absorbed=rows, gains=gains)
+@dataclass(frozen=True, kw_only=True)
+class _Work:
+    """Arrays that one fit changes in place.
 
-    def _black(self, image: Image, state: PairState) -> tuple[float, ...]:
-        """Level of black in each channel that leaves the least doubt about the colours."""
-        doubts = []
-        for level in _BLACKS:
-            _, sums = self._light_sums(image, replace(state, black=(level,) * 3))
-            doubts.append(fit_colours(sums, self._nominal)[2])
-        return tuple(_BLACKS[best] for best in np.argmin(doubts, axis=0))
+    Attributes
+    ----------
+    fit, image, optics: that the steps belong to
+    state, covariance, misfit: as in `PairFits`
+    moved: last step of each pair [px], shape (M,)
+    """
 
-    def _light_sums(self, image: Image, state: PairState) -> tuple[NDArray[np.intp], Array]:
-        """Numbers of the pairs that tell of colours, and what they tell; see `light_sums`."""
-        sums = np.zeros((len(state.fits), 3, 5, 5))
-        light_sums(
-            image, self._optics_of(state), state.present, self._stride, state.fits, state.gains,
-            state.slopes, sums, self._buffer,
+    fit: PairFit
+    image: Image
+    optics: Optics
+    state: PairState
+    moved: Array
+    covariance: Array
+    misfit: Array
+
+    def step(self, active: Mask, uneven: Mask, beside: Mask) -> None:
+        """One step of the active pairs; see `fit_step`."""
+        fit, state = self.fit, self.state
+        fit_step(
+            self.image, self.optics, active, state.present, uneven, beside, fit.free, fit.rows,
+            state.fits, state.gains, state.slopes, self.moved, self.covariance, self.misfit,
+            fit.buffer,
         )  # fmt: skip
-        seen = np.flatnonzero((sums[:, :, 0, 0] > 0.0).all(axis=1))
-        return seen, sums[seen]
+
+    def fits(self) -> PairFits:
+        """The fit so far."""
+        return PairFits(self.state, self.misfit, self.covariance)
 
 
-def _copy(state: PairState) -> PairState:
-    return replace(
-        state,
-        fits=state.fits.copy(),
-        present=state.present.copy(),
-        gains=state.gains.copy(),
-        slopes=state.slopes.copy(),
-    )
-
-
-def _chosen(which: NDArray[np.bool_], first: PairState, second: PairState) -> PairState:
-    """Some pairs, shape (M,), of one state, the others of another."""
-    row = which[:, None]
-    return replace(
-        second,
-        fits=np.where(row[..., None], first.fits, second.fits),
-        present=np.where(row, first.present, second.present),
-        gains=np.where(row, first.gains, second.gains),
-        slopes=np.where(row, first.slopes, second.slopes),
-    )
-
-
-def _score(found: PairFits) -> float:
-    """Median misfit, those that were not found counted."""
-    return float(median(np.minimum(found.misfit, 1e9)))
+def _unknown(state: PairState) -> PairFits:
+    """A state of which no fit is known."""
+    count = len(state.fits)
+    return PairFits(state, np.full(count, np.inf), np.full((count, 9, 9), np.nan))

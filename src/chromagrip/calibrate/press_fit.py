@@ -14,6 +14,7 @@ from msgspec.structs import asdict
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from ..errors import located
 from ..model import ContactObject, Fingertip, ModelError, equilibrium
 from ..tracking import SensorCalibration, Tracks
 from ..tracking.forces import MarkerShifts, Values, values_of, with_values
@@ -137,12 +138,12 @@ def predict(
     tip = replace(calibration.fingertip, nodes=len(_STATIONS), stations=_STATIONS)
     response = MarkerResponse(calibration.sensor, places, tip.angles())
     at_rest = response.measured(np.zeros((tip.nodes, 2)))
-    return np.stack(
-        [
-            response.measured(pressed(tip, friction, press.normal, press.lateral)) - at_rest
-            for press in presses
-        ]
-    )
+    shifts = []
+    for press in presses:
+        with located(f"press {press.name} cannot be calculated"):
+            displacements = pressed(tip, friction, press.normal, press.lateral)
+        shifts.append(response.measured(displacements) - at_rest)
+    return np.stack(shifts)
 
 
 def solve(

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..errors import UserError, located
-from ..model import ModelError
 from ..render import SensorDesign
 from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
 from ..tracking.forces import FitReport, MarkerShifts, fit_gains, nominal_calibration
@@ -115,10 +114,7 @@ def calibrate_sensor(
     if not by_force:
         return _fit_displacement(nominal, pressed, where)
     with threadpool_limits(1):
-        try:
-            return _fit_forces(nominal, pressed, tell)
-        except ModelError as error:
-            raise UserError(f"a press of {where} cannot be calculated: {error}") from None
+        return _fit_forces(nominal, pressed, tell)
 
 
 def _check_forces(presses: list[Press], where: Path) -> None:

@@ -1,4 +1,4 @@
-"""The commands `calibrate` and `calibrate sensor`: files from pictures of a board, of presses."""
+"""The commands `calibrate`, `calibrate sensor` and `train`: lens, mechanics, read-out."""
 
 import json
 from math import degrees
@@ -6,11 +6,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
-from ..errors import UserError
-from .options import Flag, Noise, TrackerName, check_file, check_least, option, telling
+from ..errors import UserError, located
+from .options import (
+    CORES,
+    Flag,
+    Json,
+    Noise,
+    TrackerName,
+    Workers,
+    check_file,
+    check_least,
+    option,
+    print_table,
+    status,
+    value_table,
+)
 
 if TYPE_CHECKING:  # OpenCV loads only when something is calibrated
     from ..calibrate.lens import Calibration
@@ -18,7 +29,10 @@ if TYPE_CHECKING:  # OpenCV loads only when something is calibrated
     from ..tracking import SensorCalibration
     from ..tracking.forces.calibration import FitReport
 
-_DEFAULT_OUT, _DEFAULT_SENSOR = Path("calibration.yml"), Path("sensor-calibration.toml")
+#: File of the lens, unless another is named.
+_DEFAULT_OUT = Path("calibration.yml")
+#: File of the sensor, unless another is named.
+_DEFAULT_SENSOR = Path("sensor-calibration.toml")
 #: Pixels of a square in the printed board: finer than printers print it.
 _PRINTED = 300
 
@@ -41,7 +55,7 @@ def calibrate(
     out: Annotated[
         Path | None, option(f"calibration file; by default {_DEFAULT_OUT}", "FILE.yml")
     ] = None,
-    force: Annotated[Flag, option("write over an earlier file")] = False,
+    overwrite: Annotated[Flag, option("write over an earlier file")] = False,
     print_board: Annotated[
         Path | None, option("write the board's picture to print, and do nothing else", "FILE.png")
     ] = None,
@@ -49,7 +63,12 @@ def calibrate(
         Flag, option("one JSON object; writes a file only with --out", name="json")
     ] = False,
 ) -> int:
-    """Calibrate a camera from pictures of a ChArUco board."""
+    """Calibrate a camera from pictures of a ChArUco board.
+
+    The command `chromagrip calibrate sensor` calibrates the mechanics behind the lens.
+
+    Example: chromagrip calibrate photos --model fisheye --out camera.yml
+    """
     from ..render.optics.board import Board
 
     board = Board(
@@ -60,19 +79,19 @@ def calibrate(
         dictionary=dictionary,
     )
     if print_board is not None:
-        return _print_board(board, print_board, force, json_only)
+        return _print_board(board, print_board, overwrite, json_only)
     if out is None and not json_only:
         out = _DEFAULT_OUT
     if out is not None:
-        check_file(out, {".yml", ".yaml"}, force)
+        check_file(out, {".yml", ".yaml"}, overwrite)
 
     from ..calibrate.board_corners import image_files
     from ..calibrate.lens import calibrate_camera
     from ..render import save_camera
 
     files = image_files(images)
-    with Console(stderr=True).status("starting") as status:
-        result = calibrate_camera(files, board, model, telling(status))
+    with status() as report:
+        result = calibrate_camera(files, board, model, report)
     if out is not None:
         save_camera(result.camera, out, result.error)
     if json_only:
@@ -101,28 +120,29 @@ def calibrate_sensor(
     out: Annotated[
         Path | None, option(f"calibration file; by default {_DEFAULT_SENSOR}", "FILE.toml")
     ] = None,
-    force: Annotated[Flag, option("write over an earlier file")] = False,
+    overwrite: Annotated[Flag, option("write over an earlier file")] = False,
     json_only: Annotated[
         Flag, option("one JSON object; writes a file only with --out", name="json")
     ] = False,
 ) -> int:
-    """Calibrate a sensor, its mechanics or its displacements, from pictures of known presses."""
+    """Calibrate a sensor from pictures of known presses: its mechanics, or a pad's displacements.
+
+    Example: chromagrip calibrate sensor presses --out mine.toml
+    """
     from ..render import load_sensor
 
     check_least(noise=(noise, 0.0))
     if out is None and not json_only:
         out = _DEFAULT_SENSOR
     if out is not None:
-        check_file(out, {".toml"}, force)
+        check_file(out, {".toml"}, overwrite)
     design = load_sensor(sensor)
 
     from ..calibrate.sensor import calibrate_sensor as calibrate
     from ..tracking.forces.calibration import calibration_table, save_calibration
 
-    with Console(stderr=True).status("starting") as status:
-        result, report = calibrate(
-            presses, design, tracker=tracker, noise=noise, tell=telling(status)
-        )
+    with status() as show:
+        result, report = calibrate(presses, design, tracker=tracker, noise=noise, tell=show)
     if out is not None:
         try:
             save_calibration(result, sensor, report, out)
@@ -140,7 +160,7 @@ def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | 
 
     from ..tracking.forces.calibration import values_of
 
-    table = Table(show_header=False, box=None, padding=(0, 2))
+    table = value_table()
     table.add_row("presses", str(len(report.presses)))
     table.add_row("noise", f"{report.noise_levels:.2f} levels")
     found = asdict(values_of(result)) if result.displacement is None else {}
@@ -154,16 +174,16 @@ def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | 
         table.add_row("forces read off the presses", f"{report.normal_error_share:.1%} RMS normal")
         table.add_row("", f"{report.friction_error_n:.3f} N RMS friction")
     table.add_row("file", str(out))
-    Console(markup=False, highlight=False).print(table)
+    print_table(table)
 
 
-def _print_board(board: "Board", path: Path, force: bool, json_only: bool) -> int:
+def _print_board(board: "Board", path: Path, overwrite: bool, json_only: bool) -> int:
     """Write the board's picture, in its true size for programs that print."""
     from matplotlib.image import imsave
 
     from ..render.optics.board import board_picture
 
-    check_file(path, {".png"}, force)
+    check_file(path, {".png"}, overwrite)
     width, height = board.size
     per_inch = _PRINTED * 25.4e-3 / board.square
     try:
@@ -211,7 +231,7 @@ def _print_result(result: "Calibration", model: str, out: Path | None) -> None:
         return f"{x:.2f} ± {spread[first]:.2f}, {y:.2f} ± {spread[first + 1]:.2f} px"
 
     worst = max(result.images, key=lambda name: result.images[name])
-    table = Table(show_header=False, box=None, padding=(0, 2))
+    table = value_table()
     table.add_row("model", f"{model}, {camera.width}×{camera.height} px")
     table.add_row("images used", f"{len(result.images)}, {result.corners} corners")
     for name, reason in result.left_out.items():
@@ -226,4 +246,50 @@ def _print_result(result: "Calibration", model: str, out: Path | None) -> None:
     table.add_row("error, RMS", f"{result.error:.3f} px")
     table.add_row("worst image", f"{result.images[worst]:.3f} px, {worst}")
     table.add_row("file", str(out))
-    Console(markup=False, highlight=False).print(table)
+    print_table(table)
+
+
+def train(
+    calibration: Annotated[
+        str,
+        tyro.conf.Positional,
+        option("sensor as designed, or the .toml file of its calibration", "SENSOR|FILE.toml"),
+    ],
+    *,
+    out: Annotated[Path, option("file of the read-out", "FILE.npz")],
+    noise: Annotated[float, option("of the camera", "LEVELS")] = 2.0,
+    histories: Annotated[int, option("random grips to learn from", "N")] = 12000,
+    epochs: Annotated[int, option("passes over them", "N")] = 60,
+    workers: Workers = CORES,
+    overwrite: Annotated[Flag, option("write over an earlier file")] = False,
+    json_only: Json = False,
+) -> int:
+    """Train a read-out of forces and friction on random grips of a sensor's own model.
+
+    An interrupted run continues when it is called again. It needs the extra `learn`.
+
+    Example: chromagrip train mine.toml --out mine.npz
+    """
+    check_least(histories=(histories, 500), epochs=(epochs, 1), workers=(workers, 1))
+    if not 0.1 <= noise <= 50.0:
+        raise UserError(f"--noise {noise:g}: expected 0.1 to 50 levels")
+    check_file(out, {".npz"}, overwrite)
+
+    from ..calibrate.readout import train as learn
+    from ..tracking import load_calibration
+
+    with located(f"{calibration}"):
+        known = load_calibration(calibration)
+        if known.sensor.shape.flat:
+            raise UserError(f"{calibration} is a flat pad, which the node model does not describe")
+        with status() as report:
+            errors = learn(known, noise, histories, epochs, out, workers, report)
+    if json_only:
+        print(json.dumps({"readout": str(out), "histories": histories, "errors": errors}))
+        return 0
+    print(
+        f"error on histories outside the training: {errors['friction_n']:.3f} N of friction and "
+        f"{errors['mu']:.3f} of µ, RMS over all noise levels"
+    )
+    print(f"read-out {out}, name it in a calibration as readout = {out.name!r}")
+    return 0

@@ -4,118 +4,124 @@ Nothing but the standard library is imported before it is checked: a missing par
 doctor from naming it.
 """
 
+import json
 import sys
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.metadata import packages_distributions, requires, version
-from pathlib import Path
+from importlib.util import find_spec
 
-FOLDERS = ("model", "render", "tracking", "control")
-#: Imports OpenGL, which is checked on its own and may be absent.
-OPENGL_PACKAGE = "pyrender-maintained"
+from .. import links
+from ..extras import EXTRAS, install_command
+
+OK, MISSING, OPTIONAL, BROKEN = "ok", "missing", "optional, missing", "broken"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One part: its name, whether it is there, and if not why and what mends it."""
+    """One part: its name, OK, MISSING, OPTIONAL or BROKEN, and if not OK why and what mends it."""
 
     name: str
-    fine: bool
-    required: bool = True
+    state: str = OK
     detail: str = ""
     mend: str = ""
 
 
-def report() -> int:
-    """Print every check; exit code 1 if a required part is missing, else 0."""
-    problems = 0
-    for check in [_python(), *_folders(), *_packages(), _video(), _gl()]:
-        mark = "ok" if check.fine else ("missing" if check.required else "optional, missing")
-        print(f"{check.name}: {mark}{'' if check.fine else f' ({check.detail})'}")
-        if not check.fine:
-            print(f"    mend: {check.mend}")
-            problems += check.required
-    return 1 if problems else 0
+def report(*, json_only: bool = False) -> int:
+    """Print every check; exit code 1 if a required part is missing or any part is broken."""
+    python = ".".join(map(str, sys.version_info[:3]))
+    checks = [Check(name=f"Python {python}"), _stages(), *_base(), *_extras()]
+    if json_only:
+        print(json.dumps([asdict(check) for check in checks]))
+    else:
+        for check in checks:
+            print(f"{check.name}: {check.state}{check.detail and f' ({check.detail})'}")
+            if check.mend:
+                print(f"    mend: {check.mend}")
+    return int(any(check.state in (MISSING, BROKEN) for check in checks))
 
 
-def _python() -> Check:
-    found = ".".join(map(str, sys.version_info[:3]))
-    return Check(
-        name=f"Python {found}",
-        fine=sys.version_info >= (3, 11),
-        detail="3.11 or newer is needed",
-        mend="install Python 3.11 or newer and set PYTHON to its path",
-    )
+def _stages() -> Check:
+    name = f"package folders {', '.join(links.STAGES)}"
+    if links.problem() is None:
+        return Check(name=name)
+    return Check(name=name, state=MISSING, detail="no symbolic links", mend=links.MEND)
 
 
-def _folders() -> list[Check]:
-    """The links of a checkout; a checkout without symlinks has text files in their place."""
-    root = Path(__file__).parents[1]
-    return [
-        Check(
-            name=f"package folder {name}",
-            fine=(root / name / "__init__.py").is_file(),
-            detail=f"{root / name} is not a folder: checked out without symbolic links",
-            mend="git config core.symlinks true && git checkout -- src/chromagrip",
-        )
-        for name in FOLDERS
-    ]
-
-
-def _packages() -> list[Check]:
+def _base() -> Iterator[Check]:
+    """Check each package that is always installed."""
     modules: dict[str, list[str]] = {}
     for module, distributions in packages_distributions().items():
         for name in distributions:
             modules.setdefault(name.lower().replace("_", "-"), []).append(module)
-    listed = [line for line in requires("chromagrip") or [] if "extra ==" not in line]
-    wanted = [line.split(";")[0].strip() for line in listed]
-    return [_package(requirement, modules) for requirement in wanted]
-
-
-def _package(requirement: str, modules: dict[str, list[str]]) -> Check:
-    name = requirement
-    for sign in "<>=!~[ ":
-        name = name.split(sign)[0]
-    problem = "" if name in modules else "not installed"
-    for module in modules.get(name, []):
-        if name == OPENGL_PACKAGE or module.startswith("_"):
+    for line in requires("chromagrip") or []:
+        requirement, _, marker = line.partition(";")
+        if "extra ==" in marker:
             continue
+        name = requirement.strip()
+        for sign in "<>=!~[ ":
+            name = name.split(sign)[0]
+        mend = f"pip install --force-reinstall '{requirement.strip()}'"
+        if name not in modules:
+            yield Check(name=name, state=MISSING, detail="not installed", mend=mend)
+            continue
+        name_and_version = f"{name} {version(name)}"
+        problem = _import_problem(m for m in modules[name] if not m.startswith("_"))
+        if problem:
+            yield Check(name=name_and_version, state=BROKEN, detail=problem, mend=mend)
+        else:
+            yield Check(name=name_and_version)
+
+
+def _import_problem(modules: Iterable[str]) -> str:
+    """Why one of these modules cannot be imported; empty when all can be."""
+    for module in modules:
         try:
             import_module(module)
         except Exception as error:  # whatever a broken package raises is the finding
-            problem = f"does not import: {error}"
-    return Check(
-        name=f"{name} {version(name)}" if name in modules else name,
-        fine=not problem,
-        detail=problem,
-        mend=f"pip install --force-reinstall '{requirement}'",
-    )
+            return f"{module} does not import: {error}"
+    return ""
 
 
-def _video() -> Check:
-    try:
-        from av.codec import codecs_available
-    except ImportError:
-        codecs_available = set()
-    return Check(
-        name="H.264 encoder",
-        fine="libx264" in codecs_available,
-        detail="tactile.mp4 needs PyAV with libx264",
-        mend="pip install --force-reinstall --only-binary av av",
-    )
+def _extras() -> Iterator[Check]:
+    """Check each optional package, and what it needs of the system."""
+    for extra, about in EXTRAS.items():
+        name, mend = f"extra {extra}, for {about.purpose}", install_command(extra)
+        if find_spec(about.module) is None:
+            yield Check(name=name, state=OPTIONAL, mend=mend)
+            continue
+        # pyrender does not import without the system's OpenGL, which is checked on its own.
+        problem = "" if extra == "gl" else _import_problem([about.module])
+        if problem:
+            mend = mend.replace("install", "install --force-reinstall")
+            yield Check(name=name, state=BROKEN, detail=problem, mend=mend)
+            continue
+        yield Check(name=name)
+        if extra == "video":
+            yield _h264()
+        if extra == "gl":
+            yield _gl()
+
+
+def _h264() -> Check:
+    from av.codec import codecs_available
+
+    name = "H.264 encoder"
+    if "libx264" in codecs_available:
+        return Check(name=name)
+    mend = "pip install --force-reinstall --only-binary av av"
+    return Check(name=name, state=BROKEN, detail="videos need PyAV with libx264", mend=mend)
 
 
 def _gl() -> Check:
+    name = "OpenGL for --renderer pyrender"
     try:
         from ..render.drawing.gl import MEND, gl_problem
 
         problem, mend = gl_problem(), MEND
     except ImportError as error:
         problem, mend = f"cannot be asked: {error}", "mend the packages above first"
-    return Check(
-        name="OpenGL for --renderer pyrender",
-        fine=problem is None,
-        required=False,
-        detail=problem or "",
-        mend=mend,
-    )
+    if problem is None:
+        return Check(name=name)
+    return Check(name=name, state=OPTIONAL, detail=problem, mend=mend)

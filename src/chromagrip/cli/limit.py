@@ -1,18 +1,23 @@
-"""The command `chromagrip limit`."""
+"""The command `limit`: the smallest errors that a picture of a sensor allows."""
 
 import json
 import math
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.console import Console
 
 from ..errors import UserError
-from ..scene.scene import load_scene
-from .options import Force, JsonOnly, option, telling
+from ..scene import Scene, load_scene
+from .options import JsonOnly, Overwrite, option, status
 
-_LABELS = {
+if TYPE_CHECKING:
+    from ..measure.limits.forces import ForceLimit
+    from ..measure.limits.sweep import Point
+
+#: Label of each error in the printed table.
+LABELS = {
     "any_normal": "ΣFn of any smooth forces [N]",
     "any_friction": "ΣFf of any smooth forces [N]",
     "normal": "ΣFn of an object's contact [N]",
@@ -22,12 +27,64 @@ _LABELS = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """Contact and camera whose limits are computed; units as in the command's options."""
+
+    grip_n: float
+    load_n: float
+    friction: float
+    radius_mm: float
+    stiffness_kpa: float
+    noise_levels: float
+    frames: int
+    margin_error: float | None
+
+    @property
+    def title(self) -> str:
+        """The case in one line."""
+        form = "flat" if math.isinf(self.radius_mm) else f"of radius {self.radius_mm:g} mm"
+        return (
+            f"Grip {self.grip_n:g} N, load {self.load_n:g} N, µ {self.friction:g}, object {form}, "
+            f"{self.stiffness_kpa:g} kPa; noise {self.noise_levels:g} levels, "
+            f"frames averaged: {self.frames}"
+        )
+
+    def scene(self, sensor: str) -> Scene:
+        """Scene with the object and a sensor."""
+        changes = {
+            "sensor": sensor,
+            "object.friction": self.friction,
+            "object.radius_mm": self.radius_mm,
+            "object.stiffness_kpa": self.stiffness_kpa,
+        }
+        return load_scene(changes=changes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Limits of one sensor.
+
+    Attributes
+    ----------
+    normal_n, friction_n, margin: truth of the contact
+    limits: smallest standard deviations
+    needed: value of each dial that the wanted error of Γ needs; None where no value is enough
+    """
+
+    normal_n: float
+    friction_n: float
+    margin: float
+    limits: "ForceLimit"
+    needed: dict[str, float | None] | None
+
+
 def limit(
     *,
     sensor: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
-        option("design to look at, thesis by default; may be repeated", "NAME|FILE.toml"),
+        option("design, thesis by default; may be repeated", "NAME|FILE.toml"),
     ] = (),
     grip: Annotated[float, option("grip force", "N")] = 1.86,
     load: Annotated[float, option("lateral load, raised after the grip", "N")] = 0.65,
@@ -37,115 +94,131 @@ def limit(
     noise: Annotated[float, option("standard deviation of each sRGB level", "LEVELS")] = 2.0,
     frames: Annotated[int, option("averaged; 16 at rest", "N")] = 1,
     margin_error: Annotated[
-        float | None, option("say what of a design is needed for this error of Γ", "GAMMA")
+        float | None, option("report what a design needs for this error of Γ", "GAMMA")
     ] = None,
     out: Annotated[
         Path | None, option("folder for the chart and its table; nothing without", "DIR")
     ] = None,
-    force: Force = False,
+    overwrite: Overwrite = False,
     json_only: JsonOnly = False,
 ) -> int:
-    """Smallest errors of ΣFn, ΣFf, µ and Γ that an image of a sensor allows, at one pose.
+    """Smallest errors of ΣFn, ΣFf, µ and Γ that a picture of a sensor allows, at one pose.
 
-    What the best estimate from one image is wrong by on average if it knows neither the object nor
-    its history; `docs/what-the-image-tells.md` says what is taken as known.
+    They are the errors of the best estimate from one picture that knows neither the object nor its
+    history; `docs/what-the-image-tells.md` lists what is taken as known.
+
+    Example: chromagrip limit --sensor thesis --sensor fovea --margin-error 0.03
     """
     for name, value in (("--noise", noise), ("--margin-error", margin_error)):
         if value is not None and not 0.0 < value < math.inf:
             raise UserError(f"{name} must be finite and above 0, got {value:g}")
     if frames < 1:
         raise UserError(f"--frames must be 1 or more, got {frames}")
-    names = tuple(dict.fromkeys(sensor)) or ("thesis",)
-    scenes = {
-        name: load_scene(
-            changes={
-                "sensor": name,
-                "object.friction": friction,
-                "object.radius_mm": radius_mm,
-                "object.stiffness_kpa": stiffness_kpa,
-            }
-        )
-        for name in names
-    }
-    from ..measure.limits.forces import force_limit, press  # Numba and matplotlib load only here
-    from ..measure.limits.sweep import DIALS, draw, needed, sweep, write_table
+    case = Case(
+        grip_n=grip,
+        load_n=load,
+        friction=friction,
+        radius_mm=radius_mm,
+        stiffness_kpa=stiffness_kpa,
+        noise_levels=noise,
+        frames=frames,
+        margin_error=margin_error,
+    )
+    scenes = {name: case.scene(name) for name in dict.fromkeys(sensor or ("thesis",))}
+    for name, scene in scenes.items():
+        if scene.build_sensor().shape.flat:
+            raise UserError(f"sensor {name} is a flat pad, which the node model does not describe")
+
     from ..output.folder import prepare
 
-    sensors = {name: scene.build_sensor() for name, scene in scenes.items()}
-    for name, design in sensors.items():
-        if design.shape.flat:
-            raise UserError(f"sensor {name} is a flat pad, which the node model does not describe")
     if out is not None:
-        prepare(out, force)
-    found: dict[str, dict[str, Any]] = {}
-    sweeps = {}
-    with Console(stderr=True).status("") as status:
-        tell = telling(status)
-        for name, scene in scenes.items():
-            tell(f"{name}: contact")
-            pressed = press(scene.build_fingertip(), scene.build_object(), grip, load)
-            limits = force_limit(sensors[name], pressed, noise, frames=frames)
-            field = pressed.field
-            found[name] = {
-                "normal_n": field.total_normal,
-                "friction_n": field.total_friction,
-                "margin": field.safety_margin(friction),
-                "limits": vars(limits),
-            }
-            if out is None and margin_error is None:
-                continue
-            points = sweeps[name] = sweep(
-                sensors[name], pressed, noise, frames=frames, progress=tell
-            )
-            if margin_error is not None:
-                found[name]["needed"] = {
-                    dial: needed([p for p in points if p.dial == dial], margin_error)
-                    for dial in DIALS
-                }
-    report: dict[str, Any] = {
-        "grip_n": grip,
-        "load_n": load,
-        "friction": friction,
-        "radius_mm": None if math.isinf(radius_mm) else radius_mm,
-        "stiffness_kpa": stiffness_kpa,
-        "noise_levels": noise,
-        "frames": frames,
-        "margin_error": margin_error,
-        "sensors": found,
-    }
-    form = "flat" if math.isinf(radius_mm) else f"of radius {radius_mm:g} mm"
-    title = (
-        f"Grip {grip:g} N, load {load:g} N, µ {friction:g}, object {form}, {stiffness_kpa:g} kPa; "
-        f"noise {noise:g} levels, frames averaged: {frames}"
-    )
+        prepare(out, overwrite)
+    limits, sweeps = _compute(case, scenes, swept=out is not None or margin_error is not None)
+    report = _report(case, limits)
     if out is not None:
-        draw(sensors, sweeps, noise, title, out / "limit.png")
-        write_table(sweeps, out / "limit.csv")
-        (out / "limit.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        _write(case, scenes, sweeps, report, out)
     if json_only:
         print(json.dumps(report))
         return 0
-    print(title)
-    _print_limits(found)
+    print(case.title)
+    _print_limits(limits)
     if margin_error is not None:
-        _print_needs(found, margin_error)
+        _print_needs(limits, margin_error)
     if out is not None:
         print(f"folder {out}, see {out / 'limit.png'}")
     return 0
 
 
-def _print_limits(found: dict[str, dict[str, Any]]) -> None:
+def _compute(
+    case: Case, scenes: dict[str, Scene], swept: bool
+) -> tuple[dict[str, Limits], dict[str, "list[Point]"]]:
+    """Limits of each sensor, and with `swept` those of designs that differ from it."""
+    from ..measure.limits.forces import force_limit, press  # Numba and matplotlib load only here
+    from ..measure.limits.sweep import DIALS, needed, sweep
+
+    limits, sweeps = {}, {}
+    with status("contact") as show:
+        for name, scene in scenes.items():
+            show(f"{name}: contact")
+            design = scene.build_sensor()
+            pressed = press(scene.build_fingertip(), scene.build_object(), case.grip_n, case.load_n)
+            if swept:
+                sweeps[name] = sweep(
+                    design, pressed, case.noise_levels, frames=case.frames, progress=show
+                )
+            wanted = case.margin_error
+            limits[name] = Limits(
+                normal_n=pressed.field.total_normal,
+                friction_n=pressed.field.total_friction,
+                margin=pressed.field.safety_margin(case.friction),
+                limits=force_limit(design, pressed, case.noise_levels, frames=case.frames),
+                needed=None
+                if wanted is None
+                else {
+                    dial: needed([p for p in sweeps[name] if p.dial == dial], wanted)
+                    for dial in DIALS
+                },
+            )
+    return limits, sweeps
+
+
+def _report(case: Case, limits: dict[str, Limits]) -> dict[str, object]:
+    """Entries of `--json` and of limit.json."""
+    entries = {name: asdict(entry) for name, entry in limits.items()}
+    for entry in entries.values():
+        if entry["needed"] is None:
+            del entry["needed"]
+    radius = None if math.isinf(case.radius_mm) else case.radius_mm
+    return {**asdict(case), "radius_mm": radius, "sensors": entries}
+
+
+def _write(
+    case: Case,
+    scenes: dict[str, Scene],
+    sweeps: dict[str, "list[Point]"],
+    report: dict[str, object],
+    out: Path,
+) -> None:
+    from ..measure.limits.sweep import draw, write_table
+
+    sensors = {name: scene.build_sensor() for name, scene in scenes.items()}
+    draw(sensors, sweeps, case.noise_levels, case.title, out / "limit.png")
+    write_table(sweeps, out / "limit.csv")
+    (out / "limit.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+
+
+def _print_limits(limits: dict[str, Limits]) -> None:
     """Truth and smallest deviations, a column for each sensor."""
-    print(f"{'smallest standard deviation of':<34}" + "".join(f"{n:>12}" for n in found))
-    for key, label in _LABELS.items():
-        row = "".join(f"{entry['limits'][key]:>12.4f}" for entry in found.values())
+    print(f"{'smallest standard deviation of':<34}" + "".join(f"{n:>12}" for n in limits))
+    for key, label in LABELS.items():
+        row = "".join(f"{getattr(entry.limits, key):>12.4f}" for entry in limits.values())
         print(f"{label:<34}{row}")
-    row = "".join(f"{entry['margin']:>12.3f}" for entry in found.values())
+    row = "".join(f"{entry.margin:>12.3f}" for entry in limits.values())
     print(f"{'true Γ':<34}{row}")
 
 
-def _print_needs(found: dict[str, dict[str, Any]], wanted: float) -> None:
-    """What of each design a wanted error of Γ takes."""
+def _print_needs(limits: dict[str, Limits], wanted: float) -> None:
+    """Value of each dial that the wanted error of Γ needs, a column for each sensor."""
     from ..measure.limits.sweep import DIALS, STEPS
 
     print(
@@ -153,9 +226,7 @@ def _print_needs(found: dict[str, dict[str, Any]], wanted: float) -> None:
         f"({STEPS[0]:g} to {STEPS[-1]:g} times its own tried):"
     )
     for key, dial in DIALS.items():
-        row = "".join(
-            f"{'not to be had' if need is None else f'{need:.3g}':>14}"
-            for need in (entry["needed"][key] for entry in found.values())
-        )
+        needs = [entry.needed[key] for entry in limits.values() if entry.needed is not None]
+        row = "".join(f"{'unreachable' if n is None else f'{n:.3g}':>14}" for n in needs)
         word = "at most" if key == "noise" else "at least"
         print(f"{f'{dial.label}, {word} {dial.unit}':<32}{row}")

@@ -1,38 +1,63 @@
-"""What the commands of the command line share: options, tables, progress, interruption."""
+"""Options, tables, progress and interruption that the commands share."""
 
+import json
 import math
+import os
+import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.status import Status
+from rich.table import Table
 
 from ..errors import UserError
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
-
-_interrupted = threading.Event()
+#: Processors of this machine.
+CORES = os.cpu_count() or 1
 
 
 def option(text: str, metavar: str | None = None, name: str | None = None) -> Any:
     """Help, placeholder and name of an option."""
-    return tyro.conf.arg(help=text, metavar=metavar, name=name)
+    return tyro.conf.arg(help=text, metavar=metavar, name=name, help_behavior_hint=_default)
 
 
-Quick = Annotated[Flag, option("a smaller run, labelled so")]
+def _default(value: str) -> str:
+    """Mention of a default in a help page; none for options that are off or empty."""
+    return "" if value in ("None", "False", "") else f"(default: {value})"
+
+
+Quick = Annotated[Flag, option("a shorter run; the results are labelled as such")]
 Out = Annotated[Path | None, option("folder; by default a new one under runs/", "DIR")]
-Force = Annotated[Flag, option("write over an earlier result in --out")]
+Overwrite = Annotated[Flag, option("write over an earlier result in --out")]
+SceneName = Annotated[
+    str, option("shipped scene, see `chromagrip scenes`, or a .toml file", "NAME|FILE.toml")
+]
+Changes = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("change one value of the scene, such as object.friction=0.3", "KEY=VALUE", "set"),
+]
 Rest = Annotated[
     str,
     tyro.conf.Positional,
     option(
         "the unloaded sensor: a picture, or a folder or video whose first frames are averaged; "
-        "first or first:N frames of the source; auto for its frame whose layers lie best on "
-        "each other",
+        "first or first:N for frames of the source; auto for the frame of the source whose two "
+        "layers match best",
         "REST",
     ),
 ]
@@ -41,79 +66,74 @@ SourceName = Annotated[
     tyro.conf.Positional,
     option("folder of pictures, video file, picture or camera:0", "SOURCE"),
 ]
-TrackerName = Annotated[str, option("see `chromagrip trackers`, or your own", "NAME|module:Class")]
+TrackerName = Annotated[str, option("see `chromagrip trackers`", "NAME|MODULE:CLASS")]
 Noise = Annotated[
-    float | None, option("of the camera; by default estimated from the rest", "LEVELS")
+    float | None,
+    option("of the camera, one standard deviation; by default estimated at rest", "LEVELS"),
 ]
 Fps = Annotated[
     float | None,
     option("frame rate of pictures (by default 30), or instead of a video's own", "HZ"),
 ]
-Frames = Annotated[int | None, option("stop after so many", "N")]
-JsonOnly = Annotated[Flag, option("one JSON object; writes a folder only with --out", name="json")]
+Frames = Annotated[int | None, option("largest number of frames", "N")]
+Workers = Annotated[int, option("processes", "N")]
+Json = Annotated[Flag, option("print one JSON object", name="json")]
+JsonOnly = Annotated[
+    Flag, option("print one JSON object; a folder is written only with --out", name="json")
+]
 
 
-def print_rows(rows: list[dict[str, Any]]) -> None:
-    """Measured figures, one a line."""
-    for row in rows:
-        value = "–" if row["value"] is None else f"{row['value']:.4g}"
-        verdict = "" if row["met"] else "MISSED"
-        print(f"{row['name']:<46} {value:>9} {row['unit']:<9} {row['target']:<11} {verdict}")
+def print_list(entries: Mapping[str, str], json_only: bool) -> int:
+    """Print names, each with one line about it."""
+    if json_only:
+        print(json.dumps(dict(entries), ensure_ascii=False))
+        return 0
+    width = max(map(len, entries))
+    for name, text in entries.items():
+        print(f"{name:<{width}}  {text}")
+    return 0
 
 
-def telling(status: Any) -> Callable[[str], None]:
-    """What long work calls with what it is at: shows it, and stops when interrupted."""
+def print_values(values: Mapping[str, object], json_only: bool) -> None:
+    """Print the values of a result by their names."""
+    if json_only:
+        print(json.dumps(dict(values), ensure_ascii=False))
+        return
+    print_list({name: str(value) for name, value in values.items()}, json_only=False)
 
-    def tell(text: str) -> None:
-        status.update(text)
-        stop_if_interrupted()
 
-    return tell
+def print_table(table: Table) -> None:
+    """Print a table to the screen as it is, without markup."""
+    Console(markup=False, highlight=False).print(table)
+
+
+def value_table() -> Table:
+    """Table with a name and a value in each line."""
+    return Table(show_header=False, box=None, padding=(0, 2))
 
 
 def check_least(**options: tuple[float | None, float]) -> None:
-    """Refuse options that are given and are not at least what is told, both by name."""
+    """Refuse options that are given and lie below their lowest value.
+
+    Parameters
+    ----------
+    options: value and lowest value, by the name of the option
+    """
     for name, (value, least) in options.items():
         if value is not None and not (math.isfinite(value) and value >= least):
             raise UserError(f"--{name} {value}: expected {least:g} or more")
 
 
-@contextmanager
-def frame_progress(
-    words: str,
-) -> Iterator[tuple[Callable[[str], None], Callable[[int, int | None], None]]]:
-    """Bar that counts frames: what tells what is being done, and what is called after each one."""
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} frames"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    ) as bar:
-        task = bar.add_task("opening", total=None)
-
-        def tell(text: str) -> None:
-            bar.update(task, description=text)
-            stop_if_interrupted()
-
-        def progress(done: int, total: int | None) -> None:
-            bar.update(task, description=words, completed=done, total=total)
-            stop_if_interrupted()
-
-        yield tell, progress
-
-
-def check_file(path: Path, suffixes: set[str], force: bool) -> None:
-    """Refuse before the work what could not be written after it."""
-    if path.suffix not in suffixes:
+def check_file(path: Path, suffixes: set[str], overwrite: bool) -> None:
+    """Refuse before the work a file that could not be written after it."""
+    if path.suffix.lower() not in suffixes:
         raise UserError(f"file {path} must end in {' or '.join(sorted(suffixes))}")
     if path.is_dir():
         raise UserError(f"{path} is a folder, not a file")
     if not path.parent.is_dir():
         raise UserError(f"file {path} cannot be written: there is no folder {path.parent}")
-    if path.exists() and not force:
-        raise UserError(f"file {path} exists; choose another or give --force")
+    if path.exists() and not overwrite:
+        raise UserError(f"file {path} exists; choose another or give --overwrite")
 
 
 def new_folder(stem: str) -> Path:
@@ -125,13 +145,65 @@ def new_folder(stem: str) -> Path:
     raise UserError(f"runs/ holds 9999 runs named {stem}; choose a folder with --out")
 
 
-def interrupt(_signal: int, _frame: Any) -> None:
-    """Take an interruption, and remember it."""
+@contextmanager
+def status(text: str = "starting") -> Iterator[Callable[[str], None]]:
+    """Show the current step of long work; yields the function that changes it."""
+    with Console(stderr=True).status(text) as line:
+        yield _reporter(line)
+
+
+def _reporter(line: Status) -> Callable[[str], None]:
+    def report(text: str) -> None:
+        line.update(text)
+        stop_if_interrupted()
+
+    return report
+
+
+@contextmanager
+def counting(text: str, unit: str = "", transient: bool = True) -> Iterator[Callable[..., None]]:
+    """Show a bar; yields a function of (done, total or None, text or None) that moves it."""
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(unit),
+        TaskProgressColumn(text_format="", text_format_no_percentage="", show_speed=True),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=transient,
+    ) as bar:
+        task = bar.add_task(text, total=None)
+
+        def move(done: int, total: int | None = None, words: str | None = None) -> None:
+            bar.update(task, completed=done, total=total, description=words or text)
+            stop_if_interrupted()
+
+        yield move
+
+
+_received: list[int] = []
+_interrupted = threading.Event()
+
+
+def take_signals() -> None:
+    """End the command in order on Ctrl-C and SIGTERM."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
+
+
+def _interrupt(number: int, _frame: object) -> None:
+    _received.append(number)
     _interrupted.set()
     raise KeyboardInterrupt
 
 
+def signal_exit_code() -> int:
+    """Exit code of a command that a signal ended: 128 + its number."""
+    return 128 + (_received[-1] if _received else signal.SIGINT)
+
+
 def stop_if_interrupted() -> None:
-    """Stop here if an interruption got lost, as it does while a kernel is being compiled."""
+    """Stop here if an interruption was lost, as it is while a kernel is being compiled."""
     if _interrupted.is_set():
         raise KeyboardInterrupt

@@ -3,15 +3,14 @@
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any
-
-import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import UserError
-from ..scene.scene import DEFAULT_SCENE, RendererName, load_scene, parse_change
-from .options import Force, JsonOnly, Out, new_folder, option, stop_if_interrupted
+from ..scene.scene import DEFAULT_SCENE, Scene, load_scene, parse_change
+from .options import Changes, JsonOnly, Out, Overwrite, counting, new_folder, option
+
+if TYPE_CHECKING:
+    from ..loop.poses import Pose
 
 
 def render(
@@ -26,24 +25,22 @@ def render(
     load: Annotated[tuple[float, ...], option("lateral loads, at each grip", "N...")] = (),
     press_mm: Annotated[tuple[float, ...], option("depths, of a flat pad", "MM...")] = (),
     shear_mm: Annotated[tuple[float, ...], option("shears of a pad, at each depth", "MM...")] = (),
-    renderer: Annotated[RendererName | None, option("instead of the scene's", "NAME")] = None,
+    renderer: Annotated[str | None, option("instead of the scene's", "NAME")] = None,
     noise: Annotated[
         float | None, option("standard deviation, short for camera.noise_levels", "LEVELS")
     ] = None,
     seed: Annotated[int | None, option("of noise and defects", "N")] = None,
-    changes: Annotated[
-        tuple[str, ...],
-        tyro.conf.UseAppendAction,
-        option("change one scene value, such as defects.dust=20", "KEY=VALUE", "set"),
-    ] = (),
+    changes: Changes = (),
     out: Out = None,
-    force: Force = False,
+    overwrite: Overwrite = False,
     json_only: JsonOnly = False,
 ) -> int:
     """Take pictures of poses, with everything that is true of them.
 
     One pose by default (2 N of grip, 0.3 N of load); lists of forces make a sweep. Each picture
     comes with marker centres, visibility, overlaps, masks, flow, depth and forces, and a preview.
+
+    Example: chromagrip render --grip 1 2 4 --load 0 0.4
     """
     shortcuts = {
         "sensor": sensor,
@@ -54,42 +51,14 @@ def render(
     changed: dict[str, Any] = {k: v for k, v in shortcuts.items() if v is not None}
     changed |= dict(parse_change(text) for text in changes)
     resolved = load_scene(scene, changed)
-    flat = resolved.build_sensor().shape.flat
-
-    from ..loop.pose_folder import render_poses
-    from ..loop.poses import Pose  # OpenCV and matplotlib load only when something is drawn
-
-    if flat and not (grip or load):
-        press, shear = press_mm or (1.0,), shear_mm or ((0.5,) if not press_mm else (0.0,))
-        poses = [Pose(depth=d * 1e-3, shear=s * 1e-3) for d in press for s in shear]
-    elif press_mm or shear_mm:
-        press, shear = press_mm or (0.0,), shear_mm or (0.0,)
-        poses = [Pose(depth=d * 1e-3, shear=s * 1e-3) for d in press for s in shear]
-    else:
-        grips, loads = grip or (2.0,), load or ((0.3,) if not grip else (0.0,))
-        poses = [Pose(grip=g, load=f) for g in grips for f in loads]
-    for pose in poses:
-        asked = (pose.grip, pose.load, pose.depth, pose.shear)
-        if not all(map(math.isfinite, asked)) or min(pose.grip, pose.depth) < 0.0:
-            raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
+    poses = _poses(resolved, grip, load, press_mm, shear_mm)
     if out is None and not json_only:
         out = new_folder(f"render-{Path(resolved.sensor).stem}")
-    with Progress(
-        TextColumn("rendering"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("poses"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    ) as bar:
-        task = bar.add_task("", total=len(poses))
 
-        def tell(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-            stop_if_interrupted()
+    from ..loop.pose_folder import render_poses  # OpenCV loads only when something is drawn
 
-        report = render_poses(resolved, poses, out, force, tell)
+    with counting("rendering", "poses") as progress:
+        report = render_poses(resolved, poses, out, overwrite, progress)
     if json_only:
         print(json.dumps(report))
         return 0
@@ -100,3 +69,26 @@ def render(
         print(f"{entry['image']}  {numbers}")
     print(f"folder {out}, see {report['poses'][0]['preview']}")
     return 0
+
+
+def _poses(
+    scene: Scene,
+    grip: tuple[float, ...],
+    load: tuple[float, ...],
+    press_mm: tuple[float, ...],
+    shear_mm: tuple[float, ...],
+) -> "list[Pose]":
+    """Poses of the sweep: forces on a dome, or depths and shears; one by default."""
+    from ..loop.poses import Pose
+
+    numbers = (*grip, *load, *press_mm, *shear_mm)
+    if not all(map(math.isfinite, numbers)) or min((*grip, *press_mm), default=0.0) < 0.0:
+        raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
+    flat = scene.build_sensor().shape.flat
+    if press_mm or shear_mm or (flat and not (grip or load)):
+        presses = press_mm or ((1.0,) if flat and not (grip or load) else (0.0,))
+        shears = shear_mm or ((0.0,) if press_mm else (0.5,))
+        return [Pose(depth=d * 1e-3, shear=s * 1e-3) for d in presses for s in shears]
+    grips = grip or (2.0,)
+    loads = load or ((0.0,) if grip else (0.3,))
+    return [Pose(grip=g, load=f) for g in grips for f in loads]

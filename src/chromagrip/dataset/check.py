@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..extras import need
-from ..model.chain.chain import chain, contact
+from ..model.chain.assembly import chain, contact
 from ..model.kernels.contact import contact_frames
 from ..render import View
 from ..scene.scene import Scene, load_scene

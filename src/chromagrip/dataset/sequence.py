@@ -158,13 +158,12 @@ def _shots(recipe: Recipe, made: Sequence, camera: SimulatedCamera) -> Iterator[
             friction = node_friction(tip, obj, sample.state)
             field = sample.field
             on = np.where(field.contact, [field.normal, field.friction], 0.0)
-            everywhere = None if whole is None else whole(membrane, seen)
             yield Shot(
                 image=camera.expose(sample.state, sample.index).image,
                 values=_values(sample, on, friction),
                 markers=_markers(truth, unloaded, [_at_markers(carry, force) for force in on]),
                 nodes=_nodes(field, friction),
-                truth={name: getattr(everywhere, name) for name in recipe.truth},
+                truth=whole.images(recipe.truth, membrane, seen) if whole else {},
             )
 
 

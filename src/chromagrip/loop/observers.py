@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..by_name import Choice
 from ..control import GripObservation
 from ..model import Fingertip, ForceField
 from ..render import Frame
@@ -88,7 +89,7 @@ class ForceObserver:
         self,
         calibration: SensorCalibration,
         rest: Tracks,
-        reconstructor: str,
+        reconstructor: Choice,
         window: float,
         rule: FrictionRule = CAMERA_RULE,
     ) -> None:

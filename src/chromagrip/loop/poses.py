@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..model import ForceField, ModelError, State, contact_forces, equilibrium, rest_state
+from ..errors import UserError, located
+from ..model import ContactObject, ForceField, State, contact_forces, equilibrium, rest_state
 from ..model.chain.state import state_of
 from ..render import Frame, GroundTruth, SensorDesign
 from ..scene.scene import Scene
@@ -82,19 +82,21 @@ def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:
             raise UserError(f"a load of {pose.load:g} N needs a grip above 0 N to hold it")
         state = rest_state(tip)
     else:
-        try:
+        _refuse_sliding(obj, pose)
+        with located(f"grip {pose.grip:g} N with load {pose.load:g} N cannot be held"):
             state = equilibrium(tip, obj, pose.grip, pose.load)
-        except ModelError as error:
-            held = scene.object.friction * pose.grip
-            if abs(pose.load) >= held:
-                raise UserError(
-                    f"grip {pose.grip:g} N cannot hold a load of {pose.load:g} N: a friction of "
-                    f"{scene.object.friction:g} holds less than {held:.3g} N"
-                ) from None
-            raise UserError(
-                f"grip {pose.grip:g} N with load {pose.load:g} N cannot be held: {error}"
-            ) from None
     return state, contact_forces(tip, obj, state)
+
+
+def _refuse_sliding(obj: ContactObject, pose: Pose) -> None:
+    """Refuse a load that a flat object with one µ everywhere does not hold."""
+    held = obj.friction * pose.grip
+    flat = obj.curvature == 0.0 and obj.profile is None and not obj.patches
+    if flat and abs(pose.load) >= held:
+        raise UserError(
+            f"grip {pose.grip:g} N cannot hold a load of {pose.load:g} N: a friction of "
+            f"{obj.friction:g} holds less than {held:.3g} N"
+        )
 
 
 def _displaced(scene: Scene, sensor: SensorDesign, pose: Pose) -> State:

@@ -7,10 +7,16 @@ from ..compiled import njit
 
 Bytes = NDArray[np.uint8]
 
-#: Literals and the end of a block, and the longest code that DEFLATE has [bits].
-_SYMBOLS, _END, _LONGEST = 257, 256, 15
-_UP = 2  # PNG's filter: differences from the row above
-_BASE = 65521  # of Adler's checksum
+#: Number of DEFLATE's literals with the end of a block (RFC 1951).
+_SYMBOLS = 257
+#: Symbol of the end of a block (RFC 1951).
+_END = 256
+#: Longest code that DEFLATE allows [bits] (RFC 1951).
+_LONGEST = 15
+#: PNG's filter that keeps differences from the row above (PNG specification).
+_UP = 2
+#: Modulus of Adler's checksum (RFC 1950).
+_BASE = 65521
 
 
 @njit()
@@ -72,7 +78,7 @@ def deflate_rows(rows: Bytes, block: int, out: NDArray[np.uint32]) -> tuple[int,
 
 @njit()
 def code_lengths(counts: NDArray[np.int64], lengths: NDArray[np.int64]) -> None:
-    """Huffman's code lengths, 0 for what never comes; counts are halved until none is too long."""
+    """Huffman's code lengths, 0 for unused symbols; counts are halved until no code is too long."""
     weights = np.empty(2 * len(counts), dtype=np.int64)
     parents = np.empty(2 * len(counts), dtype=np.int64)
     depths = np.empty(2 * len(counts), dtype=np.int64)

@@ -12,12 +12,11 @@ import numpy as np
 import tomli_w
 from msgspec import Meta
 
-from ..by_name import make
 from ..control import Controller
 from ..errors import UserError
 from ..model import ContactObject, Fingertip, SpringLaw, stiffness_from_young
-from ..model.chain.chain import contact
-from ..render import Defects, SensorDesign, load_sensor
+from ..model.chain.assembly import contact
+from ..render import RENDERERS, Defects, SensorDesign, load_sensor
 from ..strict_toml import Table, convert
 from .actuator import ActuatorSettings
 from .controllers import (
@@ -35,7 +34,6 @@ Force = Annotated[float, Meta(ge=-100.0, le=100.0)]
 Friction = Annotated[float, Meta(gt=0.0, le=5.0)]
 
 PathName = Literal["camera", "truth"]
-RendererName = Literal["painter", "pyrender"]
 
 
 class ObjectSettings(Table, frozen=True):
@@ -185,7 +183,7 @@ class Scene(Table, frozen=True):
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
     controller: str = "safety-margin"
     path: PathName = "camera"
-    renderer: RendererName = "painter"
+    renderer: str = "painter"
     sensor: str = "thesis"
     calibration: str = ""
     tracker: str = "fit"
@@ -206,6 +204,7 @@ class Scene(Table, frozen=True):
         if self.fingertip.nodes % 2 == 0:
             raise UserError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
         CONTROLLERS.check(self.controller)
+        RENDERERS.check(self.renderer)
         if self.camera.exposure_ms > 1e3 * self.period:
             raise UserError(
                 f"camera.exposure_ms = {self.camera.exposure_ms} must be at most "
@@ -270,7 +269,7 @@ class Scene(Table, frozen=True):
         """
         if self.controller not in CONTROLLERS.entries:
             controller: Controller
-            controller = make("controller", self.controller, CONTROLLERS.load(self.controller))
+            controller = CONTROLLERS.build(self.controller)
             return controller
         made: Controller = getattr(self, self.controller.replace("-", "_")).build()
         return made

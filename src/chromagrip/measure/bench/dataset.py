@@ -3,7 +3,6 @@
 import dataclasses
 import random
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -20,30 +19,39 @@ from ...dataset.make import make
 from ...dataset.recipe import Recipe, load_recipe
 from ...dataset.sequence import sequence, shots
 from ...output.png import encode_png
-from ...output.rows import Row, at_least, at_most, reported, within
+from ...output.report import Report, Row, at_least, at_most, reported, within
 from ...render.drawing.gl import gl_problem
-from .child import run_child
+from .timing import clock, run_child
 
 Progress = Callable[[str], None]
 
-#: Sequences of a measurement, for each process, and of a quick one.
-_SEQUENCES, _QUICK = 24, 2
+#: Sequences of a measurement, for each process.
+_SEQUENCES = 24
+#: Sequences of a quick measurement.
+_QUICK = 2
 #: Sequences that a process makes before it is timed.
 _WARM = 2
-_PAIRS, _KILLS = 5, 50
+#: Pairs of runs with one and two processes.
+_PAIRS = 5
+#: Runs that are killed and resumed.
+_KILLS = 50
 #: Frames through the mesh renderer.
 _MESHED = 4
-#: Sequences of a short and a long run, whose memory is compared.
-_SHORT, _LONG = 10, 60
+#: Sequences of the short run, whose memory is compared with the long one's.
+_SHORT = 10
+#: Sequences of the long run.
+_LONG = 60
+#: Parts of making a sequence that are timed alone.
+_PARTS = ("model", "picture and labels", "encoding")
 
 
-def bench_dataset(quick: bool, progress: Progress) -> list[Row]:
-    """Rows of the recipe `force`: 640×480, 400 markers in two layers, lossless, all written.
+def bench_dataset(quick: bool, progress: Progress) -> Report:
+    """Report of the recipe `force`: 640×480, 400 markers in two layers, lossless, all written.
 
     Parameters
     ----------
     quick: speed alone, of two sequences
-    progress: told what is being measured
+    progress: called with the name of each measurement
     """
     recipe = load_recipe("force")
     with tempfile.TemporaryDirectory() as folder:
@@ -52,7 +60,7 @@ def bench_dataset(quick: bool, progress: Progress) -> list[Row]:
             rows += _process_rows(recipe, Path(folder), progress)
             rows += _resume_rows(Path(folder), progress)
             rows += _memory_rows(Path(folder), progress)
-    return rows
+    return Report(rows=tuple(rows), quick=quick)
 
 
 def _speed_rows(recipe: Recipe, folder: Path, count: int, progress: Progress) -> Iterator[Row]:
@@ -61,46 +69,38 @@ def _speed_rows(recipe: Recipe, folder: Path, count: int, progress: Progress) ->
     keep_recipe(recipe, out)
     write_sequence(recipe, count, out)  # compiled, and the skin's light computed
     frames = 0
-    spent = dict.fromkeys(("model", "picture and labels", "encoding", "whole"), 0.0)
-
-    def clock(part: str, begin: float) -> None:
-        spent[part] += time.perf_counter() - begin
-
-    for number in range(count):
-        progress(f"sequence {number + 1} of {count}")
-        begin = time.perf_counter()
-        made = sequence(recipe, number)
-        clock("model", begin)
-        begin = time.perf_counter()
-        seen = list(shots(recipe, made)[1])
-        clock("picture and labels", begin)
-        begin = time.perf_counter()
-        for shot in seen:
-            encode_png(shot.image)
-        clock("encoding", begin)
-        begin = time.perf_counter()
-        write_sequence(recipe, number, out)
-        clock("whole", begin)
-        frames += len(seen)
-    yield at_least("dataset/speed", frames / spent["whole"], "frames/s", 100.0)
-    for part in ("model", "picture and labels", "encoding"):
-        yield reported(f"dataset/share/{part}", 100.0 * spent[part] / spent["whole"], "%")
+    spent = dict.fromkeys((*_PARTS, "whole"), 0.0)
+    for index in range(count):
+        progress(f"sequence {index + 1} of {count}")
+        with clock(spent, "model"):
+            made = sequence(recipe, index)
+        with clock(spent, "picture and labels"):
+            images = [shot.image for shot in shots(recipe, made)[1]]
+        with clock(spent, "encoding"):
+            for image in images:
+                encode_png(image)
+        with clock(spent, "whole"):
+            write_sequence(recipe, index, out)
+        frames += len(images)
+    yield at_least(("dataset", "speed"), frames / spent["whole"], "frames/s", 100.0)
+    for part in _PARTS:
+        yield reported(("dataset", "share", part), 100.0 * spent[part] / spent["whole"], "%")
     rest = 2.0 * spent["whole"] - sum(spent.values())
-    yield reported("dataset/share/tables, checksums, disk", 100.0 * rest / spent["whole"], "%")
+    share = 100.0 * rest / spent["whole"]
+    yield reported(("dataset", "share", "tables, checksums, disk"), share, "%")
     if (problem := gl_problem()) is not None:
-        yield Row("dataset/over_pyrender_and_png", None, "×", problem, False)
+        yield at_least(("dataset", "over_pyrender_and_png"), None, "×", 6.0, problem)
         return
     progress("the mesh renderer and cv2.imwrite")
     mesh = replace(recipe, scene={**recipe.scene, "renderer": "pyrender"})
     made = sequence(mesh, 0)
-    made = dataclasses.replace(made, samples=made.samples[: _MESHED + 1])
-    frames_of = shots(mesh, made)[1]
-    next(frames_of)
+    meshed = shots(mesh, dataclasses.replace(made, samples=made.samples[: _MESHED + 1]))[1]
+    next(meshed)
     begin = time.perf_counter()
-    for shot in frames_of:
+    for shot in meshed:
         cv2.imwrite(str(folder / "mesh.png"), shot.image[..., ::-1])
-    obvious = (time.perf_counter() - begin) / _MESHED
-    yield at_least("dataset/over_pyrender_and_png", obvious * frames / spent["whole"], "×", 6.0)
+    ratio = (time.perf_counter() - begin) / _MESHED * frames / spent["whole"]
+    yield at_least(("dataset", "over_pyrender_and_png"), ratio, "×", 6.0)
 
 
 def _process_rows(recipe: Recipe, folder: Path, progress: Progress) -> Iterator[Row]:
@@ -113,40 +113,40 @@ def _process_rows(recipe: Recipe, folder: Path, progress: Progress) -> Iterator[
             for workers in (1, 2)
         )
         ratios.append(2.0 * alone / together)
-    yield at_least("dataset/two_processes_over_one", float(np.median(ratios)), "×", 1.85)
+    yield at_least(("dataset", "two_processes_over_one"), float(np.median(ratios)), "×", 1.85)
 
 
 def _seconds(recipe: Recipe, folder: Path, workers: int) -> float:
-    """Time in which so many processes make _SEQUENCES each, once they have begun [s]."""
-    told: dict[int, float] = {}
+    """Time in which so many processes make _SEQUENCES each, after the first _WARM of each [s]."""
+    times: dict[int, float] = {}
 
     def tell(done: int, total: int) -> None:
-        told[done] = time.perf_counter()
+        times[done] = time.perf_counter()
 
     count = workers * (_WARM + _SEQUENCES)
     make(replace(recipe, sequences=count), folder, workers=workers, progress=tell)
-    return told[count] - told[workers * _WARM]
+    return times[count] - times[workers * _WARM]
 
 
 def _resume_rows(folder: Path, progress: Progress) -> Iterator[Row]:
-    """The tiny dataset, killed at random moments and gone on with: as often as it has its bytes."""
+    """How often a tiny dataset has the same bytes after a kill at a random time and a resume."""
     begin = time.perf_counter()
     _tiny(folder / "tiny").wait()
-    whole = time.perf_counter() - begin
+    duration = time.perf_counter() - begin
     expected = _digests(folder / "tiny")
-    chance, same, kills = random.Random(50), 0, 0
+    rng, same, kills = random.Random(50), 0, 0
     while kills < _KILLS:
         progress(f"killed {kills + 1} of {_KILLS}")
         out = folder / f"killed-{kills}"
         process = _tiny(out)
-        time.sleep(chance.uniform(0.2, 1.0) * whole)
+        time.sleep(rng.uniform(0.2, 1.0) * duration)
         if process.poll() is None:  # else it was too late
-            process.send_signal(signal.SIGKILL)
+            process.kill()
             process.wait()
             _tiny(out).wait()
             kills, same = kills + 1, same + (_digests(out) == expected)
         shutil.rmtree(out)
-    yield within("dataset/resume/same_bytes", same, f"of {kills}", kills, kills)
+    yield within(("dataset", "resume", "same_bytes"), same, f"of {kills}", kills, kills)
 
 
 def _tiny(out: Path) -> subprocess.Popen[bytes]:
@@ -159,11 +159,8 @@ def _tiny(out: Path) -> subprocess.Popen[bytes]:
 
 
 def _digests(folder: Path) -> dict[str, str]:
-    return {
-        str(file.relative_to(folder)): file_digest(file)
-        for file in folder.rglob("*")
-        if file.is_file()
-    }
+    files = (file for file in folder.rglob("*") if file.is_file())
+    return {str(file.relative_to(folder)): file_digest(file) for file in files}
 
 
 def _memory_rows(folder: Path, progress: Progress) -> Iterator[Row]:
@@ -173,5 +170,6 @@ def _memory_rows(folder: Path, progress: Progress) -> Iterator[Row]:
         progress(f"memory: {count} sequences")
         words = ["dataset", "make", "force", "--n", str(count), "--workers", "1", "--json"]
         peaks.append(run_child([*words, "--out", str(folder / f"memory-{count}")])[1])
-    yield at_most("dataset/memory/worker", peaks[1], "MB", 500.0)
-    yield at_most(f"dataset/memory/{_LONG}_over_{_SHORT}_sequences", peaks[1] / peaks[0], "×", 1.05)
+    yield at_most(("dataset", "memory", "worker"), peaks[1], "MB", 500.0)
+    growth = f"{_LONG}_over_{_SHORT}_sequences"
+    yield at_most(("dataset", "memory", growth), peaks[1] / peaks[0], "×", 1.05)

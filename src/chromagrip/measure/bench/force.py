@@ -4,17 +4,27 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from multiprocessing import get_context
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
-from ...output.processes import start_worker
-from ...output.rows import Row, at_least, reported, within
+from ...by_name import Choice
+from ...output.processes import map_processes
+from ...output.report import (
+    Bounds,
+    Report,
+    Row,
+    Table,
+    at_least,
+    measured,
+    number,
+    reported,
+    score_table,
+    values,
+)
 from ...render.drawing.gl import gl_problem
-from ...tracking import METHODS, load_reconstructor
+from ...thesis import OBJECTS
+from ...tracking import FRICTION, METHODS, load_reconstructor
 from ..worlds.force_scores import (
     CONSTANT,
     QUANTITIES,
@@ -24,11 +34,13 @@ from ..worlds.force_scores import (
     answers,
     constant,
     limits,
+    reading_name,
     scores,
     times,
     truth,
 )
-from ..worlds.grasps import KNOWN, LIBRARY, OBJECTS, WORLDS, ForceScene, scenes
+from ..worlds.grasps import KNOWN, LIBRARY, WORLDS, ForceScene, scenes
+from .methods import named
 
 Array = NDArray[np.float64]
 
@@ -46,16 +58,21 @@ QUICK = {
     ("mismatched", LIBRARY): 3,
     ("matched", "conservative"): 2,
 }
-#: From one of the objects to the next: few of them vary as all do, 27 are all.
+#: Step from one object to the next. It has no divisor in common with 27: a few objects vary as all
+#: do, and 27 steps reach all of them.
 _STRIDE = 10
-#: Grasps of the matched library whose information limit is computed, a second each.
-_LIMITED, _QUICK_LIMITED = 48, 4
-#: Grasps and turns of the speed.
-_TIMED, _TURNS = 4, 5
-#: Scores of each reading of friction, off single fields.
+#: Grasps of the matched library whose information limit is computed, which takes a second each.
+_LIMITED = 48
+#: Grasps whose limit is computed in a quick run.
+_QUICK_LIMITED = 4
+#: Grasps that the speed is measured on.
+_TIMED = 4
+#: Turns of each reconstructor in the measurement of the speed.
+_TURNS = 5
+#: Scores of each reading of friction off single fields.
 _OF_FRICTION = ("mu_rms", "mu_bias", "mu_coverage", "mu_width", "margin_near_rms")
-#: Bounds of scores of BEST, by set and what is read.
-TARGETS: dict[tuple[str, str, str], tuple[float, float]] = {
+#: Targets of BEST, by set, frames that are read, and score.
+_BOUNDS: dict[tuple[str, str, str], tuple[float, float]] = {
     ("matched", "single", "normal_rms"): (0.0, 5.0),
     ("matched", "0.1s", "normal_rms"): (0.0, 2.0),
     ("matched", "single", "friction_rms"): (0.0, 0.02),
@@ -95,63 +112,83 @@ TARGETS: dict[tuple[str, str, str], tuple[float, float]] = {
         for score, bound in bounds.items()
     },
 }
+TARGETS = {case: Bounds(*bounds) for case, bounds in _BOUNDS.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One grasp to make, and who is asked of it.
+    """One grasp to make, and the reconstructors that read it.
 
     Attributes
     ----------
-    world, kind, index: see `force_scenes.scenes`
-    names: of the reconstructors
+    world, kind, index: see `grasps.scenes`
+    reconstructors: by name
     limited: whether its limits are computed
     """
 
     world: str
     kind: str
     index: int
-    names: tuple[str, ...]
+    reconstructors: Mapping[str, Choice]
     limited: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """What a grasp of S scenes gave: truth (S, 4), answers and limits (S, 4) by what is read."""
+    """Results of the S scenes of one or more grasps.
+
+    Attributes
+    ----------
+    true: (ΣFn [N], ΣFf [N], µ, Γ), shape (S, 4)
+    answers: estimates of them by reconstructor or reading, and by the frames that are read
+    limit: smallest standard deviations of them by the frames that are read, shape (S, 4)
+    """
 
     true: Array
-    said: dict[tuple[str, str], Answers]
+    answers: dict[tuple[str, str], Answers]
     limit: dict[str, Array]
 
 
 def bench_force(
-    quick: bool, progress: Callable[[str], None], reconstructors: tuple[str, ...] = ()
-) -> list[Row]:
-    """Rows `set/read/reconstructor/score`, and the speed of every reconstructor.
+    quick: bool, progress: Callable[[str], None], reconstructors: Sequence[Choice] = ()
+) -> Report:
+    """Report of reconstructors: rows `set/read/reconstructor/score`, and the speed of each.
 
     Parameters
     ----------
-    quick: few grasps, unless named only the reconstructors that have to reach the targets
-    progress: told what is being measured
-    reconstructors: names or module:Class; none are all of ours, beside a constant answer
+    quick: few grasps; unless chosen only the reconstructors that have targets
+    progress: called with the name of each measurement
+    reconstructors: names, module:Class or classes; none are all of ours, beside a constant answer
 
     Raises
     ------
     UserError
         When there is no such reconstructor.
     """
-    default = tuple(BEST.values()) if quick else tuple(METHODS)
-    names = chosen(reconstructors or default)
+    chosen = choose(reconstructors or (tuple(BEST.values()) if quick else ()))
     counts = dict(QUICK if quick else COUNTS)
     rows: list[Row] = []
     if (problem := gl_problem()) is not None:
-        rows.append(Row("mismatched/not_measured", None, "", problem, False))
+        rows.append(reported(("mismatched", "not_measured"), None, "", problem))
         counts = {(world, kind): n for (world, kind), n in counts.items() if world == "matched"}
-    found = measure(counts, names, _QUICK_LIMITED if quick else _LIMITED, progress)
-    for name, measured in found.items():
-        rows += _rows(name, measured)
+    found = measure(counts, chosen, _QUICK_LIMITED if quick else _LIMITED, progress)
+    for name, results in found.items():
+        rows += _rows(name, results, chosen)
     progress("speed")
-    return [*rows, *_speed(names)]
+    rows += _speed(chosen)
+    names = (CONSTANT, *chosen)
+    details = [
+        score_table(mine, lambda row: row.subject[-1], f"Every score, {world}, {read}")
+        for world, read in product(WORLDS, READ)
+        if (mine := [row for row in rows if row.subject in [(world, read, n) for n in names]])
+    ]
+    return Report(
+        rows=tuple(rows),
+        tables=(matrix(rows, names), readings(rows, list(chosen))),
+        notes=_NOTES,
+        details=tuple(details),
+        quick=quick,
+    )
 
 
 def set_name(world: str, kind: str) -> str:
@@ -159,34 +196,31 @@ def set_name(world: str, kind: str) -> str:
     return world if kind == LIBRARY else f"{world}-{kind}"
 
 
-def chosen(reconstructors: Sequence[str]) -> tuple[str, ...]:
-    """Each of these reconstructors once.
+def choose(reconstructors: Sequence[Choice]) -> dict[str, Choice]:
+    """Reconstructors by name; none are all of ours.
 
     Raises
     ------
     UserError
         When there is no such reconstructor.
     """
-    names = tuple(dict.fromkeys(reconstructors))
-    for name in names:
-        load_reconstructor(name)
-    return names
+    return named(reconstructors or list(METHODS), load_reconstructor)
 
 
 def measure(
     counts: Mapping[tuple[str, str], int],
-    names: tuple[str, ...],
+    reconstructors: Mapping[str, Choice],
     limited: int,
     progress: Callable[[str], None],
 ) -> dict[str, Measured]:
-    """Ask reconstructors of the grasps of some sets, in a process per core.
+    """Let reconstructors read the grasps of some sets, in one process for each core.
 
     Parameters
     ----------
     counts: of grasps by world and kind
-    names: of the reconstructors
-    limited: grasps of the matched library whose limits are computed, the first ones
-    progress: told how far it is
+    reconstructors: by name
+    limited: number of grasps of the matched library whose limits are computed, the first ones
+    progress: called after each grasp
 
     Returns
     -------
@@ -197,65 +231,63 @@ def measure(
             world=world,
             kind=kind,
             index=k if kind == LIBRARY else k * _STRIDE % len(OBJECTS),
-            names=names,
+            reconstructors=reconstructors,
             limited=(world, kind) == ("matched", LIBRARY) and k < limited,
         )
         for (world, kind), count in counts.items()
         for k in range(count)
     ]
-    done: dict[str, list[Measured]] = {}
-    with get_context("spawn").Pool(os.cpu_count(), initializer=start_worker) as pool:
-        for number, (task, part) in enumerate(zip(tasks, pool.imap(ask, tasks), strict=True)):
-            name = set_name(task.world, task.kind)
-            done.setdefault(name, []).append(part)
-            progress(f"{name}: grasp {number + 1} of {len(tasks)}")
-    return {name: _joined(parts) for name, parts in done.items()}
+    sets: dict[str, list[Measured]] = {}
+    results = map_processes(measure_grasp, tasks, os.cpu_count() or 1, ordered=True)
+    for done, (task, result) in enumerate(zip(tasks, results, strict=True), 1):
+        name = set_name(task.world, task.kind)
+        sets.setdefault(name, []).append(result)
+        progress(f"{name}: grasp {done} of {len(tasks)}")
+    return {name: _joined(parts) for name, parts in sets.items()}
 
 
 def _joined(parts: Sequence[Measured]) -> Measured:
     return Measured(
         true=np.concatenate([part.true for part in parts]),
-        said={key: Answers.joined([part.said[key] for part in parts]) for key in parts[0].said},
+        answers={
+            key: Answers.joined([part.answers[key] for part in parts]) for key in parts[0].answers
+        },
         limit={read: np.concatenate([part.limit[read] for part in parts]) for read in READ},
     )
 
 
-def ask(task: Task) -> Measured:
-    """Make a grasp and ask every reconstructor of it."""
-    with threadpool_limits(1):
-        made = scenes(task.world, task.kind, task.index)
-        said: dict[tuple[str, str], list[Answers]] = {}
-        for scene, name in product(made, task.names):
-            for key, one in answers(name, scene).items():
-                said.setdefault(key, []).append(one)
-        unknown = np.full(4, np.nan)
-        return Measured(
-            true=np.stack([truth(scene) for scene in made]),
-            said={key: Answers.joined(parts) for key, parts in said.items()},
-            limit={
-                read: np.stack([limits(s, frames) if task.limited else unknown for s in made])
-                for read, frames in READ.items()
-            },
-        )
+def measure_grasp(task: Task) -> Measured:
+    """Make a grasp and let every reconstructor read it."""
+    return _joined([_measure_scene(task, s) for s in scenes(task.world, task.kind, task.index)])
 
 
-def _rows(name: str, measured: Measured) -> Iterator[Row]:
-    fixed = {(CONSTANT, read): constant(measured.true) for read in READ}
-    for (who, read), said in (fixed | measured.said).items():
-        reading = "+" in who
-        if reading and (read != "single" or said.flagged.all()):
+def _measure_scene(task: Task, scene: ForceScene) -> Measured:
+    found: dict[tuple[str, str], Answers] = {}
+    for name, choice in task.reconstructors.items():
+        found |= answers(name, choice, scene)
+    unknown = np.full(4, np.nan)
+    return Measured(
+        true=truth(scene)[None],
+        answers=found,
+        limit={
+            read: (limits(scene, frames) if task.limited else unknown)[None]
+            for read, frames in READ.items()
+        },
+    )
+
+
+def _rows(name: str, results: Measured, reconstructors: Mapping[str, Choice]) -> Iterator[Row]:
+    fixed = {(CONSTANT, read): constant(results.true) for read in READ}
+    for (method, read), said in (fixed | results.answers).items():
+        reading = method not in (CONSTANT, *reconstructors)
+        if reading and said.flagged.all():
             continue
-        limit = measured.limit[read]
+        limit = results.limit[read]
         known = limit if np.isfinite(limit).any() else None
-        for score, value in scores(said, measured.true, known).items():
-            if reading and score not in _OF_FRICTION:
-                continue
-            row, seen = f"{name}/{read}/{who}/{score}", value if np.isfinite(value) else None
-            bound = TARGETS.get((name, read, score)) if who == BEST[read] else None
-            if bound is None:
-                yield reported(row, seen, UNITS[score])
-            else:
-                yield within(row, seen, UNITS[score], *bound)
+        for score, value in scores(said, results.true, known).items():
+            if score in _OF_FRICTION or not reading:
+                target = TARGETS.get((name, read, score)) if method == BEST[read] else None
+                yield measured((name, read, method, score), value, UNITS[score], target)
 
 
 def timed_scenes() -> list[ForceScene]:
@@ -263,89 +295,78 @@ def timed_scenes() -> list[ForceScene]:
     return [scene for k in range(_TIMED) for scene in scenes("matched", LIBRARY, k)]
 
 
-def _speed(names: Sequence[str]) -> Iterator[Row]:
-    spent = times(names, timed_scenes(), _TURNS)
-    rate = {name: 1e3 / float(np.median(spent[name])) for name in names}
+def _speed(reconstructors: Mapping[str, Choice]) -> Iterator[Row]:
+    spent = times(reconstructors, timed_scenes(), _TURNS)
+    rate = {name: 1e3 / float(np.median(turns)) for name, turns in spent.items()}
     for name, fields in rate.items():
-        if name == BEST["single"]:
-            yield at_least(f"speed/{name}", fields, "fields/s", 300.0)
-        else:
-            yield reported(f"speed/{name}", fields, "fields/s")
+        target = Bounds(low=300.0) if name == BEST["single"] else None
+        yield measured(("speed", name), fields, "fields/s", target)
     cheapest = max(rate, key=lambda name: rate[name])
-    yield at_least("speed/cheapest", rate[cheapest], f"fields/s ({cheapest})", 2000.0)
+    yield at_least(("speed", "cheapest"), rate[cheapest], f"fields/s ({cheapest})", 2000.0)
 
 
-#: Columns of the printed table: heading, what to add to the world's name, score, and digits.
+#: Columns of the printed table: heading, what to add to the world's name, score, and format.
 _COLUMNS = (
-    ("ΣFn %", "", "normal_rms", 1),
-    ("ΣFf N", "", "friction_rms", 3),
-    ("µ", "", "mu_rms", 3),
-    ("µ bias", "", "mu_bias", 3),
-    ("Γ≈0.3", "", "margin_near_rms", 3),
-    ("Γ objects", "-objects", "margin_rms", 3),
-    ("Γ controlled", "-controlled", "margin_rms", 3),
-    ("Γ 5 N", "-conservative", "margin_rms", 3),
-    ("flagged %", "", "flagged", 1),
-    ("wrong %", "", "wrong", 1),
+    ("ΣFn %", "", "normal_rms", ".1f"),
+    ("ΣFf N", "", "friction_rms", ".3f"),
+    ("µ", "", "mu_rms", ".3f"),
+    ("µ bias", "", "mu_bias", ".3f"),
+    ("Γ≈0.3", "", "margin_near_rms", ".3f"),
+    ("Γ objects", "-objects", "margin_rms", ".3f"),
+    ("Γ controlled", "-controlled", "margin_rms", ".3f"),
+    ("Γ 5 N", "-conservative", "margin_rms", ".3f"),
+    ("flagged %", "", "flagged", ".1f"),
+    ("wrong %", "", "wrong", ".1f"),
 )
 
 
-def matrix(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """Table of reconstructors, with a heading: errors matched / mismatched, flags, speed."""
-    found = {row["name"]: row["value"] for row in rows}
-    named = dict.fromkeys(name.split("/")[2] for name in found if name.count("/") == 3)
-    who = [name for name in named if "+" not in name]
-    table = [["RMS errors", *(heading for heading, *_ in _COLUMNS), "fields/s"]]
-    for read in READ:
-        for name in who:
-            line = [f"{name}, {read}"]
-            for _, more, score, digits in _COLUMNS:
-                pair = [found.get(f"{world}{more}/{read}/{name}/{score}") for world in WORLDS]
-                cells = ["–" if value is None else f"{value:.{digits}f}" for value in pair]
-                line.append(" / ".join(cells))
-            rate = found.get(f"speed/{name}")
-            table.append([*line, "" if rate is None else f"{rate:.0f}"])
-    return table
+def matrix(rows: Sequence[Row], names: Sequence[str]) -> Table:
+    """Table of reconstructors: errors with the matched / mismatched sensor, flags, speed."""
+    found = values(rows)
+
+    def cell(read: str, name: str, more: str, score: str, form: str) -> str:
+        pair = (found.get((world + more, read, name, score)) for world in WORLDS)
+        return " / ".join(number(value, form) for value in pair)
+
+    lines = [
+        (
+            f"{name}, {read}",
+            *(cell(read, name, *column) for _, *column in _COLUMNS),
+            number(found["speed", name], ".0f") if ("speed", name) in found else "",
+        )
+        for read, name in product(READ, names)
+    ]
+    headings = (heading for heading, *_ in _COLUMNS)
+    return Table(("RMS errors", *headings, "fields/s"), tuple(lines))
 
 
-def readings(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """Table of reconstructors over readings of friction, with a heading: RMS error of µ, bias."""
-    found = {row["name"]: row["value"] for row in rows}
-    names = [name.split("/")[2].split("+") for name in found if name.endswith("/mu_rms")]
-    pairs = [name for name in names if len(name) == 2]
-    methods = list(dict.fromkeys(method for _, method in pairs))
-    table = [["RMS error of µ (bias)", *methods]]
-    for who in dict.fromkeys(who for who, _ in pairs):
-        line = [who]
-        for method in methods:
-            cells = []
-            for world in WORLDS:
-                start = f"{world}/single/{who}+{method}"
-                error, bias = (found.get(f"{start}/{score}") for score in ("mu_rms", "mu_bias"))
-                known = error is not None and bias is not None
-                cells.append(f"{error:.3f} ({bias:+.3f})" if known else "–")
-            line.append(" / ".join(cells))
-        table.append(line)
-    return table
+def readings(rows: Sequence[Row], names: Sequence[str]) -> Table:
+    """Table of reconstructors over readings of friction: RMS error of µ, and its bias."""
+    found = values(rows)
+
+    def cell(world: str, name: str, method: str) -> str:
+        start = (world, "single", reading_name(name, method))
+        error, bias = (found.get((*start, score)) for score in ("mu_rms", "mu_bias"))
+        return "–" if error is None or bias is None else f"{error:.3f} ({bias:+.3f})"
+
+    nothing = " / ".join("–" for _ in WORLDS)
+    lines = [
+        (name, *(" / ".join(cell(world, name, method) for world in WORLDS) for method in FRICTION))
+        for name in names
+    ]
+    return Table(
+        header=("RMS error of µ (bias)", *FRICTION),
+        lines=tuple(line for line in lines if set(line[1:]) != {nothing}),
+        title="µ read off single fields, matched / mismatched sensor",
+    )
 
 
-def asked(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows that have a target, and speeds; the others fill screens."""
-    return [row for row in rows if row["target"] != "reported" or row["name"].startswith("speed/")]
-
-
-#: What the table is of.
-NOTES = (
-    "RMS errors, matched / mismatched sensor: of single frames, each read as the first after rest,",
-    "and of the last of ten frames in 0.1 s of a still grasp. Γ≈0.3 are the grasps of the library",
-    "with Γ in 0.2…0.4, objects the 27 at Γ = 0.3, controlled what Safety Margin Control did with",
-    "them, 5 N Conservative Control. Wrong is ΣFn or µ off by more than half, or Γ by 0.5,",
-    "without a flag; constant is the mean of each set, the best answer that does not look.",
+#: Explanation of the tables.
+_NOTES = (
+    "Errors are RMS errors with the matched / mismatched sensor. `single`: each frame is read as "
+    "the first one after rest. `0.1s`: the last of ten frames in 0.1 s of a grasp at rest.",
+    "Γ≈0.3: grasps of the library with Γ in 0.2…0.4. Γ objects: the 27 objects at Γ = 0.3. Γ "
+    "controlled: grasps of Safety Margin Control. Γ 5 N: Conservative Control.",
+    "wrong: ΣFn or µ is off by more than half of itself, or Γ by more than 0.5, without a flag. "
+    "constant: the mean of each set, which is the best answer that uses no image.",
 )
-
-
-def matrix_lines(table: list[list[str]]) -> Iterator[str]:
-    """Table as text."""
-    sizes = [max(len(line[c]) for line in table) for c in range(len(table[0]))]
-    for line in table:
-        yield "  ".join(f"{cell:<{size}}" for cell, size in zip(line, sizes, strict=True)).rstrip()

@@ -1,13 +1,15 @@
 """Figures of the node models: speed as ratios in one run, accuracy against finer runs."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import thesis
 from ...model import (
     ContactObject,
     Drive,
@@ -16,7 +18,6 @@ from ...model import (
     History,
     Method,
     ModelError,
-    State,
     contact_forces,
     explicit_limit,
     rest_ensemble,
@@ -24,32 +25,31 @@ from ...model import (
     simulate,
     step_many,
 )
-from ...output.rows import Row, at_least, at_most, reported
+from ...output.report import Bounds, Report, Row, at_least, at_most, measured, reported
+from ..worlds.grasps import contact_object
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-#: The 27 objects of thesis section 5.2 (E4, E5).
-OBJECTS = [
-    ContactObject(friction=mu, stiffness=stiffness, curvature=curvature)
-    for mu, stiffness, curvature in product(
-        (0.3, 0.5, 0.7), (1000.0, 160.0, 80.0), (0.0, 50.0, 200.0)
-    )
-]
+#: The 27 objects of the thesis.
+OBJECTS = [contact_object(index) for index in range(len(thesis.OBJECTS))]
+#: Object on which methods are compared: µ 0.5, 1000 N/m, flat.
+_OBJECT = OBJECTS[9]
+#: Grips of the test of steps [N].
 GRIPS = (0.1, 0.3, 1.0, 3.0, 10.0)
 #: Share of a stable explicit step that the baseline takes.
 SAFE = 0.9
 
 
-def bench_model(quick: bool, progress: Progress) -> list[Row]:
-    """Rows of the node models.
+def bench_model(quick: bool, progress: Progress) -> Report:
+    """Report of the node models: speed as ratios in one run, accuracy against finer runs.
 
     Parameters
     ----------
     quick: fewer objects and grips, a coarser reference, shorter timings
-    progress: told what is being run
+    progress: called with the name of each measurement
     """
-    return [
+    rows = [
         *_against_dense(quick, progress),
         *_real_time(progress),
         *_cost_over_nodes(progress),
@@ -58,6 +58,7 @@ def bench_model(quick: bool, progress: Progress) -> list[Row]:
         *_true_steps(quick, progress),
         *_ensemble(quick, progress),
     ]
+    return Report(rows=tuple(rows), quick=quick)
 
 
 def _smooth(t: Array, start: float, end: float) -> Array:
@@ -75,14 +76,16 @@ def smooth_grasp(grip: float, load: float) -> Drive:
 
 def _thesis_grasp() -> Drive:
     """Conservative Control of the validation experiment: 5 N, load steps at 0.04 and 1 s."""
-    t = np.array([0.0, 0.04, 0.04, 1.0, 1.0, 2.0])
+    (first, second), (small, large) = thesis.LOAD_TIMES_S, thesis.LOADS_N
     return Drive(
-        times=t, normal=np.full(6, 5.0), lateral=np.array([0.0, 0.0, 0.25, 0.25, 0.65, 0.65])
+        times=np.array([0.0, first, first, second, second, thesis.DURATION_S]),
+        normal=np.full(6, 5.0),
+        lateral=np.array([0.0, 0.0, small, small, large, large]),
     )
 
 
 def _cpu(run: Callable[[], object], repeats: int) -> float:
-    """Median CPU time of a call [s], after one that is not counted."""
+    """Median CPU time of a call [s]; the first call is not counted."""
     run()
     times = []
     for _ in range(repeats):
@@ -93,81 +96,77 @@ def _cpu(run: Callable[[], object], repeats: int) -> float:
 
 
 def _against_dense(quick: bool, progress: Progress) -> Iterator[Row]:
-    tip, obj, drive = Fingertip(), OBJECTS[9], _thesis_grasp()
+    tip, drive = Fingertip(), _thesis_grasp()
     progress("2 s grasp, implicit, 1 ms steps")
-    implicit = _cpu(lambda: simulate(tip, obj, drive, dt=1e-3, duration=2.0, every=100), 5)
+    implicit = _cpu(lambda: simulate(tip, _OBJECT, drive, dt=1e-3, duration=2.0, every=100), 5)
     steps = 200 if quick else 1000
-    seconds = {}
+    seconds = []
     baselines: tuple[Method, ...] = ("euler", "rk4")
     for method in baselines:
-        dt = SAFE * explicit_limit(tip, obj, rest_state(tip), method)
+        dt = SAFE * explicit_limit(tip, _OBJECT, rest_state(tip), method)
         progress(f"dense {method}, {steps} steps of {dt * 1e6:.2f} µs")
-
-        def run(method: Method = method, dt: float = dt) -> History:
-            return simulate(tip, obj, drive, dt=dt, duration=steps * dt, every=steps, method=method)
-
-        spent = _cpu(run, 1)
-        seconds[method] = spent / steps * 2.0 / dt
-        yield reported(f"dense/{method}/step", dt * 1e6, "µs")
-        yield reported(f"dense/{method}/cpu_2s_scaled", seconds[method], "s")
-    yield reported("implicit/cpu_2s", implicit, "s")
-    yield at_least(
-        "implicit/cpu_ratio_to_dense_scaled", min(seconds.values()) / implicit, "×", 1000
-    )
-    # The same accuracy: both against the implicit run at 1/20 of the explicit step, over 20 ms.
-    progress("accuracy of both over 20 ms")
+        run = partial(
+            simulate,
+            *(tip, _OBJECT, drive),
+            dt=dt,
+            duration=steps * dt,
+            every=steps,
+            method=method,
+        )
+        seconds.append(_cpu(run, 1) / steps * 2.0 / dt)
+        yield reported(("dense", method, "step"), dt * 1e6, "µs")
+        yield reported(("dense", method, "cpu_2s_scaled"), seconds[-1], "s")
+    yield reported(("implicit", "cpu_2s"), implicit, "s")
+    ratio = min(seconds) / implicit
+    yield at_least(("implicit", "cpu_ratio_to_dense_scaled"), ratio, "×", 1000)
+    # Accuracy of both, against the implicit run at 1/20 of the explicit step, over 12 ms.
+    progress("accuracy of both over 12 ms")
     small = Fingertip(nodes=51)
     short = Drive(times=np.array([0.0, 0.01]), normal=np.array([0.0, 1.0]), lateral=np.zeros(2))
     span = 0.012
-    dt = span / np.ceil(span / (SAFE * explicit_limit(small, obj, rest_state(small), "euler")))
-    fine = simulate(small, obj, short, dt=dt / 20, duration=span, every=round(20 * span / dt))
-    truth = contact_forces(small, obj, fine.state(-1)).normal.sum()
-    both: tuple[tuple[Method, float], ...] = (("euler", dt), ("implicit", 1e-3))
-    for method, d in both:
-        every = round(span / d)
-        end = simulate(small, obj, short, dt=d, duration=span, every=every, method=method).state(-1)
-        error = abs(contact_forces(small, obj, end).normal.sum() / truth - 1.0)
-        yield reported(f"accuracy/{method}/normal_after_12ms", 100 * error, "%")
+    limit = explicit_limit(small, _OBJECT, rest_state(small), "euler")
+    dt = span / np.ceil(span / (SAFE * limit))
+
+    def final_normal(dt: float, method: Method) -> float:
+        every = round(span / dt)
+        run = simulate(small, _OBJECT, short, dt=dt, duration=span, every=every, method=method)
+        return float(contact_forces(small, _OBJECT, run.state(-1)).normal.sum())
+
+    truth = final_normal(dt / 20, "implicit")
+    steps_of: dict[Method, float] = {"euler": dt, "implicit": 1e-3}
+    for method, step in steps_of.items():
+        error = abs(final_normal(step, method) / truth - 1.0)
+        yield reported(("accuracy", method, "normal_after_12ms"), 100 * error, "%")
 
 
 def _real_time(progress: Progress) -> Iterator[Row]:
     progress("2 s grasp against the clock")
-    tip, obj, drive = Fingertip(), OBJECTS[9], _thesis_grasp()
-    spent = _cpu(lambda: simulate(tip, obj, drive, dt=1e-3, duration=2.0, every=1), 5)
-    yield at_least("implicit/times_real_time", 2.0 / spent, "×", 20)
+    tip, drive = Fingertip(), _thesis_grasp()
+    spent = _cpu(lambda: simulate(tip, _OBJECT, drive, dt=1e-3, duration=2.0, every=1), 5)
+    yield at_least(("implicit", "times_real_time"), 2.0 / spent, "×", 20)
 
 
 def _cost_over_nodes(progress: Progress) -> Iterator[Row]:
     counts = (101, 251, 501, 1001, 2001, 4001)
-    obj, drive = OBJECTS[9], smooth_grasp(2.0, 0.4)
-    spent = []
+    grasp = smooth_grasp(2.0, 0.4)
+    # A load on a settled grip: the contact does not grow any more.
+    pull = Drive(times=np.array([0.0, 0.4]), normal=np.full(2, 2.0), lateral=np.array([0.0, 0.4]))
+    growing, settled = [], []
     for nodes in counts:
         progress(f"cost of {nodes} nodes")
         tip = Fingertip(nodes=nodes)
+        run = partial(simulate, tip, _OBJECT, dt=1e-3, duration=0.4, every=400)
+        growing.append(_cpu(partial(run, grasp), 3))
+        yield reported(("cost", f"{nodes}_nodes"), growing[-1] / 400 * 1e6, "µs/step")
+        state = simulate(tip, _OBJECT, grasp, dt=2e-3, duration=0.2, every=100).state(-1)
+        settled.append(_cpu(partial(run, pull, state=replace(state, time=0.0)), 3))
+    yield at_most(("cost", "slope_over_nodes"), _slope(counts, growing), "", 1.1)
+    yield reported(("cost", "slope_over_nodes_settled_grip"), _slope(counts, settled), "")
 
-        def run(tip: Fingertip = tip) -> History:
-            return simulate(tip, obj, drive, dt=1e-3, duration=0.4, every=400)
 
-        spent.append(_cpu(run, 3))
-        yield reported(f"cost/{nodes}_nodes", spent[-1] / 400 * 1e6, "µs/step")
-    slope = np.polyfit(np.log(counts), np.log(spent), 1)[0]
-    yield at_most("cost/slope_over_nodes", slope, "", 1.1)
-    # The same once the contact does not grow any more: a load on a settled grip.
-    t = np.array([0.0, 0.4])
-    pull = Drive(times=t, normal=np.full(2, 2.0), lateral=np.array([0.0, 0.4]))
-    spent = []
-    for nodes in counts:
-        progress(f"cost of {nodes} nodes, settled grip")
-        tip = Fingertip(nodes=nodes)
-        settled = simulate(tip, obj, drive, dt=2e-3, duration=0.2, every=100).state(-1)
-        settled = replace(settled, time=0.0)
-
-        def hold(tip: Fingertip = tip, state: State = settled) -> History:
-            return simulate(tip, obj, pull, dt=1e-3, duration=0.4, every=400, state=state)
-
-        spent.append(_cpu(hold, 3))
-    slope = np.polyfit(np.log(counts), np.log(spent), 1)[0]
-    yield reported("cost/slope_over_nodes_settled_grip", slope, "")
+def _slope(counts: Sequence[int], seconds: Sequence[float]) -> float:
+    """Exponent of the time over the number of nodes."""
+    return float(np.polyfit(np.log(counts), np.log(seconds), 1)[0])
 
 
 def _width(tip: Fingertip, field: ForceField) -> float:
@@ -200,45 +199,48 @@ def _measures(tip: Fingertip, obj: ContactObject, run: History) -> Array:
 
 def _graded(quick: bool, progress: Progress) -> Iterator[Row]:
     fine, graded = Fingertip(), Fingertip.graded()
-    found = []
-    for obj in OBJECTS[:: 5 if quick else 1]:
-        for grip in (0.3, 1.0, 3.0, 5.0):
-            progress(f"graded chain, µ {obj.friction}, {obj.stiffness:g} N/m, {grip} N")
-            drive = smooth_grasp(grip, 0.5 * obj.friction * grip)
-            a, b = (
-                _measures(tip, obj, simulate(tip, obj, drive, dt=1e-3, duration=1.2, every=300))
-                for tip in (fine, graded)
-            )
-            found.append(100 * abs(b[1:] / a[1:] - 1.0).max(axis=0))
-    yield at_most("graded/nodes", graded.nodes, "", 100)
-    names = ("normal", "friction", "width", "mu")
-    for name, worst, usual in zip(
-        names, np.max(found, 0), np.quantile(found, 0.95, 0), strict=True
+    errors = []
+    for obj, grip in product(OBJECTS[:: 5 if quick else 1], (0.3, 1.0, 3.0, 5.0)):
+        progress(f"graded chain, µ {obj.friction}, {obj.stiffness:g} N/m, {grip} N")
+        drive = smooth_grasp(grip, 0.5 * obj.friction * grip)
+        a, b = (
+            _measures(tip, obj, simulate(tip, obj, drive, dt=1e-3, duration=1.2, every=300))
+            for tip in (fine, graded)
+        )
+        errors.append(100 * abs(b[1:] / a[1:] - 1.0).max(axis=0))
+    yield at_most(("graded", "nodes"), graded.nodes, "", 100)
+    for name, column in zip(
+        ("normal", "friction", "width", "mu"), np.transpose(errors), strict=True
     ):
-        yield at_most(f"graded/{name}", worst, "%", 0.5)
-        yield reported(f"graded/{name}_95_of_100_runs", usual, "%")
+        yield at_most(("graded", name), column.max(), "%", 0.5)
+        usual = np.quantile(column, 0.95)
+        yield reported(("graded", f"{name}_95_of_100_runs"), usual, "%")
 
 
 def _reductions(progress: Progress) -> Iterator[Row]:
-    """What the other choices of less cost and save, on a press without load."""
+    """Cost and error of half a chain and of a chain without friction, on a press without load."""
     progress("half chain, no friction")
-    tip, obj = Fingertip(), OBJECTS[9]
-    drive = smooth_grasp(2.0, 0.0)
+    tip, drive = Fingertip(), smooth_grasp(2.0, 0.0)
 
     def press(half: bool = False, friction: bool = True) -> tuple[float, Array]:
-        def run() -> History:
-            return simulate(
-                tip, obj, drive, dt=1e-3, duration=0.4, every=400, half=half, friction=friction
-            )
+        run = partial(
+            simulate,
+            *(tip, _OBJECT, drive),
+            dt=1e-3,
+            duration=0.4,
+            every=400,
+            half=half,
+            friction=friction,
+        )
+        return _cpu(run, 5), _measures(tip, _OBJECT, run())[-1]
 
-        return _cpu(run, 5), _measures(tip, obj, run())[-1]
-
-    whole, truth = press()
+    full, truth = press()
     for name, choice in (("half", {"half": True}), ("no_friction", {"friction": False})):
         spent, found = press(**choice)
-        yield reported(f"{name}/speed_up", whole / spent, "×")
-        yield reported(f"{name}/normal", 100 * abs(found[0] / truth[0] - 1.0), "%")
-        yield reported(f"{name}/width", 100 * abs(found[2] / truth[2] - 1.0), "%")
+        error = 100 * abs(found / truth - 1.0)
+        yield reported((name, "speed_up"), full / spent, "×")
+        yield reported((name, "normal"), error[0], "%")
+        yield reported((name, "width"), error[2], "%")
 
 
 def margins(tip: Fingertip, obj: ContactObject, run: History) -> Array:
@@ -258,7 +260,7 @@ def _true_steps(quick: bool, progress: Progress) -> Iterator[Row]:
     tip = Fingertip()
     reference = 2e-4 if quick else 1e-5
     steps = (1e-3, 1e-2, 2e-2) if quick else (1e-4, 1e-3, 5e-3, 1e-2, 2e-2)
-    worst = {dt: np.zeros(2) for dt in steps}
+    largest = {dt: np.zeros(2) for dt in steps}
     swing = 0.0
     beyond = 0
     for obj, grip in product(OBJECTS[:: 4 if quick else 1], GRIPS[:: 2 if quick else 1]):
@@ -267,27 +269,26 @@ def _true_steps(quick: bool, progress: Progress) -> Iterator[Row]:
         )
         drive = smooth_grasp(grip, 0.5 * obj.friction * grip)
 
-        def run(dt: float, obj: ContactObject = obj, drive: Drive = drive) -> History:
+        def run(dt: float, obj: ContactObject = obj, drive: Drive = drive) -> Array:
             every = round(0.1 / dt)
-            return simulate(tip, obj, drive, dt=dt, duration=1.2, every=every)
+            history = simulate(tip, obj, drive, dt=dt, duration=1.2, every=every)
+            return margins(tip, obj, history)
 
         try:
-            truth = margins(tip, obj, run(reference))
+            truth = run(reference)
         except ModelError:
             beyond += 1  # no contact force of this object carries this grip, at any step
             continue
         for dt in steps:
-            found = margins(tip, obj, run(dt))
-            worst[dt] = np.maximum(worst[dt], abs(found / truth - 1.0).max(axis=0))
+            largest[dt] = np.maximum(largest[dt], abs(run(dt) / truth - 1.0).max(axis=0))
         swing = max(swing, _swing(tip, obj, drive))
     label = "0.2 ms" if quick else "0.01 ms"
-    for dt, (normal, margin) in worst.items():
-        limit = 2.0 if dt <= 1e-2 else np.inf
-        name = f"steps/{dt * 1e3:g}ms"
-        yield at_most(f"{name}/normal_to_{label}", 100 * float(normal), "%", limit)
-        yield at_most(f"{name}/margin_to_{label}", 100 * float(margin), "%", limit)
-    yield at_most("steps/20ms/swing_at_rest", 1e3 * swing, "mN", 1.0)
-    yield reported("steps/grips_no_object_force_carries", float(beyond), "runs")
+    for dt, errors in largest.items():
+        target = Bounds(high=2.0) if dt <= 1e-2 else None
+        for name, error in zip(("normal", "margin"), 100 * errors, strict=True):
+            yield measured(("steps", f"{dt * 1e3:g}ms", f"{name}_to_{label}"), error, "%", target)
+    yield at_most(("steps", "20ms", "swing_at_rest"), 1e3 * swing, "mN", 1.0)
+    yield reported(("steps", "grips_no_object_force_carries"), beyond, "runs")
 
 
 def _swing(tip: Fingertip, obj: ContactObject, drive: Drive) -> float:
@@ -304,21 +305,16 @@ def _ensemble(quick: bool, progress: Progress) -> Iterator[Row]:
     tip = Fingertip.graded()
     objects = OBJECTS * 2
     count, steps = len(objects), 200 if quick else 1000
-    grips = np.random.default_rng(0).uniform(0.5, 4.0, count)
     t: Array = np.linspace(1e-3, steps * 1e-3, steps)
+    grips = np.random.default_rng(0).uniform(0.5, 4.0, count)
     grip = grips[:, None] * _smooth(t, 0.0, 0.2)
     friction = np.array([obj.friction for obj in objects])
     load = 0.5 * friction[:, None] * grip * _smooth(t, 0.2, 0.6)
     start = rest_ensemble(tip, count)
-    for threads in (1, 2):
+    for threads, target in ((1, None), (2, Bounds(low=50e3))):
         progress(f"ensemble, {threads} threads")
         step_many(tip, objects, start, 1e-3, grip[:, :2], load[:, :2], threads)
-        begun = time.perf_counter()
+        begin = time.perf_counter()
         step_many(tip, objects, start, 1e-3, grip, load, threads)
-        rate = count * steps / (time.perf_counter() - begun)
-        name = f"ensemble/{threads}_threads"
-        yield (
-            reported(name, rate, "steps/s")
-            if threads == 1
-            else at_least(name, rate, "steps/s", 50e3)
-        )
+        rate = count * steps / (time.perf_counter() - begin)
+        yield measured(("ensemble", f"{threads}_threads"), rate, "steps/s", target)

@@ -1,17 +1,18 @@
 """Figures of the renderers: speed, accuracy, and how far they are from the real sensor."""
 
 import time
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from ...loop.grasp import grasp, open_camera
 from ...model import ContactObject, Fingertip, equilibrium
-from ...output.rows import Row, at_least, at_most, reported
+from ...output.processes import one_thread
+from ...output.report import Report, Row, at_least, at_most, reported, within
 from ...render import Membrane, MembraneMap, SensorDesign, TruthMap, load_sensor
 from ...render.drawing.gl import gl_problem
 from ...render.drawing.mesh_renderer import MeshRenderer
@@ -25,6 +26,7 @@ from ..worlds.path_traced import against_path_traced
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+T = TypeVar("T")
 
 #: Median sRGB of a real dome's frame (Lin et al. 2020).
 REAL_DOME = {
@@ -35,30 +37,28 @@ REAL_DOME = {
 }
 
 
-def bench_render(quick: bool, progress: Callable[[str], None]) -> list[Row]:
-    """Rows of the renderers.
+def bench_render(quick: bool, progress: Callable[[str], None]) -> Report:
+    """Report of the renderers.
 
     Parameters
     ----------
     quick: fewer repeats and poses
-    progress: told what is being measured
+    progress: called with the name of each measurement
     """
     sensor = load_sensor("thesis")
-    with threadpool_limits(1):
-        cv2.setNumThreads(1)
+    problem = gl_problem()
+    with one_thread(), ExitStack() as stack:
         painter = Painter(sensor)
-        mesh, problem = None, gl_problem()
-        if problem is None:
-            mesh = MeshRenderer(sensor)
-        rows = list(_speed(sensor, painter, mesh, quick, progress))
-        rows += _accuracy(sensor, painter, mesh, quick, progress)
-        if mesh is None:
-            rows.append(Row("pyrender/not_measured", None, "", str(problem), False))
-        else:
-            mesh.close()
+        mesh = None if problem else stack.enter_context(closing(MeshRenderer(sensor)))
+        rows = [
+            *_speed(sensor, painter, mesh, quick, progress),
+            *_accuracy(sensor, painter, mesh, quick, progress),
+        ]
+        if problem:
+            rows.append(reported(("pyrender", "not_measured"), None, "", problem))
         rows += against_path_traced(quick, progress)
         rows += _real_sensor(quick, progress)
-    return rows
+    return Report(rows=tuple(rows), quick=quick)
 
 
 def _speed(
@@ -71,10 +71,9 @@ def _speed(
     progress("speed, a grasp's frames")
     membrane_map = MembraneMap(sensor, 251)
     scene = load_scene("camera-100hz", {"path": "truth"})
-    camera = open_camera(scene)
-    seen = [sample.state.deformation.seen for sample in grasp(scene, camera)]
-    camera.close()
-    membranes = [membrane_map(u) for u in seen]
+    with closing(open_camera(scene)) as camera:
+        displacements = [sample.state.deformation.seen for sample in grasp(scene, camera)]
+    membranes = [membrane_map(displacement) for displacement in displacements]
     full = Painter(sensor, redraw=True)
     for renderer in (painter, full):
         renderer.render(membranes[0])
@@ -83,25 +82,26 @@ def _speed(
         progress(f"speed, pass {repeat + 1}")
         times["dirty"].append(_per_call(painter.render, membranes))
         times["full"].append(_per_call(full.render, membranes))
-        times["map"].append(_per_call(membrane_map, seen))
+        times["map"].append(_per_call(membrane_map, displacements))
         if mesh is not None:
             times["mesh"].append(_per_call(mesh.render, membranes[:: 40 if quick else 20]))
-    dirty, whole, carry = (float(np.median(times[k])) for k in ("dirty", "full", "map"))
-    yield at_least("painter/full_redraw", 1.0 / whole, "frames/s", 500.0)
-    yield at_least("painter/grasp", 1.0 / dirty, "frames/s", 1000.0)
-    yield reported("painter/full_redraw_with_membrane", 1.0 / (whole + carry), "frames/s")
-    yield reported("painter/grasp_with_membrane", 1.0 / (dirty + carry), "frames/s")
+    grasped, redrawn, mapped = (float(np.median(times[k])) for k in ("dirty", "full", "map"))
+    yield at_least(("painter", "full_redraw"), 1.0 / redrawn, "frames/s", 500.0)
+    yield at_least(("painter", "grasp"), 1.0 / grasped, "frames/s", 1000.0)
+    rate = 1.0 / (redrawn + mapped)
+    yield reported(("painter", "full_redraw_with_membrane"), rate, "frames/s")
+    yield reported(("painter", "grasp_with_membrane"), 1.0 / (grasped + mapped), "frames/s")
     if mesh is not None:
-        slow = float(np.median(times["mesh"]))
-        yield at_least("painter/times_as_fast_as_pyrender", slow / whole, "", 20.0)
+        ratio = float(np.median(times["mesh"])) / redrawn
+        yield at_least(("painter", "times_as_fast_as_pyrender"), ratio, "", 20.0)
 
 
-def _per_call(call: Callable[[Any], Any], values: list[Any]) -> float:
-    """Mean time of a call over values, one after the other [s]."""
+def _per_call(call: Callable[[T], object], arguments: Sequence[T]) -> float:
+    """Mean time of a call over arguments, one after the other [s]."""
     begin = time.perf_counter()
-    for value in values:
-        call(value)
-    return (time.perf_counter() - begin) / len(values)
+    for argument in arguments:
+        call(argument)
+    return (time.perf_counter() - begin) / len(arguments)
 
 
 def _accuracy(
@@ -113,43 +113,47 @@ def _accuracy(
 ) -> Iterator[Row]:
     """Centres against truth, and the two renderers against each other, without noise."""
     membrane_map, truth_map = MembraneMap(sensor, 251), TruthMap(sensor, 251)
-    gone = rest_membrane(sensor)
-    ground = painter.render(Membrane(centres=np.full_like(gone.centres, np.nan), axes=gone.axes))
+    ground = painter.render(_without_markers(sensor))
     errors, apart, differences = [], [], []
-    for name, seen in poses_of(sensor)[-1 if quick else 0 :]:
+    for name, displacement in poses_of(sensor)[-1 if quick else 0 :]:
         progress(f"accuracy, pose {name}")
-        membrane = membrane_map(seen)
+        membrane = membrane_map(displacement)
         found = layer_centroids(painter.render, sensor, membrane, ground)
         errors.append(found - polygon_centroids(projected_outlines(sensor, membrane)))
         if mesh is not None:
             other = layer_centroids(mesh.render, sensor, membrane, ground)
             apart.append(found - other)
-            both = truth_map(membrane, seen).masks.min(axis=0) > 0.99
+            both = truth_map(membrane, displacement).masks.min(axis=0) > 0.99
             differences.append(
                 colour_difference(painter.render(membrane)[both], mesh.render(membrane)[both])
             )
     error = np.stack(errors)
     bias = np.abs(np.nanmean(error, axis=(0, 2))).max()
-    yield at_most("painter/centre_bias", float(bias), "px", 0.005)
-    yield reported("painter/centre_rms", float(np.sqrt(np.nanmean(error**2))), "px")
+    yield at_most(("painter", "centre_bias"), float(bias), "px", 0.005)
+    yield reported(("painter", "centre_rms"), float(np.sqrt(np.nanmean(error**2))), "px")
     if apart:
         layers = np.sqrt(np.nanmean(np.stack(apart) ** 2, axis=(0, 2, 3)))
-        yield at_most("painter_against_pyrender/magenta_centres", layers[0], "px", 0.03)
-        yield at_most("painter_against_pyrender/yellow_centres", layers[1], "px", 0.03)
+        yield at_most(("painter_against_pyrender", "magenta_centres"), layers[0], "px", 0.03)
+        yield at_most(("painter_against_pyrender", "yellow_centres"), layers[1], "px", 0.03)
         delta = float(np.concatenate(differences).mean())
-        yield at_most("painter_against_pyrender/overlap_colour", delta, "ΔE2000", 2.0)
+        yield at_most(("painter_against_pyrender", "overlap_colour"), delta, "ΔE2000", 2.0)
+
+
+def _without_markers(sensor: SensorDesign) -> Membrane:
+    rest = rest_membrane(sensor)
+    return Membrane(centres=np.full_like(rest.centres, np.nan), axes=rest.axes)
 
 
 def _real_sensor(quick: bool, progress: Callable[[str], None]) -> Iterator[Row]:
     progress("the dome of 2020")
     sensor = load_sensor("dome-2020")
     slope, fit = hue_slope(sensor, quick)
-    yield Row("dome-2020/hue_slope", slope, "°/mm", "9.2 ± 30 %", 6.44 <= slope <= 11.96)
-    yield reported("dome-2020/hue_slope_r2", fit, "")
-    gain = centroid_gain(sensor)
-    yield Row("dome-2020/centroid_gain", gain, "px/mm", "7 ± 30 %", 4.9 <= gain <= 9.1)
+    # Published: 9.2 °/mm and 7 px/mm; targets are 30 % to either side.
+    yield within(("dome-2020", "hue_slope"), slope, "°/mm", 6.44, 11.96)
+    yield reported(("dome-2020", "hue_slope_r2"), fit, "")
+    yield within(("dome-2020", "centroid_gain"), centroid_gain(sensor), "px/mm", 4.9, 9.1)
     for name, delta in colours(sensor).items():
-        yield at_most(f"colour/{name}", delta, "ΔE2000", 6.0)
+        yield at_most(("colour", name), delta, "ΔE2000", 6.0)
 
 
 def hue_slope(sensor: SensorDesign, quick: bool = False) -> tuple[float, float]:
@@ -166,11 +170,11 @@ def hue_slope(sensor: SensorDesign, quick: bool = False) -> tuple[float, float]:
     depth, hue = [], []
     for curvature in (0.0, 100.0):
         for grip in (0.0, 5.0, 20.0) if quick else (0.0, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0):
-            seen = np.zeros((tip.nodes, 2))
+            displacement = np.zeros((tip.nodes, 2))
             if grip:
                 state = equilibrium(tip, ContactObject(curvature=curvature), grip)
-                seen = state.deformation.seen
-            membrane = membrane_map(seen)
+                displacement = state.deformation.seen
+            membrane = membrane_map(displacement)
             depth.append(1e3 * (rest.centres - membrane.centres)[0, apex, 2])
             centre = centroids(outlines(membrane, sensor.view), False)[1, apex]
             hue.append(_mean_hue(painter.render(membrane), centre, float(reach)))
@@ -189,15 +193,12 @@ def _mean_hue(image: Image, centre: Array, radius: float) -> float:
 
 def centroid_gain(sensor: SensorDesign) -> float:
     """Motion of the apex marker's centroid in the image with its shear [px/mm]."""
-    places = sensor.places
-    apex = int(np.argmin(places[:, 0]))
+    apex = int(np.argmin(sensor.places[:, 0]))
     rest = rest_membrane(sensor)
     shear = 0.5e-3
     moved = Membrane(centres=rest.centres + np.array([shear, 0.0, 0.0]), axes=rest.axes)
-    change = centroids(outlines(moved, sensor.view), False) - centroids(
-        outlines(rest, sensor.view), False
-    )
-    return float(np.linalg.norm(change[0, apex]) / (1e3 * shear))
+    before, after = (centroids(outlines(m, sensor.view), False)[0, apex] for m in (rest, moved))
+    return float(np.linalg.norm(after - before) / (1e3 * shear))
 
 
 def colours(sensor: SensorDesign) -> dict[str, float]:
@@ -211,7 +212,6 @@ def colours(sensor: SensorDesign) -> dict[str, float]:
     painter = Painter(sensor)
     image = painter.render(membrane)
     magenta, yellow = TruthMap(sensor, 11)(membrane, np.zeros((11, 2))).masks
-    bare = painter.render(Membrane(centres=np.full_like(centres, np.nan), axes=rest.axes))
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     middle = np.hypot(x - image.shape[1] / 2, y - image.shape[0] / 2) < image.shape[0] / 5
     parts = {
@@ -219,10 +219,10 @@ def colours(sensor: SensorDesign) -> dict[str, float]:
         "yellow": (magenta < 0.01) & (yellow > 0.99),
         "magenta": (magenta > 0.99) & (yellow < 0.01),
     }
-    seen = {name: np.median(image[part & middle], axis=0) for name, part in parts.items()}
+    medians = {name: np.median(image[part & middle], axis=0) for name, part in parts.items()}
     # The real frame's ground is a median over its middle, between seams.
-    seen["ground"] = np.median(bare[middle], axis=0)
+    medians["ground"] = np.median(painter.render(_without_markers(sensor))[middle], axis=0)
     return {
-        name: float(colour_difference(seen[name], np.array(real, dtype=float)))
+        name: float(colour_difference(medians[name], np.array(real, dtype=float)))
         for name, real in REAL_DOME.items()
     }

@@ -1,50 +1,70 @@
-"""Rows of `chromagrip bench loop` on speed: frames per second, and what they cost in Γ."""
+"""Rows of `chromagrip bench loop` on speed: frames per second, and their error of Γ."""
 
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from multiprocessing import get_context
-from multiprocessing.pool import Pool
+from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from ...errors import UserError
 from ...loop.fidelity import Fidelity
+from ...loop.grasp import grasp, known_sensor, open_camera
+from ...loop.observers import ForceObserver
 from ...loop.run_folder import run
-from ...output.processes import start_worker
-from ...output.rows import Row, at_least, at_most, reported
+from ...output.processes import map_processes, one_thread
+from ...output.report import Bounds, Row, at_least, at_most, measured, reported
+from ...render import add_noise
 from ...render.drawing.gl import gl_problem
-from ...scene.scene import load_scene, scene_names
-from ..charts.chart import Chart, Point
+from ...scene.scene import Scene, load_scene, scene_names
+from ...thesis import OBJECTS
+from ...tracking import Palette, load_tracker
+from ..charts.chart import Chart
 from ..charts.loop import chart_loop
 from ..reproduce.parts import PARTS, Plan, reproduce
 from ..worlds.fidelity_table import CAMERA, FINE, SCENE, TRUTH, held_margin, margin_error, rms
-from ..worlds.frame_parts import frame_parts
-from ..worlds.grasps import OBJECTS, object_changes
-from .child import run_child
+from ..worlds.grasps import object_changes
 from .control import PATHS
+from .timing import clock, run_child
 
 Progress = Callable[[str], None]
 
 _CONTROLLER = {"controller": "margin-inversion"}
-#: The obvious way: what a renderer, a detector and a model that one finds make of it.
+#: Changes to a loop of freely available parts: a mesh renderer and OpenCV's blob detector.
 _OBVIOUS = {"renderer": "pyrender", "tracker": "blob"}
-#: Unseen objects: how many, how far their properties go, and which tolerances of Γ are planned for.
-_UNSEEN, _TOLERANCES = 26, (0.07, 0.10, 0.15)
-_FRICTION, _STIFFNESS, _RADIUS, _NOISE = (0.3, 0.7), (16.0, 200.0), (5.0, 60.0), (1.0, 6.0)
-#: Of scenes of the library, the same for every fidelity.
+#: Stages of a frame on the camera path; the rest is the node model, the controller and the loop.
+STAGES = ("picture", "noise", "tracking", "forces", "the rest")
+#: Number of objects that the table of fidelities does not hold.
+_UNSEEN = 26
+#: Tolerances of Γ that their fidelity is planned for.
+_TOLERANCES = (0.07, 0.10, 0.15)
+#: Range of their friction coefficients.
+_FRICTION = (0.3, 0.7)
+#: Range of their Young's moduli [kPa].
+_STIFFNESS = (16.0, 200.0)
+#: Range of their radii [mm].
+_RADIUS = (5.0, 60.0)
+#: Range of the camera's noise [grey levels].
+_NOISE = (1.0, 6.0)
+#: Tolerance of Γ that the scenes of the library are planned for.
 _TOLERANCE = 0.10
-_PAIRS, _GRASPS = 5, 4
+#: Pairs of runs with one and two processes.
+_PAIRS = 5
+#: Grasps of each process in such a run.
+_GRASPS = 4
+#: Starts of the command on each path.
 _STARTS = 5
-#: Frames of the long run, and of one in which everything that is kept has been made.
-_LONG, _SETTLED = 100_000, 1000
+#: Frames of the long run.
+_LONG = 100_000
+#: Frames of a run at whose end everything that is kept is allocated.
+_SETTLED = 1000
 
 
 def speed_rows(progress: Progress) -> Iterator[Row]:
-    """Speed of the loop against its error, of what is planned, of processes; memory; start-up."""
-    chart = chart_loop(False, lambda what: progress(f"chart: {what}"))
+    """Speed of the loop and its error, plans, processes, memory and start-up."""
+    chart = chart_loop(False, lambda text: progress(f"chart: {text}"))
     yield from _chart_rows(chart)
     yield from _holding_rows(progress)
     yield from _obvious_rows(progress)
@@ -57,115 +77,152 @@ def speed_rows(progress: Progress) -> Iterator[Row]:
 
 
 def _chart_rows(chart: Chart) -> Iterator[Row]:
-    """The fastest through the camera that reads Γ as well as the best, and to within 0.1."""
-    seen = [point for point in chart.points if "tracker" in point.settings]
-    best = next(point for point in seen if point.ours)
-
-    def fastest(error: float) -> Point:
-        able = [point for point in seen if point.errors["margin_error"] <= error]
-        return min(able, key=lambda point: point.milliseconds)
-
-    for name, point, asked in (
-        ("default", best, 0.0),
-        ("best-error", fastest(best.errors["margin_error"]), 100.0),
-        ("error-0.10", fastest(0.10), 300.0),
+    """The fastest methods that read Γ off images as well as the best, and within 0.1."""
+    points = [point for point in chart.points if "tracker" in point.settings]
+    best = next(point for point in points if point.ours)
+    for name, error, target in (
+        ("default", None, None),
+        ("best-error", best.errors["margin_error"], Bounds(low=100.0)),
+        ("error-0.10", 0.10, Bounds(low=300.0)),
     ):
-        start = f"speed/{name}/{point.name}"
-        yield reported(f"{start}/margin_error", point.errors["margin_error"], "")
-        yield reported(f"{start}/displacement", point.errors["displacement"], "mm")
-        yield at_least(f"{start}/speed", 1e3 / point.milliseconds, "frames/s", asked)
+        able = [p for p in points if error is not None and p.errors["margin_error"] <= error]
+        point = min(able, key=lambda p: p.milliseconds) if able else best
+        case = ("speed", name, point.name)
+        yield reported((*case, "margin_error"), point.errors["margin_error"], "")
+        yield reported((*case, "displacement"), point.errors["displacement"], "mm")
+        yield measured((*case, "speed"), 1e3 / point.milliseconds, "frames/s", target)
 
 
 def _holding_rows(progress: Progress) -> Iterator[Row]:
-    """The 27 objects by the cheapest fidelity of each path."""
-    for path, fidelity, asked in (
-        ("truth", TRUTH[-1], 1000.0),
-        ("camera", CAMERA[-1], 0.0),
+    """The 27 objects with the cheapest fidelity of each path."""
+    for path, fidelity, target in (
+        ("truth", TRUTH[-1], Bounds(low=1000.0)),
+        ("camera", CAMERA[-1], None),
     ):
         held, speeds = 0, []
-        for number in range(len(OBJECTS)):
-            progress(f"27 objects, {path}, {fidelity.name}: {number + 1}")
-            changes = {"path": path, **_CONTROLLER, **object_changes(number), **fidelity.changes}
-            scene = load_scene(SCENE, changes)
-            summary = run(scene).summary
+        for index in range(len(OBJECTS)):
+            progress(f"27 objects, {path}, {fidelity.name}: {index + 1}")
+            changes = {"path": path, **_CONTROLLER, **object_changes(index), **fidelity.changes}
+            summary = run(load_scene(SCENE, changes)).summary
             held += not summary["gross_slip"]
             speeds.append(summary["frames_per_second"])
-        start = f"speed/objects/{path}, {fidelity.name}"
-        yield at_least(f"{start}/held", held, "of 27", 27)
-        yield at_least(f"{start}/speed", float(np.median(speeds)), "frames/s", asked)
+        case = ("speed", "objects", f"{path}, {fidelity.name}")
+        yield at_least((*case, "held"), held, "of 27", 27)
+        yield measured((*case, "speed"), float(np.median(speeds)), "frames/s", target)
 
 
 def _obvious_rows(progress: Progress) -> Iterator[Row]:
-    """The default over pyrender, a blob detector and the same model: the loop, and each stage."""
+    """The default over pyrender, a blob detector and the same model: each stage and their sum."""
     if (problem := gl_problem()) is not None:
-        yield Row("speed/obvious/not_measured", None, "", problem, False)
+        yield reported(("speed", "obvious", "not_measured"), None, "", problem)
         return
     parts = {}
     for name, changes in {"default": {}, "obvious": _OBVIOUS}.items():
         progress(f"a frame, part by part: {name}")
         parts[name] = frame_parts(load_scene(SCENE, {**_CONTROLLER, **changes}))
         for part, spent in parts[name].items():
-            yield reported(f"speed/frame/{name}/{part}", spent, "ms")
+            yield reported(("speed", "frame", name, part), spent, "ms")
     for part, spent in parts["obvious"].items():
-        yield reported(f"speed/obvious/{part}", spent / parts["default"][part], "×")
+        yield reported(("speed", "obvious", part), spent / parts["default"][part], "×")
     ratio = sum(parts["obvious"].values()) / sum(parts["default"].values())
-    yield at_least("speed/obvious/whole", ratio, "×", 10.0)
+    yield at_least(("speed", "obvious", "whole"), ratio, "×", 10.0)
+
+
+def frame_parts(scene: Scene) -> dict[str, float]:
+    """Mean time of each stage of a frame [ms], in a run of a scene through the camera.
+
+    A second tracker, estimator and camera repeat the work of the run's own, frame after frame.
+    """
+    spent = dict.fromkeys(STAGES, 0.0)
+    known, noise = known_sensor(scene), scene.camera.noise_levels
+    tracker = load_tracker(scene.tracker)(Palette.of_sensor(known.sensor), noise)
+    window = scene.safety_margin.friction_window_s
+    with one_thread():
+        with closing(open_camera(scene)) as camera:
+            samples = grasp(scene, camera)
+            state = next(samples).state
+            rest = tracker.reset(camera.expose_rest(state, scene.camera.rest_frames))
+            forces = ForceObserver(known, rest, scene.reconstructor, window)
+            states = [state]
+            while True:
+                with clock(spent, "the rest"):
+                    sample = next(samples, None)
+                if sample is None:
+                    break
+                if sample.frame is None:
+                    continue  # it was dropped
+                states.append(sample.state)
+                with clock(spent, "tracking"):
+                    tracks = tracker.update(sample.frame)
+                with clock(spent, "forces"):
+                    forces.observe(sample.state.time, tracks)
+        # Afterwards, as two open renderers would slow each other down.
+        quiet = replace(scene, camera=replace(scene.camera, noise_levels=0.0))
+        with closing(open_camera(quiet)) as camera:
+            camera.expose(states[0], 0)
+            for index, state in enumerate(states[1:]):
+                with clock(spent, "picture"):
+                    frame = camera.expose(state, index)
+                with clock(spent, "noise"):
+                    add_noise(frame.image, noise, scene.seed, index)
+    # Until here "the rest" is the time of all stages together.
+    spent["the rest"] -= sum(spent[stage] for stage in STAGES[:-1])
+    return {stage: 1e3 * seconds / (scene.frames - 1) for stage, seconds in spent.items()}
 
 
 def _planned_rows(progress: Progress) -> Iterator[Row]:
-    """Whether what is planned for objects that no table knows keeps its tolerance."""
+    """Share of the fidelities planned for objects outside the table that keep their tolerance."""
     rng = np.random.default_rng(95)
     kept: list[bool] = []
-    for number in range(_UNSEEN):
-        drawn = {
-            "object.friction": rng.uniform(*_FRICTION),
-            "object.stiffness_kpa": np.exp(rng.uniform(*np.log(_STIFFNESS))),
-            "object.radius_mm": np.exp(rng.uniform(*np.log(_RADIUS))),
-            "camera.noise_levels": np.exp(rng.uniform(*np.log(_NOISE))),
-            "seed": 1000 + number,
+    for index in range(_UNSEEN):
+        changes: dict[str, float] = {
+            "object.friction": float(rng.uniform(*_FRICTION)),
+            "object.stiffness_kpa": float(np.exp(rng.uniform(*np.log(_STIFFNESS)))),
+            "object.radius_mm": float(np.exp(rng.uniform(*np.log(_RADIUS)))),
+            "camera.noise_levels": float(np.exp(rng.uniform(*np.log(_NOISE)))),
+            "seed": 1000 + index,
         }
-        obj = {key: int(value) if key == "seed" else float(value) for key, value in drawn.items()}
-        scene = load_scene(SCENE, obj | _CONTROLLER)
+        scene = load_scene(SCENE, changes | _CONTROLLER)
         errors: dict[Fidelity, float] = {}
         for tolerance in _TOLERANCES:
             try:
                 chosen = Fidelity.auto(tolerance, scene).fidelity
             except UserError:
-                continue  # says that nothing is known to keep it
+                continue  # no fidelity is known to keep this tolerance
             if chosen not in errors:
-                progress(f"unseen object {number + 1} of {_UNSEEN}: {chosen.name}")
-                errors[chosen] = _error(chosen, obj)
+                progress(f"unseen object {index + 1} of {_UNSEEN}: {chosen.name}")
+                errors[chosen] = _error(chosen, changes)
             kept.append(errors[chosen] <= tolerance)
-    yield reported("speed/plan/planned", len(kept), "of unseen objects and tolerances")
-    yield at_least("speed/plan/held", 100.0 * float(np.mean(kept)), "%", 95.0)
+    yield reported(("speed", "plan", "planned"), len(kept), "of unseen objects and tolerances")
+    yield at_least(("speed", "plan", "held"), 100.0 * float(np.mean(kept)), "%", 95.0)
 
 
-def _error(fidelity: Fidelity, obj: dict[str, Any]) -> float:
-    """RMS error of Γ: as it was read, and of the chain."""
-    result = run(load_scene(SCENE, obj | _CONTROLLER | fidelity.changes))
-    chain = rms(held_margin(fidelity, obj) - held_margin(FINE, obj))
+def _error(fidelity: Fidelity, changes: dict[str, float]) -> float:
+    """RMS error of Γ, by its estimate and by the chain together."""
+    result = run(load_scene(SCENE, changes | _CONTROLLER | fidelity.changes))
+    chain = rms(held_margin(fidelity, changes) - held_margin(FINE, changes))
     return float(np.hypot(margin_error(result.trace), chain))
 
 
 def _library_rows(progress: Progress) -> Iterator[Row]:
-    """How much cheaper than the default is what is planned for the scenes of the library."""
+    """Time of the default over that of the planned fidelity, for the scenes of the library."""
     ratios: dict[str, list[float]] = {"camera": [], "truth": []}
     for name in scene_names():
-        for path, found in ratios.items():
+        for path, of_path in ratios.items():
             scene = load_scene(name, {"path": path})
             try:
-                choice = Fidelity.auto(_TOLERANCE, scene)
+                planned = Fidelity.auto(_TOLERANCE, scene).fidelity
             except UserError:
-                continue
-            progress(f"{name}, {path}: {choice.fidelity.name}")
+                continue  # no fidelity is known to keep this tolerance
+            progress(f"{name}, {path}: {planned.name}")
             usual = Fidelity() if path == "camera" else TRUTH[0]
-            times = [_milliseconds(name, path, f) for f in (usual, choice.fidelity)]
-            found.append(times[0] / times[1])
-    for path, found in ratios.items():
-        yield reported(f"speed/plan/{path}/scenes", len(found), "of the library")
-        yield reported(f"speed/plan/{path}/cheaper", float(np.median(found)), "×")
-    both = [ratio for found in ratios.values() for ratio in found]
-    yield at_least("speed/plan/cheaper", float(np.median(both)), "×", 3.0)
+            times = [_milliseconds(name, path, fidelity) for fidelity in (usual, planned)]
+            of_path.append(times[0] / times[1])
+    for path, of_path in ratios.items():
+        yield reported(("speed", "plan", path, "scenes"), len(of_path), "of the library")
+        yield reported(("speed", "plan", path, "cheaper"), float(np.median(of_path)), "×")
+    both = [ratio for of_path in ratios.values() for ratio in of_path]
+    yield at_least(("speed", "plan", "cheaper"), float(np.median(both)), "×", 3.0)
 
 
 def _milliseconds(name: str, path: str, fidelity: Fidelity) -> float:
@@ -174,20 +231,18 @@ def _milliseconds(name: str, path: str, fidelity: Fidelity) -> float:
 
 
 def _process_rows(progress: Progress) -> Iterator[Row]:
-    """Grasps a second of two processes over those of one, in pairs that take turns."""
-    context, ratios = get_context("spawn"), []
-    with context.Pool(2, initializer=start_worker) as pool:
-        pool.map(_grasps, [1, 1], chunksize=1)
-        for number in range(_PAIRS):
-            progress(f"processes, pair {number + 1} of {_PAIRS}")
-            alone, together = _seconds(pool, 1), _seconds(pool, 2)
-            ratios.append(2.0 * alone / together)
-    yield at_least("speed/processes/two_over_one", float(np.median(ratios)), "×", 1.9)
+    """Grasps per second of two processes over those of one, in pairs that take turns."""
+    _seconds(2)  # starts the workers
+    ratios = []
+    for index in range(_PAIRS):
+        progress(f"processes, pair {index + 1} of {_PAIRS}")
+        ratios.append(2.0 * _seconds(1) / _seconds(2))
+    yield at_least(("speed", "processes", "two_over_one"), float(np.median(ratios)), "×", 1.9)
 
 
-def _seconds(pool: Pool, processes: int) -> float:
+def _seconds(workers: int) -> float:
     begin = time.perf_counter()
-    pool.map(_grasps, [_GRASPS] * processes, chunksize=1)
+    list(map_processes(_grasps, [_GRASPS] * workers, workers))
     return time.perf_counter() - begin
 
 
@@ -199,10 +254,10 @@ def _grasps(count: int) -> None:
 def _memory_rows(progress: Progress) -> Iterator[Row]:
     """Largest memory of a whole `chromagrip grasp`, and how it grows with the frames."""
     progress("memory: a grasp")
-    yield at_most("speed/memory/grasp", _grasp([])[1], "MB", 400.0)
+    yield at_most(("speed", "memory", "grasp"), _grasp([])[1], "MB", 400.0)
     with tempfile.TemporaryDirectory() as folder:
         more = ["--out", f"{folder}/run"]
-        yield at_most("speed/memory/grasp with its folder", _grasp(more)[1], "MB", 400.0)
+        yield at_most(("speed", "memory", "grasp with its folder"), _grasp(more)[1], "MB", 400.0)
     for path, fidelity, frames in (
         ("camera", CAMERA[-1], _LONG // 10),
         ("truth", TRUTH[-1], _LONG),
@@ -213,9 +268,9 @@ def _memory_rows(progress: Progress) -> Iterator[Row]:
             _grasp(["--path", path, *changes, f"--set=duration_s={count / 60.0}"])[1]
             for count in (_SETTLED, frames)
         ]
-        start = f"speed/memory/{path}, {frames} frames"
-        yield at_most(f"{start}/peak", peaks[1], "MB", 400.0)
-        yield reported(f"{start}/growth", peaks[1] - peaks[0], "MB")
+        case = ("speed", "memory", f"{path}, {frames} frames")
+        yield at_most((*case, "peak"), peaks[1], "MB", 400.0)
+        yield reported((*case, "growth"), peaks[1] - peaks[0], "MB")
 
 
 def _start_rows(progress: Progress) -> Iterator[Row]:
@@ -225,7 +280,7 @@ def _start_rows(progress: Progress) -> Iterator[Row]:
         for turn in range(_STARTS):
             progress(f"start-up, {path}, {turn + 1} of {_STARTS}")
             times.append(_grasp(["--path", path, "--set=duration_s=0.05"])[0])
-        yield at_most(f"speed/start-up/{path}", float(np.median(times)), "s", 2.0)
+        yield at_most(("speed", "start-up", path), float(np.median(times)), "s", 2.0)
 
 
 def _grasp(options: list[str]) -> tuple[float, float]:
@@ -238,4 +293,4 @@ def _reproduce_rows(progress: Progress) -> Iterator[Row]:
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         reproduce(list(PARTS), Plan(quick=False, camera="thesis"), Path(folder), True, 2, progress)
-    yield at_most("speed/reproduce", (time.perf_counter() - begin) / 60.0, "min", 15.0)
+    yield at_most(("speed", "reproduce"), (time.perf_counter() - begin) / 60.0, "min", 15.0)

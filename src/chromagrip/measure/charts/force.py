@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...tracking import METHODS
-from ..bench.force import BEST, Measured, chosen, measure, timed_scenes
+from ..bench.force import BEST, Measured, choose, measure, timed_scenes
 from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores, times
 from ..worlds.grasps import LIBRARY
 from .chart import Axis, Chart, Point
@@ -33,13 +32,14 @@ def chart_force(
     UserError
         When there is no such reconstructor.
     """
-    names = chosen(reconstructors or tuple(METHODS))
+    names = choose(reconstructors)
     grasps, turns = (_QUICK_GRASPS, _QUICK_TURNS) if quick else (_GRASPS, _TURNS)
     found = measure({("matched", LIBRARY): grasps}, names, grasps, progress)["matched"]
     progress("speed")
     spent = times(names, timed_scenes(), turns)
     known = {
-        name: {read: scores(found.said[name, read], found.true) for read in READ} for name in names
+        name: {read: scores(found.answers[name, read], found.true) for read in READ}
+        for name in names
     }
     axes = [
         Axis(

@@ -22,19 +22,18 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import UserError
+from ...errors import UserError, located
 from ...model import (
     ContactObject,
     Drive,
     Fingertip,
     ForceField,
-    ModelError,
     State,
     chain_compliance,
     contact_forces,
     rest_state,
 )
-from ...model.chain.chain import chain, contact
+from ...model.chain.assembly import chain, contact
 from ...model.chain.plant import march
 from ...model.chain.statics import QUASI_STATIC
 from ...model.kernels.contact import contact_frames
@@ -151,7 +150,7 @@ def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) ->
         ((obj, grip * (1 - step), load), (obj, grip * (1 + step), load), 2 * step * grip / _GRIP),
         ((obj, grip, load - nudge), (obj, grip, load + nudge), 2 * nudge / _LOAD),
     ]
-    try:
+    with located(f"grip {grip:g} N with load {load:g} N, or one near it, cannot be held"):
         state = follow_path(fingertip, obj, [(grip, 0.0), (grip, load)])
         here = _seen_and_sums(fingertip, obj, state)
         ends = [(straight(*down), straight(*up), span) for down, up, span in sides]
@@ -159,10 +158,6 @@ def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) ->
             (here, _seen_and_sums(fingertip, obj, follow_path(fingertip, obj, way)), 1.0)
             for way in histories(mu, grip, load)
         ]
-    except ModelError as error:
-        raise UserError(
-            f"grip {grip:g} N with load {load:g} N, or one near it, cannot be held: {error}"
-        ) from None
     pushed, axes = _frames(fingertip, obj, state)
     nodes = np.flatnonzero(pushed > 0.0)
     return Press(

@@ -21,7 +21,7 @@ from ...model import (
 )
 from ...output.figure import CONTROLLERS, finish, new_figure
 from ...output.rows import Row, at_least, reported, within
-from ..worlds.grasps import OBJECTS
+from ...thesis import OBJECTS
 from .figures_13_to_15 import NONE
 from .runs import Cell, Job, Runs, largest, make_job
 from .statements import Section, judged, near, near_share, number, over, under

@@ -19,7 +19,7 @@ from ...output.folder import prepare
 from ...output.rows import Row, report, reported
 from ...render import Defects
 from ...tracking import DEFAULT_TRACKER
-from ..bench.track import chosen
+from ..bench.track import choose
 from ..worlds.track_scenes import Conditions, Sequence, sequence
 from ..worlds.track_scores import (
     RIGHT,
@@ -169,7 +169,7 @@ def stability_track(
     UserError
         When there is no such tracker, or the folder is taken.
     """
-    names = chosen(trackers)
+    names = list(choose(trackers))
     values = QUICK_VALUES if quick else {name: dial.values for name, dial in DIALS.items()}
     count = QUICK_FRAMES if quick else FRAMES
     if out is None:

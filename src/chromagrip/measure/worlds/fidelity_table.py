@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,17 +118,17 @@ def margin_error(trace: Trace) -> float:
     return rms((trace["margin_estimated"] - trace["margin_true"])[_held(trace)])
 
 
-def held_margin(fidelity: Fidelity, obj: dict[str, Any]) -> Array:
+def held_margin(fidelity: Fidelity, changes: dict[str, float]) -> Array:
     """True Γ under a constant grip, while loads are held."""
-    grip = _LOAD / (obj["object.friction"] * (1.0 - _MARGIN))
-    changes = {
+    grip = _LOAD / (changes["object.friction"] * (1.0 - _MARGIN))
+    constant = {
         "path": "truth",
         "controller": "conservative",
         "conservative.force_n": grip,
         "fingertip.step_ms": fidelity.step_ms,
         "fingertip.nodes": fidelity.nodes,
     }
-    trace = run(load_scene(SCENE, obj | changes)).trace
+    trace = run(load_scene(SCENE, changes | constant)).trace
     return trace["margin_true"][_held(trace)]
 
 

@@ -1,22 +1,24 @@
-"""What force and friction estimates said of grasps, against what is true of them.
+"""Scores of force and friction estimates of grasps against the truth.
 
-Four quantities are asked for: ΣFn [N], ΣFf [N], µ and Γ. A frame without an estimate counts as what
-a controller is given then: no force, hence no µ, and the margin of a grip that holds nothing.
+Four quantities are scored: ΣFn [N], ΣFf [N], µ and Γ. A frame without an estimate counts as the
+values that a controller is given then: no force, hence no µ, and the margin of a grip without load.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
+from ...by_name import Choice
 from ...errors import UserError
 from ...loop.observers import ForceObserver, margin_deviation
 from ...model import ForceField, FrictionReading
+from ...output.processes import one_thread
 from ...tracking import Z90, NoEstimateError, load_reconstructor
 from ...tracking.forces.friction import FRICTION
 from ..limits.forces import force_limit, press
@@ -26,13 +28,15 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 QUANTITIES = ("normal", "friction", "mu", "margin")
-#: Frames that are read, in order, after a reset.
+#: Number of frames that are read one after the other after a reset, by name.
 READ = {"single": 1, "0.1s": HELD_FRAMES}
-#: Name of the answer that never looks.
+#: Name of the answer that uses no image.
 CONSTANT = "constant"
-#: Γ around that at which grips are held, and Γ below which enough slips to show µ.
-NEAR, OBSERVABLE = (0.2, 0.4), 0.85
-#: Nothing touches: what a controller is told where there is no estimate.
+#: Range of Γ around the value at which grips are held.
+NEAR = (0.2, 0.4)
+#: Γ below which enough of the contact slips to show µ.
+OBSERVABLE = 0.85
+#: Values that a controller is given where there is no estimate: nothing touches.
 _NOTHING = np.array([0.0, 0.0, 0.0, 1.0])
 #: Unit of every score.
 UNITS = {
@@ -56,13 +60,13 @@ UNITS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Answers:
-    """What was said of S scenes: (ΣFn, ΣFf, µ, Γ) in the last axis but one or the last.
+    """Estimates of (ΣFn [N], ΣFf [N], µ, Γ) in S scenes.
 
     Attributes
     ----------
     value: shape (S, 4)
     interval: 90 % intervals, NaN where there is none, shape (S, 4, 2)
-    flagged: said to be without an estimate, shape (S,)
+    flagged: whether the reconstructor reported that it has no estimate, shape (S,)
     """
 
     value: Array
@@ -85,31 +89,40 @@ def truth(scene: ForceScene) -> Array:
     return np.array([field.total_normal, field.total_friction, scene.obj.friction, scene.margin])
 
 
-def answers(reconstructor: str, scene: ForceScene) -> dict[tuple[str, str], Answers]:
-    """What is said of a scene, each of shape (1, …), by (name, READ).
+def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[str, str], Answers]:
+    """Estimates of a scene, each of shape (1, …), by name and the key of READ.
 
-    The observer's answer bears the reconstructor's name; `reconstructor+method` are those with each
-    reading of friction off the last field alone, flagged where there is none.
+    The observer's estimates have the reconstructor's name. `reading_name` are those with another
+    reading of friction off the field of a single frame, flagged where it gives no µ.
 
     Parameters
     ----------
+    name: of the reconstructor
     reconstructor: see `load_reconstructor`
-    scene: of which the last frame is asked for
+    scene: whose last frame is estimated
     """
     fresh = ForceObserver(scene.known, scene.rest, reconstructor, HELD_FRAMES * PERIOD)
     found = {}
     for read, frames in READ.items():
-        observer = deepcopy(fresh)  # that has seen nothing
-        said = [observer.observe(tracks.time, tracks) for tracks in scene.tracks[-frames:]][-1]
-        found[reconstructor, read] = _answer(
-            said.field,
-            (said.friction, said.margin),
-            (said.friction_interval, said.margin_interval),
-            bool(said.no_estimate),
+        observer = deepcopy(fresh)
+        for tracks in scene.tracks[-frames:]:
+            observation = observer.observe(tracks.time, tracks)
+        found[name, read] = _answer(
+            observation.field,
+            (observation.friction, observation.margin),
+            (observation.friction_interval, observation.margin_interval),
+            bool(observation.no_estimate),
         )
-        for method, reading in FRICTION.items():
-            found[f"{reconstructor}+{method}", read] = _read(said.field, reading(said.field))
+        if frames == 1:
+            for method, reading in FRICTION.items():
+                field = observation.field
+                found[reading_name(name, method), read] = _read(field, reading(field))
     return found
+
+
+def reading_name(reconstructor: str, method: str) -> str:
+    """Name of a method of reading friction off a reconstructor's field."""
+    return f"{reconstructor}+{method}"
 
 
 def _read(field: ForceField, reading: FrictionReading) -> Answers:
@@ -138,7 +151,7 @@ def _answer(
 
 
 def constant(true: Array) -> Answers:
-    """The best answer that does not look: the mean of all scenes (S, 4), and how they scatter."""
+    """The best answer without an image: mean and scatter of the true values, shape (S, 4)."""
     spread = Z90 * true.std(axis=0)
     mean = np.broadcast_to(true.mean(axis=0), true.shape)
     return Answers(
@@ -149,11 +162,11 @@ def constant(true: Array) -> Answers:
 
 
 def limits(scene: ForceScene, frames: int) -> Array:
-    """Smallest standard deviations of (ΣFn, ΣFf, µ, Γ) that so many frames leave, shape (4,).
+    """Smallest standard deviations of (ΣFn, ΣFf, µ, Γ) after so many frames, shape (4,).
 
-    Those of the sums are of any smooth forces in the true zone, those of µ and Γ of any object;
-    both where this object is in balance under the true sums, however it came there. NaN where it
-    is not, or not with a little more of anything.
+    The limits of the sums are of any smooth forces in the true zone, those of µ and Γ of any
+    object. Both are taken at an equilibrium of this object under the true sums, whose history may
+    differ. They are NaN where the model has no such equilibrium, or none close to it.
     """
     field = scene.field
     try:
@@ -169,11 +182,11 @@ def limits(scene: ForceScene, frames: int) -> Array:
 
 
 def scores(said: Answers, true: Array, limit: Array | None = None) -> dict[str, float]:
-    """Every score of UNITS; those of the limit only with one, NaN for what was not to be seen.
+    """Every score of UNITS; those of the limit only with one. NaN where nothing was observable.
 
     Parameters
     ----------
-    said: answers to S scenes
+    said: estimates of S scenes
     true: (ΣFn, ΣFf, µ, Γ) of each, shape (S, 4)
     limit: smallest standard deviations of each, NaN where not known, shape (S, 4)
     """
@@ -211,24 +224,27 @@ def scores(said: Answers, true: Array, limit: Array | None = None) -> dict[str, 
     return found
 
 
-def times(names: Sequence[str], scenes: Sequence[ForceScene], turns: int) -> dict[str, list[float]]:
+def times(
+    reconstructors: Mapping[str, Choice], scenes: Sequence[ForceScene], turns: int
+) -> dict[str, list[float]]:
     """Time per field of each reconstructor in each turn, in one thread [ms].
 
-    All take their turns one after the other, so that what else the machine does falls on all.
+    The reconstructors take turns, so that other load on the machine falls on all of them.
     """
-    spent: dict[str, list[float]] = {name: [] for name in names}
-    with threadpool_limits(1):
-        made = {n: [load_reconstructor(n)(s.known, s.rest) for s in scenes] for n in names}
-        for _ in range(1 + turns):  # the first compiles and warms up
-            for name, readers in made.items():
+    spent: dict[str, list[float]] = {name: [] for name in reconstructors}
+    with one_thread():
+        readers = {
+            name: [load_reconstructor(choice)(scene.known, scene.rest) for scene in scenes]
+            for name, choice in reconstructors.items()
+        }
+        for _ in range(1 + turns):  # the first turn compiles
+            for name, one_per_scene in readers.items():
                 begin = time.perf_counter()
-                for reader, scene in zip(readers, scenes, strict=True):
+                for reader, scene in zip(one_per_scene, scenes, strict=True):
                     reader.reset()
                     for tracks in scene.tracks:
-                        try:
+                        with suppress(NoEstimateError):
                             reader.update(tracks)
-                        except NoEstimateError:
-                            continue
                 passed = time.perf_counter() - begin
                 spent[name].append(1e3 * passed / (len(scenes) * HELD_FRAMES))
     return {name: all_turns[1:] for name, all_turns in spent.items()}
@@ -239,6 +255,6 @@ def _rms(values: Array) -> float:
 
 
 def _mean(values: Array | Mask) -> float:
-    """Mean of what is there."""
+    """Mean of the finite values."""
     there = values[np.isfinite(values)]
     return float(there.mean()) if len(there) else float("nan")

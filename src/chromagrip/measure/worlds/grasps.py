@@ -1,13 +1,13 @@
-"""Grasps with truth, as their images are tracked: what force and friction estimates are scored on.
+"""Grasps with true forces and the tracks of their images, on which force estimates are scored.
 
-A grasp is an object with grip and load over time; what is asked is the forces at its scored
-instants. "0.1 s at 100 Hz" are the last ten frames up to such an instant, a single frame is the
-last alone. Grip and load have been held for half a second by then, but in the set `controlled`,
-where a controller goes on.
+A grasp is an object with grip and load over time. Forces are estimated at its scored instants:
+from the last ten frames before such an instant (0.1 s at 100 Hz), or from the last frame alone.
+Grip and load have been held for half a second by then, except in the set `controlled`, where the
+controller goes on.
 
-In the world `matched` the sensor is what its calibration says. In `mismatched` it is not: its
-stiffnesses, its camera and its layers are off, its chain has twice the nodes, and another renderer
-draws it. Shape, k_c and µ of the object are unknown to every estimator in both.
+In the world `matched` the sensor is as its calibration says. In the world `mismatched` its
+stiffnesses, its camera and its layers differ, its chain has twice the nodes, and another renderer
+draws it. Shape, k_c and µ of the object are unknown to every estimator in both worlds.
 """
 
 import dataclasses
@@ -15,12 +15,9 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
 
-import cv2
 import numpy as np
 from msgspec.structs import replace
-from threadpoolctl import threadpool_limits
 
 from ...loop.camera import SimulatedCamera
 from ...loop.grasp import grasp, open_camera
@@ -35,46 +32,66 @@ from ...model import (
     rest_state,
     simulate,
 )
+from ...output.processes import one_thread
 from ...render import Defects, SensorDesign, open_renderer
 from ...scene.scene import load_scene
+from ...thesis import LOADS_N, OBJECTS
 from ...tracking import MarkerTracker, Palette, SensorCalibration, Tracks
 from ...tracking.forces.calibration import load_calibration
 
-#: Time between frames [s], frames that are scored together, and frames at rest.
-PERIOD, HELD_FRAMES, REST_FRAMES = 0.01, 10, 16
+#: Time between frames [s].
+PERIOD = 0.01
+#: Number of frames that are read together.
+HELD_FRAMES = 10
+#: Number of frames of the untouched sensor.
+REST_FRAMES = 16
 #: Noise of the camera [grey levels].
 NOISE = 2.0
-_STEP = 2e-3  # of the node model [s]
-#: Until forces have settled after grip and load: the object's drag lets friction lag behind [s].
+#: Step of the node model [s].
+_STEP = 2e-3
+#: Time in which forces settle after grip and load: the object's drag lets friction lag behind [s].
 _SETTLED = 0.5
-#: Before the scored frames the tracker is shown those after which the skin has moved by this [m].
+#: Before the scored frames the tracker is given a frame after each such motion of the skin [m].
 _SHOWN = 0.15e-3
-#: Ranges of the library: µ, curvature [1/m], k_c [N/m], ΣFn [N] and Γ.
-FRICTIONS, CURVATURES, STIFFNESSES = (0.2, 0.9), (0.0, 230.0), (80.0, 1000.0)
-NORMALS, MARGINS = (0.4, 6.0), (0.05, 0.85)
-#: Parts of that range of Γ, and by how much round objects raise it over 1 − load/(µ·grip).
-_BINS, _ROUNDER = 8, 0.1
-#: Friction, stiffness [kPa] and radius [mm] of the 27 objects.
-OBJECTS = list(product((0.3, 0.5, 0.7), (200.0, 32.0, 16.0), (np.inf, 20.0, 5.0)))
-_LOADS = (0.25, 0.65)  # of the thesis's experiment [N]
-#: Γ at which the objects are held, and the rounds in which the grip for it is found.
-_HELD_MARGIN, _ROUNDS = 0.3, 5
-#: Largest errors of a mismatched sensor's calibration: stiffnesses, focal length, its middle [px].
-_STIFFNESS_ERROR, _FOCAL_ERROR, _CENTRE_ERROR = 0.10, 0.003, 0.5
-#: A fifth of a marker, and as exactly as stencils are cut.
+#: Range of µ in the library.
+FRICTIONS = (0.2, 0.9)
+#: Range of the objects' curvatures [1/m].
+CURVATURES = (0.0, 230.0)
+#: Range of the contact stiffness k_c [N/m].
+STIFFNESSES = (80.0, 1000.0)
+#: Range of ΣFn [N].
+NORMALS = (0.4, 6.0)
+#: Range of Γ.
+MARGINS = (0.05, 0.85)
+#: Number of bins of that range; grasps are spread evenly over them.
+_BINS = 8
+#: Amount by which round objects raise Γ over 1 − load/(µ·grip), at most.
+_ROUNDER = 0.1
+#: Γ at which the objects of the thesis are held.
+_HELD_MARGIN = 0.3
+#: Rounds in which the grip for it is found.
+_ROUNDS = 5
+#: Largest relative error of the stiffnesses that a mismatched sensor's calibration states.
+_STIFFNESS_ERROR = 0.10
+#: Largest relative error of its focal length.
+_FOCAL_ERROR = 0.003
+#: Largest error of its image centre, along x and y [px].
+_CENTRE_ERROR = 0.5
+#: Defects of a mismatched sensor: a fifth of a marker between the layers, and the precision of cut
+#: stencils.
 _DEFECTS = Defects(misalignment_mm=0.1, misplacement_mm=0.02)
-#: Of the random numbers; no training may use it.
+#: Seed of the random numbers; no training may use it.
 SEED = 606
 
 
 @dataclass(frozen=True, kw_only=True)
 class Specimen:
-    """A sensor as it is, whatever the estimators are told.
+    """A sensor as it is made, which its calibration may state differently.
 
     Attributes
     ----------
     fingertip, sensor, defects: as made
-    renderer: that draws its images
+    renderer: name of the renderer that draws its images
     """
 
     fingertip: Fingertip
@@ -83,7 +100,7 @@ class Specimen:
     renderer: str
 
     def camera(self, seed: int) -> SimulatedCamera:
-        """That looks at it; close it after use."""
+        """Camera that takes its images; close it after use."""
         return SimulatedCamera(
             self.sensor,
             open_renderer(self.renderer, self.sensor),
@@ -105,16 +122,16 @@ class Grasp:
 
 @dataclass(frozen=True, kw_only=True)
 class ForceScene:
-    """What the tracker said up to a scored instant, and what is true then.
+    """Tracks up to a scored instant, and the truth at that instant.
 
     Attributes
     ----------
-    known: what is told of the specimen
-    rest: its tracks, unloaded
+    known: calibration that estimators are given
+    rest: tracks of the untouched sensor
     tracks: of the last HELD_FRAMES frames
-    specimen, obj: that were in contact
+    specimen, obj: sensor and object in contact
     state: of the node model
-    field: its contact forces
+    field: true contact forces
     """
 
     known: SensorCalibration
@@ -133,12 +150,12 @@ class ForceScene:
 
 @lru_cache(maxsize=2)
 def calibration(world: str = "matched") -> SensorCalibration:
-    """What every estimator is told of the sensor: the same in both worlds, but for how sure it is.
+    """Calibration that every estimator is given: in both worlds the same but for its uncertainty.
 
-    Off by up to a tenth, and by anything up to that, is a standard deviation of 0.058.
+    An error that is uniform up to a tenth to either side has a standard deviation of 0.058.
     """
-    sure = {"matched": 0.0, "mismatched": _STIFFNESS_ERROR / np.sqrt(3.0)}[world]
-    return dataclasses.replace(load_calibration("thesis"), stiffness_deviation=sure)
+    deviation = {"matched": 0.0, "mismatched": _STIFFNESS_ERROR / np.sqrt(3.0)}[world]
+    return dataclasses.replace(load_calibration("thesis"), stiffness_deviation=deviation)
 
 
 def _matched(_rng: np.random.Generator) -> Specimen:
@@ -172,9 +189,9 @@ def _mismatched(rng: np.random.Generator) -> Specimen:
 
 
 def random_grasp(rng: np.random.Generator, low: float, high: float) -> Grasp:
-    """A second of grip and load that wander, to a margin from low to high; then both are held.
+    """A second of random grip and load to a margin from low to high, at which both are held.
 
-    Margins here are those of the load over the grip; on round objects Γ is somewhat larger.
+    The margin here is 1 − load/(µ·grip); on round objects Γ is somewhat larger.
     """
     mu, curvature = rng.uniform(*FRICTIONS), rng.uniform(*CURVATURES)
     if rng.random() < 1.0 / 7.0:
@@ -182,7 +199,7 @@ def random_grasp(rng: np.random.Generator, low: float, high: float) -> Grasp:
     stiffness = float(np.exp(rng.uniform(*np.log(STIFFNESSES))))
     inner = np.sort(rng.uniform(0.05, 0.95, rng.integers(1, 7)))
     points = np.concatenate([[0.0, 0.03], inner, [1.0, 1.0 + _SETTLED]])
-    # Straight in the logarithm of the grip and in Γ; now and then either stays as it is.
+    # Linear in the logarithm of the grip and in Γ; at some points either keeps its value.
     grip = np.log(rng.uniform(*NORMALS, len(points)))
     margin = rng.uniform(0.0, 1.0, len(points))
     margin[:2] = 1.0
@@ -193,7 +210,7 @@ def random_grasp(rng: np.random.Generator, low: float, high: float) -> Grasp:
     margin[-2] = rng.uniform(low, high)
     grip[-1], margin[-1] = grip[-2], margin[-2]
     sign = np.full(len(points), rng.choice([-1.0, 1.0]))
-    if rng.random() < 0.25:  # pulled the other way before
+    if rng.random() < 0.25:  # the load acted the other way before
         sign[: rng.integers(2, len(points) - 1)] *= -1.0
     times = np.linspace(0.0, points[-1], 751)
     normal = np.exp(np.interp(times, points, grip))
@@ -209,42 +226,44 @@ def random_grasp(rng: np.random.Generator, low: float, high: float) -> Grasp:
 
 
 def object_changes(index: int) -> dict[str, float]:
-    """One of the 27 objects, as changes of a scene."""
+    """One of the 27 objects of the thesis, as changes of a scene."""
     keys = ("object.friction", "object.stiffness_kpa", "object.radius_mm")
     return dict(zip(keys, OBJECTS[index], strict=True))
 
 
-def _object(index: int) -> ContactObject:
+def contact_object(index: int) -> ContactObject:
+    """One of the 27 objects of the thesis."""
     return load_scene("camera-100hz", object_changes(index)).build_object()
 
 
 def _static(index: int) -> Grasp:
-    """Gripped so that Γ = 0.3 once the larger load has come, and has settled."""
-    obj, known = _object(index), calibration().fingertip
+    """Gripped so that Γ = 0.3 after the larger load has settled."""
+    obj, known = contact_object(index), calibration().fingertip
     times = np.array([0.0, 0.05, 0.2, 0.5, 0.5 + 2 * _SETTLED])
-    grip = _LOADS[1] / (obj.friction * (1.0 - _HELD_MARGIN))
+    load = LOADS_N[1]
+    grip = load / (obj.friction * (1.0 - _HELD_MARGIN))
     for _ in range(_ROUNDS):
         grasped = Grasp(
             obj=obj,
             drive=Drive(
                 times=times,
                 normal=np.array([0.02, grip, grip, grip, grip]),
-                lateral=np.array([0.0, 0.0, 0.0, _LOADS[1], _LOADS[1]]),
+                lateral=np.array([0.0, 0.0, 0.0, load, load]),
             ),
             ends=(float(times[-1]),),
         )
         run = _run(known, grasped)
         field = contact_forces(known, obj, run.state(len(run) - 1))
-        # On round objects neither ΣFn is the grip nor ΣFf the load.
+        # On round objects ΣFn differs from the grip and ΣFf from the load.
         grip *= (1.0 - field.safety_margin(obj.friction)) / (1.0 - _HELD_MARGIN)
     return grasped
 
 
 def _conservative(index: int) -> Grasp:
     """A grip of 5 N under the loads of the thesis's experiment."""
-    small, large = _LOADS
+    small, large = LOADS_N
     return Grasp(
-        obj=_object(index),
+        obj=contact_object(index),
         drive=Drive(
             times=np.array([0.0, 0.05, 0.1, 0.1, 0.7, 0.7]),
             normal=np.array([0.02, 5.0, 5.0, 5.0, 5.0, 5.0]),
@@ -255,11 +274,11 @@ def _conservative(index: int) -> Grasp:
 
 
 def _controlled(index: int) -> Grasp:
-    """What Safety Margin Control did with the object's true forces, played back."""
+    """Grip and load of a run of Safety Margin Control with the object's true forces."""
     scene = load_scene("camera-100hz", {"path": "truth", **object_changes(index)})
     with closing(open_camera(scene)) as camera:
-        said = [(s.index * scene.period, s.grip, s.load) for s in grasp(scene, camera)]
-    times, grip, load = np.repeat(np.array(said).T, 2, axis=1)
+        steps = [(s.index * scene.period, s.grip, s.load) for s in grasp(scene, camera)]
+    times, grip, load = np.repeat(np.array(steps).T, 2, axis=1)
     return Grasp(
         obj=scene.build_object(),
         drive=Drive(times=times[1:], normal=grip[:-1], lateral=load[:-1]),
@@ -317,7 +336,7 @@ def _drawn(
 
 
 def seed_of(world: str, kind: str, index: int) -> list[int]:
-    """Seed of a grasp; trailing zeros would be no seed at all."""
+    """Seed of a grasp; it ends with 1 because trailing zeros do not change a seed."""
     return [SEED, list(WORLDS).index(world), [LIBRARY, *KNOWN].index(kind), index, 1]
 
 
@@ -334,24 +353,22 @@ def _watch(
     tip = specimen.fingertip
     ends = [round(end / PERIOD) for end in grasped.ends]
     scored = {k for end in ends for k in range(end - HELD_FRAMES + 1, end + 1)}
-    found: dict[int, Tracks] = {}
-    with threadpool_limits(1):
-        cv2.setNumThreads(1)
-        with closing(specimen.camera(seed)) as camera:
-            tracker = MarkerTracker(Palette.of_sensor(known.sensor), NOISE)
-            rest = tracker.reset(camera.expose_rest(rest_state(tip), REST_FRAMES))
-            shown = np.zeros((tip.nodes, 2))
-            for k in range(len(run)):
-                state = run.state(k)
-                seen = state.deformation.seen
-                if k in scored or abs(seen - shown).max() > _SHOWN:
-                    found[k] = tracker.update(camera.expose(state, k))
-                    shown = seen
+    tracks: dict[int, Tracks] = {}
+    with one_thread(), closing(specimen.camera(seed)) as camera:
+        tracker = MarkerTracker(Palette.of_sensor(known.sensor), NOISE)
+        rest = tracker.reset(camera.expose_rest(rest_state(tip), REST_FRAMES))
+        tracked = np.zeros((tip.nodes, 2))
+        for k in range(len(run)):
+            state = run.state(k)
+            displacement = state.deformation.seen
+            if k in scored or abs(displacement - tracked).max() > _SHOWN:
+                tracks[k] = tracker.update(camera.expose(state, k))
+                tracked = displacement
     return [
         ForceScene(
             known=known,
             rest=rest,
-            tracks=[found[k] for k in range(end - HELD_FRAMES + 1, end + 1)],
+            tracks=[tracks[k] for k in range(end - HELD_FRAMES + 1, end + 1)],
             specimen=specimen,
             obj=grasped.obj,
             state=run.state(end),

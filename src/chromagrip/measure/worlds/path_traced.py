@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...output.rows import Row, at_most, reported
+from ...output.report import Row, at_most, reported
 from ...render import Membrane, MembraneMap, SensorDesign, TruthMap, load_sensor
 from ...render.colour import decode_srgb, encode_srgb
 from ...render.drawing.painter import Painter
@@ -42,24 +42,25 @@ _MARGIN = 3.0
 def against_path_traced(quick: bool, progress: Callable[[str], None]) -> list[Row]:
     """Rows of the comparison, for the camera at the sphere centre and for one below it."""
     if not (FOLDER / "poses.json").exists():
-        return [Row("painter_against_path_tracer/not_measured", None, "", "a checkout", False)]
+        note = "needs fixtures/ of a checkout"
+        return [reported(("painter_against_path_tracer", "not_measured"), None, "", note)]
     book = json.loads((FOLDER / "poses.json").read_text(encoding="utf-8"))["pictures"]
     rows = []
     for name in dict.fromkeys(entry["sensor"] for entry in book.values()):
         pictures = {k: entry for k, entry in book.items() if entry["sensor"] == name}
         centres, plain, colours = _compare(name, pictures, quick, progress)
-        part = f"painter_against_path_tracer/{Path(name).stem}"
+        case = ("painter_against_path_tracer", Path(name).stem)
         rms = np.sqrt(np.nanmean(centres**2, axis=(0, 2, 3)))
         rows += [
-            at_most(f"{part}/magenta_centres", float(rms[0]), "px", 0.2),
-            at_most(f"{part}/yellow_centres", float(rms[1]), "px", 0.2),
-            reported(f"{part}/worst_marker", float(np.nanmax(abs(centres))), "px"),
-            reported(f"{part}/centres_with_shadows", float(np.sqrt(np.nanmean(plain**2))), "px"),
-            at_most(f"{part}/overlap_colour", float(colours.mean()), "ΔE2000", 6.0),
+            at_most((*case, "magenta_centres"), rms[0], "px", 0.2),
+            at_most((*case, "yellow_centres"), rms[1], "px", 0.2),
+            reported((*case, "worst_marker"), np.nanmax(abs(centres)), "px"),
+            reported((*case, "centres_with_shadows"), np.sqrt(np.nanmean(plain**2)), "px"),
+            at_most((*case, "overlap_colour"), colours.mean(), "ΔE2000", 6.0),
         ]
         if name != "thesis":
             ignored = _without_refraction(load_sensor(str(FOLDER / name)))
-            rows.append(reported(f"{part}/if_refraction_were_ignored", ignored, "px"))
+            rows.append(reported((*case, "if_refraction_were_ignored"), ignored, "px"))
     return rows
 
 

@@ -15,9 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
-from threadpoolctl import threadpool_limits
 
+from ...by_name import Choice
 from ...errors import UserError
+from ...output.processes import one_thread
 from ...render import LAYERS, Frame
 from ...tracking import Palette, Tracker, Tracks, load_tracker, read_rest
 from .track_scenes import SCENES, Sequence, sequence
@@ -94,9 +95,9 @@ class Constant:
         return replace(self._tracks, time=frame.time)
 
 
-def tracker_class(name: str) -> Callable[[Palette, float], Tracker]:
-    """What makes a tracker; `constant` too."""
-    return Constant if name == CONSTANT else load_tracker(name)
+def tracker_class(choice: Choice) -> Callable[[Palette, float], Tracker]:
+    """Factory of a tracker, also of `constant`; see `load_tracker`."""
+    return Constant if choice == CONSTANT else load_tracker(choice)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +109,7 @@ class Followed:
     times: list[float]
 
 
-def follow(name: str, seen: Sequence) -> Followed:
+def follow(choice: Choice, seen: Sequence) -> Followed:
     """Run a tracker over prepared frames, in one thread.
 
     Raises
@@ -116,8 +117,8 @@ def follow(name: str, seen: Sequence) -> Followed:
     UserError
         When the tracker refuses the frames, with its reason.
     """
-    with threadpool_limits(1):
-        tracker = tracker_class(name)(seen.palette, seen.noise)
+    with one_thread():
+        tracker = tracker_class(choice)(seen.palette, seen.noise)
         rest = tracker.reset(seen.rest)
         tracks, times = [], []
         for shot in seen.shots:
@@ -331,7 +332,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(_nanmean(values**2)))
 
 
-def peak_memory(name: str) -> float | None:
+def peak_memory(choice: Choice) -> float | None:
     """Memory that rest and a few frames take at their peak, above that before [MB].
 
     Counted by the system in a process of its own, machine code that is loaded for it included;
@@ -340,18 +341,18 @@ def peak_memory(name: str) -> float | None:
     if not _STATUS.exists():
         return None
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_measure_memory, (name,))
+        return pool.apply(_measure_memory, (choice,))
 
 
 _STATUS, _FORGET_PEAK = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
-def _measure_memory(name: str) -> float:
+def _measure_memory(choice: Choice) -> float:
     cv2.setNumThreads(1)
     seen = sequence(SCENES["clean"], 4, limits=False)
     _FORGET_PEAK.write_text("5")
     before = _memory("VmRSS")
-    follow(name, seen)
+    follow(choice, seen)
     return _memory("VmHWM") - before
 
 

@@ -1,12 +1,14 @@
-"""A command of ours in a process of its own, timed, with the memory it took."""
+"""Time of parts of a program, and time and memory of a command in a process of its own."""
 
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from ...errors import UserError
 
-#: What the process runs. Its own peak: that of `wait` would count who started it.
+#: Program of the process. It reads its own peak of memory: `wait` would count its parent too.
 _PROGRAM = """
 import atexit, resource, sys
 def tell():
@@ -20,6 +22,14 @@ atexit.register(tell)
 from chromagrip.__main__ import main
 main()
 """
+
+
+@contextmanager
+def clock(spent: dict[str, float], part: str) -> Iterator[None]:
+    """Add the time of what is done within to a part [s]."""
+    begin = time.perf_counter()
+    yield
+    spent[part] += time.perf_counter() - begin
 
 
 def run_child(words: list[str]) -> tuple[float, float]:

@@ -1,0 +1,155 @@
+"""Compiled projection of points through the silicone's surface and a lens onto pixels."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+
+Array = NDArray[np.float64]
+Distortion = tuple[float, float, float, float, float]
+
+#: Newton steps to the place at which a ray passes the surface; the last ones change nothing.
+_STEPS = 12
+
+
+class Lens(NamedTuple):
+    """A camera in OpenCV's parameters; see `camera` for the formulas.
+
+    Attributes
+    ----------
+    fisheye: whether the distortion is a fisheye's (k₁…k₄, 0), else a pinhole's (k₁, k₂, p₁, p₂, k₃)
+    focal_x, focal_y: focal lengths [px]
+    centre_x, centre_y: pixel on the optical axis
+    distortion: coefficients
+    """
+
+    fisheye: bool
+    focal_x: float
+    focal_y: float
+    centre_x: float
+    centre_y: float
+    distortion: Distortion
+
+
+class Port(NamedTuple):
+    """Surface of the silicone that the camera looks through.
+
+    Attributes
+    ----------
+    position: of the camera on the axis of the sensor frame [m]
+    size: radius of the hollow around the origin; of a flat port its height on the axis [m]
+    flat: whether the port is a plane
+    refraction: index of the silicone
+    bends: whether refraction changes the image
+    """
+
+    position: float
+    size: float
+    flat: bool
+    refraction: float
+    bends: bool
+
+
+#: A camera that looks along z from the origin through air.
+NO_PORT = Port(0.0, 0.0, False, 1.0, False)
+
+
+@njit()
+def pixel(x: float, y: float, z: float, lens: Lens) -> tuple[float, float]:
+    """Pixel of a point of the camera's frame [m]; NaN behind a pinhole."""
+    if lens.fisheye:
+        u, v = _fisheye(x, y, z, lens.distortion)
+    elif z > 0.0:
+        u, v = _pinhole(x / z, y / z, lens.distortion)
+    else:
+        u, v = math.nan, math.nan
+    return lens.centre_x + lens.focal_x * u, lens.centre_y + lens.focal_y * v
+
+
+@njit()
+def _fisheye(x: float, y: float, z: float, k: Distortion) -> tuple[float, float]:
+    rho = math.sqrt(x * x + y * y)
+    angle = math.atan2(rho, z)
+    t = angle * angle
+    bent = angle * (1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3]))))
+    scale = bent / max(rho, 1e-300)  # on the axis x and y are 0, whatever the scale
+    return scale * x, scale * y
+
+
+@njit()
+def _pinhole(x: float, y: float, k: Distortion) -> tuple[float, float]:
+    t = x * x + y * y
+    scale = 1.0 + t * (k[0] + t * (k[1] + t * k[4]))
+    return (
+        x * scale + 2.0 * k[2] * x * y + k[3] * (t + 2.0 * x * x),
+        y * scale + k[2] * (t + 2.0 * y * y) + 2.0 * k[3] * x * y,
+    )
+
+
+@njit()
+def apparent(x: float, y: float, z: float, port: Port) -> tuple[float, float, float]:
+    """Where the camera sees a point, from itself: its bent ray drawn out straight [m].
+
+    In the plane of the ray and the axis: Fermat's shortest path over the port's points q.
+    """
+    up = z - port.position
+    if not port.bends:
+        return x, y, up
+    rho = math.sqrt(x * x + y * y)
+    distance = math.sqrt(rho * rho + up * up)
+    along, steep = rho / distance, up / distance
+    if port.flat:
+        place = along / steep * (port.size - port.position)
+    else:
+        half = port.position * steep
+        reach = math.sqrt(half * half + port.size**2 - port.position**2) - half
+        place = math.atan2(reach * along, port.position + reach * steep)
+    for _ in range(_STEPS):
+        place -= _newton_step(place, rho, z, port)
+    q_rho, q_z = (place, port.size) if port.flat else _on_sphere(place, port.size)
+    q_z -= port.position
+    scale = distance / math.sqrt(q_rho * q_rho + q_z * q_z)
+    share = q_rho * scale / (rho if rho > 0.0 else 1.0)
+    return share * x, share * y, q_z * scale
+
+
+@njit()
+def _on_sphere(place: float, radius: float) -> tuple[float, float]:
+    return radius * math.sin(place), radius * math.cos(place)
+
+
+@njit()
+def _newton_step(place: float, rho: float, z: float, port: Port) -> float:
+    """Step to the port's point at which the optical path to (ρ, z) is shortest."""
+    if port.flat:
+        q_rho, q_z, t_rho, t_z, c_rho, c_z = place, port.size, 1.0, 0.0, 0.0, 0.0
+    else:
+        q_rho, q_z = _on_sphere(place, port.size)
+        t_rho, t_z, c_rho, c_z = q_z, -q_rho, -q_rho, -q_z
+    slope = bend = 0.0
+    for start_rho, start_z, index in ((0.0, port.position, 1.0), (rho, z, port.refraction)):
+        leg_rho, leg_z = q_rho - start_rho, q_z - start_z
+        length = math.sqrt(leg_rho * leg_rho + leg_z * leg_z)
+        part = (leg_rho * t_rho + leg_z * t_z) / length
+        slope += index * part
+        square = t_rho * t_rho + t_z * t_z - part * part
+        bend += index * (square + leg_rho * c_rho + leg_z * c_z) / length
+    return slope / bend
+
+
+@njit()
+def apparent_points(points: Array, port: Port, out: Array) -> None:
+    """`apparent` of points (K, 3)."""
+    for k in range(len(points)):
+        out[k, 0], out[k, 1], out[k, 2] = apparent(points[k, 0], points[k, 1], points[k, 2], port)
+
+
+@njit()
+def project_points(points: Array, port: Port, lens: Lens, out: Array) -> None:
+    """Pixels (K, 2) of points (K, 3) [m]."""
+    for k in range(len(points)):
+        x, y, z = apparent(points[k, 0], points[k, 1], points[k, 2], port)
+        out[k, 0], out[k, 1] = pixel(x, y, z, lens)

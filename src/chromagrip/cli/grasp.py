@@ -1,0 +1,155 @@
+"""The commands `grasp` and `plan`: run a scene, and choose how finely it is computed."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from ..scene import load_scene
+from ..scene.scene import DEFAULT_SCENE, PathName, grasp_command, parse_change
+from .options import (
+    Changes,
+    Flag,
+    JsonOnly,
+    Overwrite,
+    SceneName,
+    counting,
+    new_folder,
+    option,
+    print_table,
+    value_table,
+)
+
+if TYPE_CHECKING:
+    from ..loop.trace import Summary
+
+
+def grasp(
+    *,
+    scene: SceneName = DEFAULT_SCENE,
+    controller: Annotated[
+        str | None,
+        option("instead of the scene's; see `chromagrip controllers`", "NAME|MODULE:CLASS"),
+    ] = None,
+    arguments: Annotated[
+        tuple[str, ...],
+        tyro.conf.UseAppendAction,
+        option("argument of a controller's class, such as gain=2", "NAME=VALUE", "arg"),
+    ] = (),
+    path: Annotated[
+        PathName | None,
+        option(
+            "input of the controller: the camera's pictures, or the true forces", "camera|truth"
+        ),
+    ] = None,
+    renderer: Annotated[
+        str | None,
+        option("instead of the scene's; see `chromagrip renderers`", "NAME|MODULE:CLASS"),
+    ] = None,
+    fps: Annotated[float | None, option("camera rate, short for camera.rate_hz", "HZ")] = None,
+    latency: Annotated[
+        int | None, option("frames between an image and the command from it", "FRAMES")
+    ] = None,
+    seed: Annotated[int | None, option("of the camera noise", "N")] = None,
+    changes: Changes = (),
+    out: Annotated[
+        Path | None, option("run folder; by default a new one under runs/", "DIR")
+    ] = None,
+    overwrite: Overwrite = False,
+    json_only: Annotated[
+        Flag,
+        option("print the summary as JSON; a folder is written only with --out", name="json"),
+    ] = False,
+) -> int:
+    """Run a grasp and leave summary, trace, figure and video in a folder.
+
+    Example: chromagrip grasp --scene margin-60hz --set object.friction=0.3 --out runs/slippery
+    """
+    shortcuts = {
+        "controller": controller,
+        "path": path,
+        "renderer": renderer,
+        "camera.rate_hz": fps,
+        "camera.latency_frames": latency,
+        "seed": seed,
+    }
+    changed: dict[str, Any] = {key: v for key, v in shortcuts.items() if v is not None}
+    for text in arguments:
+        name, value = parse_change(text)
+        changed[f"controller_arguments.{name}"] = value
+    changed |= dict(parse_change(text) for text in changes)
+    resolved = load_scene(scene, changed)
+    if out is None and not json_only:
+        out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
+
+    from ..loop.run_folder import run  # OpenCV loads only when something is run
+
+    with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
+        result = run(resolved, out, overwrite=overwrite, progress=progress)
+    if json_only:
+        print(json.dumps(result.summary))
+    else:
+        _print_summary(result.summary, result.folder)
+    return 0
+
+
+def _print_summary(summary: "Summary", folder: Path | None) -> None:
+    def number(value: float | None, digits: int = 3) -> str:
+        return "–" if value is None else f"{value:.{digits}f}"
+
+    table = value_table()
+    table.add_row("controller", f"{summary['controller']}, {summary['path']} path")
+    table.add_row(
+        "safety margin at the end",
+        f"{number(summary['final_margin_true'])} true, "
+        f"{number(summary['final_margin_estimated'])} observed",
+    )
+    table.add_row("error of the margin, RMS", number(summary["margin_rmse"]))
+    table.add_row(
+        "lateral displacement",
+        f"{number(summary['lateral_displacement_mm'])} mm, "
+        f"{'gross slip' if summary['gross_slip'] else 'no gross slip'}",
+    )
+    for event in summary["slip_reactions"]:
+        table.add_row(
+            "reacted to slip at",
+            f"{event['time_s']:.3f} s, {event['lateral_displacement_mm']:.3f} mm",
+        )
+    table.add_row("largest grip force", f"{number(summary['max_grip_n'])} N")
+    table.add_row("largest pressure", f"{number(summary['max_pressure_n_per_m'], 0)} N/m")
+    table.add_row("speed", f"{number(summary['frames_per_second'], 1)} frames/s")
+    if folder is not None:
+        table.add_row("folder", str(folder))
+    print_table(table)
+
+
+def plan(
+    scene: Annotated[SceneName, tyro.conf.Positional],
+    *,
+    tolerance: Annotated[float, option("of the safety margin Γ, RMS", "SHARE")] = 0.05,
+    changes: Changes = (),
+    json_only: JsonOnly = False,
+) -> int:
+    """Choose the cheapest methods and steps that keep Γ of a scene within a tolerance.
+
+    The choice uses what `chromagrip chart loop --update` measured in situations like the scene's.
+
+    Example: chromagrip plan margin-60hz --tolerance 0.1
+    """
+    from ..loop.fidelity import Fidelity
+
+    choice = Fidelity.auto(tolerance, load_scene(scene, dict(map(parse_change, changes))))
+    if json_only:
+        report = {
+            "changes": choice.fidelity.changes,
+            "milliseconds": choice.milliseconds,
+            "margin_error": choice.error,
+            "why": list(choice.lines),
+        }
+        print(json.dumps(report, ensure_ascii=False))
+        return 0
+    print(*choice.lines, sep="\n")
+    kept = dict(text.split("=", 1) for text in changes)
+    print(grasp_command(scene, kept | choice.fidelity.changes))
+    return 0

@@ -1,0 +1,223 @@
+"""The commands that measure this project: `bench`, `chart`, `stability` and `reproduce`."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+import tyro
+
+from ..errors import UserError
+from ..output.report import Report, print_report
+from .options import (
+    CORES,
+    Flag,
+    Json,
+    JsonOnly,
+    Out,
+    Overwrite,
+    Quick,
+    Workers,
+    check_least,
+    new_folder,
+    option,
+    status,
+)
+
+Trackers = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("of track: only this one; may be repeated", "NAME|MODULE:CLASS", "tracker"),
+]
+Reconstructors = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("of force: only this one; may be repeated", "NAME|MODULE:CLASS", "reconstructor"),
+]
+Controllers = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("of control: only this one; may be repeated", "NAME|MODULE:CLASS", "controller"),
+]
+BenchPart = Literal["control", "dataset", "force", "loop", "model", "render", "track"]
+StabilityPart = Literal["loop", "model", "track"]
+ChartPart = Literal["all", "force", "loop", "model", "render", "track"]
+ThesisPart = Literal[
+    "all",
+    "figure-9",
+    "figure-10",
+    "figure-11",
+    "figure-13",
+    "figure-14",
+    "figure-15",
+    "figure-16",
+    "table-2",
+    "figure-17",
+    "appendix-b",
+]
+#: Parts of the thesis that can be run through the camera too.
+CAMERA_PARTS = ("all", "table-2", "figure-13", "figure-14", "figure-15")
+
+
+def bench(
+    part: Annotated[
+        BenchPart, tyro.conf.Positional, option("what is measured", "|".join(get_args(BenchPart)))
+    ],
+    *,
+    trackers: Trackers = (),
+    reconstructors: Reconstructors = (),
+    controllers: Controllers = (),
+    quick: Quick = False,
+    json_only: Json = False,
+) -> int:
+    """Measure one part and print each figure beside its target.
+
+    Example: chromagrip bench track --tracker fit --quick
+    """
+    from ..measure.bench.parts import bench as measure
+
+    with status() as report:
+        result = measure(part, quick, report, trackers, reconstructors, controllers)
+    return _print(result, None, json_only)
+
+
+def chart(
+    part: Annotated[
+        ChartPart, tyro.conf.Positional, option("what is charted", "|".join(get_args(ChartPart)))
+    ] = "all",
+    *,
+    reconstructors: Reconstructors = (),
+    update: Annotated[
+        Flag, option("of loop: measure the table again that `chromagrip plan` chooses from")
+    ] = False,
+    quick: Quick = False,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    json_only: JsonOnly = False,
+) -> int:
+    """Draw the speed of every method of a stage against its error.
+
+    Example: chromagrip chart render --quick
+    """
+    if update:
+        return _update(part)
+    if reconstructors and part != "force":
+        raise UserError(f"--reconstructor goes with chart force, not with chart {part}")
+
+    from ..measure.charts.page import PARTS, charts
+
+    if out is None and not json_only:
+        out = new_folder(f"chart-{part}")
+    parts = list(PARTS) if part == "all" else [part]
+    with status() as report:
+        result = charts(parts, quick, out, overwrite, report, reconstructors)
+    return _print(result, out, json_only)
+
+
+def _update(part: str) -> int:
+    if part not in ("all", "loop"):
+        raise UserError(f"--update goes with chart loop, not with chart {part}")
+
+    from ..loop.fidelity import TABLE
+    from ..measure.worlds.fidelity_table import update
+
+    with status() as report:
+        measured = update(TABLE, report)
+    print(f"{len(measured)} measurements in {TABLE}")
+    return 0
+
+
+def stability(
+    part: Annotated[
+        StabilityPart,
+        tyro.conf.Positional,
+        option("what is mapped", "|".join(get_args(StabilityPart))),
+    ],
+    *,
+    trackers: Trackers = (),
+    workers: Annotated[
+        int | None, option("of loop: processes; by default one for each core", "N")
+    ] = None,
+    quick: Quick = False,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    json_only: JsonOnly = False,
+) -> int:
+    """Map where integrators, trackers or controllers stop working.
+
+    Example: chromagrip stability track --tracker lk --quick
+    """
+    if trackers and part != "track":
+        raise UserError(f"--tracker goes with stability track, not with stability {part}")
+    if workers is not None and part != "loop":
+        raise UserError(f"--workers goes with stability loop, not with stability {part}")
+    check_least(workers=(workers, 1))
+    if out is None and not json_only:
+        out = new_folder(f"stability-{part}")
+
+    from ..measure.stability.loop import stability_loop
+    from ..measure.stability.model import stability_model
+    from ..measure.stability.track import stability_track
+
+    with status() as report:
+        if part == "loop":
+            result = stability_loop(quick, out, overwrite, report, workers or CORES)
+        elif part == "track":
+            result = stability_track(quick, out, overwrite, report, trackers)
+        else:
+            result = stability_model(quick, out, overwrite, report)
+    return _print(result, out, json_only)
+
+
+def reproduce(
+    part: Annotated[
+        ThesisPart,
+        tyro.conf.Positional,
+        option("part of the thesis", "|".join(get_args(ThesisPart))),
+    ] = "all",
+    *,
+    camera: Annotated[
+        Literal["thesis", "camera-100hz"] | None,
+        option(
+            "Table 2 and Figs. 13 to 15 through the camera too: at 1000 Hz with the printed gains, "
+            "or at 100 Hz with gains tuned for it",
+            "thesis|camera-100hz",
+        ),
+    ] = None,
+    workers: Workers = CORES,
+    quick: Quick = False,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    json_only: JsonOnly = False,
+) -> int:
+    """Compare every result of the thesis with ours, on one page with verdicts.
+
+    An interrupted run continues when it is called again with the same --out.
+
+    Example: chromagrip reproduce figure-13 --quick
+    """
+    check_least(workers=(workers, 1))
+    if part == "appendix-b" and (camera or quick):
+        raise UserError("appendix-b has neither a camera nor a quick run")
+    if camera and part not in CAMERA_PARTS:
+        raise UserError(f"--camera goes with {', '.join(CAMERA_PARTS)}, not with {part}")
+
+    from ..measure.reproduce.parts import PARTS, Plan
+    from ..measure.reproduce.parts import reproduce as compare
+
+    if out is None and not json_only:
+        out = new_folder("reproduce" if part == "all" else part)
+    parts: list[str] = list(PARTS) if part == "all" else [part]
+    with status() as report:
+        result = compare(parts, Plan(quick, camera), out, overwrite, workers, report)
+    return _print(result, out, json_only)
+
+
+def _print(result: Report, folder: Path | None, json_only: bool) -> int:
+    if json_only:
+        print(json.dumps(result.as_json()))
+        return 0
+    print_report(result)
+    if folder is not None:
+        page = folder / "index.html"
+        print(f"folder {folder}{', open index.html' if page.exists() else ''}")
+    return 0

@@ -1,0 +1,279 @@
+"""The commands on one's own pictures: `detect`, `track` and `estimate`."""
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import tyro
+from rich.table import Table
+
+from ..errors import UserError
+from .options import (
+    Flag,
+    Fps,
+    Frames,
+    JsonOnly,
+    Noise,
+    Out,
+    Overwrite,
+    Rest,
+    SourceName,
+    TrackerName,
+    check_file,
+    check_least,
+    counting,
+    new_folder,
+    option,
+    print_table,
+    value_table,
+)
+
+if TYPE_CHECKING:  # OpenCV loads only when something is detected
+    from ..pictures.marker_list import Picture
+
+#: Defaults of `chromagrip.tracking`, which is not imported before it is used.
+_PALETTE = "chromatouch"
+_TRACKER = "fit"
+_RECONSTRUCTOR = "auto"
+PaletteName = Annotated[
+    str,
+    option("palette or sensor, see `chromagrip palettes`, or a .toml file of either", "NAME|FILE"),
+]
+
+
+def detect(
+    image: Annotated[Path, tyro.conf.Positional, option("picture of the sensor", "IMAGE")],
+    *,
+    palette: PaletteName = _PALETTE,
+    out: Annotated[Path | None, option("picture with the markers drawn in", "FILE.png")] = None,
+    overwrite: Annotated[Flag, option("write over an earlier picture")] = False,
+    json_only: Annotated[Flag, option("one JSON object with every marker", name="json")] = False,
+) -> int:
+    """Find the markers of each layer in a single picture.
+
+    Example: chromagrip detect press.png --out markers.png
+    """
+    if out is not None:
+        check_file(out, {".png"}, overwrite)
+
+    from ..pictures.marker_list import list_markers
+
+    found = list_markers(image, palette)
+    if out is not None:
+        _save_picture(found, out)
+    if json_only:
+        height, width = found.image.shape[:2]
+        report = {"image": str(image), "palette": palette, "width_px": width, "height_px": height}
+        print(json.dumps({**report, "markers": found.rows}))
+        return 0
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for column in ("layer", "markers", "on the other layer's", "typical area", "typical hue"):
+        table.add_column(column, justify="left" if column == "layer" else "right")
+    for name, markers in zip(found.palette.names, found.layers, strict=True):
+        pairs = sum(r["layer"] == name and r["pair"] is not None for r in found.rows)
+        hues = np.radians(markers.hue[np.isfinite(markers.hue)])
+        hue = math.degrees(math.atan2(np.sin(hues).sum(), np.cos(hues).sum()))
+        table.add_row(
+            name,
+            str(len(markers.area)),
+            str(pairs) if len(found.layers) > 1 else "–",
+            f"{np.median(markers.area):.0f} px²" if len(markers.area) else "–",
+            f"{hue:.0f}°" if len(hues) else "–",
+        )
+    print_table(table)
+    print(f"picture {out}" if out else "see them with --out FILE.png, have them all with --json")
+    return 0
+
+
+def _save_picture(found: "Picture", path: Path) -> None:
+    import cv2
+
+    from ..pictures.overlay import draw_markers
+
+    places = [markers.position for markers in found.layers]
+    areas = [markers.area for markers in found.layers]
+    drawn = draw_markers(found.image, found.palette, places, areas)
+    try:
+        path.write_bytes(cv2.imencode(".png", drawn[..., ::-1])[1].tobytes())
+    except OSError as error:
+        raise UserError(f"picture {path} cannot be written: {error.strerror}") from None
+
+
+def track(
+    rest: Rest,
+    source: SourceName,
+    *,
+    palette: PaletteName = _PALETTE,
+    tracker: TrackerName = _TRACKER,
+    noise: Noise = None,
+    fps: Fps = None,
+    frames: Frames = None,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    json_only: JsonOnly = False,
+) -> int:
+    """Follow the markers of a sensor through pictures, a video or a camera's frames.
+
+    Leaves tracks.parquet (where each marker was in each frame), overlay.mp4 and summary.json.
+
+    Example: chromagrip track rest.png press.mp4 --tracker lk
+    """
+    check_least(noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
+    if out is None and not json_only:
+        out = new_folder(f"track-{Path(source).stem.replace(':', '-')}")
+
+    from ..pictures.track import track_source
+
+    with _frames("tracking") as (tell, progress):
+        outcome = track_source(
+            rest,
+            source,
+            palette=palette,
+            tracker=tracker,
+            noise=noise,
+            fps=fps,
+            frames=frames,
+            out=out,
+            overwrite=overwrite,
+            tell=tell,
+            progress=progress,
+        )
+    if json_only:
+        print(json.dumps(outcome.summary))
+    else:
+        _print_summary(outcome.summary, out)
+    if outcome.broken is not None:
+        raise UserError(outcome.broken)
+    return 0
+
+
+def _print_summary(summary: dict[str, Any], folder: Path | None) -> None:
+    table = value_table()
+    table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
+    table.add_row("rest frame", summary["rest"])
+    table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
+    table.add_row("frame rate", f"{summary['fps']:g} Hz")
+    for name, layer in summary["layers"].items():
+        share = layer["visible_share"]
+        seen = "" if share is None else f", seen in {100 * share:.2f} % of the frames"
+        table.add_row(name, f"{layer['markers']} markers{seen}")
+    table.add_row("lost at the end", str(len(summary["lost"])))
+    table.add_row("ambiguous", f"{summary['ambiguous']} times")
+    if summary["ms_per_frame"] is not None:
+        table.add_row("speed", f"{summary['ms_per_frame']:.1f} ms a frame, {summary['tracker']}")
+    print_table(table)
+    print(f"folder {folder}, see overlay.mp4")
+
+
+def estimate(
+    rest: Rest,
+    source: SourceName,
+    *,
+    calibration: Annotated[
+        str,
+        option(
+            "file of `chromagrip calibrate sensor`, or a sensor that is as designed", "NAME|FILE"
+        ),
+    ],
+    reconstructor: Annotated[
+        str, option("how forces are read off the markers", "NAME|MODULE:CLASS")
+    ] = _RECONSTRUCTOR,
+    friction: Annotated[
+        str | None,
+        option(
+            "how µ is read off the forces, by default as in grasps",
+            "max-ratio|core-quantile|read-out",
+        ),
+    ] = None,
+    tracker: TrackerName = _TRACKER,
+    window: Annotated[float, option("moving average of the friction estimate", "S")] = 0.3,
+    noise: Noise = None,
+    fps: Fps = None,
+    frames: Frames = None,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    json_only: JsonOnly = False,
+) -> int:
+    """Estimate forces, friction and safety margin in pictures, a video or a camera's frames.
+
+    Leaves estimates.parquet (values with 90 % intervals, frame by frame), figure.png, overlay.mp4
+    and summary.json. A flat pad has no force model: its displacements are estimated instead.
+
+    Example: chromagrip estimate rest.png press.mp4 --calibration mine.toml
+    """
+    check_least(window=(window, 1e-6), noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
+    if out is None and not json_only:
+        out = new_folder(f"estimate-{Path(source).stem.replace(':', '-')}")
+
+    from ..pictures.estimate import estimate_source
+
+    with _frames("estimating") as (tell, progress):
+        outcome = estimate_source(
+            rest,
+            source,
+            calibration=calibration,
+            reconstructor=reconstructor,
+            friction=friction,
+            tracker=tracker,
+            window=window,
+            noise=noise,
+            fps=fps,
+            frames=frames,
+            out=out,
+            overwrite=overwrite,
+            tell=tell,
+            progress=progress,
+        )
+    if json_only:
+        print(json.dumps(outcome.summary))
+    else:
+        _print_estimates(outcome.summary, out)
+    if outcome.broken is not None:
+        raise UserError(outcome.broken)
+    return 0
+
+
+def _print_estimates(summary: dict[str, Any], folder: Path | None) -> None:
+    from ..output.estimate_table import VALUES
+
+    frames, silent = summary["frames"], summary["without_estimate"]
+    table = value_table()
+    table.add_row("frames", f"{frames}, {summary['ended']}")
+    table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
+    table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
+    for name, (words, unit) in VALUES.items():
+        found = summary["estimates"].get(name)
+        if found is not None:
+            last = "–" if found["last"] is None else f"{found['last']:.3f}{unit}"
+            table.add_row(words, f"{last} at the end, median {found['median']:.3f}{unit}")
+    if "mu" in summary["estimates"]:
+        shown = summary["mu_observable_frames"]
+        hint = "" if shown else ": nothing slips, µ and Γ are guesses"
+        table.add_row("", f"µ observable in {shown} frames{hint}")
+    share = f", {silent / frames:.1%} of the frames" if frames else ""
+    table.add_row("without estimate", f"{silent}{share}")
+    for reason, count in summary["without_estimate_because"].items():
+        table.add_row("", f"{count} times: {reason}")
+    if frames:
+        table.add_row(
+            "speed",
+            f"{summary['ms_per_frame']:.1f} ms a frame to track, "
+            f"{summary['ms_per_estimate']:.1f} to estimate",
+        )
+    print_table(table)
+    print(f"folder {folder}, see figure.png and overlay.mp4")
+
+
+@contextmanager
+def _frames(text: str) -> Iterator[tuple[Callable[[str], None], Callable[[int, int | None], None]]]:
+    """Bar of frames: functions that show the current step, and count a frame."""
+    with counting("opening", "frames") as move:
+
+        def count(done: int, total: int | None) -> None:
+            move(done, total, text)
+
+        yield (lambda step: move(0, None, step)), count

@@ -1,0 +1,208 @@
+"""The model's side of the loop: what fingertip, object and drive do between two frames.
+
+Three clocks run here. A *step* is a time step of the node model. A *frame* is a whole number of
+steps. The *exposure* of a frame is short or long, and its middle lies some steps before the frame.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import located
+from ..model import (
+    ContactObject,
+    Fingertip,
+    ForceField,
+    SlipRecord,
+    State,
+    contact_forces,
+    follow_slip,
+    no_slip,
+    rest_state,
+    steps,
+    touching,
+)
+from ..scene.scene import Scene
+
+Array = NDArray[np.float64]
+
+#: Share of itself by which a force may change in a calm frame period.
+CALM_CHANGE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """Steps, frames and exposures of a run.
+
+    Attributes
+    ----------
+    frame: time from one frame to the next [s]
+    steps: steps of the node model in that time
+    exposure: steps from the middle of a frame's exposure to the frame
+    """
+
+    frame: float
+    steps: int
+    exposure: int
+
+    @classmethod
+    def of_scene(cls, scene: Scene) -> Self:
+        """Clock of a scene, whose steps are shortened until a frame is a whole number of them."""
+        count = max(1, math.ceil(scene.period * 1e3 / scene.fingertip.step_ms - 1e-9))
+        step = scene.period / count
+        exposure = round(0.5e-3 * scene.camera.exposure_ms / step)
+        return cls(frame=scene.period, steps=count, exposure=exposure)
+
+    @property
+    def step(self) -> float:
+        """Length of a step [s]."""
+        return self.frame / self.steps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """Fingertip and object at one instant.
+
+    Attributes
+    ----------
+    obj: the object as it is then
+    state: of the node model
+    field: contact forces
+    slip: of the object so far
+    """
+
+    obj: ContactObject
+    state: State
+    field: ForceField
+    slip: SlipRecord
+
+
+@dataclass(frozen=True, kw_only=True)
+class World:
+    """What is true at a frame.
+
+    Attributes
+    ----------
+    now: contact at the frame's instant
+    exposed: contact at the middle of the frame's exposure
+    applied: force of the gripper's drive [N]
+    forces: grip and load of the last step [N], shape (2,); infinite before the first one
+    """
+
+    now: Contact
+    exposed: Contact
+    applied: float
+    forces: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Steps of equal length with one object.
+
+    Attributes
+    ----------
+    obj: the object
+    step: length of a step [s]
+    forces: grip and load of each step [N], shape (S, 2)
+    """
+
+    obj: ContactObject
+    step: float
+    forces: Array
+
+
+class Plant:
+    """The node model under a scene's drive and load.
+
+    Parameters
+    ----------
+    scene: object, load, drive and clock
+    fingertip: that grips
+    """
+
+    def __init__(self, scene: Scene, fingertip: Fingertip) -> None:
+        self.scene = scene
+        self.fingertip = fingertip
+        self.clock = Clock.of_scene(scene)
+
+    def rest(self) -> World:
+        """World before the grip begins."""
+        obj, state = self.scene.build_object(), rest_state(self.fingertip)
+        now = self._contact(obj, state, no_slip(self.fingertip.nodes))
+        return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
+
+    def next_frame(self, world: World, command: float, index: int) -> World:
+        """World at the frame after frame `index`, under a commanded force [N].
+
+        Raises
+        ------
+        UserError
+            When the node model cannot go on.
+        """
+        times = index * self.clock.frame + (np.arange(self.clock.steps) + 0.5) * self.clock.step
+        applied, forces = self._forces(world.applied, command, times.tolist())
+        now, exposed = self._follow(world.now, self._parts(world, forces, times.tolist()))
+        # Sums of steps round; frames are counted.
+        state = replace(now.state, time=(index + 1) * self.clock.frame)
+        return World(
+            now=replace(now, state=state), exposed=exposed, applied=applied, forces=forces[-1]
+        )
+
+    def _forces(self, applied: float, command: float, times: list[float]) -> tuple[float, Array]:
+        """Force of the drive after the steps, and grip and load of each step [N], shape (S, 2)."""
+        actuator, load = self.scene.actuator, self.scene.load
+        goal = actuator.rounded(command)
+        forces = np.empty((len(times), 2))
+        for k, time in enumerate(times):
+            applied = actuator.follow(applied, goal, self.clock.step)
+            forces[k] = applied, load.force(time)
+        return applied, forces
+
+    def _parts(self, world: World, forces: Array, times: list[float]) -> Iterator[Part]:
+        """Steps of a frame period, with one object each."""
+        if self.scene.object.changes:
+            for k, time in enumerate(times):
+                obj = self.scene.build_object(time)
+                yield Part(obj=obj, step=self.clock.step, forces=forces[k : k + 1])
+        elif self.clock.exposure == 0 and self._calm(world, forces):
+            yield Part(obj=world.now.obj, step=self.clock.frame, forces=forces[-1:])
+        else:
+            yield Part(obj=world.now.obj, step=self.clock.step, forces=forces)
+
+    def _calm(self, world: World, forces: Array) -> bool:
+        """Whether a frame period can be one step, because motion and changes of force are small.
+
+        An implicit step follows slow motion whatever its length. A change of force within it acts
+        at its end.
+        """
+        limit = 1e-6 * self.scene.fingertip.calm_um_per_s
+        if abs(world.now.state.rate).max() >= limit:
+            return False
+        changes = np.ptp(np.vstack([world.forces, forces]), axis=0)
+        return bool((changes <= CALM_CHANGE * abs(forces[-1])).all())
+
+    def _follow(self, contact: Contact, parts: Iterator[Part]) -> tuple[Contact, Contact]:
+        """Contact after the parts, and at the middle of the exposure."""
+        todo = list(parts)
+        left = sum(len(part.forces) for part in todo) - self.clock.exposure
+        exposed = contact
+        for part in todo:
+            with located("the node model gave up"):
+                run = steps(self.fingertip, part.obj, contact.state, part.step, part.forces)
+            touched = touching(self.fingertip, part.obj, run)
+            slips = follow_slip(contact.slip, run, touched, part.step)
+            contact = self._contact(part.obj, run.state(-1), slips[-1])
+            if left == len(part.forces):
+                exposed = contact
+            elif 0 < left < len(part.forces):
+                exposed = self._contact(part.obj, run.state(left), slips[left - 1])
+            left -= len(part.forces)
+        return contact, exposed
+
+    def _contact(self, obj: ContactObject, state: State, slip: SlipRecord) -> Contact:
+        field = contact_forces(self.fingertip, obj, state)
+        return Contact(obj=obj, state=state, field=field, slip=slip)

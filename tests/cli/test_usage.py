@@ -1,0 +1,117 @@
+"""Every command's help, and what a wrong command line says."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from chromagrip.cli.app import COMMANDS
+
+Typed = Callable[..., subprocess.CompletedProcess[str]]
+LISTS = [
+    "scenes",
+    "sensors",
+    "palettes",
+    "controllers",
+    "renderers",
+    "trackers",
+    "reconstructors",
+    "integrators",
+]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_help_has_an_example_of_its_own_command(name: str, typed: Typed) -> None:
+    done = typed(*name.split(), "--help")
+    assert done.returncode == 0
+    assert f"usage: chromagrip {name} " in done.stdout
+    assert f"Example: chromagrip {name}" in done.stdout
+
+
+def test_the_help_lists_every_command_and_names_shell_completion(typed: Typed) -> None:
+    text = typed("--help").stdout
+    assert all(f" {name.split()[0]} " in text for name in COMMANDS)
+    assert "--tyro-write-completion bash FILE" in text
+    members = [name.split()[1] for name in COMMANDS if name.startswith("dataset ")]
+    for words in (["dataset"], ["dataset", "--help"]):
+        done = typed(*words)
+        assert done.returncode == 0
+        assert all(f"• {name}" in done.stdout for name in members)
+
+
+def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
+    script = typed("--tyro-print-completion", "bash").stdout
+    assert "dataset" in script
+    assert "export" in script
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("", "give a command: grasp, "),
+        ("squeeze", "no command 'squeeze'; there is grasp, "),
+        ("dataset dance", "dataset dance: there is make, check, "),
+        ("grasp --grip 3", "unrecognized options: --grip, 3"),
+        ("grasp --fps fast", "--fps 'fast': not a valid value"),
+        ("grasp --path mirror", "mirror"),
+        ("grasp --scene", "'--scene'"),
+        ("bench banana", "'banana': allowed are control, dataset, force, "),
+        ("bench --quick", "missing: control|dataset|"),
+        (
+            "dataset make",
+            "missing: RECIPE|FILE.toml, --out DIR; see `chromagrip dataset make --help`",
+        ),
+        ("grasp --arg gain --json", "gain"),
+    ],
+)
+def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Typed) -> None:
+    done = typed(*line.split())
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert done.stderr.startswith("chromagrip: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_lists_are_the_same_in_json(name: str, typed: Typed) -> None:
+    lines = typed(name).stdout.splitlines()
+    entries = json.loads(typed(name, "--json").stdout)
+    assert [line.split()[0] for line in lines] == list(entries)
+    assert all(line.endswith(text) for line, text in zip(lines, entries.values(), strict=True))
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_a_screen_without_greek_letters_shows_something_else(encoding: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "chromagrip", "limit", "--help"],
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+        check=False,
+    )
+    assert done.returncode == 0
+    assert b"Smallest errors of ?Fn" in done.stdout
+    assert b"Traceback" not in done.stderr
+
+
+def test_a_terminated_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
+    out = tmp_path / "cut"
+    words = ["grasp", "--path", "truth", "--set", "duration_s=600", "--out", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "chromagrip", *words], stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 60
+    while not (out / "tactile.mp4.part").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGTERM)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 143
+    assert "chromagrip: terminated" in stderr
+    assert json.loads((out / "summary.json").read_text())["complete"] is False

@@ -1,0 +1,135 @@
+"""Work in several processes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import cv2
+import pytest
+from threadpoolctl import threadpool_info
+
+from chromagrip.errors import UserError
+from chromagrip.output.processes import exit_on_sigterm, map_processes, one_thread
+
+SCRIPT = """
+import os, time
+from chromagrip.output.processes import map_processes
+
+def work(task):
+    print(os.getpid(), flush=True)
+    time.sleep(60.0)
+
+if __name__ == "__main__":
+    list(map_processes(work, range(4), 2))
+"""
+
+
+@pytest.fixture
+def square():
+    def local(task: int) -> int:  # a worker cannot import this module
+        if task == 99:
+            raise KeyError("a bug")
+        if task == 98:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return task**2
+
+    return local
+
+
+@pytest.fixture
+def threads():
+    def local(task: int) -> tuple[int, int, set[int]]:
+        time.sleep(0.2)
+        return os.getpid(), cv2.getNumThreads(), {info["num_threads"] for info in threadpool_info()}
+
+    return local
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_come_in_the_order_of_the_tasks_when_asked_for(square, workers):
+    counts = []
+    results = map_processes(
+        square, range(7), workers, lambda *count: counts.append(count), done=3, ordered=True
+    )
+    assert list(results) == [0, 1, 4, 9, 16, 25, 36]
+    assert counts == [(done, 10) for done in range(3, 11)]
+
+
+def test_unordered_results_are_complete(square):
+    assert sorted(map_processes(square, range(7), 2)) == [0, 1, 4, 9, 16, 25, 36]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_task_has_one_thread(threads, workers):
+    results = list(map_processes(threads, range(2), workers))
+    assert len({process for process, _, _ in results}) == workers
+    assert all(opencv == 1 and pools == {1} for _, opencv, pools in results)
+
+
+def test_one_thread_is_undone_at_its_end():
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        with one_thread():
+            assert cv2.getNumThreads() == 1
+        assert cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(before)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_error_of_a_task_is_raised(square, workers):
+    with pytest.raises(KeyError, match="a bug"):
+        list(map_processes(square, [1, 99, 2, 3], workers))
+
+
+def test_a_dead_worker_is_a_sentence_and_the_next_call_works(square):
+    with pytest.raises(UserError, match="a worker process died"):
+        list(map_processes(square, [1, 98, 2, 3], 2))
+    assert sorted(map_processes(square, range(3), 2)) == [0, 1, 4]
+
+
+def test_an_iteration_can_end_early(square):
+    with closing(map_processes(lambda task: time.sleep(task), [0.0, *[60.0] * 9], 2)) as results:
+        next(results)
+        time.sleep(0.5)  # until the next tasks are running
+    assert sorted(map_processes(square, range(3), 2)) == [0, 1, 4]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_workers_end_with_the_process_that_waits(number, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    with subprocess.Popen(
+        [sys.executable, "-P", script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as process:
+        workers = [int(process.stdout.readline()) for _ in range(2)]
+        process.send_signal(number)
+        process.wait(20.0)
+    assert len({*workers, process.pid}) == 3
+    deadline = time.monotonic() + 20.0
+    while any(running(worker) for worker in workers):
+        assert time.monotonic() < deadline, "a worker lives on"
+        time.sleep(0.1)
+
+
+def test_sigterm_is_an_exit_inside_the_block_only():
+    with pytest.raises(SystemExit, match="143"), exit_on_sigterm():
+        signal.raise_signal(signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def running(process: int) -> bool:
+    """Whether a process of this machine runs; one that ended may be listed still."""
+    state = Path(f"/proc/{process}/stat")
+    if Path("/proc/self").exists():
+        return state.exists() and state.read_text().rpartition(")")[2].split()[0] != "Z"
+    try:
+        os.kill(process, 0)
+    except OSError:
+        return False
+    return True

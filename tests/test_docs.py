@@ -1,0 +1,151 @@
+"""What the documentation says exists: pages, commands, flags, files; and its examples run."""
+
+import re
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import msgspec
+import pytest
+
+import chromagrip
+from chromagrip.dataset.sequence import FRAME, MARKERS, NODES
+from chromagrip.loop import COLUMNS
+from chromagrip.loop.pose_folder import ARRAYS
+from chromagrip.output.estimate_table import DISPLACEMENTS, FORCES
+from chromagrip.output.track_table import COLUMNS as TRACKS
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "fixtures/README.md"])
+Typed = Callable[..., CompletedProcess[str]]
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """Language and text of every code block between fences."""
+    return re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+
+
+def anchor(heading: str) -> str:
+    """Anchor of a heading as GitHub makes it."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+def typed_commands(text: str) -> Iterator[list[str]]:
+    """Words of every `chromagrip` command in a page, in code blocks and between back quotes."""
+    lines = [line for language, block in blocks(text) if not language for line in block.split("\n")]
+    inline = re.findall(
+        r"(?<!`)`([^`]+)`(?!`)", re.sub(r"^```.*?^```$", "", text, flags=re.S | re.M)
+    )
+    for line in [*lines, *inline]:
+        found = re.match(r"\s*(?:\S*bin/)?chromagrip ([a-z].*)", line.split(" #")[0])
+        if found and not re.match(r"\w+ \d", found[1]):  # `chromagrip dataset 1` is a format
+            yield found[1].split()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+        if "://" in target:
+            continue
+        file, _, part = target.partition("#")
+        linked = page.parent / file if file else page
+        assert linked.exists(), f"{page.name} links to {target}"
+        if part:
+            headings = re.findall(r"^#+ (.*)$", linked.read_text(encoding="utf-8"), re.MULTILINE)
+            assert part in map(anchor, headings), f"{page.name} links to {target}"
+
+
+def test_the_index_lists_every_page() -> None:
+    index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
+    pages = {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    assert {page for page in pages if f"]({page})" not in index} == set()
+
+
+def test_the_readme_fits_on_a_page() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 80
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_of_the_code_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    rooms = "|".join(path.name for path in (ROOT / "src/chromagrip").iterdir() if path.is_dir())
+    paths = rf"`((?:{rooms}|src|tests|docs|examples|fixtures)/[\w./-]*(?:\.(?:py|toml|csv|md)|/))`"
+    for path in re.findall(paths, text):
+        known = (ROOT / path).exists() or (ROOT / "src/chromagrip" / path).exists()
+        assert known, f"{page.name} names {path}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_and_flags_exist(page: Path, typed: Typed) -> None:
+    helps: dict[str, str] = {}
+    for words in typed_commands(page.read_text(encoding="utf-8")):
+        two = words[0] == "dataset" or words[:2] == ["calibrate", "sensor"]
+        name = words[: 2 if two and len(words) > 1 else 1]
+        key = " ".join(name)
+        if key not in helps:
+            done = typed(*name, "--help")
+            assert done.returncode == 0, f"{page.name}: chromagrip {key}"
+            helps[key] = done.stdout
+        for flag in re.findall(r"(?<!\S)--[a-z][a-z-]*", " ".join(words)):
+            assert re.search(rf"{flag}\b", helps[key]), f"{page.name}: chromagrip {key} {flag}"
+
+
+def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:
+    for field in msgspec.structs.fields(kind):
+        if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):
+            yield from scene_keys(field.type, f"{prefix}{field.encode_name}.")
+        else:
+            yield prefix + field.encode_name
+
+
+def test_the_page_on_files_names_every_key_and_column() -> None:
+    text = (ROOT / "docs/file-formats.md").read_text(encoding="utf-8")
+    tables = (COLUMNS, TRACKS, FORCES, DISPLACEMENTS, ARRAYS, FRAME, MARKERS, NODES)
+    names = {*scene_keys(chromagrip.Scene), *(name for table in tables for name in table)}
+    assert {name for name in names if f"`{name}`" not in text} == set()
+
+
+def sections() -> dict[str, str]:
+    """Sections of the page on extensions that have commands, by their headings."""
+    text = (ROOT / "docs/extend.md").read_text(encoding="utf-8")
+    _, *parts = re.split(r"^## ", text, flags=re.MULTILINE)
+    return {part.split("\n")[0]: part for part in parts}
+
+
+@pytest.mark.parametrize("heading", sections())
+def test_examples_of_extensions_run(heading: str, typed: Typed, tmp_path: Path) -> None:
+    sys.path.insert(0, str(tmp_path))
+    for language, block in blocks(sections()[heading]):
+        file = re.match(r"# (\w+\.(?:py|toml))\n", block)
+        if language:
+            assert file, f"a block of {heading!r} does not begin with the name of its file"
+            (tmp_path / file[1]).write_text(block, encoding="utf-8")
+        for line in [] if language else block.splitlines():
+            done = typed(*shlex.split(line)[1:])
+            assert done.returncode == 0, done.stderr
+
+
+def test_gains_are_swept_from_python(typed: Typed, tmp_path: Path) -> None:
+    sys.path.insert(0, str(tmp_path))
+    files = dict(re.findall(r"^# (\w+)\.py\n(.*?)^```$", sections()["A controller"], re.S | re.M))
+    for name, text in files.items():
+        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+    sys.modules.pop("my_controller", None)
+    space: dict[str, object] = {}
+    exec(files["sweep"], space)
+    result = space["result"]
+    assert isinstance(result, chromagrip.Result)
+    assert result.summary["final_margin_true"] > 0.4  # Γ = 1 − 1/(gain·µ) when settled
+
+
+def test_the_mechanics_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "docs/node-models.md").read_text(encoding="utf-8")
+    (block,) = [block for language, block in blocks(text) if language == "python"]
+    exec(block, {})
+    assert 0.3 < float(capsys.readouterr().out) < 0.45  # 1 − 0.5/(0.4·2), a little friction to come

@@ -1,0 +1,277 @@
+"""The wheel and the source distribution, a checkout without links, and the extras."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+import venv
+import zipfile
+from importlib.metadata import packages_distributions
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import chromagrip
+from chromagrip.errors import UserError
+from chromagrip.extras import EXTRAS, install_command, missing, need, require
+from chromagrip.links import MEND, STAGES
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+#: Modules that only extras bring.
+OPTIONAL = ["OpenGL", *(extra.module for extra in EXTRAS.values())]
+
+git = shutil.which("git")
+needs_git = pytest.mark.skipif(
+    git is None or not (ROOT / ".git").exists(), reason="not a git checkout"
+)
+
+
+def build(root: Path, out: Path, kind: str = "wheel") -> Path:
+    """Wheel or sdist of a checkout."""
+    done = hatchling(root, "-t", kind, "-d", str(out))
+    assert done.returncode == 0, done.stderr
+    (built,) = out.glob("*.whl" if kind == "wheel" else "*.tar.gz")
+    return built
+
+
+def hatchling(root: Path, *arguments: str) -> CompletedProcess[str]:
+    command = [sys.executable, "-m", "hatchling", "build", *arguments]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+
+
+def held(wheel: Path) -> dict[str, int]:
+    """Checksum of every file of the package in a wheel."""
+    with zipfile.ZipFile(wheel) as files:
+        return {f.filename: f.CRC for f in files.infolist() if f.filename.startswith("chromagrip/")}
+
+
+def files_of_the_package() -> set[str]:
+    """Files at their places in the package; those of the stages from the folders at the root."""
+    roots = {ROOT / "src/chromagrip": "chromagrip"}
+    roots |= {ROOT / stage: f"chromagrip/{stage}" for stage in STAGES}
+    found = set()
+    for root, name in roots.items():
+        for folder, inner, names in os.walk(root):  # follows no links
+            inner[:] = [one for one in inner if one != "__pycache__"]
+            place = name / Path(folder).relative_to(root)
+            found |= {str(place / one) for one in names}
+    return found
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(ROOT, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture
+def unlinked(tmp_path: Path) -> Path:
+    """A clone of this repository in which each symbolic link is a text file."""
+    clone = tmp_path / "clone"
+    command = [str(git), "-c", "core.symlinks=false", "clone", "-q", str(ROOT), str(clone)]
+    subprocess.run(command, check=True, capture_output=True)
+    assert (clone / "src/chromagrip/model").is_file()
+    return clone
+
+
+def python(clone: Path, *arguments: str) -> CompletedProcess[str]:
+    """Run Python on the code of a clone."""
+    return subprocess.run(
+        [sys.executable, "-P", *arguments],
+        cwd=clone,
+        env=os.environ | {"PYTHONPATH": str(clone / "src")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_wheel_holds_every_file(wheel: Path) -> None:
+    assert files_of_the_package() - set(held(wheel)) == set()
+
+
+@needs_git
+def test_a_wheel_is_whole_from_a_clone_without_links(unlinked: Path, tmp_path: Path) -> None:
+    linked = tmp_path / "linked"
+    subprocess.run([str(git), "clone", "-q", str(ROOT), str(linked)], check=True)
+    assert held(build(unlinked, tmp_path / "one")) == held(build(linked, tmp_path / "two"))
+
+
+def test_a_wheel_from_the_source_distribution_is_the_same(wheel: Path, tmp_path: Path) -> None:
+    with tarfile.open(build(ROOT, tmp_path, "sdist")) as packed:
+        packed.extractall(tmp_path, filter="data")
+    (unpacked,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    assert held(build(unpacked, tmp_path / "wheel")) == held(wheel)
+
+
+@needs_git
+def test_a_build_without_a_stage_is_refused(unlinked: Path) -> None:
+    shutil.rmtree(unlinked / "control")
+    for kind in ("wheel", "sdist"):
+        done = hatchling(unlinked, "-t", kind)
+        assert done.returncode == 1
+        (sentence,) = done.stderr.splitlines()
+        assert sentence == f"cannot build chromagrip: there is no folder {unlinked / 'control'}"
+    assert not (unlinked / "dist").exists() or not [*(unlinked / "dist").iterdir()]
+
+
+@needs_git
+def test_a_clone_without_links_says_what_to_do_in_one_sentence(unlinked: Path) -> None:
+    for arguments in (["-m", "chromagrip"], ["-m", "chromagrip", "grasp", "--json"]):
+        done = python(unlinked, *arguments)
+        assert done.returncode == 2
+        (sentence,) = done.stderr.splitlines()
+        assert sentence.startswith("chromagrip: the checkout has no symbolic links")
+        assert MEND in sentence
+    for code in ("import chromagrip.model", "import chromagrip; chromagrip.run"):
+        done = python(unlinked, "-c", code)
+        assert done.stderr.splitlines()[-1].startswith("ImportError: the checkout has no symbolic")
+    done = subprocess.run(["./run", "test"], cwd=unlinked, capture_output=True, text=True)
+    assert done.returncode == 2
+    (sentence,) = done.stderr.splitlines()
+    assert sentence.startswith("run: this checkout has no symbolic links")
+    assert MEND.split(" (")[0] in sentence
+    doctor = python(unlinked, "-m", "chromagrip", "doctor")
+    assert doctor.returncode == 1
+    assert f"mend: {MEND}" in doctor.stdout
+
+
+@needs_git
+def test_the_command_that_is_named_makes_the_links(unlinked: Path) -> None:
+    command, _, _ = MEND.partition(" (")
+    subprocess.run(command, shell=True, cwd=unlinked, check=True, capture_output=True)
+    assert all((unlinked / "src/chromagrip" / stage).is_symlink() for stage in STAGES)
+    done = python(unlinked, "-c", "import chromagrip.control; print(chromagrip.control.__file__)")
+    assert done.stdout.startswith(str(unlinked))
+
+
+def test_the_build_and_the_package_say_the_same() -> None:
+    text = (ROOT / "hatch_build.py").read_text()
+    found: dict[str, object] = {}
+    exec(text.partition("\n\nclass ")[0], found)
+    assert found["STAGES"] == STAGES
+    assert found["MEND"] == MEND
+
+
+def test_version_and_public_names() -> None:
+    assert chromagrip.__version__ == PROJECT["version"]
+    assert {"run", "load_scene", "__version__", *chromagrip.__all__} <= set(dir(chromagrip))
+    for flag in ("--version", "-V"):
+        done = python(ROOT, "-m", "chromagrip", flag)
+        assert (done.returncode, done.stdout) == (0, f"chromagrip {PROJECT['version']}\n")
+
+
+# Extras
+
+
+def without_extras(folder: Path, *words: str) -> CompletedProcess[str]:
+    """Run a command where no package of an extra can be imported."""
+    code = (
+        f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}));"
+        "from chromagrip.__main__ import main; main()"
+    )
+    command = [sys.executable, "-P", "-c", code, *words]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
+    extras = PROJECT["optional-dependencies"]
+    assert {*EXTRAS, "all"} == set(extras)
+    assert extras["all"] == [f"chromagrip[{','.join(list(EXTRAS)[:5])}]"]
+    distributions = packages_distributions()
+    for name, extra in EXTRAS.items():
+        wanted = {canonicalize_name(Requirement(text).name) for text in extras[name]}
+        brought = {canonicalize_name(one) for one in distributions.get(extra.module, [])}
+        assert brought <= wanted
+
+
+@pytest.mark.parametrize("path", ["truth", "camera"])
+def test_a_grasp_in_memory_needs_no_extra(path: str, tmp_path: Path) -> None:
+    done = without_extras(tmp_path, "grasp", "--path", path, "--set", "duration_s=0.05", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["path"] == path
+
+
+def test_what_needs_an_extra_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    both = "needs the extras `data` and `video`: pip install 'chromagrip[data,video]'"
+    for words, sentence in {
+        ("grasp", "--out", "new"): f"writing a run folder {both}",
+        ("grasp", "--renderer", "pyrender", "--json"): (
+            "the renderer pyrender needs the extra `gl`: pip install 'chromagrip[gl]'"
+        ),
+    }.items():
+        done = without_extras(tmp_path, *words)
+        assert (done.returncode, done.stderr.strip()) == (2, f"chromagrip: {sentence}")
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_the_doctor_names_missing_extras_and_is_content(tmp_path: Path) -> None:
+    done = without_extras(tmp_path, "doctor", "--json")
+    assert done.returncode == 0
+    checks = {check["name"].split(",")[0]: check for check in json.loads(done.stdout)}
+    for name in EXTRAS:
+        assert checks[f"extra {name}"]["state"] == "optional, missing"
+        assert checks[f"extra {name}"]["mend"] == install_command(name)
+    text = without_extras(tmp_path, "doctor").stdout
+    assert "extra video, for reading and writing videos: optional, missing\n" in text
+
+
+def test_a_package_that_is_there_but_broken_is_a_refusal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mitsuba.py").write_text("import none_such\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "mitsuba", raising=False)
+    with pytest.raises(UserError, match=r"mitsuba cannot be imported: No module named 'none_such'"):
+        need("mitsuba", "reference")
+
+
+def test_extras_that_are_there_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert missing("data", "video") is None
+    assert need("pyarrow.parquet", "data").read_table
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(UserError, match=r"^a film needs the extra `video`: pip install"):
+        require("data", "video", purpose="a film")
+
+
+# Slow
+
+
+@pytest.mark.slow
+def test_a_wheel_alone_grasps_with_the_base_only(wheel: Path, tmp_path: Path) -> None:
+    """In a new environment, with the versions of the lock; needs pip and its index."""
+    pins = re.findall(r"^[\w.-]+==[^\s\\]+(?: ; [^\\]+)?", lock_text(), re.MULTILINE)
+    (tmp_path / "pins.txt").write_text("\n".join(pins))
+    venv.create(tmp_path / "venv", with_pip=True)
+    command = [tmp_path / "venv/bin/python", "-m", "pip", "install", "-q", str(wheel)]
+    subprocess.run([*command, "-c", tmp_path / "pins.txt"], check=True)
+    clean = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}
+
+    def run(*words: str) -> CompletedProcess[str]:
+        command = [str(tmp_path / "venv/bin/chromagrip"), *words]
+        return subprocess.run(
+            command, cwd=tmp_path, env=clean, capture_output=True, text=True, check=False
+        )
+
+    first = run("grasp", "--json")
+    assert json.loads(first.stdout)["path"] == "camera"
+    assert first.stderr.startswith("chromagrip: compiling its kernels, once")
+    again = run("grasp", "--json", "--path", "truth")
+    assert json.loads(again.stdout)["path"] == "truth"
+    assert again.stderr.strip() == ""
+    refused = run("grasp")
+    assert refused.returncode == 2
+    assert refused.stderr.count("\n") == 1
+    assert "pip install 'chromagrip[data,video]'" in refused.stderr
+    assert run("doctor").returncode == 0
+
+
+def lock_text() -> str:
+    return (ROOT / "requirements.lock").read_text()

@@ -1,0 +1,142 @@
+"""The unloaded sensor as the tracker fits it, and the settings that it fits with."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ...render import Frame
+from ..detection import RestFrame, read_rest
+from ..palette import Palette
+from .pair_fit import PairFit, prepare_fit
+from .pair_state import PairFits, PairState
+from .relocate import Relocator
+from .tuning import tune
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Steps of a fit to a frame, at most.
+STEPS = 6
+#: Steps of the first fit to the rest frames, at most.
+_REST_STEPS = 24
+#: A median misfit above this has the colours and the blur fitted as well.
+WORSE = 1.1
+#: Share of the rest frame's pairs that must look like markers.
+_AT_REST = 0.7
+#: A pair whose misfit is this many times the typical one is not a marker.
+_LOST = 6.0
+#: The typical misfit counts as no more than this.
+_WORST = 20.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitSettings:
+    """Effort that the tracker spends on a frame.
+
+    Attributes
+    ----------
+    free: numbers of each layer that are fitted: 5 (place, size, strain) or 2 (place alone)
+    rows: every `rows`-th row of the image is read
+    arrived: a pair whose step moves no edge by more than this has converged [px]
+    turns: a pair that holds still is fitted in every `turns`-th frame
+    glance: whether a single step is tried first, and the fit only where that is not enough
+    """
+
+    free: int = 5
+    rows: int = 1
+    arrived: float = 0.05
+    turns: int = 1
+    glance: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class AtRest:
+    """The unloaded sensor as the tracker fitted it. It stays as it is until the next reset.
+
+    Attributes
+    ----------
+    settings: effort of a frame
+    fit: of its pairs
+    relocator: finds the markers without knowing where they were
+    state: of the pairs
+    pitch: typical distance to the nearest other marker [px]
+    shape: of an image
+    layers: L, 1 or 2
+    share: displacement of the inner layer over that of the outer one; None if it is not known
+    """
+
+    settings: FitSettings
+    fit: PairFit
+    relocator: Relocator
+    state: PairState
+    pitch: float
+    shape: tuple[int, ...]
+    layers: int
+    share: float | None
+
+    def lost(self, visible: Mask) -> int:
+        """Number of markers that were there at rest and are not visible."""
+        return int((~visible & self.state.present).sum())
+
+
+def fit_rest(
+    frames: list[Frame], palette: Palette, noise: float, settings: FitSettings
+) -> tuple[AtRest, PairFits]:
+    """Fit the unloaded sensor: shapes to the mean of the frames, then the mean of all fits.
+
+    Raises
+    ------
+    UserError
+        When there is no frame, or it does not show the sensor's markers.
+    """
+    rest = read_rest(frames, palette)
+    mean = np.rint(rest.image).astype(np.uint8)
+    fit, start = prepare_fit(rest, palette, noise)
+    first = fit.fit(mean, start, _REST_STEPS)
+    if first.typical > WORSE:
+        first = tune(fit, mean, first, first.state.fits, STEPS)
+    good = np.asarray(visible_markers(first).any(axis=1))
+    if good.sum() < _AT_REST * len(good):
+        raise UserError(
+            f"only {good.sum()} of {len(good)} markers of the rest frame look like markers"
+        )
+    fit, start = fit.with_shapes_of(first.state)
+    fit = fit.with_effort(settings.free, settings.rows, settings.arrived)
+    fits = [fit.fit(frame.image, start, STEPS) for frame in frames]
+    state = replace(
+        start,
+        fits=np.mean([each.state.fits for each in fits], axis=0),
+        gains=np.mean([each.state.gains for each in fits], axis=0),
+    )
+    misfit = np.mean([each.misfit for each in fits], axis=0)
+    covariance = np.mean([each.covariance for each in fits], axis=0) / len(frames)
+    return _at_rest(rest, palette, settings, fit, state), PairFits(state, misfit, covariance)
+
+
+def _at_rest(
+    rest: RestFrame, palette: Palette, settings: FitSettings, fit: PairFit, state: PairState
+) -> AtRest:
+    sensor = palette.sensor
+    return AtRest(
+        settings=settings,
+        fit=fit,
+        relocator=Relocator(rest, palette),
+        state=state,
+        pitch=rest.pitch,
+        shape=rest.image.shape,
+        layers=len(palette.names),
+        share=None if sensor is None else sensor.follow[-1] / sensor.follow[0],
+    )
+
+
+def misfit_limit(fits: PairFits) -> float:
+    """Largest misfit of a pair that is there."""
+    return _LOST * min(max(1.0, fits.typical), _WORST)
+
+
+def visible_markers(fits: PairFits) -> Mask:
+    """Layers whose fit explains their pixels, shape (M, 2)."""
+    explained = fits.misfit < misfit_limit(fits)
+    return np.asarray(explained[:, None] & fits.state.present)

@@ -1,0 +1,103 @@
+"""What a fit says of a frame: which markers are visible, torn off, or taken for another."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .at_rest import STEPS, AtRest, misfit_limit, visible_markers
+from .memory import Look, Memory
+from .neighbour_kernels import torn_off
+from .pair_state import PairFits, PairState
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+#: Neighbours, or layers, whose displacements differ by this much are torn off each other [pitch].
+_TORN = 0.4
+#: A marker that went on within this of its expected place was not taken for another one [pitch].
+_WENT_ON = 0.2
+#: A marker on another one may be another one itself, this far from where the pair's other layer
+#: has it [radii].
+_ASIDE = 0.2
+#: Pairs that moved by this much show how far one layer moves with the other [pitch].
+_MOVED = 0.1
+
+
+def judge(known: AtRest, memory: Memory, image: Image, fits: PairFits, start: PairState) -> Look:
+    """Look of a fit; each layer of pairs that it does not explain is tried alone from a start."""
+    limit = misfit_limit(fits)
+    if (fits.misfit > limit).any():
+        fits = known.fit.fit_apart(image, fits, start, limit, STEPS)
+    visible = visible_markers(fits)
+    return Look(fits, visible, _torn(known, memory, fits.state, visible))
+
+
+def worth(look: Look) -> int:
+    """Number of markers that are visible and not torn, less that of the torn ones."""
+    return int(look.visible.sum()) - 2 * int(look.torn.sum())
+
+
+def better(first: Look, second: Look) -> Look:
+    """The look that finds more markers, or else explains them better."""
+
+    def rank(look: Look) -> tuple[int, float]:
+        return worth(look), -float(look.fits.misfit[look.visible.any(axis=1)].sum())
+
+    return max(first, second, key=rank)
+
+
+def astray(known: AtRest, memory: Memory, look: Look, few: int) -> bool:
+    """Whether markers were taken for others, or more than a few were lost since the last frame."""
+    newly = known.lost(look.visible) - known.lost(memory.visible)
+    return bool(look.torn.any()) or newly > few
+
+
+def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
+    """Look again at markers that lie on others, from where the pair's other layer has them.
+
+    Two discs that pass over each other can be taken for each other, or both for what they cover
+    together. Their other layer moves less, or more, and lies apart.
+    """
+    if known.share is None:
+        return look
+    state, visible = look.fits.state, look.visible
+    on_others = known.fit.crowded(state.fits, visible)
+    if not on_others.any():
+        return look
+    displacement = (state.fits - known.state.fits)[..., :2]
+    clear = visible & ~on_others
+    far = clear.all(axis=1) & (abs(displacement[:, 0]).max(axis=1) > _MOVED * known.pitch)
+    first, second = displacement[far, 0], displacement[far, 1]
+    # The ratio in the image is not quite that of the layers, which lie at different depths.
+    share = (first * second).sum() / (first**2).sum() if far.any() else known.share
+    expected = np.stack([displacement[:, 1] / share, displacement[:, 0] * share], axis=1)
+    off = np.linalg.norm(displacement - expected, axis=2)
+    wrong = on_others & clear[:, ::-1] & (off > _ASIDE * known.fit.radius)
+    if not wrong.any():
+        return look
+    fits = state.fits.copy()
+    fits[wrong, :2] = (known.state.fits[..., :2] + expected)[wrong]
+    start = replace(state, fits=fits)
+    return better(look, judge(known, memory, image, known.fit.fit(image, start, STEPS), start))
+
+
+def _torn(known: AtRest, memory: Memory, state: PairState, visible: Mask) -> Mask:
+    """Markers that moved otherwise than most of their neighbours, or than their other layer."""
+    near, limit = known.fit.near, _TORN * known.pitch
+    displacement = (state.fits - known.state.fits)[..., :2]
+    torn = torn_off(displacement, visible, near, limit)
+    if known.layers == 2 and known.share is not None:
+        off = abs(displacement[:, 1] - known.share * displacement[:, 0]).max(axis=1) > limit
+        torn |= (off & visible.all(axis=1))[:, None]
+    if not torn.any():
+        return np.asarray(torn)
+    # Skin that is pressed together strongly is not torn: its markers got there step by step, each
+    # as it moved in the frame before, or as its neighbours move in this one.
+    step = (state.fits - memory.start.fits)[..., :2]
+    around = np.where(visible[..., None], step, 0.0)[near].sum(axis=1)
+    around /= np.maximum(visible[near].sum(axis=1), 1)[..., None]
+    off = [abs(step - way).max(axis=2) for way in (memory.velocity[..., :2], around)]
+    off_course = np.minimum(*off) > _WENT_ON * known.pitch
+    return np.asarray(torn & (off_course | ~memory.intact))

@@ -1,0 +1,59 @@
+"""What the tracker remembers from frame to frame, and what it makes of one."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .pair_state import PairFits, PairState
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Frames between two fits of colours and blur, while these do not change.
+PATIENCE = 4
+
+
+class Look(NamedTuple):
+    """A fit to a frame; the markers that it explains, and those that came off their neighbours."""
+
+    fits: PairFits
+    visible: Mask  # (M, 2)
+    torn: Mask  # (M, 2), of the visible ones
+
+
+@dataclass(frozen=True, kw_only=True)
+class Memory:
+    """All that the tracker remembers from one frame to the next, for M pairs and L layers.
+
+    Attributes
+    ----------
+    start: state that the next fit starts from, before the velocity is added
+    velocity: expected change of the fits until the next frame, shape (M, 2, 5)
+    fitted: last fit of each pair
+    visible: markers that were found, shape (M, 2)
+    intact: markers that were found and moved as their neighbours did, shape (M, 2)
+    last_seen: time of the last frame in which each marker was found [s], shape (L, M)
+    typical: median misfit under today's light, at least 1
+    waited: frames since colours and blur were fitted
+    patience: frames to wait before they are fitted again
+    glances: frames in a row for which a glance was enough
+    turn: which of the still pairs were fitted last
+    """
+
+    start: PairState
+    velocity: Array
+    fitted: PairFits | None
+    visible: Mask
+    intact: Mask
+    last_seen: Array
+    typical: float
+    waited: int = 0
+    patience: int = PATIENCE
+    glances: int = 0
+    turn: int = 0
+
+    def expected(self) -> PairState:
+        """State that the next fit starts from."""
+        return replace(self.start, fits=self.start.fits + self.velocity)

@@ -1,0 +1,94 @@
+"""Values of the pair fit: the state of the pairs, and a fit with its certainty."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .neighbour_kernels import median
+
+Array = NDArray[np.float64]
+
+#: Misfit that a pair counts with where no fit was found.
+_NOT_FOUND = 1e9
+
+
+@dataclass(frozen=True)
+class PairState:
+    """State of M pairs, and of the light on them.
+
+    Attributes
+    ----------
+    fits: (x, y, e, p, q) of both layers, see `pair_kernels`, shape (M, 2, 5)
+    present: layers that are there, shape (M, 2)
+    gains: light of each channel over that at rest, shape (M, 3)
+    slopes: change of the light across each pair, see `pixel_kernels`, shape (M, 5)
+    absorbed: share of the light that each dye absorbs, and that both together leave, shape (3, 3)
+    width: standard deviation of an edge [px]
+    black: level of each channel that stands for no light
+    """
+
+    fits: Array
+    present: NDArray[np.bool_]
+    gains: Array
+    slopes: Array
+    absorbed: NDArray[np.float32]
+    width: float
+    black: tuple[float, ...]
+
+    def copied(self) -> "PairState":
+        """The same state with arrays of its own, which a fit may change in place."""
+        return replace(
+            self,
+            fits=self.fits.copy(),
+            present=self.present.copy(),
+            gains=self.gains.copy(),
+            slopes=self.slopes.copy(),
+        )
+
+    def unsloped(self) -> "PairState":
+        """The same state with even light on each pair."""
+        return replace(self, slopes=np.zeros_like(self.slopes))
+
+
+@dataclass(frozen=True)
+class PairFits:
+    """A fit: the state, how well it explains the image, and how certain it is.
+
+    Attributes
+    ----------
+    state: after the fit
+    misfit: mean squared residual over noise variance, shape (M,); infinite where no fit was found
+    covariance: of (x, y, e) of both layers and of the gains' logarithms, shape (M, 9, 9)
+    """
+
+    state: PairState
+    misfit: Array
+    covariance: Array
+
+    def copied(self) -> "PairFits":
+        """The same fit with arrays of its own."""
+        return PairFits(self.state.copied(), self.misfit.copy(), self.covariance.copy())
+
+    @cached_property
+    def typical(self) -> float:
+        """Median misfit."""
+        return float(median(self.misfit))
+
+    @property
+    def score(self) -> float:
+        """Median misfit, pairs without a fit counted as very large."""
+        return float(median(np.minimum(self.misfit, _NOT_FOUND)))
+
+
+def chosen(which: NDArray[np.bool_], first: PairState, second: PairState) -> PairState:
+    """Some pairs, shape (M,), of one state, the others of another."""
+    row = which[:, None]
+    return replace(
+        second,
+        fits=np.where(row[..., None], first.fits, second.fits),
+        present=np.where(row, first.present, second.present),
+        gains=np.where(row, first.gains, second.gains),
+        slopes=np.where(row, first.slopes, second.slopes),
+    )

@@ -1,0 +1,140 @@
+"""Fit of the colours and the blur, to all pairs together, where the pairs stop being explained.
+
+Light over the ground's is 1 − a₀·C₀ − a₁·C₁ + b·C₀₁, with C the coverages, a what a dye absorbs and
+b what both together leave over. Given the places of the markers it is linear in a and b.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .light_kernels import light_sums
+from .pair_fit import PairFit
+from .pair_state import PairFits, PairState
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+#: Factor by which an edge is tried wider or narrower.
+_WIDER = 1.15
+#: The widest edge that is tried, and the inverse of the narrowest, over that at rest.
+_WIDEST = 4.0
+#: Colours and places are fitted in turns, this often.
+_ROUNDS = 2
+#: Levels of black that are tried [grey levels]. Levels next to 0 would be taken for a dye's light.
+_BLACKS = (-32.0, -16.0, 0.0, *np.arange(16.0, 121.0, 8.0).tolist())
+#: A dye with less than this share of its contrast at rest cannot be fitted.
+_FADED = 0.15
+#: Standard deviation of the palette's colours: of the share of light that a dye absorbs.
+_KNOWN = 0.03
+#: Weight of an image beside the palette, over that of its noise alone: the model's own errors are
+#: common to all pixels.
+_OWN_ERRORS = 1.0 / 300.0
+#: Signs of a₀, a₁ and b in the light over the ground's.
+_SIGNS = np.array([-1.0, -1.0, 1.0])
+
+
+def tune(fit: PairFit, image: Image, found: PairFits, shapes: Array, steps: int) -> PairFits:
+    """Fit with colours, blur and level of black that explain the image best, or `found`.
+
+    Parameters
+    ----------
+    fit: of the sensor
+    image, found: a fit to the image that may not explain it
+    shapes: fits (M, 2, 5) whose sizes and strains are kept until the colours are known: they would
+        make up for wrong colours
+    steps: of each fit, at most
+    """
+    places = fit.with_effort(2, fit.rows, fit.arrived)
+    fits = np.concatenate([found.state.fits[..., :2], shapes[..., 2:]], axis=-1)
+    start = replace(found.state, fits=fits)
+    start = replace(start, black=_black(fit, image, start))
+
+    def tuned(width: float) -> PairFits:
+        state = replace(start, width=width)
+        for _ in range(_ROUNDS):
+            state = places.fit(image, _with_colours(fit, image, state), steps).state
+        return fit.fit(image, _with_colours(fit, image, state), steps)
+
+    best = min(found, tuned(found.state.width), key=lambda fits: fits.score)
+    for factor in (_WIDER, 1.0 / _WIDER):
+        while 1.0 < _WIDEST * fit.optics.width / best.state.width < _WIDEST**2:
+            tried = tuned(factor * best.state.width)
+            if not tried.score < best.score:
+                break
+            best = tried
+    return best
+
+
+def faded(fit: PairFit, state: PairState) -> bool:
+    """Whether a dye of a state has lost so much contrast that the fit means nothing."""
+    now = np.linalg.norm(state.absorbed[:2], axis=1)
+    return bool((now < _FADED * np.linalg.norm(fit.nominal[:2], axis=1)).any())
+
+
+def _with_colours(fit: PairFit, image: Image, state: PairState) -> PairState:
+    """State with the colours that explain the image best on its markers, and gains to match."""
+    pairs, sums = _light_sums(fit, image, state)
+    absorbed, gain, _ = _fit_colours(sums, fit.nominal)
+    gains = state.gains.copy()
+    gains[pairs] *= gain
+    # Rows one after another, as in `prepare_fit`: else every kernel would be compiled once more.
+    return replace(state, absorbed=absorbed.astype(np.float32, order="C"), gains=gains)
+
+
+def _black(fit: PairFit, image: Image, state: PairState) -> tuple[float, ...]:
+    """Level of black in each channel that leaves the least doubt about the colours."""
+    doubts = []
+    for level in _BLACKS:
+        _, sums = _light_sums(fit, image, replace(state, black=(level,) * 3))
+        doubts.append(_fit_colours(sums, fit.nominal)[2])
+    return tuple(_BLACKS[best] for best in np.argmin(doubts, axis=0))
+
+
+def _light_sums(fit: PairFit, image: Image, state: PairState) -> tuple[NDArray[np.intp], Array]:
+    """Numbers of the n pairs that show colours, and their `light_sums`, shape (n, 3, 5, 5)."""
+    sums = np.zeros((len(state.fits), 3, 5, 5))
+    light_sums(
+        image, fit.optics_of(state), state.present, fit.rows, state.fits, state.gains,
+        state.slopes, sums, fit.buffer,
+    )  # fmt: skip
+    pairs = np.flatnonzero((sums[:, :, 0, 0] > 0.0).all(axis=1))
+    return pairs, sums[pairs]
+
+
+def _fit_colours(sums: Array, known: Array) -> tuple[Array, Array, Array]:
+    """Colours near the known ones that explain the pairs best, each pair with gains of its own.
+
+    Parameters
+    ----------
+    sums: of `light_sums`, of n pairs, shape (n, 3, 5, 5)
+    known: absorbed by both dyes, and left over by both, of each channel, shape (3, 3)
+
+    Returns
+    -------
+    absorbed: shape (3, 3)
+    gain: of each pair and channel, shape (n, 3)
+    doubt: squared residuals, and distance of the colours from the known ones, of each channel, (3,)
+    """
+    model, product = _explained(sums, known)
+    gain = product / model
+    # Only what differs from the mean over the pair depends on the colours.
+    mean = sums[:, :, 0, 1:4] / sums[:, :, :1, 0]
+    inner = sums[:, :, 1:4, 1:4] - sums[:, :, :1, 1:4] * mean[..., None]
+    pull = (sums[:, :, 1:4, 4] - mean * sums[:, :, :1, 4]) / gain[..., None]
+    weight = _OWN_ERRORS * gain**2
+    matrix = np.einsum("nc,ncij->cij", weight, inner) + np.eye(3) / _KNOWN**2
+    right = np.einsum("nc,nci->ci", weight, pull) + (_SIGNS[:, None] * known).T / _KNOWN**2
+    absorbed = _SIGNS[:, None] * np.linalg.solve(matrix, right[..., None])[..., 0].T
+    model, product = _explained(sums, absorbed)
+    residual = (sums[:, :, 4, 4] - product**2 / model).sum(axis=0)
+    doubt = _OWN_ERRORS * residual + ((absorbed - known) ** 2).sum(axis=0) / _KNOWN**2
+    return absorbed, product / model, doubt
+
+
+def _explained(sums: Array, absorbed: Array) -> tuple[Array, Array]:
+    """Square of the model, and its product with the observed light, of each pair and channel."""
+    tone = np.concatenate([np.ones((1, 3)), _SIGNS[:, None] * absorbed])
+    model = np.einsum("ac,ncab,bc->nc", tone, sums[..., :4, :4], tone)
+    return model, np.einsum("ac,nca->nc", tone, sums[..., :4, 4])
