@@ -14,8 +14,7 @@ import chromagrip
 from chromagrip.dataset.sequence import FRAME, MARKERS, NODES
 from chromagrip.loop import COLUMNS
 from chromagrip.loop.pose_folder import ARRAYS
-from chromagrip.output.estimate_table import DISPLACEMENTS, FORCES
-from chromagrip.output.track_table import COLUMNS as TRACKS
+from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "fixtures/README.md"])

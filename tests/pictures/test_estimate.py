@@ -18,7 +18,7 @@ from chromagrip.cli.calibrate import calibrate_sensor
 from chromagrip.errors import UserError
 from chromagrip.loop.poses import Pose, settle
 from chromagrip.model import ContactObject, contact_forces, equilibrium
-from chromagrip.output.estimate_table import FORCES
+from chromagrip.output.parquet import FORCES
 from chromagrip.render import MembraneMap, add_noise, open_renderer
 from chromagrip.scene.scene import load_scene
 from chromagrip.tracking.forces.calibration import load_calibration, values_of, with_values

@@ -16,8 +16,8 @@ from scipy.spatial import KDTree
 
 from chromagrip.cli.app import main
 from chromagrip.model import Fingertip
+from chromagrip.output.parquet import TRACKS
 from chromagrip.output.pictures import open_source
-from chromagrip.output.track_table import COLUMNS
 from chromagrip.pictures import track as module
 from chromagrip.pictures.noise_level import noise_level
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
@@ -182,8 +182,8 @@ def test_tracks_are_where_the_markers_are(
     assert summary["format"] == "chromagrip track 1"
     assert (summary["frames"], summary["fps"], summary["complete"]) == (8, 50.0, True)
     assert summary["noise_levels"] == pytest.approx(NOISE, rel=0.05)
-    assert list(columns) == list(COLUMNS) == schema.names
-    assert {k.decode() for k in schema.metadata} >= set(COLUMNS)
+    assert list(columns) == list(TRACKS) == schema.names
+    assert {k.decode() for k in schema.metadata} >= set(TRACKS)
     assert len(columns["frame"]) == 8 * 2 * 400
     np.testing.assert_allclose(columns["time_s"], columns["frame"] / 50.0)
     truth = [centroids(outlines(moved(2e-5 * k), SENSOR.view), square=False) for k in range(8)]
@@ -391,7 +391,7 @@ def test_a_camera_is_ended_by_an_interruption(
 def test_memory_does_not_wait_for_the_end(
     film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("chromagrip.output.track_table._GROUP", 2 * len(DOTS))
+    monkeypatch.setattr("chromagrip.output.parquet._TRACK_GROUP", 2 * len(DOTS))
     words = ("--palette", "dark-dots", "--tracker", nearest, "--out", tmp_path / "out")
     assert chromagrip(monkeypatch, "track", "first", film, *words) == 0
     assert pq.ParquetFile(tmp_path / "out" / "tracks.parquet").num_row_groups == 3

@@ -238,7 +238,7 @@ def estimate(
 
 
 def _print_estimates(summary: dict[str, Any], folder: Path | None) -> None:
-    from ..output.estimate_table import VALUES
+    from ..output.parquet import VALUES
 
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()

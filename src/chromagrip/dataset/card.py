@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..extras import need
+from ..output.folder import write_whole
 from ..output.pictures import read_picture
 from ..output.png import encode_png
 from .folder import (
@@ -19,7 +20,6 @@ from .folder import (
     sequence_name,
     tables,
     to_parquet,
-    write_whole,
 )
 from .recipe import Recipe
 from .sequence import FRAME, MARKERS, NODES, STATES

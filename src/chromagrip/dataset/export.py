@@ -3,7 +3,6 @@
 import io
 import json
 import pickle
-import shutil
 import tarfile
 from collections.abc import Callable, Iterator
 from itertools import chain, count, islice
@@ -13,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..output.folder import prepare
+from ..output.folder import prepare, whole_folder
 from ..render import LAYERS
 from .folder import Loaded, link, load_sequences, read_manifest
 from .lerobot import write_lerobot
@@ -43,18 +41,9 @@ def export(
         When the dataset is not whole, does not fit the layout, or cannot be written.
     """
     read_manifest(folder)
-    prepare(out, force=None)
-    part = out.with_name(f".part-{out.name}")
-    try:
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir()
+    prepare(out, overwrite=None)
+    with whole_folder(out) as part:
         LAYOUTS[layout](folder, part, progress)
-        out.rmdir()
-        part.rename(out)
-    except OSError as error:
-        raise UserError(f"{out} cannot be written: {error.strerror}") from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return sorted(file for file in out.rglob("*") if file.is_file())
 
 

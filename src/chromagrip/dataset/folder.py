@@ -16,7 +16,6 @@ versions give the same bytes.
 import dataclasses
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -31,6 +30,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..extras import need
+from ..output.folder import PART, disk_errors, whole_folder, write_whole
 from ..output.pictures import read_picture
 from ..output.png import encode_png
 from ..output.versions import versions
@@ -51,7 +51,6 @@ CAMERA = "camera.yml"
 TABLE, CARD, SHEET = "sequences.parquet", "DATASET_CARD.md", "contact-sheet.png"
 #: Folder of sensors of one's own.
 SENSORS = "sensors"
-_PART = ".part-"
 
 
 def sequence_name(number: int) -> str:
@@ -68,22 +67,9 @@ def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
         When it cannot be written; nothing of it is left.
     """
     final = out / sequence_name(number)
-    if final.exists():
-        return number
-    part = out / f"{_PART}{number:06d}-{os.getpid()}"
-    try:
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir()
-        _write_files(recipe, number, part)
-        try:
-            part.rename(final)
-        except OSError:
-            if not final.exists():  # else somebody else was faster
-                raise
-    except OSError as error:
-        raise UserError(f"{final} cannot be written: {error.strerror}") from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+    if not final.exists():
+        with whole_folder(final) as part:
+            _write_files(recipe, number, part)
     return number
 
 
@@ -189,7 +175,7 @@ def _plain(values: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def clean(out: Path) -> None:
     """Remove what interrupted workers left."""
-    for part in out.glob(f"{_PART}*"):
+    for part in out.glob(f"{PART}*"):
         shutil.rmtree(part, ignore_errors=True)
 
 
@@ -262,23 +248,6 @@ def read_json(path: Path) -> dict[str, Any]:
     return found
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file under another name, and give it its own.
-
-    Raises
-    ------
-    UserError
-        When it cannot be written.
-    """
-    part = path.with_name(f"{_PART}{path.name}")
-    try:
-        part.write_bytes(data)
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise UserError(f"{path} cannot be written: {error.strerror}") from None
-
-
 def link(source: Path, target: Path) -> None:
     """The same file by another name: linked where the disk can, else copied."""
     try:
@@ -320,10 +289,8 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
             told = read_json(folder / sequence_name(number) / FILES).get("versions", {})
             if told != made_with():
                 raise UserError(f"{folder} was begun with other versions: {_changes(told)}")
-    try:
+    with disk_errors(folder / MANIFEST):
         (folder / MANIFEST).unlink(missing_ok=True)
-    except OSError as error:
-        raise UserError(f"{folder} cannot be written: {error.strerror}") from None
     write_whole(path, dump_recipe(portable(recipe, folder)).encode())
 
 

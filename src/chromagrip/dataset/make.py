@@ -1,9 +1,10 @@
 """Making a dataset: its sequences by any number of workers, in any order, and what sums it up."""
 
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import CancelledError
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +13,8 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import need, require
-from ..output.folder import filling, prepare
+from ..output.folder import filling, prepare, whole_folder
+from ..output.processes import Progress, exit_on_sigterm, map_processes
 from .card import write_card
 from .check import check_files
 from .folder import (
@@ -35,8 +37,8 @@ Backend = Literal["joblib", "dask", "ray"]
 #: Sequences that a cluster is told of at a time: enough for many workers, and no more memory.
 _WAITING = 2000
 _GO_ON = "what is done is kept, go on with --resume"
-#: Told how many sequences are done, and of how many.
-Progress = Callable[[int, int], None]
+#: Makes the sequence of a number.
+Job = Callable[[int], int]
 
 
 def make(
@@ -79,7 +81,7 @@ def make(
     if begun and not resume:
         raise UserError(f"{out} holds a dataset already; go on with --resume, or choose another")
     if not begun:
-        prepare(out, force=None)
+        prepare(out, overwrite=None)
     with filling(out):
         recipe = keep_sensors(recipe, out)
         keep_recipe(recipe, out)
@@ -88,9 +90,10 @@ def make(
         todo = [number for number in wanted if number not in there]
         done = len(wanted) - len(todo)
         progress(done, len(wanted))
-        for _ in _results(recipe, todo, out, workers, backend, address):
-            done += 1
-            progress(done, len(wanted))
+        with closing(_results(recipe, todo, out, workers, backend, address)) as results:
+            for _ in results:
+                done += 1
+                progress(done, len(wanted))
         return _finish(out, recipe)
 
 
@@ -118,28 +121,18 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
                 raise UserError(f"{name} is in {seen[name]} and in {folder}")
             check_files(folder / name, digest)
             seen[name] = folder
-    prepare(out, force=None)
+    prepare(out, overwrite=None)
     recipe = keep_sensors(recipe, out)
     keep_recipe(recipe, out)
     for name, folder in seen.items():
-        _take(folder / name, out / name)
+        with whole_folder(out / name) as part:
+            for file in (folder / name).iterdir():
+                link(file, part / file.name)
     return _finish(out, recipe)
 
 
 def _sensors(folder: Path) -> dict[str, str]:
     return {name: file_digest(folder / name) for name in sensor_files(folder)}
-
-
-def _take(source: Path, target: Path) -> None:
-    """The same sequence in another folder."""
-    part = target.with_name(f".part-{target.name}")
-    try:
-        part.mkdir()
-        for file in source.iterdir():
-            link(file, part / file.name)
-        part.rename(target)
-    except OSError as error:
-        raise UserError(f"{target} cannot be written: {error.strerror}") from None
 
 
 def _finish(out: Path, recipe: Recipe) -> dict[str, Any]:
@@ -151,34 +144,22 @@ def _finish(out: Path, recipe: Recipe) -> dict[str, Any]:
 
 def _results(
     recipe: Recipe, todo: list[int], out: Path, workers: int, backend: Backend, address: str
-) -> Iterator[int]:
+) -> Generator[int, None, None]:
     """Numbers of sequences as they are made."""
-    job = (msgspec.msgpack.encode(recipe), str(out.absolute()))
-    if not todo:
-        return
+    job = partial(_make, msgspec.msgpack.encode(recipe), str(out.absolute()))
     if address and backend == "joblib":
         raise UserError("--address goes with --backend dask or ray")
-    yield from {"joblib": _joblib, "dask": _dask, "ray": _ray}[backend](job, todo, workers, address)
+    if backend == "joblib":
+        yield from map_processes(job, todo, workers, advice=_GO_ON)
+    elif todo:
+        cluster = _dask if backend == "dask" else _ray
+        with exit_on_sigterm(), closing(cluster(job, todo, workers, address)) as numbers:
+            yield from numbers
 
 
-def _make(job: tuple[bytes, str], number: int) -> int:
-    """One sequence: what a worker does, wherever it is."""
-    recipe, out = msgspec.msgpack.decode(job[0], type=Recipe), Path(job[1])
-    return write_sequence(recipe, number, out)
-
-
-def _joblib(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    if workers == 1:
-        yield from (_make(job, number) for number in todo)
-        return
-    parallel = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    try:
-        yield from parallel(delayed(_make)(job, number) for number in todo)
-    except TerminatedWorkerError:
-        raise UserError(f"a worker was killed (out of memory?); {_GO_ON}") from None
+def _make(recipe: bytes, out: str, number: int) -> int:
+    """Make one sequence, in this process or in a worker."""
+    return write_sequence(msgspec.msgpack.decode(recipe, type=Recipe), number, Path(out))
 
 
 def _knock(address: str) -> None:
@@ -194,7 +175,7 @@ def _first(error: BaseException) -> str:
     return (str(error) or type(error).__name__).splitlines()[0]
 
 
-def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+def _dask(job: Job, todo: list[int], workers: int, address: str) -> Generator[int, None, None]:
     require("dask")
     from distributed import Client, KilledWorker, LocalCluster, as_completed
 
@@ -213,7 +194,7 @@ def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -
 
         # A worker that dies takes nothing along: its sequences are made by the others.
         def submit(number: int) -> Any:
-            return client.submit(_make, job, number, pure=False, retries=3)
+            return client.submit(job, number, pure=False, retries=3)
 
         left = iter(todo)
         waiting = as_completed([submit(number) for number in islice(left, _WAITING)])
@@ -227,7 +208,7 @@ def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -
             raise UserError(f"the Dask cluster failed: {_first(error)} ({_GO_ON})") from None
 
 
-def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+def _ray(job: Job, todo: list[int], workers: int, address: str) -> Generator[int, None, None]:
     ray = need("ray", "ray")
     quiet = {"log_to_driver": False, "logging_level": "error"}
     try:
@@ -240,13 +221,13 @@ def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) ->
     except (OSError, RuntimeError, ValueError) as error:
         raise UserError(f"there is no Ray cluster at {address}: {error}") from None
     try:
-        remote = ray.remote(max_retries=3)(_make)
+        remote = ray.remote(max_retries=3)(lambda number: job(number))
         left = iter(todo)
-        waiting = [remote.remote(job, number) for number in islice(left, _WAITING)]
+        waiting = [remote.remote(number) for number in islice(left, _WAITING)]
         while waiting:
             ready, waiting = ray.wait(waiting)
             yield from ray.get(ready)
-            waiting += [remote.remote(job, number) for number in islice(left, len(ready))]
+            waiting += [remote.remote(number) for number in islice(left, len(ready))]
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None
     except ray.exceptions.RayError as error:

@@ -9,8 +9,9 @@ from pathlib import Path
 import tomli_w
 
 from ..errors import UserError
+from ..output.folder import write_whole
 from ..render.design.sensor import FILES_NAMED
-from .folder import RECIPE, SENSORS, write_whole
+from .folder import RECIPE, SENSORS
 from .recipe import Recipe, with_sensors
 
 

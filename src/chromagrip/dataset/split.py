@@ -9,7 +9,8 @@ import numpy as np
 
 from ..errors import UserError
 from ..extras import need
-from .folder import TABLE, read_manifest, sequence_name, write_whole
+from ..output.folder import write_whole
+from .folder import TABLE, read_manifest, sequence_name
 
 SPLIT = "split.json"
 

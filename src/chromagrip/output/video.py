@@ -1,4 +1,4 @@
-"""A video as it is written: beside its final name, so that a cut file never looks whole."""
+"""A video that is written while its pictures come."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..extras import need
+from .folder import disk_errors, part_of
 
 if TYPE_CHECKING:
     import av
@@ -21,10 +22,15 @@ class VideoFile:
 
     Parameters
     ----------
-    path: of the video; it has that name once it is closed
-    rate: pictures per second
+    path: of the video; it gets that name when it is closed
+    rate: pictures per second [Hz]
     quality: rate factor of x264, lower is better
-    options: more of x264, as PyAV takes them
+    options: further options of x264, as PyAV takes them
+
+    Raises
+    ------
+    UserError
+        When it cannot be written, as where the disk is full; nothing of it is left.
     """
 
     _stream: "av.VideoStream | None"
@@ -38,13 +44,12 @@ class VideoFile:
     ) -> None:
         self._path, self._rate, self._quality = path, rate, quality
         self._options = options or {}
-        self._part = path.with_name(path.name + ".part")
-        av = need("av", "video")
-        self._container = av.open(str(self._part), "w", format="mp4")
+        with disk_errors(path):
+            self._container = need("av", "video").open(str(part_of(path)), "w", format="mp4")
         self._stream = None
 
     def __enter__(self) -> Self:
-        """Use as a context: closed and renamed even after an interruption."""
+        """Use as a context: the file is closed and gets its name even after an interruption."""
         return self
 
     def __exit__(
@@ -53,13 +58,15 @@ class VideoFile:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Finish the file and give it its name; without a picture it has none."""
-        if self._stream is not None:
-            for packet in self._stream.encode():
-                self._container.mux(packet)
-        self._container.close()
-        if self._stream is not None:
-            self._part.replace(self._path)
+        """Finish the file and give it its name, unless it has no picture or writing failed."""
+        part = part_of(self._path)
+        with disk_errors(self._path):
+            if self._stream is not None and part.exists():
+                self._mux(None)
+            self._container.close()
+            if self._stream is not None and part.exists():
+                part.replace(self._path)
+            part.unlink(missing_ok=True)
 
     def append(self, picture: Image) -> None:
         """Append a picture; all have the size of the first one."""
@@ -76,7 +83,12 @@ class VideoFile:
                 **self._options,
             }
             self._stream.options = options
-        av = need("av", "video")
-        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        frame = need("av", "video").VideoFrame.from_ndarray(picture, format="rgb24")
+        with disk_errors(self._path):
+            self._mux(frame)
+
+    def _mux(self, frame: "av.VideoFrame | None") -> None:
+        """Encode a picture, or what the encoder still holds."""
+        assert self._stream is not None
         for packet in self._stream.encode(frame):
             self._container.mux(packet)

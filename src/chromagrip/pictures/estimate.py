@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..control import GripObservation
 from ..errors import UserError, located
 from ..loop.observers import ForceObserver
-from ..output.estimate_table import DISPLACEMENTS, FORCES, VALUES, EstimateTable
+from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable
 from ..render import Frame, View
 from ..tracking import (
     CAMERA_RULE,

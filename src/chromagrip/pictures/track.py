@@ -20,8 +20,8 @@ from threadpoolctl import threadpool_limits
 
 from ..errors import UserError
 from ..output.folder import prepare
+from ..output.parquet import TrackTable
 from ..output.pictures import Source, open_source
-from ..output.track_table import TrackTable
 from ..output.versions import versions
 from ..render import Frame
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_palette, load_tracker, read_rest
