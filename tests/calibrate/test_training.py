@@ -2,11 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chromagrip.cli.train import train
 
 from chromagrip.calibrate import readout as training
 from chromagrip.calibrate.histories import snapshots, with_mirrored
 from chromagrip.calibrate.networks import Basis
+from chromagrip.cli.calibrate import train
 from chromagrip.errors import UserError
 from chromagrip.model import Fingertip
 from chromagrip.tracking import load_calibration

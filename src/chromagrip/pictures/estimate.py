@@ -27,9 +27,9 @@ from ..tracking import (
     Palette,
     Tracks,
     check_reconstructor,
+    load_calibration,
 )
-from ..tracking.forces.calibration import check_rest, load_calibration
-from ..tracking.forces.displacement import DisplacementGains, skin_displacement
+from ..tracking.forces import DisplacementGains, check_rest, skin_displacement
 from .figure import draw_figure, draw_forces
 from .overlay import OverlayVideo, draw_tracks
 from .track import Add, Outcome, Progress, Tracking, follow, open_folder, open_tracking
