@@ -95,6 +95,13 @@ def test_commands_and_flags_exist(page: Path, typed: Typed) -> None:
             assert re.search(rf"{flag}\b", helps[key]), f"{page.name}: chromagrip {key} {flag}"
 
 
+def test_the_page_on_architecture_names_every_room() -> None:
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    paths = [path for path in (ROOT / "src/chromagrip").iterdir() if path.name[0] not in "_."]
+    rooms = {path.stem for path in paths if path.is_dir() or path.suffix == ".py"}
+    assert {room for room in rooms if f"`{room}`" not in text} == set()
+
+
 def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:
     for field in msgspec.structs.fields(kind):
         if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):

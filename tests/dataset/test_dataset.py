@@ -330,6 +330,9 @@ def test_a_cluster_that_is_not_there_is_said(
 def test_an_address_wants_a_cluster(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="--address goes with --backend dask or ray"):
         make(TINY, tmp_path / "joblib", address="tcp://127.0.0.1:9")
+    pytest.importorskip("distributed")
+    with pytest.raises(UserError, match=r"--address nowhere: expected HOST:PORT"):
+        make(TINY, tmp_path / "dask", backend="dask", address="nowhere")
 
 
 @pytest.mark.parametrize(
@@ -407,7 +410,7 @@ def test_a_file_that_may_not_grow_is_said_in_one_sentence(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["dataset"], 0, "dataset make "),
+        (["dataset"], 0, "usage: chromagrip dataset [-h] {make,check,"),
         (["dataset", "make", "--help"], 0, "usage: chromagrip dataset make "),
         (["dataset", "mend"], 2, "dataset mend: there is make, check"),
         (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is force"),

@@ -1,6 +1,5 @@
 """The score of trackers: its limit, its truth, its counts, and where identity is lost."""
 
-import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,6 @@ from chromagrip.measure.bench import track as bench_track
 from chromagrip.measure.bench.parts import bench
 from chromagrip.measure.limits.kernels import fisher_information
 from chromagrip.measure.limits.positions import bounds, position_limits
-from chromagrip.measure.stability import track as stability_track
 from chromagrip.measure.worlds.track_motion import pitch
 from chromagrip.measure.worlds.track_scenes import SCENES, Conditions, Sequence, sequence
 from chromagrip.measure.worlds.track_scores import (
@@ -27,7 +25,6 @@ from chromagrip.measure.worlds.track_scores import (
     scores,
 )
 from chromagrip.output.report import Bounds
-from chromagrip.output.rows import report
 from chromagrip.render import Frame, load_sensor
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.drawing.coverage import edge_width
@@ -311,27 +308,10 @@ def test_who_never_looks_is_told_from_a_tracker() -> None:
 
 # ---- the commands ----
 
-NEAREST = '''
-"""Trackers of a user: one that says the nearest marker is its own, and one that refuses."""
-import dataclasses
-import numpy as np
-from scipy.spatial import KDTree
+REFUSING = '''
+"""Tracker of a user that refuses all frames."""
 from chromagrip.errors import UserError
-from chromagrip.tracking import detect_markers
 from chromagrip.measure.worlds.track_scores import Constant
-
-class Nearest(Constant):
-    def reset(self, rest):
-        self.rest = super().reset(rest)
-        return self.rest
-
-    def update(self, frame):
-        position = np.full_like(self.rest.position, np.nan)
-        for layer, found in enumerate(detect_markers(frame.image, self._palette)):
-            there = self.rest.visible[layer]
-            near = KDTree(found.position).query(self.rest.position[layer, there])[1]
-            position[layer, there] = found.position[near]
-        return dataclasses.replace(self.rest, position=position)
 
 class Refusing(Constant):
     def update(self, frame):
@@ -341,47 +321,9 @@ class Refusing(Constant):
 
 @pytest.fixture
 def theirs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "users_trackers.py").write_text(NEAREST)
+    (tmp_path / "users_trackers.py").write_text(REFUSING)
     monkeypatch.syspath_prepend(str(tmp_path))
     return tmp_path
-
-
-def test_identity_is_lost_where_half_a_pitch_is_passed(theirs: Path) -> None:
-    """By who takes the nearest marker for its own; the default holds on far beyond.
-
-    The smallest distance in this layout is three quarters of its pitch, so no swap can come before
-    0.37 pitches, and along that row one has to have come at 0.6.
-    """
-    nearest = "users_trackers:Nearest"
-    found = list(stability_track.cells([nearest], {"shift": (0.35, 0.6)}, 2, {}, lambda _: None))
-    rows = {row.name: row.value for row in stability_track.rows_of(found)}
-    assert rows[f"{nearest}/shift/identity_lost_at"] == 0.6
-    assert rows[f"{nearest}/shift/breaks_at"] is not None
-    found = list(stability_track.cells(["fit"], {"shift": (1.2,)}, 2, {}, lambda _: None))
-    rows = {row.name: row.value for row in stability_track.rows_of(found)}
-    assert rows["fit/shift/identity_lost_at"] is None
-
-
-def test_an_interrupted_map_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stability_track, "QUICK_VALUES", {"noise": (1.0, 4.0)})
-    monkeypatch.setattr(stability_track, "QUICK_FRAMES", 1)
-    told: list[str] = []
-
-    def stop_at_the_second(text: str) -> None:
-        if "noise 4" in text:
-            raise KeyboardInterrupt
-
-    out, names = tmp_path / "map", ("constant",)
-    with pytest.raises(KeyboardInterrupt):
-        stability_track.stability_track(True, out, False, stop_at_the_second, names)
-    assert [path.name for path in out.iterdir()] == ["map.unfinished.csv"]
-    result, _ = stability_track.stability_track(True, out, False, told.append, names)
-    assert told == ["noise 4: constant"]
-    assert sorted(path.name for path in out.iterdir()) == ["map.csv", "map.png"]
-    with (out / "map.csv").open() as file:
-        assert [float(row["value"]) for row in csv.DictReader(file)] == [1.0, 4.0]
-    json.dumps(result, allow_nan=False)
-    assert [row["name"] for row in result["rows"]] == ["constant/noise/breaks_at"]
 
 
 def test_rows_of_a_bench_and_their_table(theirs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -426,11 +368,3 @@ def test_impossible_wishes_are_one_sentence() -> None:
         bench("track", True, lambda _: None, ("nobody",))
     with pytest.raises(UserError, match="--tracker goes with bench track"):
         bench("model", True, lambda _: None, ("fit",))
-
-
-def test_refused_frames_do_not_stop_the_others(theirs: Path) -> None:
-    names = ["users_trackers:Refusing", "constant"]
-    found = list(stability_track.cells(names, {"noise": (2.0,)}, 1, {}, lambda _: None))
-    assert [cell.right_percent > 0.0 for cell in found] == [False, True]
-    assert "does not like" in found[0].note
-    json.dumps(report(stability_track.rows_of(found)), allow_nan=False)

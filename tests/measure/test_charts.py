@@ -17,13 +17,11 @@ from hypothesis import strategies as st
 from chromagrip import UserError
 from chromagrip.measure.bench import force as bench_force
 from chromagrip.measure.charts import force as chart_force
-from chromagrip.measure.charts.chart import Axis, Chart, Peer, Point, front, write_chart
+from chromagrip.measure.charts.chart import Axis, Chart, Peer, Point, front
 from chromagrip.measure.charts.loop import settings as settings_of_the_loop
-from chromagrip.measure.charts.page import PARTS, charts, rows_of, write_page
+from chromagrip.measure.charts.page import PARTS, charts, write_charts
 from chromagrip.measure.worlds import force_scores
 from chromagrip.measure.worlds.force_scores import Answers
-
-MACHINE = {"system": "Linux", "cores": 2}
 
 
 def made_point(name: str, time: float, error: float) -> Point:
@@ -78,7 +76,7 @@ def test_the_front_is_a_front(told: list[tuple[float, float]]) -> None:
 
 def test_a_chart_is_drawn_with_a_tooltip_on_every_point(tmp_path: Path) -> None:
     chart = made_chart()
-    write_chart(chart, MACHINE, tmp_path)
+    write_charts([chart], False, tmp_path)
     root = ElementTree.parse(tmp_path / "made.svg").getroot()
     titles = {
         group.get("id"): group.findtext("{http://www.w3.org/2000/svg}title")
@@ -135,9 +133,9 @@ class Page(HTMLParser):
 
 def test_the_page_holds_all_that_it_shows(tmp_path: Path) -> None:
     chart = made_chart()
-    drawn = write_chart(chart, MACHINE, tmp_path)
-    write_page([(chart, drawn)], MACHINE, False, tmp_path / "index.html")
+    write_charts([chart], False, tmp_path)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    ElementTree.fromstring(text)  # well-formed
     page = Page()
     page.feed(text)
     assert page.loads == []
@@ -154,8 +152,7 @@ def test_the_page_opens_from_disk(tmp_path: Path) -> None:
     if browser is None:
         pytest.skip("no Chromium is installed; `apt install chromium` brings one")
     chart = made_chart()
-    drawn = write_chart(chart, MACHINE, tmp_path)
-    write_page([(chart, drawn)], MACHINE, False, tmp_path / "index.html")
+    write_charts([chart], False, tmp_path)
     shown = subprocess.run(
         [
             browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom",
@@ -181,7 +178,7 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit(
     monkeypatch.setattr(chart_force, "timed_scenes", list)
     monkeypatch.setattr(chart_force, "times", lambda *_: {"gp": [1.0, 2.0, 4.0]})
     chart = chart_force.chart_force(True, lambda _: None, ("gp",))
-    rows = {row.name: row.value for row in rows_of(chart)}
+    rows = {row.name: row.value for row in chart.rows()}
     assert rows["force/gp/time"] == 2.0
     assert rows["force/gp/single/margin_rms"] == pytest.approx(0.02)
     assert rows["force/constant/0.1s/margin_rms"] == pytest.approx(true[:, 3].std())
@@ -193,16 +190,17 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit(
 def test_a_stage_yields_its_points(part: str, tmp_path: Path) -> None:
     """More work is never drawn as less wrong than the truth it is measured against."""
     report = charts([part], True, tmp_path / "new", False, lambda _: None)
-    rows = {row["name"]: row["value"] for row in report["rows"]}
+    rows = {row.name: row.value for row in report.rows}
     assert len([name for name in rows if name.endswith("/time")]) >= 5
-    assert all(value is not None and value > 0.0 for value in rows.values())
+    values = {name: value for name, value in rows.items() if value is not None and value > 0.0}
+    assert values.keys() == rows.keys()
     if part == "model":
         slow, fast = (f"model/251 nodes, {step} ms" for step in ("2", "10"))
-        assert rows[f"{slow}/normal_error"] < rows[f"{fast}/normal_error"]
+        assert values[f"{slow}/normal_error"] < values[f"{fast}/normal_error"]
     else:
-        limit = rows["track/Cramér–Rao/clean/rms"]
-        assert rows["track/fit/clean/rms"] > 0.8 * limit
-        assert rows["track/chromatouch/clean/rms"] > 5.0 * rows["track/fit/clean/rms"]
+        limit = values["track/Cramér–Rao/clean/rms"]
+        assert values["track/fit/clean/rms"] > 0.8 * limit
+        assert values["track/chromatouch/clean/rms"] > 5.0 * values["track/fit/clean/rms"]
     for name in (f"{part}.svg", f"{part}.png", f"{part}.csv", "charts.json", "index.html"):
         assert (tmp_path / "new" / name).stat().st_size > 0
 

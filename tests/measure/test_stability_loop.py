@@ -18,7 +18,8 @@ from chromagrip.errors import UserError
 from chromagrip.loop.observers import TruthObserver
 from chromagrip.loop.run_folder import run
 from chromagrip.loop.trace import Trace
-from chromagrip.measure.stability import loop as module
+from chromagrip.measure.stability import boundaries, parts
+from chromagrip.measure.stability.boundaries import onset
 from chromagrip.measure.stability.cells import (
     CRUSH,
     FIRST_LOAD,
@@ -43,7 +44,6 @@ from chromagrip.measure.stability.linear import (
     noise_gain,
     plant_of,
 )
-from chromagrip.measure.stability.loop import stability_loop
 from chromagrip.measure.stability.maps import (
     PRINTED,
     RETUNED,
@@ -54,7 +54,7 @@ from chromagrip.measure.stability.maps import (
     maps,
     place,
 )
-from chromagrip.measure.stability.onset import onset
+from chromagrip.measure.stability.parts import stability_loop
 from chromagrip.model import GROSS_SLIP, Drive, ForceField, contact_forces, simulate
 from chromagrip.scene.scene import load_scene
 
@@ -284,8 +284,8 @@ def small_plan(_: bool) -> dict[str, Map]:
 def test_an_interrupted_run_goes_on_and_ends_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "maps", small_plan)
-    monkeypatch.setattr(module, "onset", lambda setting: critical_period(setting.linear()))
+    monkeypatch.setattr(parts, "maps", small_plan)
+    monkeypatch.setattr(boundaries, "onset", lambda setting: critical_period(setting.linear()))
     ran: list[Setting] = []
 
     def quick_cell(setting: Setting) -> Cell:
@@ -306,28 +306,28 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(
             note="a, b",
         )
 
-    monkeypatch.setattr(module, "cell", quick_cell)
+    monkeypatch.setattr(parts, "cell", quick_cell)
 
     def stop_at_the_third(text: str) -> None:
         if text.startswith("3 of"):
             raise KeyboardInterrupt
 
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    whole, halves = tmp_path / "whole", tmp_path / "halves"
     said = stability_loop(True, whole, False, lambda _: None, 1)
     total = len(ran)
     ran.clear()
     with pytest.raises(KeyboardInterrupt):
-        stability_loop(True, parts, False, stop_at_the_third, 1)
-    assert [path.name for path in parts.iterdir()] == ["cells.unfinished.csv"]
+        stability_loop(True, halves, False, stop_at_the_third, 1)
+    assert [path.name for path in halves.iterdir()] == ["cells.unfinished.csv"]
     assert len(ran) == 3
-    assert stability_loop(True, parts, False, lambda _: None, 1) == said
+    assert stability_loop(True, halves, False, lambda _: None, 1) == said
     assert len(ran) == total
     names = sorted(path.name for path in whole.iterdir())
-    assert sorted(path.name for path in parts.iterdir()) == names
+    assert sorted(path.name for path in halves.iterdir()) == names
     assert {f"{name}.{end}" for name in maps(True) for end in ("csv", "png", "svg")} < set(names)
     for name in names:
         if name.endswith(".csv"):
-            assert (parts / name).read_bytes() == (whole / name).read_bytes()
+            assert (halves / name).read_bytes() == (whole / name).read_bytes()
     with pytest.raises(UserError, match="is not empty"):
         stability_loop(True, whole, False, lambda _: None, 1)
 
@@ -339,7 +339,7 @@ def test_every_camera_cell_has_its_twin_on_the_truth_path() -> None:
         assert which.camera
         assert set(which.camera) <= truth
         drawn = {which.at(panel, x, y) for panel in which.panels for x in panel.x for y in panel.y}
-        assert {module._truthful(one) for one in which.camera} <= drawn
+        assert {one.on_truth_path() for one in which.camera} <= drawn
 
 
 def test_processes_are_for_the_loop_only(typed: Callable[..., CompletedProcess[str]]) -> None:

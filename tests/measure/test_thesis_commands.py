@@ -7,33 +7,40 @@ from pathlib import Path
 import pytest
 
 from chromagrip.errors import UserError
-from chromagrip.measure.reproduce.appendix_b import FIGURES, appendix_b
+from chromagrip.measure.reproduce.parts import Plan, reproduce
 from chromagrip.measure.stability import model as maps
-from chromagrip.measure.stability.model import OUTCOMES, Cell, Grid, cells, stability_model
+from chromagrip.measure.stability.model import OUTCOMES, Cell, Grid, cells, settings
+from chromagrip.measure.stability.parts import stability_model
 from chromagrip.model import ContactObject, Fingertip
+from chromagrip.output.report import values
 
 
 def test_appendix_b_leaves_a_page_with_every_figure(tmp_path: Path) -> None:
-    told: list[str] = []
-    report, verdicts = appendix_b(tmp_path / "b", False, told.append)
-    assert (
-        [verdict.figure for verdict in verdicts]
-        == list(FIGURES)
-        == ["20", "21", "22", "24", "26", "27"]
-    )
-    page = (tmp_path / "b" / "index.html").read_text()
-    for verdict in verdicts:
-        assert f"fig{verdict.figure}.png" in page
-        assert (tmp_path / "b" / f"fig{verdict.figure}.png").stat().st_size > 5000
+    out, plan = tmp_path / "b", Plan(quick=True, camera=None)
+    report, sections = reproduce(["appendix-b"], plan, out, False, 1, lambda _: None)
+    assert [s.part.removeprefix("figure-") for s in sections] == [
+        "20",
+        "21",
+        "22",
+        "24",
+        "26",
+        "27",
+    ]
+    page = (out / "index.html").read_text(encoding="utf-8")
+    for section in sections:
+        assert f'<section id="{section.part}">' in page
+        assert (out / f"{section.part}.png").stat().st_size > 5000
     # What the text says and statics must give; Fig. 27's Sensor Model is the known difference.
-    assert {v.figure for v in verdicts if not v.agrees} <= {"27"}
-    rows = {row["name"]: row["value"] for row in report["rows"]}
-    assert rows["fig22/fingertip/largest_lateral"] / rows["fig22/fingertip/largest_normal"] == (
-        pytest.approx(0.4, rel=0.03)
-    )
-    json.dumps(report)
+    assert {section.part for section in sections if not section.agrees} <= {"figure-27"}
+    found = values(report.rows)
+    ratio = (
+        found["fig22", "fingertip", "largest_lateral"]
+        / found["fig22", "fingertip", "largest_normal"]
+    )  # type: ignore[operator]
+    assert ratio == pytest.approx(0.4, rel=0.03)
+    json.dumps(report.as_json(), allow_nan=False)
     with pytest.raises(UserError, match="is not empty"):
-        appendix_b(tmp_path / "b", False, told.append)
+        reproduce(["appendix-b"], plan, out, False, 1, lambda _: None)
 
 
 SMALL = Grid(
@@ -45,7 +52,10 @@ SMALL = Grid(
 
 
 def test_explicit_methods_fail_where_theory_says_and_the_default_does_not() -> None:
-    found = {(c.method, c.step_s < c.limit_s): c for c in cells(SMALL, {}, lambda _: None)}
+    found = {
+        (c.method, c.step_s < c.limit_s): c
+        for c in cells(settings(SMALL), SMALL.budget, lambda _: None)
+    }
     for method in ("euler", "rk4"):
         assert found[method, True].outcome == "accurate"
         assert found[method, False].outcome in ("chattering", "diverged", "inaccurate")
@@ -68,19 +78,19 @@ def test_an_interrupted_map_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         stability_model(True, out, False, stop_at_the_third)
     assert [path.name for path in out.iterdir()] == ["map.unfinished.csv"]
     seen.clear()
-    report, _ = stability_model(True, out, False, seen.append)
+    report = stability_model(True, out, False, seen.append)
     assert [text for text in seen if "implicit" in text] == ["21 nodes, 160 N/m, implicit, 40 ms"]
     assert sorted(path.name for path in out.iterdir()) == ["map.csv", "map.png"]
     with (out / "map.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["step_s"]) for row in rows] == [1e-2, 2e-2, 4e-2]
     assert {row["outcome"] for row in rows} <= set(OUTCOMES)
-    assert report["quick"] is True
+    assert report.quick is True
 
 
 def test_a_cell_too_costly_for_the_budget_is_not_run() -> None:
     plan = Grid(nodes=(21,), stiffness=(1e6,), steps={"rk4": (0.5,)}, budget=10)
-    (cell,) = cells(plan, {}, lambda _: None)
+    (cell,) = cells(settings(plan), plan.budget, lambda _: None)
     assert isinstance(cell, Cell)
     assert cell.outcome == "not run"
     assert "too many evaluations" in cell.note

@@ -29,6 +29,7 @@ from .friction import (
     max_ratio,
 )
 from .reconstructors import (
+    AUTOMATIC,
     DEFAULT_RECONSTRUCTOR,
     METHODS,
     RECONSTRUCTORS,
@@ -40,6 +41,7 @@ from .reconstructors import (
 from .shifts import MEASURED, MarkerShifts
 
 __all__ = [
+    "AUTOMATIC",
     "CAMERA_RULE",
     "DEFAULT_RECONSTRUCTOR",
     "FRICTION",

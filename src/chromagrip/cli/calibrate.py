@@ -269,6 +269,7 @@ def train(
 
     Example: chromagrip train mine.toml --out mine.npz
     """
+    require("learn")
     check_least(histories=(histories, 500), epochs=(epochs, 1), workers=(workers, 1))
     if not 0.1 <= noise <= 50.0:
         raise UserError(f"--noise {noise:g}: expected 0.1 to 50 levels")

@@ -154,9 +154,7 @@ def stability(
     if out is None and not json_only:
         out = new_folder(f"stability-{part}")
 
-    from ..measure.stability.loop import stability_loop
-    from ..measure.stability.model import stability_model
-    from ..measure.stability.track import stability_track
+    from ..measure.stability.parts import stability_loop, stability_model, stability_track
 
     with status() as report:
         if part == "loop":
@@ -208,7 +206,7 @@ def reproduce(
         out = new_folder("reproduce" if part == "all" else part)
     parts: list[str] = list(PARTS) if part == "all" else [part]
     with status() as report:
-        result = compare(parts, Plan(quick, camera), out, overwrite, workers, report)
+        result, _ = compare(parts, Plan(quick, camera), out, overwrite, workers, report)
     return _print(result, out, json_only)
 
 

@@ -1,28 +1,85 @@
-"""Points of a map in a CSV file, one line each, so that an interrupted map can go on."""
+"""Results of many runs in a CSV file, one line for each run, so that interrupted work resumes."""
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+from .folder import prepare
+
 Cell = TypeVar("Cell")
+Key = TypeVar("Key", bound=Hashable)
 
 
 def write_cells(cells: Sequence[Any], path: Path) -> None:
-    """Write dataclasses of text and numbers, at least one."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    """Write dataclasses of text and numbers, at least one; the file is never half written."""
+    part = path.with_suffix(".part")
+    with part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(cells[0])])
         writer.writeheader()
         writer.writerows(asdict(cell) for cell in cells)
+    part.replace(path)
 
 
-def read_cells(path: Path, kind: type[Cell]) -> Iterator[Cell]:
+def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:
     """Dataclasses of a file that `write_cells` wrote; none if there is no file."""
-    if not path.exists():
+    if path is None or not path.exists():
         return
     # Types of the fields are the converters: str, int and float.
     kinds: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
     with path.open(newline="", encoding="utf-8") as file:
         for line in csv.DictReader(file):
             yield kind(**{name: kinds[name](text) for name, text in line.items()})
+
+
+def open_unfinished(out: Path | None, name: str, overwrite: bool) -> Path | None:
+    """File of the cells of unfinished work in an output folder, which is made.
+
+    Parameters
+    ----------
+    out: folder; None writes nothing
+    name: of the file; where there is one, the work resumes
+    overwrite: whether the folder may hold files
+
+    Raises
+    ------
+    UserError
+        When the folder holds finished results and may not be overwritten.
+    """
+    if out is None:
+        return None
+    prepare(out, overwrite or (out / name).exists())
+    return out / name
+
+
+def resumed(
+    path: Path | None,
+    done: Iterable[Cell],
+    key: Callable[[Cell], Key],
+    wanted: Sequence[Key],
+    run: Callable[[list[Key]], Generator[Cell]],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[Key, Cell]:
+    """Cell of each key: one that was done before, or else a new one.
+
+    Parameters
+    ----------
+    path: file that gets every cell as soon as it is done; None writes nothing
+    done: cells of interrupted work, of any keys
+    key: of a cell
+    wanted: keys
+    run: makes the cells of some keys, in any order
+    progress: called with the numbers of cells that are done and wanted, first and after each cell
+    """
+    before = {key(cell): cell for cell in done}
+    cells = {one: before[one] for one in wanted if one in before}
+    progress(len(cells), len(wanted))
+    with closing(run([one for one in wanted if one not in cells])) as results:
+        for cell in results:
+            cells[key(cell)] = cell
+            if path is not None:
+                write_cells(list(cells.values()), path)
+            progress(len(cells), len(wanted))
+    return {one: cells[one] for one in wanted}

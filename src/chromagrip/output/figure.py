@@ -1,40 +1,46 @@
-"""What the reproduced figures share: controllers, colours, axes, and what is not printed."""
+"""Style that the figures of the measuring commands share."""
 
+import io
+from collections.abc import Sequence
+
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..model import ContactObject
 
-#: The thesis's controllers with its names and, nearly, its colours.
-CONTROLLERS = {
-    "safety-margin": ("Safety Margin Control", "#1f5fa8"),
-    "conservative": ("Conservative Control", "#c8442e"),
-    "react-to-slip": ("React To Slip", "#e0a100"),
-}
-_PLAIN = ContactObject()
-#: What no figure of the thesis says, and every one here has.
-UNPRINTED = (
-    f"Dahl n = {_PLAIN.dahl_exponent:g}, σ0 = {_PLAIN.dahl_stiffness:g} N/m per node, "
-    f"drag {_PLAIN.drag:g} N·s/m"
-)
+def new_figure(title: str, width: float, height: float, footnote: str = "") -> Figure:
+    """Figure with a title.
 
-
-def new_figure(title: str, width: float, height: float) -> Figure:
-    """Figure with its title and, below, what it rests on that is not printed."""
+    Parameters
+    ----------
+    title: above the panels
+    width, height: of the figure [inches]
+    footnote: small text below the panels
+    """
     figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=11)
-    figure.supxlabel(UNPRINTED, fontsize=7, color="0.4")
+    figure.supxlabel(footnote, fontsize=7, color="0.4")
     return figure
 
 
-def finish(axes: Axes, up: str, across: str = "", legend: bool = True) -> None:
-    """Labels, grid, frame and legend of a panel."""
-    axes.set_ylabel(up, fontsize=9)
-    axes.set_xlabel(across, fontsize=9)
+def finish(axes: Axes, y_label: str, x_label: str = "", legend: bool = True) -> None:
+    """Set labels, grid, frame and legend of a panel."""
+    axes.set_ylabel(y_label, fontsize=9)
+    axes.set_xlabel(x_label, fontsize=9)
     axes.tick_params(labelsize=8)
     axes.grid(alpha=0.25, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)
     if legend:
         axes.legend(fontsize=8, frameon=False)
+
+
+def legend_below(figure: Figure, handles: Sequence[Artist], columns: int) -> None:
+    """Add one legend for all panels, below them."""
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=8)
+
+
+def png(figure: Figure, dpi: int = 110) -> bytes:
+    """PNG of a figure; the same figure gives the same bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    return buffer.getvalue()

@@ -5,6 +5,8 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 from ..errors import UserError
 
@@ -84,6 +86,48 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write bytes as a `whole_file`; errors as there."""
     with whole_file(path) as part:
         part.write_bytes(data)
+
+
+class GrowingFile:
+    """File that is written piece by piece; a context, at whose end it gets its name.
+
+    So it does after an interruption, with the pieces until then, but not after an error of the
+    disk.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._part = path, part_of(path)
+
+    def __enter__(self) -> Self:
+        """Use as a context."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Finish the file and give it its name; closing it again does nothing.
+
+        Raises
+        ------
+        UserError
+            When it cannot be written, as where the disk is full; nothing of it is left.
+        """
+        with disk_errors(self._path):
+            if self._part.exists():
+                self._finish()
+            if self._part.exists():
+                self._part.replace(self._path)
+
+    def _finish(self) -> None:
+        """Write what waits, and close; a file that is removed here gets no name."""
+        raise NotImplementedError
 
 
 @contextmanager

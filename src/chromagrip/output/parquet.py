@@ -1,20 +1,18 @@
 """Tracks and estimates as Parquet files, written while they come.
 
-A file has its name when it is closed, even after an interruption. Units and meanings of the columns
-are the schema's metadata.
+Units and meanings of the columns are the schema's metadata.
 """
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..extras import need
 from ..tracking import Tracks
-from .folder import disk_errors, part_of
+from .folder import GrowingFile, disk_errors
 
 #: Arrow type of every column and what it holds; `list` is of float32, `dictionary` of strings.
 Columns = Mapping[str, tuple[str, str]]
@@ -88,8 +86,12 @@ _TRACK_GROUP = 100_000
 _ESTIMATE_GROUP = 1000
 
 
-class _ParquetFile:
-    """Parquet file that is written in groups of rows, as a context.
+#: Values of a frame by column.
+Row = dict[str, float | str | NDArray[np.float32] | None]
+
+
+class _ParquetFile(GrowingFile):
+    """Parquet file that is written in groups of rows.
 
     Parameters
     ----------
@@ -105,7 +107,7 @@ class _ParquetFile:
 
     def __init__(self, path: Path, columns: Columns, categories: Sequence[str] = ()) -> None:
         pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-        self._path = path
+        super().__init__(path)
         self._categories = pa.array(categories, pa.string())
         kinds = {"list": pa.list_(pa.float32()), "dictionary": pa.dictionary(pa.int8(), "string")}
         self._schema = pa.schema(
@@ -113,25 +115,11 @@ class _ParquetFile:
             metadata={name: text for name, (_, text) in columns.items()},
         )
         with disk_errors(path):
-            self._writer = pq.ParquetWriter(part_of(path), self._schema)
+            self._writer = pq.ParquetWriter(self._part, self._schema)
 
-    def __enter__(self) -> Self:
-        """Use as a context: the file is closed and gets its name even after an interruption."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Finish the file and give it its name, unless writing failed."""
-        if not part_of(self._path).exists():
-            return
+    def _finish(self) -> None:
         self._flush()
-        with disk_errors(self._path):
-            self._writer.close()
-            part_of(self._path).replace(self._path)
+        self._writer.close()
 
     def _flush(self) -> None:
         """Write the rows that wait."""
@@ -219,9 +207,9 @@ class EstimateTable(_ParquetFile):
 
     def __init__(self, path: Path, columns: Columns) -> None:
         super().__init__(path, columns)
-        self._rows: list[dict[str, Any]] = []
+        self._rows: list[Row] = []
 
-    def add(self, row: dict[str, Any]) -> None:
+    def add(self, row: Row) -> None:
         """Append a frame's row; None is null."""
         self._rows.append(row)
         if len(self._rows) == _ESTIMATE_GROUP:

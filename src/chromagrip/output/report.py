@@ -31,7 +31,8 @@ class Bounds:
             return f"≥ {self.low:g}"
         if self.low == -math.inf:
             return f"≤ {self.high:g}"
-        return f"{self.low:g}" if self.low == self.high else f"{self.low:g}…{self.high:g}"
+        low, high = f"{self.low:g}", f"{self.high:g}"
+        return low if low == high else f"{low}…{high}"
 
 
 @dataclass(frozen=True)

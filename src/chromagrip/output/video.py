@@ -2,14 +2,13 @@
 
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..extras import need
-from .folder import disk_errors, part_of
+from .folder import GrowingFile, disk_errors
 
 if TYPE_CHECKING:
     import av
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 Image = NDArray[np.uint8]
 
 
-class VideoFile:
+class VideoFile(GrowingFile):
     """H.264 in 4:4:4, because halving the chroma doubles the error on colour-coded markers.
 
     Parameters
@@ -42,31 +41,19 @@ class VideoFile:
         quality: int,
         options: dict[str, str] | None = None,
     ) -> None:
-        self._path, self._rate, self._quality = path, rate, quality
+        super().__init__(path)
+        self._rate, self._quality = rate, quality
         self._options = options or {}
         with disk_errors(path):
-            self._container = need("av", "video").open(str(part_of(path)), "w", format="mp4")
+            self._container = need("av", "video").open(str(self._part), "w", format="mp4")
         self._stream = None
 
-    def __enter__(self) -> Self:
-        """Use as a context: the file is closed and gets its name even after an interruption."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Finish the file and give it its name, unless it has no picture or writing failed."""
-        part = part_of(self._path)
-        with disk_errors(self._path):
-            if self._stream is not None and part.exists():
-                self._mux(None)
-            self._container.close()
-            if self._stream is not None and part.exists():
-                part.replace(self._path)
-            part.unlink(missing_ok=True)
+    def _finish(self) -> None:
+        if self._stream is not None:
+            self._mux(None)
+        self._container.close()
+        if self._stream is None:  # without a picture it is no video
+            self._part.unlink()
 
     def append(self, picture: Image) -> None:
         """Append a picture; all have the size of the first one."""

@@ -9,9 +9,12 @@ from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores, times
 from ..worlds.grasps import LIBRARY
 from .chart import Axis, Chart, Point
 
-#: Grasps and turns of the speed, and those of a quick run.
-_GRASPS, _TURNS = 48, 6
-_QUICK_GRASPS, _QUICK_TURNS = 8, 3
+#: Grasps whose errors are measured, and those of a quick run.
+_GRASPS = 48
+_QUICK_GRASPS = 8
+#: Repeats of the timing, and those of a quick run.
+_TURNS = 6
+_QUICK_TURNS = 3
 #: Errors that are drawn, and their labels.
 _ERRORS = {"normal_rms": "ΣFn, RMS error [%]", "margin_rms": "Γ, RMS error"}
 
@@ -24,7 +27,7 @@ def chart_force(
     Parameters
     ----------
     quick: few grasps
-    progress: told what is being measured
+    progress: called with the name of each measurement
     reconstructors: names or module:Class; none are all of ours
 
     Raises

@@ -1,9 +1,8 @@
 """Time per frame of the closed loop against the error of Γ and the slip, by its methods."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -13,93 +12,95 @@ from ..worlds.fidelity_table import CAMERA, TRUTH, margin_error
 from .chart import Axis, Chart, Peer, Point
 
 _SCENE = "margin-60hz"
+_CONTROLLER: dict[str, object] = {"controller": "margin-inversion"}
 #: Of the thesis's 27: flat and hard, in between, sharp and soft.
-_OBJECTS: tuple[dict[str, Any], ...] = (
+_OBJECTS: tuple[dict[str, object], ...] = (
     {"object.friction": 0.5, "object.stiffness_kpa": 200.0},
     {"object.friction": 0.3, "object.stiffness_kpa": 32.0, "object.radius_mm": 20.0},
     {"object.friction": 0.7, "object.stiffness_kpa": 16.0, "object.radius_mm": 5.0},
 )
-_TURNS, _QUICK_TURNS = 3, 1
+#: Repeats, and those of a quick run.
+_TURNS = 3
+_QUICK_TURNS = 1
+#: Start of the names of settings that are given the true forces.
 _TRUTH = "truth path"
 AXES = (
     Axis(key="margin_error", label="Γ, RMS error", unit=""),
     Axis(key="displacement", label="largest slip [mm]", unit="mm"),
 )
-#: What is combined, the default first; only trackers that measure sizes, without which no
-#: reconstructor reads a normal force.
+#: Trackers that are combined with reconstructors, the default first. They measure the sizes of
+#: markers, without which no reconstructor reads a normal force.
 _TRACKERS = ("fit", "thrifty", "sparse")
 _RECONSTRUCTORS = ("sequential", "gp", "stiffness")
 
 
-def settings(quick: bool) -> dict[str, dict[str, Any]]:
-    """Changes of the scene, by name."""
-    found: dict[str, dict[str, Any]] = {}
+def settings(quick: bool) -> dict[str, dict[str, object]]:
+    """Changes of the scene, by the name of a setting."""
     trackers = _TRACKERS[:2] if quick else _TRACKERS
     reconstructors = _RECONSTRUCTORS[:2] if quick else _RECONSTRUCTORS
-    for tracker, reconstructor in product(trackers, reconstructors):
-        changes = {"tracker": tracker, "reconstructor": reconstructor}
-        found[f"{tracker}, {reconstructor}"] = changes
-    found[_TRUTH] = {"path": "truth"}
-    if not quick:
-        # What else `plan` chooses from.
-        coarse = [fidelity for fidelity in (*CAMERA, *TRUTH) if fidelity.step_ms > 1.0]
-        for fidelity in coarse:
+    changes: dict[str, dict[str, object]] = {
+        f"{tracker}, {reconstructor}": {"tracker": tracker, "reconstructor": reconstructor}
+        for tracker, reconstructor in product(trackers, reconstructors)
+    }
+    changes[_TRUTH] = {"path": "truth"}
+    # The coarse steps that `plan` chooses from, too.
+    for fidelity in () if quick else (*CAMERA, *TRUTH):
+        if fidelity.step_ms > 1.0:
             chain = f"{fidelity.nodes} nodes, {fidelity.step_ms:g} ms"
             path = {} if fidelity.tracker else {"path": "truth"}
-            found[f"{fidelity.tracker or _TRUTH}, {chain}"] = path | fidelity.changes
-    return found
+            changes[f"{fidelity.tracker or _TRUTH}, {chain}"] = path | fidelity.changes
+    return changes
 
 
 def chart_loop(quick: bool, progress: Callable[[str], None]) -> Chart:
-    """Measure the loop with methods on the fronts; fewer of them where it has to be quick."""
-    chosen = settings(quick)
-    times: dict[str, list[float]] = {name: [] for name in chosen}
-    errors: dict[str, dict[str, float]] = {}
-    objects = _OBJECTS[:1] if quick else _OBJECTS
-    for turn in range(_QUICK_TURNS if quick else _TURNS):
-        for name, changes in chosen.items():
-            squares, slip, spent = [], 0.0, []
-            for obj in objects:
-                progress(f"{name}, turn {turn + 1}")
-                scene = load_scene(_SCENE, {"controller": "margin-inversion", **changes, **obj})
-                result = run(scene)
-                trace = result.trace
-                spent.append(1e3 / result.summary["frames_per_second"])
-                squares.append(margin_error(trace) ** 2)
-                slip = max(slip, float(trace["lateral_displacement_mm"][-1]))
-            times[name].append(float(np.median(spent)))
-            errors[name] = {
-                "margin_error": float(np.sqrt(np.mean(squares))),
-                "displacement": slip,
-            }
+    """Measure the loop with trackers and reconstructors on the fronts of theirs."""
     points = [
         Point(
             name=name,
-            times=times[name],
-            errors=errors[name],
+            times=[],
+            errors={},
             ours=name == "fit, sequential",
             settings=", ".join(f"{key} {value}" for key, value in changes.items()),
-            command=grasp_command(_SCENE, {"controller": "margin-inversion", **changes}),
+            command=grasp_command(_SCENE, _CONTROLLER | changes),
         )
-        for name, changes in chosen.items()
-        if not name.startswith(_TRUTH)
+        for name, changes in settings(quick).items()
     ]
-    axes = [replace(axis, peers=_told(axis, times, errors)) for axis in AXES]
-    title = "The closed loop at 60 Hz: 400 markers in two layers, 640×480"
-    return Chart(part="loop", title=title, per="frame", points=points, axes=axes)
+    for turn in range(_QUICK_TURNS if quick else _TURNS):
+        for point, changes in zip(points, settings(quick).values(), strict=True):
+            progress(f"{point.name}, turn {turn + 1}")
+            _measure(point, changes, _OBJECTS[:1] if quick else _OBJECTS)
+    told = [point for point in points if point.name.startswith(_TRUTH)]
+    return Chart(
+        part="loop",
+        title="The closed loop at 60 Hz: 400 markers in two layers, 640×480",
+        per="frame",
+        points=[point for point in points if point not in told],
+        axes=[replace(axis, peers=_peers(axis, told)) for axis in AXES],
+    )
 
 
-def _told(
-    axis: Axis, times: dict[str, list[float]], errors: dict[str, dict[str, float]]
-) -> tuple[Peer, ...]:
-    """What the loop takes that is told the forces: no method through the camera is beside it."""
+def _measure(
+    point: Point, changes: dict[str, object], objects: Sequence[dict[str, object]]
+) -> None:
+    """Run the loop with each object, and add its time and its errors to a point."""
+    squares, slip, spent = [], 0.0, []
+    for obj in objects:
+        result = run(load_scene(_SCENE, {**_CONTROLLER, **changes, **obj}))
+        spent.append(1e3 / result.summary["frames_per_second"])
+        squares.append(margin_error(result.trace) ** 2)
+        slip = max(slip, float(result.trace["lateral_displacement_mm"][-1]))
+    point.times.append(float(np.median(spent)))
+    point.errors.update(margin_error=float(np.sqrt(np.mean(squares))), displacement=slip)
+
+
+def _peers(axis: Axis, told: Sequence[Point]) -> tuple[Peer, ...]:
+    """Loops on the truth path, which no method through the camera can be compared with."""
     return tuple(
         Peer(
-            name=name,
-            milliseconds=float(np.median(times[name])),
-            error=errors[name][axis.key],
+            name=point.name,
+            milliseconds=point.milliseconds,
+            error=point.errors[axis.key],
             source="measured in the same turns; forces as the node model has them, no picture",
         )
-        for name in times
-        if name.startswith(_TRUTH)
+        for point in told
     )

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +13,17 @@ from .chart import Axis, Chart, Point
 
 Array = NDArray[np.float64]
 
-DURATION, _EVERY = 1.2, 0.3  # of a grasp, and between its instants that are compared [s]
+#: Length of a grasp [s].
+DURATION = 1.2
+#: Time between the instants of a grasp that are compared [s].
+_EVERY = 0.3
 #: Flat and hard, in between, sharp and soft.
 _OBJECTS = (
     ContactObject(friction=0.5, stiffness=1000.0),
     ContactObject(friction=0.3, stiffness=160.0, curvature=50.0),
     ContactObject(friction=0.7, stiffness=80.0, curvature=200.0),
 )
+#: Grip force of the grasp [N].
 _GRIP = 2.0
 AXES = (
     Axis(key="normal_error", label="ΣFn, largest error [%]", unit="%"),
@@ -55,24 +58,24 @@ def _settings(quick: bool) -> list[Setting]:
     chains = {"31": Fingertip(nodes=31), "51": Fingertip(nodes=51), "101": Fingertip(nodes=101)}
     chains |= {"251": thesis, f"{graded.nodes} graded": graded}
     steps = (2e-3, 1e-2) if quick else (1e-3, 5e-3, 1e-2, 2e-2)
-    found = [
+    settings = [
         Setting(f"{name} nodes, {1e3 * step:g} ms", tip, step)
         for name, tip in chains.items()
         for step in steps
     ]
     if not quick:
-        found += [
+        settings += [
             Setting("251 nodes, 0.1 ms", thesis, 1e-4),
             Setting("501 nodes, 1 ms", Fingertip(nodes=501)),
         ]
         small = Fingertip(nodes=51)
         methods: tuple[Method, ...] = ("euler", "rk4")
-        found += [Setting(f"51 nodes, {method}", small, method=method) for method in methods]
-    return found
+        settings += [Setting(f"51 nodes, {method}", small, method=method) for method in methods]
+    return settings
 
 
 def chart_model(quick: bool, progress: Callable[[str], None]) -> Chart:
-    """Measure chains and steps; where it has to be quick, fewer turns and a coarser truth.
+    """Measure chains and steps; a quick run has fewer turns and a coarser truth.
 
     Errors are the largest of three objects at four instants, against a finer chain in finer steps.
     """
@@ -83,10 +86,19 @@ def chart_model(quick: bool, progress: Callable[[str], None]) -> Chart:
         progress(f"{nodes} nodes in steps of {1e3 * step:g} ms, {obj.stiffness:g} N/m")
         truth.append(margins(fine.tip, obj, fine.run(obj)))
     settings = _settings(quick)
-    times: dict[str, list[float]] = {setting.name: [] for setting in settings}
-    errors: dict[str, dict[str, float]] = {}
+    points = [
+        Point(
+            name=setting.name,
+            times=[],
+            errors={},
+            ours=setting.method == "implicit",
+            settings=f"{setting.tip.law} chain, {setting.method}",
+            command="chromagrip chart model",
+        )
+        for setting in settings
+    ]
     for turn in range(2 if quick else 4):  # the first compiles
-        for setting in settings:
+        for setting, point in zip(settings, points, strict=True):
             once = setting.method != "implicit"  # takes minutes, and is far from the front
             if turn and once:
                 continue
@@ -95,20 +107,9 @@ def chart_model(quick: bool, progress: Callable[[str], None]) -> Chart:
             runs = [setting.run(obj) for obj in _OBJECTS]
             spent = 1e3 * (time.process_time() - begin) / (DURATION * len(_OBJECTS))
             if turn or once:
-                times[setting.name].append(spent)
+                point.times.append(spent)
             if not turn:
-                errors[setting.name] = _errors(setting, runs, truth)
-    points = [
-        Point(
-            name=setting.name,
-            times=times[setting.name],
-            errors=errors[setting.name],
-            ours=setting.method == "implicit",
-            settings=f"{setting.tip.law} chain, {setting.method}",
-            command="chromagrip chart model",
-        )
-        for setting in settings
-    ]
+                point.errors.update(_errors(setting, runs, truth))
     title = f"Node models: a grasp of {_GRIP:g} N, against {nodes} nodes in {1e3 * step:g} ms steps"
     return Chart(part="model", title=title, per="simulated second", points=points, axes=AXES)
 
@@ -116,7 +117,7 @@ def chart_model(quick: bool, progress: Callable[[str], None]) -> Chart:
 def _errors(setting: Setting, runs: list[History], truth: list[Array]) -> dict[str, float]:
     normal, margin = 0.0, 0.0
     for obj, run, true in zip(_OBJECTS, runs, truth, strict=True):
-        found: Any = margins(setting.tip, obj, run)
-        normal = max(normal, float(abs(found[:, 0] / true[:, 0] - 1.0).max()))
-        margin = max(margin, float(np.nanmax(abs(found[:, 1] - true[:, 1]))))
+        coarse = margins(setting.tip, obj, run)
+        normal = max(normal, float(abs(coarse[:, 0] / true[:, 0] - 1.0).max()))
+        margin = max(margin, float(np.nanmax(abs(coarse[:, 1] - true[:, 1]))))
     return {"normal_error": 100.0 * normal, "margin_error": margin}

@@ -1,21 +1,24 @@
 """`chromagrip chart`: speed against accuracy of every stage, on one page."""
 
-import html
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
+from markupsafe import Markup
+
+from ...output.figure import png
 from ...output.folder import prepare
-from ...output.rows import Row, report, reported
-from .chart import Chart, front, write_chart
+from ...output.page import PageSection, machine_text, write_page
+from ...output.report import Report, Table
+from .chart import Chart, front, write_points
+from .drawing import draw, svg
 from .force import chart_force
 from .loop import chart_loop
 from .model import chart_model
 from .render import chart_render
 from .track import chart_track
 
-#: What draws the chart of each stage.
+#: Function that measures the methods of each stage.
 PARTS: dict[str, Callable[..., Chart]] = {
     "model": chart_model,
     "render": chart_render,
@@ -29,129 +32,99 @@ def charts(
     parts: Sequence[str],
     quick: bool,
     out: Path | None,
-    force: bool,
+    overwrite: bool,
     progress: Callable[[str], None],
     reconstructors: tuple[str, ...] = (),
-) -> dict[str, Any]:
-    """Measure the methods of some stages, and draw what each costs against how wrong it is.
+) -> Report:
+    """Measure time and error of the methods of some stages, and draw them.
 
     Parameters
     ----------
     parts: keys of PARTS
     quick: less of everything
     out: folder for PART.svg, .png and .csv, charts.json and index.html; None writes nothing
-    force: write into a folder that is not empty
-    progress: told what is being measured
+    overwrite: write into a folder that is not empty
+    progress: called with the name of each measurement
     reconstructors: of force: names or module:Class; none are all of ours
 
     Returns
     -------
-    The machine, and rows `PART/METHOD/…` of every point.
+    Rows `PART/METHOD/…` of every point.
 
     Raises
     ------
     UserError
-        When there is no such reconstructor, or for a folder that will not do.
+        When there is no such reconstructor, or the folder cannot be used.
     """
     if out is not None:
-        prepare(out, force)
+        prepare(out, overwrite)
     made = []
     for part in parts:
 
         def tell(what: str, part: str = part) -> None:
             progress(f"{part}: {what}")
 
-        more = (reconstructors,) if part == "force" else ()
-        made.append(PARTS[part](quick, tell, *more))
-    result = report([row for chart in made for row in rows_of(chart)], quick)
+        choice = (reconstructors,) if part == "force" else ()
+        made.append(PARTS[part](quick, tell, *choice))
+    report = Report(rows=tuple(row for chart in made for row in chart.rows()), quick=quick)
     if out is not None:
-        drawn = [(chart, write_chart(chart, result["machine"], out)) for chart in made]
-        text = json.dumps(result, indent=2, ensure_ascii=False)
+        text = json.dumps(report.as_json(), indent=2, ensure_ascii=False)
         (out / "charts.json").write_text(text + "\n", encoding="utf-8")
-        write_page(drawn, result["machine"], quick, out / "index.html")
-    return result
+        write_charts(made, quick, out)
+    return report
 
 
-def rows_of(chart: Chart) -> list[Row]:
-    """Every point, line and peer of a chart as measured figures."""
-    rows = []
-    for point in chart.points:
-        start = f"{chart.part}/{point.name}"
-        rows.append(reported(f"{start}/time", point.milliseconds, "ms"))
-        rows += [
-            reported(f"{start}/{axis.key}", point.errors[axis.key], axis.unit)
-            for axis in chart.axes
-        ]
-    rows += [
-        reported(f"{chart.part}/{name}/{axis.key}", level, axis.unit)
-        for axis in chart.axes
-        for name, level in axis.lines.items()
+def write_charts(made: Sequence[Chart], quick: bool, out: Path) -> None:
+    """Write PART.svg, .png and .csv of each chart, and index.html with all of them."""
+    sections = []
+    for chart in made:
+        figure = draw(chart, machine_text())
+        drawn = svg(chart, figure)
+        (out / f"{chart.part}.png").write_bytes(png(figure))
+        (out / f"{chart.part}.svg").write_text(drawn, encoding="utf-8")
+        write_points(chart, out / f"{chart.part}.csv")
+        section = PageSection(
+            anchor=chart.part,
+            name=chart.part,
+            title=chart.title,
+            picture=Markup(drawn),
+            tables=[_table(chart)],
+            notes=_notes(chart),
+        )
+        sections.append(section)
+    introduction = [
+        f"{'A quick run: few repeats. ' if quick else ''}Time of one call in one thread, median of "
+        "interleaved turns with the fastest and the slowest, against the error of the stage. Dots "
+        "are on the front: no other method is both faster and better. Rest the pointer on a point "
+        "for its settings and the command that measures it again. * in a table: on the front of "
+        "that error."
     ]
-    return rows
+    write_page(out / "index.html", "Speed against accuracy", introduction, sections)
 
 
-def write_page(
-    drawn: Sequence[tuple[Chart, str]], machine: dict[str, Any], quick: bool, path: Path
-) -> None:
-    """One page with every chart (its SVG) and its figures: nothing is loaded from elsewhere."""
-    listed = ", ".join(f"{key} {value}" for key, value in machine.items())
-    page = _PAGE.format(
-        quick="A quick run: few repeats. " if quick else "",
-        links=" · ".join(f'<a href="#{c.part}">{c.part}</a>' for c, _ in drawn),
-        sections="\n".join(_section(*one) for one in drawn),
-        machine=html.escape(listed),
-    )
-    path.write_text(page, encoding="utf-8")
-
-
-def _section(chart: Chart, svg: str) -> str:
-    heading = ["", "settings", f"ms a {chart.per}", *(axis.label for axis in chart.axes), "again"]
-    lines = [heading]
-    best = [front(chart.points, axis.key) for axis in chart.axes]
+def _table(chart: Chart) -> Table:
+    fronts = [front(chart.points, axis.key) for axis in chart.axes]
+    lines = []
     for point in sorted(chart.points, key=lambda p: p.milliseconds):
-        errors = [
-            f"{point.errors[axis.key]:.3g}{' *' if point in found else ''}"
-            for axis, found in zip(chart.axes, best, strict=True)
-        ]
+        errors = (
+            f"{point.errors[axis.key]:.3g}{' *' if point in best else ''}"
+            for axis, best in zip(chart.axes, fronts, strict=True)
+        )
         cost = f"{point.milliseconds:.3g}"
-        lines.append([point.name, point.settings, cost, *errors, point.command])
-    table = "".join(
-        "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in line) + "</tr>"
-        for tag, line in zip(["th", *["td"] * len(chart.points)], lines, strict=True)
-    )
-    levels = [
+        lines.append((point.name, point.settings, cost, *errors, point.command))
+    labels = (axis.label for axis in chart.axes)
+    return Table(("", "settings", f"ms a {chart.per}", *labels, "again"), tuple(lines))
+
+
+def _notes(chart: Chart) -> list[str]:
+    """Lines and peers of all axes in words."""
+    lines = [
         f"{axis.label}: {name} {level:.3g} {axis.unit}"
         for axis in chart.axes
         for name, level in axis.lines.items()
     ]
-    peers = [
+    return lines + [
         f"{peer.name}: {peer.milliseconds:.3g} ms, {peer.error:.3g} {axis.unit}; {peer.source}"
         for axis in chart.axes
         for peer in axis.peers
     ]
-    notes = "".join(f"<p class=note>{html.escape(text)}</p>" for text in (*levels, *peers))
-    return (
-        f'<section id="{chart.part}"><h2>{html.escape(chart.title)}</h2>'
-        f"{svg}<table>{table}</table>{notes}</section>"
-    )
-
-
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>Speed against accuracy</title><style>
-body {{ font: 16px/1.5 sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem }}
-svg {{ max-width: 100%; height: auto }} h2 {{ margin-top: 3rem }}
-.note {{ color: #555; font-size: 0.9rem; margin: 0.3rem 0 }}
-table {{ border-collapse: collapse; margin: 0.8rem 0 }}
-td, th {{ padding: 0.15rem 1rem 0.15rem 0; font-size: 0.85rem; text-align: left }}
-td {{ border-top: 1px solid #ddd; vertical-align: top }}
-td:last-child {{ font-family: monospace; font-size: 0.75rem }}
-</style></head><body><h1>Speed against accuracy</h1>
-<p>{quick}Time of one call in one thread, median of interleaved turns with the fastest and the
-slowest, against the stage's own error. Dots are on the front: no other method is both faster and
-better. A point tells its settings and how to measure it again where the pointer rests on it. * in a
-table: on the front of that error.</p>
-<p>{links}</p>
-{sections}
-<p class=note>{machine}</p>
-</body></html>
-"""

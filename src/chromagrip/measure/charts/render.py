@@ -8,8 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
+from ...extras import require
+from ...output.processes import one_thread
 from ...render import Membrane, MembraneMap, Renderer, SensorDesign, TruthMap, load_sensor
 from ...render.colour import encode_srgb, encoding_table
 from ...render.drawing.gl import gl_problem
@@ -23,8 +24,6 @@ from ..worlds.judge import colour_difference, layer_centroids, poses_of
 from .chart import Axis, Chart, Point
 
 Image = NDArray[np.uint8]
-
-
 #: Errors that are drawn.
 AXES = (
     Axis(key="centre_error", label="centre of a marker, RMS error [px]", unit="px"),
@@ -33,9 +32,9 @@ AXES = (
 
 
 def chart_render(quick: bool, progress: Callable[[str], None]) -> Chart:
-    """Measure every renderer, with fewer passes where it has to be quick."""
-    with threadpool_limits(1):
-        cv2.setNumThreads(1)
+    """Measure every renderer; a quick run has fewer repeats."""
+    require("images")
+    with one_thread():
         points = _measure(load_sensor("thesis"), quick, progress)
     title = "Renderers: 400 markers in two layers, 640×480"
     return Chart(part="render", title=title, per="frame", points=points, axes=AXES)
@@ -43,68 +42,64 @@ def chart_render(quick: bool, progress: Callable[[str], None]) -> Chart:
 
 def _measure(sensor: SensorDesign, quick: bool, progress: Callable[[str], None]) -> list[Point]:
     membrane_map = MembraneMap(sensor, 251)
-    poses = poses_of(sensor)
-    _, seen = poses[1]
-    membrane = membrane_map(seen)
+    _, displacement = poses_of(sensor)[1]
+    membrane = membrane_map(displacement)
     # A load that grows: every marker near the contact moves a little from frame to frame.
-    sequence = [membrane_map(share * seen) for share in np.linspace(0.5, 1.0, 4 if quick else 10)]
+    shares = np.linspace(0.5, 1.0, 4 if quick else 10)
+    sequence = [membrane_map(share * displacement) for share in shares]
     progress("the picture by brute force")
     exact = supersampled_image(sensor, membrane)
     truth = polygon_centroids(projected_outlines(sensor, membrane))
-    marked = TruthMap(sensor, 251)(membrane, seen).masks.max(axis=0) > 0.01
+    marked = TruthMap(sensor, 251)(membrane, displacement).masks.max(axis=0) > 0.01
     bare = np.rint(encode_srgb(ground_image(sensor).astype(float))).astype(np.uint8)
-    times: dict[str, list[float]] = {}
-    errors: dict[str, dict[str, float]] = {}
-    # In turns, so that what else the machine does falls on all; one at a time, because closing one
-    # OpenGL context takes the display from the others.
-    for turn in range(2 if quick else 4):
-        for name, make in _settings(sensor).items():
-            progress(f"{name}, turn {turn + 1}")
-            renderer = make()
-            renderer.render(sequence[0])
-            for _ in range(2):
-                begin = time.perf_counter()
-                for one in sequence:
-                    renderer.render(one)
-                spent = 1e3 * (time.perf_counter() - begin) / len(sequence)
-                times.setdefault(name, []).append(spent)
-            if turn == 0:
-                off = layer_centroids(renderer.render, sensor, membrane, bare) - truth
-                image = renderer.render(membrane)
-                colour = colour_difference(image[marked], exact[marked]).mean()
-                errors[name] = {
-                    "centre_error": float(np.sqrt(np.nanmean(off**2))),
-                    "colour_error": float(colour),
-                }
-            renderer.close()
-    return [
+    renderers = _renderers(sensor)
+    points = [
         Point(
             name=name,
-            times=spent,
-            errors=errors[name],
+            times=[],
+            errors={},
             ours="painter" in name,
             settings="sensor thesis, a load that grows over ten frames",
             command="chromagrip chart render",
         )
-        for name, spent in times.items()
+        for name in renderers
     ]
+    # In turns, so that other load of the machine affects all alike; one renderer at a time, because
+    # closing one OpenGL context takes the display from the others.
+    for turn in range(2 if quick else 4):
+        for point in points:
+            progress(f"{point.name}, turn {turn + 1}")
+            renderer = renderers[point.name]()
+            renderer.render(sequence[0])
+            for _ in range(2):
+                begin = time.perf_counter()
+                for frame in sequence:
+                    renderer.render(frame)
+                point.times.append(1e3 * (time.perf_counter() - begin) / len(sequence))
+            if turn == 0:
+                off = layer_centroids(renderer.render, sensor, membrane, bare) - truth
+                colour = colour_difference(renderer.render(membrane)[marked], exact[marked]).mean()
+                centre = float(np.sqrt(np.nanmean(off**2)))
+                point.errors.update(centre_error=centre, colour_error=float(colour))
+            renderer.close()
+    return points
 
 
-def _settings(sensor: SensorDesign) -> dict[str, Callable[[], Renderer]]:
-    """What makes each renderer at each setting, by name."""
-    found: dict[str, Callable[[], Renderer]] = {
+def _renderers(sensor: SensorDesign) -> dict[str, Callable[[], Renderer]]:
+    """Constructor of each renderer at each setting, by name."""
+    renderers: dict[str, Callable[[], Renderer]] = {
         "painter": lambda: Painter(sensor),
         "painter, redrawn in full": lambda: Painter(sensor, redraw=True),
         "OpenCV polygons": lambda: _Polygons(sensor),
     }
     if gl_problem() is None:
         for k in (1, 2, 3):
-            found[f"pyrender, {k}×{k} samples"] = partial(MeshRenderer, sensor, k)
-    return found
+            renderers[f"pyrender, {k}×{k} samples"] = partial(MeshRenderer, sensor, k)
+    return renderers
 
 
 class _Polygons:
-    """What one writes first: anti-aliased polygons, blurred and multiplied."""
+    """Baseline: anti-aliased polygons of OpenCV, blurred and multiplied."""
 
     name = "OpenCV polygons"
 

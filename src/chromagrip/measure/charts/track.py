@@ -1,22 +1,27 @@
 """Time per frame of each tracker against its error, and the Cramér–Rao bound."""
 
 from collections.abc import Callable
+from itertools import product
 
-import cv2
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ...errors import UserError
+from ...output.processes import one_thread
 from ...render import LAYERS
 from ...tracking import DEFAULT_TRACKER, tracker_names
 from ..worlds.track_scenes import SCENES, Sequence, sequence
 from ..worlds.track_scores import follow, scores
 from .chart import Axis, Chart, Peer, Point
 
-#: Scenes of the chart, and what an error in them is called.
+#: Scenes of the chart, and the label of the error in each.
 _SCENES = {"clean": "press and shear", "sway": "the skin sways by 6 px"}
-_FRAMES, _TURNS = 24, 5
-_QUICK_FRAMES, _QUICK_TURNS = 2, 1
+#: Frames of a scene, and those of a quick run.
+_FRAMES = 24
+_QUICK_FRAMES = 2
+#: Repeats, and those of a quick run.
+_TURNS = 5
+_QUICK_TURNS = 1
+#: Origin of the figures of the peers.
 _ELSEWHERE = "200 discs of one layer, 640×480, measured on two cores when this project began"
 #: Errors are of displacements from rest.
 _PEERS = (
@@ -27,56 +32,48 @@ _PEERS = (
 
 
 def chart_track(quick: bool, progress: Callable[[str], None]) -> Chart:
-    """Measure every tracker that is there; few frames of one scene where it has to be quick."""
+    """Measure every tracker; a quick run has few frames of one scene."""
     frames, turns = (_QUICK_FRAMES, _QUICK_TURNS) if quick else (_FRAMES, _TURNS)
-    names = list(tracker_names())
-    times: dict[str, list[float]] = {}
-    errors: dict[str, dict[str, float]] = {}
-    axes = []
-    with threadpool_limits(1):
-        cv2.setNumThreads(1)
-        for scene, label in list(_SCENES.items())[: 1 if quick else None]:
-            progress(f"{scene}: frames and their limit")
-            seen = sequence(SCENES[scene], frames)
-            key = f"{scene}/rms"
-            axes.append(
-                Axis(
-                    key=key,
-                    label=f"RMS error of the worse layer [px], {label}",
-                    unit="px",
-                    lines={"Cramér–Rao": _limit(seen)},
-                    peers=_PEERS if scene == "clean" else (),
-                )
-            )
-            for turn in range(turns):
-                for name in names:
-                    progress(f"{scene}: {name}, turn {turn + 1}")
-                    try:
-                        said = follow(name, seen)
-                    except UserError:
-                        continue  # refuses such frames
-                    times.setdefault(name, []).append(float(np.median(said.times)))
-                    if turn == 0:
-                        found = scores(said, seen)
-                        worst = max(found[f"{layer}_rms"] for layer in LAYERS)
-                        errors.setdefault(name, {})[key] = worst
     points = [
         Point(
             name=name,
-            times=times[name],
-            errors=errors[name],
+            times=[],
+            errors={},
             ours=name in (DEFAULT_TRACKER, "quick"),
-            settings=tracker_names()[name],
+            settings=text,
             command=f"chromagrip bench track --tracker {name}",
         )
-        for name in names
-        if len(errors.get(name, ())) == len(axes)
+        for name, text in tracker_names().items()
     ]
+    axes = []
+    with one_thread():
+        for scene, label in list(_SCENES.items())[: 1 if quick else None]:
+            progress(f"{scene}: frames and their limit")
+            frames_of_scene = sequence(SCENES[scene], frames)
+            axis = Axis(
+                key=f"{scene}/rms",
+                label=f"RMS error of the worse layer [px], {label}",
+                unit="px",
+                lines={"Cramér–Rao": _limit(frames_of_scene)},
+                peers=_PEERS if scene == "clean" else (),
+            )
+            axes.append(axis)
+            for turn, point in product(range(turns), points):
+                progress(f"{scene}: {point.name}, turn {turn + 1}")
+                try:
+                    followed = follow(point.name, frames_of_scene)
+                except UserError:
+                    continue  # the tracker refuses such frames
+                point.times.append(float(np.median(followed.times)))
+                if turn == 0:
+                    errors = scores(followed, frames_of_scene)
+                    point.errors[axis.key] = max(errors[f"{layer}_rms"] for layer in LAYERS)
     title = "Trackers: 400 markers in two layers, 640×480, noise of 2 levels"
-    return Chart(part="track", title=title, per="frame", points=points, axes=axes)
+    complete = [point for point in points if len(point.errors) == len(axes)]
+    return Chart(part="track", title=title, per="frame", points=complete, axes=axes)
 
 
-def _limit(seen: Sequence) -> float:
+def _limit(frames: Sequence) -> float:
     """Bound of single frames, of the worse layer [px]."""
-    limit = np.stack([shot.limit for shot in seen.shots])
+    limit = np.stack([shot.limit for shot in frames.shots])
     return max(float(np.sqrt(np.nanmean(limit[:, k] ** 2))) for k in range(len(LAYERS)))

@@ -8,24 +8,28 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from ...loop.trace import Trace
-from ...output.figure import CONTROLLERS, finish, new_figure
-from ...output.rows import Row, at_most, reported
-from .runs import NAN, Job, Runs, make_job
-from .statements import Section, judged, near, number, over
-from .sweep import PLAIN, Variant
+from ...output.figure import finish, new_figure
+from ...output.report import Row, Table, at_most, reported
+from ...thesis import DESIRED_MARGIN, DURATION_S, LOAD_TIMES_S, LOADS_N
+from .runs import CONTROLLERS, Job, Runs, make_job
+from .statements import SHAPE_ONLY, Section, judged, near, number, over
+from .unprinted import PLAIN, UNPRINTED, Variant
 
 Array = NDArray[np.float64]
 
-#: When the controller is switched on and the first load comes, when the second, and the end [s].
-FIRST, SECOND, END = 0.04, 1.0, 2.0
-LOADS = (0.25, 0.65)  # [N]
-#: Settled: within this share of the plateau for good. The thesis does not say its own.
+#: Times at which the controller is switched on with the first load, and of the second load [s].
+FIRST, SECOND = LOAD_TIMES_S
+#: End of the run [s].
+END = DURATION_S
+#: Settled: within this share of the plateau for good. The thesis does not define it.
 _SETTLED = 0.05
-#: How exactly times can be read off a sentence such as "0.1, 0.5 and 0.7 seconds" [s].
+#: Precision of times in a sentence such as "0.1, 0.5 and 0.7 seconds" [s].
 _READ = 0.1
-#: A swing of Γ or of the command that is seen in a plot: 1 % of its full height.
-_SEEN = 0.01
-#: Displacement that is drawn as none [mm].
+#: Smallest swing of Γ that is visible in a plot: 1 % of its full height.
+_VISIBLE = 0.01
+#: Smallest swing of the command that is visible in a plot [N].
+_VISIBLE_N = 0.05
+#: Largest displacement that is drawn as none [mm].
 NONE = 0.05
 
 
@@ -42,7 +46,7 @@ def between(trace: Trace, name: str, start: float, stop: float) -> Array:
 
 
 def turns(values: Array, swing: float) -> int:
-    """How often a curve turns round, counting only swings of at least so much."""
+    """Number of turning points of a curve, of swings of at least `swing`."""
     count, side, extreme = 0, 0, values[0]
     for value in values:
         ahead = value - extreme
@@ -60,14 +64,14 @@ def settling(trace: Trace, goal: float, start: float, stop: float) -> float:
     time = between(trace, "time_s", start, stop)
     if len(off) == 0:
         return 0.0
-    return NAN if off[-1] + 1 == len(force) else float(time[off[-1] + 1]) - start
+    return math.nan if off[-1] + 1 == len(force) else float(time[off[-1] + 1]) - start
 
 
 def step_time(trace: Trace) -> float:
-    """When the grip force rises by its largest step [s]; NaN if it never rises."""
+    """Time at which the grip force rises by its largest step [s]; NaN if it never rises."""
     rise = np.diff(trace["grip_n"])
     k = int(rise.argmax())
-    return float(trace["time_s"][k + 1]) if rise[k] > 0.0 else NAN
+    return float(trace["time_s"][k + 1]) if rise[k] > 0.0 else math.nan
 
 
 def _curves(axes: Axes, runs: Runs, camera: str | None, column: str) -> None:
@@ -76,8 +80,8 @@ def _curves(axes: Axes, runs: Runs, camera: str | None, column: str) -> None:
         trace = runs.traces[make_job(name)]
         axes.plot(trace["time_s"], trace[column], color=colour, lw=1.4, label=label)
         if camera:
-            seen = runs.traces[make_job(name, camera=camera)]
-            axes.plot(seen["time_s"], seen[column], "--", color=colour, lw=1.0)
+            trace = runs.traces[make_job(name, camera=camera)]
+            axes.plot(trace["time_s"], trace[column], "--", color=colour, lw=1.0)
     if camera:
         axes.plot([], [], "--", color="0.4", lw=1.0, label=f"through the camera, scene {camera}")
     axes.axvline(SECOND, color="0.7", lw=0.8)
@@ -85,7 +89,7 @@ def _curves(axes: Axes, runs: Runs, camera: str | None, column: str) -> None:
 
 def figure_13(runs: Runs, camera: str | None) -> Section:
     """Load and grip force."""
-    figure = new_figure("Fig. 13: load and grip force, µ 0.5, 200 kPa, flat", 9.0, 5.0)
+    figure = new_figure("Fig. 13: load and grip force, µ 0.5, 200 kPa, flat", 9.0, 5.0, UNPRINTED)
     load, grip = figure.subplots(2, 1, sharex=True, height_ratios=(1, 3))
     safe, hold, slip = (runs.traces[make_job(name)] for name in CONTROLLERS)
     load.step(safe["time_s"], safe["load_n"], where="post", color="0.3", label="load")
@@ -96,27 +100,27 @@ def figure_13(runs: Runs, camera: str | None) -> Section:
     before, after = (between(slip, "grip_n", a, b) for a, b in ((0.0, at), (at, END)))
     gripped = safe["grip_n"][safe["time_s"] >= FIRST - 1e-9]
     checks = [
-        near("figure-13/safety-margin/lowest-grip", float(gripped.min()), 1e-6),
+        near(("figure-13", "safety-margin", "lowest-grip"), float(gripped.min()), 1e-6),
         over(
-            "figure-13/safety-margin/first-turns",
-            turns(between(safe, "grip_n", FIRST, 0.5), 5 * _SEEN),
+            ("figure-13", "safety-margin", "first-turns"),
+            turns(between(safe, "grip_n", FIRST, 0.5), _VISIBLE_N),
             2.0,
         ),
         near(
-            "figure-13/safety-margin/second-turns",
-            turns(between(safe, "grip_n", SECOND, END), 5 * _SEEN),
+            ("figure-13", "safety-margin", "second-turns"),
+            turns(between(safe, "grip_n", SECOND, END), _VISIBLE_N),
             0.0,
         ),
-        near("figure-13/conservative/grip", _constant(hold["grip_n"]), 1e-9),
-        near("figure-13/react-to-slip/grip", _constant(before), 1e-9),
-        near("figure-13/react-to-slip/step", float(after[0] - before[-1]), 1e-9),
-        near("figure-13/react-to-slip/step-time", at, 0.05),
+        near(("figure-13", "conservative", "grip"), _constant(hold["grip_n"]), 1e-9),
+        near(("figure-13", "react-to-slip", "grip"), _constant(before), 1e-9),
+        near(("figure-13", "react-to-slip", "step"), float(after[0] - before[-1]), 1e-9),
+        near(("figure-13", "react-to-slip", "step-time"), at, 0.05),
     ]
     rows = _camera_rows("figure-13", runs, camera, _of_grip)
     if camera:
-        seen = step_time(runs.traces[make_job("react-to-slip", camera=camera)])
-        name = f"figure-13/camera/{camera}/react-to-slip/step_time"
-        rows.append(reported(name, seen if math.isfinite(seen) else None, "s"))
+        time = step_time(runs.traces[make_job("react-to-slip", camera=camera)])
+        name = ("figure-13", "camera", camera, "react-to-slip", "step_time")
+        rows.append(reported(name, time, "s"))
     return judged(
         "figure-13",
         "Grip force during controller validation",
@@ -124,26 +128,26 @@ def figure_13(runs: Runs, camera: str | None) -> Section:
         checks,
         rows=rows,
         notes=[
-            "A turn counts where the force swings by 0.05 N or more, 1 % of the axis.",
-            "Curves: shape only.",
+            f"A turn counts where the force swings by {_VISIBLE_N:g} N or more, 1 % of the axis.",
+            SHAPE_ONLY,
         ],
     )
 
 
 def _constant(values: Array) -> float:
     """The value of a curve that has only one; NaN of others."""
-    return float(values[0]) if len(values) and np.ptp(values) == 0.0 else NAN
+    return float(values[0]) if len(values) and np.ptp(values) == 0.0 else math.nan
 
 
 def figure_14(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
     """Normal force, friction force and safety margin."""
-    figure = new_figure("Fig. 14: contact forces and safety margin", 9.0, 8.0)
+    figure = new_figure("Fig. 14: contact forces and safety margin", 9.0, 8.0, UNPRINTED)
     panels = figure.subplots(3, 1, sharex=True)
     columns = {"normal_true_n": "ΣFn [N]", "friction_true_n": "ΣFf [N]", "margin_true": "Γ"}
     for axes, (column, label) in zip(panels, columns.items(), strict=True):
         _curves(axes, runs, camera, column)
         finish(axes, label, "time [s]" if axes is panels[-1] else "", axes is panels[0])
-    panels[-1].axhline(0.3, color="0.4", lw=0.8, ls=":")
+    panels[-1].axhline(DESIRED_MARGIN, color="0.4", lw=0.8, ls=":")
     panels[-1].set_ylim(-0.1, 1.05)
     traces = dict(zip(CONTROLLERS, (runs.traces[make_job(n)] for n in CONTROLLERS), strict=True))
     safe, slip = traces["safety-margin"], traces["react-to-slip"]
@@ -151,32 +155,44 @@ def figure_14(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
     last = [t["friction_true_n"][-1] for t in traces.values()]
     margin = between(safe, "margin_true", 0.0, END)
     checks = [
-        near("figure-14/plateau/first", _farthest(ends, LOADS[0]), 0.01),
-        near("figure-14/plateau/second", _farthest(last, LOADS[1]), 0.01),
+        near(("figure-14", "plateau", "first"), _farthest(ends, LOADS_N[0]), 0.01),
+        near(("figure-14", "plateau", "second"), _farthest(last, LOADS_N[1]), 0.01),
         *(
-            near(f"figure-14/settling/{name}", settling(trace, LOADS[0], FIRST, SECOND), _READ)
+            near(("figure-14", "settling", name), settling(trace, LOADS_N[0], FIRST, SECOND), _READ)
             for name, trace in traces.items()
         ),
-        near("figure-14/react-to-slip/friction-rises", _rises(slip), 0.05),
-        near("figure-14/initial-margin", _farthest(_initial(traces.values()), 1.0), 0.01),
-        near("figure-14/safety-margin/after-first-load", _held(safe, FIRST + 0.5, SECOND), 0.02),
-        near("figure-14/safety-margin/after-second-load", _held(safe, SECOND + 0.5, END), 0.02),
+        near(("figure-14", "react-to-slip", "friction-rises"), _rises(slip), 0.05),
+        near(("figure-14", "initial-margin"), _farthest(_initial(traces.values()), 1.0), 0.01),
         near(
-            "figure-14/safety-margin/overshoot",
+            ("figure-14", "safety-margin", "after-first-load"),
+            _held(safe, FIRST + 0.5, SECOND),
+            0.02,
+        ),
+        near(
+            ("figure-14", "safety-margin", "after-second-load"),
+            _held(safe, SECOND + 0.5, END),
+            0.02,
+        ),
+        near(
+            ("figure-14", "safety-margin", "overshoot"),
             overshoot(safe),
             2.0,
             "of what is not printed, the drag moves it most",
         ),
-        over("figure-14/safety-margin/fluctuates", turns(margin[100:200], _SEEN), 1.0),
-        near("figure-14/react-to-slip/slipping", _off(slip, 0.0, 0.8, step_time(slip)), _SETTLED),
+        over(("figure-14", "safety-margin", "fluctuates"), turns(margin[100:200], _VISIBLE), 1.0),
+        near(
+            ("figure-14", "react-to-slip", "slipping"),
+            _off(slip, 0.0, 0.8, step_time(slip)),
+            _SETTLED,
+        ),
     ]
-    rows = [at_most("figure-14/overshoot_target", overshoot(safe), "points", 10.0)]
+    rows = [at_most(("figure-14", "overshoot_target"), overshoot(safe), "points", 10.0)]
     rows += _camera_rows("figure-14", runs, camera, _of_margin)
     notes = [
-        f"Settled: ΣFf within {100 * _SETTLED:g} % of its plateau for good, counted from the load; "
-        f"the thesis does not say what it calls settled: ±{_READ:g} s are allowed.",
-        "Overshoot: how far Γ falls below 0.30, after either load.",
-        "Curves: shape only.",
+        f"Settled: ΣFf within {100 * _SETTLED:g} % of its plateau for good, counted from the load. "
+        f"The thesis does not define it: ±{_READ:g} s are allowed.",
+        "Overshoot: depth of Γ below 0.30, after either load.",
+        SHAPE_ONLY,
     ]
     return judged(
         "figure-14",
@@ -189,28 +205,28 @@ def figure_14(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
     )
 
 
-def _sweep_table(runs: Runs, sweep: list[Variant]) -> list[list[str]]:
-    """What each unprinted parameter does to overshoot, slip and settling."""
-    said = [
-        number("figure-14/safety-margin/overshoot"),
-        number("figure-13/react-to-slip/step-time"),
-    ]
-    said += [number(f"figure-14/settling/{name}") for name in CONTROLLERS]
+def _sweep_table(runs: Runs, sweep: list[Variant]) -> Table:
+    """Effect of each unprinted parameter on overshoot, slip and settling."""
     settled = [f"{label} settles [s]" for label, _ in CONTROLLERS.values()]
-    lines = [["", "overshoot [points]", "React To Slip steps at [s]", *settled]]
-    lines.append(["thesis", *(f"{value:g}" for value in said)])
+    names = [
+        ("figure-14", "safety-margin", "overshoot"),
+        ("figure-13", "react-to-slip", "step-time"),
+    ]
+    names += [("figure-14", "settling", name) for name in CONTROLLERS]
+    lines = [("thesis", *(f"{number(*name):g}" for name in names))]
     for variant in (PLAIN, *sweep):
         traces = {name: runs.traces[make_job(name, variant.changes)] for name in CONTROLLERS}
         values = [overshoot(traces["safety-margin"]), step_time(traces["react-to-slip"])]
-        values += [settling(trace, LOADS[0], FIRST, SECOND) for trace in traces.values()]
+        values += [settling(trace, LOADS_N[0], FIRST, SECOND) for trace in traces.values()]
         # NaN: not within the experiment.
-        lines.append([variant.text, *(f"{v:.3g}" if v == v else "–" for v in values)])
-    return lines
+        lines.append((variant.text, *(f"{v:.3g}" if math.isfinite(v) else "–" for v in values)))
+    header = ("", "overshoot [points]", "React To Slip steps at [s]", *settled)
+    return Table(header, tuple(lines))
 
 
 def overshoot(trace: Trace) -> float:
-    """How far Γ falls below the desired 0.30 [points]."""
-    return 100.0 * (0.30 - float(np.nanmin(between(trace, "margin_true", FIRST, END))))
+    """Largest depth of Γ below the desired margin [points]."""
+    return 100.0 * (DESIRED_MARGIN - float(np.nanmin(between(trace, "margin_true", FIRST, END))))
 
 
 def _initial(traces: Iterable[Trace]) -> list[float]:
@@ -219,10 +235,10 @@ def _initial(traces: Iterable[Trace]) -> list[float]:
 
 
 def _rises(trace: Trace) -> float:
-    """When ΣFf leaves its first plateau: by a tenth of the way to the second [s]."""
-    level = LOADS[0] + 0.1 * (LOADS[1] - LOADS[0])
+    """Time at which ΣFf has risen by a tenth of the way from plateau to plateau [s]."""
+    level = LOADS_N[0] + 0.1 * (LOADS_N[1] - LOADS_N[0])
     (above,) = np.nonzero(trace["friction_true_n"] > level)
-    return float(trace["time_s"][above[0]]) if len(above) else NAN
+    return float(trace["time_s"][above[0]]) if len(above) else math.nan
 
 
 def _farthest(values: Iterable[float], goal: float) -> float:
@@ -231,18 +247,18 @@ def _farthest(values: Iterable[float], goal: float) -> float:
 
 
 def _held(trace: Trace, start: float, stop: float) -> float:
-    """Γ farthest from 0.30 in a time [s]."""
-    return _off(trace, 0.30, start, stop)
+    """Γ farthest from the desired margin between two times [s]."""
+    return _off(trace, DESIRED_MARGIN, start, stop)
 
 
 def _off(trace: Trace, goal: float, start: float, stop: float) -> float:
     values = between(trace, "margin_true", start, stop)
-    return _farthest(values, goal) if len(values) and math.isfinite(values.sum()) else NAN
+    return _farthest(values, goal) if len(values) and math.isfinite(values.sum()) else math.nan
 
 
 def figure_15(runs: Runs, camera: str | None) -> Section:
     """Pressure and lateral displacement."""
-    figure = new_figure("Fig. 15: pressure and lateral displacement", 9.0, 6.0)
+    figure = new_figure("Fig. 15: pressure and lateral displacement", 9.0, 6.0, UNPRINTED)
     pressed, moved = figure.subplots(2, 1, sharex=True)
     _curves(pressed, runs, camera, "pressure_n_per_m")
     _curves(moved, runs, camera, "lateral_displacement_mm")
@@ -253,24 +269,24 @@ def figure_15(runs: Runs, camera: str | None) -> Section:
     highest = np.mean(pressures[1] > np.fmax(pressures[0], pressures[2]))
     at = step_time(slip)
     checks = [
-        near("figure-15/displacement/react-to-slip", _displaced(slip), 0.05),
-        near("figure-15/displacement/safety-margin", _displaced(safe), NONE),
-        near("figure-15/displacement/conservative", _displaced(hold), NONE),
-        near("figure-15/constant-rate", _bend(slip, SECOND, at), 5.0),
-        near("figure-15/conservative-highest", 100.0 * float(highest), 1e-9),
+        near(("figure-15", "displacement", "react-to-slip"), _displaced(slip), 0.05),
+        near(("figure-15", "displacement", "safety-margin"), _displaced(safe), NONE),
+        near(("figure-15", "displacement", "conservative"), _displaced(hold), NONE),
+        near(("figure-15", "constant-rate"), _bend(slip, SECOND, at), 5.0),
+        near(("figure-15", "conservative-highest"), 100.0 * float(highest), 1e-9),
         over(
-            "figure-15/react-over-safety-margin",
+            ("figure-15", "react-over-safety-margin"),
             float(np.nanmax(pressures[2]) - np.nanmax(pressures[0])),
             0.0,
         ),
-        over("figure-15/bumps", _bumps(slip, at, at + 0.1), 1.0),
+        over(("figure-15", "bumps"), _bumps(slip, at, at + 0.1), 1.0),
     ]
     rows = _camera_rows("figure-15", runs, camera, _of_damage)
     notes = [
         "The thesis's Pa is N/m: its contact has a width and no area (E3).",
-        "A straight line is fitted to the displacement between the second load and the step; how "
-        "far it is off at most counts, over what the displacement grows by.",
-        "Curves: shape only.",
+        "Constant rate: a straight line is fitted to the displacement between the second load and "
+        "the step; its largest error is given as a share of the growth of the displacement.",
+        SHAPE_ONLY,
     ]
     return judged(
         "figure-15", "Pressure and lateral displacement", figure, checks, rows=rows, notes=notes
@@ -282,17 +298,17 @@ def _displaced(trace: Trace) -> float:
 
 
 def _bend(trace: Trace, start: float, stop: float) -> float:
-    """How far a displacement is off a straight line while it slips [% of what it grows by].
+    """Largest distance of a displacement from a straight line while it slips [% of its growth].
 
-    The skin is sheared before all of it slips: counted from the first 0.05 mm on.
+    The skin is sheared before all of it slips: only displacements over 0.05 mm are used.
     """
     if not math.isfinite(stop):
-        return NAN
+        return math.nan
     time = between(trace, "time_s", start, stop)
     moved = between(trace, "lateral_displacement_mm", start, stop)
     time, moved = time[moved > NONE], moved[moved > NONE]
     if len(time) < 3:
-        return NAN
+        return math.nan
     line = np.polyval(np.polyfit(time, moved, 1), time)
     return float(100.0 * np.abs(moved - line).max() / np.ptp(moved))
 
@@ -307,23 +323,23 @@ def _bumps(trace: Trace, start: float, stop: float) -> int:
     return int(((press < 0.0) & (normal > 0.0)).sum())
 
 
-#: What is read off a trace: value and unit by name.
+#: Value and unit of quantities of a trace, by name.
 Read = dict[str, tuple[float, str]]
 
 
 def _camera_rows(
     part: str, runs: Runs, camera: str | None, read: Callable[[Trace], Read]
 ) -> list[Row]:
-    """What the camera path shows of the same, and how far its Γ is off."""
+    """The same quantities through the camera, and the error of the observed Γ."""
     if camera is None:
         return []
     rows = []
     for name in CONTROLLERS:
         job = make_job(name, camera=camera)
-        start = f"{part}/camera/{camera}/{name}"
-        for what, (value, unit) in read(runs.traces[job]).items():
-            rows.append(reported(f"{start}/{what}", value, unit))
-        rows.append(reported(f"{start}/margin_rmse", runs.cells[job].margin_rmse, ""))
+        subject = (part, "camera", camera, name)
+        for score, (value, unit) in read(runs.traces[job]).items():
+            rows.append(reported((*subject, score), value, unit))
+        rows.append(reported((*subject, "margin_rmse"), runs.cells[job].margin_rmse, ""))
     return rows
 
 

@@ -1,31 +1,34 @@
-"""The results of the thesis, figure by figure: what it prints beside what comes out here."""
+"""The results of the thesis, figure by figure: printed values beside those measured here."""
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from ...output.folder import prepare
-from ...output.rows import Row, report
-from .appendix_b import FIGURES
+from markupsafe import Markup
+
+from ...extras import require
+from ...output.cells import open_unfinished
+from ...output.figure import png
+from ...output.page import write_page
+from ...output.report import Report, Table, row_as_json
+from .appendix_b import appendix_b
 from .figure_16_table_2 import figure_16, object_jobs, table_2
 from .figure_17 import figure_17, setting_jobs
 from .figures_9_to_11 import figure_9, figure_10, figure_11
 from .figures_13_to_15 import figure_13, figure_14, figure_15, validation_jobs
-from .page import picture, write_page
 from .runs import UNFINISHED, Job, Runs, run_jobs
 from .statements import Section
-from .sweep import BLUNTER, SWEEP, Variant
+from .unprinted import BLUNTER, SWEEP, UNPRINTED, Variant
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is run.
+    """Amount of work.
 
     Attributes
     ----------
-    quick: no sweep of what is not printed, fewer settings
+    quick: no sweep of unprinted parameters, fewer settings
     camera: scene at whose rate the grasps also go through the camera; None for the truth path only
     """
 
@@ -34,7 +37,7 @@ class Plan:
 
     @property
     def sweep(self) -> list[Variant]:
-        """What is turned of what is not printed."""
+        """Unprinted parameters at other values."""
         return [] if self.quick else SWEEP
 
     @property
@@ -43,67 +46,29 @@ class Plan:
         return [] if self.quick else [*SWEEP, BLUNTER]
 
 
-def _nothing(plan: Plan) -> list[Job]:
-    return []
-
-
-def _validation(plan: Plan) -> list[Job]:
-    return validation_jobs(plan.camera, plan.sweep)
-
-
-def _sections_of_appendix_b() -> list[Section]:
-    sections = []
-    for name, make in FIGURES.items():
-        verdict, rows, figure = make()
-        section = Section(
-            part=f"figure-{name}",
-            title=verdict.title,
-            figure=figure,
-            agrees=verdict.agrees,
-            sentence=verdict.sentence,
-            rows=rows,
-        )
-        sections.append(section)
-    return sections
-
-
-@dataclass(frozen=True)
-class Part:
-    """A figure or table: the grasps that it needs, and what it says of them.
-
-    Attributes
-    ----------
-    sections: made of the runs
-    jobs: runs that are summed up
-    traced: runs whose trace it draws
-    """
-
-    sections: Callable[[Runs, Plan], list[Section]]
-    jobs: Callable[[Plan], list[Job]] = _nothing
-    traced: Callable[[Plan], list[Job]] = _nothing
-
-
-PARTS = {
-    "figure-9": Part(lambda runs, plan: [figure_9()]),
-    "figure-10": Part(lambda runs, plan: [figure_10()]),
-    "figure-11": Part(lambda runs, plan: [figure_11()]),
-    "figure-13": Part(lambda runs, plan: [figure_13(runs, plan.camera)], traced=_validation),
-    "figure-14": Part(
-        lambda runs, plan: [figure_14(runs, plan.camera, plan.sweep)], traced=_validation
-    ),
-    "figure-15": Part(lambda runs, plan: [figure_15(runs, plan.camera)], traced=_validation),
-    "figure-16": Part(
-        lambda runs, plan: [figure_16(runs)], jobs=lambda plan: object_jobs(None, [])
-    ),
-    "table-2": Part(
-        lambda runs, plan: [table_2(runs, plan.camera, plan.sweep_of_objects)],
-        jobs=lambda plan: object_jobs(plan.camera, plan.sweep_of_objects),
-    ),
-    "figure-17": Part(
-        lambda runs, plan: [figure_17(runs, plan.quick, plan.sweep)],
-        jobs=lambda plan: setting_jobs(plan.quick, plan.sweep),
-    ),
-    "appendix-b": Part(lambda runs, plan: _sections_of_appendix_b()),
+#: Function that makes the sections of each figure or table from the runs.
+PARTS: dict[str, Callable[[Runs, Plan], list[Section]]] = {
+    "figure-9": lambda runs, plan: [figure_9()],
+    "figure-10": lambda runs, plan: [figure_10()],
+    "figure-11": lambda runs, plan: [figure_11()],
+    "figure-13": lambda runs, plan: [figure_13(runs, plan.camera)],
+    "figure-14": lambda runs, plan: [figure_14(runs, plan.camera, plan.sweep)],
+    "figure-15": lambda runs, plan: [figure_15(runs, plan.camera)],
+    "figure-16": lambda runs, plan: [figure_16(runs)],
+    "table-2": lambda runs, plan: [table_2(runs, plan.camera, plan.sweep_of_objects)],
+    "figure-17": lambda runs, plan: [figure_17(runs, plan.quick, plan.sweep)],
+    "appendix-b": lambda runs, plan: appendix_b(),
+}
+#: Runs of the parts that need their traces.
+_TRACED: dict[str, Callable[[Plan], list[Job]]] = dict.fromkeys(
+    ("figure-13", "figure-14", "figure-15"),
+    lambda plan: validation_jobs(plan.camera, plan.sweep),
+)
+#: Runs of the parts that need their results only.
+_SUMMED: dict[str, Callable[[Plan], list[Job]]] = {
+    "figure-16": lambda plan: object_jobs(None, []),
+    "table-2": lambda plan: object_jobs(plan.camera, plan.sweep_of_objects),
+    "figure-17": lambda plan: setting_jobs(plan.quick, plan.sweep),
 }
 
 
@@ -111,63 +76,78 @@ def reproduce(
     parts: list[str],
     plan: Plan,
     out: Path | None,
-    force: bool,
+    overwrite: bool,
     workers: int,
     progress: Callable[[str], None],
-) -> tuple[dict[str, Any], list[Section]]:
-    """Run what some parts of the thesis need, and compare.
+) -> tuple[Report, list[Section]]:
+    """Run the grasps that some parts of the thesis need, and compare.
 
-    Interrupted, it goes on where it was when it is called again with the same folder.
+    After an interruption, another call with the same folder goes on.
 
     Parameters
     ----------
     parts: keys of PARTS
-    plan: how much of each
+    plan: amount of work
     out: folder for the page, pictures, traces and tables; None writes nothing
-    force: write over what is there
+    overwrite: write over what is there
     workers: processes
-    progress: told what is being done
+    progress: called with the name of each step
 
     Returns
     -------
-    Report of the rows, and a section for each figure or table.
+    Rows with a sentence for each figure or table as notes, and its section.
     """
     if out is not None:
-        prepare(out, force or (out / UNFINISHED).exists())
-    chosen = {name: PARTS[name] for name in parts}
-    jobs = [job for part in chosen.values() for job in part.jobs(plan)]
-    traced = [job for part in chosen.values() for job in part.traced(plan)]
-    runs = run_jobs(jobs, list(dict.fromkeys(traced)), out, workers, progress)
+        require("data")
+    unfinished = open_unfinished(out, UNFINISHED, overwrite)
+    traced = [job for name in parts if name in _TRACED for job in _TRACED[name](plan)]
+    summed = [job for name in parts if name in _SUMMED for job in _SUMMED[name](plan)]
+    runs = run_jobs(summed, traced, out, workers, progress)
     sections = []
-    for name, part in chosen.items():
+    for name in parts:
         progress(name)
-        sections += part.sections(runs, plan)
-    rows = [row for section in sections for row in rows_of(section)]
-    result = report(rows, plan.quick)
-    if out is not None:
-        _write(sections, result, plan, out)
-    return result, sections
+        sections += PARTS[name](runs, plan)
+    verdicts = tuple((s.heading, s.title, s.verdict) for s in sections)
+    report = Report(
+        rows=tuple(row for section in sections for row in section.rows),
+        tables=(Table(("figure", "title", "verdict"), verdicts),),
+        notes=tuple(f"{s.heading}: {s.sentence}" for s in sections),
+        quick=plan.quick,
+    )
+    if out is not None and unfinished is not None:
+        _write(sections, report, plan, out)
+        if unfinished.exists():
+            unfinished.replace(out / "runs.csv")
+    return report, sections
 
 
-def rows_of(section: Section) -> list[Row]:
-    """Every figure of a section, those first that the thesis prints."""
-    return [check.row() for check in section.checks] + section.rows
-
-
-def _write(sections: list[Section], result: dict[str, Any], plan: Plan, out: Path) -> None:
+def _write(sections: list[Section], report: Report, plan: Plan, out: Path) -> None:
     for section in sections:
-        (out / f"{section.part}.png").write_bytes(picture(section.figure))
-    write_page(sections, result["machine"], plan.quick, plan.camera, out / "index.html")
-    listed = [
+        (out / f"{section.part}.png").write_bytes(png(section.figure))
+    parts = [
         {
             "part": section.part,
             "verdict": section.verdict,
             "sentence": section.sentence,
-            "rows": [asdict(row) for row in rows_of(section)],
+            "rows": [row_as_json(row) for row in section.rows],
         }
         for section in sections
     ]
-    text = json.dumps({**result, "parts": listed}, indent=2, ensure_ascii=False)
+    text = json.dumps(report.as_json() | {"parts": parts}, indent=2, ensure_ascii=False)
     (out / "reproduction.json").write_text(text + "\n", encoding="utf-8")
-    if (out / UNFINISHED).exists():
-        (out / UNFINISHED).replace(out / "runs.csv")
+    path = (
+        f"dashed lines and rows with its name went through the camera, scene {plan.camera}"
+        if plan.camera
+        else "nothing went through the camera; --camera adds it"
+    )
+    quick = "A quick run: fewer settings, no sweep of unprinted parameters. " if plan.quick else ""
+    introduction = [
+        Markup(
+            "C. Langens, <i>Controlling grip force by maintaining a constant frictional safety "
+            "margin</i>. It prints no data for its figures: the numbers and sentences of its text "
+            "are compared, curves by shape only."
+        ),
+        f"{quick}Truth path at 1 kHz; {path}. Not printed: {UNPRINTED}.",
+    ]
+    pages = [section.on_page() for section in sections]
+    write_page(out / "index.html", "The thesis, reproduced", introduction, pages)

@@ -1,9 +1,9 @@
-"""The grasps that a reproduction is made of: in parallel, and kept as they are done."""
+"""The grasps that a reproduction is made of: in several processes, and kept as they are done."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+import math
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,11 +11,20 @@ from ...errors import UserError
 from ...extras import need
 from ...loop.run_folder import run
 from ...loop.trace import COLUMNS, Trace
-from ...output.cells import read_cells, write_cells
-from ...output.processes import start_worker
+from ...output.cells import read_cells, resumed
+from ...output.processes import map_processes
 from ...scene.scene import load_scene
 
-NAN = float("nan")
+#: Name and colour of the thesis's controllers in figures, as in the thesis.
+CONTROLLERS = {
+    "safety-margin": ("Safety Margin Control", "#1f5fa8"),
+    "conservative": ("Conservative Control", "#c8442e"),
+    "react-to-slip": ("React To Slip", "#e0a100"),
+}
+#: File of the cells until all work is done.
+UNFINISHED = "runs.unfinished.csv"
+
+Changes = Mapping[str, object]
 
 
 class Job(NamedTuple):
@@ -31,24 +40,22 @@ class Job(NamedTuple):
 
     @property
     def file(self) -> str:
-        """Name of its trace's file, if it is one of those that are kept."""
+        """Name of the file of its trace."""
         values = self.values
         start = [self.scene, values.pop("path"), values.pop("controller")]
         changed = [f"{key.rpartition('.')[2]}-{value}" for key, value in values.items()]
         return "-".join(start + changed) + ".parquet"
 
 
-def make_job(
-    controller: str, changes: dict[str, Any] | None = None, camera: str | None = None
-) -> Job:
+def make_job(controller: str, changes: Changes | None = None, camera: str | None = None) -> Job:
     """Job of the validation experiment, on the truth path or through the camera of a scene."""
     path = {"path": "camera" if camera else "truth", "controller": controller}
-    return Job(camera or "thesis", json.dumps(path | (changes or {})))
+    return Job(camera or "thesis", json.dumps(path | dict(changes or {})))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Cell:
-    """What a job came to; NaN where there is nothing to say.
+    """Result of a job; NaN where there is none.
 
     Attributes
     ----------
@@ -58,120 +65,89 @@ class Cell:
     margin_rmse: error of the observed Γ
     final_margin: true
     reactions: of React To Slip
-    stopped: why it did not come to its end, as where the object is let go; else empty
+    stopped: why the run ended early, as where the object is let go; else empty
     """
 
     scene: str
     changes: str
-    pressure: float
-    pressure_pitch: float
-    displacement: float
-    rigid_slip: float
-    margin_rmse: float
-    final_margin: float
-    reactions: int
+    pressure: float = math.nan
+    pressure_pitch: float = math.nan
+    displacement: float = math.nan
+    rigid_slip: float = math.nan
+    margin_rmse: float = math.nan
+    final_margin: float = math.nan
+    reactions: int = 0
     stopped: str = ""
 
     @property
     def job(self) -> Job:
-        """The job that it is of."""
+        """Job of this cell."""
         return Job(self.scene, self.changes)
 
 
 @dataclass(frozen=True)
 class Runs:
-    """What all jobs came to, and the traces of some."""
+    """Results of all jobs, and the traces of some."""
 
     cells: dict[Job, Cell] = field(default_factory=dict)
     traces: dict[Job, Trace] = field(default_factory=dict)
 
 
 def run_jobs(
-    jobs: list[Job],
-    traced: list[Job],
+    jobs: Sequence[Job],
+    traced: Sequence[Job],
     out: Path | None,
     workers: int,
     progress: Callable[[str], None],
 ) -> Runs:
-    """Run every job, those left out that an interrupted run has done.
+    """Run every job that an interrupted call has not done.
 
     Parameters
     ----------
-    jobs: what is summed up in a cell
-    traced: what a trace is kept of too
+    jobs: runs whose cells are wanted
+    traced: runs whose traces are wanted too
     out: folder of `runs.csv` and `traces`; None writes nothing
     workers: processes; one runs in this process
-    progress: told how many are done
+    progress: called with the number of runs that are done
 
     Raises
     ------
     UserError
-        When a run stops of which a trace is wanted.
+        When a run stops whose trace is wanted.
     """
-    wanted = list(dict.fromkeys([*traced, *jobs]))  # long ones first: the camera's traces
-    wanted.sort(key=lambda job: job.values["path"] != "camera")
-    runs = Runs() if out is None else _done(wanted, traced, out)
-    waiting = [
-        job for job in wanted if job not in runs.cells or (job in traced and job not in runs.traces)
-    ]
-    done = len(wanted) - len(waiting)
-    progress(f"runs: {done} of {len(wanted)}")
-    for job, cell, trace in _results(waiting, workers):
-        runs.cells[job] = cell
-        if job in traced:
-            if trace is None:
-                raise UserError(f"{job.scene}, {job.changes}: {cell.stopped}")
-            runs.traces[job] = trace
-            if out is not None:
-                _write_trace(trace, out / "traces" / job.file)
-        if out is not None:
-            _write(list(runs.cells.values()), out / UNFINISHED)
-        done += 1
-        progress(f"runs: {done} of {len(wanted)}")
-    return runs
+    wanted = list(dict.fromkeys([*traced, *jobs]))
+    wanted.sort(key=lambda job: job.values["path"] != "camera")  # long ones first
+    part = None if out is None else out / UNFINISHED
+    paths = {} if out is None else {job: out / "traces" / job.file for job in traced}
+    traces = {job: _read_trace(path) for job, path in paths.items() if path.exists()}
+    done = (c for c in read_cells(part, Cell) if c.job not in paths or c.job in traces)
+
+    def results(waiting: list[Job]) -> Generator[Cell]:
+        for cell, trace in map_processes(_run, waiting, workers):
+            if cell.job in traced:
+                if trace is None:
+                    raise UserError(f"{cell.scene}, {cell.changes}: {cell.stopped}")
+                traces[cell.job] = trace
+                if cell.job in paths:
+                    _write_trace(trace, paths[cell.job])
+            yield cell
+
+    def tell(count: int, total: int) -> None:
+        progress(f"runs: {count} of {total}")
+
+    return Runs(resumed(part, done, lambda cell: cell.job, wanted, results, tell), traces)
 
 
-#: Where runs are kept until all is done.
-UNFINISHED = "runs.unfinished.csv"
-
-
-def _write(cells: list[Cell], path: Path) -> None:
-    """Write a table that is whole whenever it is there."""
-    part = path.with_suffix(".part")
-    write_cells(cells, part)
-    part.replace(path)
-
-
-def _done(wanted: list[Job], traced: list[Job], out: Path) -> Runs:
-    found = {cell.job: cell for cell in read_cells(out / UNFINISHED, Cell)}
-    cells = {job: found[job] for job in wanted if job in found}
-    paths = {job: out / "traces" / job.file for job in traced if job in cells}
-    return Runs(cells, {job: _read_trace(path) for job, path in paths.items() if path.exists()})
-
-
-def _results(jobs: list[Job], workers: int) -> Iterator[tuple[Job, Cell, Trace | None]]:
-    """Results in the order in which they come."""
-    if workers == 1 or len(jobs) < 2:
-        yield from map(_run, jobs)
-        return
-    with get_context("spawn").Pool(min(workers, len(jobs)), initializer=start_worker) as pool:
-        yield from pool.imap_unordered(_run, jobs)
-
-
-def _run(job: Job) -> tuple[Job, Cell, Trace | None]:
+def _run(job: Job) -> tuple[Cell, Trace | None]:
     try:
         result = run(load_scene(job.scene, job.values))
     except UserError as error:
-        nothing = (NAN,) * 6
-        return job, Cell(job.scene, job.changes, *nothing, 0, str(error)), None
-    return job, _cell(job, result.summary), result.trace
+        return Cell(scene=job.scene, changes=job.changes, stopped=str(error)), None
 
-
-def _cell(job: Job, summary: dict[str, Any]) -> Cell:
     def value(name: str) -> float:
-        return NAN if summary[name] is None else float(summary[name])
+        return math.nan if result.summary[name] is None else float(result.summary[name])
 
-    return Cell(
+    cell = Cell(
         scene=job.scene,
         changes=job.changes,
         pressure=value("max_pressure_n_per_m"),
@@ -180,8 +156,9 @@ def _cell(job: Job, summary: dict[str, Any]) -> Cell:
         rigid_slip=value("rigid_slip_mm"),
         margin_rmse=value("margin_rmse"),
         final_margin=value("final_margin_true"),
-        reactions=len(summary["slip_reactions"]),
+        reactions=len(result.summary["slip_reactions"]),
     )
+    return cell, result.trace
 
 
 def _write_trace(trace: Trace, path: Path) -> None:
@@ -200,5 +177,5 @@ def _read_trace(path: Path) -> Trace:
 
 def largest(values: Iterable[float]) -> float:
     """Largest of some values, NaN if one of them is."""
-    found = list(values)
-    return NAN if any(value != value for value in found) else max(found)
+    known = list(values)
+    return math.nan if any(map(math.isnan, known)) else max(known)

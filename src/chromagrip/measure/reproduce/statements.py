@@ -1,28 +1,40 @@
-"""What the thesis says beside what comes out here, and the verdict that follows from it."""
+"""Statements of the thesis beside the values measured here, and the verdict on each figure."""
 
 import math
 import tomllib
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
+import msgspec
 from matplotlib.figure import Figure
 
 from ...errors import UserError
-from ...output.rows import Row, within
+from ...output.figure import png
+from ...output.page import PageSection, inline_png
+from ...output.report import Bounds, Row, Table, measured, rows_table
+
+#: Note on a figure of which the thesis prints curves without data.
+SHAPE_ONLY = "Curves: shape only."
+
+#: Figure or table, then the quantity, such as ("figure-14", "settling", "conservative").
+Name = tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Statement:
     """One number or sentence of the thesis.
 
     Attributes
     ----------
-    unit: of the number, or of what the sentence is put in
-    where, text: its place, and what it says
+    name: of the statement
+    unit: of the number, or of the measured value
+    where, text: place in the thesis, and the statement
     value: printed number; None where a sentence has none
     """
 
+    name: Name
     unit: str
     where: str
     text: str
@@ -30,109 +42,109 @@ class Statement:
 
 
 @cache
-def printed() -> dict[str, Statement]:
+def printed() -> dict[Name, Statement]:
     """Every statement that is compared, by name."""
     text = (files(__package__) / "printed.toml").read_text(encoding="utf-8")
-    return {name: Statement(**values) for name, values in tomllib.loads(text).items()}
+    statements = msgspec.convert(tomllib.loads(text)["statement"], list[Statement])
+    return {statement.name: statement for statement in statements}
 
 
-def number(name: str) -> float:
+def number(*name: str) -> float:
     """Printed number of that name."""
     value = printed()[name].value
     if value is None:
-        raise UserError(f"the thesis prints no number for {name}")
+        raise UserError(f"the thesis prints no number for {'/'.join(name)}")
     return value
 
 
 @dataclass(frozen=True)
 class Check:
-    """A statement beside what was measured here.
+    """A statement beside the value measured here.
 
     Attributes
     ----------
-    name: of the statement
-    value: measured, in the statement's unit
-    low, high: between which the thesis's statement holds
+    statement: of the thesis
+    value: measured, in the statement's unit; NaN where it could not be measured
+    allowed: bounds within which the statement holds
     reason: why it differs where it does
     """
 
-    name: str
+    statement: Statement
     value: float
-    low: float
-    high: float
+    allowed: Bounds
     reason: str = ""
-
-    @property
-    def statement(self) -> Statement:
-        """What the thesis says."""
-        return printed()[self.name]
 
     @property
     def agrees(self) -> bool:
         """Whether the statement holds here."""
-        return self.low <= self.value <= self.high
-
-    @property
-    def allowed(self) -> str:
-        """Bounds in words."""
-        if self.high == math.inf:
-            return f"≥ {self.low:g}"
-        if self.low == -math.inf:
-            return f"≤ {self.high:g}"
-        low, high = f"{self.low:.4g}", f"{self.high:.4g}"
-        return low if low == high else f"{low}…{high}"
+        return self.allowed.hold(self.value)
 
     def row(self) -> Row:
         """The same as a measured figure."""
-        value = self.value if math.isfinite(self.value) else None
-        row = within(self.name, value, self.statement.unit, self.low, self.high)
-        return Row(row.name, row.value, row.unit, self.allowed, self.agrees)
+        return measured(self.statement.name, self.value, self.statement.unit, self.allowed)
 
     def difference(self) -> str:
-        """How much it differs."""
-        unit = self.statement.unit and f" {self.statement.unit}"
-        said = self.statement.value
-        wanted = f"thesis {said:g}" if said is not None else f"for that it has to be {self.allowed}"
-        share = f", {100 * (self.value / said - 1):+.1f} %" if said else ""
-        return f"{self.statement.text}: here {self.value:.4g}{unit}, {wanted}{share}"
+        """Difference between thesis and measurement in words."""
+        expected = self.statement.value
+        text = f"{self.statement.text}: here {self._text(self.value)}, "
+        if expected is None:
+            return f"{text}for that it has to be {self.allowed}"
+        share = 100 * (self.value / expected - 1) if expected else math.nan
+        percent = f", {share:+.1f} %" if math.isfinite(share) else ""
+        return f"{text}thesis {expected:g}{percent}"
+
+    def cells(self) -> tuple[str, ...]:
+        """Line of the table of checks."""
+        return (
+            self.statement.text,
+            self.statement.where,
+            self._text(self.statement.value),
+            self._text(self.value),
+            str(self.allowed),
+            "" if self.agrees else "differs",
+        )
+
+    def _text(self, value: float | None) -> str:
+        known = value is not None and math.isfinite(value)
+        return f"{value:.4g} {self.statement.unit}".strip() if known else "–"
 
 
-def near(name: str, value: float, by: float, reason: str = "") -> Check:
-    """Check against the printed number, give or take so much."""
-    said = number(name)
-    return Check(name, value, said - by, said + by, reason)
+def near(name: Name, value: float, by: float, reason: str = "") -> Check:
+    """Check against the printed number, give or take `by`."""
+    expected = number(*name)
+    return Check(printed()[name], value, Bounds(expected - by, expected + by), reason)
 
 
-def near_share(name: str, value: float, share: float, reason: str = "") -> Check:
+def near_share(name: Name, value: float, share: float, reason: str = "") -> Check:
     """Check against the printed number, give or take a share of it."""
-    return near(name, value, share * abs(number(name)), reason)
+    return near(name, value, share * abs(number(*name)), reason)
 
 
-def over(name: str, value: float, low: float, reason: str = "") -> Check:
+def over(name: Name, value: float, low: float, reason: str = "") -> Check:
     """Check of a sentence that holds from a bound on."""
-    return Check(name, value, low, math.inf, reason)
+    return Check(printed()[name], value, Bounds(low=low), reason)
 
 
-def under(name: str, value: float, high: float, reason: str = "") -> Check:
+def under(name: Name, value: float, high: float, reason: str = "") -> Check:
     """Check of a sentence that holds up to a bound."""
-    return Check(name, value, -math.inf, high, reason)
+    return Check(printed()[name], value, Bounds(high=high), reason)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A figure or table of the thesis, and what came of it.
+    """A figure or table of the thesis beside its reproduction.
 
     Attributes
     ----------
-    part: its name, "figure-13"
-    title: what it shows
+    part: name, such as "figure-13"
+    title: of the figure
     figure: drawn here
     agrees: whether every statement of the thesis about it holds here
-    sentence: the same in words: how much it differs, and why
+    sentence: the same in words, with differences and reasons
     checks: the statements
-    rows: what was measured beside them: the camera path, issue targets, other definitions
-    tables: more of it, each with a heading
-    notes: what is a curve without data, and what cannot be compared
+    extra_rows: further figures: the camera path, targets of ours, other definitions
+    extra_tables: further tables
+    notes: what is compared by shape only, or not at all
     """
 
     part: str
@@ -140,39 +152,65 @@ class Section:
     figure: Figure
     agrees: bool
     sentence: str
-    checks: list[Check] = field(default_factory=list)
-    rows: list[Row] = field(default_factory=list)
-    tables: list[list[list[str]]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    checks: Sequence[Check] = ()
+    extra_rows: Sequence[Row] = ()
+    extra_tables: Sequence[Table] = ()
+    notes: Sequence[str] = ()
 
     @property
     def heading(self) -> str:
-        """Its name as the thesis has it."""
+        """Name as in the thesis."""
         kind, _, label = self.part.partition("-")
         return f"{'Fig.' if kind == 'figure' else 'Table'} {label}"
 
     @property
     def verdict(self) -> str:
-        """One word."""
+        """Verdict in one word."""
         return "reproduced" if self.agrees else "differs"
+
+    @property
+    def rows(self) -> list[Row]:
+        """Every figure, those first that the thesis prints."""
+        return [*(check.row() for check in self.checks), *self.extra_rows]
+
+    @property
+    def tables(self) -> list[Table]:
+        """Statements, further tables, and further figures."""
+        header = ("the thesis says", "where", "printed", "here", "allowed", "")
+        checks = Table(header, tuple(check.cells() for check in self.checks))
+        beside = rows_table(self.extra_rows)
+        return [table for table in (checks, *self.extra_tables, beside) if table.lines]
+
+    def on_page(self) -> PageSection:
+        """Section of a page."""
+        return PageSection(
+            anchor=self.part,
+            name=self.heading,
+            title=self.title,
+            picture=inline_png(png(self.figure), self.title),
+            verdict=self.verdict,
+            sentence=self.sentence,
+            tables=self.tables,
+            notes=self.notes,
+        )
 
 
 def judged(
     part: str,
     title: str,
     figure: Figure,
-    checks: list[Check],
+    checks: Sequence[Check],
     *,
-    rows: list[Row] | None = None,
-    tables: list[list[list[str]]] | None = None,
-    notes: list[str] | None = None,
+    rows: Sequence[Row] = (),
+    tables: Sequence[Table] = (),
+    notes: Sequence[str] = (),
 ) -> Section:
-    """Section whose verdict is what its checks say, one at least."""
+    """Section whose verdict follows from its checks, at least one."""
     if not checks:
         raise UserError(f"{part} is compared with nothing")
     broken = [check for check in checks if not check.agrees]
-    held = f"{len(checks) - len(broken)} of {len(checks)} statements hold"
-    sentence = "; ".join([held, *(check.difference() for check in broken)]) + "."
+    holding = f"{len(checks) - len(broken)} of {len(checks)} statements hold"
+    sentence = "; ".join([holding, *(check.difference() for check in broken)]) + "."
     for reason in dict.fromkeys(check.reason for check in broken if check.reason):
         sentence += f" Why: {reason}."
     return Section(
@@ -182,7 +220,7 @@ def judged(
         agrees=not broken,
         sentence=sentence,
         checks=checks,
-        rows=rows or [],
-        tables=tables or [],
-        notes=notes or [],
+        extra_rows=rows,
+        extra_tables=tables,
+        notes=notes,
     )

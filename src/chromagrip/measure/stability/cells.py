@@ -1,12 +1,10 @@
-"""One run of the closed loop as a point of a map: what was set, and how it ended."""
+"""One run of the closed loop as a cell of a map: its setting and its outcome."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from itertools import islice
-from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ...errors import UserError
 from ...loop.camera import SimulatedCamera
@@ -15,6 +13,7 @@ from ...loop.run_folder import run
 from ...loop.trace import Trace, make_trace, row
 from ...model import GROSS_SLIP
 from ...scene.scene import Scene, load_scene
+from ...thesis import DESIRED_MARGIN, DURATION_S, LOAD_TIMES_S, LOADS_N
 from .linear import LinearLoop, Plant, largest_root, plant_of
 
 #: Outcomes, best first, with their colours. Where several hold, the last counts.
@@ -26,7 +25,7 @@ OUTCOMES = {
     "crush": "#3d1a4f",
     "no answer": "#d9d9d9",
 }
-#: The words of the outcomes, as page and picture print them.
+#: Explanations of the outcomes in the legend.
 WORDS = {
     "holds": "none of the others",
     "micro-slip": "true Γ below 0.02 for a moment: all of the contact slides",
@@ -35,23 +34,23 @@ WORDS = {
     "crush": "true pressure over 1000 N/m",
     "no answer": "the node model found none",
 }
-#: Γ below which the whole contact slides: friction never leaves its cone, so Γ is never negative.
+#: Γ below which the whole contact slides. Friction never leaves its cone, so Γ is never negative.
 MICRO_SLIP = 0.02
-#: Peak to peak of the command over its mean, less a straight line …
+#: Peak to peak of the command, less a straight line, over its mean, from which on it swings.
 SWING = 0.30
-#: … over the end of each load [s].
+#: Time at the end of each load over which that is measured [s].
 HELD = 0.4
-#: Pressure that crushes, over a width with one node pitch added [N/m].
+#: Pressure that crushes, over the width of the contact plus one node pitch [N/m].
 CRUSH = 1000.0
-#: First load, and when it and the second one come and the run ends [s]: the thesis's experiment.
-FIRST_LOAD, TIMES, END = 0.25, (0.04, 1.0), 2.0
-#: Desired margin.
-MARGIN = 0.30
+#: First load of the thesis's experiment [N].
+FIRST_LOAD = LOADS_N[0]
+#: Desired margin Γ.
+MARGIN = DESIRED_MARGIN
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What a run is made with; the defaults are the thesis's validation experiment.
+    """Setting of a run; the defaults are the thesis's validation experiment.
 
     Attributes
     ----------
@@ -83,8 +82,9 @@ class Setting:
                 "description": "a point of `chromagrip stability loop`",
                 "path": self.path,
                 "controller": self.controller,
-                "duration_s": END,
+                "duration_s": DURATION_S,
                 "camera.rate_hz": self.rate_hz,
+                "fingertip.step_ms": min(1.0, 1e3 / self.rate_hz),
                 "camera.latency_frames": self.latency_frames,
                 "safety_margin.desired_margin": MARGIN,
                 "safety_margin.proportional_n": self.proportional_n,
@@ -93,11 +93,19 @@ class Setting:
                 "object.friction": self.friction,
                 "object.stiffness_kpa": self.stiffness_kpa,
                 "object.radius_mm": self.radius_mm,
-                "load.times_s": list(TIMES),
+                "load.times_s": list(LOAD_TIMES_S),
                 "load.forces_n": [FIRST_LOAD, FIRST_LOAD + self.step_n],
                 "truth.margin_noise": self.margin_noise,
             },
         )
+
+    def through_camera(self) -> "Setting":
+        """The same through the camera, without stated noise."""
+        return replace(self, path="camera", margin_noise=0.0)
+
+    def on_truth_path(self) -> "Setting":
+        """The same on the truth path, with the default noise."""
+        return replace(self, path="truth", margin_noise=Setting().margin_noise)
 
     def linear(self) -> LinearLoop:
         """The loop linearised where its gain is largest: at the first, lighter load."""
@@ -112,7 +120,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell(Setting):
-    """A run and how it ended; NaN where there is nothing to measure.
+    """A run and its outcome; NaN where there is nothing to measure.
 
     Attributes
     ----------
@@ -126,16 +134,16 @@ class Cell(Setting):
     """
 
     outcome: str
-    displacement_mm: float
-    margin_min: float
-    swing: float
-    pressure_n_per_m: float
+    displacement_mm: float = np.nan
+    margin_min: float = np.nan
+    swing: float = np.nan
+    pressure_n_per_m: float = np.nan
     root: float
-    note: str
+    note: str = ""
 
     @property
     def setting(self) -> Setting:
-        """What was set, without how it ended."""
+        """Setting of the run."""
         return Setting(**{field.name: getattr(self, field.name) for field in fields(Setting)})
 
     @property
@@ -146,59 +154,53 @@ class Cell(Setting):
 
 @cache
 def plant(friction: float, stiffness_kpa: float, radius_mm: float) -> Plant:
-    """What the loop sees of that object under the first load at the desired margin."""
+    """Plant of the loop with that object under the first load at the desired margin."""
     scene = Setting(friction=friction, stiffness_kpa=stiffness_kpa, radius_mm=radius_mm).scene()
     return plant_of(scene.build_fingertip(), scene.build_object(), FIRST_LOAD, MARGIN)
 
 
 def cell(setting: Setting) -> Cell:
     """Run a setting and judge it."""
-    given: dict[str, Any] = vars(setting)
     known = setting.controller == "safety-margin"
     root = largest_root(setting.linear()) if known else np.nan
     try:
         trace = _run(setting.scene())
     except UserError as stopped:
-        return Cell(
-            **given,
-            outcome="no answer",
-            displacement_mm=np.nan,
-            margin_min=np.nan,
-            swing=np.nan,
-            pressure_n_per_m=np.nan,
-            root=root,
-            note=str(stopped),
-        )
-    loaded = trace["time_s"] > TIMES[0]
-    found: dict[str, Any] = {
-        "displacement_mm": float(trace["lateral_displacement_mm"].max()),
-        "margin_min": float(np.nanmin(trace["margin_true"][loaded])),
-        "swing": max(swing(trace, end) for end in (TIMES[1], END)),
-        "pressure_n_per_m": float(np.nanmax(trace["pressure_pitch_n_per_m"])),
-    }
-    return Cell(**given, outcome=outcome(**found), **found, root=root, note="")
+        return Cell(**vars(setting), outcome="no answer", root=root, note=str(stopped))
+    loaded = trace["time_s"] > LOAD_TIMES_S[0]
+    displacement = float(trace["lateral_displacement_mm"].max())
+    margin_min = float(np.nanmin(trace["margin_true"][loaded]))
+    largest_swing = max(swing(trace, end) for end in (LOAD_TIMES_S[1], DURATION_S))
+    pressure = float(np.nanmax(trace["pressure_pitch_n_per_m"]))
+    return Cell(
+        **vars(setting),
+        outcome=outcome(displacement, margin_min, largest_swing, pressure),
+        displacement_mm=displacement,
+        margin_min=margin_min,
+        swing=largest_swing,
+        pressure_n_per_m=pressure,
+        root=root,
+    )
 
 
 def _run(scene: Scene) -> Trace:
     if scene.path == "camera":
         return run(scene).trace
-    with threadpool_limits(1):
-        # What comes after the last frame is not looked at.
-        samples = islice(grasp(scene, _unused_camera()), scene.frames)
-        rows = [row(sample) for sample in samples]
-    return make_trace(rows)
+    # Steps after the last frame are not needed.
+    samples = islice(grasp(scene, _unused_camera()), scene.frames)
+    return make_trace([row(sample) for sample in samples])
 
 
 @cache
 def _unused_camera() -> SimulatedCamera:
-    """What the loop is given on the truth path; opening one takes longer than some runs."""
+    """Camera for the truth path, which uses none; opening one takes longer than some runs."""
     return open_camera(Setting().scene())
 
 
 def outcome(
     displacement_mm: float, margin_min: float, swing: float, pressure_n_per_m: float
 ) -> str:
-    """Worst of what happened in a run."""
+    """Worst outcome of a run."""
     happened = {
         "micro-slip": margin_min < MICRO_SLIP,
         "limit cycle": swing > SWING,

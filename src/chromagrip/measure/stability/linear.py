@@ -1,4 +1,4 @@
-"""The grip loop linearised around a held grasp: when it oscillates, and how it passes noise on.
+"""The grip loop linearised around a held grasp: when it oscillates, and its gain for noise.
 
 Around a held load the margin follows the grip force F through Fn: δΓ = g·δFn, g = (1 − Γ)²·µ/Ff,
 and Fn follows F with a first-order lag τ, which is dampers over contact stiffness. Samples come
@@ -7,10 +7,11 @@ Kp·e and Ki·T·Σe with e = Γ_des − Γ. With a = exp(−T/τ) that is
 
     (z − a)·(z − 1)·z^L + (1 − a)·g·(Kp·(z − 1) + Ki·T·z) = 0,
 
-stable while every root lies inside the unit circle. The moving average of µ is taken to stand
-still, which it does where it is longer than the swing; a shorter one follows the ratios as they
-sink under a rising grip, and so weakens the loop. Nor is it known here that friction has a past: a
-falling grip lets skin slip, and until the object has crept on against its drag, Γ answers by half.
+stable while every root lies inside the unit circle. Two effects are left out. The moving average
+of µ is taken as constant, which it is where it is longer than the swing; a shorter one follows the
+ratios as they sink under a rising grip, and so weakens the loop. Friction depends on the past:
+under a falling grip the skin slips, and until the object has crept on against its drag, Γ responds
+by half.
 """
 
 from collections.abc import Callable
@@ -21,16 +22,20 @@ from numpy.typing import NDArray
 
 from ...model import ContactObject, Drive, Fingertip, ForceField, State, contact_forces, simulate
 
-#: Grasp that is held for the plant to be read: pressed, loaded, settled by [s].
-_PRESSED, _LOADED, _SETTLED = 0.05, 0.15, 0.9
+#: Times by which the grasp whose plant is measured is pressed, loaded and settled [s].
+_PRESSED = 0.05
+_LOADED = 0.15
+_SETTLED = 0.9
 #: Rounds in which the grip for a margin is found: on round objects ΣFn is not the grip.
 _ROUNDS = 3
-#: Step of the grip from which the lag is read, as a share of it, how long it is followed [s], and
-#: in which time steps [s].
-_STEP, _FOLLOWED, _FINE = 0.01, 0.06, 5e-4
+#: Step of the grip from which the lag is measured, as a share of the grip.
+_STEP = 0.01
+#: Time for which its effect is followed, and time step [s].
+_FOLLOWED = 0.06
+_FINE = 5e-4
 #: Points on the unit circle over which noise is summed.
 _CIRCLE = 4096
-#: Values that are tried before the crossing is halved in on.
+#: Values that are tried before the interval with the crossing is halved.
 _TRIED = 81
 #: Periods [s] and integral gains [N/s] that are searched for a boundary.
 PERIODS = (1e-5, 1.0)
@@ -39,7 +44,7 @@ INTEGRALS = (1e-2, 1e5)
 
 @dataclass(frozen=True, kw_only=True)
 class Plant:
-    """What the loop sees of a held grasp.
+    """A held grasp as the loop measures it.
 
     Attributes
     ----------
@@ -57,7 +62,7 @@ class LinearLoop:
 
     Attributes
     ----------
-    plant: see there
+    plant: of the held grasp
     proportional: Kp [N]
     integral: Ki [N/s]
     period: T, between frames [s]
@@ -72,7 +77,7 @@ class LinearLoop:
 
     @property
     def delay(self) -> float:
-        """From an event to the first command that can know of it [s]."""
+        """Time from an event to the first command that can depend on it [s]."""
         return (self.latency + 1) * self.period
 
 

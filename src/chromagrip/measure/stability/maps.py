@@ -1,31 +1,65 @@
-"""The maps of the closed loop: what is turned, and where the linearised loop says it breaks."""
+"""The maps of the closed loop: their axes, and the boundaries that the linearised loop predicts."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...model import pressure
 from ...scene.controllers import CONTROLLERS
-from .cells import CRUSH, FIRST_LOAD, HELD, MARGIN, SWING, Cell, Setting, plant
+from ...thesis import FRICTIONS, RADII_MM, STIFFNESSES_KPA
+from .cells import CRUSH, FIRST_LOAD, HELD, MARGIN, SWING, Setting
 from .linear import critical_gain, critical_integral, critical_period, held, noise_gain
 
 Array = NDArray[np.float64]
 
-#: Gains as printed, at the thesis's rate, and retuned for a camera's (docs/stability-loop.md).
+#: Gains as printed, at the thesis's rate.
 PRINTED = Setting()
+#: Gains as printed, at the rate and latency of a camera.
 SLOW = Setting(rate_hz=100.0, latency_frames=1)
+#: Gains retuned for that rate (docs/stability-loop.md).
 RETUNED = replace(SLOW, proportional_n=0.25, integral_n_per_s=30.0, window_s=0.3)
-#: The thesis's object, and the one whose plant has the largest gain.
-KINDS: dict[str, dict[str, Any]] = {
-    "µ 0.5, flat": {"friction": 0.5},
-    "µ 0.7, 5 mm radius": {"friction": 0.7, "radius_mm": 5.0},
-}
+#: µ and radius [mm] of the thesis's object, and of the one whose plant has the largest gain.
+KINDS = {"µ 0.5, flat": (0.5, math.inf), "µ 0.7, 5 mm radius": (0.7, 5.0)}
 #: Points of a predicted curve.
 _FINE = 60
+#: Labels of the predicted boundaries.
+LINEAR = "predicted by the linearised loop"
+CRUSHING = "the grip for Γ = 0.3 crushes"
+
+#: Camera rates of the map of rate and latency [Hz].
+_PRINTED_RATES = (
+    *(2000.0, 1600.0, 1250.0, 1000.0, 800.0, 630.0, 500.0, 400.0, 320.0, 250.0, 200.0, 160.0),
+    *(125.0, 100.0),
+)
+_RETUNED_RATES = (160.0, 125.0, 100.0, 80.0, 63.0, 50.0, 40.0, 32.0, 25.0, 20.0, 16.0, 12.5)
+#: Rate [Hz] and latency [frames] of the cells that go through the camera, with retuned gains.
+_CAMERA = ((100.0, 0), (50.0, 0), (100.0, 1), (63.0, 1), (50.0, 1), (32.0, 1), (20.0, 1), (32.0, 3))
+_CAMERA_SHARP = ((100.0, 1), (63.0, 1), (32.0, 1))
+#: Settings under which all 27 objects are run.
+PRESETS = {
+    "printed, 1 kHz, no latency": PRINTED,
+    "printed, 100 Hz, 1 frame": SLOW,
+    "retuned, 100 Hz, 1 frame": RETUNED,
+    "retuned, 60 Hz, 1 frame": replace(RETUNED, rate_hz=60.0),
+    "retuned, 30 Hz, 1 frame": replace(RETUNED, rate_hz=30.0),
+}
+#: Settings of the maps of load and noise.
+_AT_RATES = {"1 kHz, no latency, printed": PRINTED, "100 Hz, one frame, retuned": RETUNED}
+#: Gains Kp [N] and Ki [N/s] of the map of gains.
+_FAST_KP = (0.6, 1.3, 2.5, 3.5, 5.0, 7.0)
+_FAST_KI = (25.0, 100.0, 200.0, 400.0, 800.0, 1600.0)
+_SLOW_KP = (0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.9, 1.3)
+_SLOW_KI = (6.0, 12.0, 20.0, 30.0, 42.0, 60.0, 85.0, 120.0)
+#: Steps of the load [N].
+_STEPS = (0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.2)
+#: Friction coefficients of the map of the load.
+_MU = (0.15, 0.2, 0.3, 0.5, 0.7, 0.9)
+#: Standard deviations of the noise on Γ.
+_NOISES = (0.001, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +68,8 @@ class Panel:
 
     Attributes
     ----------
-    title: of it
-    base: what all of its cells have in common
+    title: of the panel
+    base: setting that all of its cells share but for the two axes
     x, y: values of the map's two axes
     """
 
@@ -61,10 +95,10 @@ class Map:
     Attributes
     ----------
     title: over the picture
-    x, y: attributes of a Setting that are turned
+    x, y: attributes of a Setting that change along the axes
     x_label, y_label: with units
     columns: panels in a row
-    panels: see there
+    panels: of the map
     camera: settings of cells that are run through the camera as well
     lines: predicted boundaries of a panel; none where cells are marked one by one
     """
@@ -80,13 +114,13 @@ class Map:
     lines: Callable[[Panel], list[Line]] | None = None
 
     def at(self, panel: Panel, x: float, y: float | int | str) -> Setting:
-        """What is set in one cell."""
+        """Setting of one cell."""
         return replace(panel.base, **{self.x: x, self.y: y})  # type: ignore[arg-type]
 
     def settings(self) -> list[Setting]:
-        """Everything to be run, through the camera last."""
-        seen = [self.at(panel, x, y) for panel in self.panels for y in panel.y for x in panel.x]
-        return [*seen, *self.camera]
+        """Every setting, through the camera last."""
+        cells = [self.at(panel, x, y) for panel in self.panels for y in panel.y for x in panel.x]
+        return [*cells, *self.camera]
 
 
 def place(values: Sequence[float], at: Array) -> Array:
@@ -177,150 +211,125 @@ def noise_limit(setting: Setting) -> float:
     return float(SWING * grip / (2.0 * largest * noise_gain(setting.linear())))
 
 
-LINEAR = "predicted by the linearised loop"
-CRUSHING = "what Γ = 0.3 takes crushes"
-
-_PRINTED_RATES = (
-    *(2000.0, 1600.0, 1250.0, 1000.0, 800.0, 630.0, 500.0, 400.0, 320.0, 250.0, 200.0, 160.0),
-    *(125.0, 100.0),
-)
-_RETUNED_RATES = (*(160.0, 125.0, 100.0, 80.0, 63.0, 50.0, 40.0, 32.0, 25.0, 20.0, 16.0, 12.5),)
-#: Through the camera: rate and latency, of the retuned gains.
-_SEEN = ((100.0, 0), (50.0, 0), (100.0, 1), (63.0, 1), (50.0, 1), (32.0, 1), (20.0, 1), (32.0, 3))
-_SEEN_SHARP = ((100.0, 1), (63.0, 1), (32.0, 1))
-
-
 def maps(quick: bool) -> dict[str, Map]:
     """Every map by name; a quick one has a few cells of each."""
-    first, each = (2, 3) if quick else (0, 1)
-    steps, frictions, noises = (all_[first::each] for all_ in (_STEPS, _FRICTIONS, _NOISES))
-    kinds = {"µ 0.5, flat": KINDS["µ 0.5, flat"]} if quick else KINDS
-    latencies = (0, 1) if quick else (0, 1, 2, 3)
-    gains = {"printed": (PRINTED, _PRINTED_RATES), "retuned": (RETUNED, _RETUNED_RATES)}
-    sharp = replace(RETUNED, **KINDS["µ 0.7, 5 mm radius"])
-    seen = [replace(RETUNED, rate_hz=rate, latency_frames=late) for rate, late in _SEEN]
-    seen += [replace(sharp, rate_hz=rate, latency_frames=late) for rate, late in _SEEN_SHARP]
-    seen += [replace(PRINTED, rate_hz=250.0), SLOW]
-    at_rates = {"1 kHz, no latency, printed": PRINTED, "100 Hz, one frame, retuned": RETUNED}
-    slower = {"40 Hz, one frame, retuned": replace(RETUNED, rate_hz=40.0)}
     return {
-        "rate-latency": Map(
-            title="Camera rate and latency",
-            x="rate_hz",
-            y="latency_frames",
-            x_label="frames per second",
-            y_label="latency [frames]",
-            columns=len(kinds),
-            panels=tuple(
-                Panel(
-                    title=f"{name} gains, {kind}",
-                    base=replace(base, **changes),
-                    x=rates[first::each],
-                    y=latencies,
-                )
-                for name, (base, rates) in gains.items()
-                for kind, changes in kinds.items()
-            ),
-            camera=tuple(_through_camera(one) for one in (seen[2:3] if quick else seen)),
-            lines=_rate_lines,
-        ),
-        "gains": Map(
-            title="Gains",
-            x="proportional_n",
-            y="integral_n_per_s",
-            x_label="Kp [N]",
-            y_label="Ki [N/s]",
-            columns=2,
-            panels=tuple(
-                Panel(title=title, base=base, x=kp[first::each], y=ki[first::each])
-                for title, base, kp, ki in (
-                    ("1 kHz, no latency, µ over 0.05 s", PRINTED, _FAST_KP, _FAST_KI),
-                    ("100 Hz, one frame, µ over 0.3 s", RETUNED, _SLOW_KP, _SLOW_KI),
-                )
-            ),
-            lines=_gain_lines,
-        ),
-        "load": Map(
-            title="A step of the load from 0.25 N, and friction",
-            x="step_n",
-            y="friction",
-            x_label="step of the load [N]",
-            y_label="µ",
-            columns=3,
-            panels=tuple(
-                Panel(title=f"{title} gains", base=base, x=steps, y=frictions)
-                for title, base in (at_rates | slower).items()
-            ),
-            lines=_load_lines,
-        ),
-        "noise": Map(
-            title="White noise on Γ, and the controller",
-            x="margin_noise",
-            y="controller",
-            x_label="standard deviation of the noise on Γ",
-            y_label="",
-            columns=2,
-            panels=tuple(
-                Panel(title=f"{title} gains", base=base, x=noises, y=tuple(CONTROLLERS.entries))
-                for title, base in at_rates.items()
-            ),
-            lines=_noise_lines,
-        ),
-        "objects": Map(
-            title="The 27 objects of the thesis",
-            x="stiffness_kpa",
-            y="radius_mm",
-            x_label="stiffness [kPa]",
-            y_label="radius [mm]",
-            columns=3,
-            panels=tuple(
-                Panel(
-                    title=f"{title}, µ {mu:g}",
-                    base=replace(base, friction=mu),
-                    x=(16.0, 32.0, 200.0),
-                    y=(5.0, 20.0, np.inf),
-                )
-                for title, base in list(PRESETS.items())[slice(1, 2) if quick else slice(None)]
-                for mu in (0.3, 0.5, 0.7)
-            ),
-        ),
+        "rate-latency": _rate_latency_map(quick),
+        "gains": _gains_map(quick),
+        "load": _load_map(quick),
+        "noise": _noise_map(quick),
+        "objects": _objects_map(quick),
     }
 
 
-def _through_camera(setting: Setting) -> Setting:
-    return replace(setting, path="camera", margin_noise=0.0)
+def _few(values: tuple[float, ...], quick: bool) -> tuple[float, ...]:
+    return values[2::3] if quick else values
 
 
-#: Settings under which all 27 objects are run.
-PRESETS = {
-    "printed, 1 kHz, no latency": PRINTED,
-    "printed, 100 Hz, 1 frame": SLOW,
-    "retuned, 100 Hz, 1 frame": RETUNED,
-    "retuned, 60 Hz, 1 frame": replace(RETUNED, rate_hz=60.0),
-    "retuned, 30 Hz, 1 frame": replace(RETUNED, rate_hz=30.0),
-}
-_FAST_KP = (0.6, 1.3, 2.5, 3.5, 5.0, 7.0)
-_FAST_KI = (25.0, 100.0, 200.0, 400.0, 800.0, 1600.0)
-_SLOW_KP = (0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.9, 1.3)
-_SLOW_KI = (6.0, 12.0, 20.0, 30.0, 42.0, 60.0, 85.0, 120.0)
-_STEPS = (0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.2)
-_FRICTIONS = (0.15, 0.2, 0.3, 0.5, 0.7, 0.9)
-_NOISES = (0.001, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1)
+def _rate_latency_map(quick: bool) -> Map:
+    kinds = list(KINDS.items())[: 1 if quick else None]
+    sharp = _of_kind(RETUNED, *KINDS["µ 0.7, 5 mm radius"])
+    camera = [replace(RETUNED, rate_hz=rate, latency_frames=late) for rate, late in _CAMERA]
+    camera += [replace(sharp, rate_hz=rate, latency_frames=late) for rate, late in _CAMERA_SHARP]
+    camera += [replace(PRINTED, rate_hz=250.0), SLOW]
+    return Map(
+        title="Camera rate and latency",
+        x="rate_hz",
+        y="latency_frames",
+        x_label="frames per second",
+        y_label="latency [frames]",
+        columns=len(kinds),
+        panels=tuple(
+            Panel(
+                title=f"{name} gains, {kind}",
+                base=_of_kind(base, *values),
+                x=_few(rates, quick),
+                y=(0, 1) if quick else (0, 1, 2, 3),
+            )
+            for name, base, rates in (
+                ("printed", PRINTED, _PRINTED_RATES),
+                ("retuned", RETUNED, _RETUNED_RATES),
+            )
+            for kind, values in kinds
+        ),
+        camera=tuple(one.through_camera() for one in (camera[2:3] if quick else camera)),
+        lines=_rate_lines,
+    )
 
 
-def boundary(cells: Sequence[Cell]) -> tuple[Cell, Cell] | None:
-    """Last cell of a line that comes to rest, and the next, which swings.
-
-    None where the line does not cross from rest to swinging.
-    """
-    swings = [cell.swings for cell in cells]
-    if swings[0] or not any(swings):
-        return None
-    first = swings.index(True)
-    return cells[first - 1], cells[first]
+def _of_kind(base: Setting, friction: float, radius_mm: float) -> Setting:
+    return replace(base, friction=friction, radius_mm=radius_mm)
 
 
-def plant_text(setting: Setting) -> str:
-    """The plant of a setting in words."""
-    found = plant(setting.friction, setting.stiffness_kpa, setting.radius_mm)
-    return f"g = {found.gain:.2f} /N, τ = {1e3 * found.lag:.1f} ms"
+def _gains_map(quick: bool) -> Map:
+    return Map(
+        title="Gains",
+        x="proportional_n",
+        y="integral_n_per_s",
+        x_label="Kp [N]",
+        y_label="Ki [N/s]",
+        columns=2,
+        panels=tuple(
+            Panel(title=title, base=base, x=_few(kp, quick), y=_few(ki, quick))
+            for title, base, kp, ki in (
+                ("1 kHz, no latency, µ over 0.05 s", PRINTED, _FAST_KP, _FAST_KI),
+                ("100 Hz, one frame, µ over 0.3 s", RETUNED, _SLOW_KP, _SLOW_KI),
+            )
+        ),
+        lines=_gain_lines,
+    )
+
+
+def _load_map(quick: bool) -> Map:
+    bases = _AT_RATES | {"40 Hz, one frame, retuned": replace(RETUNED, rate_hz=40.0)}
+    return Map(
+        title="A step of the load from 0.25 N, and friction",
+        x="step_n",
+        y="friction",
+        x_label="step of the load [N]",
+        y_label="µ",
+        columns=3,
+        panels=tuple(
+            Panel(title=f"{title} gains", base=base, x=_few(_STEPS, quick), y=_few(_MU, quick))
+            for title, base in bases.items()
+        ),
+        lines=_load_lines,
+    )
+
+
+def _noise_map(quick: bool) -> Map:
+    controllers = tuple(CONTROLLERS.entries)
+    return Map(
+        title="White noise on Γ, and the controller",
+        x="margin_noise",
+        y="controller",
+        x_label="standard deviation of the noise on Γ",
+        y_label="",
+        columns=2,
+        panels=tuple(
+            Panel(title=f"{title} gains", base=base, x=_few(_NOISES, quick), y=controllers)
+            for title, base in _AT_RATES.items()
+        ),
+        lines=_noise_lines,
+    )
+
+
+def _objects_map(quick: bool) -> Map:
+    return Map(
+        title="The 27 objects of the thesis",
+        x="stiffness_kpa",
+        y="radius_mm",
+        x_label="stiffness [kPa]",
+        y_label="radius [mm]",
+        columns=3,
+        panels=tuple(
+            Panel(
+                title=f"{title}, µ {mu:g}",
+                base=replace(base, friction=mu),
+                x=STIFFNESSES_KPA[::-1],
+                y=RADII_MM[::-1],
+            )
+            for title, base in list(PRESETS.items())[slice(1, 2) if quick else slice(None)]
+            for mu in FRICTIONS
+        ),
+    )

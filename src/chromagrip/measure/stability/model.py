@@ -1,26 +1,20 @@
-"""Stability maps of the node models: where each integrator is true, chatters, or is lost.
+"""Stability map of the node models: where each integrator is accurate, chatters, or diverges.
 
 One grasp (press to 1 N, pull to half of what friction holds, hold) over step size × contact
 stiffness × node count, compared with the same grasp in fine implicit steps.
 """
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
 from ...model import (
     ContactObject,
-    DivergedError,
     Drive,
     Fingertip,
     History,
@@ -31,9 +25,7 @@ from ...model import (
     rest_state,
     simulate,
 )
-from ...output.cells import read_cells, write_cells
-from ...output.folder import prepare
-from ...output.rows import Row, at_least, report, reported
+from ...output.report import Report, Row, at_least, reported
 from ..bench.model import margins
 
 Array = NDArray[np.float64]
@@ -46,22 +38,35 @@ OUTCOMES = {
     "diverged": "#6d1a36",
     "not run": "#e5e5e5",
 }
-#: Accurate: Γ and ΣFn within this share of the fine run at every look.
+#: Largest error of Γ and ΣFn of an accurate run, as a share of the fine run's.
 ACCURATE = 0.02
-#: Chattering: forces of the held grasp still swing from step to step by more than this share.
+#: Largest change of the forces of the held grasp from step to step, as a share; chattering beyond.
 CHATTER = 0.01
-#: Time of the grasp [s], and how often it is looked at. Explicit steps are so short that the same
-#: grasp in a fifteenth of the time is as smooth to them.
-DURATION, SHORT = 0.3, 0.02
+#: Length of the grasp [s].
+DURATION = 0.3
+#: Length of the grasp under explicit methods [s]. Their steps are so short that the grasp in a
+#: fifteenth of the time is as smooth to them.
+SHORT = 0.02
+#: Number of instants of a grasp that are compared.
 LOOKS = 4
 #: Step of the fine run, as a share of its time.
 FINE = 1 / 20_000
-#: A dense method is run for at most this many evaluations of the matrix; beyond, it is not run.
+#: Largest number of evaluations of the matrix by a dense method, in a quick map and in a full one;
+#: a run that takes more is not run.
 BUDGET = 25_000
 FULL_BUDGET = 100_000
 
 EXPLICIT: tuple[Method, ...] = ("euler", "rk4")
 ADAPTIVE: tuple[Method, ...] = ("rk45", "lsoda", "bdf")
+
+
+class Setting(NamedTuple):
+    """Method, nodes, contact stiffness [N/m] and step [s] of a run."""
+
+    method: Method
+    nodes: int
+    stiffness_n_per_m: float
+    step_s: float
 
 
 @dataclass(frozen=True)
@@ -70,7 +75,7 @@ class Cell:
 
     Attributes
     ----------
-    method, nodes, stiffness_n_per_m, step_s: what was run
+    method, nodes, stiffness_n_per_m, step_s: the setting
     outcome: one of OUTCOMES
     error: largest relative error of Γ and ΣFn against the fine run
     swing: largest second difference of ΣFn from step to step at the end, over ΣFn
@@ -88,50 +93,28 @@ class Cell:
     limit_s: float
     note: str
 
+    @property
+    def setting(self) -> Setting:
+        """Setting of the run."""
+        return Setting(self.method, self.nodes, self.stiffness_n_per_m, self.step_s)
+
 
 @dataclass(frozen=True)
 class Grid:
-    """What a map is made of."""
+    """Settings of a map.
+
+    Attributes
+    ----------
+    nodes: of the chain
+    stiffness: of the contact [N/m]
+    steps: of each method [s]; of explicit methods as shares of the predicted limit
+    budget: of evaluations of the matrix
+    """
 
     nodes: tuple[int, ...]
     stiffness: tuple[float, ...]
     steps: dict[Method, tuple[float, ...]]
     budget: int
-
-
-def stability_model(
-    quick: bool, out: Path | None, force: bool, progress: Callable[[str], None]
-) -> tuple[dict[str, Any], list[str]]:
-    """Run the map; picture and table go to a folder, where an interrupted map goes on.
-
-    Parameters
-    ----------
-    quick: a map of under a minute
-    out: folder; None writes nothing
-    force: write over what is there
-    progress: told what is being run
-
-    Returns
-    -------
-    Report of the rows, and a sentence for each place where the default is not accurate.
-    """
-    plan = grid(quick)
-    if out is None:
-        found = list(cells(plan, {}, progress))
-    else:
-        part = out / "map.unfinished.csv"
-        prepare(out, force or part.exists())
-        done = {
-            (c.method, c.nodes, c.stiffness_n_per_m, c.step_s): c for c in read_cells(part, Cell)
-        }
-        found = []
-        for cell in cells(plan, done, progress):
-            found.append(cell)
-            if len(found) > len(done):  # those done before come first and are in the file
-                write_cells(found, part)
-        _draw(found, out / "map.png", quick)
-        part.replace(out / "map.csv")
-    return report(_rows(found), quick), _breaks(found)
 
 
 def grid(quick: bool) -> Grid:
@@ -149,30 +132,44 @@ def grid(quick: bool) -> Grid:
     )
 
 
-Key = tuple[str, int, float, float]
+@cache
+def limit(method: Method, nodes: int, stiffness: float) -> float:
+    """Largest stable step by linear theory [s]; of `euler` for methods that are not explicit."""
+    tip, obj = Fingertip(nodes=nodes), ContactObject(stiffness=stiffness)
+    return explicit_limit(tip, obj, rest_state(tip), method if method in EXPLICIT else "euler")
 
 
-def cells(plan: Grid, done: dict[Key, Cell], progress: Callable[[str], None]) -> Iterator[Cell]:
-    """Every cell of a map; those in `done` are not run again."""
-    for nodes, stiffness in itertools.product(plan.nodes, plan.stiffness):
+def settings(plan: Grid) -> list[Setting]:
+    """Every setting of a map."""
+    return [
+        Setting(
+            method,
+            nodes,
+            stiffness,
+            step * limit(method, nodes, stiffness) if method in EXPLICIT else step,
+        )
+        for nodes, stiffness in itertools.product(plan.nodes, plan.stiffness)
+        for method, steps in plan.steps.items()
+        for step in steps
+    ]
+
+
+def cells(
+    wanted: Sequence[Setting], budget: int, progress: Callable[[str], None]
+) -> Generator[Cell]:
+    """Run settings; those of one chain and stiffness, one after the other, share a fine run."""
+    for (nodes, stiffness), group in itertools.groupby(wanted, lambda one: one[1:3]):
         tip, obj = Fingertip(nodes=nodes), ContactObject(stiffness=stiffness)
         truth: dict[float, Array] = {}
-        limits = {name: explicit_limit(tip, obj, rest_state(tip), name) for name in EXPLICIT}
-        for method, steps in plan.steps.items():
-            limit = limits.get(method, limits["euler"])
-            for step in steps:
-                dt = step * limit if method in EXPLICIT else step
-                key = (method, nodes, stiffness, dt)
-                if key in done:
-                    yield done[key]
-                    continue
-                duration = _duration(method)
-                if duration not in truth:
-                    progress(f"{nodes} nodes, {stiffness:g} N/m: fine run")
-                    fine = _run(tip, obj, "implicit", FINE * duration, duration)
-                    truth[duration] = margins(tip, obj, fine)
-                progress(f"{nodes} nodes, {stiffness:g} N/m, {method}, {dt * 1e3:.3g} ms")
-                yield _cell(tip, obj, method, dt, limit, truth[duration], plan.budget)
+        for setting in group:
+            duration = _duration(setting.method)
+            if duration not in truth:
+                progress(f"{nodes} nodes, {stiffness:g} N/m: fine run")
+                fine = _run(tip, obj, "implicit", FINE * duration, duration)
+                truth[duration] = margins(tip, obj, fine)
+            step = f"{setting.step_s * 1e3:.3g} ms"
+            progress(f"{nodes} nodes, {stiffness:g} N/m, {setting.method}, {step}")
+            yield _cell(tip, obj, setting, truth[duration], budget)
 
 
 def _duration(method: Method) -> float:
@@ -200,28 +197,21 @@ def _run(tip: Fingertip, obj: ContactObject, method: Method, dt: float, duration
     )
 
 
-def _cell(
-    tip: Fingertip,
-    obj: ContactObject,
-    method: Method,
-    dt: float,
-    limit: float,
-    truth: Array,
-    budget: int,
-) -> Cell:
-    def cell(outcome: str, error: float = np.nan, swing: float = np.nan, note: str = "") -> Cell:
-        return Cell(method, tip.nodes, obj.stiffness, dt, outcome, error, swing, limit, note)
+def _cell(tip: Fingertip, obj: ContactObject, setting: Setting, truth: Array, budget: int) -> Cell:
+    method, _, _, dt = setting
+    stable = limit(*setting[:3])
 
-    # What one evaluation costs grows with the nodes.
-    evaluations = SHORT / min(dt, limit) * (1 if method == "euler" else 4)
+    def cell(outcome: str, error: float = np.nan, swing: float = np.nan, note: str = "") -> Cell:
+        return Cell(*setting, outcome, error, swing, stable, note)
+
+    # The cost of one evaluation grows with the nodes.
+    evaluations = SHORT / min(dt, stable) * (1 if method == "euler" else 4)
     if method in (*EXPLICIT, *ADAPTIVE) and evaluations * tip.nodes / 51 > budget:
         return cell("not run", note="too many evaluations of the dense matrix")
     try:
         run = _run(tip, obj, method, dt, _duration(method))
         swing = _swing(tip, obj, method, dt, run)
         error = float(abs(margins(tip, obj, run) / truth - 1.0).max())
-    except DivergedError as stopped:
-        return cell("diverged", note=str(stopped))
     except ModelError as stopped:
         return cell("diverged", note=str(stopped))
     if not np.isfinite(error):
@@ -234,105 +224,38 @@ def _cell(
 def _swing(tip: Fingertip, obj: ContactObject, method: Method, dt: float, run: History) -> float:
     """Second difference of ΣFn over eight more steps of the held grasp, over ΣFn."""
     start = run.state(-1)
-    more = simulate(
-        tip, obj, Drive.constant(1.0, 0.25), dt=dt, duration=8 * dt, state=start,
-        method=method,
-    )  # fmt: skip
-    normal = [contact_forces(tip, obj, more.state(k)).normal.sum() for k in range(1, len(more))]
+    drive = Drive.constant(1.0, 0.25)
+    held = simulate(tip, obj, drive, dt=dt, duration=8 * dt, state=start, method=method)
+    normal = [contact_forces(tip, obj, held.state(k)).normal.sum() for k in range(1, len(held))]
     return float(abs(np.diff(normal, n=2)).max() / max(normal[0], 1e-9))
 
 
-def _rows(found: list[Cell]) -> list[Row]:
-    """Figures of a map: how far each method is true, and how well the limit was predicted."""
-    rows = []
+def report(found: Sequence[Cell], quick: bool) -> Report:
+    """Accuracy of each method and of the predicted limit, and places where the default fails."""
+    ran = [cell for cell in found if cell.outcome != "not run"]
+    rows: list[Row] = []
     for method in dict.fromkeys(cell.method for cell in found):
-        mine = [cell for cell in found if cell.method == method and cell.outcome != "not run"]
-        for outcome in OUTCOMES:
-            share = sum(cell.outcome == outcome for cell in mine)
-            if outcome != "not run":
-                rows.append(reported(f"{method}/{outcome}", float(share), "cells"))
-    explicit = [c for c in found if c.method in EXPLICIT and c.outcome != "not run"]
-    right = [(c.outcome == "accurate") == (c.step_s < c.limit_s) for c in explicit]
+        outcomes = [cell.outcome for cell in ran if cell.method == method]
+        rows += [
+            reported((method, outcome), outcomes.count(outcome), "cells")
+            for outcome in OUTCOMES
+            if outcome != "not run"
+        ]
+    explicit = [cell for cell in ran if cell.method in EXPLICIT]
+    right = [(cell.outcome == "accurate") == (cell.step_s < cell.limit_s) for cell in explicit]
     if right:
-        rows.append(reported("limit/predicted_right", 100 * float(np.mean(right)), "%"))
-    default = [c for c in found if c.method == "implicit" and c.step_s <= 1e-2]
-    true = 100 * float(np.mean([c.outcome == "accurate" for c in default]))
-    rows.append(at_least("implicit/accurate_to_10ms", true, "%", 100))
-    return rows
+        rows.append(reported(("limit", "predicted_right"), 100 * float(np.mean(right)), "%"))
+    default = [cell for cell in found if cell.method == "implicit"]
+    accurate = [cell.outcome == "accurate" for cell in default if cell.step_s <= 1e-2]
+    share = 100 * float(np.mean(accurate))
+    rows.append(at_least(("implicit", "accurate_to_10ms"), share, "%", 100))
+    failed = [cell for cell in default if cell.outcome not in ("accurate", "not run")]
+    return Report(rows=tuple(rows), notes=tuple(map(_sentence, failed)), quick=quick)
 
 
-def _draw(rows: list[Cell], path: Path, quick: bool) -> None:
-    """Map of a CSV: a panel for each method and node count, step size across, stiffness up."""
-    methods = list(dict.fromkeys(row.method for row in rows))
-    counts = sorted({row.nodes for row in rows})
-    figure = Figure(figsize=(3.1 * len(methods), 2.3 * len(counts) + 1.3), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(counts), len(methods), squeeze=False)
-    for (r, nodes), (c, method) in itertools.product(enumerate(counts), enumerate(methods)):
-        part = [row for row in rows if row.method == method and row.nodes == nodes]
-        _panel(panels[r, c], part)
-        panels[r, c].set_title(f"{method}, {nodes} nodes", fontsize=9)
-        if c == 0:
-            panels[r, c].set_ylabel("contact stiffness [N/m]", fontsize=8)
-        if r == len(counts) - 1:
-            panels[r, c].set_xlabel("step", fontsize=8)
-    present = [name for name in OUTCOMES if any(row.outcome == name for row in rows)]
-    handles: list[Patch | Line2D] = [Patch(color=OUTCOMES[name], label=name) for name in present]
-    handles.append(Line2D([], [], color="black", ls="--", lw=1, label="predicted explicit limit"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=8)
-    smaller = " (quick)" if quick else ""
-    figure.suptitle(f"Press to 1 N, pull with 0.25 N, hold: who follows{smaller}", fontsize=10)
-    figure.savefig(path, dpi=110)
-
-
-def _panel(axes: Axes, rows: list[Cell]) -> None:
-    """Cells as rectangles between half-way steps, on logarithmic axes."""
-    stiffness = sorted({row.stiffness_n_per_m for row in rows})
-    low, high = _edges(np.array(stiffness)) if len(stiffness) > 1 else ([0.5], [2.0])
-    for level, bottom, top in zip(stiffness, low, high, strict=True):
-        line = sorted(
-            (row for row in rows if row.stiffness_n_per_m == level), key=lambda x: x.step_s
-        )
-        steps = 1e3 * np.array([row.step_s for row in line])
-        left, right = _edges(steps) if len(steps) > 1 else (steps / 1.5, steps * 1.5)
-        for row, a, b in zip(line, left, right, strict=True):
-            axes.add_patch(_rectangle(a, b, bottom, top, OUTCOMES[row.outcome]))
-        limit = 1e3 * line[0].limit_s
-        axes.plot([limit, limit], [bottom, top], "k--", lw=1)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_ylim(low[0], high[-1])
-    axes.set_xlim(5e-4, 100.0)
-    axes.set_xticks([1e-3, 1e-2, 1e-1, 1.0, 10.0], ["1 µs", "10 µs", "0.1 ms", "1 ms", "10 ms"])
-    axes.minorticks_off()
-    axes.tick_params(labelsize=7)
-
-
-def _rectangle(left: float, right: float, bottom: float, top: float, colour: str) -> Rectangle:
-    return Rectangle(
-        (left, bottom), right - left, top - bottom, facecolor=colour, edgecolor="white"
+def _sentence(cell: Cell) -> str:
+    reason = f" (error {100 * cell.error:.1f} %)" if np.isfinite(cell.error) else f": {cell.note}"
+    return (
+        f"implicit is {cell.outcome} at {cell.step_s * 1e3:g} ms on "
+        f"{cell.stiffness_n_per_m:g} N/m with {cell.nodes} nodes{reason}"
     )
-
-
-def _edges(values: Array) -> tuple[Array, Array]:
-    """Lower and upper edges of cells around increasing positive values."""
-    middle = np.sqrt(values[1:] * values[:-1])
-    first, last = values[0] ** 2 / middle[0], values[-1] ** 2 / middle[-1]
-    return np.concatenate([[first], middle]), np.concatenate([middle, [last]])
-
-
-def _breaks(rows: list[Cell]) -> list[str]:
-    """Where the default is not accurate, in a sentence each."""
-    found = []
-    for row in rows:
-        if row.method == "implicit" and row.outcome not in ("accurate", "not run"):
-            found.append(
-                f"implicit is {row.outcome} at {row.step_s * 1e3:g} ms on "
-                f"{row.stiffness_n_per_m:g} N/m with {row.nodes} nodes"
-                + (
-                    f" (error {100 * row.error:.1f} %)"
-                    if np.isfinite(row.error)
-                    else f": {row.note}"
-                )
-            )
-    return found

@@ -1,6 +1,15 @@
-"""What the thesis does not print, turned one at a time, to see what moves what."""
+"""Parameters that the thesis does not print, and the values at which their effect is measured."""
 
 from dataclasses import dataclass, field
+
+from ...model import ContactObject
+
+_DEFAULT = ContactObject()
+#: Unprinted parameters that every figure here uses.
+UNPRINTED = (
+    f"Dahl n = {_DEFAULT.dahl_exponent:g}, σ0 = {_DEFAULT.dahl_stiffness:g} N/m per node, "
+    f"drag {_DEFAULT.drag:g} N·s/m"
+)
 
 
 @dataclass(frozen=True)
@@ -9,9 +18,9 @@ class Variant:
 
     Attributes
     ----------
-    text: what is turned
+    text: parameter and value
     changes: of the scene
-    radii: of round objects, instead of those inferred [mm]
+    radii: of round objects, in place of the inferred ones [mm]
     """
 
     text: str
@@ -19,8 +28,9 @@ class Variant:
     radii: dict[float, float] = field(default_factory=dict)
 
 
+#: The values that are used everywhere else here.
 PLAIN = Variant("as everywhere here")
-#: Of the object's friction and drag; the widths of a pressure come from the same runs.
+#: Friction and drag of the object, one changed at a time.
 SWEEP = [
     Variant("Dahl exponent 1", {"object.dahl_exponent": 1.0}),
     Variant("Dahl exponent 0.5", {"object.dahl_exponent": 0.5}),

@@ -1,0 +1,254 @@
+"""Pictures of the stability maps: outcomes as colours, predicted boundaries over them."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from ...output.figure import legend_below, new_figure, png
+from ...tracking import DEFAULT_TRACKER
+from ..worlds.track_scores import RIGHT
+from . import cells, model, track
+from .cells import Setting
+from .maps import CRUSHING, LINEAR, Line, Map, Panel
+
+Array = NDArray[np.float64]
+
+#: Line styles of the predicted boundaries.
+_STYLES = {LINEAR: "-", CRUSHING: ":"}
+#: Width and height of a cell of the loop's maps [inches].
+_CELL = (0.27, 0.33)
+#: Width and height of what surrounds a panel [inches].
+_AROUND = (1.0, 0.9)
+#: Height of the legend [inches].
+_LEGEND = 1.5
+#: Colours of the trackers' curves, used in turns.
+_COLOURS = (
+    *("#9e9e9e", "#d62828", "#1d70b8", "#2a9d8f", "#f4a261"),
+    *("#6d1a86", "#222222", "#b08968", "#e377c2", "#8ac926"),
+)
+#: Markers of the trackers' curves, used in turns.
+_MARKERS = "xo^svDP*<>"
+
+
+def _title(text: str, quick: bool) -> str:
+    return f"{text} (quick)" if quick else text
+
+
+def _mesh(
+    axes: Axes, x: Array, y: Array, outcomes: Sequence[Sequence[str]], colours: Mapping[str, str]
+) -> None:
+    """Fill the cells between the edges x and y with the colours of their outcomes."""
+    codes = [[list(colours).index(name) for name in row] for row in outcomes]
+    colour_map = ListedColormap(list(colours.values()))
+    last = len(colours) - 1
+    axes.pcolormesh(x, y, codes, cmap=colour_map, vmin=0, vmax=last, edgecolors="white", lw=0.8)
+
+
+def _patches(outcomes: Iterable[str], colours: Mapping[str, str]) -> list[Patch | Line2D]:
+    """Legend of the outcomes that occur."""
+    present = set(outcomes)
+    return [Patch(color=colours[name], label=name) for name in colours if name in present]
+
+
+def draw_map(
+    which: Map, found: Mapping[Setting, cells.Cell], folder: Path, name: str, quick: bool
+) -> None:
+    """Write a map of the closed loop as NAME.svg and NAME.png."""
+    rows = -(-len(which.panels) // which.columns)
+    wide, high = len(which.panels[0].x), len(which.panels[0].y)
+    width = max(which.columns * (wide * _CELL[0] + _AROUND[0]), 9.5)
+    height = rows * (high * _CELL[1] + _AROUND[1]) + _LEGEND
+    figure = new_figure(_title(which.title, quick), width, height)
+    panels = figure.subplots(rows, which.columns, squeeze=False)
+    lines: list[Line] = []
+    for axes, panel in zip(panels.flat, which.panels, strict=False):
+        _panel_of_loop(axes, which, panel, found)
+        for line in which.lines(panel) if which.lines else []:
+            lines.append(line)
+            axes.plot(line.x, line.y, _STYLES[line.label], color="black", lw=2.0)
+    for axes in panels.flat[len(which.panels) :]:
+        axes.axis("off")
+    labels = dict.fromkeys(line.label for line in lines)
+    legend_below(figure, _handles_of_loop(which, found, labels), 2)
+    figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+    (folder / f"{name}.png").write_bytes(png(figure))
+
+
+def _panel_of_loop(
+    axes: Axes, which: Map, panel: Panel, found: Mapping[Setting, cells.Cell]
+) -> None:
+    grid = [[found[which.at(panel, x, y)] for x in panel.x] for y in panel.y]
+    x_edges, y_edges = np.arange(len(panel.x) + 1.0) - 0.5, np.arange(len(panel.y) + 1.0) - 0.5
+    outcomes = [[cell.outcome for cell in line] for line in grid]
+    _mesh(axes, x_edges, y_edges, outcomes, cells.OUTCOMES)
+    for (row, column), cell in np.ndenumerate(np.array(grid, dtype=object)):
+        if which.lines and cell.setting == panel.base:
+            axes.plot(column, row, "s", ms=15, mfc="none", mec="black", mew=1.2)
+        if cell.swings and cell.outcome != "limit cycle":
+            axes.plot(column, row, ".", color="white", ms=3)
+        if which.lines is None and cell.root >= 1.0:
+            colour = "white" if cell.outcome == "crush" else "black"
+            axes.plot(column, row, "x", color=colour, ms=7, mew=1.4)
+        camera = cell.setting.through_camera()
+        if camera in which.camera:
+            colour = cells.OUTCOMES[found[camera].outcome]
+            axes.plot(column, row, "o", ms=9, mec="black", mew=1.2, color=colour)
+    axes.set_xticks(range(len(panel.x)), [_text(x) for x in panel.x], rotation=90)
+    axes.set_yticks(range(len(panel.y)), [_text(y) for y in panel.y])
+    axes.tick_params(labelsize=7, length=0)
+    axes.set_title(panel.title, fontsize=9)
+    axes.set_xlabel(which.x_label, fontsize=8)
+    axes.set_ylabel(which.y_label, fontsize=8)
+
+
+def _text(value: float | int | str) -> str:
+    if value == np.inf:
+        return "flat"
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def _handles_of_loop(
+    which: Map, found: Mapping[Setting, cells.Cell], lines: Iterable[str]
+) -> list[Patch | Line2D]:
+    settings = which.settings()
+    shown = [found[setting] for setting in settings]
+    handles = _patches((cell.outcome for cell in shown), cells.OUTCOMES)
+    for patch in handles:
+        patch.set_label(f"{patch.get_label()}: {cells.WORDS[str(patch.get_label())]}")
+    marks: list[tuple[bool, str, dict[str, object]]] = [
+        (which.lines is None, f"unstable, {LINEAR}", {"color": "black", "marker": "x"}),
+        *((True, label, {"color": "black", "ls": _STYLES[label], "lw": 2}) for label in lines),
+        (
+            any(cell.swings and cell.outcome != "limit cycle" for cell in shown),
+            "white dot: it swings as well",
+            {"color": "0.6", "marker": "."},  # white would not show on the page
+        ),
+        (
+            which.lines is not None and any(panel.base in settings for panel in which.panels),
+            "frame: the place of these gains",
+            {"marker": "s", "mfc": "none", "mec": "black", "ms": 8},
+        ),
+        (
+            bool(which.camera),
+            "ring: the same through the camera",
+            {"marker": "o", "mfc": "none", "mec": "black"},
+        ),
+    ]
+    return handles + [
+        Line2D([], [], label=label, **({"ls": ""} | style))  # type: ignore[arg-type]
+        for present, label, style in marks
+        if present
+    ]
+
+
+def draw_model(found: Sequence[model.Cell], path: Path, quick: bool) -> None:
+    """Write the map of the integrators: a panel for each method and node count.
+
+    Step size goes across, stiffness up.
+    """
+    methods = list(dict.fromkeys(cell.method for cell in found))
+    counts = sorted({cell.nodes for cell in found})
+    title = _title("Press to 1 N, pull with 0.25 N, hold: outcome of each method", quick)
+    figure = new_figure(title, 3.1 * len(methods), 2.3 * len(counts) + 1.3)
+    panels = figure.subplots(len(counts), len(methods), squeeze=False)
+    for (row, column), axes in np.ndenumerate(panels):
+        nodes, method = counts[row], methods[column]
+        _panel_of_model(axes, [c for c in found if c.method == method and c.nodes == nodes])
+        axes.set_title(f"{method}, {nodes} nodes", fontsize=9)
+        if column == 0:
+            axes.set_ylabel("contact stiffness [N/m]", fontsize=8)
+        if row == len(counts) - 1:
+            axes.set_xlabel("step", fontsize=8)
+    handles = _patches((cell.outcome for cell in found), model.OUTCOMES)
+    handles.append(Line2D([], [], color="black", ls="--", lw=1, label="predicted explicit limit"))
+    legend_below(figure, handles, len(handles))
+    path.write_bytes(png(figure))
+
+
+def _panel_of_model(axes: Axes, part: Sequence[model.Cell]) -> None:
+    """Cells between half-way steps, on logarithmic axes."""
+    stiffness = sorted({cell.stiffness_n_per_m for cell in part})
+    y = _edges(np.array(stiffness)) if len(stiffness) > 1 else np.array([0.5, 2.0])
+    for level, bottom, top in zip(stiffness, y, y[1:], strict=False):
+        line = [cell for cell in part if cell.stiffness_n_per_m == level]
+        line.sort(key=lambda cell: cell.step_s)
+        steps = 1e3 * np.array([cell.step_s for cell in line])
+        x = _edges(steps) if len(steps) > 1 else np.array([steps[0] / 1.5, steps[0] * 1.5])
+        outcomes = [[cell.outcome for cell in line]]
+        _mesh(axes, x, np.array([bottom, top]), outcomes, model.OUTCOMES)
+        axes.plot(np.full(2, 1e3 * line[0].limit_s), [bottom, top], "k--", lw=1)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(y[0], y[-1])
+    axes.set_xlim(5e-4, 100.0)
+    axes.set_xticks([1e-3, 1e-2, 1e-1, 1.0, 10.0], ["1 µs", "10 µs", "0.1 ms", "1 ms", "10 ms"])
+    axes.minorticks_off()
+    axes.tick_params(labelsize=7)
+
+
+def _edges(values: Array) -> Array:
+    """Edges of cells around two or more increasing positive values."""
+    middle = np.sqrt(values[1:] * values[:-1])
+    return np.r_[values[0] ** 2 / middle[0], middle, values[-1] ** 2 / middle[-1]]
+
+
+def draw_track(found: Sequence[track.Cell], path: Path, quick: bool) -> None:
+    """Write the curves of all trackers: share of right markers, and error, over each dial."""
+    dials = list(dict.fromkeys(cell.dial for cell in found))
+    styles = _styles(list(dict.fromkeys(cell.tracker for cell in found)))
+    columns = min(4, len(dials))
+    blocks = -(-len(dials) // columns)
+    title = f"Share of markers within {RIGHT:g} px of their own place; error of those reported"
+    figure = new_figure(_title(title, quick), 3.3 * columns, 4.6 * blocks + 0.9)
+    panels = figure.subplots(2 * blocks, columns, squeeze=False)
+    for place in range(blocks * columns):
+        block, column = divmod(place, columns)
+        pair = panels[2 * block : 2 * block + 2, column]
+        if place < len(dials):
+            _curves(pair, [cell for cell in found if cell.dial == dials[place]], styles)
+        else:
+            pair[0].axis("off")
+            pair[1].axis("off")
+    for block in range(blocks):
+        panels[2 * block, 0].set_ylabel("right, worst frame [%]", fontsize=8)
+        panels[2 * block + 1, 0].set_ylabel("RMS error [px]", fontsize=8)
+    handles = [Line2D([], [], **style, label=name) for name, style in styles.items()]
+    legend_below(figure, handles, 2 * columns)
+    path.write_bytes(png(figure))
+
+
+def _curves(pair: Any, part: Sequence[track.Cell], styles: Mapping[str, dict[str, Any]]) -> None:
+    values = list(dict.fromkeys(cell.value for cell in part))
+    for name, style in styles.items():
+        curve = [cell for cell in part if cell.tracker == name]
+        at = [values.index(cell.value) for cell in curve]
+        pair[0].plot(at, [cell.right_percent for cell in curve], **style)
+        pair[1].plot(at, [cell.rms_px for cell in curve], **style)
+    pair[0].axhline(track.HELD, color="0.6", lw=0.8, ls=":")
+    pair[0].set_ylim(-4.0, 104.0)
+    pair[1].set_yscale("log")
+    pair[1].set_xlabel(track.DIALS[part[0].dial].label, fontsize=8)
+    for axes in pair:
+        axes.set_xticks(range(len(values)), [f"{value:g}" for value in values])
+        axes.tick_params(labelsize=7)
+
+
+def _styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Style of each tracker's curves; the default tracker is drawn on top."""
+    return {
+        name: {
+            "color": _COLOURS[place % len(_COLOURS)],
+            "marker": _MARKERS[place % len(_MARKERS)],
+            "markersize": 4.0,
+            "lw": 2.4 if name == DEFAULT_TRACKER else 1.1,
+            "zorder": 3 if name == DEFAULT_TRACKER else 2,
+        }
+        for place, name in enumerate(names)
+    }

@@ -1,0 +1,49 @@
+"""Pages hold everything that they show, and text of any kind is text on them."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from markupsafe import Markup
+
+from chromagrip.output.page import PageSection, inline_png, write_page
+from chromagrip.output.report import Table
+
+
+def test_a_page_holds_its_sections_and_escapes_their_text(tmp_path: Path) -> None:
+    odd = '<b> & "quotes"'
+    sections = [
+        PageSection(
+            anchor=anchor,
+            name=f"name {odd}",
+            title=f"title {odd}",
+            picture=inline_png(b"picture", odd),
+            verdict=verdict,
+            sentence=sentence,
+            tables=[Table(("a", odd), (("1", odd), ("2", "µ")), title=odd)],
+            notes=[odd],
+        )
+        for anchor, verdict, sentence in (("one", "differs", f"sentence {odd}"), ("two", "", ""))
+    ]
+    introduction = [odd, Markup("<i>emphasis</i>")]
+    write_page(tmp_path / "page.html", odd, introduction, sections)
+    page = ElementTree.parse(tmp_path / "page.html").getroot()
+    assert page.findtext("head/title") == odd
+    paragraphs = page.findall("body/p")
+    assert paragraphs[0].text == odd
+    assert paragraphs[1].findtext("i") == "emphasis"
+    one, two = page.findall("body/section")
+    links = [link.get("href") for link in page.findall("body/table/tr/td/a")]
+    assert links == ["#one", "#two"] == [f"#{section.get('id')}" for section in (one, two)]
+    assert one.findtext("h2/em") == "differs"
+    assert one.findtext("p") == f"sentence {odd}"
+    assert two.find("h2/em") is None
+    for section in (one, two):
+        assert (section.findtext("h2") or "").startswith(f"name {odd}: title {odd}")
+        cells = [cell.text for cell in section.findall(".//td")]
+        assert cells == ["1", odd, "2", "µ"]
+        assert [cell.text for cell in section.findall(".//th")] == ["a", odd]
+        assert section.findtext("p[@class='note']") == odd
+        image = section.find("img")
+        assert image is not None
+        assert image.get("alt") == odd
+        assert image.get("src") == "data:image/png;base64,cGljdHVyZQ=="
