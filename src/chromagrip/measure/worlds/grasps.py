@@ -36,8 +36,7 @@ from ...output.processes import one_thread
 from ...render import Defects, SensorDesign, open_renderer
 from ...scene.scene import load_scene
 from ...thesis import DESIRED_MARGIN, LOADS_N, OBJECTS
-from ...tracking import MarkerTracker, Palette, SensorCalibration, Tracks
-from ...tracking.forces.calibration import load_calibration
+from ...tracking import MarkerTracker, Palette, SensorCalibration, Tracks, load_calibration
 
 #: Time between frames [s].
 PERIOD = 0.01
