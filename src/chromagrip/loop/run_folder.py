@@ -218,7 +218,7 @@ class RunFiles:
         """Close and remove unfinished files."""
         video, self._video = self._video, None
         if video is not None:
-            with suppress(OSError):
+            with suppress(OSError, UserError):
                 video.close()
         shutil.rmtree(self._parts, ignore_errors=True)
 

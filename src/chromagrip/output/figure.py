@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -23,10 +24,11 @@ def new_figure(title: str, width: float, height: float, footnote: str = "") -> F
     return figure
 
 
-def finish(axes: Axes, y_label: str, x_label: str = "", legend: bool = True) -> None:
-    """Set labels, grid, frame and legend of a panel."""
-    axes.set_ylabel(y_label, fontsize=9)
-    axes.set_xlabel(x_label, fontsize=9)
+def finish(
+    axes: Axes, y_label: str, x_label: str = "", legend: bool = True, **properties: Any
+) -> None:
+    """Set labels, grid, frame, legend and further properties of a panel."""
+    axes.set(ylabel=y_label, xlabel=x_label, **properties)
     axes.tick_params(labelsize=8)
     axes.grid(alpha=0.25, lw=0.5)
     axes.spines[["top", "right"]].set_visible(False)

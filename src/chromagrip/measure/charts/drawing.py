@@ -35,6 +35,9 @@ def draw(chart: Chart, footnote: str) -> Figure:
         _draw_panel(panel, chart, axis, number)
     for panel in figure.axes[len(chart.axes) :]:
         panel.remove()
+    figure.draw_without_rendering()  # sets the places that labels must not share
+    for panel, axis in zip(figure.axes, chart.axes, strict=True):
+        _write_labels(panel, _labels(chart, axis))
     return figure
 
 
@@ -107,11 +110,14 @@ def _draw_panel(panel: Axes, chart: Chart, axis: Axis, number: int) -> None:
     panel.set(xscale="log", yscale="log", xlabel=time_label, ylabel=axis.label)
     panel.grid(alpha=0.3, which="both")
     panel.margins(x=0.3, y=0.2)
-    # Points of the front, then ours, get their labels first; all others have at least a tooltip.
-    first = sorted(chart.points, key=lambda p: (p not in best, not p.ours))
-    labels: list[Label] = [(p.name, (p.milliseconds, p.errors[axis.key]), "black") for p in first]
-    labels += [(peer.name, (peer.milliseconds, peer.error), "0.45") for peer in axis.peers]
-    _write_labels(panel, labels)
+
+
+def _labels(chart: Chart, axis: Axis) -> list[Label]:
+    """Labels of points of the front, then of ours, then of others, which may find no room."""
+    best = front(chart.points, axis.key)
+    points = sorted(chart.points, key=lambda p: (p not in best, not p.ours))
+    labels: list[Label] = [(p.name, (p.milliseconds, p.errors[axis.key]), "black") for p in points]
+    return labels + [(peer.name, (peer.milliseconds, peer.error), "0.45") for peer in axis.peers]
 
 
 def _write_labels(panel: Axes, labels: Sequence[Label]) -> None:

@@ -37,11 +37,11 @@ def chart_force(
     """
     names = choose(reconstructors)
     grasps, turns = (_QUICK_GRASPS, _QUICK_TURNS) if quick else (_GRASPS, _TURNS)
-    found = measure({("matched", LIBRARY): grasps}, names, grasps, progress)["matched"]
+    measured = measure({("matched", LIBRARY): grasps}, names, grasps, progress)["matched"]
     progress("speed")
     spent = times(names, timed_scenes(), turns)
     known = {
-        name: {read: scores(found.answers[name, read], found.true) for read in READ}
+        name: {read: scores(measured.answers[name, read], measured.true) for read in READ}
         for name in names
     }
     axes = [
@@ -50,8 +50,8 @@ def chart_force(
             label=f"{label}, {read}",
             unit=UNITS[score],
             lines={
-                CONSTANT: scores(constant(found.true), found.true)[score],
-                "limit": _limit(found, read, score),
+                CONSTANT: scores(constant(measured.true), measured.true)[score],
+                "limit": _limit(measured, read, score),
             },
         )
         for read in READ
@@ -74,8 +74,8 @@ def chart_force(
     return Chart(part="force", title=title, per="field", points=points, axes=axes)
 
 
-def _limit(found: Measured, read: str, score: str) -> float:
+def _limit(measured: Measured, read: str, score: str) -> float:
     """Root mean square of the information limit, as the score counts errors."""
-    normal, _, _, margin = found.limit[read].T
-    bound = 100.0 * normal / found.true[:, 0] if score == "normal_rms" else margin
+    normal, _, _, margin = measured.limit[read].T
+    bound = 100.0 * normal / measured.true[:, 0] if score == "normal_rms" else margin
     return float(np.sqrt(np.nanmean(bound**2)))

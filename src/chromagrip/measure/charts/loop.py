@@ -69,13 +69,13 @@ def chart_loop(quick: bool, progress: Callable[[str], None]) -> Chart:
         for point, changes in zip(points, settings(quick).values(), strict=True):
             progress(f"{point.name}, turn {turn + 1}")
             _measure(point, changes, _OBJECTS[:1] if quick else _OBJECTS)
-    told = [point for point in points if point.name.startswith(_TRUTH)]
+    truth = [point for point in points if point.name.startswith(_TRUTH)]
     return Chart(
         part="loop",
         title="The closed loop at 60 Hz: 400 markers in two layers, 640×480",
         per="frame",
-        points=[point for point in points if point not in told],
-        axes=[replace(axis, peers=_peers(axis, told)) for axis in AXES],
+        points=[point for point in points if point not in truth],
+        axes=[replace(axis, peers=_peers(axis, truth)) for axis in AXES],
     )
 
 
@@ -93,7 +93,7 @@ def _measure(
     point.errors.update(margin_error=float(np.sqrt(np.mean(squares))), displacement=slip)
 
 
-def _peers(axis: Axis, told: Sequence[Point]) -> tuple[Peer, ...]:
+def _peers(axis: Axis, truth: Sequence[Point]) -> tuple[Peer, ...]:
     """Loops on the truth path, which no method through the camera can be compared with."""
     return tuple(
         Peer(
@@ -102,5 +102,5 @@ def _peers(axis: Axis, told: Sequence[Point]) -> tuple[Peer, ...]:
             error=point.errors[axis.key],
             source="measured in the same turns; forces as the node model has them, no picture",
         )
-        for point in told
+        for point in truth
     )

@@ -3,22 +3,19 @@
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...extras import require
 from ...output.processes import one_thread
-from ...render import Membrane, MembraneMap, Renderer, SensorDesign, TruthMap, load_sensor
-from ...render.colour import encode_srgb, encoding_table
+from ...render import MembraneMap, Renderer, SensorDesign, TruthMap, load_sensor
+from ...render.colour import encode_srgb
 from ...render.drawing.gl import gl_problem
 from ...render.drawing.mesh_renderer import MeshRenderer
-from ...render.drawing.paint_kernels import encode
 from ...render.drawing.painter import Painter
 from ...render.drawing.supersampled import polygon_centroids, projected_outlines, supersampled_image
 from ...render.ground import ground_image
-from ...render.outlines import outline_points
 from ..worlds.judge import colour_difference, layer_centroids, poses_of
 from .chart import Axis, Chart, Point
 
@@ -32,6 +29,7 @@ AXES = (
 
 def chart_render(quick: bool, progress: Callable[[str], None]) -> Chart:
     """Measure every renderer; a quick run has fewer repeats."""
+    require("images")
     with one_thread():
         points = _measure(load_sensor("thesis"), quick, progress)
     title = "Renderers: 400 markers in two layers, 640×480"
@@ -88,43 +86,8 @@ def _renderers(sensor: SensorDesign) -> dict[str, Callable[[], Renderer]]:
     renderers: dict[str, Callable[[], Renderer]] = {
         "painter": lambda: Painter(sensor),
         "painter, redrawn in full": lambda: Painter(sensor, redraw=True),
-        "OpenCV polygons": lambda: _Polygons(sensor),
     }
     if gl_problem() is None:
         for k in (1, 2, 3):
             renderers[f"pyrender, {k}×{k} samples"] = partial(MeshRenderer, sensor, k)
     return renderers
-
-
-class _Polygons:
-    """Baseline: anti-aliased polygons of OpenCV, blurred and multiplied."""
-
-    name = "OpenCV polygons"
-
-    def __init__(self, sensor: SensorDesign) -> None:
-        self._sensor = sensor
-        self._ground = ground_image(sensor)
-        self._encoding = encoding_table()
-        angle = np.linspace(0.0, 2 * np.pi, 32, endpoint=False)
-        self._circle = np.column_stack([np.cos(angle), np.sin(angle)])
-
-    def render(self, membrane: Membrane) -> Image:
-        """Noise-free sRGB image, shape (H, W, 3)."""
-        sensor, linear = self._sensor, self._ground.copy()
-        pixels = sensor.view.project(outline_points(membrane, self._circle))
-        for layer, dye in enumerate(sensor.transmittance):
-            corners = pixels[layer][np.isfinite(pixels[layer]).all(axis=(1, 2))]
-            covered: Any = np.zeros(linear.shape[:2], dtype=np.uint8)
-            cv2.fillPoly(
-                covered, list(np.rint(16 * corners).astype(np.int32)), (255,), cv2.LINE_AA, 4
-            )
-            share = cv2.GaussianBlur(
-                covered.astype(np.float32) / 255, (0, 0), sensor.camera.blur_px
-            )
-            linear *= 1.0 - share[..., None] * (1.0 - dye).astype(np.float32)
-        image = np.empty(linear.shape, dtype=np.uint8)
-        encode(linear, self._encoding, image)
-        return image
-
-    def close(self) -> None:
-        """Nothing to release."""

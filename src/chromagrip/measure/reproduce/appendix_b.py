@@ -82,10 +82,7 @@ def _springs(title: str, rest: tuple[float, float]) -> tuple[dict[str, Array], F
         ends = 1e3 * np.array([[foot, 0.0], [rest[0] + x, rest[1] + z]])
         axes.plot(*ends.T, "o-", color=COLOURS[name], label=name)
     axes.axhline(0.0, color="black", lw=0.8)
-    axes.set_aspect("equal")
-    axes.set_xlim(-5.0, 9.0)
-    axes.set_ylim(-1.0, 9.0)
-    finish(axes, "z [mm]", "x [mm]")
+    finish(axes, "z [mm]", "x [mm]", aspect="equal", xlim=(-5.0, 9.0), ylim=(-1.0, 9.0))
     return vectors, figure
 
 
@@ -149,13 +146,11 @@ def figure_22() -> Section:
         x = 1e3 * field.position[inside, 0]
         for axes, (title, values) in zip(panels, curves.items(), strict=True):
             axes.plot(x, 1e3 * values[inside], ".-", ms=3, color=COLOURS[name], label=name)
-            axes.set_title(title, fontsize=8)
+            finish(axes, "force [mN]", "x [mm]", title=title)
         normal[name] = 1e3 * field.normal.max()
         lateral[name] = 1e3 * abs(tissue[inside, 0]).max()
         both = 1e3 * abs(tissue[inside, 0] + membrane[inside, 0]).max()
         unbalanced[name] = both / lateral[name]
-    for axes in panels:
-        finish(axes, "force [mN]", "x [mm]")
     ratio = lateral[FINGERTIP] / lateral[SENSOR]
     rows = [
         within(("fig22", "fingertip", "largest_normal"), normal[FINGERTIP], "mN", 45, 55),
@@ -192,8 +187,8 @@ def figure_24() -> Section:
         top = int(moved.argmax())
         largest[name], place[name] = 1e6 * float(moved[top]), float(angle[top])
     for axes in panels:
-        axes.set_xlim(-45, 45)
-        finish(axes, "lateral displacement [µm]", "node, angle from the apex [°]")
+        x_label = "node, angle from the apex [°]"
+        finish(axes, "lateral displacement [µm]", x_label, xlim=(-45, 45))
     smaller = max(largest[SENSOR], largest[INVERSE]) < largest[FINGERTIP]
     outwards = min(place[SENSOR], place[INVERSE]) > place[FINGERTIP]
     return Section(
@@ -240,10 +235,8 @@ def figure_26() -> Section:
             subject = ("fig26", name, f"{stiffness:g}")
             rows.append(reported((*subject, "object_moved"), moved[name, stiffness], "mm"))
             rows.append(reported((*subject, "largest_stretch"), stretch[name, stiffness], "%"))
-        axes.set_aspect("equal")
-        axes.set_ylim(-0.5, 11.0)
-        axes.set_title(f"membrane {stiffness / 1e3:g} kN/m", fontsize=8)
-        finish(axes, "z [mm]", "x [mm]")
+        title = f"membrane {stiffness / 1e3:g} kN/m"
+        finish(axes, "z [mm]", "x [mm]", aspect="equal", ylim=(-0.5, 11.0), title=title)
     fingertip, sensor = moved[FINGERTIP, soft], moved[SENSOR, soft]
     stiffer = moved[SENSOR, STIFF_MEMBRANE]
     return Section(
@@ -267,9 +260,8 @@ def _arrows(axes: Axes, x: Array, friction: Array, normal: Array, name: str) -> 
         arrow = {"arrowstyle": "->", "color": COLOURS[name], "lw": 0.8}
         axes.annotate("", (x_i + f_x, f_z), (x_i, 0.0), arrowprops=arrow)
     axes.plot(1e3 * x, np.zeros(len(x)), ".", ms=3, color=COLOURS[name], label=name)
-    axes.set_ylim(-3.2, 0.6)
-    axes.set_aspect("equal")
-    finish(axes, "force on the skin, 1 mm = 20 mN", "x [mm]")
+    y_label = "force on the skin, 1 mm = 20 mN"
+    finish(axes, y_label, "x [mm]", aspect="equal", ylim=(-3.2, 0.6))
 
 
 def figure_27() -> Section:

@@ -106,10 +106,9 @@ def figure_16(runs: Runs) -> Section:
     for axes, (name, values) in zip(panels, pressures.items(), strict=True):
         for colour, of_friction in zip(shades.values(), values, strict=True):
             axes.plot(of_friction.ravel(), "o", color=colour, ms=5)
+        y_label = "pressure [N/m]" if axes is panels[0] else ""
+        finish(axes, y_label, legend=False, title=CONTROLLERS[name][0])
         axes.set_xticks(range(len(places)), names, rotation=60, ha="right", fontsize=7)
-        axes.set_title(CONTROLLERS[name][0], fontsize=9)
-        finish(axes, "pressure [N/m]" if axes is panels[0] else "", legend=False)
-        axes.tick_params(axis="x", labelsize=7)
     handles = [
         Line2D([], [], ls="", marker="o", color=c, label=f"µ = {m}") for m, c in shades.items()
     ]

@@ -109,9 +109,9 @@ def figure_17(runs: Runs, quick: bool, sweep: list[Variant]) -> Section:
     )
 
 
-def _falling(found: dict[float, Cell]) -> int:
+def _falling(results: dict[float, Cell]) -> int:
     """Neighbours where a larger setting presses less, beyond the bumps of the pressure."""
-    line = [cell.pressure_pitch for cell in found.values()]
+    line = [cell.pressure_pitch for cell in results.values()]
     return sum(not after > (1.0 - _BUMP) * before for before, after in pairwise(line))
 
 
@@ -119,8 +119,8 @@ def _rows(safe: dict[float, Cell], react: dict[float, Cell]) -> list[Row]:
     slips = [margin for margin, cell in safe.items() if cell.rigid_slip > _SLIP]
     most = 100.0 * max(slips, default=0.0)
     rows = [at_most(("figure-17", "largest_margin_that_slips"), most, "%", 10.0)]
-    for start, found in (("margin", safe), ("step", react)):
-        for setting, cell in found.items():
+    for start, results in (("margin", safe), ("step", react)):
+        for setting, cell in results.items():
             subject = ("figure-17", start, f"{setting:g}")
             rows.append(reported((*subject, "pressure"), cell.pressure_pitch, "N/m"))
             rows.append(reported((*subject, "displacement"), cell.displacement, "mm"))
@@ -143,7 +143,7 @@ def _drawn(safe: dict[float, Cell], react: dict[float, Cell]) -> Figure:
         "Fig. 17: desired margin and step size, µ 0.5, 200 kPa, flat", 9.0, 5.4, UNPRINTED
     )
     panels = figure.subplots(2, 2, sharey="row", sharex="col")
-    for column, (name, found, scale, across) in enumerate(
+    for column, (name, results, scale, across) in enumerate(
         (
             ("safety-margin", safe, 100.0, "desired margin [%]"),
             ("react-to-slip", react, 1.0, "step [N]"),
@@ -151,13 +151,15 @@ def _drawn(safe: dict[float, Cell], react: dict[float, Cell]) -> Figure:
     ):
         label, colour = CONTROLLERS[name]
         pressed, moved = panels[:, column]
-        x = [scale * setting for setting in found]
-        pressed.plot(x, [c.pressure_pitch for c in found.values()], "o-", color=colour)
-        moved.plot(x, [c.displacement for c in found.values()], "o-", color=colour, label="lateral")
+        x = [scale * setting for setting in results]
+        pressed.plot(x, [c.pressure_pitch for c in results.values()], "o-", color=colour)
         moved.plot(
-            x, [c.rigid_slip for c in found.values()], "x:", color=colour, label="rigid slip"
+            x, [c.displacement for c in results.values()], "o-", color=colour, label="lateral"
         )
-        pressed.set_title(label, fontsize=9)
-        finish(pressed, "pressure [N/m]" if column == 0 else "", legend=False)
+        moved.plot(
+            x, [c.rigid_slip for c in results.values()], "x:", color=colour, label="rigid slip"
+        )
+        y_label = "pressure [N/m]" if column == 0 else ""
+        finish(pressed, y_label, legend=False, title=label)
         finish(moved, "displacement [mm]" if column == 0 else "", across)
     return figure

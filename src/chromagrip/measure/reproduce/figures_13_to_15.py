@@ -1,7 +1,7 @@
 """Figs. 13 to 15 of the thesis: one object, three controllers, over time."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -116,7 +116,7 @@ def figure_13(runs: Runs, camera: str | None) -> Section:
         near(("figure-13", "react-to-slip", "step"), float(after[0] - before[-1]), 1e-9),
         near(("figure-13", "react-to-slip", "step-time"), at, 0.05),
     ]
-    rows = _camera_rows("figure-13", runs, camera, _of_grip)
+    rows = _camera_rows("figure-13", runs, camera)
     if camera:
         time = step_time(runs.traces[make_job("react-to-slip", camera=camera)])
         name = ("figure-13", "camera", camera, "react-to-slip", "step_time")
@@ -154,6 +154,7 @@ def figure_14(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
     ends = [t["friction_true_n"][np.searchsorted(t["time_s"], SECOND) - 1] for t in traces.values()]
     last = [t["friction_true_n"][-1] for t in traces.values()]
     margin = between(safe, "margin_true", 0.0, END)
+    initial = [between(trace, "margin_true", 0.0, FIRST)[-1] for trace in traces.values()]
     checks = [
         near(("figure-14", "plateau", "first"), _farthest(ends, LOADS_N[0]), 0.01),
         near(("figure-14", "plateau", "second"), _farthest(last, LOADS_N[1]), 0.01),
@@ -162,7 +163,7 @@ def figure_14(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
             for name, trace in traces.items()
         ),
         near(("figure-14", "react-to-slip", "friction-rises"), _rises(slip), 0.05),
-        near(("figure-14", "initial-margin"), _farthest(_initial(traces.values()), 1.0), 0.01),
+        near(("figure-14", "initial-margin"), _farthest(initial, 1.0), 0.01),
         near(
             ("figure-14", "safety-margin", "after-first-load"),
             _held(safe, FIRST + 0.5, SECOND),
@@ -187,7 +188,7 @@ def figure_14(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
         ),
     ]
     rows = [at_most(("figure-14", "overshoot_target"), overshoot(safe), "points", 10.0)]
-    rows += _camera_rows("figure-14", runs, camera, _of_margin)
+    rows += _camera_rows("figure-14", runs, camera)
     notes = [
         f"Settled: ΣFf within {100 * _SETTLED:g} % of its plateau for good, counted from the load. "
         f"The thesis does not define it: ±{_READ:g} s are allowed.",
@@ -227,11 +228,6 @@ def _sweep_table(runs: Runs, sweep: list[Variant]) -> Table:
 def overshoot(trace: Trace) -> float:
     """Largest depth of Γ below the desired margin [points]."""
     return 100.0 * (DESIRED_MARGIN - float(np.nanmin(between(trace, "margin_true", FIRST, END))))
-
-
-def _initial(traces: Iterable[Trace]) -> list[float]:
-    """Γ just before the load, of each."""
-    return [float(between(trace, "margin_true", 0.0, FIRST)[-1]) for trace in traces]
 
 
 def _rises(trace: Trace) -> float:
@@ -281,7 +277,7 @@ def figure_15(runs: Runs, camera: str | None) -> Section:
         ),
         over(("figure-15", "bumps"), _bumps(slip, at, at + 0.1), 1.0),
     ]
-    rows = _camera_rows("figure-15", runs, camera, _of_damage)
+    rows = _camera_rows("figure-15", runs, camera)
     notes = [
         "The thesis's Pa is N/m: its contact has a width and no area (E3).",
         "Constant rate: a straight line is fitted to the displacement between the second load and "
@@ -323,43 +319,28 @@ def _bumps(trace: Trace, start: float, stop: float) -> int:
     return int(((press < 0.0) & (normal > 0.0)).sum())
 
 
-#: Value and unit of quantities of a trace, by name.
-Read = dict[str, tuple[float, str]]
-
-
-def _camera_rows(
-    part: str, runs: Runs, camera: str | None, read: Callable[[Trace], Read]
-) -> list[Row]:
-    """The same quantities through the camera, and the error of the observed Γ."""
-    if camera is None:
-        return []
+def _camera_rows(part: str, runs: Runs, camera: str | None) -> list[Row]:
+    """Quantities of a figure through the camera, and the error of the observed Γ."""
     rows = []
-    for name in CONTROLLERS:
+    for name in CONTROLLERS if camera else ():
         job = make_job(name, camera=camera)
-        subject = (part, "camera", camera, name)
-        for score, (value, unit) in read(runs.traces[job]).items():
-            rows.append(reported((*subject, score), value, unit))
-        rows.append(reported((*subject, "margin_rmse"), runs.cells[job].margin_rmse, ""))
+        trace = runs.traces[job]
+        largest_step = max(float(np.diff(trace["grip_n"]).max()), 0.0)
+        scores: dict[str, dict[str, tuple[float | None, str]]] = {
+            "figure-13": {
+                "largest_grip": (float(trace["grip_n"].max()), "N"),
+                "largest_step": (largest_step, "N"),
+            },
+            "figure-14": {
+                "after_first_load": (_held(trace, FIRST + 0.5, SECOND), ""),
+                "after_second_load": (_held(trace, SECOND + 0.5, END), ""),
+            },
+            "figure-15": {
+                "largest_pressure": (float(np.nanmax(trace["pressure_n_per_m"])), "N/m"),
+                "displacement": (_displaced(trace), "mm"),
+            },
+        }
+        scores[part]["margin_rmse"] = (runs.cells[job].margin_rmse, "")
+        for score, (value, unit) in scores[part].items():
+            rows.append(reported((part, "camera", str(camera), name, score), value, unit))
     return rows
-
-
-def _of_grip(trace: Trace) -> Read:
-    rise = float(np.diff(trace["grip_n"]).max())
-    return {
-        "largest_grip": (float(trace["grip_n"].max()), "N"),
-        "largest_step": (max(rise, 0.0), "N"),
-    }
-
-
-def _of_margin(trace: Trace) -> Read:
-    return {
-        "after_first_load": (_held(trace, FIRST + 0.5, SECOND), ""),
-        "after_second_load": (_held(trace, SECOND + 0.5, END), ""),
-    }
-
-
-def _of_damage(trace: Trace) -> Read:
-    return {
-        "largest_pressure": (float(np.nanmax(trace["pressure_n_per_m"])), "N/m"),
-        "displacement": (_displaced(trace), "mm"),
-    }

@@ -96,8 +96,8 @@ def figure_9() -> Section:
         local.plot(x, ratio, ".-", ms=3, color="#c8442e", label="local |Ff|/Fn")
         local.axhline(0.5, color="0.4", lw=0.8, ls=":", label="µ")
         margin = 100.0 * field.safety_margin(0.5)
-        forces.set_title(f"{'ab'[column]}: {name}, Γ = {abs(margin):.0f} %", fontsize=9)
-        finish(forces, "force [mN]" if column == 0 else "")
+        title = f"{'ab'[column]}: {name}, Γ = {abs(margin):.0f} %"
+        finish(forces, "force [mN]" if column == 0 else "", title=title)
         finish(local, "local friction" if column == 0 else "", "x [mm]")
     pressed, slips = states["pressed"], states["slipping"]
     checks = [
@@ -161,8 +161,8 @@ def figure_11() -> Section:
             slips[mu, load] = float(slipping(field, mu))
             axes.plot(*ratios(field), ".-", ms=3, color=FRICTIONS[mu], label=f"µ = {mu}")
             axes.axhline(mu, color=FRICTIONS[mu], lw=0.7, ls=":")
-        axes.set_title(f"{letter}: load {load:g} N", fontsize=9)
-        finish(axes, "local |Ff|/Fn" if load == 0.0 else "", "x [mm]")
+        title = f"{letter}: load {load:g} N"
+        finish(axes, "local |Ff|/Fn" if load == 0.0 else "", "x [mm]", title=title)
     checks = [
         over(("figure-11", "pressed", "0.3"), slips[0.3, 0.0], 1.0),
         near(("figure-11", "pressed", "0.7"), slips[0.7, 0.0], 0.0),

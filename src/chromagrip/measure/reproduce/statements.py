@@ -186,7 +186,7 @@ class Section:
         return PageSection(
             anchor=self.part,
             name=self.heading,
-            title=self.title,
+            title=f"{self.heading}: {self.title}",
             picture=inline_png(png(self.figure), self.title),
             verdict=self.verdict,
             sentence=self.sentence,

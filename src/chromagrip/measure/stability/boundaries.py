@@ -53,7 +53,7 @@ class Boundary:
     swings: float
 
     @property
-    def found(self) -> float:
+    def middle(self) -> float:
         """Half-way between the two cells."""
         return float(np.sqrt(self.rests * self.swings))
 
@@ -128,7 +128,7 @@ def ratio_rows(edges: Sequence[Boundary]) -> Iterator[Row]:
         lines = [edge for edge in edges if (edge.map, edge.panel) == (name, panel)]
         for kind, ratios in (
             ("small", [edge.small / edge.predicted for edge in lines]),
-            ("map", [edge.found / edge.predicted for edge in lines]),
+            ("map", [edge.middle / edge.predicted for edge in lines]),
         ):
             known = [ratio for ratio in ratios if math.isfinite(ratio)]
             for word, value in (("least", min), ("largest", max)) if known else ():
@@ -147,7 +147,7 @@ def sentences(which: Map, edges: Sequence[Boundary]) -> list[str]:
             f"{panel.title} (g = {dynamics.gain:.2f} /N, τ = {1e3 * dynamics.lag:.1f} ms): "
             f"(latency + 1)·T may be {_range(edge.predicted for edge in lines)} ms by the "
             f"linearised loop, {_range(edge.small for edge in lines)} ms for a small disturbance, "
-            f"{_range(edge.found for edge in lines)} ms in the map"
+            f"{_range(edge.middle for edge in lines)} ms in the map"
         )
     return texts
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -58,7 +57,7 @@ def _patches(outcomes: Iterable[str], colours: Mapping[str, str]) -> list[Patch 
 
 
 def draw_map(
-    which: Map, found: Mapping[Setting, cells.Cell], folder: Path, name: str, quick: bool
+    which: Map, results: Mapping[Setting, cells.Cell], folder: Path, name: str, quick: bool
 ) -> None:
     """Write a map of the closed loop as NAME.svg and NAME.png."""
     rows = -(-len(which.panels) // which.columns)
@@ -69,22 +68,22 @@ def draw_map(
     panels = figure.subplots(rows, which.columns, squeeze=False)
     lines: list[Line] = []
     for axes, panel in zip(panels.flat, which.panels, strict=False):
-        _panel_of_loop(axes, which, panel, found)
+        _panel_of_loop(axes, which, panel, results)
         for line in which.lines(panel) if which.lines else []:
             lines.append(line)
             axes.plot(line.x, line.y, _STYLES[line.label], color="black", lw=2.0)
     for axes in panels.flat[len(which.panels) :]:
         axes.axis("off")
     labels = dict.fromkeys(line.label for line in lines)
-    legend_below(figure, _handles_of_loop(which, found, labels), 2)
+    legend_below(figure, _handles_of_loop(which, results, labels), 2)
     figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
     (folder / f"{name}.png").write_bytes(png(figure))
 
 
 def _panel_of_loop(
-    axes: Axes, which: Map, panel: Panel, found: Mapping[Setting, cells.Cell]
+    axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, cells.Cell]
 ) -> None:
-    grid = [[found[which.at(panel, x, y)] for x in panel.x] for y in panel.y]
+    grid = [[results[which.at(panel, x, y)] for x in panel.x] for y in panel.y]
     x_edges, y_edges = np.arange(len(panel.x) + 1.0) - 0.5, np.arange(len(panel.y) + 1.0) - 0.5
     outcomes = [[cell.outcome for cell in line] for line in grid]
     _mesh(axes, x_edges, y_edges, outcomes, cells.OUTCOMES)
@@ -98,7 +97,7 @@ def _panel_of_loop(
             axes.plot(column, row, "x", color=colour, ms=7, mew=1.4)
         camera = cell.setting.through_camera()
         if camera in which.camera:
-            colour = cells.OUTCOMES[found[camera].outcome]
+            colour = cells.OUTCOMES[results[camera].outcome]
             axes.plot(column, row, "o", ms=9, mec="black", mew=1.2, color=colour)
     axes.set_xticks(range(len(panel.x)), [_text(x) for x in panel.x], rotation=90)
     axes.set_yticks(range(len(panel.y)), [_text(y) for y in panel.y])
@@ -115,18 +114,18 @@ def _text(value: float | int | str) -> str:
 
 
 def _handles_of_loop(
-    which: Map, found: Mapping[Setting, cells.Cell], lines: Iterable[str]
+    which: Map, results: Mapping[Setting, cells.Cell], lines: Iterable[str]
 ) -> list[Patch | Line2D]:
     settings = which.settings()
-    shown = [found[setting] for setting in settings]
-    handles = _patches((cell.outcome for cell in shown), cells.OUTCOMES)
+    drawn = [results[setting] for setting in settings]
+    handles = _patches((cell.outcome for cell in drawn), cells.OUTCOMES)
     for patch in handles:
         patch.set_label(f"{patch.get_label()}: {cells.WORDS[str(patch.get_label())]}")
     marks: list[tuple[bool, str, dict[str, object]]] = [
         (which.lines is None, f"unstable, {LINEAR}", {"color": "black", "marker": "x"}),
         *((True, label, {"color": "black", "ls": _STYLES[label], "lw": 2}) for label in lines),
         (
-            any(cell.swings and cell.outcome != "limit cycle" for cell in shown),
+            any(cell.swings and cell.outcome != "limit cycle" for cell in drawn),
             "white dot: it swings as well",
             {"color": "0.6", "marker": "."},  # white would not show on the page
         ),
@@ -148,25 +147,25 @@ def _handles_of_loop(
     ]
 
 
-def draw_model(found: Sequence[model.Cell], path: Path, quick: bool) -> None:
+def draw_model(results: Sequence[model.Cell], path: Path, quick: bool) -> None:
     """Write the map of the integrators: a panel for each method and node count.
 
     Step size goes across, stiffness up.
     """
-    methods = list(dict.fromkeys(cell.method for cell in found))
-    counts = sorted({cell.nodes for cell in found})
+    methods = list(dict.fromkeys(cell.method for cell in results))
+    counts = sorted({cell.nodes for cell in results})
     title = _title("Press to 1 N, pull with 0.25 N, hold: outcome of each method", quick)
     figure = new_figure(title, 3.1 * len(methods), 2.3 * len(counts) + 1.3)
     panels = figure.subplots(len(counts), len(methods), squeeze=False)
     for (row, column), axes in np.ndenumerate(panels):
         nodes, method = counts[row], methods[column]
-        _panel_of_model(axes, [c for c in found if c.method == method and c.nodes == nodes])
+        _panel_of_model(axes, [c for c in results if c.method == method and c.nodes == nodes])
         axes.set_title(f"{method}, {nodes} nodes", fontsize=9)
         if column == 0:
             axes.set_ylabel("contact stiffness [N/m]", fontsize=8)
         if row == len(counts) - 1:
             axes.set_xlabel("step", fontsize=8)
-    handles = _patches((cell.outcome for cell in found), model.OUTCOMES)
+    handles = _patches((cell.outcome for cell in results), model.OUTCOMES)
     handles.append(Line2D([], [], color="black", ls="--", lw=1, label="predicted explicit limit"))
     legend_below(figure, handles, len(handles))
     path.write_bytes(png(figure))
@@ -184,10 +183,7 @@ def _panel_of_model(axes: Axes, part: Sequence[model.Cell]) -> None:
         outcomes = [[cell.outcome for cell in line]]
         _mesh(axes, x, np.array([bottom, top]), outcomes, model.OUTCOMES)
         axes.plot(np.full(2, 1e3 * line[0].limit_s), [bottom, top], "k--", lw=1)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_ylim(y[0], y[-1])
-    axes.set_xlim(5e-4, 100.0)
+    axes.set(xscale="log", yscale="log", xlim=(5e-4, 100.0), ylim=(y[0], y[-1]))
     axes.set_xticks([1e-3, 1e-2, 1e-1, 1.0, 10.0], ["1 µs", "10 µs", "0.1 ms", "1 ms", "10 ms"])
     axes.minorticks_off()
     axes.tick_params(labelsize=7)
@@ -199,10 +195,9 @@ def _edges(values: Array) -> Array:
     return np.r_[values[0] ** 2 / middle[0], middle, values[-1] ** 2 / middle[-1]]
 
 
-def draw_track(found: Sequence[track.Cell], path: Path, quick: bool) -> None:
+def draw_track(results: Sequence[track.Cell], path: Path, quick: bool) -> None:
     """Write the curves of all trackers: share of right markers, and error, over each dial."""
-    dials = list(dict.fromkeys(cell.dial for cell in found))
-    styles = _styles(list(dict.fromkeys(cell.tracker for cell in found)))
+    dials = list(dict.fromkeys(cell.dial for cell in results))
     columns = min(4, len(dials))
     blocks = -(-len(dials) // columns)
     title = f"Share of markers within {RIGHT:g} px of their own place; error of those reported"
@@ -210,45 +205,33 @@ def draw_track(found: Sequence[track.Cell], path: Path, quick: bool) -> None:
     panels = figure.subplots(2 * blocks, columns, squeeze=False)
     for place in range(blocks * columns):
         block, column = divmod(place, columns)
-        pair = panels[2 * block : 2 * block + 2, column]
+        right, error = panels[2 * block : 2 * block + 2, column]
         if place < len(dials):
-            _curves(pair, [cell for cell in found if cell.dial == dials[place]], styles)
+            _curves(right, error, [cell for cell in results if cell.dial == dials[place]])
         else:
-            pair[0].axis("off")
-            pair[1].axis("off")
-    for block in range(blocks):
-        panels[2 * block, 0].set_ylabel("right, worst frame [%]", fontsize=8)
-        panels[2 * block + 1, 0].set_ylabel("RMS error [px]", fontsize=8)
-    handles = [Line2D([], [], **style, label=name) for name, style in styles.items()]
-    legend_below(figure, handles, 2 * columns)
+            right.axis("off")
+            error.axis("off")
+        if column == 0:
+            right.set_ylabel("right, worst frame [%]", fontsize=8)
+            error.set_ylabel("RMS error [px]", fontsize=8)
+    legend_below(figure, panels[0, 0].get_lines()[:-1], 2 * columns)
     path.write_bytes(png(figure))
 
 
-def _curves(pair: Any, part: Sequence[track.Cell], styles: Mapping[str, dict[str, Any]]) -> None:
+def _curves(right: Axes, error: Axes, part: Sequence[track.Cell]) -> None:
     values = list(dict.fromkeys(cell.value for cell in part))
-    for name, style in styles.items():
-        curve = [cell for cell in part if cell.tracker == name]
-        at = [values.index(cell.value) for cell in curve]
-        pair[0].plot(at, [cell.right_percent for cell in curve], **style)
-        pair[1].plot(at, [cell.rms_px for cell in curve], **style)
-    pair[0].axhline(track.HELD, color="0.6", lw=0.8, ls=":")
-    pair[0].set_ylim(-4.0, 104.0)
-    pair[1].set_yscale("log")
-    pair[1].set_xlabel(track.DIALS[part[0].dial].label, fontsize=8)
-    for axes in pair:
+    for axes in (right, error):
+        axes.set_prop_cycle(color=_COLOURS, marker=list(_MARKERS))
         axes.set_xticks(range(len(values)), [f"{value:g}" for value in values])
         axes.tick_params(labelsize=7)
-
-
-def _styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Style of each tracker's curves; the default tracker is drawn on top."""
-    return {
-        name: {
-            "color": _COLOURS[place % len(_COLOURS)],
-            "marker": _MARKERS[place % len(_MARKERS)],
-            "markersize": 4.0,
-            "lw": 2.4 if name == DEFAULT_TRACKER else 1.1,
-            "zorder": 3 if name == DEFAULT_TRACKER else 2,
-        }
-        for place, name in enumerate(names)
-    }
+    for name in dict.fromkeys(cell.tracker for cell in part):
+        curve = [cell for cell in part if cell.tracker == name]
+        x = [values.index(cell.value) for cell in curve]
+        width, order = (2.4, 3.0) if name == DEFAULT_TRACKER else (1.1, 2.0)
+        shares, errors = [c.right_percent for c in curve], [c.rms_px for c in curve]
+        right.plot(x, shares, ms=4.0, lw=width, zorder=order, label=name)
+        error.plot(x, errors, ms=4.0, lw=width, zorder=order)
+    right.axhline(track.HELD, color="0.6", lw=0.8, ls=":", marker="")
+    right.set_ylim(-4.0, 104.0)
+    error.set_yscale("log")
+    error.set_xlabel(track.DIALS[part[0].dial].label, fontsize=8)

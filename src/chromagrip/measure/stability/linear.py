@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from ...model import ContactObject, Drive, Fingertip, ForceField, State, contact_forces, simulate
 
@@ -35,7 +36,7 @@ _FOLLOWED = 0.06
 _FINE = 5e-4
 #: Points on the unit circle over which noise is summed.
 _CIRCLE = 4096
-#: Values that are tried before the interval with the crossing is halved.
+#: Values between which the first crossing is searched.
 _TRIED = 81
 #: Periods [s] and integral gains [N/s] that are searched for a boundary.
 PERIODS = (1e-5, 1.0)
@@ -118,18 +119,13 @@ def critical_gain(loop: LinearLoop) -> float:
 
 def _first_unstable(at: Callable[[float], LinearLoop], low: float, high: float) -> float:
     """First of the growing values at which a loop is not stable; 0 or ∞ outside the range."""
-    tried = np.geomspace(low, high, _TRIED)
-    unstable = [largest_root(at(float(value))) >= 1.0 for value in tried]
-    if not any(unstable):
+    tried = np.geomspace(low, high, _TRIED).tolist()
+    growth = [largest_root(at(value)) - 1.0 for value in tried]
+    first = next((k for k, each in enumerate(growth) if each >= 0.0), None)
+    if first is None:
         return np.inf
-    first = unstable.index(True)
-    if first == 0:
-        return 0.0
-    low, high = float(tried[first - 1]), float(tried[first])
-    for _ in range(30):
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if largest_root(at(middle)) >= 1.0 else (middle, high)
-    return high
+    bracket = tried[first - 1 : first + 1]
+    return brentq(lambda value: largest_root(at(value)) - 1.0, *bracket) if first else 0.0
 
 
 def noise_gain(loop: LinearLoop) -> float:

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from ...model import pressure
 from ...scene.controllers import CONTROLLERS
@@ -181,13 +182,13 @@ def crushing_grip(setting: Setting) -> float:
     """Grip under which the object bears CRUSH, held at the desired margin [N]."""
     scene = setting.scene()
     tip, obj = scene.build_fingertip(), scene.build_object()
-    low, high = 1.0, 20.0
-    for _ in range(12):
-        middle = float(np.sqrt(low * high))
-        load = (1.0 - MARGIN) * setting.friction * middle
+
+    def excess(grip: float) -> float:
+        load = (1.0 - MARGIN) * setting.friction * grip
         _, field, _ = held(tip, obj, load, MARGIN)
-        low, high = (low, middle) if pressure(field, tip.pitch) > CRUSH else (middle, high)
-    return high
+        return pressure(field, tip.pitch) - CRUSH
+
+    return brentq(excess, 1.0, 20.0, rtol=1e-3)
 
 
 def _noise_lines(panel: Panel) -> list[Line]:

@@ -230,11 +230,11 @@ def _swing(tip: Fingertip, obj: ContactObject, method: Method, dt: float, run: H
     return float(abs(np.diff(normal, n=2)).max() / max(normal[0], 1e-9))
 
 
-def report(found: Sequence[Cell], quick: bool) -> Report:
+def report(results: Sequence[Cell], quick: bool) -> Report:
     """Accuracy of each method and of the predicted limit, and places where the default fails."""
-    ran = [cell for cell in found if cell.outcome != "not run"]
+    ran = [cell for cell in results if cell.outcome != "not run"]
     rows: list[Row] = []
-    for method in dict.fromkeys(cell.method for cell in found):
+    for method in dict.fromkeys(cell.method for cell in results):
         outcomes = [cell.outcome for cell in ran if cell.method == method]
         rows += [
             reported((method, outcome), outcomes.count(outcome), "cells")
@@ -245,7 +245,7 @@ def report(found: Sequence[Cell], quick: bool) -> Report:
     right = [(cell.outcome == "accurate") == (cell.step_s < cell.limit_s) for cell in explicit]
     if right:
         rows.append(reported(("limit", "predicted_right"), 100 * float(np.mean(right)), "%"))
-    default = [cell for cell in found if cell.method == "implicit"]
+    default = [cell for cell in results if cell.method == "implicit"]
     accurate = [cell.outcome == "accurate" for cell in default if cell.step_s <= 1e-2]
     share = 100 * float(np.mean(accurate))
     rows.append(at_least(("implicit", "accurate_to_10ms"), share, "%", 100))

@@ -1,18 +1,23 @@
 """`chromagrip stability`: maps of the settings at which methods stop working."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ...by_name import Choice
+from ...model import GROSS_SLIP
 from ...output.cells import open_unfinished, read_cells, resumed, write_cells
 from ...output.processes import map_processes
-from ...output.report import Report
+from ...output.report import Report, Row, reported
 from ..bench.track import choose
-from . import loop, model, track
-from .boundaries import boundaries
+from . import model, track
+from .boundaries import boundaries, ratio_rows, sentences
 from .cells import Cell, Setting, cell
 from .figures import draw_map, draw_model, draw_track
-from .maps import maps
+from .maps import PRESETS, Map, maps
 
 Progress = Callable[[str], None]
 
@@ -35,19 +40,9 @@ def stability_model(quick: bool, out: Path | None, overwrite: bool, progress: Pr
     Figures of the map, with a sentence for each place where the default is not accurate.
     """
     plan = model.grid(quick)
-    unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
-    found = resumed(
-        unfinished,
-        read_cells(unfinished, model.Cell),
-        lambda one: one.setting,
-        model.settings(plan),
-        lambda waiting: model.cells(waiting, plan.budget, progress),
-    )
-    cells = list(found.values())
-    if out is not None and unfinished is not None:
-        draw_model(cells, out / "map.png", quick)
-        write_cells(cells, out / "map.csv")
-        unfinished.unlink()
+    run = partial(model.cells, budget=plan.budget, progress=progress)
+    draw = partial(draw_model, quick=quick)
+    cells = _map(out, overwrite, model.Cell, model.settings(plan), run, draw)
     return model.report(cells, quick)
 
 
@@ -76,21 +71,29 @@ def stability_track(
         When there is no such tracker, or the folder is taken.
     """
     choices = choose(trackers)
-    settings = track.settings(choices, quick)
+    run = partial(track.cells, trackers=choices, progress=progress)
+    draw = partial(draw_track, quick=quick)
+    cells = _map(out, overwrite, track.Cell, track.settings(choices, quick), run, draw)
+    return track.report(cells, quick)
+
+
+def _map(
+    out: Path | None,
+    overwrite: bool,
+    kind: type[Any],
+    wanted: Sequence[Any],
+    run: Callable[[list[Any]], Generator[Any]],
+    draw: Callable[[list[Any], Path], None],
+) -> list[Any]:
+    """Cells of one map, in the order of their settings, with picture and table in a folder."""
     unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
-    found = resumed(
-        unfinished,
-        read_cells(unfinished, track.Cell),
-        lambda one: one.setting,
-        settings,
-        lambda waiting: track.cells(waiting, choices, progress),
-    )
-    cells = list(found.values())
+    done = read_cells(unfinished, kind)
+    cells = list(resumed(unfinished, done, lambda one: one.setting, wanted, run).values())
     if out is not None and unfinished is not None:
-        draw_track(cells, out / "map.png", quick)
+        draw(cells, out / "map.png")
         write_cells(cells, out / "map.csv")
         unfinished.unlink()
-    return track.report(cells, quick)
+    return cells
 
 
 def stability_loop(
@@ -118,7 +121,7 @@ def stability_loop(
     def run(waiting: list[Setting]) -> Generator[Cell]:
         yield from map_processes(cell, waiting, workers)
 
-    found = resumed(
+    results = resumed(
         unfinished,
         read_cells(unfinished, Cell),
         lambda one: one.setting,
@@ -126,11 +129,42 @@ def stability_loop(
         run,
         lambda done, total: progress(f"{done} of {total} runs"),
     )
-    edges = list(boundaries(plan, found, progress))
+    edges = list(boundaries(plan, results, progress))
     if out is not None and unfinished is not None:
         for name, which in plan.items():
-            draw_map(which, found, out, name, quick)
-            write_cells([found[one] for one in which.settings()], out / f"{name}.csv")
+            draw_map(which, results, out, name, quick)
+            write_cells([results[one] for one in which.settings()], out / f"{name}.csv")
         write_cells(edges, out / "boundaries.csv")
         unfinished.unlink()
-    return loop.report(plan, found, edges, quick)
+    return Report(
+        rows=(*ratio_rows(edges), *_outcome_rows(plan, results)),
+        notes=tuple(sentences(plan["rate-latency"], edges)),
+        quick=quick,
+    )
+
+
+def _outcome_rows(plan: Mapping[str, Map], done: Mapping[Setting, Cell]) -> Iterator[Row]:
+    for name in ("rate-latency", "gains", "load", "objects"):
+        truth = [done[one] for one in plan[name].settings() if one.path == "truth"]
+        known = [cell for cell in truth if np.isfinite([cell.root, cell.swing]).all()]
+        right = np.mean([(cell.root >= 1.0) == cell.swings for cell in known])
+        yield reported((name, "cells_predicted_right"), 100.0 * float(right), "%")
+    for title, settings in _by_preset(plan["objects"]).items():
+        slipped = sum(done[one].displacement_mm > 1e3 * GROSS_SLIP for one in settings)
+        yield reported(("objects", title, "gross_slip"), slipped, f"of {len(settings)}")
+    pairs = [(done[one], done[one.on_truth_path()]) for one in plan["rate-latency"].camera]
+    same = np.mean([camera.swings == truth.swings for camera, truth in pairs])
+    yield reported(("camera", "swings_where_the_truth_path_does"), 100.0 * float(same), "%")
+    same = np.mean([camera.outcome == truth.outcome for camera, truth in pairs])
+    yield reported(("camera", "same_outcome"), 100.0 * float(same), "%")
+
+
+def _by_preset(which: Map) -> dict[str, list[Setting]]:
+    """Settings of the map of the objects by preset."""
+    settings: dict[str, list[Setting]] = {}
+    for panel in which.panels:
+        title = next(name for name in PRESETS if panel.title.startswith(name))
+        settings.setdefault(title, []).extend(
+            which.at(panel, x, y) for y in panel.y for x in panel.x
+        )
+    return settings

@@ -187,9 +187,9 @@ def _scores(followed: Followed, frames: Sequence) -> tuple[float, float, int]:
     return 100.0 * worst, rms, swaps
 
 
-def report(found: Listed[Cell], quick: bool) -> Report:
+def report(results: Listed[Cell], quick: bool) -> Report:
     """Value of each dial at which each tracker breaks, and each loss of identity in a sentence."""
-    rows = rows_of(found)
+    rows = rows_of(results)
     notes = [
         f"{row.subject[0]} takes one marker for another from {row.value:g} pitches per frame on"
         for row in rows
@@ -198,14 +198,14 @@ def report(found: Listed[Cell], quick: bool) -> Report:
     return Report(rows=tuple(rows), notes=tuple(notes), quick=quick)
 
 
-def rows_of(found: Listed[Cell]) -> list[Row]:
+def rows_of(results: Listed[Cell]) -> list[Row]:
     """Two figures for each tracker and dial.
 
     `breaks_at` is the last value up to which it holds, `identity_lost_at` the first with a swap.
     """
     rows = []
-    for tracker, dial in dict.fromkeys((cell.tracker, cell.dial) for cell in found):
-        curve = [cell for cell in found if (cell.tracker, cell.dial) == (tracker, dial)]
+    for tracker, dial in dict.fromkeys((cell.tracker, cell.dial) for cell in results):
+        curve = [cell for cell in results if (cell.tracker, cell.dial) == (tracker, dial)]
         unit, first, last = DIALS[dial].unit, curve[0].value, curve[-1].value
         held = [*itertools.takewhile(lambda cell: cell.right_percent >= HELD, curve)]
         note = "" if held else f"not even at {first:g}"

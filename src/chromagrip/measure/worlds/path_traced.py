@@ -23,9 +23,7 @@ from ...render.drawing.painter import Painter
 from ...render.ground import ground_image
 from ...render.membrane import rest_membrane
 from ...render.outlines import outlines
-from ...tracking import Palette
-from ...tracking.detection import resting_ground
-from ...tracking.unmixing import dye_densities, unmixing_matrix
+from ...tracking import Palette, dye_densities, resting_ground, unmixing_matrix
 from .judge import colour_difference
 
 Array = NDArray[np.float64]
