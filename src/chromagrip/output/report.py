@@ -110,14 +110,11 @@ class Report:
             "rows": [row_as_json(row) for row in self.rows],
         }
 
-    def judged(self) -> tuple[Row, ...]:
-        """Rows that have a target."""
-        return tuple(row for row in self.rows if row.target is not None)
-
     def listed(self) -> Table:
         """Rows to print one by one: those with a target, or all where no table sums them up."""
         if self.tables:
-            return rows_table(self.judged(), "Figures with a target")
+            judged = [row for row in self.rows if row.target is not None]
+            return rows_table(judged, "Figures with a target")
         return rows_table(self.rows)
 
 
