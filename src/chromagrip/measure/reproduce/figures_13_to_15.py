@@ -11,9 +11,8 @@ from ...loop.trace import Trace
 from ...output.figure import finish, new_figure
 from ...output.report import Row, Table, at_most, reported
 from ...thesis import DESIRED_MARGIN, DURATION_S, LOAD_TIMES_S, LOADS_N
-from .runs import CONTROLLERS, Job, Runs, make_job
+from .runs import CONTROLLERS, PLAIN, UNPRINTED, Job, Runs, Variant, make_job
 from .statements import SHAPE_ONLY, Section, judged, near, number, over
-from .unprinted import PLAIN, UNPRINTED, Variant
 
 Array = NDArray[np.float64]
 
@@ -166,12 +165,12 @@ def figure_14(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
         near(("figure-14", "initial-margin"), _farthest(initial, 1.0), 0.01),
         near(
             ("figure-14", "safety-margin", "after-first-load"),
-            _held(safe, FIRST + 0.5, SECOND),
+            _off(safe, DESIRED_MARGIN, FIRST + 0.5, SECOND),
             0.02,
         ),
         near(
             ("figure-14", "safety-margin", "after-second-load"),
-            _held(safe, SECOND + 0.5, END),
+            _off(safe, DESIRED_MARGIN, SECOND + 0.5, END),
             0.02,
         ),
         near(
@@ -242,12 +241,8 @@ def _farthest(values: Iterable[float], goal: float) -> float:
     return float(max(values, key=lambda value: abs(value - goal)))
 
 
-def _held(trace: Trace, start: float, stop: float) -> float:
-    """Γ farthest from the desired margin between two times [s]."""
-    return _off(trace, DESIRED_MARGIN, start, stop)
-
-
 def _off(trace: Trace, goal: float, start: float, stop: float) -> float:
+    """Γ farthest from a goal between two times [s]."""
     values = between(trace, "margin_true", start, stop)
     return _farthest(values, goal) if len(values) and math.isfinite(values.sum()) else math.nan
 
@@ -332,8 +327,8 @@ def _camera_rows(part: str, runs: Runs, camera: str | None) -> list[Row]:
                 "largest_step": (largest_step, "N"),
             },
             "figure-14": {
-                "after_first_load": (_held(trace, FIRST + 0.5, SECOND), ""),
-                "after_second_load": (_held(trace, SECOND + 0.5, END), ""),
+                "after_first_load": (_off(trace, DESIRED_MARGIN, FIRST + 0.5, SECOND), ""),
+                "after_second_load": (_off(trace, DESIRED_MARGIN, SECOND + 0.5, END), ""),
             },
             "figure-15": {
                 "largest_pressure": (float(np.nanmax(trace["pressure_n_per_m"])), "N/m"),
