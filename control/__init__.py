@@ -1,18 +1,18 @@
 """What the gripper does: a grip force from what is known of the grip."""
 
-from .controllers import (
-    ConservativeControl,
+from .controllers import ConservativeControl, Controller, ReactToSlip, SafetyMarginControl
+from .margin_inversion import MarginInversion
+from .settings import (
+    PRINTED_SETTINGS,
     ConservativeSettings,
-    Controller,
-    ReactToSlip,
+    MarginInversionSettings,
     ReactToSlipSettings,
-    SafetyMarginControl,
-    SafetyMarginGains,
+    SafetyMarginSettings,
 )
-from .margin_inversion import MarginInversion, MarginInversionSettings
 from .values import GripCommand, GripObservation
 
 __all__ = [
+    "PRINTED_SETTINGS",
     "ConservativeControl",
     "ConservativeSettings",
     "Controller",
@@ -23,5 +23,5 @@ __all__ = [
     "ReactToSlip",
     "ReactToSlipSettings",
     "SafetyMarginControl",
-    "SafetyMarginGains",
+    "SafetyMarginSettings",
 ]

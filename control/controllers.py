@@ -2,53 +2,31 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import Protocol
 
+from .settings import ConservativeSettings, ReactToSlipSettings, SafetyMarginSettings
 from .values import GripCommand, GripObservation
 
 
 class Controller(Protocol):
-    """Anything that answers observations, in order of time, with grip commands."""
+    """Commands a grip force at each observation, in order of time."""
 
     def reset(self) -> None:
-        """Forget the past; the next observation starts a new grasp."""
+        """Forget all observations; the next one starts a new grasp."""
 
     def command(self, observation: GripObservation) -> GripCommand:
         """Grip force for this observation."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SafetyMarginGains:
-    """Gains of Safety Margin Control as printed for 1 kHz (thesis section 4.1, E1, E2).
-
-    Attributes
-    ----------
-    desired_margin: Γ_des
-    feedforward: u [N]
-    proportional: Kp [N]
-    integral: Ki, per second (E2: 0.1 per sample of 1 ms) [N/s]
-    floor: lowest grip force [N]
-    start: the controller is on from here; before, it commands `feedforward` [s]
-    """
-
-    desired_margin: float = 0.30
-    feedforward: float = 0.5
-    proportional: float = 2.5
-    integral: float = 100.0
-    floor: float = 0.1
-    start: float = 0.04
-
-
 class SafetyMarginControl:
     """PI control of the safety margin: F = u + Kp·e + Ki·Σe·T, e = Γ_des − Γ (Eq. 6 with E1, E2).
 
-    The sum freezes while the output sits at its floor. Without contact there is no margin to
-    control: the command is the feedforward, which makes contact.
+    The sum is held while the command is at its floor. Without contact Γ is undefined, and the
+    command is the feedforward, which makes contact.
     """
 
-    def __init__(self, gains: SafetyMarginGains) -> None:
-        self.gains = gains
+    def __init__(self, settings: SafetyMarginSettings) -> None:
+        self.settings = settings
         self.reset()
 
     def reset(self) -> None:
@@ -58,46 +36,27 @@ class SafetyMarginControl:
 
     def command(self, observation: GripObservation) -> GripCommand:
         """Grip force for this observation."""
-        gains = self.gains
+        settings = self.settings
         period = 0.0 if math.isnan(self._time) else observation.time - self._time
         self._time = observation.time
-        if observation.time < gains.start or math.isnan(observation.margin):
-            return GripCommand(force=gains.feedforward)
-        error = gains.desired_margin - observation.margin
+        if observation.time < settings.start_s or math.isnan(observation.margin):
+            return GripCommand(force=settings.feedforward_n)
+        error = settings.desired_margin - observation.margin
         total = self._sum + error * period
-        force = gains.feedforward + gains.proportional * error + gains.integral * total
-        if force < gains.floor:
-            return GripCommand(force=gains.floor)
+        force = settings.feedforward_n + settings.proportional_n * error
+        force += settings.integral_n_per_s * total
+        if force < settings.floor_n:
+            return GripCommand(force=settings.floor_n)
         self._sum = total
         return GripCommand(force=force)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReactToSlipSettings:
-    """Settings of React To Slip (thesis section 4.2, E12; the camera's rule from the same source).
-
-    Attributes
-    ----------
-    start_force: grip force until slip [N]
-    step_force: added once per slip event [N]
-    displacement: lateral displacement that is called slip where it is known [m]
-    margin: estimated Γ that is called slip where the displacement is unknown …
-    hold: … once its mean over this time has fallen below it [s]; single frames are noise
-    """
-
-    start_force: float = 0.5
-    step_force: float = 2.0
-    displacement: float = 1.3e-3
-    margin: float = 0.05
-    hold: float = 0.1
-
-
 class ReactToSlip:
-    """Adds a fixed force each time slip is seen (thesis Eq. 9 with E12).
+    """Adds a fixed force at each slip event (thesis Eq. 9 with E12).
 
-    With the lateral displacement given, an event is another `displacement` since the last one. On
-    the camera path it is unknown, and an event is a mean margin below `margin` over `hold` seconds,
-    which ends when that mean recovers.
+    Where the lateral displacement is known, an event is another `displacement_mm` since the last
+    event. On the camera path it is unknown. There an event begins when the mean of Γ over `hold_s`
+    falls below `margin`, and ends when it is above again.
     """
 
     def __init__(self, settings: ReactToSlipSettings) -> None:
@@ -106,7 +65,7 @@ class ReactToSlip:
 
     def reset(self) -> None:
         """Forget all events."""
-        self._force = self.settings.start_force
+        self._force = self.settings.start_n
         self._counted = 0.0
         self._margins: deque[tuple[float, float]] = deque()
         self._reacted = False
@@ -116,11 +75,12 @@ class ReactToSlip:
         if math.isnan(observation.lateral_displacement):
             slipped = self._low_margin(observation)
         else:
-            slipped = observation.lateral_displacement - self._counted > self.settings.displacement
+            threshold = self.settings.displacement_mm * 1e-3
+            slipped = observation.lateral_displacement - self._counted > threshold
             if slipped:
                 self._counted = observation.lateral_displacement
         if slipped:
-            self._force += self.settings.step_force
+            self._force += self.settings.step_n
         return GripCommand(force=self._force)
 
     def _low_margin(self, observation: GripObservation) -> bool:
@@ -129,9 +89,9 @@ class ReactToSlip:
             return False
         self._margins.append((observation.time, observation.margin))
         # Frame times are products of a period: allow for their rounding.
-        start = observation.time - self.settings.hold + 1e-9
+        start = observation.time - self.settings.hold_s + 1e-9
         if self._margins[0][0] > start:
-            return False  # not yet seen for long enough
+            return False  # the margin is known for less than `hold_s`
         while len(self._margins) > 1 and self._margins[1][0] <= start:
             self._margins.popleft()
         mean = sum(margin for _, margin in self._margins) / len(self._margins)
@@ -141,15 +101,8 @@ class ReactToSlip:
         return begins
 
 
-@dataclass(frozen=True, kw_only=True)
-class ConservativeSettings:
-    """Constant grip force of Conservative Control (thesis Eq. 10) [N]."""
-
-    force: float = 5.0
-
-
 class ConservativeControl:
-    """Constant grip force, whatever is seen (thesis section 4.3)."""
+    """Constant grip force, whatever is observed (thesis section 4.3)."""
 
     def __init__(self, settings: ConservativeSettings) -> None:
         self.settings = settings
@@ -159,4 +112,4 @@ class ConservativeControl:
 
     def command(self, observation: GripObservation) -> GripCommand:
         """Grip force for this observation."""
-        return GripCommand(force=self.settings.force)
+        return GripCommand(force=self.settings.force_n)

@@ -1,64 +1,33 @@
-"""Margin Inversion: the grip at which the load that is seen has the desired safety margin.
+"""Margin Inversion: the grip force at which the observed load has the desired safety margin.
 
-Γ = 1 − ΣFf/(µ·Fn), solved for the grip: Fn = ΣFf/(µ·(1 − Γ_des)). The answer is right at once and
-does not build up, so that no gain times a delay can make it swing.
+Γ = 1 − ΣFf/(µ·Fn) is solved for the grip force: Fn = ΣFf/(µ·(1 − Γ_des)). There is no integral and
+no gain, so that a delay does not make the grip oscillate.
 """
 
 import math
-from dataclasses import dataclass
 
+from .settings import MarginInversionSettings
 from .values import GripCommand, GripObservation
 
-#: Two-sided 90 % of a normal distribution, which intervals of an observation have.
-_Z90 = 1.645
-#: No smaller µ is believed, whatever is read before it has shown.
-_LEAST_FRICTION = 0.1
-#: Skin that sticks reads µ low by up to this share, however sure the reading is of itself.
-_STICKS = 0.1
-#: Changes of this many times their usual size are no noise.
-_UNUSUAL = 4.0
-#: Over which the usual size is learned [s].
-_MEMORY = 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class MarginInversionSettings:
-    """Settings of Margin Inversion.
-
-    Attributes
-    ----------
-    desired_margin: Γ_des
-    start: grip force until µ has shown [N]
-    floor, ceiling: lowest and highest grip force [N]
-    release: fastest that the grip gives way [N/s]; it may rise at once
-    caution: standard deviations below the µ that is read of the µ that is counted on
-    tolerance: standard deviations, none smaller than a tenth of µ, that the µ counted on may be
-        above the one that is read
-    slip_margin: estimated Γ below which the skin slips, so that µ is what it reads
-    surge: times more grip while it slips than the friction seen asks for: the load is more
-    smoothing: time constant of small changes [s]
-    band: share of the grip up to which a change is small
-    """
-
-    desired_margin: float = 0.30
-    start: float = 1.0
-    floor: float = 0.1
-    ceiling: float = 15.0
-    release: float = 3.0
-    caution: float = 0.25
-    tolerance: float = 1.0
-    slip_margin: float = 0.1
-    surge: float = 1.5
-    smoothing: float = 0.1
-    band: float = 0.05
+#: Standard deviations from the middle to an end of an observation's 90 % intervals.
+Z90 = 1.645
+#: Smallest µ that is used, because estimates are too low while µ is not observable.
+LEAST_FRICTION = 0.1
+#: Share by which skin that sticks makes the estimate of µ too low at most, beside its deviation.
+STICKING_ERROR = 0.1
+#: A change of more than this many times the usual size of changes is not noise.
+UNUSUAL_CHANGE = 4.0
+#: Time constant of the average that is the usual size of changes [s].
+NOISE_MEMORY_S = 0.5
 
 
 class MarginInversion:
-    """Commands Fn = ΣFf/(µ·(1 − Γ_des)) with a µ that is rather low than high.
+    """Commands Fn = ΣFf/(µ·(1 − Γ_des)) with a cautious µ.
 
-    That µ is the highest lower bound so far. A grip raised under a standing load lets the skin
-    stick again and µ read low, which would raise the grip again; so µ falls only where the margin
-    says that the skin slips, or where what is read can no longer be squared with it.
+    The cautious µ is the highest lower bound of µ so far. More grip under a constant load lets the
+    skin stick again, and then the estimate of µ is too low, which would raise the grip further.
+    Therefore the cautious µ falls only while Γ shows that the skin slips, or as far as the estimate
+    contradicts it.
     """
 
     def __init__(self, settings: MarginInversionSettings) -> None:
@@ -66,62 +35,62 @@ class MarginInversion:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the load, the friction and their noise."""
-        self._force = self.settings.start
+        """Forget load, friction and noise."""
+        self._force = self.settings.start_n
         self._time = math.nan
         self._need = math.nan
         self._friction = math.nan
         self._noise = 0.0
 
     def command(self, observation: GripObservation) -> GripCommand:
-        """Grip force for this observation; the last one where it says nothing of the forces."""
+        """Grip force for this observation; unchanged when no forces were estimated."""
         settings = self.settings
         period = 0.0 if math.isnan(self._time) else observation.time - self._time
         self._time = observation.time
         if observation.no_estimate:
             return GripCommand(force=self._force)
-        if math.isnan(observation.margin):  # nothing touches yet, or any more
-            self._force = max(self._force, settings.start)
+        if math.isnan(observation.margin):  # no contact
+            self._force = max(self._force, settings.start_n)
             return GripCommand(force=self._force)
-        friction = self._counted_on(observation)
+        friction = self._cautious_friction(observation)
         load = observation.field.total_friction
         need = load / (friction * (1.0 - settings.desired_margin))
         if not observation.friction_observable:
-            need = max(need, settings.start)
+            need = max(need, settings.start_n)
         elif observation.margin < settings.slip_margin:
             need *= settings.surge
         self._follow(need, period)
         return GripCommand(force=self._force)
 
-    def _counted_on(self, observation: GripObservation) -> float:
-        """µ that may be counted on."""
+    def _cautious_friction(self, observation: GripObservation) -> float:
+        """µ that the command is calculated with."""
         low = observation.friction_interval[0]
-        deviation = 0.0 if math.isnan(low) else (observation.friction - low) / _Z90
-        bound = max(observation.friction - self.settings.caution * deviation, _LEAST_FRICTION)
+        deviation = 0.0 if math.isnan(low) else (observation.friction - low) / Z90
+        bound = max(observation.friction - self.settings.caution * deviation, LEAST_FRICTION)
         if not observation.friction_observable:
             return bound
         slips = observation.margin < self.settings.slip_margin
         if slips or not self._friction > bound:
             self._friction = bound
-        low_by = max(deviation, _STICKS * observation.friction)
-        most = observation.friction + self.settings.tolerance * low_by
-        self._friction = min(self._friction, max(most, _LEAST_FRICTION))
+        error = max(deviation, STICKING_ERROR * observation.friction)
+        highest = observation.friction + self.settings.tolerance * error
+        self._friction = min(self._friction, max(highest, LEAST_FRICTION))
         return self._friction
 
     def _follow(self, need: float, period: float) -> None:
-        """Take the grip to what is needed: at once where that is new, or else slowly."""
+        """Move the grip to the needed force: at once after a large change, else slowly."""
         settings = self.settings
-        small = max(settings.band * self._force, _UNUSUAL * self._noise)
+        small = max(settings.band * self._force, UNUSUAL_CHANGE * self._noise)
         jump = 0.0 if math.isnan(self._need) else abs(need - self._need)
         self._need = need
-        self._noise += _share(period, _MEMORY) * (min(jump, small) - self._noise)
+        self._noise += _share(period, NOISE_MEMORY_S) * (min(jump, small) - self._noise)
         change = need - self._force
         if abs(change) <= small:
-            change *= _share(period, settings.smoothing)
-        force = self._force + max(change, -settings.release * period)
-        self._force = min(max(force, settings.floor), settings.ceiling)
+            change *= _share(period, settings.smoothing_s)
+        force = self._force + max(change, -settings.release_n_per_s * period)
+        self._force = min(max(force, settings.floor_n), settings.ceiling_n)
 
 
 def _share(period: float, constant: float) -> float:
-    """Share of a step that a first-order filter of that time constant follows in a period."""
+    """Share of a step that a first-order filter follows within a period."""
     return 1.0 - math.exp(-period / constant)

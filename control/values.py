@@ -1,4 +1,4 @@
-"""What a controller is given and what it answers."""
+"""Observations, which a controller is given, and commands, which it returns."""
 
 from dataclasses import dataclass
 
@@ -7,20 +7,20 @@ from ..model import ForceField
 
 @dataclass(frozen=True, kw_only=True)
 class GripObservation:
-    """What is known of the grip when a frame has been read.
+    """Forces, friction and margin that were estimated from a frame.
 
     Attributes
     ----------
     time: instant of the frame [s]
     field: contact forces
-    friction: friction coefficient µ in use; NaN while nothing was in contact
+    friction: friction coefficient µ; NaN before the first contact
     friction_interval: 90 % interval of µ
-    friction_observable: whether µ has shown at all so far: a pure press does not show it (E7)
-    margin: safety margin Γ; NaN with nothing in contact
+    friction_observable: whether µ was observable in a frame so far; in a pure press it is not (E7)
+    margin: safety margin Γ; NaN without contact
     margin_interval: 90 % interval of Γ
     lateral_displacement: of the object over the fingertip [m]; NaN on the camera path, where the
         object's motion is not in the image
-    no_estimate: why the frame says nothing of the forces; empty when it does
+    no_estimate: reason for which no forces could be estimated; empty when they were
     """
 
     time: float

@@ -11,10 +11,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 
@@ -117,7 +118,8 @@ def render() -> None:
         changes = [f"--set={key}={value}" for key, value in defects.items()]
         pose = ["render", "--sensor", "dome-2020", "--seed", "3", "--grip", "15", "--load", "4"]
         with made_by(*pose, *changes) as folder:
-            pictures.append(cv2.imread(str(folder / "image-000.png"))[30:450, 110:530])
+            picture: Any = cv2.imread(str(folder / "image-000.png"))
+            pictures.append(picture[30:450, 110:530])
     cv2.imwrite(str(IMAGES / "dome-2020.png"), cv2.hconcat(pictures))
 
 
@@ -153,8 +155,8 @@ def reproduction(plan: Plan = REPRODUCED) -> None:
     lines = [
         "The values that the thesis prints are in `src/chromagrip/measure/reproduce/printed.toml`.",
         "It has no data of its figures: numbers and sentences are compared, and curves by their",
-        "shape only.",
-        "`chromagrip reproduce appendix-b` is about Figs. 20 to 27: see `node-models.md`.",
+        "shape only. `chromagrip reproduce appendix-b` is about Figs. 20 to 27: see",
+        "`node-models.md`.",
         "",
         *markdown(Table(("", "verdict", ""), verdicts)),
     ]
@@ -169,7 +171,7 @@ def reproduction(plan: Plan = REPRODUCED) -> None:
     write("reproduction", "The thesis, reproduced", command, lines)
 
 
-PARTS = {
+PARTS: dict[str, Callable[[], None]] = {
     "images": images,
     "loop": partial(table, "loop"),
     "dataset": partial(table, "dataset"),

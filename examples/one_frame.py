@@ -1,4 +1,4 @@
-"""Each stage by itself: press the fingertip, take a picture, read the force back out of it."""
+"""Each stage by itself: press the fingertip, take a picture, estimate the forces from it."""
 
 import numpy as np
 
@@ -13,26 +13,27 @@ def main() -> None:
     tip, obj, sensor = Fingertip(), ContactObject(friction=0.5), load_sensor("thesis")
     membrane, painter = MembraneMap(sensor, tip.nodes), open_renderer("painter", sensor)
 
-    def picture(seen: np.ndarray, index: int) -> Frame:
-        image = painter.render(membrane(seen))
+    def picture(displacement: np.ndarray, index: int) -> Frame:
+        image = painter.render(membrane(displacement))
         add_noise(image, sigma=2.0, seed=0, index=index)
         return Frame(image=image, time=0.01 * index)
 
     tracker = MarkerTracker(Palette.of_sensor(sensor), noise=2.0)
     rest = tracker.reset([picture(np.zeros((tip.nodes, 2)), 1000 + k) for k in range(16)])
-    forces = GaussianProcess(SensorCalibration(sensor=sensor, fingertip=tip), rest)
+    reconstructor = GaussianProcess(SensorCalibration(sensor=sensor, fingertip=tip), rest)
 
     state = rest_state(tip)
     for k in range(50):
         for _ in range(10):
             state = step(tip, obj, state, 1e-3, GRIP, LOAD if k > 5 else 0.0)
-        field = forces.update(tracker.update(picture(state.deformation.seen, k)))
+        estimate = reconstructor.update(tracker.update(picture(state.deformation.seen, k)))
 
     truth = contact_forces(tip, obj, state)
-    for name, of in (("true", truth), ("from pixels", field)):
-        print(f"{name:>12}: normal {of.total_normal:.2f} N, friction {of.total_friction:.2f} N")
-    assert abs(field.total_normal - truth.total_normal) < 0.15 * truth.total_normal
-    assert abs(field.total_friction - truth.total_friction) < 0.05
+    for name, forces in (("true", truth), ("from pixels", estimate)):
+        normal, friction = forces.total_normal, forces.total_friction
+        print(f"{name:>12}: normal {normal:.2f} N, friction {friction:.2f} N")
+    assert abs(estimate.total_normal - truth.total_normal) < 0.15 * truth.total_normal
+    assert abs(estimate.total_friction - truth.total_friction) < 0.05
 
 
 if __name__ == "__main__":

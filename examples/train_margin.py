@@ -1,9 +1,8 @@
-"""Train a small network to read the safety margin off marker displacements of a dataset.
+"""Train a small network to estimate the safety margin from marker displacements of a dataset.
 
-    python examples/train_margin.py [SEQUENCES FOLDER]   # few, unless told; the folder is kept
+    python examples/train_margin.py [SEQUENCES FOLDER]   # 10 by default; a given folder is kept
 
-It learns from labels; it is tested on what a tracker finds in pictures of objects that it has not
-seen, and in those of another renderer, beside chromagrip's own read-out. Needs the extra `learn`.
+It is tested on tracked pictures of unseen objects and of another renderer. Needs the extra `learn`.
 """
 
 import sys
@@ -27,51 +26,52 @@ from chromagrip.output.pictures import read_picture
 from chromagrip.render import Frame
 from chromagrip.render.drawing.gl import gl_problem
 
-TRACKED = 0.02  # noise of a tracker's places, of which labels have none [px]
+NOISE = 0.02  # of tracked positions, which labels do not have [px]
 
 
-def tracked(one: Loaded) -> tuple[np.ndarray, list[float]]:
-    """Displacements that a tracker finds, (T, 4M), and Γ as our own read-out has it, (T,)."""
-    known, scene = known_sensor(one.scene), one.scene
+def tracked(sequence: Loaded) -> tuple[np.ndarray, list[float]]:
+    """Tracked displacements, (T, 4M), and Γ by chromagrip's own read-out, (T,)."""
+    scene, known = sequence.scene, known_sensor(sequence.scene)
     noise, window = scene.camera.noise_levels, scene.safety_margin.friction_window_s
-    rest = Frame(image=read_picture(one.rest), time=-1.0)
+    rest = Frame(image=read_picture(sequence.rest), time=-1.0)
     observer = CameraObserver(known, "fit", "auto", noise, window, [rest])
     designed = known.sensor.view.project(known.sensor.shape.points(known.sensor.places, 0.0))
     number = KDTree(observer.rest.position[0]).query(designed)[1]  # in the labels' order
-    film = zip(one.images(), one.frames["time_s"], strict=True)
-    seen = [observer.observe(Frame(image=image, time=time)) for image, time in film]
-    moved = np.stack([tracks.position for _, tracks in seen]) - observer.rest.position
-    return np.nan_to_num(moved)[:, :, number].reshape(len(moved), -1), [s.margin for s, _ in seen]
+    pictures = zip(sequence.images(), sequence.frames["time_s"], strict=True)
+    observed = [observer.observe(Frame(image=image, time=time)) for image, time in pictures]
+    moved = np.stack([tracks.position for _, tracks in observed]) - observer.rest.position
+    displacement = np.nan_to_num(moved)[:, :, number].reshape(len(moved), -1)
+    return displacement, [observation.margin for observation, _ in observed]
 
 
 def main(count: int, folder: Path) -> None:
     force = replace(load_recipe("force"), sequences=count)
     x, y, tests = [], [], {"unseen objects": []}
     if gl_problem() is None:
-        scene = {**force.scene, "renderer": "pyrender", "duration_s": 0.25}
-        mesh = replace(force, seed=1, sequences=max(1, count // 30), scene=scene)
+        other = {**force.scene, "renderer": "pyrender", "duration_s": 0.25}
+        mesh = replace(force, seed=1, sequences=max(1, count // 30), scene=other)
         make(mesh, folder / "mesh", workers=2, resume=True)
         tests["other renderer"] = load_sequences(folder / "mesh")
     make(force, folder / "force", workers=2, resume=True)
     parts = split(folder / "force", {"train": 0.9, "test": 0.1})
-    for one in load_sequences(folder / "force"):
-        if sequence_name(one.number) in parts["test"]:
-            tests["unseen objects"].append(one)
+    for sequence in load_sequences(folder / "force"):
+        if sequence_name(sequence.number) in parts["test"]:
+            tests["unseen objects"].append(sequence)
         else:
-            touches = np.isfinite(one.frames["margin"])
-            x.append((one.places - one.places[0]).reshape(len(touches), -1)[touches])
-            y.append(one.frames["margin"][touches])
+            contact = np.isfinite(sequence.frames["margin"])
+            x.append((sequence.places - sequence.places[0]).reshape(len(contact), -1)[contact])
+            y.append(sequence.frames["margin"][contact])
     x, y = np.concatenate(x), np.concatenate(y)
-    x += TRACKED * np.random.default_rng(0).standard_normal(x.shape)
+    x += NOISE * np.random.default_rng(0).standard_normal(x.shape)
     network = MLPRegressor(hidden_layer_sizes=(128, 64), early_stopping=True, random_state=0)
     model = make_pipeline(PCA(40, whiten=True, random_state=0), network).fit(x, y)
-    for name, asked in tests.items():
-        read = [(*tracked(one), one.frames["margin"]) for one in asked]
-        moved, own, true = (np.concatenate(values) for values in zip(*read, strict=True))
-        learnt, mean = np.clip(model.predict(moved), 0.0, 1.0), np.full(len(true), y.mean())
-        for who, said in (("network", learnt), ("our read-out", own), ("one answer", mean)):
-            off = (said - true)[np.isfinite(said - true)]
-            print(f"{name}, {who}: error of Γ {np.sqrt((off**2).mean()):.3f}, {len(off)} frames")
+    for name, sequences in tests.items():
+        read = [(*tracked(sequence), sequence.frames["margin"]) for sequence in sequences]
+        displacement, own, true = (np.concatenate(values) for values in zip(*read, strict=True))
+        learnt = np.clip(model.predict(displacement), 0.0, 1.0)
+        for method, margin in (("network", learnt), ("read-out", own), ("constant", y.mean())):
+            error = np.sqrt(np.nanmean((margin - true) ** 2))
+            print(f"{name}, {method}: RMS error of Γ {error:.3f}")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,14 @@
 """What is true: the node model of fingertip and object, c·u̇ + K(u)·u = F_contact (thesis Eq. 2)."""
 
+from .chain.assembly import check_fit
 from .chain.drive import Drive
 from .chain.ensemble import Ensemble, rest_ensemble, step_many
 from .chain.fingertip import REFERENCE_NODES, Fingertip, SpringLaw
-from .chain.integrators import INTEGRATORS, Method, explicit_limit, simulate
+from .chain.integrators import INTEGRATORS, Integrator, Method, explicit_limit, simulate
 from .chain.metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
 from .chain.plant import History, step, steps
 from .chain.state import Deformation, State, load_state, rest_state, save_state
-from .chain.statics import equilibrium
+from .chain.statics import equilibrium, largest_grip
 from .chain.stiffness import chain_compliance, chain_forces, spring_force, spring_forces
 from .errors import (
     ConvergenceError,
@@ -41,6 +42,7 @@ __all__ = [
     "ForceField",
     "FrictionReading",
     "History",
+    "Integrator",
     "LostContactError",
     "Method",
     "ModelError",
@@ -51,10 +53,12 @@ __all__ = [
     "State",
     "chain_compliance",
     "chain_forces",
+    "check_fit",
     "contact_forces",
     "equilibrium",
     "explicit_limit",
     "follow_slip",
+    "largest_grip",
     "load_state",
     "no_slip",
     "node_friction",

@@ -1,39 +1,86 @@
-"""What the camera sees: ground · Π over layers of (1 − covered·(1 − transmittance)), blurred."""
+"""What the camera sees of two layers of coloured markers on a deformed skin.
 
-from .design.sensor import LAYERS, SensorDesign, load_sensor, sensor_names
+The light of a pixel is
+
+    light = blur(ground · Π over layers of (1 − covered · (1 − transmittance)))
+
+with the light of the unmarked sensor (`ground`), the share of the pixel that a layer's markers
+cover (`covered`), the transmittance of its dye, and the blur of the lens. The skin carries the
+markers (`harmonics`, `membrane`) and the camera projects them through the silicone's surface
+(`optics`, `outlines`). `design` has the sensors, `drawing` the renderers, and `flaws` turns an
+ideal image into a real camera's.
+"""
+
+from .colour import decode_srgb, decoding_table, encode_srgb, encoding_table
+from .design.sensor import (
+    LAYERS,
+    CameraSettings,
+    Geodesic,
+    SensorDesign,
+    load_sensor,
+    sensor_names,
+)
+from .drawing.coverage import edge_width
+from .drawing.gl import gl_problem
+from .drawing.painter import Painter
 from .drawing.renderers import RENDERERS, Renderer, open_renderer
-from .drawing.truth import GroundTruth, TruthMap
+from .drawing.truth import GroundTruth, MarkerTruth, TruthMap, marker_truth
 from .flaws.defects import Defects, Flaws
 from .flaws.imaging import Imaging, shutter_times
 from .flaws.noise import add_noise
 from .frame import Frame
-from .membrane import Membrane, MembraneMap
+from .ground import ground_image
+from .harmonics import harmonic_map
+from .membrane import Membrane, MembraneMap, outline_axes, rest_membrane
+from .optics.board import Board, board_picture
 from .optics.calibration import camera_text, load_camera, save_camera
 from .optics.camera import Camera, FisheyeCamera, PinholeCamera
 from .optics.view import View
+from .outlines import areas, centroids, outline_points, outlines
 
 __all__ = [
     "LAYERS",
     "RENDERERS",
+    "Board",
     "Camera",
+    "CameraSettings",
     "Defects",
     "FisheyeCamera",
     "Flaws",
     "Frame",
+    "Geodesic",
     "GroundTruth",
     "Imaging",
+    "MarkerTruth",
     "Membrane",
     "MembraneMap",
+    "Painter",
     "PinholeCamera",
     "Renderer",
     "SensorDesign",
     "TruthMap",
     "View",
     "add_noise",
+    "areas",
+    "board_picture",
     "camera_text",
+    "centroids",
+    "decode_srgb",
+    "decoding_table",
+    "edge_width",
+    "encode_srgb",
+    "encoding_table",
+    "gl_problem",
+    "ground_image",
+    "harmonic_map",
     "load_camera",
     "load_sensor",
+    "marker_truth",
     "open_renderer",
+    "outline_axes",
+    "outline_points",
+    "outlines",
+    "rest_membrane",
     "save_camera",
     "sensor_names",
     "shutter_times",

@@ -48,7 +48,7 @@ def ground_image(sensor: SensorDesign) -> NDArray[np.float32]:
 
 
 def seam_cover(sensor: SensorDesign, places: Array) -> Array:
-    """How much of each pixel a seam covers, 0…1, shape (H, W): soft, and as uneven as glue is."""
+    """Share of each pixel covered by a seam, shape (H, W): soft, and uneven as glue is."""
     assert sensor.seams is not None
     first, phi = np.nan_to_num(places[..., 0]), np.nan_to_num(places[..., 1])
     metric = sensor.shape.metric(0.0)

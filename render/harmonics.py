@@ -43,20 +43,20 @@ class HarmonicMap:
             (right[:, 1] - left[:, 1]) / 2,
         )
 
-    def displacement(self, seen: Array) -> Array:
+    def displacement(self, nodal: Array) -> Array:
         """Displacement of every point [m], shape (M, 3, …), from nodes (N, 2, …) [m]."""
-        u_r, shift, u_z, tilt = self._harmonics(_apply(self.right, seen), _apply(self.left, seen))
+        u_r, shift, u_z, tilt = self._harmonics(_apply(self.right, nodal), _apply(self.left, nodal))
         cos, sin = _columns(np.cos(self.phi), u_r), _columns(np.sin(self.phi), u_r)
         return np.stack([u_r * cos + shift, u_r * sin, u_z + tilt * cos], axis=1)
 
-    def gradient(self, seen: Array) -> tuple[Array, Array]:
+    def gradient(self, nodal: Array) -> tuple[Array, Array]:
         """∂d/∂θ and ∂d/∂φ/ring of `displacement` [m per unit of θ], each of shape (M, 3, …)."""
         u_r, shift, u_z, tilt = self._harmonics(
-            _apply(self.right_slope, seen), _apply(self.left_slope, seen)
+            _apply(self.right_slope, nodal), _apply(self.left_slope, nodal)
         )
         cos, sin = _columns(np.cos(self.phi), u_r), _columns(np.sin(self.phi), u_r)
         along_theta = np.stack([u_r * cos + shift, u_r * sin, u_z + tilt * cos], axis=1)
-        u_r, _, _, tilt = self._harmonics(_apply(self.right, seen), _apply(self.left, seen))
+        u_r, _, _, tilt = self._harmonics(_apply(self.right, nodal), _apply(self.left, nodal))
         ring = _columns(self.ring, u_r)
         along_phi = np.stack([-u_r * sin, u_r * cos, -tilt * sin], axis=1) / ring[:, None]
         return along_theta, along_phi
@@ -66,9 +66,9 @@ def _columns(values: Array, like: Array) -> Array:
     return values.reshape(values.shape + (1,) * (like.ndim - 1))
 
 
-def _apply(matrix: csr_array, seen: Array) -> Array:
-    flat = matrix @ seen.reshape(seen.shape[0], -1)
-    return flat.reshape((flat.shape[0], *seen.shape[1:]))
+def _apply(matrix: csr_array, nodal: Array) -> Array:
+    flat = matrix @ nodal.reshape(nodal.shape[0], -1)
+    return flat.reshape((flat.shape[0], *nodal.shape[1:]))
 
 
 def harmonic_map(skin: Skin, places: Array, nodes: int | Array) -> HarmonicMap:

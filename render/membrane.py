@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Membrane:
-    """Markers in the sensor frame, layer 0 magenta, layer 1 yellow; equal to itself alone.
+    """Markers in the sensor frame, layer 0 magenta, layer 1 yellow; compared by identity.
 
     Attributes
     ----------
@@ -68,9 +68,9 @@ class MembraneMap:
             1e-3 * float(markers.swell_mm),
         )
 
-    def __call__(self, seen: Array) -> Membrane:
+    def __call__(self, displacement: Array) -> Membrane:
         """Membrane for node displacements relative to the rigid part (N, 2) [m]."""
-        chain = np.asarray(self._chain @ seen).reshape(self._shape)
+        chain = np.asarray(self._chain @ displacement).reshape(self._shape)
         rest = self._places[3]
         centres, axes = np.empty_like(rest), np.empty((*rest.shape, 2))
         carry_markers(chain, *self._places, centres, axes)

@@ -14,8 +14,7 @@ import chromagrip
 from chromagrip.dataset.sequence import FRAME, MARKERS, NODES
 from chromagrip.loop import COLUMNS
 from chromagrip.loop.pose_folder import ARRAYS
-from chromagrip.output.estimate_table import DISPLACEMENTS, FORCES
-from chromagrip.output.track_table import COLUMNS as TRACKS
+from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "fixtures/README.md"])
@@ -94,6 +93,13 @@ def test_commands_and_flags_exist(page: Path, typed: Typed) -> None:
             helps[key] = done.stdout
         for flag in re.findall(r"(?<!\S)--[a-z][a-z-]*", " ".join(words)):
             assert re.search(rf"{flag}\b", helps[key]), f"{page.name}: chromagrip {key} {flag}"
+
+
+def test_the_page_on_architecture_names_every_room() -> None:
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    paths = [path for path in (ROOT / "src/chromagrip").iterdir() if path.name[0] not in "_."]
+    rooms = {path.stem for path in paths if path.is_dir() or path.suffix == ".py"}
+    assert {room for room in rooms if f"`{room}`" not in text} == set()
 
 
 def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:

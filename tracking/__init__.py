@@ -1,8 +1,23 @@
-"""What the image says: markers, then forces, f = argmin |y − J·K⁻¹·f|² + prior(f)."""
+"""Estimates from camera frames: markers first, then the forces that moved them.
 
-from .detection import Markers, RestFrame, detect_markers, read_rest
-from .fit.tracker import MarkerTracker
+A tracker fits the light of each marker pair's pixels,
+argmin Σ (I − γ·ground·(1 − a₀·C₀ − a₁·C₁ + b·C₀₁))²/σ², see `fit`.
+A reconstructor estimates forces from the displacements y of the markers,
+f = argmin |y − J·K⁻¹·f|² + prior(f), see `forces`.
+Both know the pixels, the rest frames and the calibration, and nothing else.
+"""
+
+from .detection import (
+    Markers,
+    RestFrame,
+    detect_markers,
+    join_layers,
+    read_rest,
+    resting_ground,
+)
+from .fit import FitSettings, MarkerTracker
 from .forces import (
+    AUTOMATIC,
     CAMERA_RULE,
     DEFAULT_RECONSTRUCTOR,
     FRICTION,
@@ -10,6 +25,7 @@ from .forces import (
     RECONSTRUCTORS,
     THESIS_RULE,
     Z90,
+    DisplacementGains,
     FrictionEstimate,
     FrictionRule,
     NoEstimateError,
@@ -27,8 +43,10 @@ from .forces.chain import MIN_MARKERS, ForcePrior, GaussianProcess
 from .palette import DEFAULT_PALETTE, Palette, load_palette, palette_names
 from .trackers import DEFAULT_TRACKER, Tracker, load_tracker, tracker_names
 from .tracks import Tracks
+from .unmixing import dye_densities, unmixing_matrix
 
 __all__ = [
+    "AUTOMATIC",
     "CAMERA_RULE",
     "DEFAULT_PALETTE",
     "DEFAULT_RECONSTRUCTOR",
@@ -39,6 +57,8 @@ __all__ = [
     "RECONSTRUCTORS",
     "THESIS_RULE",
     "Z90",
+    "DisplacementGains",
+    "FitSettings",
     "ForcePrior",
     "FrictionEstimate",
     "FrictionRule",
@@ -55,6 +75,8 @@ __all__ = [
     "check_reconstructor",
     "core_quantile",
     "detect_markers",
+    "dye_densities",
+    "join_layers",
     "load_calibration",
     "load_palette",
     "load_reconstructor",
@@ -63,6 +85,8 @@ __all__ = [
     "nominal_calibration",
     "palette_names",
     "read_rest",
+    "resting_ground",
     "shipped_readout",
     "tracker_names",
+    "unmixing_matrix",
 ]

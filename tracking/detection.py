@@ -1,4 +1,4 @@
-"""Markers of a single picture, and those of a rest frame, which all trackers start from."""
+"""Markers of a single picture, and those of a rest frame, from which all trackers start."""
 
 import functools
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ Single = NDArray[np.float32]
 #: sRGB levels: of one picture, or the mean of many.
 Levels = NDArray[np.uint8] | Array
 
-#: A colour image has channels that differ by more than this somewhere [grey levels].
+#: Channels of a colour image differ by more than this somewhere [grey levels].
 _COLOURED = 12.0
 #: Share of the pixels of any sensor that certainly shows ground.
 _GROUND_SHARE = 0.3
-#: Less shows no markers with ground between them [px].
+#: Shorter side of an image, at least: a smaller one has no room for markers and ground [px].
 _SMALLEST_IMAGE = 16
 
 
@@ -54,13 +54,14 @@ class Markers:
 
 @dataclass(frozen=True, kw_only=True)
 class RestFrame:
-    """What the unloaded sensor shows, L layers of M markers.
+    """Image of the unloaded sensor, and its L layers of M markers.
 
     Attributes
     ----------
     image: mean of the rest frames [sRGB levels], shape (H, W, 3)
     ground: linear light of the unmarked skin, 0 where there is none, shape (H, W, 3)
-    position: of markers that sit on each other [px], NaN for a layer that has none, (L, M, 2)
+    position: of markers, those of one number lie on each other [px], shape (L, M, 2); NaN where a
+        layer has none
     radius: of a typical marker of each layer [px], shape (L,)
     pitch: typical distance to the nearest other marker [px]
     """
@@ -83,7 +84,7 @@ def detect_markers(image: Levels, palette: Palette) -> list[Markers]:
     Raises
     ------
     UserError
-        When the picture is grey and the palette is not, or it shows no markers at all.
+        When the picture is grey and the palette is not, or it shows no markers.
     """
     return _detect(image, palette)[0]
 
@@ -144,19 +145,19 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
     first = layers[0].position
     near, _ = KDTree(first).query(first, k=2)
     pitch = float(np.median(np.asarray(near)[:, 1])) if len(first) > 1 else float(4 * radius[0])
-    found = RestFrame(
+    frame = RestFrame(
         image=mean,
         ground=np.where(field[..., None], ground, 0.0).astype(float),
         position=position,
         radius=radius,
         pitch=pitch,
     )
-    _refuse_load(found)
-    return found
+    _refuse_load(frame)
+    return frame
 
 
 def neighbours(points: Array, count: int) -> NDArray[np.int64]:
-    """Numbers of so many points next to each of n points (n, 2), nearest first; n − 1 at most."""
+    """Numbers of the `count` points nearest to each of n points (n, 2), n − 1 at most, (n, K)."""
     among = min(count, len(points) - 1) + 1
     near = np.asarray(KDTree(points).query(points, k=among)[1]).reshape(len(points), among)
     return near[:, 1:].astype(np.int64)
@@ -189,7 +190,7 @@ def _mutual(first: Array, second: Array, reach: float) -> NDArray[np.intp]:
 
 
 def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDArray[np.bool_]]:
-    """Markers of each layer, the ground between them, and where there is skin."""
+    """Markers of each layer, the ground between them, and a mask of the skin."""
     levels = np.asarray(image, dtype=float)
     _check_image(levels, palette)
     linear = decode_srgb(levels).astype(np.float32)
@@ -197,7 +198,7 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
     smooth = np.asarray(cv2.medianBlur(linear, 5), dtype=np.float32)
     matrix = unmixing_matrix(palette.transmittance)
     sizes, skin = _first_sizes(levels.shape, palette.sensor)
-    # Once more with what the first look taught of the markers' size.
+    # A larger size is tried where the markers prove larger than the smaller one allows.
     for size in sizes:
         ground, lit = rough_ground(smooth, size, palette.bright)
         field = skin & lit
@@ -206,7 +207,7 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
         typical = typical_area(areas)
         if 0.0 < 6.0 * np.sqrt(typical / np.pi) <= size:
             break
-    # From closing to the mean of what is plainly ground.
+    # The mean of pixels that certainly are ground replaces the closing.
     count = max(1, len(areas) // len(densities))
     scale = float(np.sqrt(field.sum() / count))
     for margin in (3, 2):
@@ -215,7 +216,7 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
             ground = estimate_ground(linear, plain, scale)
             densities = dye_densities(linear, ground, matrix)
     spots = [find_spots(density, field, parted=True) for density in densities]
-    if not any(len(found.area) for found in spots):
+    if not any(len(layer.area) for layer in spots):
         raise UserError(
             f"no markers found: nothing in the image has the colours of the palette's "
             f"{' and '.join(palette.names)}"
@@ -226,17 +227,17 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
 
 def _markers(spots: list[Spots], levels: Array, ratio: Single, palette: Palette) -> list[Markers]:
     """Places, areas and hues of the spots, from light over the ground's, shape (H, W, 3)."""
-    # Dyes as strong as they are here; a layer without markers as strong as it should be.
-    strength = [found.density if len(found.area) else 1.0 for found in spots]
+    # Dyes are as strong as in this picture; that of a layer without markers is nominal.
+    strength = [layer.density if len(layer.area) else 1.0 for layer in spots]
     dyes = palette.transmittance ** np.array(strength)[:, None]
     markers = []
-    for found, coverage in zip(spots, dye_coverages(ratio, dyes), strict=True):
-        count = len(found.area)
-        pixels, number = surroundings(found)
+    for layer, coverage in zip(spots, dye_coverages(ratio, dyes), strict=True):
+        count = len(layer.area)
+        pixels, number = surroundings(layer)
         position, area = weigh(coverage, pixels, number, count)
-        inside = found.labels > 0
-        label = found.labels[inside]
-        colour = [np.bincount(label, c, count + 1)[1:] / found.area for c in levels[inside].T]
+        inside = layer.labels > 0
+        label = layer.labels[inside]
+        colour = [np.bincount(label, c, count + 1)[1:] / layer.area for c in levels[inside].T]
         markers.append(Markers(position=position, area=area, hue=_hue(np.stack(colour))))
     return markers
 
@@ -267,7 +268,7 @@ def _check_image(levels: Array, palette: Palette) -> None:
 def _first_sizes(
     shape: tuple[int, ...], sensor: SensorDesign | None
 ) -> tuple[list[int], NDArray[np.bool_]]:
-    """Sizes to look for ground with, larger than a marker [px]; and where skin is, if known."""
+    """Sizes larger than a marker to look for ground with [px], and a mask of the skin, if known."""
     if sensor is not None:
         size, skin = _resting_skin(sensor)
         return [size], skin
@@ -277,7 +278,7 @@ def _first_sizes(
 
 @functools.lru_cache(maxsize=8)
 def _resting_skin(sensor: SensorDesign) -> tuple[int, NDArray[np.bool_]]:
-    """Size larger than a marker in the image [px], and where skin is."""
+    """Size larger than a marker in the image [px], and a mask of the skin."""
     view, skin = sensor.view, sensor.shape
     middle = [skin.points(np.array([[1e-6, 0.0]]), depth) for depth in sensor.depths]
     gain = np.array([np.sqrt(np.linalg.det(view.jacobian(p)[0, :, :2])) for p in middle])
@@ -293,9 +294,9 @@ def _hue(colour: Array) -> Array:
 
 
 def _refuse_load(rest: RestFrame) -> None:
-    """Refuse a rest frame whose layers are locally out of register, as a load makes them.
+    """Refuse a rest frame whose layers are locally out of register, which shows a load.
 
-    A layer that lies beside its place is off smoothly all over; a load moves the layers where it
+    A misplaced layer is out of register smoothly over the whole image; a load is so only where it
     acts.
     """
     position = rest.position

@@ -1,6 +1,5 @@
-"""Palettes: what a tracker is told of the markers it looks for, their colours and little else."""
+"""Palettes: colours of the markers that a tracker looks for."""
 
-import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -12,24 +11,24 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..render import LAYERS, SensorDesign, load_sensor, sensor_names
-from ..strict_toml import Table, convert
+from ..strict_toml import Table, convert, parse_toml, read_toml
 
 Array = NDArray[np.float64]
-#: Of linear light; above 1 for markers that are brighter than the ground.
+#: Share of the ground's linear light; above 1 for markers that are brighter than the ground.
 Transmittance = Annotated[float, Meta(gt=0.0, le=100.0)]
 Name = Annotated[str, Meta(min_length=1, max_length=40)]
 DEFAULT_PALETTE = "chromatouch"
 
 
 class Dye(Table, frozen=True):
-    """One layer's colour: the share of the ground's linear light that its markers leave."""
+    """Colour of a layer: share of the ground's linear light that its markers leave, by channel."""
 
     name: Name
     transmittance: tuple[Transmittance, Transmittance, Transmittance]
 
 
 class PaletteTable(Table, frozen=True):
-    """A palette's TOML file; layers in their order from the skin inwards."""
+    """TOML file of a palette; layers in their order from the skin inwards."""
 
     dyes: Annotated[tuple[Dye, ...], Meta(min_length=1, max_length=2)]
     description: str = ""
@@ -53,13 +52,13 @@ class PaletteTable(Table, frozen=True):
 
 @dataclass(frozen=True, kw_only=True)
 class Palette:
-    """What is known of the markers in an image before it is seen.
+    """Prior knowledge of the markers in an image.
 
     Attributes
     ----------
     names: of the layers, from the skin inwards, L of them
     transmittance: share of the ground's linear light that a marker leaves, shape (L, 3)
-    sensor: the whole design, if it is known; its forces can then be read
+    sensor: design of the sensor, if it is known; forces can be read only with it
     """
 
     names: tuple[str, ...]
@@ -90,18 +89,19 @@ def load_palette(name: str = DEFAULT_PALETTE) -> Palette:
     Raises
     ------
     UserError
-        When there is none, or with the key, the value and what is allowed.
+        When there is no such palette, or the file has a key or value that is not allowed.
     """
+    title = f"palette {name}"
     if name in palette_names():
         text = (files(__package__) / "palettes" / f"{name}.toml").read_text(encoding="utf-8")
-        return _palette(convert(tomllib.loads(text), PaletteTable, f"palette {name}"))
+        return _palette(convert(parse_toml(text, title), PaletteTable, title))
     if name not in sensor_names():
         if not name.endswith(".toml"):
             known = ", ".join([*palette_names(), *sensor_names()])
             raise UserError(f"no palette {name!r}; there is {known}, or give a .toml file")
-        values = _read(Path(name))
+        values = read_toml(Path(name), title)
         if "skin" not in values:
-            return _palette(convert(values, PaletteTable, f"palette {name}"))
+            return _palette(convert(values, PaletteTable, title))
     return Palette.of_sensor(load_sensor(name))
 
 
@@ -110,13 +110,3 @@ def _palette(table: PaletteTable) -> Palette:
         names=tuple(dye.name for dye in table.dyes),
         transmittance=np.array([dye.transmittance for dye in table.dyes]),
     )
-
-
-def _read(path: Path) -> dict[str, object]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise UserError(f"palette file {path} cannot be read: {reason}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"palette {path} is not valid TOML: {error}") from None

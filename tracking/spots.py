@@ -1,4 +1,4 @@
-"""Spots of a dye in one picture: which pixels are a marker's, and where its middle is."""
+"""Spots of a dye in one picture: the pixels of each marker, and its centroid."""
 
 from typing import Any, NamedTuple
 
@@ -10,33 +10,35 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
-#: Fainter dye is noise or dirt.
+#: Lower densities are noise or dirt.
 _FAINTEST = 0.15
-#: Spots end at this share of the dye inside them; where they touch, at a larger one.
+#: Spots end at one of these shares of the density inside them: at a larger one where they touch.
 _EDGES = (0.5, 0.65, 0.8)
-#: Of the dyed pixels, that percentile is well inside.
+#: Percentile of the dyed pixels' densities that stands for the inside of a spot.
 _INSIDE = 80.0
-#: Markers' areas over the typical one: tilted, cut by the rim; stretched by a fisheye's rim.
-_SMALLEST, _LARGEST = 0.35, 3.0
-#: Markers are not longer than that many times their width.
+#: Smallest area of a marker over the typical one: it may be tilted, or cut by the rim.
+_SMALLEST = 0.35
+#: Largest area of a marker over the typical one: the rim of a fisheye image is stretched.
+_LARGEST = 3.0
+#: Longest length of a marker over its width.
 _LONGEST = 2.5
-#: The field's edge cuts off no more of one than a chord so long, in sides of a square as large.
+#: Longest chord at which the edge of the field cuts a marker, over the root of its area.
 _LONGEST_CUT = 0.6
-#: Fewer pixels are no marker.
+#: Pixels of a marker, at least.
 _FEWEST_PIXELS = 6
-#: The blurred edge ends that far from a spot [px].
+#: Distance from a spot at which its blurred edge ends [px].
 _REACH = 3.0
-#: Weight of a pixel is 0 up to this coverage, 1 from as far below all of it: no noise of plain
-#: ground or dye tells of the place.
+#: Weight of a pixel is 0 below this coverage and 1 above one minus it, so that the noise of plain
+#: ground and plain dye has no influence.
 _SOFT = 0.1
 
 
 class Spots(NamedTuple):
-    """Spots of one dye that are as markers are, n of them."""
+    """Spots of one dye with the size and the shape of markers, n of them."""
 
     labels: NDArray[np.int32]  # (H, W) number of each pixel's spot from 1 on, 0 for none
     area: Array  # (n,) [px]
-    density: float  # inside of them
+    density: float  # of the dye inside them
 
 
 def find_spots(density: Single, field: NDArray[np.bool_], parted: bool) -> Spots:
@@ -48,21 +50,21 @@ def find_spots(density: Single, field: NDArray[np.bool_], parted: bool) -> Spots
     field: where the sensor is, shape (H, W)
     parted: whether to look closer for spots that touch
     """
-    # Specks of noise are no dye.
+    # The median removes specks of noise.
     clean: Any = cv2.medianBlur(density * field, 3)
     dyed = clean[clean > _FAINTEST]
     inside = float(np.percentile(dyed, _INSIDE)) if len(dyed) else 0.0
-    found = [
+    spots = [
         _plausible(clean, field, max(edge * inside, _FAINTEST))
         for edge in (_EDGES if parted else _EDGES[:1])
     ]
-    # The lowest edge of those that find the most.
-    best = max(found, key=lambda spots: len(spots[1]))
+    # The lowest of the edges that give the most spots.
+    best = max(spots, key=lambda labels_areas: len(labels_areas[1]))
     return Spots(*best, density=inside)
 
 
 def typical_area(areas: Array) -> float:
-    """Area that half of all marked pixels lie in smaller spots than: blind to many specks."""
+    """Area such that half of all marked pixels lie in smaller spots; many specks do not matter."""
     if len(areas) == 0:
         return 0.0
     order = np.sort(areas)
@@ -73,23 +75,23 @@ def typical_area(areas: Array) -> float:
 def _plausible(
     density: Single, field: NDArray[np.bool_], least: float
 ) -> tuple[NDArray[np.int32], Array]:
-    """Numbers of the pixels and areas of spots above a density that may be markers."""
+    """Number of each pixel's spot, and areas, of the spots above a density that may be markers."""
     mask = (density > least).astype(np.uint8)
     labels: Any
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
     areas = stats[:, cv2.CC_STAT_AREA].astype(float)
-    whole = areas >= _FEWEST_PIXELS
-    whole[0] = False  # the background
-    # What the edge of the field cuts has its middle elsewhere.
+    plausible = areas >= _FEWEST_PIXELS
+    plausible[0] = False  # the background
+    # The centroid of a spot that the edge of the field cuts is not the marker's.
     inner = cv2.erode(field.astype(np.uint8), np.ones((3, 3)), borderValue=0)
     cut = np.bincount(labels[inner == 0], minlength=count)
-    whole &= cut < _LONGEST_CUT * np.sqrt(areas)
-    typical = typical_area(areas[whole])
-    whole &= (areas > _SMALLEST * typical) & (areas < _LARGEST * typical)
+    plausible &= cut < _LONGEST_CUT * np.sqrt(areas)
+    typical = typical_area(areas[plausible])
+    plausible &= (areas > _SMALLEST * typical) & (areas < _LARGEST * typical)
     y, x = np.nonzero(mask)
-    whole &= _length_to_width(labels[y, x], x, y, count) < _LONGEST
-    number = (np.cumsum(whole) * whole).astype(np.int32)
-    return number[labels], areas[whole]
+    plausible &= _length_to_width(labels[y, x], x, y, count) < _LONGEST
+    number = (np.cumsum(plausible) * plausible).astype(np.int32)
+    return number[labels], areas[plausible]
 
 
 def _length_to_width(
@@ -102,7 +104,7 @@ def _length_to_width(
 
     middle_x, middle_y = mean(x.astype(float)), mean(y.astype(float))
     dx, dy = x - middle_x[label], y - middle_y[label]
-    # A pixel is itself a square.
+    # The inertia of a pixel itself, a square, is 1/12.
     xx, yy, xy = mean(dx * dx) + 1.0 / 12.0, mean(dy * dy) + 1.0 / 12.0, mean(dx * dy)
     half, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     return np.sqrt((half + apart) / np.maximum(half - apart, 1e-9))
@@ -116,10 +118,10 @@ def surroundings(spots: Spots) -> tuple[Indices, Indices]:
     Indices into the raveled image, and numbers 0…n−1, both of shape (K,).
     """
     mask = spots.labels > 0
-    distance, found = cv2.distanceTransformWithLabels(
+    distance, labels = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    nearest = np.asarray(found)
+    nearest = np.asarray(labels)
     number = np.zeros(int(mask.sum()) + 1, dtype=np.intp)
     number[nearest[mask]] = spots.labels[mask] - 1
     pixels: Indices = np.flatnonzero(np.asarray(distance) <= _REACH)
@@ -137,7 +139,7 @@ def weigh(coverage: Single, pixels: Indices, number: Indices, count: int) -> tup
     """
     y, x = np.divmod(pixels, coverage.shape[1])
     share = coverage.ravel()[pixels].astype(float)
-    # Never all zero, whatever the colours.
+    # The sum of the weights must never be zero.
     weight = np.clip((share - _SOFT) / (1.0 - 2.0 * _SOFT), 1e-9, 1.0)
     total = np.bincount(number, weight, count)
     at = [np.bincount(number, weight * v, count) / total for v in (x, y)]

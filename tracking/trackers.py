@@ -1,4 +1,4 @@
-"""Trackers by name: ours, and anybody's by `module:Class` or an entry point."""
+"""Trackers by name, `module:Class`, entry point, class or other factory."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
@@ -46,12 +46,12 @@ class Tracker(Protocol):
 
 
 def check_frame(frame: Frame, shape: tuple[int, ...]) -> None:
-    """Refuse a frame whose image is not as the rest frame's was.
+    """Refuse a frame whose image has another shape or type than the rest frame's.
 
     Raises
     ------
     UserError
-        With what was found and what was expected.
+        With both shapes.
     """
     if frame.image.shape != shape or frame.image.dtype != np.uint8:
         raise UserError(
@@ -66,10 +66,13 @@ TRACKERS = Registry(
     package=__package__,
     entries={
         "fit": (".fit.tracker:MarkerTracker", "least-squares fit of the shape of both layers"),
-        "thrifty": (".fit.tracker:thrifty", "fit, every fourth frame for still markers"),
-        "sparse": (".fit.tracker:sparse", "thrifty, on every other row of the image"),
-        "quick": (".fit.tracker:quick", "fit of positions alone, on every other row"),
-        "detect": (".baselines.detected:DetectedMarkers", "markers of any form, detected anew"),
+        "thrifty": (".fit.tracker:thrifty", "fit, but still markers only in every fourth frame"),
+        "sparse": (".fit.tracker:sparse", "thrifty, from every other row of the image"),
+        "quick": (".fit.tracker:quick", "fit of positions alone, from every other row"),
+        "detect": (
+            ".baselines.detected:DetectedMarkers",
+            "markers of any form, detected in every frame",
+        ),
         "lk": (".baselines.flow:LucasKanade", "Lucas-Kanade from the rest frame, warm started"),
         "blob": (".baselines.blob:BlobDetector", "OpenCV's blob detector on dye density"),
         "chromatouch": (

@@ -1,4 +1,8 @@
-"""From an image to the dyes (Beer–Lambert): densities and coverages, free of shading."""
+"""From an image to the dyes: densities and coverages, free of shading.
+
+By Beer and Lambert's law the light of a pixel is that of the ground times Π Tₖ^dₖ, where Tₖ is the
+transmittance of dye k and dₖ its density.
+"""
 
 from typing import Any
 
@@ -10,31 +14,36 @@ from ..render.drawing.coverage import shared_coverage
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-#: Linear light; either precision will do.
+#: Linear light, in either precision.
 Light = NDArray[np.floating[Any]]
 
-#: Less light is black.
+#: Least linear light, so that its logarithm is finite.
 _BLACK = 1e-4
-#: What is lit ends, by its share of the brightest ground, where fewer pixels than that lie between.
-_DARKEST_EDGE, _BRIGHTEST_EDGE, _GAP = 0.1, 0.5, 0.01
-#: Unmarked skin lies this close to the shading; wide enough for noise, too narrow for an edge.
+#: Lowest light of the sensor's field that is considered, over the brightest ground.
+_DARKEST_EDGE = 0.1
+#: Highest one.
+_BRIGHTEST_EDGE = 0.5
+#: The field ends at a light that fewer pixels than this share have.
+_GAP = 0.01
+#: Light of unmarked skin differs by less than this from the shading: more than noise, less than an
+#: edge.
 _PLAIN_RATIO = 0.08
-#: A density from which on a pixel is not plainly ground.
+#: Pixels of at least this density are not plain ground.
 _TOUCHED = 0.2
-#: Of the pixels that the shading is fitted to, along rows and columns.
+#: Distance of the pixels that the shading is fitted to [px].
 _STRIDE = 4
-#: Noise of linear light grows with that power of it, as levels are about its square root.
+#: Noise of linear light is proportional to this power of it: levels are about its square root.
 _NOISE_POWER = 0.6
-#: Blur of what only tells which layer covers less [px].
+#: Blur of the image from which the layer with the smaller coverage is chosen [px].
 _CALMING = 0.6
-#: Less of the smaller coverage is noise: only one layer, or none, is there.
+#: A smaller coverage below this is noise: only one layer, or none, is there.
 _ALONE = 0.04
 
 
 def unmixing_matrix(transmittance: Array) -> Array:
     """Least-squares map from log attenuation (R, G, B) to dye densities, shape (L, 3).
 
-    A density is 1 inside a marker of that dye and 0 outside, whatever the other layer does.
+    A density is 1 inside a marker of that dye and 0 outside, wherever the other layer's lie.
     """
     return np.linalg.pinv(-np.log(transmittance).T)
 
@@ -49,10 +58,11 @@ def dye_densities(linear: Light, ground: Light, matrix: Array) -> Light:
 def dye_coverages(ratio: Single, transmittance: Array) -> Single:
     """Share of each blurred pixel that markers of each layer cover, shape (L, H, W).
 
-    Unlike densities, coverages are linear in light, which is what a lens blurs. Light over the
-    ground's is 1 − a₀C₀ − a₁C₁ + a₀a₁C₀₁, a being what a dye absorbs; C₀₁, what both cover, is
-    about the smaller of the two, as edges of a pair run side by side; what it is less where they
-    cross is told beforehand. So light is linear in both once it is known which is the smaller.
+    A lens blurs light, in which coverages are linear and densities are not. Light over the ground's
+    is 1 − a₀C₀ − a₁C₁ + a₀a₁C₀₁, where a is the share that a dye absorbs and C₀₁ the coverage by
+    both. C₀₁ is about the smaller of C₀ and C₁, because the edges of a pair run side by side; where
+    they cross it is less by an amount that is estimated first. Light is thus linear in both, once
+    it is known which one is smaller.
 
     Parameters
     ----------
@@ -67,29 +77,29 @@ def dye_coverages(ratio: Single, transmittance: Array) -> Single:
     first, second = absorbed
     first_inside = np.stack([first * transmittance[1], second])
     second_inside = np.stack([first, second * transmittance[0]])
-    # Which one is smaller is told from a blurred image: noise alone would always make it less.
+    # From a blurred image: otherwise the smaller one would be biased by its noise.
     calm: Any = cv2.GaussianBlur(lost, (0, 0), _CALMING)
     smaller = _solve(calm, first_inside, weight)
     first_is_inside = smaller[0] <= smaller[1]
     rough = np.where(first_is_inside, smaller, _solve(calm, second_inside, weight))
     lost = lost - _too_much(rough)[..., None] * (first * second).astype(np.float32)
-    found = np.where(
+    coverages = np.where(
         first_is_inside,
         _solve(lost, first_inside, weight),
         _solve(lost, second_inside, weight),
     )
-    return np.where(rough.min(axis=0) < _ALONE, _solve(lost, absorbed, weight), found)
+    return np.where(rough.min(axis=0) < _ALONE, _solve(lost, absorbed, weight), coverages)
 
 
 def _too_much(coverages: Single) -> Single:
-    """By how much the smaller coverage is more than what both cover, shape (H, W).
+    """Smaller coverage less the coverage by both layers, shape (H, W).
 
-    What both cover depends on the angle of their edges, see `covered_by_both`.
+    The latter depends on the angle between the edges, see `covered_by_both`.
     """
     first, second = np.clip(coverages, 0.0, 1.0)
     x0, x1 = (cv2.Sobel(c, cv2.CV_32F, 1, 0) for c in (first, second))
     y0, y1 = (cv2.Sobel(c, cv2.CV_32F, 0, 1) for c in (first, second))
-    # Edges that face each other are noise.
+    # Edges of opposite directions are noise.
     along, across = np.maximum(x0 * x1 + y0 * y1, 0.0), np.abs(x0 * y1 - y0 * x1)
     angle: Any = np.arctan2(across, along + np.float32(1e-6))
     return np.minimum(first, second) - shared_coverage(first, second, angle)
@@ -98,37 +108,38 @@ def _too_much(coverages: Single) -> Single:
 def _solve(lost: Single, absorbed: Array, weight: Array) -> Single:
     """Coverages (L, H, W) by weighted least squares, of lost light over the ground's (H, W, 3)."""
     matrix = np.linalg.pinv((absorbed * weight).T) * weight
-    found: Any = cv2.transform(lost, matrix)
-    return np.moveaxis(found.reshape(*lost.shape[:2], -1), 2, 0)
+    coverages: Any = cv2.transform(lost, matrix)
+    return np.moveaxis(coverages.reshape(*lost.shape[:2], -1), 2, 0)
 
 
 def rough_ground(smooth: Single, size: int, bright: bool) -> tuple[Single, NDArray[np.bool_]]:
-    """Ground as the lightest light near each pixel, and where the sensor is lit.
+    """Brightest light near each pixel, as an estimate of the ground, and a mask of the lit field.
 
-    Of markers that are brighter than the ground, it is the darkest.
+    For markers that are brighter than the ground it is the darkest light.
 
     Parameters
     ----------
-    smooth: linear light without noise, whose extremes would be found, shape (H, W, 3)
+    smooth: linear light, smoothed because extremes of noise would be taken, shape (H, W, 3)
     size: larger than a marker [px]
     bright: whether markers are brighter than the ground
     """
     small = min(8, max(1, size // 12))
     height, width = smooth.shape[:2]
     reduced = cv2.resize(smooth, (width // small, height // small), interpolation=cv2.INTER_AREA)
-    # Dark beyond the image, as a housing is: a narrow strip of it is no marker to be closed.
+    # The outside of the image counts as dark, as a housing is: so that a narrow strip of housing
+    # in the image is not closed as a marker would be.
     pad = size // small
     border = cv2.BORDER_REPLICATE if bright else cv2.BORDER_CONSTANT
     padded: Any = cv2.copyMakeBorder(reduced, pad, pad, pad, pad, border, value=(0.0, 0.0, 0.0))
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (pad | 1, pad | 1))
     padded = cv2.morphologyEx(padded, cv2.MORPH_OPEN if bright else cv2.MORPH_CLOSE, around)
-    found = padded[pad:-pad, pad:-pad]
-    lit = _lit(found)
-    # Smoothed within what is lit, so that no housing darkens the rim.
-    parts: Any = np.dstack([found * lit[..., None], lit])
+    reduced = padded[pad:-pad, pad:-pad]
+    lit = _lit(reduced)
+    # Smoothed within the lit field, so that the housing does not darken the rim.
+    parts: Any = np.dstack([reduced * lit[..., None], lit])
     parts = cv2.GaussianBlur(parts, (0, 0), 0.15 * size / small)
-    found = parts[..., :3] / np.maximum(parts[..., 3:], 1e-3)
-    ground: Any = cv2.resize(found, (width, height))
+    smoothed = parts[..., :3] / np.maximum(parts[..., 3:], 1e-3)
+    ground: Any = cv2.resize(smoothed, (width, height))
     # Clear of the edge.
     field: Any = (cv2.resize(lit, (width, height)) > 0.5).astype(np.uint8)
     field = cv2.erode(field, np.ones((5, 5)), borderType=cv2.BORDER_REPLICATE)
@@ -138,7 +149,7 @@ def rough_ground(smooth: Single, size: int, bright: bool) -> tuple[Single, NDArr
 def _lit(ground: Single) -> Single:
     """1 in the largest region that is about as bright as the brightest, 0 elsewhere, (H, W).
 
-    Whatever is around a sensor is darker, and few pixels are as bright as in between.
+    The surroundings of a sensor are darker, and few pixels have a light in between.
     """
     light = np.maximum(ground.max(axis=2), _BLACK)
     share = light / np.percentile(light, 95)
@@ -154,7 +165,7 @@ def _lit(ground: Single) -> Single:
 def plain_pixels(densities: Light, field: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
     """Pixels of a field that are clear of markers of any layer by a margin [px], shape (H, W)."""
     touched: Any = (abs(densities) > _TOUCHED).any(axis=0).astype(np.uint8)
-    # A speck of noise is no marker.
+    # Opening removes specks of noise.
     touched = cv2.morphologyEx(touched, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
     return field & ~cv2.dilate(touched, around).astype(bool)
@@ -163,7 +174,7 @@ def plain_pixels(densities: Light, field: NDArray[np.bool_], margin: int) -> NDA
 def estimate_ground(linear: Light, plain: NDArray[np.bool_], scale: float) -> Light:
     """Linear light of the unmarked skin, from the pixels between the markers.
 
-    A polynomial in (x, y) takes out the shading of the dome; what is left is smoothed locally.
+    A polynomial in (x, y) describes the shading of the dome; the remainder is smoothed locally.
 
     Parameters
     ----------
@@ -183,7 +194,7 @@ def estimate_ground(linear: Light, plain: NDArray[np.bool_], scale: float) -> Li
     parts: Any = np.dstack([ratio * plain[..., None], plain]).astype(np.float32)
     parts = cv2.resize(parts, small, interpolation=cv2.INTER_AREA)
     parts = cv2.GaussianBlur(parts, (0, 0), scale / _STRIDE)
-    # Where no plain pixel is near, the polynomial alone stands.
+    # Far from all plain pixels the polynomial alone counts.
     local = (parts[..., :3] + 1e-3) / (parts[..., 3:] + 1e-3)
     return shading * cv2.resize(local, (width, height), interpolation=cv2.INTER_LINEAR)
 
@@ -191,7 +202,7 @@ def estimate_ground(linear: Light, plain: NDArray[np.bool_], scale: float) -> Li
 def _polynomial_shading(linear: Light, plain: NDArray[np.bool_]) -> Single:
     """Log-polynomial through the plain pixels, per channel, shape (H, W, 3)."""
     height, width = plain.shape
-    # So smooth that every fourth pixel tells it, and shows it.
+    # The shading is so smooth that every fourth pixel is enough.
     rows, cols = np.arange(0, height + 3, _STRIDE), np.arange(0, width + 3, _STRIDE)
     y, x = np.meshgrid(rows / (height / 2) - 1.0, (cols - width / 2) / (height / 2), indexing="ij")
     powers = [(i, j) for i in range(7) for j in range(7 - i)]
@@ -204,7 +215,7 @@ def _polynomial_shading(linear: Light, plain: NDArray[np.bool_]) -> Single:
         # Normal equations: thirty unknowns of ten thousand pixels.
         known = inside[sample]
         coefficients = np.linalg.lstsq(known.T @ known, known.T @ target, rcond=None)[0]
-        # Outside the dome the polynomial runs away; nothing reads it there.
+        # Outside the dome, where it is not used, the polynomial diverges.
         shading = np.exp(np.clip(across @ coefficients, -6.0, 1.0)).astype(np.float32)
         sample = sample & _near_one(light / shading[: light.shape[0], : light.shape[1]])
     at_x, at_y = np.meshgrid(np.arange(width) / _STRIDE, np.arange(height) / _STRIDE)
@@ -214,6 +225,6 @@ def _polynomial_shading(linear: Light, plain: NDArray[np.bool_]) -> Single:
 
 
 def _near_one(ratio: Light) -> NDArray[np.bool_]:
-    """Where light is as the shading says in every channel, shape (H, W)."""
+    """Mask of pixels whose light is near the shading in every channel, shape (H, W)."""
     low, high = [1.0 - _PLAIN_RATIO] * 3, [1.0 + _PLAIN_RATIO] * 3
     return np.asarray(cv2.inRange(ratio, np.array(low), np.array(high))).astype(bool)

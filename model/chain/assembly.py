@@ -104,6 +104,17 @@ def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
     )
 
 
+def check_fit(fingertip: Fingertip, obj: ContactObject) -> None:
+    """Refuse a hollow object that is too narrow for the fingertip to enter.
+
+    Raises
+    ------
+    UserError
+        With the radius of the hollow and the width of the fingertip.
+    """
+    contact(fingertip, obj)
+
+
 def _spline(profile: tuple[tuple[float, float], ...] | None) -> tuple[Array, Array]:
     """Knots and cubic pieces through the points, straight beyond the ends."""
     if profile is None:

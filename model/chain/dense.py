@@ -5,18 +5,22 @@ Plain NumPy and explicit integrators (thesis section 3 and Fig. 6), the friction
 else, so that it checks them; and it is the yardstick of their speed, never the default.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from ...errors import UserError
 from ..errors import DivergedError
 from ..kernels.contact import Contact, contact_frames, frictions_at
 from ..kernels.springs import AXIAL, SPLIT
 from .assembly import Chain
 from .drive import Drive
+from .plant import History, history
 from .state import Deformation, State
 
 Array = NDArray[np.float64]
@@ -196,51 +200,91 @@ def rk4(rates: Rates, time: float, y: Array, dt: float) -> Array:
     return y + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-#: Largest stable |λ|·dt on the negative real axis.
-STABLE = {"euler": 2.0, "rk4": 2.785293563405282}
-STEPPERS = {"euler": euler, "rk4": rk4}
-SCIPY: dict[str, Literal["RK45", "LSODA", "BDF"]] = {"rk45": "RK45", "lsoda": "LSODA", "bdf": "BDF"}
-
-
-def march_dense(
-    method: str,
-    ch: Chain,
-    ct: Contact,
-    state: State,
-    drive: Drive,
+def fixed(
+    advance: Callable[[Rates, float, Array, float], Array],
+    rates: Rates,
+    time: float,
+    y: Array,
     dt: float,
     steps: int,
-    origin: State,
-) -> State:
-    """State after some steps of dt; SciPy's methods take steps of at most dt, and their own.
+) -> Iterator[tuple[int, Array]]:
+    """Number and state vector of each of some explicit steps."""
+    for k in range(steps):
+        y = advance(rates, time + k * dt, y, dt)
+        yield k + 1, y
 
-    An error counts its steps from `origin`, where the run began, and predicts its limit there.
 
-    Raises
-    ------
-    DivergedError
-        When the state grew without bound.
+def adaptive(
+    method: Literal["RK45", "LSODA", "BDF"],
+    rates: Rates,
+    time: float,
+    y: Array,
+    dt: float,
+    steps: int,
+) -> Iterator[tuple[int, Array]]:
+    """Number and state vector of the last of some steps, which SciPy divides as it needs."""
+    end = time + steps * dt
+    absolute, relative = TOLERANCES
+    solution = solve_ivp(
+        rates, (time, end), y, method, t_eval=[end], max_step=dt, atol=absolute, rtol=relative
+    )
+    yield steps, solution.y[:, -1] if solution.success else np.full_like(y, np.nan)
+
+
+#: Largest stable |λ|·dt on the negative real axis.
+STABLE = {"euler": 2.0, "rk4": 2.785293563405282}
+
+
+@dataclass(frozen=True)
+class Dense:
+    """Integrator of the baseline.
+
+    Attributes
+    ----------
+    name: of the method, for messages and its stable step
+    advance: number and state vector after steps, from rates, time, state vector, step and count
     """
-    n = len(ch.share)
-    rates = equations(ch, ct, drive)
-    y = pack(state)
-    done = round((state.time - origin.time) / dt)
-    end = state.time + steps * dt
-    # A run that diverges overflows on its way; what comes out is checked instead.
-    with np.errstate(over="ignore", invalid="ignore"):
-        if method in SCIPY:
-            absolute, relative = TOLERANCES
-            solution = solve_ivp(
-                rates, (state.time, end), y, SCIPY[method], t_eval=[end], max_step=dt,
-                atol=absolute, rtol=relative,
-            )  # fmt: skip
-            y = solution.y[:, -1] if solution.success else np.full_like(y, np.nan)
-            _refuse_lost(method, y, done + steps, ch, ct, origin, dt)
-        else:
-            for k in range(steps):
-                y = STEPPERS[method](rates, state.time + k * dt, y, dt)
-                _refuse_lost(method, y, done + k + 1, ch, ct, origin, dt)
-        return unpacked(y, rates(end, y), end, dt, n)
+
+    name: str
+    advance: Callable[[Rates, float, Array, float, int], Iterator[tuple[int, Array]]]
+
+    def march(
+        self,
+        ch: Chain,
+        ct: Contact,
+        state: State,
+        drive: Drive,
+        dt: float,
+        steps: int,
+        every: int,
+    ) -> History:
+        """Run of some steps; see `Integrator`.
+
+        Raises
+        ------
+        DivergedError
+            When the state grew without bound.
+        """
+        if ch.half:
+            raise UserError(f"a half chain runs with implicit or lagged, not {self.name}")
+        n, rates = len(ch.share), equations(ch, ct, drive)
+        states = [state]
+        # A run that diverges overflows on its way; its state is checked instead.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for before in range(0, steps, every):
+                start = states[-1].time
+                for done, y in self.advance(rates, start, pack(states[-1]), dt, every):
+                    _refuse_lost(self.name, y, before + done, ch, ct, state, dt)
+                end = start + every * dt
+                states.append(unpacked(y, rates(end, y), end, dt, n))
+        return history(states)
+
+
+EULER = partial(Dense, "euler", partial(fixed, euler))
+RK4 = partial(Dense, "rk4", partial(fixed, rk4))
+RK45 = partial(Dense, "rk45", partial(adaptive, "RK45"))
+LSODA = partial(Dense, "lsoda", partial(adaptive, "LSODA"))
+BDF = partial(Dense, "bdf", partial(adaptive, "BDF"))
 
 
 def _refuse_lost(

@@ -1,32 +1,78 @@
-"""Integrators of the plant, one signature: `simulate` runs any of them by name."""
+"""Integrators of the plant by name: `simulate` runs any of them."""
 
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Protocol
 
 import numpy as np
 
+from ...by_name import Choice, Registry
 from ...errors import UserError
 from ..kernels.contact import Contact
 from ..objects import ContactObject
-from .assembly import chain, contact
-from .dense import march_dense, stable_step
+from .assembly import Chain, chain, contact
+from .dense import stable_step
 from .drive import Drive
 from .fingertip import Fingertip
-from .plant import IMPLICIT, LAGGED, History, history, march
+from .plant import History
 from .state import Deformation, State, rest_state
 
-Method = Literal["implicit", "lagged", "euler", "rk4", "rk45", "lsoda", "bdf"]
+#: Name of an integrator.
+Method = str
 
-#: Name and one line about each integrator.
-INTEGRATORS: dict[Method, str] = {
-    "implicit": "default: BDF2, Newton on springs and contact, Dahl return map, block solve",
-    "lagged": "semi-implicit: one linear solve a step, everything linearised at its start",
-    "euler": "dense baseline: forward Euler",
-    "rk4": "dense baseline: classical Runge-Kutta",
-    "rk45": "dense baseline: SciPy's adaptive Runge-Kutta",
-    "lsoda": "dense baseline: SciPy's LSODA",
-    "bdf": "dense baseline: SciPy's BDF",
-}
+
+class Integrator(Protocol):
+    """Steps a chain and its object in time; made by `Class()`."""
+
+    def march(
+        self,
+        ch: Chain,
+        ct: Contact,
+        state: State,
+        drive: Drive,
+        dt: float,
+        steps: int,
+        every: int,
+    ) -> History:
+        """Run of some steps, recorded at its start and after every so many of them.
+
+        Parameters
+        ----------
+        ch, ct: numbers of fingertip and object; see `assembly`
+        state: at the start
+        drive: grip and load over time
+        dt: step [s]; the longest one for an adaptive method
+        steps, every: number of steps, and of steps between records
+
+        Raises
+        ------
+        ModelError
+            When the run cannot go on.
+        UserError
+            For a half chain, when the integrator cannot run one.
+        """
+        ...
+
+
+#: Integrators by name.
+INTEGRATORS = Registry(
+    protocol=Integrator,
+    package=__package__,
+    entries={
+        "implicit": (
+            ".plant:Implicit",
+            "default: BDF2, Newton on springs and contact, Dahl return map, block solve",
+        ),
+        "lagged": (
+            ".plant:lagged",
+            "semi-implicit: one linear solve a step, everything linearised at its start",
+        ),
+        "euler": (".dense:EULER", "dense baseline: forward Euler"),
+        "rk4": (".dense:RK4", "dense baseline: classical Runge-Kutta"),
+        "rk45": (".dense:RK45", "dense baseline: SciPy's adaptive Runge-Kutta"),
+        "lsoda": (".dense:LSODA", "dense baseline: SciPy's LSODA"),
+        "bdf": (".dense:BDF", "dense baseline: SciPy's BDF"),
+    },
+)
 
 
 def simulate(
@@ -36,7 +82,7 @@ def simulate(
     *,
     dt: float,
     duration: float,
-    method: Method = "implicit",
+    method: Choice | Integrator = "implicit",
     state: State | None = None,
     every: int = 1,
     half: bool = False,
@@ -50,7 +96,7 @@ def simulate(
     drive: grip and load over time
     dt: step [s]; the longest one for the adaptive methods
     duration: length of the run, a whole number of steps [s]
-    method: see INTEGRATORS
+    method: a name in INTEGRATORS, `module:Class`, a class or other factory, or an Integrator
     state: where to start; None is the undeformed fingertip at time 0
     every: record every so many steps
     half: compute the right half only and mirror it: exact while nothing moves sideways
@@ -59,12 +105,11 @@ def simulate(
     Raises
     ------
     UserError
-        For a step or a method that cannot be, and for a half chain that is loaded sideways.
+        For a step or a method that cannot be used, and for a half chain that is loaded sideways.
     ModelError
         When the run cannot go on; DivergedError where an explicit method lost the state.
     """
-    if method not in get_args(Method):
-        raise UserError(f"method must be one of {', '.join(INTEGRATORS)}, got {method!r}")
+    integrator: Integrator = INTEGRATORS.build(method)
     if not (np.isfinite([dt, duration]).all() and dt > 0.0 and duration > 0.0):
         raise UserError(f"dt and duration must be finite and above 0 s, got {dt=}, {duration=}")
     steps = round(duration / dt)
@@ -82,15 +127,8 @@ def simulate(
     if not friction:
         ct = ct._replace(mu=0.0)
     if half:
-        return _march_half(fingertip, obj, ct, start, drive, dt, steps, every, method)
-    ch = chain(fingertip)
-    if method in ("implicit", "lagged"):
-        rule = IMPLICIT if method == "implicit" else LAGGED
-        return march(ch, ct, start, drive, dt, steps, every, rule)
-    states = [start]
-    for _ in range(steps // every):
-        states.append(march_dense(method, ch, ct, states[-1], drive, dt, every, start))
-    return history(states)
+        return _march_half(fingertip, obj, ct, start, drive, dt, steps, every, integrator)
+    return integrator.march(chain(fingertip), ct, start, drive, dt, steps, every)
 
 
 def explicit_limit(
@@ -113,11 +151,9 @@ def _march_half(
     dt: float,
     steps: int,
     every: int,
-    method: Method,
+    integrator: Integrator,
 ) -> History:
     """Run the right half on a mirror plane and put the left one beside it."""
-    if method not in ("implicit", "lagged"):
-        raise UserError(f"a half chain runs with implicit or lagged, not {method}")
     if drive.lateral.any() or start.deformation.object_position != 0.0:
         raise UserError("a half chain needs a drive and a state without lateral load or motion")
     if obj.profile is not None and not _mirrors(obj.profile):
@@ -140,9 +176,7 @@ def _march_half(
     # The mirror plane holds the object; the other half carries its half of the grip.
     share = 0.5 if drive.normal_control == "force" else 1.0
     halved = replace(drive, normal=share * drive.normal, lateral_control="position")
-    rule = IMPLICIT if method == "implicit" else LAGGED
-    run = march(ch, ct, right, halved, dt, steps, every, rule)
-    return _mirrored(run)
+    return _mirrored(integrator.march(ch, ct, right, halved, dt, steps, every))
 
 
 def _mirrors(profile: tuple[tuple[float, float], ...]) -> bool:

@@ -158,6 +158,31 @@ def march(
     return _march(ch, ct, state, goals, drive.held, lambda _: drive, dt, every, rule)
 
 
+@dataclass(frozen=True)
+class Implicit:
+    """Implicit integrator of a rule."""
+
+    rule: Rule = IMPLICIT
+
+    def march(
+        self,
+        ch: Chain,
+        ct: Contact,
+        state: State,
+        drive: Drive,
+        dt: float,
+        steps: int,
+        every: int,
+    ) -> History:
+        """Run of some steps; see `Integrator`."""
+        return march(ch, ct, state, drive, dt, steps, every, self.rule)
+
+
+def lagged() -> Implicit:
+    """Semi-implicit integrator of first order."""
+    return Implicit(LAGGED)
+
+
 def _march(
     ch: Chain,
     ct: Contact,

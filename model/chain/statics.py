@@ -27,6 +27,21 @@ STILL = 1e-9
 MAX_HOLDS = 50
 
 
+def largest_grip(fingertip: Fingertip, obj: ContactObject) -> float:
+    """Grip force at which a flat object would press the whole dome flat [N].
+
+    The object is then indented to the middle of the half circle: tissue springs have no length left
+    and the model no meaning. A node at height zᵢ has travelled zᵢ, against its tissue spring kᵢ and
+    the object's spring k_c in series: F = Σ zᵢ·kᵢ·k_c/(kᵢ + k_c). The tissue gives way sideways
+    too, so that the model leaves its range below this force rather than above; around a sharp
+    object it does so at a fraction of it (`PiercedError`).
+    """
+    ch = chain(fingertip)
+    object_springs = obj.stiffness * ch.share
+    in_series = ch.tissue * object_springs / (ch.tissue + object_springs)
+    return float(in_series @ ch.rest[:, 1])
+
+
 def equilibrium(
     fingertip: Fingertip,
     obj: ContactObject,

@@ -1,1 +1,1 @@
-"""Sensor designs: shape, marker layout, skin."""
+"""Sensor designs: skin, layout of the markers, layers, camera and ground, read from TOML."""

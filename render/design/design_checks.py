@@ -1,4 +1,4 @@
-"""What a sensor design must not be: markers on top of each other, or where no camera sees them."""
+"""Checks of a sensor design: markers must not overlap, and must lie in the image."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,14 +57,14 @@ def check_markers(
                 )
         pixels = view.project(points)
         size = np.array([view.width, view.height])
-        seen = np.asarray(((pixels > 0.0) & (pixels < size - 1.0)).all(axis=-1))
-        if not seen.any():
+        inside = np.asarray(((pixels > 0.0) & (pixels < size - 1.0)).all(axis=-1))
+        if not inside.any():
             raise UserError("camera: it sees none of the markers")
-        if not seen.all():
-            first = np.flatnonzero(~seen)[0]
+        if not inside.all():
+            first = np.flatnonzero(~inside)[0]
             raise UserError(
-                f"layout: {(~seen).sum()} of {len(seen)} {name} markers, the first number {first}, "
-                f"lie outside the {size[0]}×{size[1]} image"
+                f"layout: {(~inside).sum()} of {len(inside)} {name} markers, the first number "
+                f"{first}, lie outside the {size[0]}×{size[1]} image"
             )
 
 

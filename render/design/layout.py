@@ -1,4 +1,4 @@
-"""Where the markers sit on the skin: places (θ or ρ, φ), see `skin`."""
+"""Layouts of the markers: their places (θ or ρ, φ) on the skin, see `skin`."""
 
 import csv
 from functools import lru_cache
@@ -11,8 +11,9 @@ from ...errors import UserError
 
 Array = NDArray[np.float64]
 
-#: Angle of the apex marker from the apex [rad].
+#: Distance of the apex marker from the apex, in pitches: coordinates are singular at 0.
 _APEX = 1e-3
+#: Angle between successive points of an even spiral [rad].
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -119,7 +120,7 @@ def from_file(path: str, flat: bool) -> Array:
     Raises
     ------
     UserError
-        When the file cannot be read, or holds something else.
+        When the file cannot be read, or has other columns or values.
     """
     columns = ("x_mm", "y_mm") if flat else ("theta_deg", "phi_deg")
     try:

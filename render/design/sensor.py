@@ -1,17 +1,16 @@
 """Sensor designs as data: skin, marker layers, dyes, camera, ground; SI inside, mm only in TOML."""
 
-import tomllib
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...strict_toml import Table, convert
+from ...strict_toml import Table, convert, parse_toml, read_toml
 from ..optics.calibration import load_camera
 from ..optics.camera import Camera, FisheyeCamera, PinholeCamera
 from ..optics.view import View
@@ -315,7 +314,7 @@ FILES_NAMED = (("layout", "path"), ("camera", "calibration"))
 @lru_cache(maxsize=32)
 def _shipped(name: str) -> SensorDesign:
     text = (DESIGNS / f"{name}.toml").read_text(encoding="utf-8")
-    return convert(tomllib.loads(text), SensorDesign, f"sensor {name}")
+    return convert(parse_toml(text, f"sensor {name}"), SensorDesign, f"sensor {name}")
 
 
 def load_sensor(name: str) -> SensorDesign:
@@ -334,19 +333,12 @@ def load_sensor(name: str) -> SensorDesign:
         raise UserError(
             f"no sensor design {name!r}; there is {', '.join(sensor_names())}, or give a .toml file"
         )
-    path = Path(name)
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise UserError(f"sensor file {name} cannot be read: {reason}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"sensor {name} is not valid TOML: {error}") from None
+    values = read_toml(Path(name), f"sensor file {name}")
     for table, key in FILES_NAMED:
-        _beside(path, values.get(table), key)
+        _beside(Path(name).parent, values.get(table), key)
     return convert(values, SensorDesign, f"sensor {name}")
 
 
-def _beside(path: Path, table: Any, key: str) -> None:
+def _beside(folder: Path, table: object, key: str) -> None:
     if isinstance(table, dict) and isinstance(table.get(key), str) and table[key]:
-        table[key] = str(path.parent / table[key])
+        table[key] = str(folder / table[key])

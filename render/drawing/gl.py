@@ -1,4 +1,4 @@
-"""Whether OpenGL can be used on this machine; asked in a subprocess, because it may crash."""
+"""Test of off-screen OpenGL on this machine, in a subprocess because it may crash."""
 
 import os
 import subprocess
@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from ...extras import missing
 
-#: Command that installs what Debian lacks for an off-screen context.
+#: Command that installs the libraries for an off-screen context on Debian.
 MEND = "sudo apt-get install libegl1 libgl1 libgl1-mesa-dri libxrender1"
 
 _PROBE = """
@@ -21,7 +21,7 @@ renderer.delete()
 
 
 def prepare() -> None:
-    """Choose off-screen rendering; before the first import of pyrender."""
+    """Choose off-screen rendering; call it before the first import of pyrender."""
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
 

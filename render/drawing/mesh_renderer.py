@@ -21,13 +21,13 @@ from .paint_kernels import encode
 
 #: Corners of a disc; its area is short of the circle's by 0.2 %.
 CORNERS = 48
-#: Drawn this much larger and averaged: multisampling alone has too few levels …
+#: Pixels drawn for one of the image along each side: multisampling alone has too few levels.
 OVERSAMPLING = 4
-#: … and with edges that fade over this width [px], which samples catch far better than a step. The
-#: fade is a part of the lens' blur; the rest is added to the picture. Where both layers' edges lie
-#: on each other a wider one would take more light than dyes do: each fades by itself.
+#: Width over which edges fade [px]: samples follow a ramp far better than a step. The fade is part
+#: of the lens' blur; the rest of it is added to the picture. A wider fade would absorb too much
+#: light where both layers' edges coincide, because each layer fades by itself.
 FADE = 0.2
-#: Pixels that the lens' blur is computed on, for one of the image along each side.
+#: Pixels on which the lens' blur is computed, for one of the image along each side.
 _FINE = 2
 
 
@@ -100,7 +100,7 @@ class MeshRenderer:
         return image
 
     def _collected(self, plane: NDArray[np.float32]) -> NDArray[np.float32]:
-        """What pixels collect of a plane of finer pixels, shape (H, W)."""
+        """Mean of a blurred plane of finer pixels over each pixel, shape (H, W)."""
         size = (self._view.width, self._view.height)
         fine = (_FINE * size[0], _FINE * size[1])
         fewer = cv2.resize(plane, fine, interpolation=cv2.INTER_AREA)

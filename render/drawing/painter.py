@@ -14,8 +14,8 @@ from .paint_kernels import encode, paint_tiles, union
 
 Array = NDArray[np.float64]
 
-#: Outlines are rounded to this share of a pixel: what stands still is not drawn again, and an image
-#: never depends on the one before it.
+#: Outlines are rounded to this share of a pixel. So a marker that stands still is not drawn again,
+#: and an image does not depend on the one before it.
 GRID = 1.0 / 1024.0
 
 
@@ -25,7 +25,7 @@ class Painter:
     Parameters
     ----------
     sensor: design
-    redraw: draw every frame in full, as a measure of what the above saves
+    redraw: draw every frame in full, to measure the time that this saves
     """
 
     def __init__(self, sensor: SensorDesign, *, redraw: bool = False) -> None:
@@ -88,19 +88,19 @@ class Painter:
         return self._image.copy()
 
     def _forget(self, count: int) -> None:
-        """Start anew, with so many pairs."""
+        """Start anew with another number of pairs."""
         self._numbers = np.full((2, 2, count, NUMBERS), np.nan, dtype=np.float32)
         self._boxes = np.zeros((2, count, 4), dtype=np.int64)
         self._dirty[:] = True
 
     def _make_room(self) -> None:
-        """Room for the coverage of the largest pair."""
+        """Make room for the coverage of the largest pair."""
         boxes, have = self._boxes[0], self._covered.shape
         rows = (boxes[:, 3] - boxes[:, 2]).max(initial=0)
         cols = (boxes[:, 1] - boxes[:, 0]).max(initial=0) + 2 * LANES
         if len(boxes) != have[0] or rows > have[2] or cols > have[3]:
             self._covered, self._spans = _room(boxes, 3 if self._square else 2)
-            self._numbers[1] = np.inf  # what was covered is drawn anew
+            self._numbers[1] = np.inf  # draws all pairs anew
 
     def close(self) -> None:
         """Nothing to release."""
@@ -109,7 +109,7 @@ class Painter:
 def coverage_image(
     coefficients: Array, width: float, square: bool, size: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Share of each pixel that any of some markers covers, as the painter draws them.
+    """Share of each pixel that is covered by any of the markers, as the painter draws them.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def coverage_image(
 
 
 def _room(boxes: NDArray[np.int64], layers: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Arrays for the coverage of pairs no larger than the largest of these, and some more."""
+    """Arrays for the coverage of pairs up to the size of the largest of these, with a margin."""
     rows = int((boxes[:, 3] - boxes[:, 2]).max(initial=0)) + LANES
     cols = int((boxes[:, 1] - boxes[:, 0]).max(initial=0)) + 3 * LANES
     return (

@@ -1,6 +1,7 @@
 """Pictures by brute force: every outline projected point by point, every pixel sampled many times.
 
-Slow, and shares no code with the other renderers' coverage: it is what they are judged by.
+Slow, and without the coverage code of the other renderers: the reference that they are compared
+with.
 """
 
 import cv2
@@ -16,8 +17,10 @@ from ..outlines import outline_points
 
 Array = NDArray[np.float64]
 
-#: Corners of an outline, and samples along a pixel's side.
-CORNERS, SAMPLES = 180, 9
+#: Corners of an outline.
+CORNERS = 180
+#: Samples along a pixel's side.
+SAMPLES = 9
 
 
 def projected_outlines(sensor: SensorDesign, membrane: Membrane) -> Array:
@@ -48,9 +51,9 @@ def supersampled_image(sensor: SensorDesign, membrane: Membrane) -> NDArray[np.u
     masks = [_fine_mask(sensor, corners) for corners in projected_outlines(sensor, membrane)]
     magenta, yellow = sensor.transmittance
     parts = [
-        (_seen(sensor, masks[0]), -(1.0 - magenta)),
-        (_seen(sensor, masks[1]), -(1.0 - yellow)),
-        (_seen(sensor, masks[0] & masks[1]), (1.0 - magenta) * (1.0 - yellow)),
+        (_blurred(sensor, masks[0]), -(1.0 - magenta)),
+        (_blurred(sensor, masks[1]), -(1.0 - yellow)),
+        (_blurred(sensor, masks[0] & masks[1]), (1.0 - magenta) * (1.0 - yellow)),
     ]
     linear = ground_image(sensor) * (1.0 + sum(c[..., None] * dye for c, dye in parts))
     return np.rint(encode_srgb(linear)).astype(np.uint8)
@@ -69,10 +72,10 @@ def _fine_mask(sensor: SensorDesign, corners: Array) -> NDArray[np.uint8]:
     return fine
 
 
-def _seen(sensor: SensorDesign, fine: NDArray[np.uint8]) -> Array:
-    """Share of each pixel that samples cover once the lens has blurred them, shape (H, W)."""
-    blurred = cv2.GaussianBlur(
+def _blurred(sensor: SensorDesign, fine: NDArray[np.uint8]) -> Array:
+    """Share of each pixel covered by samples after the lens has blurred them, shape (H, W)."""
+    image = cv2.GaussianBlur(
         fine.astype(np.float32) / 255.0, (0, 0), SAMPLES * sensor.camera.blur_px
     )
     size = (sensor.view.width, sensor.view.height)
-    return np.asarray(cv2.resize(blurred, size, interpolation=cv2.INTER_AREA), dtype=float)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=float)

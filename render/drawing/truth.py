@@ -1,4 +1,4 @@
-"""What is true of an image: where every marker is, what each pixel shows, how it has moved."""
+"""Labels of an image: where every marker is, what each pixel shows, and how it has moved."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,13 +19,15 @@ from .truth_kernels import shares_inside
 
 Array = NDArray[np.float64]
 
-#: Steps from a pixel to the point of the skin that it shows, and when they have arrived [px].
-_ROUNDS, _ARRIVED = 12, 1e-3
+#: Largest number of steps from a pixel to the point of the skin that it shows.
+_ROUNDS = 12
+#: Length of a step after which no more is taken [px].
+_ARRIVED = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerTruth:
-    """What is true of the markers in one image; layer 0 is magenta, layer 1 yellow.
+    """Truth of the markers in one image; layer 0 is magenta, layer 1 yellow.
 
     Attributes
     ----------
@@ -50,13 +52,13 @@ class MarkerTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class GroundTruth(MarkerTruth):
-    """What is true of one image: its markers, and every pixel.
+    """Truth of one image: its markers, and every pixel.
 
     Attributes
     ----------
     masks: share of each pixel that a layer covers, float32, shape (2, H, W)
-    flow: how far what the pixel shows of a layer at rest has moved in the image [px], NaN off the
-        skin, float32, shape (2, H, W, 2)
+    flow: motion in the image of the point of each layer that the pixel shows at rest [px], NaN off
+        the skin, float32, shape (2, H, W, 2)
     depth: distance from the camera to the skin along each pixel's ray, refracted rays drawn out
         straight [m]; NaN off the skin, float32, shape (H, W)
     """
@@ -102,7 +104,7 @@ class TruthMap:
         places = skin.meet(*traced, 0.0)
         self._skin = np.nan_to_num(skin.rim_distance(places), nan=-1.0) > 0.0
         self._rays = traced[1][self._skin]
-        # Of each layer and of the skin itself: what its points under the pixels do.
+        # Of each layer and of the skin itself: its map, points under the pixels, share of motion.
         self._sheets = []
         for depth, follow in (*zip(sensor.depths, sensor.follow, strict=True), (0.0, 1.0)):
             under = skin.meet(traced[0][self._skin], traced[1][self._skin], float(depth))
@@ -110,23 +112,23 @@ class TruthMap:
                 (harmonic_map(skin, under, nodes), skin.points(under, depth), float(follow))
             )
 
-    def __call__(self, membrane: Membrane, seen: Array) -> GroundTruth:
+    def __call__(self, membrane: Membrane, displacement: Array) -> GroundTruth:
         """Truth of the image of a membrane, for node displacements (N, 2) [m]."""
         return GroundTruth(
             **vars(marker_truth(self._sensor, membrane)),
             masks=self._masks(membrane),
-            flow=self._flow(seen),
-            depth=self._depth(seen),
+            flow=self._flow(displacement),
+            depth=self._depth(displacement),
         )
 
     def images(
-        self, names: Sequence[str], membrane: Membrane, seen: Array
+        self, names: Sequence[str], membrane: Membrane, displacement: Array
     ) -> dict[str, NDArray[np.float32]]:
         """Only those of `masks`, `flow` and `depth` that are named; see `GroundTruth`."""
         makers = {
             "masks": lambda: self._masks(membrane),
-            "flow": lambda: self._flow(seen),
-            "depth": lambda: self._depth(seen),
+            "flow": lambda: self._flow(displacement),
+            "depth": lambda: self._depth(displacement),
         }
         return {name: makers[name]() for name in names}
 
@@ -137,21 +139,21 @@ class TruthMap:
         layers = outlines(membrane, view)
         return np.stack([coverage_image(layer, width, square, size) for layer in layers])
 
-    def _flow(self, seen: Array) -> NDArray[np.float32]:
+    def _flow(self, displacement: Array) -> NDArray[np.float32]:
         flow = np.full((2, *self._skin.shape, 2), np.nan, dtype=np.float32)
         for layer, (carry, rest, follow) in enumerate(self._sheets[:2]):
-            now = self._sensor.view.project(rest + follow * carry.displacement(seen))
+            now = self._sensor.view.project(rest + follow * carry.displacement(displacement))
             flow[layer, self._skin] = now - self._pixels[self._skin]
         return flow
 
-    def _depth(self, seen: Array) -> NDArray[np.float32]:
+    def _depth(self, displacement: Array) -> NDArray[np.float32]:
         """Distance to the deformed skin: that of the point whose image the pixel is.
 
         The deformed points under the resting pixels are a warped grid in the image; its distances
         are read between them at the pixels.
         """
         carry, rest, follow = self._sheets[2]
-        now = rest + follow * carry.displacement(seen)
+        now = rest + follow * carry.displacement(displacement)
         distance = np.linalg.norm(now - [0.0, 0.0, self._sensor.view.position], axis=-1)
         moved = np.zeros((*self._skin.shape, 2))
         moved[self._skin] = self._sensor.view.project(now) - self._pixels[self._skin]
@@ -183,6 +185,7 @@ def _sample(field: Array, places: NDArray[np.float32]) -> Array:
     )
 
 
+#: Samples of a marker along each axis, for its overlap.
 _SAMPLES = 24
 
 
@@ -200,7 +203,7 @@ def overlap_share(coefficients: Array, square: bool) -> Array:
 
 @lru_cache(maxsize=2)
 def _samples(square: bool) -> Array:
-    """Points of the unit square or disc, evenly, shape (K, 2)."""
+    """Evenly spaced points of the unit square or disc, shape (K, 2)."""
     line = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * 2.0 - 1.0
     q = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     return q if square else q[(q**2).sum(axis=-1) < 1.0]

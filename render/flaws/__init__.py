@@ -1,1 +1,1 @@
-"""Defects of a real image: noise, lighting, blur, wear."""
+"""Defects of a real sensor: misplaced markers, uneven light, exposure, noise and compression."""

@@ -1,4 +1,4 @@
-"""Defects of a real sensor's images as dials, and those that were made with the markers."""
+"""Defects of a real sensor as dials, and those of its markers."""
 
 from dataclasses import replace
 from typing import Annotated
@@ -19,17 +19,24 @@ Half = Annotated[float, Meta(ge=0.0, le=0.5)]
 Frames = Annotated[int, Meta(ge=1, le=10**6)]
 Offset = Annotated[float, Meta(ge=0.0, le=2.0)]
 
-# Streams of random numbers: each defect's own, so that no dial changes what another draws. Their
-# numbers stand last and start at 1: NumPy takes trailing zeros of a seed for no seed at all.
-LEDS, DUST, SPECULAR, NOISE, WHITE_BALANCE, GAIN, MISSING, MISALIGNMENT, MISPLACEMENT = range(1, 10)
+# Numbers of random streams, one for each defect, so that no dial changes another one's draws. They
+# stand last in a seed and start at 1: NumPy ignores trailing zeros of a seed.
+LEDS = 1
+DUST = 2
+SPECULAR = 3
+NOISE = 4
+WHITE_BALANCE = 5
+GAIN = 6
+MISSING = 7
+MISALIGNMENT = 8
+MISPLACEMENT = 9
 WORN = 10
 
 
 class Defects(Table, frozen=True):
-    """Everything that an ideal image lacks, each with a dial; all are off unless set.
+    """Defects of a real sensor's images, each with a dial; all are off by default.
 
-    A faded marker cannot be told from a missing one once its dye is gone, and a renderer knows one
-    dye per layer; so there is no dial for it.
+    There is no dial for faded markers, because a renderer has one dye per layer.
 
     Attributes
     ----------
@@ -79,18 +86,18 @@ class Defects(Table, frozen=True):
 
 
 class Flaws:
-    """Markers as they were made: misplaced along the skin, or not there; made once per run.
+    """Defects of the markers of one specimen: misplaced along the skin, or missing.
 
     Parameters
     ----------
     sensor: design
-    defects: how large they are
+    defects: their sizes
     seed: of the run; one seed is one specimen
 
     Attributes
     ----------
     places: of the markers of each layer, see `skin`, shape (2, M, 2); None is as designed
-    missing: markers that are not there, shape (2, M)
+    missing: whether a marker is missing, shape (2, M)
     """
 
     def __init__(self, sensor: SensorDesign, defects: Defects, seed: int) -> None:

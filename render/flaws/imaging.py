@@ -1,7 +1,7 @@
 """From an ideal image to a camera's: light, blur, exposure, noise, mosaic, compression.
 
-In this order; sums and blurs are of linear light. What stands still depends on the seed alone, what
-changes on the seed and the frame's number: frames may be asked for in any order.
+In this order; sums and blurs are of linear light. Static defects depend on the seed alone, others
+on the seed and the frame's number: frames may be computed in any order.
 """
 
 from collections.abc import Sequence
@@ -22,15 +22,18 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Image32 = NDArray[np.float32]
 
-#: Full well where only read noise is asked for [electrons].
+#: Full well where only read noise is set [electrons].
 FULL_WELL = 1e4
-#: Instants that stand for an open shutter.
+#: Instants at which an open shutter is sampled.
 EXPOSURES = 5
 
+#: Level of linear light 1 in 16 bits.
 _WHITE = 65535
 # OpenCV takes four numbers for a pixel, which its type hints do not know.
 _TO_WHITE: Any = (float(_WHITE),) * 4
+#: Linear light of each 8-bit sRGB level.
 _DECODE = decoding_table().astype(np.float32)
+#: 8-bit sRGB level of each 16-bit level of linear light.
 _ENCODE = np.rint(encode_srgb(np.linspace(0.0, 1.0, _WHITE + 1))).astype(np.uint8)
 
 
@@ -40,7 +43,7 @@ class Imaging:
     Parameters
     ----------
     sensor: design
-    defects: what is wrong with its image
+    defects: of its images
     seed: of the run
     """
 
@@ -58,7 +61,7 @@ class Imaging:
         self._linear = bool(static or d.defocus_px or self._gains or self._noise or d.bayer)
 
     def __call__(self, exposures: Image | Sequence[Image], index: int) -> Image:
-        """Camera's image of frame `index`; the ideal image itself if there is nothing to do.
+        """Camera's image of frame `index`; the ideal image itself where no defect is set.
 
         Parameters
         ----------
@@ -91,7 +94,7 @@ class Imaging:
         return light
 
     def _measure(self, light: Image32, index: int) -> Image:
-        """What the sensor makes of it: sRGB."""
+        """Image that the sensor reads out of that light, sRGB."""
         if self._gains:
             red, blue = white_balance(self._defects, self._seed, index)
             gain = exposure(self._defects, self._seed, index)
@@ -115,7 +118,7 @@ class Imaging:
 def shutter_times(defects: Defects, period: float) -> Array:
     """Instants whose images make up a frame's, before the frame's time [s].
 
-    The shutter closes at the frame's time: nothing later is needed than what has happened.
+    The shutter closes at the frame's time, so that no later state is needed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What stands still in a flawed image: uneven light, vignette, seams, dust, reflections."""
+"""Defects of the light that do not change: uneven LEDs, vignette, seams, dust, reflections."""
 
 import msgspec
 import numpy as np
@@ -12,11 +12,15 @@ from .defects import DUST, LEDS, SPECULAR, Defects
 Array = NDArray[np.float64]
 Image32 = NDArray[np.float32]
 
-#: LEDs around the skin; their lobes' width and the ring's radius, in radii of the skin's image.
-LED_COUNT, LED_WIDTH, LED_RING = 6, 0.5, 1.1
-#: Seams of a skin that is glued from four gores.
+#: LEDs around the skin.
+LED_COUNT = 6
+#: Width of an LED's lobe, in radii of the skin's image.
+LED_WIDTH = 0.5
+#: Radius of the ring of LEDs, in radii of the skin's image.
+LED_RING = 1.1
+#: Seams of a skin that is glued from four gores (of designs without seams of their own).
 GORES = Seams(count=4, width_mm=0.9, colour=(226, 196, 201))
-#: Reflections are this much brighter than white, so that they saturate.
+#: Brightness of reflections, in units of white: they saturate.
 GLARE = 4.0
 
 
@@ -30,8 +34,8 @@ def light_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | No
     if d.seam_tint:
         tinted = sensor if sensor.seams else msgspec.structs.replace(sensor, seams=GORES)
         assert tinted.seams is not None
-        seen = decode_srgb(np.array(tinted.seams.colour, dtype=float))
-        dye = seen / decode_srgb(np.array(sensor.ground.apex, dtype=float))
+        tint = decode_srgb(np.array(tinted.seams.colour, dtype=float))
+        dye = tint / decode_srgb(np.array(sensor.ground.apex, dtype=float))
         cover = np.where(skin, seam_cover(tinted, places), 0.0)
         factor *= np.maximum(1.0 - d.seam_tint * cover[..., None] * (1.0 - dye), 0.0)
     if d.uneven_leds:

@@ -1,1 +1,4 @@
-"""Cameras: projection, refraction at the silicone, calibration targets."""
+"""Cameras in OpenCV's parameters, refraction at the silicone's surface, calibration files, boards.
+
+Points of the sensor frame [m] become pixels (x right, y down, pixel centres at integers).
+"""

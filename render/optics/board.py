@@ -1,7 +1,7 @@
 """A ChArUco board: chessboard with ArUco markers in its white squares, to calibrate cameras with.
 
 Its frame is OpenCV's: origin at the upper left corner, x to the right, y down, z into the board,
-away from who looks at it.
+away from the viewer.
 """
 
 from dataclasses import dataclass

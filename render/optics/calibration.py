@@ -20,17 +20,21 @@ def camera_text(camera: Camera, **more: float) -> str:
     Parameters
     ----------
     camera: a FisheyeCamera or PinholeCamera
-    more: numbers that stand beside it
+    more: further numbers of the file, by key
     """
-    model = next(name for name, kind in MODELS.items() if isinstance(camera, kind))
-    assert isinstance(camera, FisheyeCamera | PinholeCamera)
-    (fx, fy), (cx, cy) = camera.focal, camera.centre
+    lens = camera.lens
+    matrix = [
+        [lens.focal_x, 0.0, lens.centre_x],
+        [0.0, lens.focal_y, lens.centre_y],
+        [0.0, 0.0, 1.0],
+    ]
+    distortion = lens.distortion[:4] if lens.fisheye else lens.distortion
     store = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
-    store.write("distortion_model", model)
+    store.write("distortion_model", "fisheye" if lens.fisheye else "pinhole")
     store.write("image_width", camera.width)
     store.write("image_height", camera.height)
-    store.write("camera_matrix", np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]))
-    store.write("distortion_coefficients", np.array(camera.distortion)[None])
+    store.write("camera_matrix", np.array(matrix))
+    store.write("distortion_coefficients", np.array(distortion)[None])
     for name, value in more.items():
         store.write(name, float(value))
     return store.releaseAndGetString()
@@ -65,7 +69,7 @@ def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
     Raises
     ------
     UserError
-        When the file is missing, is something else, or belongs to images of another size.
+        When the file is missing, is no calibration, or is for images of another size.
     """
     path = Path(path)
     if not path.is_file():
@@ -112,9 +116,9 @@ def _matrix(node: "cv2.FileNode") -> np.ndarray | None:
     """Matrix of a node: OpenCV's tagged matrix, or ROS's table of rows, cols and data."""
     if node.empty():
         return None
-    found: Any = node.mat()  # None unless the node is a matrix
-    if found is not None:
-        return np.asarray(found, dtype=float)
+    matrix: Any = node.mat()  # None unless the node is a matrix
+    if matrix is not None:
+        return np.asarray(matrix, dtype=float)
     data = node.getNode("data")
     rows, cols = int(node.getNode("rows").real()), int(node.getNode("cols").real())
     values = [data.at(i).real() for i in range(data.size())]

@@ -31,7 +31,7 @@ class Camera(Protocol):
         """Parameters of the compiled projection."""
 
     def project(self, points: Array) -> Array:
-        """Pixels (…, 2) of points (…, 3) [m]; NaN where a point cannot be seen."""
+        """Pixels (…, 2) of points (…, 3) [m]; NaN where a point is not visible."""
 
     def jacobian(self, points: Array) -> Array:
         """Derivative of `project` [px/m], shape (…, 2, 3)."""
@@ -89,7 +89,7 @@ class FisheyeCamera:
         rho = np.hypot(x, y)
         angle = np.arctan2(rho, z)
         slope = self._slope(angle) / (rho**2 + z * z)
-        # On the axis every direction is radial; any unit vector will do.
+        # On the axis every direction is radial: any unit vector is right.
         off_axis = rho > 1e-12
         along = np.where(off_axis, x / np.maximum(rho, 1e-12), 1.0)
         across = np.where(off_axis, y / np.maximum(rho, 1e-12), 0.0)

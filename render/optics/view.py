@@ -94,7 +94,7 @@ class View:
         return start + reach[..., None] * ray, inside / self.index
 
     def _apparent(self, points: Array) -> Array:
-        """Where the camera sees points (…, 3), from itself: bent rays drawn out straight [m]."""
+        """Apparent points (…, 3) from the camera: along straight rays, as far as the points [m]."""
         flat = np.ascontiguousarray(points, dtype=float).reshape(-1, 3)
         out = np.empty_like(flat)
         apparent_points(flat, self.surface, out)

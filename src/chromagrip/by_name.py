@@ -94,17 +94,11 @@ class Registry:
             As in `load`, and when the factory raises an error.
         """
         name = name_of(choice)
-        if not (isinstance(choice, str) or callable(choice)):
+        made = not isinstance(choice, str | type) and not self._lacking(choice)
+        if made or not (isinstance(choice, str) or callable(choice)):
             self._check_methods(choice, name)
             return choice
-        factory = self.load(choice, arguments)
-        try:
-            return factory()
-        except (Exception, SystemExit) as reason:  # a plug-in may raise anything
-            given = f"with {', '.join(arguments)}" if arguments else "without arguments"
-            raise UserError(
-                f"{self.kind} {name!r} cannot be made {given}: {describe(reason)}"
-            ) from reason
+        return make(self.kind, name, self.load(choice, arguments))
 
     def _import(self, name: str) -> Any:
         if name in self.entries:
@@ -124,12 +118,17 @@ class Registry:
 
     def _check_methods(self, method: object, name: str) -> None:
         """Refuse a class or an object that lacks a method of the protocol."""
-        for required in (key for key in vars(self.protocol) if not key.startswith("_")):
-            if not hasattr(method, required):
-                home = self.protocol.__module__.rpartition(".")[0]
-                raise UserError(
-                    f"{self.kind} {name!r} has no {required}; see {home}.{self.protocol.__name__}"
-                )
+        lacking = self._lacking(method)
+        if lacking:
+            home = self.protocol.__module__.rpartition(".")[0]
+            raise UserError(
+                f"{self.kind} {name!r} has no {lacking[0]}; see {home}.{self.protocol.__name__}"
+            )
+
+    def _lacking(self, method: object) -> list[str]:
+        """Methods of the protocol that a class or an object does not have."""
+        required = (key for key in vars(self.protocol) if not key.startswith("_"))
+        return [key for key in required if not hasattr(method, key)]
 
 
 def name_of(choice: Choice | object) -> str:
@@ -145,3 +144,20 @@ def name_of(choice: Choice | object) -> str:
 def describe(reason: BaseException) -> str:
     """Kind and text of an error that a plug-in raised."""
     return f"{type(reason).__name__}: {reason}"
+
+
+def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:
+    """Object that the factory of a plug-in makes.
+
+    Raises
+    ------
+    UserError
+        When it fails, with its error.
+    """
+    try:
+        return factory()
+    except (Exception, SystemExit) as reason:  # a plug-in may raise anything
+        given = " without arguments"
+        if isinstance(factory, partial):
+            given = f" with {', '.join(factory.keywords)}" if factory.keywords else ""
+        raise UserError(f"{kind} {name!r} cannot be made{given}: {describe(reason)}") from reason

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chromagrip.control import (
+    PRINTED_SETTINGS,
     ConservativeControl,
     ConservativeSettings,
     Controller,
@@ -15,7 +16,7 @@ from chromagrip.control import (
     ReactToSlip,
     ReactToSlipSettings,
     SafetyMarginControl,
-    SafetyMarginGains,
+    SafetyMarginSettings,
 )
 from chromagrip.model import ForceField
 
@@ -42,7 +43,7 @@ def seen(time: float, margin: float, displacement: float = float("nan")) -> Grip
 
 
 EVERY: list[Callable[[], Controller]] = [
-    lambda: SafetyMarginControl(SafetyMarginGains()),
+    lambda: SafetyMarginControl(PRINTED_SETTINGS),
     lambda: ReactToSlip(ReactToSlipSettings()),
     lambda: ConservativeControl(ConservativeSettings()),
     lambda: MarginInversion(MarginInversionSettings()),
@@ -65,7 +66,7 @@ def test_every_controller_is_finite_and_repeats_itself_after_reset(
 
 def test_constant_error_gives_the_pi_law() -> None:
     """F = u + Kp·e + Ki·Σe·T, rising when the margin is too small (E1)."""
-    gains = SafetyMarginGains(proportional=0.25, integral=30.0)
+    gains = SafetyMarginSettings(proportional_n=0.25, integral_n_per_s=30.0)
     controller = SafetyMarginControl(gains)
     for k in range(5, 25):
         force = controller.command(seen(0.01 * k, 0.1)).force
@@ -76,7 +77,7 @@ def test_a_sum_over_samples_is_a_rate_per_second() -> None:
     """Ki = 0.1 per sample of 1 ms is 100 per second (E2): the sampling rate does not matter."""
 
     def after_one_second(period: float) -> float:
-        controller = SafetyMarginControl(SafetyMarginGains())
+        controller = SafetyMarginControl(PRINTED_SETTINGS)
         for k in range(round(1.0 / period) + 1):
             force = controller.command(seen(0.1 + k * period, 0.29)).force
         return force
@@ -86,7 +87,7 @@ def test_a_sum_over_samples_is_a_rate_per_second() -> None:
 
 
 def test_the_sum_freezes_at_the_floor() -> None:
-    controller = SafetyMarginControl(SafetyMarginGains())
+    controller = SafetyMarginControl(PRINTED_SETTINGS)
     for k in range(1000):
         assert controller.command(seen(0.1 + 0.001 * k, 1.0)).force == 0.1
     # Without wind-up the first sample below the desired margin is answered at once.
@@ -94,7 +95,7 @@ def test_the_sum_freezes_at_the_floor() -> None:
 
 
 def test_off_before_its_start_and_without_contact() -> None:
-    controller = SafetyMarginControl(SafetyMarginGains())
+    controller = SafetyMarginControl(PRINTED_SETTINGS)
     assert controller.command(seen(0.02, 1.0)).force == 0.5
     assert controller.command(seen(0.5, float("nan"))).force == 0.5
 

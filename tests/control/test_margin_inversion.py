@@ -77,7 +77,7 @@ def test_a_new_load_is_answered_at_once() -> None:
 
 
 def test_it_gives_way_no_faster_than_its_release() -> None:
-    controller = MarginInversion(MarginInversionSettings(release=3.0))
+    controller = MarginInversion(MarginInversionSettings(release_n_per_s=3.0))
     before = held(controller, 100, 0.65, 0.5)
     after = held(controller, 6, 0.1, 0.5)
     assert before - after == pytest.approx(3.0 * 6 * PERIOD)
@@ -86,12 +86,12 @@ def test_it_gives_way_no_faster_than_its_release() -> None:
 
 def test_without_a_view_of_friction_it_holds_its_start() -> None:
     """A pure press: ratios near the tissue's Poisson factor say nothing of µ (E7)."""
-    controller = MarginInversion(MarginInversionSettings(start=1.0))
+    controller = MarginInversion(MarginInversionSettings(start_n=1.0))
     assert held(controller, 30, 0.001, 0.4, deviation=0.2, observable=False) == 1.0
 
 
 def test_a_heavy_load_raises_the_grip_before_friction_has_shown() -> None:
-    controller = MarginInversion(MarginInversionSettings(start=1.0))
+    controller = MarginInversion(MarginInversionSettings(start_n=1.0))
     assert held(controller, 30, 2.0, 0.5, deviation=0.1, observable=False) > 2.0 / (0.5 * 0.7)
 
 
@@ -151,7 +151,7 @@ def test_noise_neither_shakes_nor_lifts_the_grip(noise: float) -> None:
     assert late.mean() == pytest.approx(0.65 / 0.35, rel=0.03)
     chatter = abs(np.diff(late)).sum() / (len(late) * PERIOD)
     # Mean change of a first-order filter of white noise, plus what the odd frame adds.
-    gain = 1.0 - math.exp(-PERIOD / controller.settings.smoothing)
+    gain = 1.0 - math.exp(-PERIOD / controller.settings.smoothing_s)
     white = gain * math.sqrt(2.0 / (2.0 - gain)) * noise / 0.35 * math.sqrt(2.0 / math.pi) / PERIOD
     assert chatter < 1.5 * white
 
@@ -165,6 +165,6 @@ def test_an_unsure_friction_is_counted_on_less() -> None:
 
 
 def test_the_grip_stays_between_floor_and_ceiling() -> None:
-    controller = MarginInversion(MarginInversionSettings(floor=0.2, ceiling=5.0))
+    controller = MarginInversion(MarginInversionSettings(floor_n=0.2, ceiling_n=5.0))
     assert held(controller, 200, 0.001, 0.5) == 0.2
     assert held(controller, 20, 40.0, 0.5) == 5.0

@@ -95,7 +95,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(
         )  # fmt: skip
         deadline = time.monotonic() + 60.0
         # Killed in the middle of a sequence.
-        while not list(out.glob(".part-0*")) and process.poll() is None:
+        while not list(out.glob(".part-sequence-*")) and process.poll() is None:
             assert time.monotonic() < deadline
             time.sleep(0.01)
         time.sleep(delay)
@@ -106,6 +106,27 @@ def test_a_killed_run_goes_on_to_the_same_bytes(
                 check(out)
     make(TINY, out, resume=True)
     assert bytes_of(out) == bytes_of(made)
+
+
+def test_sigterm_ends_the_workers_too(tmp_path: Path) -> None:
+    out = tmp_path / "ended"
+    words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--n", "200"]
+    process = subprocess.Popen(
+        [*words, "--workers", "2", "--out", str(out)],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    deadline = time.monotonic() + 120.0
+    while not list(out.glob("sequence-*")):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    workers = psutil.Process(process.pid).children(recursive=True)
+    assert len(workers) >= 2
+    process.terminate()
+    assert process.wait(20.0) == 128 + signal.SIGTERM
+    _, alive = psutil.wait_procs(workers, 20.0)
+    assert not alive
+    assert not (out / MANIFEST).exists()
 
 
 def test_a_dask_worker_that_is_killed_loses_nothing(
@@ -273,7 +294,7 @@ def test_a_full_disk_leaves_nothing_half_written(
     with pytest.raises(UserError, match="cannot be written: No space left on device"):
         make(TINY, tmp_path / "full")
     assert not list((tmp_path / "full").glob("sequence-*"))
-    assert not list((tmp_path / "full").glob(".part-0*"))
+    assert not list((tmp_path / "full").glob(".part-sequence-*"))
     monkeypatch.undo()
     make(TINY, tmp_path / "full", resume=True)
     assert check(tmp_path / "full") == 3
@@ -309,6 +330,9 @@ def test_a_cluster_that_is_not_there_is_said(
 def test_an_address_wants_a_cluster(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="--address goes with --backend dask or ray"):
         make(TINY, tmp_path / "joblib", address="tcp://127.0.0.1:9")
+    pytest.importorskip("distributed")
+    with pytest.raises(UserError, match=r"--address nowhere: expected HOST:PORT"):
+        make(TINY, tmp_path / "dask", backend="dask", address="nowhere")
 
 
 @pytest.mark.parametrize(
@@ -386,7 +410,7 @@ def test_a_file_that_may_not_grow_is_said_in_one_sentence(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["dataset"], 0, "dataset make "),
+        (["dataset"], 0, "usage: chromagrip dataset [-h] {make,check,"),
         (["dataset", "make", "--help"], 0, "usage: chromagrip dataset make "),
         (["dataset", "mend"], 2, "dataset mend: there is make, check"),
         (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is force"),

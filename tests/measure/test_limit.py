@@ -266,14 +266,14 @@ def test_fovea_is_found_and_followed(held: Press) -> None:
         return Frame(image=image, time=0.01 * index)
 
     tracker = MarkerTracker(Palette.of_sensor(FOVEA), 2.0)
-    tracker.reset([shoot(np.zeros_like(held.seen), k) for k in range(4)])
+    tracker.reset([shoot(np.zeros_like(held.displacement), k) for k in range(4)])
     assert tracker.rest.visible.sum(axis=1).tolist() == [300, 300]
     rest, now = (
         centroids(outlines(carry(seen), FOVEA.view), square=False)
-        for seen in (np.zeros_like(held.seen), held.seen)
+        for seen in (np.zeros_like(held.displacement), held.displacement)
     )
     own = np.linalg.norm(tracker.rest.position[0][:, None] - rest[0], axis=-1).argmin(axis=1)
-    tracks = tracker.update(shoot(held.seen, 100))
+    tracks = tracker.update(shoot(held.displacement, 100))
     assert tracks.visible.all()
     error = tracks.position - now[:, own]
     assert abs(error).max() < 0.1

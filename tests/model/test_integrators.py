@@ -1,11 +1,15 @@
 """Methods against each other, against their order, and where they fail."""
 
+import pickle
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
+from chromagrip.errors import UserError
 from chromagrip.model import (
     ContactObject,
     DivergedError,
@@ -14,6 +18,7 @@ from chromagrip.model import (
     History,
     LostContactError,
     PiercedError,
+    State,
     contact_forces,
     equilibrium,
     explicit_limit,
@@ -22,6 +27,9 @@ from chromagrip.model import (
     save_state,
     simulate,
 )
+from chromagrip.model.chain.assembly import Chain
+from chromagrip.model.chain.plant import Implicit
+from chromagrip.model.kernels.contact import Contact
 
 SMALL = Fingertip(nodes=21)
 ROUND = ContactObject(stiffness=300.0, curvature=50.0)
@@ -212,7 +220,7 @@ def test_a_grip_that_no_force_of_the_object_carries_is_refused() -> None:
     [
         ({"dt": 0.0}, "dt and duration must be finite and above 0 s"),
         ({"dt": 3e-3}, "whole number of recorded steps"),
-        ({"method": "magic"}, "method must be one of implicit, lagged"),
+        ({"method": "magic"}, "no integrator 'magic'; there is implicit, lagged, euler, rk4"),
         ({"half": True}, "half chain needs a drive and a state without lateral load"),
     ],
 )
@@ -241,3 +249,35 @@ def test_a_time_given_twice_is_a_jump() -> None:
     drive = Drive(times=[0.0, 1.0, 1.0, 2.0], normal=[0.0, 1.0, 5.0, 7.0], lateral=[0, 0, 0, 0])
     assert drive.at(np.array([0.5, 1.0, 1.5, 9.0]))[:, 0] == pytest.approx([0.5, 5.0, 6.0, 7.0])
     assert drive.rate(np.array([0.5, 1.0, 9.0]))[:, 0] == pytest.approx([1.0, 2.0, 0.0])
+
+
+class Halving(Implicit):
+    """An integrator from Python: the default in steps of half the length."""
+
+    def march(
+        self, ch: Chain, ct: Contact, state: State, drive: Drive, dt: float, steps: int, every: int
+    ) -> History:
+        return super().march(ch, ct, state, drive, dt / 2, 2 * steps, 2 * every)
+
+
+@pytest.mark.parametrize("method", [Halving, Halving(), "plugin:Halving"])
+def test_an_integrator_may_be_a_class_an_object_or_a_module(
+    method: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = ModuleType("plugin")
+    module.__dict__["Halving"] = Halving
+    monkeypatch.setitem(sys.modules, "plugin", module)
+    drive = press_and_pull(0.02)
+    run = simulate(SMALL, ROUND, drive, dt=2e-3, duration=0.02, method=method)  # type: ignore[arg-type]
+    fine = simulate(SMALL, ROUND, drive, dt=1e-3, duration=0.02, every=2)
+    np.testing.assert_array_equal(run.nodes, fine.nodes)
+
+
+def test_a_dense_integrator_runs_no_half_chain() -> None:
+    with pytest.raises(UserError, match="half chain runs with implicit or lagged, not rk4"):
+        simulate(SMALL, ROUND, Drive.constant(1.0), dt=1e-3, duration=1e-3, half=True, method="rk4")
+
+
+def test_a_divergence_reaches_another_process_whole() -> None:
+    error = pickle.loads(pickle.dumps(DivergedError("diverged", 7, 1e-4)))
+    assert (str(error), error.step, error.limit) == ("diverged", 7, 1e-4)

@@ -12,6 +12,7 @@ from chromagrip.model import (
     PiercedError,
     contact_forces,
     equilibrium,
+    largest_grip,
     pressure,
     simulate,
     stiffness_from_young,
@@ -48,6 +49,21 @@ def test_a_load_that_friction_cannot_hold_has_no_equilibrium() -> None:
 def test_a_grip_that_the_object_cannot_carry_has_no_equilibrium() -> None:
     with pytest.raises(PiercedError, match="too soft and too sharp"):
         equilibrium(TIP, ContactObject(stiffness=80.0, curvature=200.0, friction=0.3), 30.0)
+
+
+@pytest.mark.parametrize("stiffness", [80.0, 1000.0])
+def test_the_largest_grip_presses_the_dome_flat(stiffness: float) -> None:
+    """The model itself is near there at 0.6 of it, as its tissue gives way sideways too."""
+    obj = ContactObject(stiffness=stiffness)
+    grip = largest_grip(TIP, obj)
+    tissue, radius = TIP.tissue_stiffness, TIP.radius
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 100_001)
+    heights = radius * np.trapezoid(np.cos(angle), angle) * 250 / np.pi
+    assert grip == pytest.approx(heights / (1 / tissue + 1 / stiffness), rel=0.01)
+    few = Fingertip(nodes=51)
+    assert largest_grip(few, obj) == pytest.approx(grip, rel=0.01)
+    state = equilibrium(few, obj, 0.6 * grip)
+    assert 0.7 * radius < state.deformation.rigid_part < 1.6 * radius
 
 
 def free_width(obj: ContactObject, grip: float) -> float:

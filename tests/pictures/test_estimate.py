@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from chromagrip.cli.estimate import estimate
 from msgspec.structs import asdict, replace
 
 from chromagrip.cli.calibrate import calibrate_sensor
+from chromagrip.cli.pictures import estimate
 from chromagrip.errors import UserError
 from chromagrip.loop.poses import Pose, settle
 from chromagrip.model import ContactObject, contact_forces, equilibrium
-from chromagrip.output.estimate_table import FORCES
+from chromagrip.output.parquet import FORCES
 from chromagrip.render import MembraneMap, add_noise, open_renderer
 from chromagrip.scene.scene import load_scene
 from chromagrip.tracking.forces.calibration import load_calibration, values_of, with_values
@@ -226,6 +226,10 @@ def test_a_source_that_breaks_off_leaves_what_was_there(folders: Folders, tmp_pa
     assert not json.loads((out / "summary.json").read_text(encoding="utf-8"))["complete"]
 
 
+#: A reconstructor that needs no trained read-out.
+GP = {"reconstructor": "gp"}
+
+
 def shifted(image: np.ndarray) -> np.ndarray:
     return np.roll(image, 7, axis=1)
 
@@ -233,14 +237,23 @@ def shifted(image: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("options", "change", "words"),
     [
-        ({"calibration": "dome-2022"}, None, "calibration dome-2022: the markers at rest lie"),
+        (
+            {"calibration": "dome-2022", **GP},
+            None,
+            "calibration dome-2022: the markers at rest lie",
+        ),
         ({"calibration": "thesis"}, shifted, r"lie \d\.\d px RMS from the places"),
-        ({"calibration": "dome-2020"}, None, "image has shape|the sensor has 77 of each"),
+        ({"calibration": "dome-2020", **GP}, None, "image has shape|the sensor has 77 of each"),
+        ({"calibration": "dome-2020"}, None, "sensor dome-2020 has no trained read-out"),
         ({"calibration": "flat-2019"}, None, "a flat pad, which has no force model"),
         ({"calibration": "nobody"}, None, "no calibration 'nobody'"),
         ({"calibration": "thesis", "reconstructor": "wish"}, None, "no reconstructor 'wish'"),
         ({"calibration": "thesis", "friction": "luck"}, None, "no friction reading 'luck'"),
-        ({"calibration": "thesis", "tracker": "lk"}, None, "tracker 'lk' does not tell how"),
+        (
+            {"calibration": "thesis", "tracker": "lk"},
+            None,
+            "tracker 'lk' does not estimate the covariances",
+        ),
         ({"calibration": "thesis", "window": 0.0}, None, "--window 0.0"),
     ],
 )

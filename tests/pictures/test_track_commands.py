@@ -15,13 +15,16 @@ import pytest
 from scipy.spatial import KDTree
 
 from chromagrip.cli.app import main
+from chromagrip.errors import UserError
 from chromagrip.model import Fingertip
+from chromagrip.output.parquet import TRACKS
 from chromagrip.output.pictures import open_source
-from chromagrip.output.track_table import COLUMNS
-from chromagrip.pictures import track as module
+from chromagrip.pictures import opening as module
 from chromagrip.pictures.noise_level import noise_level
+from chromagrip.pictures.track import track_source
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.outlines import areas, centroids, outlines
+from chromagrip.tracking import Palette, Tracks, load_tracker
 
 SENSOR = load_sensor("thesis")
 PAINTER = open_renderer("painter", SENSOR)
@@ -30,7 +33,7 @@ NOISE = 2.0
 #: Dark dots, not in a row so that no two are alike [px].
 DOTS = np.stack(np.meshgrid(np.arange(30, 220, 36), np.arange(30, 160, 36)), -1).reshape(-1, 2)
 DOTS = DOTS + np.random.default_rng(5).uniform(-3.0, 3.0, DOTS.shape)
-DOC = Path(__file__).parents[2] / "docs" / "marker-tracking.md"
+DOC = Path(__file__).parents[2] / "docs" / "extend.md"
 
 
 @pytest.fixture(autouse=True)
@@ -44,7 +47,7 @@ def _signal_handler() -> Iterator[None]:
 def nearest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The tracker that the documentation shows."""
     text = DOC.read_text(encoding="utf-8")
-    code = re.search(r"```python\n(.*?)```", text, re.DOTALL)
+    code = re.search(r"```python\n(# my_tracker\.py\n.*?)```", text, re.DOTALL)
     assert code is not None
     (tmp_path / "my_module.py").write_text(code[1], encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
@@ -182,8 +185,8 @@ def test_tracks_are_where_the_markers_are(
     assert summary["format"] == "chromagrip track 1"
     assert (summary["frames"], summary["fps"], summary["complete"]) == (8, 50.0, True)
     assert summary["noise_levels"] == pytest.approx(NOISE, rel=0.05)
-    assert list(columns) == list(COLUMNS) == schema.names
-    assert {k.decode() for k in schema.metadata} >= set(COLUMNS)
+    assert list(columns) == list(TRACKS) == schema.names
+    assert {k.decode() for k in schema.metadata} >= set(TRACKS)
     assert len(columns["frame"]) == 8 * 2 * 400
     np.testing.assert_allclose(columns["time_s"], columns["frame"] / 50.0)
     truth = [centroids(outlines(moved(2e-5 * k), SENSOR.view), square=False) for k in range(8)]
@@ -362,7 +365,7 @@ class Camera:
 def test_an_interruption_keeps_what_there_is(
     film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_check_tracks", Interrupting(3))
+    monkeypatch.setattr(module, "_check_same", Interrupting(3))
     words = ("--palette", "dark-dots", "--tracker", nearest, "--out", tmp_path / "out")
     assert chromagrip(monkeypatch, "track", "first", film, *words) == 130
     summary, columns, _ = read(tmp_path / "out")
@@ -380,7 +383,7 @@ def test_a_camera_is_ended_by_an_interruption(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(cv2, "VideoCapture", Camera)
-    monkeypatch.setattr(module, "_check_tracks", Interrupting(frames))
+    monkeypatch.setattr(module, "_check_same", Interrupting(frames))
     words = ("--palette", "dark-dots", "--tracker", nearest, "--out", tmp_path / "out", *limit)
     assert chromagrip(monkeypatch, "track", "first:2", "camera:0", *words) == code
     summary, columns, _ = read(tmp_path / "out")
@@ -388,10 +391,52 @@ def test_a_camera_is_ended_by_an_interruption(
     assert (np.diff(columns["time_s"][:: len(DOTS)]) > 0.0).all()
 
 
+class Failing:
+    """The tracker of the documentation, which raises an error at the third frame."""
+
+    def __init__(self, kind: Any, error: BaseException, palette: Palette, noise: float) -> None:
+        self.tracker, self.error, self.count = kind(palette, noise), error, 0
+
+    def reset(self, rest: list[Frame]) -> Tracks:
+        tracks: Tracks = self.tracker.reset(rest)
+        return tracks
+
+    def update(self, frame: Frame) -> Tracks:
+        self.count += 1
+        if self.count == 3:
+            raise self.error
+        tracks: Tracks = self.tracker.update(frame)
+        return tracks
+
+
+def test_an_exit_of_a_tracker_is_its_failure(film: Path, nearest: str, tmp_path: Path) -> None:
+    """Not the end of the program, which would look like success."""
+    tracker = functools.partial(Failing, load_tracker(nearest), SystemExit(0))
+    outcome = track_source(
+        "first", str(film), palette="dark-dots", tracker=tracker, out=tmp_path / "out"
+    )
+    assert outcome.broken is not None
+    assert re.match(r"tracker '.*:Failing' failed: SystemExit: 0; .* 2 frames", outcome.broken)
+    summary, columns, _ = read(tmp_path / "out")
+    assert (summary["frames"], summary["complete"]) == (2, False)
+    assert summary["ended"] == outcome.broken
+    assert columns["frame"].max() == 1
+
+
+def test_a_bug_of_a_tracker_is_shown_as_one(film: Path, nearest: str, tmp_path: Path) -> None:
+    tracker = functools.partial(Failing, load_tracker(nearest), ValueError("a bug"))
+    with pytest.raises(ValueError, match="a bug") as raised:
+        track_source("first", str(film), palette="dark-dots", tracker=tracker, out=tmp_path / "out")
+    assert not isinstance(raised.value, UserError)
+    summary, _, _ = read(tmp_path / "out")
+    assert (summary["frames"], summary["complete"]) == (2, False)
+    assert summary["ended"] == "ValueError: a bug"
+
+
 def test_memory_does_not_wait_for_the_end(
     film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("chromagrip.output.track_table._GROUP", 2 * len(DOTS))
+    monkeypatch.setattr("chromagrip.output.parquet._TRACK_GROUP", 2 * len(DOTS))
     words = ("--palette", "dark-dots", "--tracker", nearest, "--out", tmp_path / "out")
     assert chromagrip(monkeypatch, "track", "first", film, *words) == 0
     assert pq.ParquetFile(tmp_path / "out" / "tracks.parquet").num_row_groups == 3
@@ -443,6 +488,9 @@ class Nothing:
     def __init__(self, palette, noise): ...
     def reset(self, rest): ...
     def update(self, frame): ...
+
+class Exits(Nothing):
+    def reset(self, rest): raise SystemExit(0)
 """
 
 
@@ -515,6 +563,7 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("track first frames DARK --tracker no.such:It", "cannot be imported: ModuleNotFound"),
         ("track first frames DARK --tracker bad_trackers:NoUpdate", "has no update"),
         ("track first frames DARK --tracker bad_trackers:Nothing", "gave a NoneType; wanted"),
+        ("track first frames DARK --tracker bad_trackers:Exits", "failed: SystemExit: 0"),
         ("track first frames DARK --out none/../frames", "frames is not empty"),
     ],
 )

@@ -75,6 +75,39 @@ def test_bad_values_are_named_with_what_is_allowed(key: str, value: Any, words: 
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"camera.latency_frames": 201}, "latency_frames = 201 must be less than 201, the frames"),
+        ({"fingertip.step_ms": 10.1}, "fingertip.step_ms = 10.1 must be at most 10, the time bet"),
+        ({"camera.rate_hz": 1e-3}, r"rate_hz = 0.001 gives no second frame .*at least 0\.5"),
+        (
+            {"controller": "conservative", "conservative.force_n": 1e6},
+            r"conservative.force_n = 1e\+06 must be at most 304, the grip that presses",
+        ),
+        (
+            {"controller": "margin-inversion", "margin_inversion.ceiling_n": 305.0},
+            "margin_inversion.ceiling_n = 305 must be at most 304",
+        ),
+        (
+            {"controller": "react-to-slip", "react_to_slip.step_n": 82, "object.stiffness_kpa": 16},
+            "react_to_slip.step_n = 82 must be at most 81.2",
+        ),
+        ({"safety_margin.feedforward_n": 400.0}, "safety_margin.feedforward_n = 400 must be at"),
+        ({"controller_arguments.gain": 2}, r"settings of safety-margin are in \[safety_margin\]"),
+    ],
+)
+def test_values_that_do_not_fit_each_other_are_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        load_scene("camera-100hz", changes)
+
+
+def test_values_at_their_limits_are_allowed() -> None:
+    changes = {"camera.latency_frames": 200, "fingertip.step_ms": 10, "conservative.force_n": 1e6}
+    assert load_scene("camera-100hz", changes).frames == 201
+    assert load_scene("camera-100hz", {"camera.rate_hz": 0.5, "duration_s": 2.0}).frames == 2
+
+
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     broken = tmp_path / "broken.toml"
     broken.write_text("duration_s = = 2", encoding="utf-8")

@@ -1,1 +1,6 @@
-"""Published and standard trackers, for comparison."""
+"""Trackers that the default one is compared with, and that serve markers of any form.
+
+Each measures the position c of a marker near its expected place: the centroid of the pixels that it
+covers, c = Σ w·x/Σ w (`detect`, `blob`, `chromatouch`), or the shift d of its window since rest,
+argmin Σ (I(x + d) − I₀(x))² (`lk`).
+"""

@@ -1,4 +1,4 @@
-"""OpenCV's blob detector on each dye's density, blobs given to the nearest expected markers."""
+"""OpenCV's blob detector on each dye's density; a blob is the nearest expected marker."""
 
 import cv2
 import numpy as np
@@ -11,11 +11,13 @@ from .follower import Follower, Image, Measured, nearest
 
 Array = NDArray[np.float64]
 
-#: Densities that the detector cuts at, from, to and in steps of.
+#: Lowest and highest density at which the detector thresholds, and the step.
 _CUTS = (0.3, 0.7, 0.1)
-#: Areas of blobs over that of a marker.
-_SMALLEST, _LARGEST = 0.3, 3.0
-#: A blob further away than this is another marker's [pitches].
+#: Smallest area of a blob over that of a marker.
+_SMALLEST = 0.3
+#: Largest one.
+_LARGEST = 3.0
+#: A blob further away than this is another marker [pitches].
 _REACH = 0.5
 
 
@@ -30,9 +32,9 @@ class BlobDetector(Follower):
         position = np.full_like(expected, np.nan)
         for k, density in enumerate(density_images(image, self._tables)):
             blobs = self._detectors[k].detect(density)
-            found = np.array([blob.pt for blob in blobs]).reshape(-1, 2)
-            which = nearest(found, expected[k], _REACH * self._pitch, mutual=True)
-            position[k, which >= 0] = found[which[which >= 0]]
+            centres = np.array([blob.pt for blob in blobs]).reshape(-1, 2)
+            number = nearest(centres, expected[k], _REACH * self._pitch, mutual=True)
+            position[k, number >= 0] = centres[number[number >= 0]]
         return Measured(position)
 
 

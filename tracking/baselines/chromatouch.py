@@ -1,4 +1,4 @@
-"""The published ChromaTouch pipeline (Lin & Wiertlewski 2019, Lin et al. 2020) as it is used."""
+"""The published ChromaTouch pipeline (Lin & Wiertlewski 2019, Lin et al. 2020)."""
 
 from typing import Any
 
@@ -14,30 +14,30 @@ from .follower import Follower, Image, Measured, nearest
 
 Array = NDArray[np.float64]
 
-#: Pixels are a marker's from this saturation on. Lin 2019 has 50 %; the real dome's magenta, alone
-#: on white, just misses that.
+#: Least saturation of a marker's pixels. Lin 2019 has 50 %, which the real dome's magenta, alone on
+#: white, does not quite reach.
 _SATURATED = 0.35
-#: Areas of components over that of a marker: smaller ones are noise.
+#: Least area of a component over that of a marker: smaller ones are noise.
 _SMALLEST = 0.2
-#: A component further away than this is another marker's [pitches].
+#: A component further away than this is another marker [pitches].
 _REACH = 0.5
 
 
 class ChromaTouch(Follower):
     """Top-hat, HSV mask of saturated pixels, connected components, centroid and mean hue.
 
-    Its faults are kept, as they are what other trackers are compared with. Colours are not unmixed:
-    a pixel belongs to the colour that its hue is nearest to, so a mask's edge shifts where the
-    other layer lies under it. The centroid is that of a mask, not weighted: pixels are all or
-    nothing. Markers that touch are one. Two numbers may take the same component, which is flagged.
+    Its faults are kept, because other trackers are compared with it. Colours are not unmixed: a
+    pixel belongs to the colour with the nearest hue, so that the edge of a mask shifts where the
+    other layer lies under it. The centroid is that of a binary mask. Markers that touch are one.
+    Two numbers may take the same component; both are then ambiguous.
 
-    A palette of one grey dye has no hue: its markers are masked by half the contrast that their
-    middles have at rest, and there is no mean hue.
+    A palette of one grey dye has no hue: its markers are masked at half the contrast of their
+    middles at rest, and there is no mean hue.
 
     Raises
     ------
     UserError
-        When there are two dyes, and not hues that tell them apart.
+        When there are two dyes whose hues do not tell them apart.
     """
 
     def __init__(self, palette: Palette, noise: float) -> None:
@@ -58,7 +58,7 @@ class ChromaTouch(Follower):
 
     def _prepare(self, rest: RestFrame, image: Image) -> None:
         self._area = np.pi * rest.radius**2
-        # Wider than a pair whose layers are apart, and odd.
+        # Odd, and wider than a pair whose layers lie apart.
         side = 2 * int(3.0 * rest.radius.max()) + 1
         self._around = np.ones((side, side), np.uint8)
         middles = np.rint(rest.position[0, np.isfinite(rest.position[0, :, 0])]).astype(int)
@@ -75,18 +75,18 @@ class ChromaTouch(Follower):
             )
             plausible = stats[:, cv2.CC_STAT_AREA] > _SMALLEST * self._area[k]
             plausible[0] = False  # the background
-            which = nearest(centroids[plausible], expected[k], _REACH * self._pitch, mutual=False)
-            found = which >= 0
-            position[k, found] = centroids[plausible][which[found]]
+            number = nearest(centroids[plausible], expected[k], _REACH * self._pitch, mutual=False)
+            found = number >= 0
+            position[k, found] = centroids[plausible][number[found]]
             if k == 0 and self._coloured:
-                # Hues turn past 180°: their mean is taken about the dye's own.
+                # Hues are cyclic: their mean is taken about the dye's own.
                 turned = _turn(hue - self._hues[0]).ravel()
                 mean = np.bincount(labels.ravel(), turned) / stats[:, cv2.CC_STAT_AREA]
-                hues[found] = _turn(mean + self._hues[0])[plausible][which[found]]
+                hues[found] = _turn(mean + self._hues[0])[plausible][number[found]]
         return Measured(position, hue=hues)
 
     def _hat(self, image: Image) -> Image:
-        """How much darker than the ground around it each pixel is, or brighter."""
+        """Levels by which each pixel is darker than the ground around it, or brighter."""
         hat = cv2.MORPH_TOPHAT if self._palette.bright else cv2.MORPH_BLACKHAT
         return np.asarray(cv2.morphologyEx(image, hat, self._around), dtype=np.uint8)
 
@@ -97,7 +97,7 @@ class ChromaTouch(Follower):
             return np.broadcast_to(dark, (len(self._area), *dark.shape)), np.zeros(
                 dark.shape, np.float32
             )
-        # On the white that the top-hat leaves.
+        # The top-hat is taken from white.
         hsv = _hsv((255 - hat).astype(np.float32) / np.float32(255.0))
         hue, saturated = hsv[..., 0], hsv[..., 1] > _SATURATED
         colour = abs(_turn(hue - self._hues[:, None, None])).argmin(axis=0)

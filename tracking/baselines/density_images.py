@@ -19,12 +19,12 @@ Image = NDArray[np.uint8]
 _LIT = 0.2
 #: Least light of a level, so that its logarithm is finite; as in `dye_densities`.
 _DARKEST = 1e-4
-#: A marker's middle is denser than what is around it by at least this.
-LEAST_CONTRAST = 0.25
+#: The middle of a marker is denser than its surroundings by at least this.
+_LEAST_CONTRAST = 0.25
 
 
 class DensityTables(NamedTuple):
-    """A dye's density is its `ground` at the pixel plus `dye` of each channel's level.
+    """Tables of densities: `ground` at the pixel plus `dye` of each channel's level.
 
     Attributes
     ----------
@@ -58,19 +58,19 @@ def density_images(image: Image, tables: DensityTables) -> Image:
 
 
 def markers_there(density: Image, position: Array, radius: float) -> NDArray[np.bool_]:
-    """Whether the density image (H, W) shows markers at positions (M, 2): denser than around."""
+    """Markers at positions (M, 2) that are denser than their surroundings in an image (H, W)."""
     angles = np.arange(8) * (np.pi / 4)
     circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     inside = _sample(density, position[:, None] + 0.4 * circle).mean(axis=1)
-    # A neighbour may lie on a part of the ring.
+    # A neighbour may cover a part of the ring.
     around = np.quantile(_sample(density, position[:, None] + 1.7 * circle), 0.25, axis=1)
-    return inside - around > LEAST_CONTRAST * UNIT
+    return inside - around > _LEAST_CONTRAST * UNIT
 
 
 def _sample(image: Image, at: Array) -> Array:
     """Bilinear values at places (M, n, 2); NaN for a place that is NaN."""
     places = np.nan_to_num(at).astype(np.float32)
     x, y = (np.ascontiguousarray(places[..., i]) for i in range(2))
-    # Outside the image as at its edge.
+    # Outside the image its edge is repeated.
     values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.where(np.isfinite(at).all(axis=-1), values, np.nan)

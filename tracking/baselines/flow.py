@@ -49,9 +49,9 @@ class LucasKanade(Follower):
             "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
         }
         flow = cv2.calcOpticalFlowPyrLK
-        to, found, _ = flow(self._rest[k], density, start, guess.astype(np.float32), **settings)
-        back, found_back, _ = flow(density, self._rest[k], to, start.copy(), **settings)
-        good = (found[:, 0] == 1) & (found_back[:, 0] == 1)
+        to, there, _ = flow(self._rest[k], density, start, guess.astype(np.float32), **settings)
+        back, back_there, _ = flow(density, self._rest[k], to, start.copy(), **settings)
+        good = (there[:, 0] == 1) & (back_there[:, 0] == 1)
         good &= np.linalg.norm(back - start, axis=-1) < _BACK
         good &= markers_there(density, np.asarray(to, dtype=float), self._radius[k])
         return np.where(good[:, None], to, np.nan)

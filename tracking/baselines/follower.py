@@ -154,8 +154,8 @@ class Follower:
         )
 
 
-def nearest(found: Array, expected: Array, reach: float, mutual: bool) -> NDArray[np.intp]:
-    """Number of the found point (n, 2) that is nearest to each expected one (M, 2), −1 for none.
+def nearest(points: Array, expected: Array, reach: float, mutual: bool) -> NDArray[np.intp]:
+    """Number of the point (n, 2) that is nearest to each expected one (M, 2), −1 for none.
 
     Parameters
     ----------
@@ -164,12 +164,12 @@ def nearest(found: Array, expected: Array, reach: float, mutual: bool) -> NDArra
     """
     number = np.full(len(expected), -1)
     known = np.flatnonzero(np.isfinite(expected).all(axis=-1))
-    if len(found) == 0 or len(known) == 0:
+    if len(points) == 0 or len(known) == 0:
         return number
-    distance, partner = KDTree(found).query(expected[known])
+    distance, partner = KDTree(points).query(expected[known])
     taken = np.asarray(distance) < reach
     if mutual:
-        back = np.asarray(KDTree(expected[known]).query(found)[1])
+        back = np.asarray(KDTree(expected[known]).query(points)[1])
         taken &= back[partner] == np.arange(len(known))
     number[known[taken]] = np.asarray(partner)[taken]
     return number

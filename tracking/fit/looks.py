@@ -1,4 +1,4 @@
-"""What a fit says of a frame: which markers are visible, torn off, or taken for another."""
+"""Judgement of a fit: which markers are visible, torn off, or taken for another one."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the tracker remembers from frame to frame, and what it makes of one."""
+"""Memory of the tracker from frame to frame, and its look at one frame."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -220,16 +220,16 @@ class PairFit:
         return work.fits()
 
     def fit_apart(
-        self, image: Image, found: PairFits, start: PairState, limit: float, steps: int
+        self, image: Image, fits: PairFits, start: PairState, limit: float, steps: int
     ) -> PairFits:
         """Fit pairs whose misfit is above a limit again, with one layer alone, then with both.
 
         A layer that is not there casts no shade on the neighbours, which are fitted again as well.
         """
-        bad = found.misfit > limit
-        state = found.state.copied()
+        bad = fits.misfit > limit
+        state = fits.state.copied()
         state.present[bad] = False
-        covariance, misfit = found.covariance.copy(), np.where(bad, np.inf, found.misfit)
+        covariance, misfit = fits.covariance.copy(), np.where(bad, np.inf, fits.misfit)
         for layers in ([True, False], [False, True], [True, True]):
             active = (misfit > limit) & (start.present >= layers).all(axis=1)
             if not active.any():
@@ -279,17 +279,17 @@ class PairFit:
             misfit=known.misfit,
         )
 
-    def _step(self, work: "_Work", asked: Mask, steps: int) -> None:
-        """Steps on the pairs that are asked for, shape (M,), until they have converged."""
+    def _step(self, work: "_Work", wanted: Mask, steps: int) -> None:
+        """Steps on the wanted pairs, shape (M,), until they have converged."""
         lying = (work.state.fits, work.state.present)
         # Pairs that touch may still be far from their place.
         beside = self._within(_BESIDE, *lying) & ~self._within(_TOUCHING, *lying)
-        self._converge(work, asked, beside, steps)
+        self._converge(work, wanted, beside, steps)
         touching = self._within(_TOUCHING, *lying) | (self._within(_BESIDE, *lying) & ~beside)
-        beside = self._refine(work, asked & touching & np.isfinite(work.misfit), beside)
+        beside = self._refine(work, wanted & touching & np.isfinite(work.misfit), beside)
         # Pairs that are explained badly may lie at the edge of a shadow.
         typical = max(1.0, median(work.misfit))
-        uneven = asked & np.isfinite(work.misfit) & (work.misfit > _UNEVEN * typical)
+        uneven = wanted & np.isfinite(work.misfit) & (work.misfit > _UNEVEN * typical)
         active = uneven
         for turn in range(_UNEVEN_STEPS):
             if not active.any():
@@ -297,7 +297,7 @@ class PairFit:
             work.step(active, uneven, beside)
             # The misfit after a step is known at the next one.
             active = active & np.isfinite(work.misfit) & ((work.moved > self.arrived) | (turn == 0))
-        work.misfit[asked & (work.moved > max(self.arrived, _NEARLY))] = np.inf
+        work.misfit[wanted & (work.moved > max(self.arrived, _NEARLY))] = np.inf
 
     def _converge(self, work: "_Work", active: Mask, beside: Mask, steps: int) -> None:
         """Steps under light whose slope is read off the neighbours, at most so many."""

@@ -1,8 +1,8 @@
-"""Markers found without knowing where they were: seen anew, and numbered from the rim inwards.
+"""Detection of all markers without the frame before; numbers are assigned from the rim inwards.
 
-The rim of a fingertip is held, and what moves in it moves smoothly. So the markers are given their
-numbers from the outermost inwards: each is looked for where those that have their numbers already,
-next to it, say that it must be. That needs no frame before, and bears motions past half a pitch.
+The rim of a fingertip is held, and the skin inside it moves smoothly. So markers get their numbers
+from the outermost inwards: each is looked for at the place that its numbered neighbours predict.
+This works for motions of more than half a pitch.
 """
 
 from dataclasses import dataclass
@@ -20,29 +20,35 @@ from ..unmixing import unmixing_matrix
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Blocks in which today's light is read off, in pitches; and how much of one is surely ground.
-_BLOCK, _GROUND_SHARE = 2.0, 0.3
-#: Areas of blobs over the markers' at rest.
-_SMALLEST, _LARGEST = 0.4, 2.2
-#: A blob this far from where it must be is another marker's [pitch] …
+#: Side of the blocks in which the light is measured [pitch].
+_BLOCK = 2.0
+#: Share of a block's pixels that certainly is ground.
+_GROUND_SHARE = 0.3
+#: Smallest area of a blob over the markers' area at rest.
+_SMALLEST = 0.4
+#: Largest one.
+_LARGEST = 2.2
+#: A blob further than this from the predicted place is another marker [pitch].
 _REACH = 0.45
-#: … and one is not certain if another is nearly as near.
+#: A blob closer than this to the predicted place is certain [pitch].
+_CERTAIN = 0.2
+#: A blob further away is certain only if the next one is this many times as far.
 _NEARLY = 1.5
-#: Markers next to one that say where it must be.
+#: Neighbours that predict the place of a marker.
 _AROUND = 8
-#: What a slope of the displacement of 1 counts against them, in displacements of a pixel.
+#: Weight of the prior of no slope in the neighbours' displacement [px].
 _STIFF = 8.0
 
 
 @dataclass(frozen=True)
 class Relocated:
-    """Where the markers of a frame are, by number.
+    """Markers of a frame, by number.
 
     Attributes
     ----------
-    position: [px], shape (L, M, 2); where it must be for those not found
+    position: [px], shape (L, M, 2); predicted for those not found
     found: shape (L, M)
-    ambiguous: found, but another blob or number would do nearly as well, shape (L, M)
+    ambiguous: found, but another blob or number fits nearly as well, shape (L, M)
     gains: light of each channel over that at rest, at each marker, shape (M, 3)
     """
 
@@ -71,7 +77,7 @@ class Relocator:
         levels = np.log(np.maximum(decoding_table(), 1e-4)).astype(np.float32)
         self._log_levels = np.repeat(levels[:, None], 3, axis=1).reshape(1, 256, 3)
         self._areas = np.pi * rest.radius**2
-        # From the rim inwards: by the distance to the middle of all markers.
+        # From the rim inwards: by the distance from the middle of all markers.
         middle = np.nanmean(rest.position, axis=0)
         away = np.linalg.norm(middle - middle.mean(axis=0), axis=1)
         self._order = np.argsort(-away)
@@ -80,7 +86,7 @@ class Relocator:
 
     def __call__(self, image: Image) -> Relocated:
         """Markers of an image of the rest frame's size."""
-        blobs, gains = self._see(image)
+        blobs, gains = self._blobs(image)
         parts = [self._number(at, blobs[layer]) for layer, at in enumerate(self._rest.position)]
         position, found, ambiguous = (np.stack(part) for part in zip(*parts, strict=True))
         x, y = (
@@ -89,11 +95,11 @@ class Relocator:
         )
         return Relocated(position, found, ambiguous, np.exp(gains[y, x].astype(float)))
 
-    def _see(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
-        """Centres (n, 2) of each layer's blobs; and the light's logarithm over rest, (H, W, 3)."""
+    def _blobs(self, image: Image) -> tuple[list[Array], NDArray[np.float32]]:
+        """Centres (n, 2) of each layer's blobs, and logarithm of the light over rest, (H, W, 3)."""
         ratio = np.asarray(cv2.LUT(image, self._log_levels)) - self._log_ground
         ratio[~self._skin] = 0.0
-        gains = self._today(ratio)
+        gains = self._light(ratio)
         density = cv2.transform(gains - ratio, self._matrix)
         density = np.asarray(density).reshape(*self._skin.shape, -1)
         blobs = []
@@ -105,8 +111,8 @@ class Relocator:
             blobs.append(np.asarray(centres[1:][fit], dtype=float))
         return blobs, gains
 
-    def _today(self, ratio: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Logarithm of today's light on the ground over that at rest, shape (H, W, 3)."""
+    def _light(self, ratio: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Logarithm of the light on the ground over that at rest, shape (H, W, 3)."""
         height, width = self._skin.shape
         size = max(8, round(_BLOCK * self._rest.pitch))
         rows, cols = -(-height // size), -(-width // size)
@@ -134,21 +140,21 @@ class Relocator:
     def _number(
         self, rest: Array, blobs: Array
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Positions, whether found and whether ambiguous, of one layer's markers."""
+        """Positions of one layer's markers, whether found, and whether ambiguous."""
         count = len(rest)
-        there = np.isfinite(rest[:, 0])
+        present = np.isfinite(rest[:, 0])
         moved = np.full((count, 2), np.nan)
         ambiguous = np.zeros(count, dtype=np.bool_)
         reach = _REACH * self._rest.pitch
         tree = KDTree(blobs) if len(blobs) else None
         owner = np.full(len(blobs), -1)
-        # Once more for those that had too few neighbours with a number the first time.
+        # A second time for markers that had too few numbered neighbours the first time.
         for _ in range(2):
             for m in self._order.tolist():
-                if tree is None or not there[m] or np.isfinite(moved[m, 0]):
+                if tree is None or not present[m] or np.isfinite(moved[m, 0]):
                     continue
-                must = rest[m] + self._expected(m, rest, moved)
-                distance, blob = tree.query(must, k=min(2, len(blobs)))
+                predicted = rest[m] + self._expected(m, moved)
+                distance, blob = tree.query(predicted, k=min(2, len(blobs)))
                 distance, blob = np.atleast_1d(distance), np.atleast_1d(blob)
                 if distance[0] > reach or owner[blob[0]] >= 0:
                     continue
@@ -156,16 +162,16 @@ class Relocator:
                 owner[blob[0]] = m
                 ambiguous[m] = (
                     len(distance) > 1
-                    and distance[0] > 0.2 * self._rest.pitch
+                    and distance[0] > _CERTAIN * self._rest.pitch
                     and distance[1] < _NEARLY * distance[0]
                 )
         found = np.isfinite(moved[:, 0])
         for m in np.flatnonzero(~found):
-            moved[m] = self._expected(int(m), rest, moved)
+            moved[m] = self._expected(int(m), moved)
         return rest + moved, found, ambiguous
 
-    def _expected(self, m: int, rest: Array, moved: Array) -> Array:
-        """Displacement [px] that the markers next to one say it must have."""
+    def _expected(self, m: int, moved: Array) -> Array:
+        """Displacement [px] of a marker that its numbered neighbours predict."""
         near = self._near[m]
         known = near[np.isfinite(moved[near, 0])][:_AROUND]
         if len(known) == 0:
@@ -175,7 +181,7 @@ class Relocator:
         mean = weight @ moved[known] / weight.sum()
         if len(known) < 3:
             return np.asarray(mean)
-        # A plane through them, stiff where they lie on a line and say nothing across it.
+        # A plane through them; the prior determines it across neighbours that lie on a line.
         centre = weight @ offsets / weight.sum()
         apart = (offsets - centre) * weight[:, None]
         square = apart.T @ (offsets - centre) + _STIFF**2 * np.eye(2)

@@ -297,17 +297,17 @@ def _at_time(memory: Memory, frame: Frame, visible: Mask) -> Memory:
 
 
 def _tracks(
-    known: AtRest, memory: Memory, frame: Frame, found: PairFits, visible: Mask, ambiguous: Mask
+    known: AtRest, memory: Memory, frame: Frame, fit: PairFits, visible: Mask, ambiguous: Mask
 ) -> Tracks:
     """Tracks of a frame from its fit."""
-    layers, shape = known.layers, found.state.fits.shape
+    layers, shape = known.layers, fit.state.fits.shape
     # Where the model leaves more than noise unexplained, the fit is less certain.
-    excess = np.where(visible.any(axis=1), np.maximum(found.misfit, 1.0), 1.0)
-    covariance = found.covariance * excess[:, None, None]
-    fits = np.where(visible[..., None], found.state.fits, np.nan)
+    excess = np.where(visible.any(axis=1), np.maximum(fit.misfit, 1.0), 1.0)
+    covariance = fit.covariance * excess[:, None, None]
+    fits = np.where(visible[..., None], fit.state.fits, np.nan)
     log_size, hue = np.full(shape[:2], np.nan), partial(np.full, shape[0], np.nan)
     if known.settings.free == 5:
-        light = np.log(found.state.gains / known.state.gains)
+        light = np.log(fit.state.gains / known.state.gains)
         tie_light(light, visible.any(axis=1), known.fit.near, covariance, fits)
         p, q = fits[..., 3], fits[..., 4]
         log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)

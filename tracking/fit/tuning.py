@@ -1,7 +1,7 @@
 """Fit of the colours and the blur, to all pairs together, where the pairs stop being explained.
 
-Light over the ground's is 1 − a₀·C₀ − a₁·C₁ + b·C₀₁, with C the coverages, a what a dye absorbs and
-b what both together leave over. Given the places of the markers it is linear in a and b.
+Light over the ground's is 1 − a₀·C₀ − a₁·C₁ + b·C₀₁, with the coverages C, the share a that a dye
+absorbs, and the share b that both together leave over. For known places it is linear in a and b.
 """
 
 from dataclasses import replace
@@ -35,20 +35,20 @@ _OWN_ERRORS = 1.0 / 300.0
 _SIGNS = np.array([-1.0, -1.0, 1.0])
 
 
-def tune(fit: PairFit, image: Image, found: PairFits, shapes: Array, steps: int) -> PairFits:
-    """Fit with colours, blur and level of black that explain the image best, or `found`.
+def tune(fit: PairFit, image: Image, before: PairFits, shapes: Array, steps: int) -> PairFits:
+    """Fit with colours, blur and level of black that explain the image best, or the one before.
 
     Parameters
     ----------
     fit: of the sensor
-    image, found: a fit to the image that may not explain it
+    image, before: a fit to the image that may not explain it
     shapes: fits (M, 2, 5) whose sizes and strains are kept until the colours are known: they would
         make up for wrong colours
     steps: of each fit, at most
     """
     places = fit.with_effort(2, fit.rows, fit.arrived)
-    fits = np.concatenate([found.state.fits[..., :2], shapes[..., 2:]], axis=-1)
-    start = replace(found.state, fits=fits)
+    fits = np.concatenate([before.state.fits[..., :2], shapes[..., 2:]], axis=-1)
+    start = replace(before.state, fits=fits)
     start = replace(start, black=_black(fit, image, start))
 
     def tuned(width: float) -> PairFits:
@@ -57,7 +57,7 @@ def tune(fit: PairFit, image: Image, found: PairFits, shapes: Array, steps: int)
             state = places.fit(image, _with_colours(fit, image, state), steps).state
         return fit.fit(image, _with_colours(fit, image, state), steps)
 
-    best = min(found, tuned(found.state.width), key=lambda fits: fits.score)
+    best = min(before, tuned(before.state.width), key=lambda fits: fits.score)
     for factor in (_WIDER, 1.0 / _WIDER):
         while 1.0 < _WIDEST * fit.optics.width / best.state.width < _WIDEST**2:
             tried = tuned(factor * best.state.width)

@@ -30,6 +30,7 @@ from .friction import (
     max_ratio,
 )
 from .reconstructors import (
+    AUTOMATIC,
     DEFAULT_RECONSTRUCTOR,
     METHODS,
     RECONSTRUCTORS,
@@ -41,6 +42,7 @@ from .reconstructors import (
 from .shifts import MEASURED, MarkerShifts
 
 __all__ = [
+    "AUTOMATIC",
     "CAMERA_RULE",
     "DEFAULT_RECONSTRUCTOR",
     "FRICTION",

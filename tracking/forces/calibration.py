@@ -1,4 +1,4 @@
-"""What an estimator may know of a sensor beside its rest frame, and the file that holds it."""
+"""Calibration of a sensor, all that an estimator may know of it beside its rest frame; its file."""
 
 import os
 from dataclasses import dataclass, field, replace
@@ -12,7 +12,7 @@ from msgspec import Meta
 from msgspec.structs import replace as changed
 from scipy.spatial import KDTree
 
-from ...errors import UserError
+from ...errors import UserError, located
 from ...model import REFERENCE_NODES, Fingertip, SpringLaw
 from ...render import SensorDesign, load_sensor, sensor_names
 from ...strict_toml import Table, convert, read_toml
@@ -24,12 +24,13 @@ FORMAT: Literal["chromagrip calibration 1"] = "chromagrip calibration 1"
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 
-#: Markers at rest may be so far from the design's places, RMS [pitches]; any others are a third.
+#: Largest RMS distance of markers at rest from the design's places [pitches]; those of another
+#: sensor are a third off.
 _APART = 0.2
 
 
 class Values(Table, frozen=True, kw_only=True):
-    """What presses can tell of a sensor; the rest is as in its design. Per-node at 251 nodes."""
+    """Values of a sensor that presses can determine; per-node stiffnesses at 251 nodes."""
 
     tissue_stiffness_n_per_m: Positive
     membrane_stiffness_n_per_m: Positive
@@ -40,7 +41,7 @@ class Values(Table, frozen=True, kw_only=True):
 
 
 class FitReport(Table, frozen=True, kw_only=True):
-    """How the values came about: the presses, and what the fit leaves of them.
+    """The presses that the values were fitted to, and the errors that the fit leaves.
 
     `normal_error_share` and `friction_error_n` are RMS errors of the presses' own forces as the
     estimator reads them; `error_px` is that of the markers' places.
@@ -56,16 +57,17 @@ class FitReport(Table, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorCalibration:
-    """Calibration of one sensor: its image, its mechanics, and how far either can be trusted.
+    """Calibration of one sensor: its image, its mechanics, and the errors of either.
 
     Attributes
     ----------
     sensor: calibration of the image
-    fingertip: calibration of the mechanics; of a flat pad, which has none, it says nothing
+    fingertip: calibration of the mechanics; without meaning for a flat pad, which has no force
+        model
     position_floor: model error of a marker's motion, added to its noise [px]
     size_floor: model error of a marker's logarithmic size
-    stiffness_deviation: standard deviation of what all springs are stiffer, as a share: forces have
-        it too, ΣFn and ΣFf nearly alike
+    stiffness_deviation: standard deviation of a common error of all stiffnesses, as a share; ΣFn
+        and ΣFf have the same one
     readout: trained read-out of this kind of sensor; None if it has none
     name: of the sensor or of the calibration's file, for messages
     displacement: gains from image to displacement; None where they were not calibrated
@@ -100,7 +102,7 @@ def nominal_calibration(sensor: SensorDesign, law: SpringLaw = "split") -> Senso
 
 
 def values_of(calibration: SensorCalibration) -> Values:
-    """What presses could tell of a calibration, as it stands."""
+    """Values of a calibration that presses can determine."""
     sensor, tip = calibration.sensor, calibration.fingertip
     return Values(
         tissue_stiffness_n_per_m=tip.tissue_stiffness,
@@ -118,7 +120,7 @@ def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibra
     Raises
     ------
     UserError
-        When they make no sensor: a layer deeper than the silicone.
+        When a layer is deeper than the silicone.
     """
     sensor = calibration.sensor
     return replace(
@@ -139,21 +141,37 @@ def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibra
     )
 
 
-def check_rest(sensor: SensorDesign, rest: Tracks) -> float:
-    """How far the markers at rest are from the design's places, RMS [px].
+def check_markers(sensor: SensorDesign) -> None:
+    """Refuse markers whose motion does not determine forces.
 
     Raises
     ------
     UserError
-        When they lie where another sensor, or a camera turned in it, would have them.
+        When they are not stiff discs.
     """
-    far, pitch = [], []
+    markers = sensor.markers
+    if markers.stretch or markers.swell_mm or markers.form != "disc":
+        raise UserError(
+            "forces are read from stiff discs only: markers.form = 'disc', markers.stretch = 0 "
+            "and markers.swell_mm = 0"
+        )
+
+
+def check_rest(sensor: SensorDesign, rest: Tracks) -> float:
+    """RMS distance of the markers at rest from the design's places [px].
+
+    Raises
+    ------
+    UserError
+        When it is as large as with another sensor, or with a camera turned in it.
+    """
+    distance, pitch = [], []
     for depth, position, visible in zip(sensor.depths, rest.position, rest.visible, strict=True):
         pixels = sensor.view.project(sensor.shape.points(sensor.places, depth))
         tree = KDTree(pixels)
-        far.append(np.asarray(tree.query(position[visible])[0]))
+        distance.append(np.asarray(tree.query(position[visible])[0]))
         pitch.append(np.asarray(tree.query(pixels, k=2)[0])[:, 1])
-    error = float(np.sqrt((np.concatenate(far) ** 2).mean()))
+    error = float(np.sqrt((np.concatenate(distance) ** 2).mean()))
     allowed = _APART * float(np.median(np.concatenate(pitch)))
     if error > allowed:
         raise UserError(
@@ -209,11 +227,13 @@ def required_readout(calibration: SensorCalibration) -> Path:
     Raises
     ------
     UserError
-        When it has none.
+        When it has none, or can have none.
     """
     if calibration.readout is not None:
         return calibration.readout
     sensor, named = calibration.name or "SENSOR", f"sensor {calibration.name}".rstrip()
+    with located(named):
+        check_markers(calibration.sensor)
     raise UserError(
         f"{named} has no trained read-out: train one with `chromagrip train {sensor} --out "
         "FILE.npz` and name it in a calibration file as readout = 'FILE.npz', or choose a "
@@ -230,13 +250,13 @@ def shipped_readout(sensor: str) -> Path | None:
 def calibration_table(
     calibration: SensorCalibration, sensor: str, report: FitReport
 ) -> dict[str, Any]:
-    """What a calibration file holds.
+    """Values of a calibration file.
 
     Parameters
     ----------
     calibration: to write
     sensor: name or file of the design that it starts from
-    report: how it was found
+    report: of the fit
     """
     flat = calibration.sensor.shape.flat
     file = _File(
@@ -255,7 +275,7 @@ def calibration_table(
 def save_calibration(
     calibration: SensorCalibration, sensor: str, report: FitReport, path: Path
 ) -> None:
-    """Write a calibration file, see `calibration_table`; a design's file is named from there."""
+    """Write a calibration file; a design's file is named relative to it."""
     if sensor.endswith(".toml"):
         sensor = os.path.relpath(sensor, path.parent)
     table = calibration_table(calibration, sensor, report)
@@ -263,7 +283,7 @@ def save_calibration(
 
 
 def _without_none(table: dict[str, Any]) -> dict[str, Any]:
-    """TOML has no null: what is not there is left out."""
+    """Table without the keys that have no value, as TOML has no null."""
     return {
         key: _without_none(value) if isinstance(value, dict) else value
         for key, value in table.items()

@@ -1,7 +1,7 @@
 """Displacement of the skin at each marker of a flat sensor: the published inverse, calibrated.
 
 Lin 2019 Eq. 3: δz = (h − h0)/Gz from the hue, δxy = c_xy/(a·δz + b) from the centroid, whose gain
-depends on the depth. The marker's size tells δz too; both count by their inverse variance.
+depends on the depth. The marker's size measures δz too; both count by their inverse variance.
 """
 
 from typing import Annotated
@@ -17,17 +17,19 @@ from ..tracks import Tracks
 Array = NDArray[np.float64]
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 
-#: Half the width of a normal distribution's middle half.
+#: Quartile of a normal distribution, in standard deviations.
 _QUARTILE = 0.6745
-#: Markers further off than so many standard deviations are at an edge; found out in so many rounds.
-_FAR, _ROUNDS = 3.0, 3
+#: Markers whose error is more than this many standard deviations are at an edge of the plate.
+_FAR = 3.0
+#: Rounds in which these are left out.
+_ROUNDS = 3
 
 
 class DisplacementGains(Table, frozen=True, kw_only=True):
-    """Gains from what a marker shows to how far the skin moved at it, and what they leave.
+    """Gains from changes of a marker's image to the displacement of the skin at it.
 
-    `…_deviation` is what a single marker misses by, noise and all. Hue or size may be missing,
-    where the tracker does not measure it.
+    `…_deviation` is the standard deviation of a single marker, noise included. Hue or size may be
+    missing, where the tracker does not measure it.
     """
 
     hue_deg_per_mm: float | None = None
@@ -40,7 +42,7 @@ class DisplacementGains(Table, frozen=True, kw_only=True):
 
 
 def fit_gains(rest: Tracks, presses: list[Tracks], depth: Array, shear: Array) -> DisplacementGains:
-    """Gains from presses of a plate that moves the skin at most markers alike.
+    """Gains from presses of a plate that displaces the skin at most markers by the same amount.
 
     Parameters
     ----------
@@ -54,10 +56,10 @@ def fit_gains(rest: Tracks, presses: list[Tracks], depth: Array, shear: Array) -
         When they do not determine every gain.
     """
     depth_mm, shear_mm = 1e3 * depth, 1e3 * shear
-    pulled = shear_mm != 0.0
-    if len(set(depth_mm)) < 2 or len(set(depth_mm[pulled])) < 2:
+    sheared = shear_mm != 0.0
+    if len(set(depth_mm)) < 2 or len(set(depth_mm[sheared])) < 2:
         raise UserError(
-            f"{len(set(depth_mm))} different depths, {len(set(depth_mm[pulled]))} of them with a "
+            f"{len(set(depth_mm))} different depths, {len(set(depth_mm[sheared]))} of them with a "
             "shear, do not determine how the gain of a shear depends on the depth; wanted: at "
             "least two with a shear"
         )
@@ -86,15 +88,15 @@ def skin_displacement(
 ) -> tuple[Array, Array]:
     """Displacement (x, y, depth) at each outer marker [m], (M, 3), and covariance, (M, 3, 3).
 
-    NaN where a marker is not seen, or its hue and size are not measured.
+    NaN where a marker is not visible, or its hue and size are not measured.
     """
     hue, size, shift = _moved(rest, tracks)
-    signs = [
+    measured = [
         (hue, gains.hue_deg_per_mm, gains.hue_deviation_deg),
         (size, gains.log_size_per_mm, gains.log_size_deviation),
     ]
     information, moment = np.zeros(len(hue)), np.zeros(len(hue))
-    for value, gain, deviation in signs:
+    for value, gain, deviation in measured:
         if gain is not None and deviation is not None:
             known = np.isfinite(value)
             information += np.where(known, (gain / deviation) ** 2, 0.0)
@@ -116,17 +118,17 @@ def skin_displacement(
 
 def _moved(rest: Tracks, tracks: Tracks) -> tuple[Array, Array, Array]:
     """Change of hue [°], of log size and of place [px] of the outer markers: (M,), (M,), (M, 2)."""
-    seen = tracks.visible[0] & rest.visible[0]
-    hue = np.where(seen, (tracks.hue - rest.hue + 180.0) % 360.0 - 180.0, np.nan)
-    size = np.where(seen, tracks.log_size[0] - rest.log_size[0], np.nan)
-    return hue, size, np.where(seen[:, None], tracks.position[0] - rest.position[0], np.nan)
+    visible = tracks.visible[0] & rest.visible[0]
+    hue = np.where(visible, (tracks.hue - rest.hue + 180.0) % 360.0 - 180.0, np.nan)
+    size = np.where(visible, tracks.log_size[0] - rest.log_size[0], np.nan)
+    return hue, size, np.where(visible[:, None], tracks.position[0] - rest.position[0], np.nan)
 
 
 def _gain(values: Array, inputs: Array) -> tuple[list[float], float] | None:
-    """Factors of the inputs (K, I) in the presses' values (K, M), and what markers miss by.
+    """Factors of the inputs (K, I) in the presses' values (K, M), and the deviation of markers.
 
-    Markers at the edge, which do not move with the plate, do not count. None where less than what
-    is asked is known.
+    Markers at the edge, which do not move with the plate, do not count. None where fewer presses
+    have values than factors need.
     """
     known = np.isfinite(values).any(axis=1)
     if known.sum() < inputs.shape[1] + 1:
@@ -134,7 +136,7 @@ def _gain(values: Array, inputs: Array) -> tuple[list[float], float] | None:
     values, inputs = values[known], inputs[known]
     factors = np.linalg.lstsq(inputs, np.nanmedian(values, axis=1), rcond=None)[0]
     for _ in range(_ROUNDS):
-        missed = values - (inputs @ factors)[:, None]
-        near = abs(missed) <= _FAR * np.nanmedian(abs(missed)) / _QUARTILE
+        error = values - (inputs @ factors)[:, None]
+        near = abs(error) <= _FAR * np.nanmedian(abs(error)) / _QUARTILE
         factors = np.linalg.lstsq(inputs[np.nonzero(near)[0]], values[near], rcond=None)[0]
-    return factors.tolist(), float(missed[near].std())
+    return factors.tolist(), float(error[near].std())

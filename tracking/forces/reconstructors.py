@@ -55,6 +55,8 @@ METHODS = {
 }
 #: Reads forces unless another is chosen.
 DEFAULT_RECONSTRUCTOR = "auto"
+#: Method that `auto` stands for.
+AUTOMATIC = "sequential"
 #: Every name that can be chosen.
 RECONSTRUCTORS = Registry(
     protocol=Reconstructor,
@@ -80,7 +82,7 @@ def automatic(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
         When the sensor has no trained read-out.
     """
     required_readout(calibration)
-    return load_reconstructor("sequential")(calibration, rest)
+    return load_reconstructor(AUTOMATIC)(calibration, rest)
 
 
 def load_reconstructor(

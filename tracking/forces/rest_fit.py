@@ -1,8 +1,8 @@
-"""The camera as one specimen's rest frame shows it: where its markers sit says where it looks.
+"""The camera of one specimen, fitted to the places of its markers in the rest frame.
 
 A calibration leaves half a pixel and some tenths of a percent, and layers are never quite aligned.
-Either moves the resting markers off the design's places, each in its own pattern; taken one for
-the other, the skin would be thought to have moved where it has not.
+Both move the resting markers off the design's places, each in its own pattern. If one were taken
+for the other, places on the skin would be wrong.
 """
 
 import dataclasses
@@ -20,14 +20,17 @@ from ..tracks import Tracks
 
 Array = NDArray[np.float64]
 
-#: Standard deviations before the rest frame: middle of the image [px], focal length, and turns of a
-#: layer [rad].
-_CENTRE, _FOCAL, _TURN = 2.0, 0.01, 0.03
-#: Of a marker's place on the skin, made as well as stencils are [px].
+#: Prior standard deviation of the image's middle [px].
+_CENTRE = 2.0
+#: Prior standard deviation of the focal length, as a share of it.
+_FOCAL = 0.01
+#: Prior standard deviation of a layer's turn about each axis [rad].
+_TURN = 0.03
+#: Standard deviation of a marker's place, as stencils leave it [px].
 _PLACE = 0.5
-#: A marker belongs to the design's nearest place within this share of the pitch.
+#: Largest distance of a marker from the design's nearest place, as a share of the pitch.
 _NEAR = 0.35
-#: Fewer markers than this in either layer say too little of the camera.
+#: Smallest number of such markers in each layer.
 _LEAST = 30
 
 
@@ -41,23 +44,23 @@ def fitted_to_rest(sensor: SensorDesign, rest: Tracks) -> SensorDesign:
 
     Returns
     -------
-    The same design where too few markers lie near its places, or on a flat pad, where a camera
-    that looks elsewhere and a shifted layer are one.
+    The same design where too few markers lie near its places, or on a flat pad, where a shift of
+    the camera and one of a layer look the same.
     """
     skin, camera = sensor.shape, sensor.camera.build()
     if skin.flat or not isinstance(camera, FisheyeCamera | PinholeCamera):
         return sensor
-    points, seen = [], []
+    points, pixels = [], []
     for depth, position, visible in zip(sensor.depths, rest.position, rest.visible, strict=True):
         designed = skin.points(sensor.places, depth)
         tree = KDTree(sensor.view.project(designed))
         pitch = float(np.median(np.asarray(tree.query(tree.data, k=2)[0])[:, 1]))
-        apart, nearest = tree.query(position[visible])
-        near = np.asarray(apart) < _NEAR * pitch
+        distance, nearest = tree.query(position[visible])
+        near = np.asarray(distance) < _NEAR * pitch
         if near.sum() < _LEAST:
             return sensor
         points.append(designed[np.asarray(nearest)[near]])
-        seen.append(position[visible][near])
+        pixels.append(position[visible][near])
 
     def settings(x: Array) -> CameraSettings:
         return replace(
@@ -71,11 +74,11 @@ def fitted_to_rest(sensor: SensorDesign, rest: Tracks) -> SensorDesign:
 
     def residual(x: Array) -> Array:
         view = dataclasses.replace(sensor.view, camera=settings(x).build())
-        off = [
+        error = [
             view.project(Rotation.from_rotvec(_TURN * turn).apply(p)) - q
-            for p, q, turn in zip(points, seen, x[3:].reshape(2, 3), strict=True)
+            for p, q, turn in zip(points, pixels, x[3:].reshape(2, 3), strict=True)
         ]
-        return np.concatenate([np.concatenate(off).ravel() / _PLACE, x])
+        return np.concatenate([np.concatenate(error).ravel() / _PLACE, x])
 
-    found = least_squares(residual, np.zeros(9), loss="soft_l1").x
-    return replace(sensor, camera=settings(found))
+    fitted = least_squares(residual, np.zeros(9), loss="soft_l1").x
+    return replace(sensor, camera=settings(fitted))

@@ -14,11 +14,11 @@ from ..render.optics.board import Board
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-#: Fewer images do not tell the lens from the poses of the board.
+#: Fewer images do not separate the lens from the poses of the board.
 MIN_IMAGES = 4
-#: Fewer corners hardly tell the pose of the board from noise.
+#: Fewer corners hardly determine the pose of the board.
 MIN_CORNERS = 6
-
+#: Endings of picture files in a folder.
 _SUFFIXES = {".png", ".jpg", ".jpeg"}
 
 
@@ -56,7 +56,7 @@ def image_files(paths: Sequence[Path]) -> list[Path]:
 def read_image(path: Path) -> Picture:
     """Grey image of a file, as the camera stored it."""
     try:
-        # A turned camera notes so in the file; the lens knows nothing of it.
+        # As the sensor recorded it: the file's note of a turned camera does not concern the lens.
         flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
         image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), flags)
     except OSError as error:
@@ -94,7 +94,7 @@ def on_a_line(points: Array) -> bool:
 
 
 def check_count(views: list[View], left_out: dict[str, str]) -> None:
-    """Refuse fewer views than `MIN_IMAGES`; `left_out` tells why others are not among them."""
+    """Refuse fewer views than `MIN_IMAGES`; `left_out` says why others are not among them."""
     if len(views) < MIN_IMAGES:
         hint = ""
         if left_out:

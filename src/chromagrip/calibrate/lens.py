@@ -16,13 +16,14 @@ from .lens_fit import Fit, calibrate_fisheye, calibrate_pinhole
 
 ModelName = Literal["fisheye", "pinhole"]
 
-#: A focal length known no better than this is not known.
+#: Largest standard deviation of a focal length that counts as determined, as a share of it.
 _VAGUE = 0.05
-#: Boards that are all parallel leave the focal length open, however well they fit [rad].
+#: Smallest angle between two boards: parallel boards leave the focal length open, however well
+#: they fit [rad].
 _MIN_TILT = np.radians(10.0)
-#: A lens that misses the corners by more of the image's width than this is another lens.
+#: Largest RMS error of the corners at which the lens counts as found, as a share of the width.
 _MAX_ERROR = 1 / 300
-#: Corners that miss by more than so many times the median are wrong; by chance, 1 in 2000 does.
+#: Corners whose error is more than this many times the median are wrong: 1 in 2000 is by chance.
 _OUTLIER = 3.3
 
 
@@ -64,12 +65,12 @@ def calibrate_camera(
     files: images of the board in different poses, all of one size
     board: that they show; the size of its squares does not matter
     model: of the lens
-    tell: is called with what is being done
+    tell: called with the current step, for a progress line
 
     Raises
     ------
     UserError
-        When an image cannot be read, sizes differ, or the images are too few or do not suffice.
+        When an image cannot be read, sizes differ, or the images do not determine the camera.
     """
     views: list[View] = []
     left_out: dict[str, str] = {}
@@ -96,7 +97,7 @@ def calibrate_camera(
     assert size is not None
     tell(f"calibrating from {len(views)} images")
     solve = calibrate_fisheye if model == "fisheye" else calibrate_pinhole
-    # Once more without the corners that stick out: at a glancing angle some are a pixel wrong.
+    # Once more without outliers: at a glancing angle some corners are a pixel wrong.
     views = _without_outliers(solve(views, size, left_out), left_out)
     check_count(views, left_out)
     return _finish(solve(views, size, left_out), left_out)
@@ -109,7 +110,7 @@ def _too_few(count: int) -> str:
 
 
 def _without_outliers(fit: Fit, left_out: dict[str, str]) -> list[View]:
-    """Views without the corners that miss by far more than most do."""
+    """Views without the corners whose error is far above the median."""
     errors = fit.errors()
     limit = _OUTLIER * float(np.median(np.concatenate(errors)))
     kept = []
@@ -123,7 +124,13 @@ def _without_outliers(fit: Fit, left_out: dict[str, str]) -> list[View]:
 
 
 def _finish(fit: Fit, left_out: dict[str, str]) -> Calibration:
-    """The result, if it is worth something."""
+    """The result.
+
+    Raises
+    ------
+    UserError
+        When no lens fits, or the images leave the focal length open.
+    """
     camera, errors = fit.camera, fit.errors()
     error = float(np.sqrt((np.concatenate(errors) ** 2).mean()))
     if not error < _MAX_ERROR * camera.width:
@@ -140,7 +147,7 @@ def _finish(fit: Fit, left_out: dict[str, str]) -> Calibration:
             "these images leave the focal length open; take images with the board tilted by "
             "20° to 50° in different directions, in all parts of the image"
         )
-    seen = np.concatenate(fit.seen())
+    corners = np.concatenate(fit.corners())
     return Calibration(
         camera=camera,
         error=error,
@@ -148,8 +155,8 @@ def _finish(fit: Fit, left_out: dict[str, str]) -> Calibration:
             view.name: float(np.sqrt((e**2).mean()))
             for view, e in zip(fit.views, errors, strict=True)
         },
-        corners=len(seen),
+        corners=len(corners),
         left_out=left_out,
         deviations=tuple(float(d) for d in fit.deviations),
-        reach=float(np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]).max()),
+        reach=float(np.arctan2(np.hypot(corners[:, 0], corners[:, 1]), corners[:, 2]).max()),
     )

@@ -11,18 +11,16 @@ from ..errors import UserError
 from ..render import FisheyeCamera, PinholeCamera
 from .board_corners import MIN_CORNERS, MIN_IMAGES, Array, View, check_count, on_a_line
 
-#: OpenCV's fisheye divides by a point's depth: nothing at 90° from the axis, little close to it.
+#: Angles from the axis within which corners are used, in turn [rad]: OpenCV's fisheye divides by a
+#: point's depth, which is zero at 90°.
 _RIMS = (np.radians(70.0), np.radians(85.0))
+#: End of OpenCV's iterations: their number, and the relative change of the parameters.
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-10)
-
-
-class _FoldError(Exception):
-    """A fisheye whose distortion folds its image."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """What OpenCV's solvers found, in one form.
+    """Camera and poses as OpenCV's solvers find them.
 
     Attributes
     ----------
@@ -37,7 +35,7 @@ class Fit:
     views: list[View]
     deviations: Array
 
-    def seen(self) -> list[Array]:
+    def corners(self) -> list[Array]:
         """Corners used of each view in the camera's frame [squares]."""
         return [
             view.points @ cv2.Rodrigues(turn)[0].T + shift
@@ -47,13 +45,16 @@ class Fit:
     def errors(self) -> list[Array]:
         """Distances of corners found from projected ones, in each view [px]."""
         return [
-            np.linalg.norm(self.camera.project(seen) - view.pixels, axis=1)
-            for view, seen in zip(self.views, self.seen(), strict=True)
+            np.linalg.norm(self.camera.project(corners) - view.pixels, axis=1)
+            for view, corners in zip(self.views, self.corners(), strict=True)
         ]
 
 
 def calibrate_pinhole(views: list[View], size: tuple[int, int], left_out: dict[str, str]) -> Fit:
-    """Pinhole with Brown's distortion through the corners of images of `size`; uses every view."""
+    """Pinhole with Brown's distortion through the corners of images of `size`.
+
+    It uses every view: nothing is added to `left_out`.
+    """
     points = [v.points.astype(np.float32) for v in views]
     pixels = [v.pixels.astype(np.float32) for v in views]
     # Coefficients that the images do not determine may fold the image: hold the highest at zero.
@@ -95,16 +96,16 @@ def calibrate_fisheye(views: list[View], size: tuple[int, int], left_out: dict[s
     for held in range(len(holds) + 1):
         # Coefficients that the images do not determine may fold the image: hold the highest at 0.
         camera, flags = first, sum(holds[:held])
-        try:
-            for rim in _RIMS:  # the guess is too coarse to tell what is close to 90°
-                out: dict[str, str] = {}
-                inside = _within(views, camera, rim, out)
-                kept, camera, poses = _solve_fisheye(inside, camera, flags, out)
-        except _FoldError:
-            continue
-        left_out |= out
-        deviations = _fisheye_deviations(camera, poses, kept, held)
-        return Fit(camera=camera, poses=poses, views=kept, deviations=deviations)
+        for rim in _RIMS:  # the guess is too coarse to tell which corners are close to 90°
+            out: dict[str, str] = {}
+            solved = _solve_fisheye(_within(views, camera, rim, out), camera, flags, out)
+            if solved is None:
+                break
+            kept, camera, poses = solved
+        else:
+            left_out |= out
+            deviations = _fisheye_deviations(camera, poses, kept, held)
+            return Fit(camera=camera, poses=poses, views=kept, deviations=deviations)
     raise UserError("the distortion found folds the image; try the model pinhole")
 
 
@@ -145,7 +146,7 @@ def _guess_fisheye(views: list[View], size: tuple[int, int]) -> FisheyeCamera:
 
 
 def _bend(view: View, camera: FisheyeCamera) -> float:
-    """How far the rays of corners are from those of any plane, RMS [rad]."""
+    """Smallest RMS angle between the rays of corners and those of any plane [rad]."""
     rays = camera.rays(view.pixels)
     flat = np.column_stack(
         [view.points[:, :2] - view.points[:, :2].mean(axis=0), np.ones(len(rays))]
@@ -154,15 +155,18 @@ def _bend(view: View, camera: FisheyeCamera) -> float:
     skew = np.cross(rays[:, None], np.eye(3)[None])  # rows: ray × unit vector
     system = np.einsum("nai,nj->niaj", skew, flat).reshape(-1, 9)
     plane = np.linalg.svd(system, full_matrices=False)[2][-1].reshape(3, 3)
-    seen = flat @ plane.T
-    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
-    return float(np.sqrt((np.cross(rays, seen) ** 2).sum(axis=1).mean()))
+    mapped = flat @ plane.T
+    mapped /= np.linalg.norm(mapped, axis=1, keepdims=True)
+    return float(np.sqrt((np.cross(rays, mapped) ** 2).sum(axis=1).mean()))
 
 
 def _solve_fisheye(
     views: list[View], start: FisheyeCamera, flags: int, left_out: dict[str, str]
-) -> tuple[list[View], FisheyeCamera, list[tuple[Array, Array]]]:
-    """Views used, camera and poses; views OpenCV calls ill-conditioned are left out one by one."""
+) -> tuple[list[View], FisheyeCamera, list[tuple[Array, Array]]] | None:
+    """Views used, camera and poses; None where the distortion found folds the image.
+
+    Views that OpenCV calls ill-conditioned are left out one by one.
+    """
     flags |= (
         cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC
         | cv2.fisheye.CALIB_FIX_SKEW
@@ -193,7 +197,7 @@ def _solve_fisheye(
                 left_out[bad.name] = "its corners are ill-conditioned, OpenCV says"
                 views = [v for v in views if v is not bad]
             elif named:
-                check = 0  # no image to spare: the deviations will tell what they are worth
+                check = 0  # no image to spare; the deviations say what the result is worth
             else:
                 raise _unsolved(error) from None
             continue
@@ -207,8 +211,8 @@ def _solve_fisheye(
             centre=(float(matrix[0, 2]), float(matrix[1, 2])),
             distortion=(k1, k2, k3, k4),
         )
-    except UserError as error:
-        raise _FoldError from error
+    except UserError:
+        return None
     return views, camera, _poses(turns, shifts)
 
 
@@ -226,7 +230,7 @@ def _fisheye_deviations(
             view.points[:, None], turn, shift, matrix, np.array(camera.distortion)
         )
         lens, pose = slopes[:, :free], slopes[:, 8:14]
-        # What is left of the lens's columns once the board's pose has taken its share.
+        # The lens's columns without their projection on those of the board's pose.
         rest = lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0]
         known += rest.T @ rest
         squares += float(((pixels[:, 0] - view.pixels) ** 2).sum())
@@ -245,8 +249,8 @@ def _poses(turns: Any, shifts: Any) -> list[tuple[Array, Array]]:
 
 
 def _unsolved(error: cv2.error) -> UserError:
-    told = str(error).strip().splitlines()[0].rsplit("error: ", 1)[-1]
+    reason = str(error).strip().splitlines()[0].rsplit("error: ", 1)[-1]
     return UserError(
-        f"OpenCV finds no camera through these corners ({told}); try the other model, or images "
+        f"OpenCV finds no camera through these corners ({reason}); try the other model, or images "
         f"with the board tilted more and in more places"
     )

@@ -1,7 +1,7 @@
 """The least-squares problem of a sensor's calibration: presses predicted from unknown values.
 
-Prediction: the model's equilibrium under a stiff flat plate, carried to the markers. What the
-pictures leave open stays near the design, within the stated tolerances.
+Prediction: the model's equilibrium under a stiff flat plate, carried to the markers. Values that
+the pictures do not determine stay near the design, within the stated tolerances.
 """
 
 import math
@@ -17,46 +17,53 @@ from scipy.optimize import least_squares
 from ..errors import located
 from ..model import ContactObject, Fingertip, ModelError, equilibrium
 from ..tracking import SensorCalibration, Tracks
-from ..tracking.forces.calibration import Values, values_of, with_values
-from ..tracking.forces.chain.sensitivity import MarkerResponse
-from ..tracking.forces.shifts import MarkerShifts
+from ..tracking.forces import MarkerShifts, Values, values_of, with_values
+from ..tracking.forces.chain import MarkerResponse
 from .presses import Press
 
 Array = NDArray[np.float64]
 
-#: Prior standard deviation of each value around the design's: of its logarithm, or of itself.
+#: Prior standard deviation of the logarithm of these values around the design's.
 LOGARITHMIC = {"tissue_stiffness_n_per_m": 0.5, "membrane_stiffness_n_per_m": 0.5}
+#: Prior standard deviation of these values around the design's.
 DIRECT = {
     "tissue_poisson": 0.05,
     "yellow_follow": 0.2,
     "magenta_depth_mm": 0.05,
     "yellow_depth_mm": 0.05,
 }
+#: Lowest and highest value.
 _LIMITS = {
     "tissue_poisson": (0.0, 0.5),
     "yellow_follow": (0.0, 1.0),
     "magenta_depth_mm": (0.0, math.inf),
     "yellow_depth_mm": (0.0, math.inf),
 }
-#: Of skin and plate, fitted beside them: friction coefficient and spread of its logarithm. At least
-#: this many times what the presses need, or the plate would have slipped.
-FRICTION, _FRICTION, _FRICTION_SPREAD = "plate_friction", 0.6, 0.4
+#: Name of the friction coefficient of skin and plate, which is fitted beside the values.
+FRICTION = "plate_friction"
+#: Its prior mean.
+_FRICTION = 0.6
+#: Prior standard deviation of its logarithm.
+_FRICTION_SPREAD = 0.4
+#: It is at least this many times the largest ratio of forces, or the plate would have slipped.
 _HELD = 1.05
-#: No value is looked for further away than this [prior standard deviations].
+#: Largest distance of a value from the design's [prior standard deviations].
 _FARTHEST = 6.0
 #: Penalty stiffness of the plate [N/m]; tenfold less moves no marker by more than 0.3 % more.
 _PLATE = 1e6
-#: Nodes are as near as at 251 where the contact is, and further apart elsewhere.
+#: Nodes of the chain: as dense as at 251 in the contact, and sparser elsewhere.
 _STATIONS = Fingertip.graded().stations
 #: Step of derivatives in prior standard deviations, far above the noise of an equilibrium.
 _STEP = 0.02
-#: Relative change of x, or of the sum of squares, at which a fit has arrived; a first look sooner.
-_ARRIVED, _ROUGH = 1e-4, 1e-2
+#: Relative change of x, or of the sum of squares, at which a fit ends.
+_ARRIVED = 1e-4
+#: Relative change of the sum of squares at which the first, robust fit ends.
+_ROUGH = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Unknowns:
-    """What is fitted, in prior standard deviations from the design.
+    """Values to fit, as x: their distance from the design in prior standard deviations.
 
     Attributes
     ----------
@@ -71,25 +78,25 @@ class Unknowns:
 
     def values(self, x: Array) -> dict[str, float]:
         """Every value by name."""
-        found: dict[str, float] = asdict(values_of(self.nominal))
-        found[FRICTION] = max(_FRICTION, _HELD**2 * self.needed)
+        values: dict[str, float] = asdict(values_of(self.nominal))
+        values[FRICTION] = max(_FRICTION, _HELD**2 * self.needed)
         for (name, by), step in zip(self.spread.items(), x, strict=True):
             if name in DIRECT:
-                found[name] += by * float(step)
+                values[name] += by * float(step)
             else:
-                found[name] *= math.exp(by * float(step))
-        return found
+                values[name] *= math.exp(by * float(step))
+        return values
 
     def calibration(self, x: Array) -> tuple[SensorCalibration, float]:
         """The calibration, and the friction coefficient on the plate."""
-        found = self.values(x)
-        friction = found.pop(FRICTION)
-        return with_values(self.nominal, Values(**found)), friction
+        values = self.values(x)
+        friction = values.pop(FRICTION)
+        return with_values(self.nominal, Values(**values)), friction
 
     def deviations(self, x: Array, covariance: Array) -> dict[str, float]:
         """Standard deviation of each value, to first order."""
-        found = self.values(x)
-        by = np.array([b if n in DIRECT else b * found[n] for n, b in self.spread.items()])
+        values = self.values(x)
+        by = np.array([b if n in DIRECT else b * values[n] for n, b in self.spread.items()])
         return dict(zip(self.spread, (by * np.sqrt(np.diag(covariance))).tolist(), strict=True))
 
     def limits(self) -> tuple[Array, Array]:
@@ -107,7 +114,7 @@ class Unknowns:
 
 
 def unknowns_of(nominal: SensorCalibration, presses: list[Press]) -> Unknowns:
-    """What is fitted of a sensor: all but what is rigid by design."""
+    """Values to fit of a sensor; not the yellow layer's motion where it is rigid by design."""
     spread = LOGARITHMIC | DIRECT | {FRICTION: _FRICTION_SPREAD}
     if not nominal.sensor.yellow.follow:
         del spread["yellow_follow"]
@@ -151,7 +158,7 @@ def solve(
     def residuals(x: Array) -> Array:
         try:
             return whitened(x)
-        except ModelError:  # a step too far, from which the solver turns back
+        except ModelError:  # too large a step, which the solver then shortens
             return np.full(weights[..., 0].size + len(x), np.inf)
 
     def jacobian(x: Array) -> Array:

@@ -3,6 +3,7 @@
 import csv
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,21 +15,23 @@ from ..output.pictures import is_picture, read_picture
 from ..pictures.noise_level import noise_level
 from ..render import Frame, SensorDesign
 from ..tracking import Palette, Tracks, load_tracker
-from ..tracking.forces.calibration import check_rest
+from ..tracking.forces import check_rest
 
+#: File of a folder of presses that lists them.
 LIST = "presses.csv"
-#: Columns of the list beside `file`: a press by force, or by displacement; what is along x may
-#: be left out, and is 0 then.
-BY_FORCE, BY_PLACE = ("normal_n", "lateral_n"), ("depth_mm", "shear_mm")
-#: A press that shows less than this share of the pairs is no picture of this sensor under load.
-_SEEN = 0.5
-#: Presses are not frames of a video, but a tracker wants a time [s].
+#: Columns of a list of presses by force, beside `file`; the second may be left out, and is 0 then.
+BY_FORCE = ("normal_n", "lateral_n")
+#: Columns of a list of presses by displacement, likewise.
+BY_PLACE = ("depth_mm", "shear_mm")
+#: Smallest share of the pairs at rest that a picture of a press shows.
+_VISIBLE = 0.5
+#: Time between presses that the tracker is given, which needs one [s].
 _PERIOD = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Press:
-    """A picture and what was done: pressed first, then pulled along the sensor's x.
+    """A picture of the sensor pressed by a plate first, then pulled along its x.
 
     Attributes
     ----------
@@ -42,12 +45,12 @@ class Press:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
-    """What the pictures of a folder show.
+class Pressed:
+    """Tracks of the pictures of a folder.
 
     Attributes
     ----------
-    presses: as they were listed
+    presses: in the order in which they were tracked
     rest: tracks of the unloaded sensor
     tracks: of each press
     noise: of the camera [grey levels]
@@ -59,24 +62,24 @@ class Seen:
     noise: float
 
 
-def see_presses(
+def track_presses(
     folder: Path,
     presses: list[Press],
     sensor: SensorDesign,
     tracker: str,
     noise: float | None,
     tell: Callable[[str], None],
-) -> Seen:
-    """Find the markers in the pictures of a folder.
+) -> Pressed:
+    """Find and track the markers in the pictures of a folder.
 
     Parameters
     ----------
     folder: with `rest*` pictures and those of the presses
-    presses: in the order in which they are followed
-    sensor: design, whose dyes the markers have
+    presses: in the order in which they are tracked
+    sensor: design, which has the markers' dyes
     tracker: see `load_tracker`
     noise: of the camera [grey levels]; None estimates it from the rest pictures
-    tell: called with what is being done
+    tell: called with the current step, for a progress line
 
     Raises
     ------
@@ -100,15 +103,15 @@ def see_presses(
             image = read_picture(folder / press.name)
             with located(f"picture {folder / press.name}"):
                 tracks.append(follower.update(Frame(image=image, time=number * _PERIOD)))
-    whole = np.asarray(rest.visible.all(axis=0))
+    pairs = np.asarray(rest.visible.all(axis=0))
     for press, now in zip(presses, tracks, strict=True):
-        seen = int(now.visible[:, whole].all(axis=0).sum())
-        if seen < _SEEN * whole.sum():
+        visible = int(now.visible[:, pairs].all(axis=0).sum())
+        if visible < _VISIBLE * pairs.sum():
             raise UserError(
-                f"picture {folder / press.name} shows {seen} of the {whole.sum()} marker pairs at "
-                f"rest; wanted: at least {_SEEN:.0%}"
+                f"picture {folder / press.name} shows {visible} of the {pairs.sum()} marker pairs "
+                f"at rest; wanted: at least {_VISIBLE:.0%}"
             )
-    return Seen(presses=presses, rest=rest, tracks=tracks, noise=noise)
+    return Pressed(presses=presses, rest=rest, tracks=tracks, noise=noise)
 
 
 def read_list(path: Path) -> tuple[list[Press], bool]:
@@ -152,10 +155,9 @@ def read_list(path: Path) -> tuple[list[Press], bool]:
 
 
 def _number(text: str, name: str, where: str) -> float:
-    try:
+    value = math.nan
+    with suppress(ValueError):
         value = float(text)
-    except ValueError:
-        value = math.nan
     if not math.isfinite(value):
         raise UserError(f"{where}: {name} is {text!r}, which is no number")
     return value

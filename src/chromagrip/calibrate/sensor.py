@@ -14,30 +14,34 @@ from threadpoolctl import threadpool_limits
 from ..errors import UserError, located
 from ..render import SensorDesign
 from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
-from ..tracking.forces.calibration import FitReport, nominal_calibration
-from ..tracking.forces.displacement import fit_gains
-from ..tracking.forces.shifts import MarkerShifts
+from ..tracking.forces import FitReport, MarkerShifts, fit_gains, nominal_calibration
 from .press_fit import predict, solve, unknowns_of, whitening
-from .presses import LIST, Press, Seen, read_list, see_presses
+from .presses import LIST, Press, Pressed, read_list, track_presses
 
 Array = NDArray[np.float64]
 
-#: Pairs this many times off the typical misfit are left out; at most this share of those that
-#: move may be.
-_OUTLIER, _OUTLIERS = 5.0, 0.1
-#: Variance of what was not seen.
+#: Pairs whose misfit is more than this many times the median's are left out.
+_OUTLIER = 5.0
+#: Largest share of the pairs that move that may be left out.
+_OUTLIERS = 0.1
+#: Variance of a pair that was not visible [px²].
 _UNKNOWN = 1e6
-_PLACES, _SIZES = [0, 1, 3, 4], [2, 5]
-#: Largest over smallest normal force: from one force alone, a wrong zero looks like stiffness.
+#: Columns of the places among the measurements of a pair.
+_PLACES = [0, 1, 3, 4]
+#: Columns of the log sizes.
+_SIZES = [2, 5]
+#: Smallest ratio of the largest to the smallest normal force: with one force alone, a wrong zero of
+#: the force sensor looks like stiffness.
 _RANGE = 1.5
-#: Largest lateral over normal force.
+#: Largest ratio of lateral to normal force.
 _STEEPEST = 0.9
-#: A fit that leaves more than this share of the markers' motion is of another sensor …
+#: Largest error of a fit, as a share of the markers' motion.
 _LEFT = 0.2
-#: … and a stiffness known no better than this is not known.
+#: Largest standard deviation of a stiffness that counts as determined, as a share of it.
 _VAGUE = 0.1
-#: What the node model itself is off by where the world is another one, as a share of forces.
+#: Error of the node model itself where the finger is another one, as a share of forces.
 _MODEL_ERROR = 0.02
+#: Ends the refusal of presses that no sensor near the design explains.
 _HINT = (
     "Check the forces, that each press began unloaded, and that the plate is stiff, flat and level"
 )
@@ -49,15 +53,15 @@ class _Data:
 
     Attributes
     ----------
-    shifts: (x, y, log size) of both layers since rest, 0 where not seen, shape (K, P, 6)
-    seen: shape (K, P)
+    shifts: (x, y, log size) of both layers since rest, 0 where not visible, shape (K, P, 6)
+    visible: shape (K, P)
     own: covariance of each press alone, shape (K, P, 6, 6)
-    shared: covariance of the places at rest, an error that all presses have, shape (P, 6, 6)
-    floor: variances that a nominal sensor is allowed, shape (6,)
+    shared: covariance of the measurements at rest, the same error in all presses, shape (P, 6, 6)
+    floor: variances of a nominal sensor's own errors, shape (6,)
     """
 
     shifts: Array
-    seen: NDArray[np.bool_]
+    visible: NDArray[np.bool_]
     own: Array
     shared: Array
     floor: Array
@@ -71,10 +75,10 @@ def calibrate_sensor(
     noise: float | None = None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> tuple[SensorCalibration, FitReport]:
-    """Calibration of the sensor that the pictures of a folder show.
+    """Calibration of the sensor in the pictures of a folder.
 
-    Presses of known force tell a dome's mechanics; presses of known displacement tell the gains of
-    a flat pad, which has no force model.
+    Presses of known force determine a dome's mechanics; presses of known displacement determine the
+    gains of a flat pad, which has no force model.
 
     Parameters
     ----------
@@ -82,12 +86,13 @@ def calibrate_sensor(
     design: the sensor as it should be
     tracker: see `load_tracker`
     noise: of the camera [grey levels]; None estimates it
-    tell: called with what is being done
+    tell: called with the current step, for a progress line
 
     Raises
     ------
     UserError
-        When the pictures cannot be used, or do not say enough, or no such sensor explains them.
+        When the pictures cannot be used, do not determine the sensor, or no sensor near the design
+        explains them.
     """
     where = folder / LIST
     presses, by_force = read_list(where)
@@ -104,16 +109,16 @@ def calibrate_sensor(
         )
     if by_force:
         _check_forces(presses, where)
-    seen = see_presses(folder, presses, design, tracker, noise, tell)
+    pressed = track_presses(folder, presses, design, tracker, noise, tell)
     nominal = nominal_calibration(design)
     if not by_force:
-        return _fit_displacement(nominal, seen, where)
+        return _fit_displacement(nominal, pressed, where)
     with threadpool_limits(1):
-        return _fit_forces(nominal, seen, tell)
+        return _fit_forces(nominal, pressed, tell)
 
 
 def _check_forces(presses: list[Press], where: Path) -> None:
-    """Refuse forces that say nothing of a stiffness, or that no plate holds."""
+    """Refuse forces that do not determine a stiffness, or at which a plate slips."""
     normal = [press.normal for press in presses]
     if max(normal) < _RANGE * min(normal):
         raise UserError(
@@ -130,60 +135,60 @@ def _check_forces(presses: list[Press], where: Path) -> None:
 
 
 def _fit_displacement(
-    nominal: SensorCalibration, seen: Seen, where: Path
+    nominal: SensorCalibration, pressed: Pressed, where: Path
 ) -> tuple[SensorCalibration, FitReport]:
-    depth = np.array([press.normal for press in seen.presses])
-    shear = np.array([press.lateral for press in seen.presses])
+    depth = np.array([press.normal for press in pressed.presses])
+    shear = np.array([press.lateral for press in pressed.presses])
     with located(f"the presses of {where}"):
-        gains = fit_gains(seen.rest, seen.tracks, depth, shear)
+        gains = fit_gains(pressed.rest, pressed.tracks, depth, shear)
     report = FitReport(
-        presses=tuple(press.name for press in seen.presses),
-        noise_levels=seen.noise,
+        presses=tuple(press.name for press in pressed.presses),
+        noise_levels=pressed.noise,
         error_px=gains.shift_deviation_px,
     )
     return replace(nominal, displacement=gains), report
 
 
-def _measured(nominal: SensorCalibration, seen: Seen) -> _Data:
-    shifts = MarkerShifts(nominal, seen.rest, np.inf)
+def _measured(nominal: SensorCalibration, pressed: Pressed) -> _Data:
+    shifts = MarkerShifts(nominal, pressed.rest, np.inf)
     if not np.isfinite(shifts.rest_covariance).all():
         raise UserError(
-            "the tracker does not tell how certain places and sizes are, which a force calibration "
-            f"needs; wanted: {DEFAULT_TRACKER}"
+            "the tracker does not state how certain places and sizes are, which a force "
+            f"calibration needs; wanted: {DEFAULT_TRACKER}"
         )
-    both = [shifts(tracks, 0) for tracks in seen.tracks]
-    known = np.array([visible for _, visible in both])
+    both = [shifts(tracks, 0) for tracks in pressed.tracks]
+    visible = np.array([mask for _, mask in both])
     moved = np.array([moved for moved, _ in both])
-    own = np.array([tracks.covariance[shifts.pairs] for tracks in seen.tracks])
+    own = np.array([tracks.covariance[shifts.pairs] for tracks in pressed.tracks])
     return _Data(
-        shifts=np.where(known[..., None], moved, 0.0),
-        seen=known,
-        own=np.where(known[..., None, None], own, _UNKNOWN * np.eye(6)),
+        shifts=np.where(visible[..., None], moved, 0.0),
+        visible=visible,
+        own=np.where(visible[..., None, None], own, _UNKNOWN * np.eye(6)),
         shared=shifts.rest_covariance,
         floor=shifts.floor,
     )
 
 
 def _fit_forces(
-    nominal: SensorCalibration, seen: Seen, tell: Callable[[str], None]
+    nominal: SensorCalibration, pressed: Pressed, tell: Callable[[str], None]
 ) -> tuple[SensorCalibration, FitReport]:
-    unknowns = unknowns_of(nominal, seen.presses)
-    data = _measured(nominal, seen)
+    unknowns = unknowns_of(nominal, pressed.presses)
+    data = _measured(nominal, pressed)
 
     def missed(x: Array) -> Array:
         calibration, friction = unknowns.calibration(x)
-        off = predict(calibration, friction, seen.rest, seen.presses) - data.shifts
-        return np.where(data.seen[..., None], off, 0.0)
+        predicted = predict(calibration, friction, pressed.rest, pressed.presses)
+        return np.where(data.visible[..., None], predicted - data.shifts, 0.0)
 
-    tell(f"fitting {len(unknowns.spread)} values to {len(seen.presses)} presses")
+    tell(f"fitting {len(unknowns.spread)} values to {len(pressed.presses)} presses")
     alone = data.own + data.shared + np.diag(data.floor)
     first = whitening(alone, np.zeros_like(data.shared))
     x, _ = solve(missed, unknowns, first, np.zeros(len(unknowns.spread)), robust=True)
-    tell("fitting once more, without markers that are off")
-    kept, moving = _without_outliers(missed(x), data.shifts, alone, data.seen)
+    tell("fitting once more, without outliers")
+    kept, moving = _without_outliers(missed(x), data.shifts, alone, data.visible)
     own = np.where(kept[..., None, None], data.own, _UNKNOWN * np.eye(6))
-    data = replace(data, seen=kept, own=own)
-    # A plate is not every object: what it leaves is the least, not all there is.
+    data = replace(data, visible=kept, own=own)
+    # Other objects than a plate leave larger errors than these.
     noise = np.einsum("kpii->kpi", data.own + data.shared)[kept]
     left = np.maximum((missed(x)[kept] ** 2 - noise).mean(axis=0), data.floor)
     weights = whitening(data.own + np.diag(left), data.shared)
@@ -202,14 +207,14 @@ def _fit_forces(
             )
         ),
     )
-    off = missed(x)
-    _check_fit(off[kept & moving], data.shifts[kept & moving], calibration, deviations)
+    error = missed(x)
+    _check_fit(error[kept & moving], data.shifts[kept & moving], calibration, deviations)
     tell("reading the forces of the presses")
-    normal, friction = _force_errors(calibration, seen)
+    normal, friction = _force_errors(calibration, pressed)
     return calibration, FitReport(
-        presses=tuple(press.name for press in seen.presses),
-        noise_levels=seen.noise,
-        error_px=_places_rms(off[kept]),
+        presses=tuple(press.name for press in pressed.presses),
+        noise_levels=pressed.noise,
+        error_px=_places_rms(error[kept]),
         normal_error_share=normal,
         friction_error_n=friction,
         deviations=deviations,
@@ -217,16 +222,16 @@ def _fit_forces(
 
 
 def _without_outliers(
-    off: Array, shifts: Array, covariance: Array, seen: NDArray[np.bool_]
+    error: Array, shifts: Array, covariance: Array, visible: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Pairs (K, P) that are about where the others say, and those that the presses move."""
+    """Pairs (K, P) whose error is near the median, and those that the presses move."""
     missed, moved = (
         np.sqrt((v * np.linalg.solve(covariance, v[..., None])[..., 0]).sum(axis=-1))
-        for v in (off, shifts)
+        for v in (error, shifts)
     )
-    limit = _OUTLIER * np.median(missed[seen])
-    kept, moving = seen & (missed < limit), seen & (moved > limit)
-    # Of the others there are many, and they say nothing.
+    limit = _OUTLIER * np.median(missed[visible])
+    kept, moving = visible & (missed < limit), visible & (moved > limit)
+    # Pairs that hold still are many, and do not show whether the fit is right.
     lost = float((moving & ~kept).sum() / max(1, moving.sum()))
     if lost > _OUTLIERS:
         raise UserError(
@@ -237,14 +242,14 @@ def _without_outliers(
 
 
 def _check_fit(
-    off: Array, shifts: Array, calibration: SensorCalibration, deviations: dict[str, float]
+    error: Array, shifts: Array, calibration: SensorCalibration, deviations: dict[str, float]
 ) -> None:
-    """Refuse a fit that is worth nothing, by the pairs (n, 6) that move."""
-    error, motion = _places_rms(off), _places_rms(shifts)
-    if error > _LEFT * motion:
+    """Refuse a fit with large errors of the pairs (n, 6) that move, or of a vague stiffness."""
+    missed, motion = _places_rms(error), _places_rms(shifts)
+    if missed > _LEFT * motion:
         raise UserError(
             f"no sensor near the design explains the presses: of a motion of {motion:.2f} px RMS "
-            f"it misses {error:.2f} px; allowed: {_LEFT:.0%}. {_HINT}"
+            f"it misses {missed:.2f} px; allowed: {_LEFT:.0%}. {_HINT}"
         )
     vague = deviations["tissue_stiffness_n_per_m"] / calibration.fingertip.tissue_stiffness
     if vague > _VAGUE:
@@ -254,16 +259,18 @@ def _check_fit(
         )
 
 
-def _places_rms(off: Array) -> float:
-    """RMS of the places among (n, 6) numbers of pairs [px]; 0 of none."""
-    return float(np.sqrt((off[:, _PLACES] ** 2).mean())) if len(off) else 0.0
+def _places_rms(values: Array) -> float:
+    """RMS of the places among (n, 6) measurements of pairs [px]; 0 of none."""
+    return float(np.sqrt((values[:, _PLACES] ** 2).mean())) if len(values) else 0.0
 
 
-def _force_errors(calibration: SensorCalibration, seen: Seen) -> tuple[float | None, float | None]:
-    """RMS errors of the presses' forces as read: normal over itself, friction [N]."""
-    reader = GaussianProcess(calibration, seen.rest)
+def _force_errors(
+    calibration: SensorCalibration, pressed: Pressed
+) -> tuple[float | None, float | None]:
+    """RMS errors of the presses' forces as read: normal as a share of it, friction [N]."""
+    reader = GaussianProcess(calibration, pressed.rest)
     normal, friction = [], []
-    for press, tracks in zip(seen.presses, seen.tracks, strict=True):
+    for press, tracks in zip(pressed.presses, pressed.tracks, strict=True):
         reader.reset()
         try:
             field = reader.update(tracks)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from ..errors import UserError, located
+from ..extras import require
 from .options import (
     CORES,
     Flag,
@@ -270,6 +271,7 @@ def train(
 
     Example: chromagrip train mine.toml --out mine.npz
     """
+    require("learn")
     check_least(histories=(histories, 500), epochs=(epochs, 1), workers=(workers, 1))
     if not 0.1 <= noise <= 50.0:
         raise UserError(f"--noise {noise:g}: expected 0.1 to 50 levels")

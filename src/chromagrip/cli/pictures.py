@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
@@ -33,7 +33,9 @@ from .options import (
 )
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
+    from ..pictures.estimate import EstimateSummary
     from ..pictures.marker_list import Picture
+    from ..pictures.track import TrackSummary
 
 #: Defaults of `chromagrip.tracking`, which is not imported before it is used.
 _PALETTE = "chromatouch"
@@ -151,7 +153,7 @@ def track(
     return 0
 
 
-def _print_summary(summary: dict[str, Any], folder: Path | None) -> None:
+def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
     table = value_table()
     table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
     table.add_row("rest frame", summary["rest"])
@@ -237,8 +239,8 @@ def estimate(
     return 0
 
 
-def _print_estimates(summary: dict[str, Any], folder: Path | None) -> None:
-    from ..output.estimate_table import VALUES
+def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
+    from ..output.parquet import VALUES
 
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()

@@ -1,4 +1,4 @@
-"""What sums a dataset up: the table of its sequences, its card, and a sheet of its pictures."""
+"""Summary of a dataset: the table of its sequences, its card, and a sheet of its pictures."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,36 +8,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..extras import need
+from ..output.folder import write_whole
 from ..output.pictures import read_picture
 from ..output.png import encode_png
 from .folder import (
     CARD,
-    FILES,
     SHEET,
     TABLE,
-    read_json,
+    read_files,
     sequence_name,
     tables,
     to_parquet,
-    write_whole,
 )
-from .recipe import Recipe
+from .recipe import Recipe, Values
 from .sequence import FRAME, MARKERS, NODES, STATES
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-#: Values of frames that are counted in bins.
+#: Columns of frames whose histograms the card shows.
 _COUNTED = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
-_BINS, _WIDTH = 10, 30
+#: Bins of a histogram.
+_BINS = 10
+#: Characters of its longest bar.
+_WIDTH = 30
+#: Relative difference that is rounding.
 _ROUNDING = 1e-9
-#: Pictures of the sheet, across and down, and the width of each [px].
-_ACROSS, _DOWN, _PICTURE = 4, 3, 240
+#: Pictures in a row of the sheet.
+_ACROSS = 4
+#: Rows of the sheet.
+_DOWN = 3
+#: Width of a picture on the sheet [px].
+_PICTURE = 240
 
 
 def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     """Write the table, DATASET_CARD.md and contact-sheet.png."""
-    drawn = [read_json(folder / sequence_name(number) / FILES)["values"] for number in numbers]
+    drawn = [read_files(folder / sequence_name(number))["values"] for number in numbers]
     write_whole(folder / TABLE, to_parquet(_table(numbers, drawn)))
     columns = [*_COUNTED, "slip_state"]
     parts: dict[str, list[Any]] = {name: [] for name in columns}
@@ -50,17 +57,17 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     write_whole(folder / SHEET, encode_png(_sheet(folder, numbers)))
 
 
-def _table(numbers: list[int], drawn: list[dict[str, Any]]) -> "pa.Table":
+def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
     pa = need("pyarrow", "data")
-    columns: dict[str, Any] = {"number": pa.array(numbers, pa.int64())}
+    columns = {"number": pa.array(numbers, pa.int64())}
     for key in sorted({key for values in drawn for key in values}):
         column = [values[key] for values in drawn]
-        # JSON keeps infinity as text.
+        # JSON holds infinity as text.
         columns[key] = pa.array([float(v) if v in ("inf", "-inf") else v for v in column])
     return pa.table(columns)
 
 
-def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: "dict[str, pa.ChunkedArray]") -> str:
+def _card(recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArray]") -> str:
     counted = values.pop("slip_state").value_counts().to_pylist()
     states = {one["values"]: one["counts"] for one in counted}
     motions = [str(one.get("motion", "press")) for one in drawn]
@@ -98,9 +105,9 @@ def _card(recipe: Recipe, drawn: list[dict[str, Any]], values: "dict[str, pa.Chu
         "## What was drawn",
         "",
         *(
-            f"- `{key}`: {kind} {told}"
+            f"- `{key}`: {kind} {numbers}"
             for key, how in recipe.draw.items()
-            for kind, told in how.items()
+            for kind, numbers in how.items()
         ),
     ]
     return "\n".join(lines) + "\n"
@@ -111,7 +118,7 @@ def _histogram(column: "pa.ChunkedArray") -> list[str]:
     there = values[np.isfinite(values)]
     if not len(there):
         return ["nothing"]
-    # What differs by rounding alone is one value; all are newtons, or shares.
+    # Values that differ by rounding alone are one; all are newtons, or shares.
     alike = np.ptp(there) <= _ROUNDING * max(abs(there).max(), 1.0)
     around = (there[0] - 0.5, there[0] + 0.5) if alike else None
     counts, edges = np.histogram(there, _BINS, around)
@@ -133,7 +140,7 @@ def _sheet(folder: Path, numbers: list[int]) -> NDArray[np.uint8]:
     small: list[NDArray[np.uint8]] = []
     for at in dict.fromkeys(chosen):
         image = read_picture(max((folder / sequence_name(numbers[at])).glob("frame-*.png")))
-        # Of other sensors, too, in the first one's shape.
+        # Pictures of other sensors take the shape of the first one.
         size = small[0].shape[1::-1] if small else _size(image)
         small.append(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8))
     blank = np.full_like(small[0], 255)

@@ -1,4 +1,4 @@
-"""Whether a dataset is what it says: its files, its numbers, and the physics in them."""
+"""Verification of a dataset: its files, its numbers, and their physics."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,7 +18,7 @@ from .folder import (
     FILES,
     file_digest,
     open_recipe,
-    read_json,
+    read_files,
     read_manifest,
     sequence_name,
     stacked,
@@ -27,23 +27,29 @@ from .sequence import FRAME, NODES, STATES
 
 Array = NDArray[np.float64]
 
-#: Of sums and cones, as a share of the largest force and at least [N]; of Γ; of pixels [px].
-_SHARE, _LEAST, _MARGIN, _PIXEL = 1e-4, 1e-5, 1e-6, 0.002
-#: By how much Γ may be below 0, where all slips.
+#: Tolerance of forces' sums and friction cones, as a share of the largest force …
+_SHARE = 1e-4
+#: … and at least [N].
+_LEAST = 1e-5
+#: Tolerance of Γ against its forces: rounding.
+_MARGIN = 1e-6
+#: Tolerance of projected centres [px]: rounding to float32.
+_PIXEL = 0.002
+#: Γ may be below 0 by this much in gross slip, where friction is found by iteration.
 _OVER = 1e-3
-#: What forces may be out of balance by, as a share of the largest grip or load.
+#: Tolerance of the balance of forces, as a share of the largest grip or load.
 _BALANCE = 0.05
-#: Perspective moves the middle of an outline by at most so much [px].
+#: Largest distance of an outline's centroid from its projected centre, by perspective [px].
 _PERSPECTIVE = 1.0
 
 
 def check(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> int:
-    """Verify a dataset's checksums, counts, ranges and physics; how many sequences it has.
+    """Verify a dataset's checksums, counts, ranges and physics; returns its number of sequences.
 
     Raises
     ------
     UserError
-        With the first sample that is not right, and what is wrong with it.
+        With the first sample that is wrong, and why.
     """
     manifest = read_manifest(folder)
     for name, digest in manifest["files"].items():
@@ -55,9 +61,9 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
     names = manifest["sequences"]
     for done, (name, digest) in enumerate(names.items()):
         check_files(folder / name, digest)
-        told = read_json(folder / name / FILES)
-        number = told.get("number", -1)
-        if told.get("versions") != manifest["versions"]:
+        listed = read_files(folder / name)
+        number = listed["number"]
+        if listed["versions"] != manifest["versions"]:
             raise UserError(f"{folder / name} was made with other versions than the rest")
         if sequence_name(number) != name or number >= recipe.sequences:
             raise UserError(f"{folder / name} is not sequence {number} of its recipe")
@@ -68,7 +74,7 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
 
 
 def check_files(folder: Path, digest: str) -> None:
-    """Verify the files of a sequence, whose list has that checksum.
+    """Verify the files of a sequence whose `files.json` has this checksum.
 
     Raises
     ------
@@ -79,7 +85,7 @@ def check_files(folder: Path, digest: str) -> None:
         raise UserError(f"{folder / FILES} is missing")
     if file_digest(folder / FILES) != digest:
         raise UserError(f"{folder / FILES} has changed")
-    listed = read_json(folder / FILES)["files"]
+    listed = read_files(folder)["files"]
     there = {path.name for path in folder.iterdir()} - {FILES}
     for name in sorted(there ^ set(listed)):
         what = "is missing" if name in listed else "does not belong there"
@@ -90,7 +96,7 @@ def check_files(folder: Path, digest: str) -> None:
 
 
 def _wrong(folder: Path) -> Iterator[str]:
-    """What is wrong with a sequence, frame by frame."""
+    """Yield what is wrong with a sequence, frame by frame."""
     try:
         scene = load_scene(str(folder / "scene.toml"))
     except UserError as error:
@@ -126,10 +132,11 @@ def _wrong(folder: Path) -> Iterator[str]:
 def _unbalanced(
     scene: Scene, frames: dict[str, list[Any]], columns: dict[str, NDArray[Any]]
 ) -> Iterator[str]:
-    """Fingertip and object, on which grip, load, contact and dampers to ground act: no mass moves.
+    """Yield frames in which forces on the fingertip or the object do not balance.
 
-    What a damper holds is known from frame to frame only, so that each interval's impulses are
-    compared. Forces on the object are turned into x and z by its own shape.
+    Grip, load, contact and dampers to ground act on them; there is no inertia. The force of a
+    damper follows from the motion between two frames, so that impulses over each interval are
+    compared. The object's shape turns contact forces into x and z.
     """
     if scene.frames < 3:
         return
@@ -154,13 +161,13 @@ def _unbalanced(
     bend = np.pad(abs(np.diff(on, 2, axis=0)), ((1, 1), (0, 0)), mode="edge")
     off -= np.maximum(bend[1:], bend[:-1]) / 12.0
     off -= _BALANCE * max(*frames["grip_n"], *np.abs(frames["load_n"]))
-    # From rest to the first frame the fingertip touches down, which two instants do not tell.
+    # The first interval is left out: the fingertip touches down somewhere within it.
     for k, axis in np.argwhere(off[1:] > 0.0):
         yield f"frame {k + 2}: forces along {'xz'[axis]} do not balance since the frame before"
 
 
 def _wrong_values(row: dict[str, Any], own: dict[str, NDArray[Any]]) -> Iterator[str]:
-    """Sums, cones and the margin."""
+    """Yield what is wrong with sums of forces, friction cones and the margin."""
     if row["slip_state"] not in STATES:
         yield f"slip_state is {row['slip_state']!r}"
     normal, friction, mu = (
@@ -168,7 +175,7 @@ def _wrong_values(row: dict[str, Any], own: dict[str, NDArray[Any]]) -> Iterator
     )
     slack = max(_SHARE * float(abs(normal).max(initial=0.0)), _LEAST)
     if (normal < 0.0).any():
-        yield "a node is pulled at"
+        yield "a node's normal force is negative"
     if (abs(friction) > mu * normal + slack).any():
         yield "friction on a node is more than µ times its normal force"
     slack *= max(len(normal), 1) ** 0.5
@@ -190,7 +197,7 @@ def _wrong_values(row: dict[str, Any], own: dict[str, NDArray[Any]]) -> Iterator
 
 
 def _wrong_places(view: View, own: dict[str, NDArray[Any]]) -> Iterator[str]:
-    """Labels in the image beside the projection of the centres, and overlaps."""
+    """Yield image positions that are not the centres' projections, and impossible overlaps."""
     centres = np.stack([own[f"centre_{axis}_mm"] for axis in "xyz"], axis=-1).astype(float) * 1e-3
     projected = view.project(centres)
     for start, limit in (("projected_", _PIXEL), ("", _PERSPECTIVE)):

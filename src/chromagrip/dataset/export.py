@@ -1,9 +1,8 @@
-"""A dataset in the layouts of others: TAP-Vid, COCO keypoints, WebDataset, LeRobot."""
+"""A dataset in the layouts of other tools: TAP-Vid, COCO keypoints, WebDataset, LeRobot."""
 
 import io
 import json
 import pickle
-import shutil
 import tarfile
 from collections.abc import Callable, Iterator
 from itertools import chain, count, islice
@@ -13,16 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..output.folder import prepare
+from ..output.folder import prepare, whole_folder
 from ..render import LAYERS
 from .folder import Loaded, link, load_sequences, read_manifest
 from .lerobot import write_lerobot
 
-#: Told after each sequence.
+#: Called with the number of sequences that are done.
 Progress = Callable[[int], None]
-#: Sequences of a pickle, and frames of a tar file.
-_PICKLED, _TARRED = 10, 1000
+#: Sequences in a pickle: the reader holds them in memory.
+_PICKLED = 10
+#: Frames in a tar file.
+_TARRED = 1000
 
 
 def export(
@@ -34,27 +34,18 @@ def export(
     ----------
     folder: of the dataset
     layout: of LAYOUTS
-    out: folder, new or empty; it has its name once all is in it
+    out: folder, new or empty; it gets its name when it is complete
     progress: called after each sequence
 
     Raises
     ------
     UserError
-        When the dataset is not whole, does not fit the layout, or cannot be written.
+        When the dataset is not complete, does not fit the layout, or cannot be written.
     """
     read_manifest(folder)
-    prepare(out, force=None)
-    part = out.with_name(f".part-{out.name}")
-    try:
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir()
+    prepare(out, overwrite=None)
+    with whole_folder(out) as part:
         LAYOUTS[layout](folder, part, progress)
-        out.rmdir()
-        part.rename(out)
-    except OSError as error:
-        raise UserError(f"{out} cannot be written: {error.strerror}") from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return sorted(file for file in out.rglob("*") if file.is_file())
 
 
@@ -78,13 +69,13 @@ def _write_tapvid(folder: Path, out: Path, progress: Progress) -> None:
         video = np.stack(list(one.images()))
         height, width = video.shape[1:3]
         points = (one.places.reshape(len(video), -1, 2) + 0.5) / [width, height]
-        seen = one.visible.reshape(len(video), -1)
-        there = seen.any(axis=0)
+        visible = one.visible.reshape(len(video), -1)
+        ever = visible.any(axis=0)
         points = np.where(np.isfinite(points), points, 0.0)
         batch[f"sequence-{one.number:06d}"] = {
             "video": video,
-            "points": np.swapaxes(points, 0, 1)[there].astype(np.float32),
-            "occluded": ~seen.T[there],
+            "points": np.swapaxes(points, 0, 1)[ever].astype(np.float32),
+            "occluded": ~visible.T[ever],
         }
         if len(batch) == _PICKLED:
             flush()
@@ -95,9 +86,9 @@ def _write_tapvid(folder: Path, out: Path, progress: Progress) -> None:
 def _write_coco(folder: Path, out: Path, progress: Progress) -> None:
     """COCO keypoints: `annotations.json`, one fingertip a picture, and `images`."""
     (out / "images").mkdir()
-    images: list[dict[str, Any]] = []
+    images: list[dict[str, object]] = []
     names: list[str] = []
-    # Written one by one: eight hundred keypoints a picture do not fit in memory for long.
+    # Written one by one: 800 keypoints a picture would fill the memory.
     with (out / "annotations.json").open("w", encoding="utf-8") as file:
         file.write('{"annotations": [')
         for done, one in enumerate(load_sequences(folder)):
@@ -124,19 +115,19 @@ def _write_coco(folder: Path, out: Path, progress: Progress) -> None:
         file.write(f"],\n{rest[1:]}")
 
 
-def _annotation(one: Loaded, t: int, number: int) -> dict[str, Any]:
-    """Keypoints (x, y, v) of a frame; v is 2 where a marker is seen, else 0."""
-    places, seen = one.places[t].reshape(-1, 2), one.visible[t].ravel()
+def _annotation(one: Loaded, t: int, number: int) -> dict[str, object]:
+    """Keypoints (x, y, v) of a frame; v is 2 where a marker is visible, else 0."""
+    places, visible = one.places[t].reshape(-1, 2), one.visible[t].ravel()
     keypoints = np.zeros((len(places), 3))
-    keypoints[seen] = np.column_stack([np.round(places[seen], 3), np.full(seen.sum(), 2)])
-    low, high = places[seen].min(axis=0), places[seen].max(axis=0)
+    keypoints[visible] = np.column_stack([np.round(places[visible], 3), np.full(visible.sum(), 2)])
+    low, high = places[visible].min(axis=0), places[visible].max(axis=0)
     x, y, w, h = (round(float(v), 3) for v in (*(low + 0.5), *(high - low)))
     return {
         "id": number,
         "image_id": number,
         "category_id": 1,
         "keypoints": [int(v) if v == int(v) else v for v in keypoints.ravel().tolist()],
-        "num_keypoints": int(seen.sum()),
+        "num_keypoints": int(visible.sum()),
         "bbox": [x, y, w, h],
         "area": round(w * h, 3),
         "iscrowd": 0,
@@ -163,7 +154,7 @@ def _frames(folder: Path, progress: Progress) -> Iterator[dict[str, bytes]]:
             key = f"{one.number:06d}-{t:03d}"
             values = {name: _plain(column[t]) for name, column in one.frames.items()}
             text = json.dumps({"sequence": one.number, **values, "drawn": one.values})
-            arrays: dict[str, Any] = {name: column[t] for name, column in one.markers.items()}
+            arrays = {name: column[t] for name, column in one.markers.items()}
             buffer = io.BytesIO()
             np.savez(buffer, **arrays)
             yield {
@@ -175,19 +166,19 @@ def _frames(folder: Path, progress: Progress) -> Iterator[dict[str, bytes]]:
 
 
 def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
-    """A file without time or owner."""
+    """Add a file without time or owner."""
     entry = tarfile.TarInfo(name)
     entry.size = len(data)
     tar.addfile(entry, io.BytesIO(data))
 
 
 def _plain(value: Any) -> Any:
-    """Value that JSON has: what is no number is null."""
+    """Value for JSON: NaN and infinity are null."""
     value = value.item() if hasattr(value, "item") else value
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-#: What writes each layout.
+#: Writers of the layouts, by name.
 LAYOUTS: dict[str, Callable[[Path, Path, Progress], None]] = {
     "tapvid": _write_tapvid,
     "coco": _write_coco,

@@ -1,57 +1,87 @@
-"""The master format of a dataset: a folder for each sequence, and a manifest that says it is whole.
+"""The format of a dataset: a folder for each sequence, and a manifest of a complete dataset.
 
     recipe.toml          everything it was made from
     manifest.json        versions, sequences and the checksum of each; written last
-    sequences.parquet    what was drawn for each sequence
+    sequences.parquet    values that were drawn for each sequence
     DATASET_CARD.md, contact-sheet.png
-    sensors/             those of one's own, see `dataset_sensors`
+    sensors/             the user's own, see `sensors`
     sequence-000000/     scene.toml, camera.yml, rest.png, frame-000.png …, frames.parquet,
-                         markers.parquet, truth-000.npz … where the recipe asks for more,
+                         markers.parquet, truth-000.npz … where the recipe has `truth`,
                          files.json (versions, checksums)
 
-A folder has its name once all is in it. No file holds a time or a host: the same recipe and
-versions give the same bytes.
+A sequence's folder gets its name when it is complete. No file holds a time or a host: the same
+recipe and versions give the same bytes.
 """
 
 import dataclasses
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..extras import need
+from ..output.folder import PART, disk_errors, whole_folder, write_whole
 from ..output.pictures import read_picture
 from ..output.png import encode_png
 from ..output.versions import versions
 from ..render import camera_text
 from ..scene.scene import Scene, dump_scene, load_scene, seen_from
-from .recipe import Recipe, dump_recipe, load_recipe, portable
+from .recipe import Recipe, Values, dump_recipe, load_recipe, portable
 from .sequence import FRAME, MARKERS, NODES, Shot, sequence, shots
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+Content = TypeVar("Content")
+
+#: Name and version of the format, kept in the manifest.
 FORMAT = "chromagrip dataset 1"
-RECIPE, MANIFEST, FILES = "recipe.toml", "manifest.json", "files.json"
-#: Camera of a sequence, in OpenCV's format; beside it its place on the sensor's axis, and the port
-#: that it looks through.
+#: Recipe of a dataset.
+RECIPE = "recipe.toml"
+#: Versions and checksums of a complete dataset.
+MANIFEST = "manifest.json"
+#: Versions and checksums of a complete sequence.
+FILES = "files.json"
+#: Camera of a sequence in OpenCV's format, with its place on the sensor's axis and the silicone's
+#: surface that it looks through.
 CAMERA = "camera.yml"
-#: What sums a dataset up.
-TABLE, CARD, SHEET = "sequences.parquet", "DATASET_CARD.md", "contact-sheet.png"
-#: Folder of sensors of one's own.
+#: Values that were drawn for each sequence.
+TABLE = "sequences.parquet"
+#: Description of a dataset for people.
+CARD = "DATASET_CARD.md"
+#: Some pictures of a dataset.
+SHEET = "contact-sheet.png"
+#: Folder of the user's own sensors.
 SENSORS = "sensors"
-_PART = ".part-"
+
+
+class Manifest(TypedDict):
+    """Content of `manifest.json`, with SHA-256 of files and of each sequence's `files.json`."""
+
+    format: str
+    versions: dict[str, str]
+    files: dict[str, str]
+    sequences: dict[str, str]
+
+
+class FileList(TypedDict):
+    """Content of a sequence's `files.json`, with drawn values and SHA-256 of its files."""
+
+    number: int
+    versions: dict[str, str]
+    values: Values
+    files: dict[str, str]
 
 
 def sequence_name(number: int) -> str:
@@ -60,7 +90,7 @@ def sequence_name(number: int) -> str:
 
 
 def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
-    """Make a sequence and write its folder, unless it is there; returns its number.
+    """Make a sequence and write its folder, unless it exists; returns its number.
 
     Raises
     ------
@@ -68,22 +98,9 @@ def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
         When it cannot be written; nothing of it is left.
     """
     final = out / sequence_name(number)
-    if final.exists():
-        return number
-    part = out / f"{_PART}{number:06d}-{os.getpid()}"
-    try:
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir()
-        _write_files(recipe, number, part)
-        try:
-            part.rename(final)
-        except OSError:
-            if not final.exists():  # else somebody else was faster
-                raise
-    except OSError as error:
-        raise UserError(f"{final} cannot be written: {error.strerror}") from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+    if not final.exists():
+        with whole_folder(final) as part:
+            _write_files(recipe, number, part)
     return number
 
 
@@ -108,20 +125,19 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
         keep(f"frame-{index:03d}.png", encode_png(shot.image))
         if shot.truth:
             path = part / f"truth-{index:03d}.npz"
-            named: dict[str, Any] = shot.truth
-            np.savez_compressed(path, **named)
+            np.savez_compressed(path, **shot.truth)  # type: ignore[arg-type]
             digests[path.name] = file_digest(path)
         # Pictures are on the disk; a long sequence must not keep them.
         rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
     for name, table in (("frames", frame_table(rows)), ("markers", marker_table(rows))):
         keep(f"{name}.parquet", to_parquet(table))
-    values = {
+    listed: FileList = {
         "number": number,
         "versions": made_with(),
         "values": _plain(made.values, part),
         "files": dict(sorted(digests.items())),
     }
-    (part / FILES).write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    (part / FILES).write_text(json.dumps(listed, indent=1, ensure_ascii=False) + "\n", "utf-8")
 
 
 def frame_table(rows: list[Shot]) -> "pa.Table":
@@ -150,7 +166,7 @@ def marker_table(rows: list[Shot]) -> "pa.Table":
 
 
 def _lists(values: list[Any]) -> "pa.Array":
-    """Lists of one length; numbers in single precision, which is 0.05 nm and 0.00006 px."""
+    """Lists of one length; numbers in single precision, which resolves 0.05 nm and 0.00006 px."""
     pa = need("pyarrow", "data")
     stacked = np.stack(values)
     flat = stacked.ravel() if stacked.dtype == bool else stacked.astype(np.float32).ravel()
@@ -164,7 +180,7 @@ def _with_meaning(table: "pa.Table", meaning: dict[str, str]) -> "pa.Table":
 def to_parquet(table: "pa.Table") -> bytes:
     """Bytes of a Parquet file."""
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-    # Numbers never repeat, but their signs and exponents do: bytes of one rank lie together.
+    # Numbers do not repeat, but their signs and exponents do: bytes of equal rank lie together.
     split = [
         f"{field.name}.list.element"
         for field in table.schema
@@ -177,8 +193,8 @@ def to_parquet(table: "pa.Table") -> bytes:
     return sink.getvalue().to_pybytes()
 
 
-def _plain(values: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Values that JSON has, infinity as text; a sensor's name as a file in the folder has it."""
+def _plain(values: Values, folder: Path) -> Values:
+    """Values for JSON: infinity as text, a sensor's file relative to the folder."""
     plain = {
         k: str(v) if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
     }
@@ -188,34 +204,33 @@ def _plain(values: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def clean(out: Path) -> None:
-    """Remove what interrupted workers left."""
-    for part in out.glob(f"{_PART}*"):
+    """Remove the incomplete folders of interrupted workers."""
+    for part in out.glob(f"{PART}*"):
         shutil.rmtree(part, ignore_errors=True)
 
 
 def numbers_in(folder: Path) -> list[int]:
-    """Sequences whose folders are there."""
+    """Numbers of the complete sequences."""
     found = sorted(path.name for path in folder.glob("sequence-*") if path.is_dir())
     return [int(name.removeprefix("sequence-")) for name in found]
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> Manifest:
     """Manifest of a dataset.
 
     Raises
     ------
     UserError
-        When there is none: the folder is no dataset, or not a whole one.
+        When there is none, because the folder is no dataset or not complete.
     """
     path = folder / MANIFEST
     if not path.is_file():
-        what = (
-            "is not whole: go on with --resume" if (folder / RECIPE).is_file() else "is no dataset"
-        )
-        raise UserError(f"{folder} {what}; it has no {MANIFEST}")
-    manifest = read_json(path)
-    if manifest.get("format") != FORMAT:
-        raise UserError(f"{folder} has the format {manifest.get('format')!r}, not {FORMAT!r}")
+        begun = (folder / RECIPE).is_file()
+        problem = "is not whole: go on with --resume" if begun else "is no dataset"
+        raise UserError(f"{folder} {problem}; it has no {MANIFEST}")
+    manifest = _read_json(path, Manifest)
+    if manifest["format"] != FORMAT:
+        raise UserError(f"{folder} has the format {manifest['format']!r}, not {FORMAT!r}")
     return manifest
 
 
@@ -225,10 +240,10 @@ def made_with() -> dict[str, str]:
     return versions() | {"pyarrow": version("pyarrow")}
 
 
-def write_manifest(folder: Path, numbers: Iterable[int]) -> dict[str, Any]:
-    """Write what says that a dataset is whole, with checksums of its sequences' lists of files."""
+def write_manifest(folder: Path, numbers: Iterable[int]) -> Manifest:
+    """Write the manifest, which marks a dataset as complete."""
     names = [sequence_name(number) for number in numbers]
-    manifest = {
+    manifest: Manifest = {
         "format": FORMAT,
         "versions": made_with(),
         "files": {
@@ -243,44 +258,24 @@ def write_manifest(folder: Path, numbers: Iterable[int]) -> dict[str, Any]:
 
 
 def sensor_files(folder: Path) -> list[str]:
-    """Files of sensors of one's own that a dataset holds."""
+    """Files of the user's own sensors in a dataset."""
     return sorted(path.relative_to(folder).as_posix() for path in folder.glob(f"{SENSORS}/*/*"))
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Object of a JSON file.
+def read_files(sequence: Path) -> FileList:
+    """List of the files of a sequence's folder; errors as in `read_manifest`."""
+    return _read_json(sequence / FILES, FileList)
 
-    Raises
-    ------
-    UserError
-        When it is damaged, or not there.
-    """
+
+def _read_json(path: Path, kind: type[Content]) -> Content:
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return msgspec.json.decode(path.read_bytes(), type=kind)
+    except (OSError, msgspec.DecodeError):
         raise UserError(f"{path} is missing or damaged") from None
-    return found
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file under another name, and give it its own.
-
-    Raises
-    ------
-    UserError
-        When it cannot be written.
-    """
-    part = path.with_name(f"{_PART}{path.name}")
-    try:
-        part.write_bytes(data)
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise UserError(f"{path} cannot be written: {error.strerror}") from None
 
 
 def link(source: Path, target: Path) -> None:
-    """The same file by another name: linked where the disk can, else copied."""
+    """Give a file another name: as a hard link where the disk can, else as a copy."""
     try:
         target.hardlink_to(source)
     except OSError:
@@ -300,7 +295,7 @@ def open_recipe(folder: Path) -> Recipe:
 
 
 def keep_recipe(recipe: Recipe, folder: Path) -> None:
-    """Write the recipe into a folder, which is not whole from then on: a new one, or one begun.
+    """Write the recipe into a new folder or an incomplete dataset, and remove its manifest.
 
     Raises
     ------
@@ -317,24 +312,22 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
                 f"{folder} is to have {before.sequences} sequences; it can get more, not fewer"
             )
         for number in numbers_in(folder)[:1]:
-            told = read_json(folder / sequence_name(number) / FILES).get("versions", {})
-            if told != made_with():
-                raise UserError(f"{folder} was begun with other versions: {_changes(told)}")
-    try:
+            begun = read_files(folder / sequence_name(number))["versions"]
+            if begun != made_with():
+                raise UserError(f"{folder} was begun with other versions: {_changes(begun)}")
+    with disk_errors(folder / MANIFEST):
         (folder / MANIFEST).unlink(missing_ok=True)
-    except OSError as error:
-        raise UserError(f"{folder} cannot be written: {error.strerror}") from None
     write_whole(path, dump_recipe(portable(recipe, folder)).encode())
 
 
-def _changes(told: dict[str, str]) -> str:
+def _changes(begun: dict[str, str]) -> str:
     now = made_with()
-    names = [name for name in {**told, **now} if told.get(name) != now.get(name)]
-    return ", ".join(f"{name} {told.get(name, '–')}, now {now.get(name, '–')}" for name in names)
+    names = [name for name in {**begun, **now} if begun.get(name) != now.get(name)]
+    return ", ".join(f"{name} {begun.get(name, '–')}, now {now.get(name, '–')}" for name in names)
 
 
 def tables(folder: Path, name: str, columns: list[str] | None = None) -> Iterator[tuple[int, Any]]:
-    """A table of every sequence, `frames` or `markers`, with the sequence's number."""
+    """Number and table (`frames` or `markers`) of every sequence."""
     pq = need("pyarrow.parquet", "data")
     for number in numbers_in(folder):
         path = folder / sequence_name(number) / f"{name}.parquet"
@@ -343,13 +336,13 @@ def tables(folder: Path, name: str, columns: list[str] | None = None) -> Iterato
 
 @dataclass(frozen=True, kw_only=True)
 class Loaded:
-    """A sequence as it lies in a dataset, its pictures not read.
+    """A sequence of a dataset; its pictures are read on demand.
 
     Attributes
     ----------
     number: in the dataset
     values: that were drawn
-    scene: it is of
+    scene: that was run
     frames: values of every frame, by column of FRAME, shape (T,)
     markers: of every frame, by column of MARKERS and NODES, shape (T, 2M), (T, M) or (T, N)
     pictures: files, in order
@@ -357,7 +350,7 @@ class Loaded:
     """
 
     number: int
-    values: dict[str, Any]
+    values: Values
     scene: Scene
     frames: dict[str, NDArray[Any]]
     markers: dict[str, NDArray[Any]]
@@ -388,20 +381,20 @@ def load_sequences(folder: Path) -> Iterator[Loaded]:
     Raises
     ------
     UserError
-        When the folder is no whole dataset.
+        When the folder is no complete dataset.
     """
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     for name in read_manifest(folder)["sequences"]:
         where = folder / name
-        told = read_json(where / FILES)
+        listed = read_files(where)
         try:
             frames = pq.read_table(where / "frames.parquet")
             markers = pq.read_table(where / "markers.parquet")
         except (OSError, pa.ArrowException) as error:
             raise UserError(f"{where} cannot be read: {error}") from None
         yield Loaded(
-            number=told["number"],
-            values=told["values"],
+            number=listed["number"],
+            values=listed["values"],
             scene=load_scene(str(where / "scene.toml")),
             frames={column: frames[column].to_numpy() for column in frames.column_names},
             markers={column: stacked(markers[column]) for column in markers.column_names[1:]},

@@ -1,8 +1,9 @@
-"""A dataset in LeRobot's layout, version 3: tables of all frames, one video, and what they hold."""
+"""A dataset in LeRobot's layout, version 3: tables of all frames, one video, and meta data."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,17 +19,76 @@ from .sequence import STATES
 if TYPE_CHECKING:
     import pyarrow as pa
 
+#: Feature of the pictures.
 CAMERA = "observation.images.tactile"
-#: What is kept of a frame, by feature.
+#: Columns of a frame in the feature `observation.state`.
 STATE = ("grip_n", "load_n", "rigid_part_mm", "object_mm")
+#: Columns of a frame in the feature `label.forces`.
 FORCES = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
+#: Columns of a frame in the feature `action`.
 _ACTION = ("grip_n",)
+#: Name of every file: a dataset has one chunk with one file.
 _FILE = "chunk-000/file-000"
-_QUALITY, _KEYFRAMES = 12, "2"
-#: Pictures of a sequence that its colours' mean and spread are taken from.
+#: Rate factor of x264; lower is better.
+_QUALITY = 12
+#: Pictures from one keyframe to the next, as in LeRobot's own videos.
+_KEYFRAMES = "2"
+#: Pictures of a sequence that its colours' mean and spread are computed from.
 _SAMPLED = 4
 
 Array = NDArray[np.float64]
+#: Columns of the table of frames.
+Columns = dict[str, NDArray[Any]]
+#: Smallest, largest, mean, deviation and count of a feature.
+Stats = dict[str, list[Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Episode:
+    """A sequence as LeRobot lists it.
+
+    Attributes
+    ----------
+    number: of the episode
+    start: index of its first frame in the dataset
+    length: number of its frames
+    task: what it shows
+    stats: by feature
+    """
+
+    number: int
+    start: int
+    length: int
+    task: str
+    stats: dict[str, Stats]
+
+    @property
+    def end(self) -> int:
+        """Index after that of its last frame."""
+        return self.start + self.length
+
+    def row(self, rate: int) -> dict[str, object]:
+        """Row of the table of episodes; `rate` is in frames per second."""
+        return {
+            "episode_index": self.number,
+            "tasks": [self.task],
+            "length": self.length,
+            "meta/episodes/chunk_index": 0,
+            "meta/episodes/file_index": 0,
+            "data/chunk_index": 0,
+            "data/file_index": 0,
+            "dataset_from_index": self.start,
+            "dataset_to_index": self.end,
+            f"videos/{CAMERA}/chunk_index": 0,
+            f"videos/{CAMERA}/file_index": 0,
+            f"videos/{CAMERA}/from_timestamp": self.start / rate,
+            f"videos/{CAMERA}/to_timestamp": self.end / rate,
+            **{
+                f"stats/{feature}/{kind}": values
+                for feature, kinds in self.stats.items()
+                for kind, values in kinds.items()
+            },
+        }
 
 
 def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> None:
@@ -37,12 +97,12 @@ def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> N
     Raises
     ------
     UserError
-        When sequences differ in rate, or the rate is no whole number.
+        When the rate is no whole number or differs between sequences.
     """
     video = out / "videos" / CAMERA / f"{_FILE}.mp4"
     video.parent.mkdir(parents=True)
-    parts: list[dict[str, NDArray[Any]]] = []
-    episodes: list[dict[str, Any]] = []
+    parts: list[Columns] = []
+    episodes: list[Episode] = []
     tasks: list[str] = []
     film: VideoFile | None = None
     rate, shape, start = 0, (0, 0, 3), 0
@@ -70,14 +130,19 @@ def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> N
             parts.append(columns)
             stats = {name: _stats(values) for name, values in columns.items()}
             stats[CAMERA] = _image_stats(np.concatenate(colours), len(colours))
-            episodes.append(_episode(len(episodes), start, length, rate, task, stats))
+            episodes.append(
+                Episode(number=len(episodes), start=start, length=length, task=task, stats=stats)
+            )
             start += length
             progress(len(episodes))
-    _write_tables(out, parts, episodes, tasks)
-    _write_meta(out, parts, episodes, tasks, rate, shape)
+    rows = [episode.row(rate) for episode in episodes]
+    _write_tables(out, parts, rows, tasks)
+    stats = {name: _stats(np.concatenate([part[name] for part in parts])) for name in parts[0]}
+    _write_json(out, "stats", stats | {CAMERA: _joined(episodes)})
+    _write_json(out, "info", _info(_features(parts[0], rate, shape), episodes, len(tasks), rate))
 
 
-def _columns(one: Loaded, episode: int, start: int, task: int) -> dict[str, NDArray[Any]]:
+def _columns(one: Loaded, episode: int, start: int, task: int) -> Columns:
     """Columns of an episode; those of one number a frame are flat."""
     length = len(one.pictures)
     frames = np.arange(length)
@@ -98,8 +163,8 @@ def _columns(one: Loaded, episode: int, start: int, task: int) -> dict[str, NDAr
     }
 
 
-def _stats(values: NDArray[Any]) -> dict[str, list[Any]]:
-    """Smallest, largest, mean and deviation of what is there of each number."""
+def _stats(values: NDArray[Any]) -> Stats:
+    """Statistics of each number, over the rows in which all are finite."""
     flat = values.reshape(len(values), -1).astype(float)
     flat = flat[np.isfinite(flat).all(axis=1)] if np.isfinite(flat).any() else np.zeros_like(flat)
     return {
@@ -111,46 +176,21 @@ def _stats(values: NDArray[Any]) -> dict[str, list[Any]]:
     }
 
 
-def _image_stats(colours: Array, count: int) -> dict[str, list[Any]]:
+def _image_stats(colours: Array, count: int) -> Stats:
     found = {
         k: np.reshape(v, (3, 1, 1)).tolist() for k, v in _stats(colours).items() if k != "count"
     }
     return {**found, "count": [count]}
 
 
-def _episode(
-    number: int, start: int, length: int, rate: int, task: str, stats: dict[str, dict[str, Any]]
-) -> dict[str, Any]:
-    return {
-        "episode_index": number,
-        "tasks": [task],
-        "length": length,
-        "meta/episodes/chunk_index": 0,
-        "meta/episodes/file_index": 0,
-        "data/chunk_index": 0,
-        "data/file_index": 0,
-        "dataset_from_index": start,
-        "dataset_to_index": start + length,
-        f"videos/{CAMERA}/chunk_index": 0,
-        f"videos/{CAMERA}/file_index": 0,
-        f"videos/{CAMERA}/from_timestamp": start / rate,
-        f"videos/{CAMERA}/to_timestamp": (start + length) / rate,
-        **{
-            f"stats/{feature}/{kind}": values
-            for feature, kinds in stats.items()
-            for kind, values in kinds.items()
-        },
-    }
-
-
 def _write_tables(
     out: Path,
-    parts: list[dict[str, NDArray[Any]]],
-    episodes: list[dict[str, Any]],
+    parts: list[Columns],
+    episodes: list[dict[str, object]],
     tasks: list[str],
 ) -> None:
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-    columns: dict[str, Any] = {}
+    columns = {}
     for name in parts[0]:
         values = np.concatenate([part[name] for part in parts])
         flat = pa.array(values.ravel())
@@ -167,7 +207,7 @@ def _write_tables(
 
 
 def _tasks(tasks: list[str]) -> "pa.Table":
-    """Table of tasks, whose names pandas takes as its index."""
+    """Table of tasks, whose index in pandas is their names."""
     pa = need("pyarrow", "data")
     table = pa.table({"task_index": list(range(len(tasks))), "task": tasks})
     pandas = {
@@ -191,16 +231,12 @@ def _tasks(tasks: list[str]) -> "pa.Table":
     return table.replace_schema_metadata({b"pandas": json.dumps(pandas).encode()})
 
 
-def _write_meta(
-    out: Path,
-    parts: list[dict[str, NDArray[Any]]],
-    episodes: list[dict[str, Any]],
-    tasks: list[str],
-    rate: int,
-    shape: tuple[int, int, int],
-) -> None:
+def _features(
+    columns: Columns, rate: int, shape: tuple[int, int, int]
+) -> dict[str, dict[str, object]]:
+    """Type, shape and names of each feature; `shape` is that of the pictures."""
     names = {"observation.state": STATE, "action": _ACTION, "label.forces": FORCES}
-    features: dict[str, Any] = {
+    features: dict[str, dict[str, object]] = {
         CAMERA: {
             "dtype": "video",
             "shape": list(shape),
@@ -217,20 +253,25 @@ def _write_meta(
             },
         }
     }
-    for name, values in parts[0].items():
+    for name, values in columns.items():
         own = names.get(name)
         features[name] = {
             "dtype": str(values.dtype),
             "shape": [len(own) if own else 1],
             "names": list(own) if own else None,
         }
-    frames = episodes[-1]["dataset_to_index"]
-    info = {
+    return features
+
+
+def _info(
+    features: dict[str, dict[str, object]], episodes: list[Episode], tasks: int, rate: int
+) -> dict[str, object]:
+    return {
         "codebase_version": "v3.0",
         "robot_type": "chromagrip",
         "total_episodes": len(episodes),
-        "total_frames": frames,
-        "total_tasks": len(tasks),
+        "total_frames": episodes[-1].end,
+        "total_tasks": tasks,
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
@@ -240,19 +281,18 @@ def _write_meta(
         "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
         "features": features,
     }
-    whole = {name: _stats(np.concatenate([part[name] for part in parts])) for name in parts[0]} | {
-        CAMERA: _joined(episodes)
-    }
-    for name, told in (("info", info), ("stats", whole)):
-        text = json.dumps(told, indent=4, ensure_ascii=False)
-        (out / "meta" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
-def _joined(episodes: list[dict[str, Any]]) -> dict[str, Any]:
-    """Colours of all episodes, each counting as often as it was looked at."""
+def _write_json(out: Path, name: str, content: Mapping[str, object]) -> None:
+    text = json.dumps(content, indent=4, ensure_ascii=False)
+    (out / "meta" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _joined(episodes: list[Episode]) -> Stats:
+    """Colours of all episodes, each weighted by the pictures it was sampled in."""
 
     def of(kind: str) -> Array:
-        return np.array([episode[f"stats/{CAMERA}/{kind}"] for episode in episodes], dtype=float)
+        return np.array([episode.stats[CAMERA][kind] for episode in episodes], dtype=float)
 
     weight = of("count").reshape(-1, 1, 1, 1)
     mean = (weight * of("mean")).sum(axis=0) / weight.sum()

@@ -1,9 +1,11 @@
-"""Making a dataset: its sequences by any number of workers, in any order, and what sums it up."""
+"""Making a dataset: sequences by any number of workers in any order, then table, card, manifest."""
 
+import re
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import CancelledError
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
@@ -12,11 +14,13 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import need, require
-from ..output.folder import filling, prepare
+from ..output.folder import filling, prepare, whole_folder
+from ..output.processes import Progress, exit_on_sigterm, map_processes
 from .card import write_card
 from .check import check_files
 from .folder import (
     RECIPE,
+    Manifest,
     clean,
     file_digest,
     keep_recipe,
@@ -32,11 +36,12 @@ from .recipe import Recipe, portable
 from .sensors import keep_sensors
 
 Backend = Literal["joblib", "dask", "ray"]
-#: Sequences that a cluster is told of at a time: enough for many workers, and no more memory.
+#: Sequences submitted to a cluster at a time: enough for many workers, and few enough for memory.
 _WAITING = 2000
+#: End of the message of an interruption.
 _GO_ON = "what is done is kept, go on with --resume"
-#: Told how many sequences are done, and of how many.
-Progress = Callable[[int, int], None]
+#: Makes the sequence of a number.
+Job = Callable[[int], int]
 
 
 def make(
@@ -49,28 +54,29 @@ def make(
     address: str = "",
     resume: bool = False,
     progress: Progress = lambda done, total: None,
-) -> dict[str, Any]:
+) -> Manifest:
     """Make the sequences of a recipe that a folder does not hold yet; returns the manifest.
 
-    Sequence k rests on the recipe and k alone: workers, shards and interruptions change no byte.
+    Sequence k depends on the recipe and k alone: workers, shards and interruptions change no byte.
 
     Parameters
     ----------
-    recipe: what is made
+    recipe: of the dataset
     out: folder, new or empty; with `resume` that of an interrupted run
-    workers: processes on this machine; on a cluster as many as it has
+    workers: number of processes on this machine; a running cluster uses all of its own
     shard: (i, K), from 1: this run makes every K-th sequence from the i-th on
-    backend: who hands out the work; dask and ray are extras
+    backend: library that runs the work; dask and ray are extras
     address: of a running cluster
-    resume: go on where it was; the recipe may ask for more sequences than before
-    progress: told how many are done
+    resume: continue an interrupted run; the recipe may have more sequences than before
+    progress: called with the number of sequences that are done and of all
 
     Raises
     ------
     UserError
-        For a folder of another recipe, a sequence that cannot be made, or a cluster that is not
-        there.
+        For a folder of another recipe, a sequence that cannot be made, or a cluster that does not
+        answer.
     """
+    require("data")
     first, step = shard
     wanted = range(first - 1, recipe.sequences, step)
     if not wanted:
@@ -79,7 +85,7 @@ def make(
     if begun and not resume:
         raise UserError(f"{out} holds a dataset already; go on with --resume, or choose another")
     if not begun:
-        prepare(out, force=None)
+        prepare(out, overwrite=None)
     with filling(out):
         recipe = keep_sensors(recipe, out)
         keep_recipe(recipe, out)
@@ -88,24 +94,26 @@ def make(
         todo = [number for number in wanted if number not in there]
         done = len(wanted) - len(todo)
         progress(done, len(wanted))
-        for _ in _results(recipe, todo, out, workers, backend, address):
-            done += 1
-            progress(done, len(wanted))
+        with closing(_results(recipe, todo, out, workers, backend, address)) as results:
+            for _ in results:
+                done += 1
+                progress(done, len(wanted))
         return _finish(out, recipe)
 
 
-def merge(folders: list[Path], out: Path) -> dict[str, Any]:
+def merge(folders: list[Path], out: Path) -> Manifest:
     """One dataset of several shards of a recipe, in a new folder; returns its manifest.
 
     Raises
     ------
     UserError
-        When the shards are of other recipes or versions, hold a sequence twice, or are not whole
-        or not what they were.
+        When the shards differ in recipe, sensor or versions, hold a sequence twice, are not
+        complete or have changed.
     """
+    require("data")
     recipe = open_recipe(folders[0])
     manifests = [read_manifest(folder) for folder in folders]
-    seen: dict[str, Path] = {}
+    origins: dict[str, Path] = {}
     for folder, manifest in zip(folders, manifests, strict=True):
         if portable(open_recipe(folder), folder) != portable(recipe, folders[0]):
             raise UserError(f"{folder} is of another recipe than {folders[0]}")
@@ -114,15 +122,17 @@ def merge(folders: list[Path], out: Path) -> dict[str, Any]:
         if manifest["versions"] != manifests[0]["versions"]:
             raise UserError(f"{folder} was made with other versions than {folders[0]}")
         for name, digest in manifest["sequences"].items():
-            if name in seen:
-                raise UserError(f"{name} is in {seen[name]} and in {folder}")
+            if name in origins:
+                raise UserError(f"{name} is in {origins[name]} and in {folder}")
             check_files(folder / name, digest)
-            seen[name] = folder
-    prepare(out, force=None)
+            origins[name] = folder
+    prepare(out, overwrite=None)
     recipe = keep_sensors(recipe, out)
     keep_recipe(recipe, out)
-    for name, folder in seen.items():
-        _take(folder / name, out / name)
+    for name, folder in origins.items():
+        with whole_folder(out / name) as part:
+            for file in (folder / name).iterdir():
+                link(file, part / file.name)
     return _finish(out, recipe)
 
 
@@ -130,19 +140,7 @@ def _sensors(folder: Path) -> dict[str, str]:
     return {name: file_digest(folder / name) for name in sensor_files(folder)}
 
 
-def _take(source: Path, target: Path) -> None:
-    """The same sequence in another folder."""
-    part = target.with_name(f".part-{target.name}")
-    try:
-        part.mkdir()
-        for file in source.iterdir():
-            link(file, part / file.name)
-        part.rename(target)
-    except OSError as error:
-        raise UserError(f"{target} cannot be written: {error.strerror}") from None
-
-
-def _finish(out: Path, recipe: Recipe) -> dict[str, Any]:
+def _finish(out: Path, recipe: Recipe) -> Manifest:
     clean(out)
     numbers = numbers_in(out)
     write_card(out, portable(recipe, out), numbers)
@@ -151,69 +149,62 @@ def _finish(out: Path, recipe: Recipe) -> dict[str, Any]:
 
 def _results(
     recipe: Recipe, todo: list[int], out: Path, workers: int, backend: Backend, address: str
-) -> Iterator[int]:
+) -> Generator[int, None, None]:
     """Numbers of sequences as they are made."""
-    job = (msgspec.msgpack.encode(recipe), str(out.absolute()))
-    if not todo:
-        return
+    job = partial(_make, msgspec.msgpack.encode(recipe), str(out.absolute()))
     if address and backend == "joblib":
         raise UserError("--address goes with --backend dask or ray")
-    yield from {"joblib": _joblib, "dask": _dask, "ray": _ray}[backend](job, todo, workers, address)
+    if backend == "joblib":
+        yield from map_processes(job, todo, workers, advice=_GO_ON)
+    elif todo:
+        cluster = _dask if backend == "dask" else _ray
+        with exit_on_sigterm(), closing(cluster(job, todo, workers, address)) as numbers:
+            yield from numbers
 
 
-def _make(job: tuple[bytes, str], number: int) -> int:
-    """One sequence: what a worker does, wherever it is."""
-    recipe, out = msgspec.msgpack.decode(job[0], type=Recipe), Path(job[1])
-    return write_sequence(recipe, number, out)
+def _make(recipe: bytes, out: str, number: int) -> int:
+    """Make one sequence, in this process or in a worker."""
+    return write_sequence(msgspec.msgpack.decode(recipe, type=Recipe), number, Path(out))
 
 
-def _joblib(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    if workers == 1:
-        yield from (_make(job, number) for number in todo)
-        return
-    parallel = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+def _check_cluster(name: str, address: str) -> None:
+    """Refuse an address where no cluster answers; the clusters' own clients try for minutes."""
+    matched = re.fullmatch(r"(?:(?:tcp|tls|ws|wss|ray)://)?([^/:]+):(\d{1,5})", address)
+    if matched is None:
+        raise UserError(f"--address {address}: expected HOST:PORT, such as 10.0.0.1:8786")
     try:
-        yield from parallel(delayed(_make)(job, number) for number in todo)
-    except TerminatedWorkerError:
-        raise UserError(f"a worker was killed (out of memory?); {_GO_ON}") from None
+        socket.create_connection((matched[1], int(matched[2])), timeout=10.0).close()
+    except (OSError, OverflowError) as error:
+        raise _absent(name, address, error) from None
 
 
-def _knock(address: str) -> None:
-    """Refuse an address at which nobody answers; the clusters' own clients try for minutes."""
-    host, _, port = address.rpartition("/")[2].rpartition(":")
-    if not (host and port.isdecimal()):
-        raise UserError("expected HOST:PORT, such as 10.0.0.1:8786")
-    socket.create_connection((host, int(port)), timeout=10.0).close()
+def _absent(name: str, address: str, error: Exception) -> UserError:
+    return UserError(f"there is no {name} cluster at {address}: {error}")
 
 
 def _first(error: BaseException) -> str:
-    """First line of what a cluster says, which may be pages."""
+    """First line of a cluster's message, which may be pages long."""
     return (str(error) or type(error).__name__).splitlines()[0]
 
 
-def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+def _dask(job: Job, todo: list[int], workers: int, address: str) -> Generator[int, None, None]:
     require("dask")
     from distributed import Client, KilledWorker, LocalCluster, as_completed
 
+    if address:
+        _check_cluster("Dask", address)
     with ExitStack() as opened:
         try:
-            if address:
-                _knock(address)
-                where: Any = address
-            else:
-                where = opened.enter_context(
-                    LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
-                )
-            client = opened.enter_context(Client(where, timeout="10s"))
-        except (OSError, ValueError) as error:
-            raise UserError(f"there is no Dask cluster at {address}: {error}") from None
+            cluster = address or opened.enter_context(
+                LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+            )
+            client = opened.enter_context(Client(cluster, timeout="10s"))
+        except OSError as error:
+            raise _absent("Dask", address, error) from None
 
-        # A worker that dies takes nothing along: its sequences are made by the others.
+        # The sequences of a worker that dies are made by the others.
         def submit(number: int) -> Any:
-            return client.submit(_make, job, number, pure=False, retries=3)
+            return client.submit(job, number, pure=False, retries=3)
 
         left = iter(todo)
         waiting = as_completed([submit(number) for number in islice(left, _WAITING)])
@@ -227,26 +218,24 @@ def _dask(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -
             raise UserError(f"the Dask cluster failed: {_first(error)} ({_GO_ON})") from None
 
 
-def _ray(job: tuple[bytes, str], todo: list[int], workers: int, address: str) -> Iterator[int]:
+def _ray(job: Job, todo: list[int], workers: int, address: str) -> Generator[int, None, None]:
     ray = need("ray", "ray")
     quiet = {"log_to_driver": False, "logging_level": "error"}
+    own = {"address": address} if address else {"num_cpus": workers, "include_dashboard": False}
+    if address not in ("", "auto"):  # auto is the cluster of this machine
+        _check_cluster("Ray", address)
     try:
-        if address:
-            if address != "auto":  # the one that runs on this machine
-                _knock(address)
-            ray.init(address=address, **quiet)
-        else:
-            ray.init(num_cpus=workers, include_dashboard=False, **quiet)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise UserError(f"there is no Ray cluster at {address}: {error}") from None
+        ray.init(**own, **quiet)
+    except (OSError, RuntimeError) as error:
+        raise _absent("Ray", address, error) from None
     try:
-        remote = ray.remote(max_retries=3)(_make)
+        remote = ray.remote(max_retries=3)(lambda number: job(number))
         left = iter(todo)
-        waiting = [remote.remote(job, number) for number in islice(left, _WAITING)]
+        waiting = [remote.remote(number) for number in islice(left, _WAITING)]
         while waiting:
             ready, waiting = ray.wait(waiting)
             yield from ray.get(ready)
-            waiting += [remote.remote(job, number) for number in islice(left, len(ready))]
+            waiting += [remote.remote(number) for number in islice(left, len(ready))]
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None
     except ray.exceptions.RayError as error:

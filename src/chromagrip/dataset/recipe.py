@@ -1,8 +1,7 @@
-"""Recipes of datasets: what is the same in every sequence, and what is drawn for each."""
+"""Recipes of datasets: values that all sequences share, and how others are drawn for each."""
 
 import copy
 import math
-import tomllib
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
@@ -17,27 +16,35 @@ from msgspec.structs import replace
 
 from ..errors import UserError
 from ..scene.scene import Scene, parse_scene, seen_from
-from ..strict_toml import Table, convert
+from ..strict_toml import Table, convert, parse_toml, read_toml
 
 Motion = Literal["press", "grasp", "slip"]
 Truth = Literal["depth", "flow", "masks"]
 
-#: What is drawn beside keys of a scene: grip [N], load over µ·grip of grasps, and of slips.
+#: Keys that are drawn beside those of a scene: kind of motion, grip [N], and the load over µ·grip
+#: of a grasp and of a slip.
 OWN = ("motion", "grip_n", "share", "slip_share")
+#: Numbers that each way of drawing takes; None is any.
 _DRAWS = {"uniform": 2, "log_uniform": 2, "normal": 4, "choice": None}
-#: When the load starts to grow and when it has grown, as shares of a sequence.
+#: Start and end of the growth of the load, as shares of a sequence's duration.
 _GROWS: dict[str, tuple[float, float]] = {"grasp": (0.25, 0.6), "slip": (0.25, 0.9)}
 
 
+#: Values of TOML tables: of a scene, or drawn ones by key of a scene or of OWN.
+Values = dict[str, Any]
+#: Folder of the shipped recipes.
+_SHIPPED = files(__package__) / "recipes"
+
+
 class Recipe(Table, frozen=True):
-    """What a dataset is made of.
+    """Contents of a dataset.
 
     Attributes
     ----------
     description: one line
-    sequences: how many, unless told otherwise
-    seed: of everything that is drawn; sequence k rests on it and k alone
-    truth: what is kept of each image beside markers and forces
+    sequences: number of them, unless the command line gives another
+    seed: of everything that is drawn; sequence k depends on it and k alone
+    truth: labels of every pixel that are kept beside those of markers and forces
     scene: tables of a scene, the same in every sequence
     draw: key of a scene, with dots, or one of OWN → how it is drawn: `{ uniform = [low, high] }`,
         `{ log_uniform = [low, high] }`, `{ normal = [mean, deviation, low, high] }` (outside of the
@@ -48,15 +55,15 @@ class Recipe(Table, frozen=True):
     sequences: Annotated[int, Meta(ge=1, le=10_000_000)] = 100
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
     truth: tuple[Truth, ...] = ()
-    scene: dict[str, Any] = msgspec.field(default_factory=dict)
+    scene: Values = msgspec.field(default_factory=dict)
     draw: dict[str, dict[str, list[Any]]] = msgspec.field(default_factory=dict)
 
 
-def recipe_names() -> dict[str, str]:
-    """Shipped recipes, with a line on each."""
-    folder = files(__package__) / "recipes"
-    names = sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
-    return {name: load_recipe(name).description for name in names}
+def recipe_names() -> list[str]:
+    """Names of the shipped recipes."""
+    return sorted(
+        f.name.removesuffix(".toml") for f in _SHIPPED.iterdir() if f.name[-5:] == ".toml"
+    )
 
 
 def load_recipe(name: str) -> Recipe:
@@ -67,22 +74,16 @@ def load_recipe(name: str) -> Recipe:
     UserError
         With the key, the value and what is allowed.
     """
+    title = f"recipe {name}"
     if name.endswith(".toml"):
-        try:
-            text = Path(name).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "not UTF-8 text"
-            raise UserError(f"recipe {name} cannot be read: {reason}") from None
+        values = read_toml(Path(name), title)
+    elif name in recipe_names():
+        values = parse_toml((_SHIPPED / f"{name}.toml").read_text(encoding="utf-8"), title)
     else:
-        path = files(__package__) / "recipes" / f"{name}.toml"
-        if not path.is_file():
-            shipped = sorted(f.name[:-5] for f in (files(__package__) / "recipes").iterdir())
-            raise UserError(f"no recipe {name!r}; there is {', '.join(shipped)}, or a .toml file")
-        text = path.read_text(encoding="utf-8")
-    try:
-        recipe = convert(tomllib.loads(text), Recipe, f"recipe {name}")
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"recipe {name} is not valid TOML: {error}") from None
+        raise UserError(
+            f"no recipe {name!r}; there is {', '.join(recipe_names())}, or a .toml file"
+        )
+    recipe = convert(values, Recipe, title)
     if name.endswith(".toml"):  # what it names lies beside it
         folder = Path(name).absolute().parent
         recipe = with_sensors(recipe, lambda sensor: str(folder / sensor))
@@ -91,7 +92,7 @@ def load_recipe(name: str) -> Recipe:
 
 
 def with_sensors(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
-    """The recipe with other names of the files of sensors of one's own."""
+    """The recipe with the files of the user's own sensors renamed."""
 
     def changed(name: Any) -> Any:
         return rename(name) if isinstance(name, str) and name.endswith(".toml") else name
@@ -107,7 +108,7 @@ def with_sensors(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
 
 
 def portable(recipe: Recipe, folder: Path) -> Recipe:
-    """The recipe as a file in the folder has it."""
+    """The recipe with sensor files named relative to the folder."""
     return with_sensors(recipe, lambda name: seen_from(folder, name))
 
 
@@ -116,19 +117,19 @@ def dump_recipe(recipe: Recipe) -> str:
     return tomli_w.dumps(msgspec.to_builtins(recipe))
 
 
-def drawn(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any]:
-    """Values of a sequence, by key; each has random numbers of its own."""
+def drawn(recipe: Recipe, number: int, attempt: int = 0) -> Values:
+    """Values of a sequence, by key; each key has its own random stream."""
     return {
         key: _draw(how, np.random.default_rng([recipe.seed, number, attempt, crc32(key.encode())]))
         for key, how in sorted(recipe.draw.items())
     }
 
 
-def scene_of(recipe: Recipe, number: int, values: dict[str, Any]) -> Scene:
-    """Scene of a sequence for which these values were drawn.
+def scene_of(recipe: Recipe, number: int, values: Values) -> Scene:
+    """Scene of a sequence with drawn values.
 
-    A grip that stays presses; in a grasp a load grows to a share of what friction holds, and stays;
-    in a slip it grows beyond.
+    A press has a constant grip and no load. In a grasp the load grows to a share of µ·grip, less
+    than 1, and stays. In a slip it grows to a share above 1.
     """
     tables = copy.deepcopy(recipe.scene)
     for key, value in values.items():
@@ -152,14 +153,14 @@ def scene_of(recipe: Recipe, number: int, values: dict[str, Any]) -> Scene:
 
 
 def _draw(how: dict[str, list[Any]], rng: np.random.Generator) -> Any:
-    ((kind, told),) = how.items()
+    ((kind, numbers),) = how.items()
     if kind == "choice":
-        return told[int(rng.integers(len(told)))]
+        return numbers[int(rng.integers(len(numbers)))]
     if kind == "uniform":
-        return float(rng.uniform(*told))
+        return float(rng.uniform(*numbers))
     if kind == "log_uniform":
-        return float(np.exp(rng.uniform(*np.log(told))))
-    mean, deviation, low, high = told
+        return float(np.exp(rng.uniform(*np.log(numbers))))
+    mean, deviation, low, high = numbers
     while True:
         value = float(rng.normal(mean, deviation))
         if low <= value <= high:
@@ -167,7 +168,7 @@ def _draw(how: dict[str, list[Any]], rng: np.random.Generator) -> Any:
 
 
 def _check(recipe: Recipe, name: str) -> None:
-    """Refuse what no sequence can have: the ends of what is drawn are tried, one key at a time."""
+    """Refuse values that no scene can have: the ends of each key's range are tried in turn."""
     for key, how in recipe.draw.items():
         _check_how(how, f"recipe {name}: draw.{key}")
     if "calibration" in {**recipe.scene, **recipe.draw}:
@@ -197,30 +198,30 @@ def _check(recipe: Recipe, name: str) -> None:
 def _check_how(how: dict[str, list[Any]], name: str) -> None:
     if len(how) != 1 or next(iter(how)) not in _DRAWS:
         raise UserError(f"{name}: expected one of {', '.join(_DRAWS)}")
-    ((kind, told),) = how.items()
+    ((kind, numbers),) = how.items()
     wanted = _DRAWS[kind]
     if wanted is None:
-        if not told:
+        if not numbers:
             raise UserError(f"{name}: choice needs something to choose from")
         return
-    if len(told) != wanted or not all(isinstance(v, int | float) for v in told):
-        raise UserError(f"{name}: {kind} takes {wanted} numbers, got {told}")
-    low, high = told[-2:]
+    if len(numbers) != wanted or not all(isinstance(v, int | float) for v in numbers):
+        raise UserError(f"{name}: {kind} takes {wanted} numbers, got {numbers}")
+    low, high = numbers[-2:]
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
         raise UserError(f"{name}: from {low} to {high} there is nothing to draw")
     if kind == "log_uniform" and not low > 0.0:
         raise UserError(f"{name}: log_uniform starts above 0, got {low}")
-    if kind == "normal" and not (told[1] > 0.0 and low <= told[0] <= high):
+    if kind == "normal" and not (numbers[1] > 0.0 and low <= numbers[0] <= high):
         raise UserError(f"{name}: normal needs a deviation above 0 and its mean within bounds")
 
 
 def _ends(how: dict[str, list[Any]]) -> list[Any]:
-    """Values between which all that are drawn lie."""
-    ((kind, told),) = how.items()
-    return list(told) if kind == "choice" else list(told[-2:])
+    """Bounds of the drawn values, or all choices."""
+    ((kind, numbers),) = how.items()
+    return list(numbers) if kind == "choice" else list(numbers[-2:])
 
 
-def _put(tables: dict[str, Any], key: str, value: Any) -> None:
+def _put(tables: Values, key: str, value: Any) -> None:
     *path, last = key.split(".")
     for part in path:
         tables = tables.setdefault(part, {})

@@ -1,28 +1,28 @@
-"""Sensors of one's own in a dataset: copied into it, so that it is read wherever it lies.
+"""Copies of the user's own sensors in a dataset, so that it can be read wherever it is moved to.
 
 sensors/mine/        mine.toml, and the files that it names
 """
 
-import tomllib
 from pathlib import Path
 
 import tomli_w
 
 from ..errors import UserError
+from ..output.folder import disk_errors, write_whole
 from ..render.design.sensor import FILES_NAMED
-from .folder import RECIPE, SENSORS, write_whole
+from ..strict_toml import read_toml
+from .folder import RECIPE, SENSORS
 from .recipe import Recipe, with_sensors
 
 
 def keep_sensors(recipe: Recipe, folder: Path) -> Recipe:
-    """Copy sensors of one's own into a dataset's folder; returns the recipe that names the copies.
+    """Copy the user's own sensors into a dataset; returns the recipe that names the copies.
 
     Raises
     ------
     UserError
-        When two have one name, or the folder holds a dataset of another.
-    UserError
-        When the folder cannot be written.
+        When two sensors have one name, a file cannot be read or written, or the folder holds a
+        dataset of another sensor.
     """
     sensors: dict[str, Path] = {}
 
@@ -46,28 +46,28 @@ def keep_sensors(recipe: Recipe, folder: Path) -> Recipe:
             if not target.is_file() or target.read_bytes() != data:
                 raise UserError(f"{folder} holds a dataset of another sensor: {place} differs")
             continue
-        try:
+        with disk_errors(target):
             target.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UserError(f"{target} cannot be written: {error.strerror}") from None
         write_whole(target, data)
     return kept
 
 
 def _files(path: Path) -> dict[str, bytes]:
-    """A sensor's file and those that it names, as they lie in one folder."""
+    """A sensor's file and those that it names, by name in one folder."""
+    values = read_toml(path, f"sensor file {path}")
+    beside: dict[str, bytes] = {}
+    for table, key in FILES_NAMED:
+        if name := values.get(table, {}).get(key):
+            other = path.parent / name
+            if other.name in (path.name, *beside):
+                raise UserError(f"sensor file {path} names two files called {other.name}")
+            beside[other.name] = _bytes(other)
+            values[table][key] = other.name
+    return {path.name: tomli_w.dumps(values).encode() if beside else _bytes(path), **beside}
+
+
+def _bytes(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
-        values = tomllib.loads(data.decode())
-        beside: dict[str, bytes] = {}
-        for table, key in FILES_NAMED:
-            if name := values.get(table, {}).get(key):
-                other = path.parent / name
-                if other.name in (path.name, *beside):
-                    raise UserError(f"it names two files called {other.name}")
-                beside[other.name] = other.read_bytes()
-                values[table][key] = other.name
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UserError(f"sensor file {path} cannot be copied: {reason}") from None
-    return {path.name: tomli_w.dumps(values).encode() if beside else data, **beside}
+        return path.read_bytes()
+    except OSError as error:
+        raise UserError(f"file {path} cannot be read: {error.strerror}") from None

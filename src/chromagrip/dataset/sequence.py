@@ -1,64 +1,64 @@
-"""One sequence of a dataset: drawn, run, seen, and labelled."""
+"""One sequence of a dataset: its values are drawn, its scene is run, its pictures are labelled."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from ..errors import UserError
 from ..loop.camera import SimulatedCamera
 from ..loop.grasp import Sample, grasp
 from ..model import GROSS_SLIP, ForceField, node_friction, rest_state
+from ..output.processes import one_thread
 from ..render import Renderer, load_sensor, open_renderer
 from ..render.drawing.truth import MarkerTruth, TruthMap, marker_truth
 from ..render.harmonics import harmonic_map
 from ..scene.scene import Scene
-from .recipe import Recipe, drawn, scene_of
+from .recipe import Recipe, Values, drawn, scene_of
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: How often a sequence that the node model cannot follow is drawn anew.
+#: Draws of a sequence before it is given up, where the node model cannot follow its scene.
 _ATTEMPTS = 50
-#: A node slips where it carries this share of what its friction holds, or more.
+#: A node slips from this share of the friction that it can hold on.
 SLIPPING = 0.98
+#: Values of the column `slip_state`.
 STATES = ("none", "stick", "incipient", "gross")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sequence:
-    """What a sequence was made from.
+    """A sequence that was run, without its images.
 
     Attributes
     ----------
     number: in the dataset
     values: that were drawn
-    scene: of which these are part
-    samples: the run, without images
+    scene: with these values
+    samples: of the run, without images
     """
 
     number: int
-    values: dict[str, Any]
+    values: Values
     scene: Scene
     samples: list[Sample]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """A frame with what is true of it.
+    """A frame with its labels.
 
     Attributes
     ----------
-    image: what the camera saw
+    image: of the camera, RGB, shape (H, W, 3)
     values: of the frame, by column of FRAME
     markers: by column of MARKERS, the first layer's before the second's, shape (2M,) or (M,)
     nodes: of the chain, by column of NODES, shape (N,)
-    truth: what else was asked for, by name
+    truth: labels of every pixel that the recipe has, by name; see `GroundTruth`
     """
 
     image: Image
@@ -68,7 +68,7 @@ class Shot:
     truth: dict[str, NDArray[Any]]
 
 
-#: Columns of a frame, in order, with what they hold.
+#: Columns of a frame, in order, with their meanings.
 FRAME = {
     "frame": "number in the sequence",
     "time_s": "instant",
@@ -114,18 +114,18 @@ NODES = {
 
 
 def sequence(recipe: Recipe, number: int) -> Sequence:
-    """Sequence of that number; the same recipe and number give the same.
+    """Run the sequence of that number; the same recipe and number give the same sequence.
 
     Raises
     ------
     UserError
-        When the node model can follow none of many draws.
+        When the node model cannot follow any of 50 draws.
     """
     for attempt in range(_ATTEMPTS):
         values = drawn(recipe, number, attempt)
         scene = scene_of(recipe, number, values)
         try:
-            with _threads().limit(limits=1):
+            with one_thread():
                 samples = list(grasp(scene, _camera(scene)))
         except UserError as error:
             reason = str(error)
@@ -135,9 +135,8 @@ def sequence(recipe: Recipe, number: int) -> Sequence:
 
 
 def shots(recipe: Recipe, made: Sequence) -> tuple[Image, Iterator[Shot]]:
-    """Picture of the unloaded sensor, and every frame in turn."""
+    """Picture of the unloaded sensor, and an iterator over the frames."""
     camera = _camera(made.scene)
-    cv2.setNumThreads(1)
     tip = made.scene.build_fingertip()
     rest = camera.expose_rest(rest_state(tip), 1)[0].image
     return rest, _shots(recipe, made, camera)
@@ -148,11 +147,11 @@ def _shots(recipe: Recipe, made: Sequence, camera: SimulatedCamera) -> Iterator[
     sensor, tip = scene.build_sensor(), scene.build_fingertip()
     unloaded = marker_truth(sensor, camera.membrane(np.zeros((tip.nodes, 2))))
     carry = harmonic_map(sensor.shape, sensor.places, tip.nodes)
-    whole = _truth_map(scene.sensor, tip.nodes) if recipe.truth else None
-    with _threads().limit(limits=1):
+    pixels = _truth_map(scene.sensor, tip.nodes) if recipe.truth else None
+    with one_thread():
         for sample in made.samples:
-            seen = sample.state.deformation.seen
-            membrane = camera.membrane(seen)
+            displacement = sample.state.deformation.seen
+            membrane = camera.membrane(displacement)
             truth = marker_truth(sensor, membrane)
             obj = scene.build_object(sample.state.time)
             friction = node_friction(tip, obj, sample.state)
@@ -163,7 +162,7 @@ def _shots(recipe: Recipe, made: Sequence, camera: SimulatedCamera) -> Iterator[
                 values=_values(sample, on, friction),
                 markers=_markers(truth, unloaded, [_at_markers(carry, force) for force in on]),
                 nodes=_nodes(field, friction),
-                truth=whole.images(recipe.truth, membrane, seen) if whole else {},
+                truth=pixels.images(recipe.truth, membrane, displacement) if pixels else {},
             )
 
 
@@ -218,13 +217,13 @@ def _markers(
 
 
 def _at_markers(carry: Any, force: Array) -> Array:
-    """Force at the markers' places (M,), from that on the nodes (N,): its even and odd parts."""
+    """Force at the markers' places (M,) from its even and odd parts on the nodes (N,)."""
     right, left = carry.right @ force, carry.left @ force
     return np.asarray((right + left) / 2 + (right - left) / 2 * np.cos(carry.phi))
 
 
 def _camera(scene: Scene) -> SimulatedCamera:
-    """Camera of a scene; its renderer is the next one's too, and stays open."""
+    """Camera of a scene; its renderer stays open, for the next scene of the same sensor."""
     return SimulatedCamera(
         scene.build_sensor(),
         _renderer(scene.renderer, scene.sensor),
@@ -233,12 +232,6 @@ def _camera(scene: Scene) -> SimulatedCamera:
         scene.seed,
         scene.defects,
     )
-
-
-@lru_cache(maxsize=1)
-def _threads() -> ThreadpoolController:
-    """Libraries with threads of their own; looking for them takes as long as half a frame."""
-    return ThreadpoolController()
 
 
 @lru_cache(maxsize=1)

@@ -1,21 +1,22 @@
-"""Parts of a dataset whose objects are apart: what is tested was never trained on."""
+"""Split of a dataset by object: no object is in two parts."""
 
 import json
 from pathlib import Path
-from typing import Any
 from zlib import crc32
 
 import numpy as np
 
 from ..errors import UserError
 from ..extras import need
-from .folder import TABLE, read_manifest, sequence_name, write_whole
+from ..output.folder import write_whole
+from .folder import TABLE, read_manifest, sequence_name
+from .recipe import Values
 
 SPLIT = "split.json"
 
 
 def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, list[str]]:
-    """Part → names of its sequences; written to split.json beside them.
+    """Names of the sequences of each part, which are written to split.json too.
 
     All sequences of one object (equal in every drawn value of `object.…`) are in one part.
 
@@ -31,8 +32,8 @@ def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, li
         When shares do not add up, or there are fewer objects than parts.
     """
     if abs(sum(shares.values()) - 1.0) > 1e-9 or min(shares.values()) <= 0.0:
-        told = ", ".join(f"{name} {share:g}" for name, share in shares.items())
-        raise UserError(f"shares must be above 0 and add up to 1, got {told}")
+        given = ", ".join(f"{name} {share:g}" for name, share in shares.items())
+        raise UserError(f"shares must be above 0 and add up to 1, got {given}")
     read_manifest(folder)
     pq = need("pyarrow.parquet", "data")
     objects = _objects(pq.read_table(folder / TABLE).to_pylist())
@@ -41,7 +42,7 @@ def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, li
         raise UserError(f"{folder} has {len(keys)} objects, too few for {len(shares)} parts")
     order = np.random.default_rng([seed, crc32(b"split")]).permutation(len(keys))
     ends = np.rint(np.cumsum(list(shares.values())) * len(keys)).astype(int)
-    # Every part has an object, however small its share.
+    # Every part has at least one object.
     for k in range(len(ends)):
         ends[k] = min(max(ends[k], k + 1), len(keys) - (len(ends) - 1 - k))
     parts = {
@@ -52,7 +53,7 @@ def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, li
     return parts
 
 
-def _objects(rows: list[dict[str, Any]]) -> dict[str, list[int]]:
+def _objects(rows: list[Values]) -> dict[str, list[int]]:
     """Numbers of the sequences of each object, by what was drawn of it."""
     found: dict[str, list[int]] = {}
     for row in rows:

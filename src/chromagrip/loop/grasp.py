@@ -17,6 +17,7 @@ from ..tracking import (
 )
 from .camera import SimulatedCamera
 from .latency import DelayedController, arrivals
+from .methods import Methods
 from .observers import CameraObserver, TruthObserver, with_friction_off
 from .world import Plant, World
 
@@ -56,7 +57,7 @@ class Sample:
     rest: Tracks | None
 
 
-def open_camera(scene: Scene) -> SimulatedCamera:
+def open_camera(scene: Scene, methods: Methods | None = None) -> SimulatedCamera:
     """Camera of a scene; close it after the run.
 
     Raises
@@ -65,7 +66,7 @@ def open_camera(scene: Scene) -> SimulatedCamera:
         When the renderer cannot run on this machine.
     """
     sensor = scene.build_sensor()
-    renderer = open_renderer(scene.renderer, sensor)
+    renderer = open_renderer(methods.renderer if methods else scene.renderer, sensor)
     return SimulatedCamera(
         sensor,
         renderer,
@@ -81,6 +82,7 @@ def grasp(
     camera: SimulatedCamera,
     fingertip: Fingertip | None = None,
     known: SensorCalibration | None = None,
+    methods: Methods | None = None,
 ) -> Iterator[Sample]:
     """Samples of a grasp, as they happen.
 
@@ -89,6 +91,7 @@ def grasp(
     scene: what happens
     camera: that takes the frames
     fingertip, known: that grips, and the calibration that the estimator has; None are the scene's
+    methods: controller, tracker and reconstructor; None are the scene's
 
     Raises
     ------
@@ -100,11 +103,14 @@ def grasp(
         raise UserError(
             f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
         )
+    methods = methods or Methods.of_scene(scene)
     plant = Plant(scene, scene.build_fingertip() if fingertip is None else fingertip)
     world, due = plant.rest(), arrivals(scene)
-    controller = DelayedController(scene.build_controller(), scene.controller, due)
+    controller = DelayedController(methods.build_controller(scene), scene.controller, due)
     if scene.path == "camera":
-        read = _camera_readings(scene, camera, world, known)
+        with located(f"sensor {scene.sensor}"):
+            known = known_sensor(scene) if known is None else known
+        read = _camera_readings(scene, camera, world, known, methods)
     else:
         read = _truth_readings(scene)
     for index in range(scene.frames):
@@ -145,15 +151,19 @@ def _truth_readings(scene: Scene) -> Read:
 
 
 def _camera_readings(
-    scene: Scene, camera: SimulatedCamera, world: World, known: SensorCalibration | None
+    scene: Scene,
+    camera: SimulatedCamera,
+    world: World,
+    known: SensorCalibration,
+    methods: Methods,
 ) -> Read:
     """Readings of the camera's frames, by an observer that has seen frames at rest."""
     rest = camera.expose_rest(world.now.state, scene.camera.rest_frames)
     with located(f"sensor {scene.sensor}"):
         observer = CameraObserver(
-            known_sensor(scene) if known is None else known,
-            scene.tracker,
-            scene.reconstructor,
+            known,
+            methods.tracker,
+            methods.reconstructor,
             scene.camera.noise_levels,
             scene.safety_margin.friction_window_s,
             rest,

@@ -145,8 +145,8 @@ class CameraObserver:
     def __init__(
         self,
         calibration: SensorCalibration,
-        tracker: str,
-        reconstructor: str,
+        tracker: Choice,
+        reconstructor: Choice,
         noise: float,
         window: float,
         rest: list[Frame],

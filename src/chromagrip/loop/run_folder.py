@@ -1,29 +1,33 @@
 """Running a scene: in memory, or into a run folder that an interruption leaves readable.
 
-What only a folder needs (FFmpeg, Arrow, matplotlib) is imported where one is written.
+Packages that only a folder needs (FFmpeg, Arrow, matplotlib) are imported where one is written.
 """
 
 import json
+import shutil
 import time
 from array import array
-from collections.abc import Callable
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Self
 
 import cv2
 from threadpoolctl import threadpool_limits
 
-from ..errors import UserError
+from ..by_name import Choice
+from ..control import Controller
+from ..errors import UserError, located
 from ..extras import need, require
 from ..output.folder import prepare
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
-from ..tracking import check_reconstructor
+from ..tracking import SensorCalibration, check_reconstructor
 from .camera import SimulatedCamera
-from .grasp import grasp, known_sensor, open_camera
-from .trace import COLUMNS, Trace, make_trace, row, summarise
+from .grasp import Sample, grasp, known_sensor, open_camera
+from .methods import Methods, choose
+from .trace import COLUMNS, Summary, Trace, make_trace, row, summarise
 
 if TYPE_CHECKING:
     from .tactile_video import TactileVideo
@@ -31,24 +35,24 @@ if TYPE_CHECKING:
 #: What a run folder holds.
 FILES = ("summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml")
 
-#: Told after each frame: frames done and frames in all.
+#: Called after each frame with the frames done and all frames.
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """What a run left.
+    """Results of a run.
 
     Attributes
     ----------
-    scene: that was run
+    scene: that was run, with the names of the methods that were used
     summary: see `trace.summarise`
     trace: time series, truth beside estimate
     folder: where the files are; None when nothing was written
     """
 
     scene: Scene
-    summary: dict[str, Any]
+    summary: Summary
     trace: Trace
     folder: Path | None
 
@@ -57,74 +61,166 @@ def run(
     scene: Scene | str,
     out: Path | str | None = None,
     *,
-    force: bool = False,
+    overwrite: bool = False,
     progress: Progress | None = None,
+    controller: Choice | Controller | None = None,
+    tracker: Choice | None = None,
+    reconstructor: Choice | None = None,
+    renderer: Choice | None = None,
 ) -> Result:
-    """Run a scene; with `out`, leave summary, trace, figure, video and scene in that folder.
+    """Run a scene; with `out`, write summary, trace, figure, video and scene into that folder.
 
-    Interrupted by Ctrl-C it keeps what it had, marked as not complete, and raises
-    KeyboardInterrupt.
+    After Ctrl-C or an error of a controller the results up to there are written, marked as not
+    complete, and the exception is raised.
 
     Parameters
     ----------
-    scene: a Scene, or what `load_scene` takes
+    scene: a Scene, or a name or file as in `load_scene`
     out: run folder, made if missing
-    force: write into a folder that is not empty, over an earlier run's files
+    overwrite: write into a folder that is not empty, over an earlier run's files
     progress: called after every frame
+    controller: in place of the scene's: an object with `reset` and `command`, a class or other
+        factory without arguments, or a name
+    tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
 
     Raises
     ------
     UserError
-        For a scene, a folder or a renderer that will not do.
+        For a scene, a method, a folder or a renderer that cannot be used.
     """
     if isinstance(scene, str):
         scene = load_scene(scene)
-    scene.build_controller()  # refuses one that is not there before there is a folder
+    scene, methods = choose(
+        scene,
+        controller=controller,
+        tracker=tracker,
+        reconstructor=reconstructor,
+        renderer=renderer,
+    )
+    methods.build_controller(scene)  # a controller that cannot be made leaves no folder
+    known = None
     if scene.path == "camera" and not scene.build_sensor().shape.flat:
-        check_reconstructor(scene.reconstructor, known_sensor(scene))
+        with located(f"sensor {scene.sensor}"):
+            known = known_sensor(scene)
+            check_reconstructor(methods.reconstructor, known)
     if out is not None:
         require("data", "video", purpose="writing a run folder")
-    with closing(open_camera(scene)) as camera, threadpool_limits(1):
+    with closing(open_camera(scene, methods)) as camera, threadpool_limits(1):
         # One thread: frames are small, and runs are made side by side.
         cv2.setNumThreads(1)
-        folder = None if out is None else _open_folder(Path(out), force, scene)
-        return _record(scene, camera, folder, progress)
+        if out is None:
+            return _record(scene, methods, camera, known, None, progress)
+        with RunFiles(Path(out), overwrite, scene) as files:
+            return _record(scene, methods, camera, known, files, progress)
 
 
 def _record(
-    scene: Scene, camera: SimulatedCamera, folder: Path | None, progress: Progress | None
+    scene: Scene,
+    methods: Methods,
+    camera: SimulatedCamera,
+    known: SensorCalibration | None,
+    files: "RunFiles | None",
+    progress: Progress | None,
 ) -> Result:
-    """Run the loop; write video while it runs and results however it ends."""
+    """Run the loop, and keep what it gave however it ends."""
     rows = array("d")
-    seconds, shown = 0.0, -1
-    video: TactileVideo | None = None
+    samples = grasp(scene, camera, known=known, methods=methods)
+    seconds = 0.0
     try:
-        with ExitStack() as files:
-            if folder is not None:
-                video = files.enter_context(_open_video(folder, scene))
-            samples = grasp(scene, camera)
-            while True:
-                begin = time.perf_counter()
-                sample = next(samples, None)
-                if rows:  # the first one reads the frames of rest, too
-                    seconds += time.perf_counter() - begin
-                if sample is None:
-                    break
-                rows.extend(row(sample))
-                slot = 0 if video is None else video.slot(sample.state.time)
-                if video is not None and slot > shown and sample.observation is not None:
-                    shown = slot
-                    frame = sample.frame or camera.expose(sample.state, sample.index)
-                    video.add(frame.image, sample)
-                if progress is not None:
-                    progress(len(rows) // len(COLUMNS), scene.frames)
+        while True:
+            begin = time.perf_counter()
+            sample = next(samples, None)
+            if rows:  # the first sample includes the frames at rest
+                seconds += time.perf_counter() - begin
+            if sample is None:
+                break
+            rows.extend(row(sample))
+            if files is not None:
+                files.show(sample, camera)
+            if progress is not None:
+                progress(len(rows) // len(COLUMNS), scene.frames)
     finally:
-        # Also after Ctrl-C or a failing controller: what was seen up to there is kept.
         trace = make_trace(rows)
         summary = summarise(scene, trace, seconds)
-        if folder is not None and rows:
-            _write_results(folder, scene, trace, summary)
+        if files is not None and rows:
+            files.write(trace, summary)
+    folder = None if files is None else files.folder
     return Result(scene=scene, summary=summary, trace=trace, folder=folder)
+
+
+class RunFiles:
+    """Files of a run, which get their final names together, once all are written.
+
+    Until then they lie in a folder inside the run folder. A disk that fills leaves nothing but the
+    scene.
+
+    Parameters
+    ----------
+    folder: run folder, made if missing
+    overwrite: remove an earlier run's files
+    scene: that is run
+    """
+
+    def __init__(self, folder: Path, overwrite: bool, scene: Scene) -> None:
+        self.folder = folder
+        self._parts = folder / ".parts"
+        self._scene = scene
+        self._video: TactileVideo | None = None
+        self._slot = -1
+        prepare(folder, overwrite)
+        with self._writing():
+            self._discard()
+            for name in FILES:
+                (folder / name).unlink(missing_ok=True)
+            self._parts.mkdir()
+            part = self._parts / "scene.toml"
+            part.write_text(scene_text(scene), encoding="utf-8")
+            part.replace(folder / part.name)
+            self._video = _open_video(self._parts, scene)
+
+    def __enter__(self) -> Self:
+        """Use as a context, which removes unfinished files."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Remove unfinished files."""
+        self._discard()
+
+    def show(self, sample: Sample, camera: SimulatedCamera) -> None:
+        """Append a sample to the video, when its next picture is due."""
+        slot = 0 if self._video is None else self._video.slot(sample.state.time)
+        if self._video is not None and slot > self._slot and sample.observation is not None:
+            self._slot = slot
+            frame = sample.frame or camera.expose(sample.state, sample.index)
+            with self._writing():
+                self._video.add(frame.image, sample)
+
+    def write(self, trace: Trace, summary: Summary) -> None:
+        """Write the results, and give all files their names."""
+        if self._video is None:  # writing failed before
+            return
+        with self._writing():
+            self._video.close()
+            _write_results(self._parts, self._scene, trace, summary)
+            for part in sorted(self._parts.iterdir()):
+                part.replace(self.folder / part.name)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self._discard()
+            reason = error.strerror or error
+            raise UserError(f"folder {self.folder} cannot be written: {reason}") from None
+
+    def _discard(self) -> None:
+        """Close and remove unfinished files."""
+        video, self._video = self._video, None
+        if video is not None:
+            with suppress(OSError, UserError):
+                video.close()
+        shutil.rmtree(self._parts, ignore_errors=True)
 
 
 def _open_video(folder: Path, scene: Scene) -> "TactileVideo":
@@ -133,22 +229,12 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo":
     return TactileVideo(folder / "tactile.mp4", scene.build_sensor())
 
 
-def _open_folder(folder: Path, force: bool, scene: Scene) -> Path:
-    """Run folder with its scene in it, and without an earlier run's files."""
-    prepare(folder, force)
-    try:
-        for name in FILES:
-            (folder / name).unlink(missing_ok=True)
-        (folder / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
-    except OSError as error:
-        raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
-    return folder
+def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
+    pa = need("pyarrow", "data")
+    pq = need("pyarrow.parquet", "data")
 
-
-def _write_results(folder: Path, scene: Scene, trace: Trace, summary: dict[str, Any]) -> None:
     from .figure import draw_figure
 
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     table = pa.table({name: pa.array(column) for name, column in trace.columns.items()})
     meaning = {name: text.encode() for name, text in COLUMNS.items()}
     pq.write_table(table.replace_schema_metadata(meaning), folder / "trace.parquet")

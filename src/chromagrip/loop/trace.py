@@ -108,7 +108,11 @@ def make_trace(rows: Sequence[float] | Sequence[tuple[float, ...]]) -> Trace:
     return Trace(dict(zip(COLUMNS, values.T, strict=True)))
 
 
-def summarise(scene: Scene, trace: Trace, seconds: float) -> dict[str, Any]:
+#: Results of a run by name; None where a value is unknown.
+Summary = dict[str, Any]
+
+
+def summarise(scene: Scene, trace: Trace, seconds: float) -> Summary:
     """Summary of a run; every key is a promise.
 
     Parameters
@@ -122,11 +126,12 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> dict[str, Any]:
     late = trace["margin_true"][trace["time_s"] > scene.duration_s - 0.3 - 1e-9]
     steps = np.flatnonzero(np.diff(trace["grip_n"]) > 0.9 * scene.react_to_slip.step_n)
     reacted = scene.controller == "react-to-slip"
-    values: dict[str, Any] = {
+    values: Summary = {
         "controller": scene.controller,
         "path": scene.path,
         "renderer": scene.renderer,
         "sensor": scene.sensor,
+        "reconstructor": scene.reconstructor if scene.path == "camera" else None,
         "seed": scene.seed,
         "complete": len(trace) == scene.frames,
         "frames": len(trace),

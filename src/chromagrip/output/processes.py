@@ -40,6 +40,7 @@ def map_processes(
     *,
     done: int = 0,
     ordered: bool = False,
+    advice: str = "give fewer --workers",
 ) -> Generator[Result, None, None]:
     """Apply a function to each task, in several processes with one thread each.
 
@@ -54,11 +55,12 @@ def map_processes(
     progress: called at the start, and before each result is yielded
     done: tasks that were done before, which `progress` counts too
     ordered: yield results in the order of the tasks; else as they come
+    advice: what the message of a worker that was killed ends with
 
     Raises
     ------
     UserError
-        When a worker dies.
+        When a worker was killed.
     """
     total = done + len(tasks)
     progress(done, total)
@@ -67,7 +69,7 @@ def map_processes(
     workers = min(workers, len(tasks))
     with (
         exit_on_sigterm(),
-        closing(_results(function, tasks, workers, ordered)) as results,
+        closing(_results(function, tasks, workers, ordered, advice)) as results,
     ):
         for result in results:
             done += 1
@@ -111,7 +113,11 @@ def exit_on_sigterm() -> Iterator[None]:
 
 
 def _results(
-    function: Callable[[Task], Result], tasks: Sequence[Task], workers: int, ordered: bool
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    workers: int,
+    ordered: bool,
+    advice: str,
 ) -> Generator[Result, None, None]:
     if workers == 1:
         for task in tasks:
@@ -134,7 +140,7 @@ def _results(
         for result in results:  # `yield from` would close `results` outside the `finally`
             yield result
     except TerminatedWorkerError:
-        raise UserError("a worker process died (out of memory?); give fewer --workers") from None
+        raise UserError(f"a worker was killed (out of memory?); {advice}") from None
     finally:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of tasks that are cancelled

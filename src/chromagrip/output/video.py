@@ -1,14 +1,14 @@
-"""A video as it is written: beside its final name, so that a cut file never looks whole."""
+"""A video that is written while its pictures come."""
 
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..extras import need
+from .folder import GrowingFile, disk_errors
 
 if TYPE_CHECKING:
     import av
@@ -16,15 +16,20 @@ if TYPE_CHECKING:
 Image = NDArray[np.uint8]
 
 
-class VideoFile:
+class VideoFile(GrowingFile):
     """H.264 in 4:4:4, because halving the chroma doubles the error on colour-coded markers.
 
     Parameters
     ----------
-    path: of the video; it has that name once it is closed
-    rate: pictures per second
+    path: of the video; it gets that name when it is closed
+    rate: pictures per second [Hz]
     quality: rate factor of x264, lower is better
-    options: more of x264, as PyAV takes them
+    options: further options of x264, as PyAV takes them
+
+    Raises
+    ------
+    UserError
+        When it cannot be written, as where the disk is full; nothing of it is left.
     """
 
     _stream: "av.VideoStream | None"
@@ -36,30 +41,19 @@ class VideoFile:
         quality: int,
         options: dict[str, str] | None = None,
     ) -> None:
-        self._path, self._rate, self._quality = path, rate, quality
+        super().__init__(path)
+        self._rate, self._quality = rate, quality
         self._options = options or {}
-        self._part = path.with_name(path.name + ".part")
-        av = need("av", "video")
-        self._container = av.open(str(self._part), "w", format="mp4")
+        with disk_errors(path):
+            self._container = need("av", "video").open(str(self._part), "w", format="mp4")
         self._stream = None
 
-    def __enter__(self) -> Self:
-        """Use as a context: closed and renamed even after an interruption."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Finish the file and give it its name; without a picture it has none."""
+    def _finish(self) -> None:
         if self._stream is not None:
-            for packet in self._stream.encode():
-                self._container.mux(packet)
+            self._mux(None)
         self._container.close()
-        if self._stream is not None:
-            self._part.replace(self._path)
+        if self._stream is None:  # without a picture it is no video
+            self._part.unlink()
 
     def append(self, picture: Image) -> None:
         """Append a picture; all have the size of the first one."""
@@ -76,7 +70,12 @@ class VideoFile:
                 **self._options,
             }
             self._stream.options = options
-        av = need("av", "video")
-        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        frame = need("av", "video").VideoFrame.from_ndarray(picture, format="rgb24")
+        with disk_errors(self._path):
+            self._mux(frame)
+
+    def _mux(self, frame: "av.VideoFrame | None") -> None:
+        """Encode a picture, or what the encoder still holds."""
+        assert self._stream is not None
         for packet in self._stream.encode(frame):
             self._container.mux(packet)

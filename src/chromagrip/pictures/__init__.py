@@ -1,1 +1,1 @@
-"""Pictures of one's own: markers tracked and forces estimated from files or a camera."""
+"""The user's own pictures: markers tracked and forces estimated, from files or a camera."""

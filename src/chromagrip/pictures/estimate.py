@@ -1,6 +1,5 @@
-"""Forces, friction and margin from a source of frames, into a folder that stays readable."""
+"""Forces, friction and margin in one's own pictures, in a folder."""
 
-import math
 import re
 import time
 from collections import Counter
@@ -8,43 +7,69 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..control import GripObservation
+from ..by_name import Choice, name_of
 from ..errors import UserError, located
+from ..extras import require
 from ..loop.observers import ForceObserver
-from ..output.estimate_table import DISPLACEMENTS, FORCES, VALUES, EstimateTable
-from ..render import Frame, View
+from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
+from ..output.versions import versions
+from ..render import Frame
 from ..tracking import (
     CAMERA_RULE,
-    DEFAULT_TRACKER,
     FRICTION,
-    Z90,
+    DisplacementGains,
     FrictionRule,
     Palette,
+    SensorCalibration,
     Tracks,
     check_reconstructor,
+    load_calibration,
 )
-from ..tracking.forces.calibration import check_rest, load_calibration
-from ..tracking.forces.displacement import DisplacementGains, skin_displacement
-from .figure import draw_figure, draw_forces
-from .overlay import OverlayVideo, draw_tracks
-from .track import Add, Outcome, Progress, Tracking, follow, open_folder, open_tracking
-
-#: What each frame gives: a row of the table, and what draws it.
-Draw = Callable[[], NDArray[np.uint8]]
-Read = Callable[[Frame, Tracks], tuple[dict[str, Any], Draw]]
+from ..tracking.forces import check_rest
+from .figure import draw_figure
+from .following import Add, Course, Outcome, Progress, follow, open_folder
+from .opening import Opened, Setup, open_tracking
+from .overlay import OverlayVideo
+from .readings import Read, displacement_reading, force_reading
 
 FORMAT = "chromagrip estimate 1"
-#: What a folder of estimates holds; the summary is written last.
+#: Files of a folder of estimates; the summary is written last.
 FILES = ("summary.json", "estimates.parquet", "figure.png", "overlay.mp4")
 #: Moving average of the friction estimate [s].
 DEFAULT_WINDOW = 0.3
-#: A single marker's error must not stand for the whole.
-_DEEPEST = 0.95
+
+
+class Typical(TypedDict):
+    """Values of a column: in the last frame, and the median over the frames."""
+
+    last: float | None
+    median: float
+
+
+class Estimates(TypedDict):
+    """Part of a summary that counts the estimates."""
+
+    without_estimate: int
+    without_estimate_because: dict[str, int]
+    estimates: dict[str, Typical]
+    mu_observable_frames: int
+    ms_per_estimate: float | None
+
+
+class EstimateSummary(Setup, Course, Estimates):
+    """Content of `summary.json`."""
+
+    format: str
+    calibration: str
+    reconstructor: str | None
+    friction: str | None
+    rest_misfit_px: float
+    friction_window_s: float
+    versions: dict[str, str]
 
 
 def estimate_source(
@@ -52,18 +77,18 @@ def estimate_source(
     source: str,
     *,
     calibration: str,
-    reconstructor: str,
+    reconstructor: Choice,
     friction: str | None = None,
-    tracker: str,
+    tracker: Choice,
     window: float = DEFAULT_WINDOW,
     noise: float | None = None,
     fps: float | None = None,
     frames: int | None = None,
     out: Path | None = None,
-    force: bool = False,
+    overwrite: bool = False,
     tell: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _, __: None,
-) -> Outcome:
+) -> Outcome[EstimateSummary]:
     """Estimate forces, µ and Γ in every frame, or displacements where there is no force model.
 
     With `out`, leave estimates, figure, overlay and summary in that folder. Interruptions and
@@ -72,79 +97,73 @@ def estimate_source(
     Parameters
     ----------
     calibration: name or file, see `load_calibration`
-    reconstructor: name or module:Class, see `load_reconstructor`; not used on a flat pad
-    friction: name of a reading of µ, see `FRICTION`; None is what grasps use
+    reconstructor: name, `module:Class`, or a class or other factory, see `load_reconstructor`; not
+        used on a flat pad
+    friction: name of a reading of µ, see `FRICTION`; by default that of grasps
     window: moving average of the friction estimate [s]
-    rest, source, tracker, noise, fps, frames, out, force, tell, progress: see `track_source`
+    rest, source, tracker, noise, fps, frames, out, overwrite, tell, progress: see `track_source`
 
     Raises
     ------
     UserError
         When there is nothing to estimate, or the calibration is another sensor's.
     """
-    with located(f"calibration {calibration}"):
-        known = load_calibration(calibration)
-        rule = _friction_rule(friction)
-        palette = Palette.of_sensor(known.sensor)
-        flat = known.sensor.shape.flat
-        gains = known.displacement if flat else None
-        if flat and gains is None:
-            raise UserError(
-                f"calibration {calibration} is of a flat pad, which has no force model, and has no "
-                "gains for displacements; get them from presses with `chromagrip calibrate sensor`"
-            )
-        if not flat:
-            check_reconstructor(reconstructor, known)  # before the work
-        tracking = open_tracking(
-            rest, source, palette=palette, tracker=tracker, noise=noise, fps=fps, tell=tell
-        )
-        misfit = check_rest(known.sensor, tracking.resting)
-        if gains is not None:
-            read = _read_displacements(gains, tracking)
-        else:
-            _check_tracker(tracking)
-            observer = ForceObserver(known, tracking.resting, reconstructor, window, rule)
-            read = _read_forces(observer, rule, tracking, known.sensor.view)
+    known = load_calibration(calibration)
+    rule = _friction_rule(friction)
+    gains = _displacement_gains(known, calibration)
+    if gains is None:
+        check_reconstructor(reconstructor, known)  # before the work
     if out is not None:
-        open_folder(out, force, FILES)
-    table_columns = DISPLACEMENTS if flat else FORCES
-    kept: list[dict[str, Any]] = []
-    seconds = 0.0
+        require("data", "video", purpose="a folder of estimates")
+    palette = Palette.of_sensor(known.sensor)
+    opened = open_tracking(
+        rest, source, palette=palette, tracker=tracker, noise=noise, fps=fps, tell=tell
+    )
+    with located(f"calibration {calibration}"):
+        misfit = check_rest(known.sensor, opened.resting)
+        if gains is None:
+            observer = ForceObserver(known, opened.resting, reconstructor, window, rule)
+            read = force_reading(observer, rule, opened, known.sensor.view)
+        else:
+            read = displacement_reading(gains, opened)
+    if out is not None:
+        open_folder(out, overwrite, FILES)
+    rows = _Rows(read, opened, out, flat=gains is not None)
 
-    def open_files(files: ExitStack) -> Add:
-        table = video = None
-        if out is not None:
-            table = files.enter_context(EstimateTable(out / "estimates.parquet", table_columns))
-            video = files.enter_context(OverlayVideo(out / "overlay.mp4", tracking.source.fps))
+    def summarise(course: Course) -> EstimateSummary:
+        rows.draw()
+        return {
+            "format": FORMAT,
+            "calibration": calibration,
+            "reconstructor": name_of(reconstructor) if gains is None else None,
+            "friction": friction,
+            "rest_misfit_px": misfit,
+            "friction_window_s": window,
+            **opened.setup,
+            **course,
+            **rows.estimates(),
+            "versions": versions(),
+        }
 
-        def add(index: int, frame: Frame, tracks: Tracks) -> None:
-            nonlocal seconds
-            begin = time.perf_counter()
-            row, draw = read(frame, tracks)
-            seconds += time.perf_counter() - begin
-            row |= {"frame": index, "time_s": frame.time}
-            kept.append({name: v for name, v in row.items() if not isinstance(v, np.ndarray)})
-            if table is not None and video is not None:
-                table.add(row)
-                video.append(draw())
+    return follow(opened, rows.open_files, summarise, frames, out, progress)
 
-        return add
 
-    def results() -> dict[str, Any]:
-        if out is not None and kept:
-            draw_figure(kept, flat, out / "figure.png")
-        return _summary(kept, seconds)
+def _displacement_gains(known: SensorCalibration, name: str) -> DisplacementGains | None:
+    """Gains of a flat pad; None for a sensor with a force model.
 
-    told = {
-        "format": FORMAT,
-        "calibration": calibration,
-        "reconstructor": None if flat else reconstructor,
-        "friction": friction,
-        "rest_misfit_px": misfit,
-        "friction_window_s": window,
-        **tracking.told,
-    }
-    return follow(tracking, told, open_files, frames, out, progress, results)
+    Raises
+    ------
+    UserError
+        When a flat pad has none.
+    """
+    if not known.sensor.shape.flat:
+        return None
+    if known.displacement is None:
+        raise UserError(
+            f"calibration {name} is of a flat pad, which has no force model, and has no gains for "
+            "displacements; get them from presses with `chromagrip calibrate sensor`"
+        )
+    return known.displacement
 
 
 def _friction_rule(name: str | None) -> FrictionRule:
@@ -155,95 +174,66 @@ def _friction_rule(name: str | None) -> FrictionRule:
     return replace(CAMERA_RULE, read=FRICTION[name])
 
 
-def _read_forces(
-    observer: ForceObserver, rule: FrictionRule, tracking: Tracking, view: View
-) -> Read:
-    def read(frame: Frame, tracks: Tracks) -> tuple[dict[str, Any], Draw]:
-        seen = observer.observe(frame.time, tracks)
-        row = _force_row(seen, rule)
-        row["markers_seen"] = int(tracks.visible.all(axis=0).sum())
-        return row, lambda: draw_forces(frame.image, view, tracks, tracking.resting, seen)
+class _Rows:
+    """Rows of the frames as they pass, with their table, overlay and figure.
 
-    return read
+    Parameters
+    ----------
+    read: gives a frame's row
+    opened: tracker and frames
+    out: folder of the files; None writes none
+    flat: whether the rows are displacements of a flat pad
+    """
 
+    def __init__(self, read: Read, opened: Opened, out: Path | None, flat: bool) -> None:
+        self._read, self._opened, self._out, self._flat = read, opened, out, flat
+        self._rows: list[Row] = []
+        self._seconds = 0.0
 
-def _force_row(seen: GripObservation, rule: FrictionRule) -> dict[str, Any]:
-    """What an observation says; null what it does not."""
-    if seen.no_estimate:
-        return {"no_estimate": seen.no_estimate}
-    field = seen.field
-    row: dict[str, Any] = {"no_estimate": ""}
-    told = [("mu", "", seen.friction, seen.friction_interval)]
-    told.append(("margin", "", seen.margin, seen.margin_interval))
-    for k, (name, total) in enumerate(
-        (("normal", field.total_normal), ("friction", field.total_friction))
-    ):
-        half = Z90 * math.sqrt(field.totals_covariance[k, k])
-        # In this order a NaN stays one.
-        told.append((name, "_n", total, (max(total - half, 0.0), total + half)))
-    for name, unit, value, (low, high) in told:
-        for end, number in (("", value), ("_low", low), ("_high", high)):
-            row[f"{name}{end}{unit}"] = number if math.isfinite(number) else None
-    row["mu_observable"] = rule.read(field).observable
-    row["node_normal_n"] = field.normal.astype(np.float32)
-    row["node_friction_n"] = field.friction.astype(np.float32)
-    return row
+    def open_files(self, files: ExitStack) -> Add:
+        """Open table and overlay; what adds a frame to them."""
+        table = video = None
+        if self._out is not None:
+            columns = DISPLACEMENTS if self._flat else FORCES
+            table = files.enter_context(EstimateTable(self._out / "estimates.parquet", columns))
+            fps = self._opened.source.fps
+            video = files.enter_context(OverlayVideo(self._out / "overlay.mp4", fps))
 
+        def add(index: int, frame: Frame, tracks: Tracks) -> None:
+            begin = time.perf_counter()
+            row, draw = self._read(frame, tracks)
+            self._seconds += time.perf_counter() - begin
+            row |= {"frame": index, "time_s": frame.time}
+            # Arrays would make the memory grow with the source.
+            self._rows.append({k: v for k, v in row.items() if not isinstance(v, np.ndarray)})
+            if table is not None and video is not None:
+                table.add(row)
+                video.append(draw())
 
-def _read_displacements(gains: DisplacementGains, tracking: Tracking) -> Read:
-    def read(frame: Frame, tracks: Tracks) -> tuple[dict[str, Any], Draw]:
-        moved, covariance = skin_displacement(gains, tracking.resting, tracks)
-        row: dict[str, Any] = {"markers_seen": int(tracks.visible.all(axis=0).sum())}
-        known = moved[np.isfinite(moved).all(axis=1)]
-        if len(known):
-            deep = float(np.quantile(known[:, 2], _DEEPEST))
-            shift = known[known[:, 2] >= min(0.5 * deep, deep), :2].mean(axis=0)
-            typical = float(np.sqrt(np.nanmedian(covariance[:, 2, 2])))
-            for name, value in zip(
-                ("depth_mm", "shift_x_mm", "shift_y_mm", "deviation_mm"),
-                (deep, *shift.tolist(), typical),
-                strict=True,
-            ):
-                row[name] = 1e3 * value
-            row["no_estimate"] = ""
-            for name, column in zip(["x_mm", "y_mm", "depth_mm"], moved.T, strict=True):
-                row[f"marker_{name}"] = (1e3 * column).astype(np.float32)
-        else:
-            row["no_estimate"] = "no marker of the outer layer is seen with its hue or size"
-        radius = tracking.start.radius
-        return row, lambda: draw_tracks(
-            frame.image, tracking.palette, tracks, tracking.resting, radius
-        )
+        return add
 
-    return read
+    def draw(self) -> None:
+        """Write the figure."""
+        if self._out is not None and self._rows:
+            draw_figure(self._rows, self._flat, self._out / "figure.png")
 
-
-def _check_tracker(tracking: Tracking) -> None:
-    """Refuse tracks that no forces can be read from."""
-    rest = tracking.resting
-    pairs = rest.visible.all(axis=0) if len(rest.visible) == 2 else np.zeros(0, dtype=bool)
-    if not pairs.any() or not np.isfinite(rest.covariance[pairs]).all():
-        raise UserError(
-            f"tracker {tracking.name!r} does not tell how certain places and sizes are, which "
-            f"forces are read from; wanted: {DEFAULT_TRACKER}"
-        )
-
-
-def _summary(rows: list[dict[str, Any]], seconds: float) -> dict[str, Any]:
-    """Last and median value of what was estimated, and the frames that say nothing."""
-    silent = [row for row in rows if row["no_estimate"]]
-    told = [row for row in rows if not row["no_estimate"]]
-    numbers = {}
-    for name in VALUES:
-        values = [row[name] for row in told if row.get(name) is not None]
-        if values:
-            last = told[-1].get(name)
-            numbers[name] = {"last": last, "median": float(np.median(values))}
-    reasons = Counter(re.sub(r"\d[\d.]*", "…", row["no_estimate"]) for row in silent)
-    return {
-        "without_estimate": len(silent),
-        "without_estimate_because": dict(reasons.most_common()),
-        "estimates": numbers,
-        "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in told),
-        "ms_per_estimate": 1e3 * seconds / len(rows) if rows else None,
-    }
+    def estimates(self) -> Estimates:
+        """Last and median value of each column, and the frames without an estimate."""
+        reasons = [str(row["no_estimate"]) for row in self._rows if row["no_estimate"]]
+        estimated = [row for row in self._rows if not row["no_estimate"]]
+        columns: dict[str, Typical] = {}
+        for name in VALUES:
+            column = [row.get(name) for row in estimated]
+            values = [value for value in column if isinstance(value, float)]
+            if values:
+                last = column[-1] if isinstance(column[-1], float) else None
+                columns[name] = {"last": last, "median": float(np.median(values))}
+        kinds = Counter(re.sub(r"\d[\d.]*", "…", reason) for reason in reasons)
+        count = len(self._rows)
+        return {
+            "without_estimate": len(reasons),
+            "without_estimate_because": dict(kinds.most_common()),
+            "estimates": columns,
+            "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in estimated),
+            "ms_per_estimate": 1e3 * self._seconds / count if count else None,
+        }

@@ -1,8 +1,7 @@
-"""Estimates for a person's eye: their course over time, and each frame with its forces."""
+"""Figures of estimates: their course over time, and each frame with its forces."""
 
 import math
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,17 +14,23 @@ from ..control import GripObservation
 from ..loop.figure import ESTIMATED, LOAD, TRUE, finish
 from ..loop.tactile_video import ARROW, MAGNIFY
 from ..model import REFERENCE_NODES
+from ..output.parquet import Row
 from ..render import View
 from ..tracking import Tracks
 from .overlay import Canvas
 
 Image = NDArray[np.uint8]
 
-_TEXT, _FORCE, _MOTION, _LOST = (20, 20, 20), (30, 60, 200), (0, 130, 60), (215, 25, 30)
-_BAR, _BAND = (90, 150, 90), (190, 220, 190)
+#: Colours, RGB.
+_TEXT = (20, 20, 20)
+_FORCE = (30, 60, 200)
+_MOTION = (0, 130, 60)
+_LOST = (215, 25, 30)
+_BAR = (90, 150, 90)
+_BAND = (190, 220, 190)
 
 
-def draw_figure(rows: list[dict[str, Any]], flat: bool, path: Path) -> None:
+def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
     """Write forces, µ and Γ with their intervals over time to a PNG, or displacements of a pad."""
     time = _column(rows, "time_s")
     panels: list[tuple[str, list[tuple[str, str, str]]]] = (
@@ -42,8 +47,8 @@ def draw_figure(rows: list[dict[str, Any]], flat: bool, path: Path) -> None:
     )
     figure = Figure(figsize=(8.0, 0.6 + 2.2 * len(panels)), layout="constrained")
     FigureCanvasAgg(figure)
-    every: list[Axes] = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True)).tolist()
-    for axes, (label, curves) in zip(every, panels, strict=True):
+    panel_axes: list[Axes] = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True)).tolist()
+    for axes, (label, curves) in zip(panel_axes, panels, strict=True):
         for (name, unit, words), colour in zip(curves, (TRUE, ESTIMATED), strict=False):
             _curve(axes, rows, time, name, unit, words, colour)
         axes.set_ylabel(label)
@@ -51,25 +56,25 @@ def draw_figure(rows: list[dict[str, Any]], flat: bool, path: Path) -> None:
             hidden = np.array([row.get("mu_observable") is False for row in rows])
             course = np.where(hidden, _column(rows, "mu"), np.nan)
             axes.plot(time, course, color=LOAD, lw=3.0, alpha=0.5, label="not shown by the frame")
-        silent = np.array([bool(row["no_estimate"]) for row in rows])
-        if silent.any():
-            axes.plot(time[silent], np.zeros(silent.sum()), "|", color=LOAD, label="no estimate")
+        missing = np.array([bool(row["no_estimate"]) for row in rows])
+        if missing.any():
+            axes.plot(time[missing], np.zeros(missing.sum()), "|", color=LOAD, label="no estimate")
         finish(axes)
     if not flat:
-        every[2].axhline(0.0, color=LOAD, lw=0.8, ls=":")
-        every[2].set_ylim(-0.15, 1.05)
-    every[-1].set_xlabel("time [s]")
+        panel_axes[2].axhline(0.0, color=LOAD, lw=0.8, ls=":")
+        panel_axes[2].set_ylim(-0.15, 1.05)
+    panel_axes[-1].set_xlabel("time [s]")
     figure.savefig(path, dpi=110)
 
 
-def _column(rows: list[dict[str, Any]], name: str) -> NDArray[np.float64]:
-    found = [row.get(name) for row in rows]
-    return np.array([math.nan if value is None else value for value in found])
+def _column(rows: list[Row], name: str) -> NDArray[np.float64]:
+    values = [row.get(name) for row in rows]
+    return np.array([value if isinstance(value, float) else math.nan for value in values])
 
 
 def _curve(
     axes: Axes,
-    rows: list[dict[str, Any]],
+    rows: list[Row],
     time: NDArray[np.float64],
     name: str,
     unit: str,
@@ -85,7 +90,7 @@ def _curve(
 
 
 def draw_forces(
-    image: Image, view: View, tracks: Tracks, rest: Tracks, seen: GripObservation
+    image: Image, view: View, tracks: Tracks, rest: Tracks, observation: GripObservation
 ) -> Image:
     """Picture with the outer markers' motion, the force on every third node, and Γ as a bar."""
     canvas = Canvas(image, lines=3)
@@ -94,25 +99,25 @@ def draw_forces(
     canvas.lines(start, start + MAGNIFY * (tracks.position[0, both] - start), _MOTION)
     missing = rest.visible[0] & ~tracks.visible[0]
     canvas.crosses(rest.position[0, missing], 3.0, _LOST)
-    field = seen.field
+    field = observation.field
     x, z = field.position[field.contact][::3].T
     base = view.project(np.stack([x, np.zeros_like(x), z], axis=-1))
     force = np.stack([field.friction, -field.normal], axis=-1)[field.contact][::3]
     tip = base + ARROW * len(field.normal) / REFERENCE_NODES * force
     canvas.lines(base, tip, _FORCE)
     canvas.circles(tip, np.full(len(tip), 1.0), _FORCE)
-    said = (
-        [(seen.no_estimate, _LOST)]
-        if seen.no_estimate
+    lines = (
+        [(observation.no_estimate, _LOST)]
+        if observation.no_estimate
         else [
             (f"normal {field.total_normal:.2f} N", _TEXT),
             (f"friction {field.total_friction:.2f} N", _TEXT),
-            (f"mu {seen.friction:.2f}", _TEXT),
+            (f"mu {observation.friction:.2f}", _TEXT),
         ]
     )
-    canvas.text([(f"{seen.time:.3f} s", _TEXT), *said], 0)
-    canvas.text([("margin", _TEXT), (f"{seen.margin:.2f}", _TEXT)], 1)
-    _bar(canvas.pixels, seen)
+    canvas.text([(f"{observation.time:.3f} s", _TEXT), *lines], 0)
+    canvas.text([("margin", _TEXT), (f"{observation.margin:.2f}", _TEXT)], 1)
+    _bar(canvas.pixels, observation)
     canvas.text(
         [
             ("force per node: across friction, up normal", _FORCE),
@@ -124,16 +129,16 @@ def draw_forces(
     return canvas.pixels
 
 
-def _bar(pixels: Image, seen: GripObservation) -> None:
+def _bar(pixels: Image, observation: GripObservation) -> None:
     """Γ from 0 to 1 as a bar on the second line of text, its 90 % interval paler."""
     left, width, top, bottom = 220, 600, 42, 60
 
     def at(value: float) -> int:
         return left + round(width * min(max(value, 0.0), 1.0))
 
-    low, high = seen.margin_interval
+    low, high = observation.margin_interval
     if math.isfinite(low) and math.isfinite(high):
         cv2.rectangle(pixels, (at(low), top), (at(high), bottom), _BAND, -1)
-    if math.isfinite(seen.margin):
-        cv2.rectangle(pixels, (left, top + 5), (at(seen.margin), bottom - 5), _BAR, -1)
+    if math.isfinite(observation.margin):
+        cv2.rectangle(pixels, (left, top + 5), (at(observation.margin), bottom - 5), _BAR, -1)
     cv2.rectangle(pixels, (left, top), (left + width, bottom), _TEXT, 1)

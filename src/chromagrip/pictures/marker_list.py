@@ -1,21 +1,31 @@
-"""The markers of a single picture as a list, layers that lie on each other paired."""
+"""Markers of a single picture as a list; those of two layers that lie on each other are pairs."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..output.pictures import Image, read_picture
-from ..tracking import Markers, Palette, detect_markers, load_palette
-from ..tracking.detection import join_layers
+from ..tracking import Markers, Palette, detect_markers, join_layers, load_palette
+
+
+class MarkerRow(TypedDict):
+    """A marker; `pair` is shared by markers of both layers that lie on each other."""
+
+    x_px: float
+    y_px: float
+    area_px2: float
+    hue_deg: float | None
+    layer: str
+    pair: int | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A picture, the markers of each layer, and how many lie on each other.
+    """A picture, and the markers of each layer.
 
     Attributes
     ----------
@@ -28,7 +38,7 @@ class Picture:
     image: Image
     palette: Palette
     layers: list[Markers]
-    rows: list[dict[str, Any]]
+    rows: list[MarkerRow]
 
 
 def list_markers(path: Path, palette: str) -> Picture:
@@ -40,20 +50,20 @@ def list_markers(path: Path, palette: str) -> Picture:
         When there is no such picture or palette, or no markers in it.
     """
     image = read_picture(path)
+    colours = load_palette(palette)
     with located(f"picture {path}"):
-        colours = load_palette(palette)
         layers = detect_markers(image, colours)
     if not any(len(markers.area) for markers in layers):
         raise UserError(f"picture {path}: no markers found in {' or '.join(colours.names)}")
     return Picture(image=image, palette=colours, layers=layers, rows=_rows(layers, colours))
 
 
-def _rows(layers: list[Markers], palette: Palette) -> list[dict[str, Any]]:
+def _rows(layers: list[Markers], palette: Palette) -> list[MarkerRow]:
     radius = max(np.sqrt(np.median(m.area) / np.pi) for m in layers if len(m.area))
     joined = join_layers([markers.position for markers in layers], reach=float(radius))
     both: NDArray[np.bool_] = np.isfinite(joined[0, :, 0] + joined[-1, :, 0])
     alone = len(layers) == 1
-    rows: list[dict[str, Any]] = []
+    rows: list[MarkerRow] = []
     for name, markers, places in zip(palette.names, layers, joined, strict=True):
         number = {tuple(at): m for m, at in enumerate(places)}
         for at, area, hue in zip(markers.position, markers.area, markers.hue, strict=True):

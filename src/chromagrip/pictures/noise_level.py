@@ -1,4 +1,4 @@
-"""The noise of a camera, from its pictures alone."""
+"""Noise of a camera, estimated from its pictures."""
 
 import itertools
 
@@ -10,31 +10,38 @@ from ..render import Frame
 
 Array = NDArray[np.float64]
 
-#: Second difference along rows and columns: blind to any slope. It and a difference of two frames
-#: gain noise by the root of the sum of their squared factors.
+#: Second difference along rows and columns, which is zero on any slope.
 _MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-_MASK_GAIN, _DIFFERENCE_GAIN = 6.0, np.sqrt(2.0)
-#: Clipping at three standard deviations leaves that much of a normal distribution's.
-_CLIP, _KEPT = 3.0, 0.98658
+#: Its gain of noise: the root of the sum of its squared factors.
+_MASK_GAIN = 6.0
+#: Gain of noise of a difference of two frames.
+_DIFFERENCE_GAIN = np.sqrt(2.0)
+#: Values further out than this are clipped [standard deviations].
+_CLIP = 3.0
+#: Standard deviation of a normal distribution after clipping, over that before.
+_KEPT = 0.98658
 #: Rounding to whole levels adds this variance.
 _ROUNDING = 1.0 / 12.0
-#: Levels outside are clipped by the camera and have no noise [grey levels].
-_DARKEST, _LIGHTEST = 4, 251
-#: Compression hides the noise and leaves errors at markers' edges, the same in every frame: so
-#: much in good qualities, two or three times that in usual ones [grey levels].
+#: Lowest level that the camera does not clip [grey levels].
+_DARKEST = 4
+#: Highest such level [grey levels].
+_LIGHTEST = 251
+#: Noise of compressed pictures, at least [grey levels]. Compression hides the noise and leaves
+#: errors at the edges of markers, the same in every frame: this much at good qualities, two or
+#: three times as much at usual ones.
 _COMPRESSED = 4.0
-#: More than the largest value of the mask.
+#: One more than the largest value of the mask.
 _MOST = 8 * 255 + 1
 
 
 def noise_level(still: list[Frame], lossy: bool) -> tuple[float, str]:
-    """Noise of the camera [grey levels] without that of rounding, and a word on where from.
+    """Noise of the camera [grey levels] without that of rounding, and its source in words.
 
     Parameters
     ----------
-    still: frames of one motionless scene; from one alone the noise is what differs between
-        neighbouring pixels, which fine texture adds to
-    lossy: whether they were compressed with losses, which are then no less than `_COMPRESSED`
+    still: frames of one motionless scene; a single one is compared with itself, pixel by
+        neighbouring pixel, and fine texture then counts as noise
+    lossy: whether they were compressed with losses
     """
     images = [frame.image.astype(np.int16) for frame in still]
     if any((a != b).any() for a, b in itertools.pairwise(images)):
@@ -44,7 +51,7 @@ def noise_level(still: list[Frame], lossy: bool) -> tuple[float, str]:
         curved = np.asarray(cv2.filter2D(images[0], -1, _MASK), dtype=np.int16)
         values = [curved[_unclipped(images[0])]]
         gain, source = _MASK_GAIN, "neighbouring pixels of one picture"
-    # Whole numbers all, so that their counts hold everything.
+    # All are integers, so that their counts are a complete description.
     counts: Array = np.sum([np.bincount(abs(v), minlength=_MOST) for v in values], axis=0)
     variance = (_clipped_deviation(counts) / gain) ** 2 - _ROUNDING
     noise = float(np.sqrt(max(variance, 0.0)))
@@ -58,7 +65,7 @@ def _unclipped(image: NDArray[np.int16]) -> NDArray[np.bool_]:
 
 
 def _clipped_deviation(counts: Array) -> float:
-    """Standard deviation of the bulk of values, without the edges of markers among them.
+    """Standard deviation of the bulk of the values, without the edges of markers.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Pictures of the markers that were found, for a person's eye: one picture, or a video."""
+"""Pictures with the markers drawn into them, one or a video."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -15,14 +15,15 @@ from ..tracking import Palette, Tracks
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Length of the longer side of what is drawn [px]: small pictures leave no room to draw in.
+#: Longer side of a drawn picture [px]: smaller ones are enlarged, or lines would cover them.
 _LONG_SIDE = 1280
-#: Shown at the source's rate up to this one [Hz], and slower than it happened beyond.
+#: Highest rate of a video [Hz]: sources above it play in slow motion.
 _FASTEST = 60.0
+#: Rate factor of x264.
 _QUALITY = 23
-#: Share of the picture's contrast that is left under what is drawn.
+#: Share of the picture's contrast that remains under the drawing.
 _CONTRAST = 0.5
-#: Colours of layers are at most this light, so that they stand out of the paled picture.
+#: Largest luminance of a layer's colour, so that it stands out of the paled picture.
 _LUMINANCE = 0.22
 
 _Colour = tuple[int, int, int]
@@ -30,32 +31,35 @@ _TEXT: _Colour = (20, 20, 20)
 _GREY_LAYER: _Colour = (20, 90, 170)
 _LOST: _Colour = (215, 25, 30)
 _AMBIGUOUS: _Colour = (240, 130, 0)
-_FONT, _FONT_SCALE, _LINE = cv2.FONT_HERSHEY_SIMPLEX, 0.6, 30
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_FONT_SCALE = 0.6
+#: Height of a line of text [px].
+_LINE = 30
 
 
 def layer_colours(palette: Palette) -> list[_Colour]:
     """Colour to draw each layer in: the dye's own, darkened; blue for a grey one."""
     colours = []
     for light in palette.transmittance:
-        shown = light / light.max()
-        if np.ptp(shown) < 0.1:
+        colour = light / light.max()
+        if np.ptp(colour) < 0.1:
             colours.append(_GREY_LAYER)
             continue
-        # Purer than the dye, or yellow would be brown and magenta grey.
-        shown = (shown - 0.8 * shown.min()) / (1.0 - 0.8 * shown.min())
-        luminance = float(shown @ (0.2126, 0.7152, 0.0722))
-        red, green, blue = encode_srgb(shown * min(1.0, _LUMINANCE / luminance))
+        # More saturated than the dye: otherwise darkened yellow is brown, and magenta grey.
+        colour = (colour - 0.8 * colour.min()) / (1.0 - 0.8 * colour.min())
+        luminance = float(colour @ (0.2126, 0.7152, 0.0722))
+        red, green, blue = encode_srgb(colour * min(1.0, _LUMINANCE / luminance))
         colours.append((round(float(red)), round(float(green)), round(float(blue))))
     return colours
 
 
 class Canvas:
-    """Paled and enlarged copy of a picture that is drawn on in the picture's own pixels.
+    """Paled and enlarged copy of a picture, drawn on in the coordinates of the picture.
 
     Parameters
     ----------
     image: sRGB, shape (H, W, 3)
-    lines: of text that there is room for above the picture
+    lines: number of lines of text above the picture
     """
 
     def __init__(self, image: Image, lines: int) -> None:
@@ -131,21 +135,21 @@ def draw_tracks(
     words = [(f"{tracks.time:.3f} s", _TEXT)]
     known: NDArray[np.bool_] = np.isfinite(rest.position[..., 0])
     for k in reversed(range(len(colours))):  # the skin's layer on top
-        seen, start = tracks.visible[k], rest.position[k]
-        moved = seen & known[k]
-        at, size = tracks.position[k, seen], np.nan_to_num(tracks.log_size[k, seen])
+        visible, start = tracks.visible[k], rest.position[k]
+        moved = visible & known[k]
+        at, size = tracks.position[k, visible], np.nan_to_num(tracks.log_size[k, visible])
         canvas.circles(at, radius[k] * np.exp(size), colours[k])
         canvas.lines(start[moved], tracks.position[k, moved], colours[k])
-        canvas.crosses(start[known[k] & ~seen], 0.6 * radius[k], _LOST)
+        canvas.crosses(start[known[k] & ~visible], 0.6 * radius[k], _LOST)
         canvas.circles(
-            tracks.position[k, tracks.ambiguous[k] & seen],
-            np.full(int((tracks.ambiguous[k] & seen).sum()), 1.5 * radius.max()),
+            tracks.position[k, tracks.ambiguous[k] & visible],
+            np.full(int((tracks.ambiguous[k] & visible).sum()), 1.5 * radius.max()),
             _AMBIGUOUS,
         )
-    for name, seen, there, colour in zip(
+    for name, visible, present, colour in zip(
         palette.names, tracks.visible, known, colours, strict=True
     ):
-        words.append((f"{name} {seen.sum()} of {there.sum()}", colour))
+        words.append((f"{name} {visible.sum()} of {present.sum()}", colour))
     canvas.text(words, 0)
     lost, doubtful = int((known & ~tracks.visible).sum()), int(tracks.ambiguous.sum())
     canvas.text(
@@ -160,7 +164,7 @@ def draw_tracks(
 
 
 class OverlayVideo(VideoFile):
-    """Pictures of the markers; above 60 Hz it plays slower than it happened.
+    """Video of the markers; sources above 60 Hz play in slow motion.
 
     Parameters
     ----------

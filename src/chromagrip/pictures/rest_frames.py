@@ -1,4 +1,4 @@
-"""Which frames show the sensor at rest: given, or the first of the source, or looked for."""
+"""Frames of the sensor at rest: given, the first of the source, or searched for."""
 
 import itertools
 import math
@@ -10,27 +10,26 @@ import numpy as np
 from ..errors import UserError
 from ..output.pictures import Source, open_source
 from ..render import Frame
-from ..tracking import Palette, detect_markers
-from ..tracking.detection import join_layers
+from ..tracking import Palette, detect_markers, join_layers
 
-#: So many frames of a folder or a video of the sensor at rest are averaged.
+#: Frames of a folder or a video of the sensor at rest that are averaged, at most.
 MEAN_OF = 8
-#: Looking for the rest frame tries about so many frames of the source.
+#: Frames of the source that the search for the rest frame tries, about.
 _TRIED = 200
 
 
 def rest_frames(
     rest: str, source: Source, palette: Palette, tell: Callable[[str], None]
 ) -> tuple[list[Frame], str, Iterator[Frame]]:
-    """Frames of the sensor at rest, which they are in words, and the frames to track.
+    """Frames of the sensor at rest, a description of them, and the frames to track.
 
     Parameters
     ----------
     rest: a source of its own, of which the first `MEAN_OF` are taken; `first` or `first:N` of the
         source; or `auto`, the frame of the source whose layers lie most exactly on each other
-    source: that will be tracked
+    source: of the frames to track
     palette: of the markers
-    tell: called with what is being done, now and then
+    tell: called with the current step
 
     Raises
     ------
@@ -45,23 +44,24 @@ def rest_frames(
         own = open_source(rest)
         if own.live:
             raise UserError(f"rest {rest} is a camera; give a picture, or first:N of the source")
-        found = list(itertools.islice(own.frames(), MEAN_OF))
-        return found, f"{rest}, mean of {len(found)}" if len(found) > 1 else rest, source.frames()
+        still = list(itertools.islice(own.frames(), MEAN_OF))
+        words = f"{rest}, mean of {len(still)}" if len(still) > 1 else rest
+        return still, words, source.frames()
     wanted = int(first[1] or 1)
     if wanted < 1:
         raise UserError(f"rest {rest} is no frame; wanted: first:1 or more")
     frames = source.frames()
-    found = list(itertools.islice(frames, wanted))
-    if len(found) < wanted:
-        raise UserError(f"rest {rest} wants {wanted} frames; {source.name} has {len(found)}")
+    still = list(itertools.islice(frames, wanted))
+    if len(still) < wanted:
+        raise UserError(f"rest {rest} wants {wanted} frames; {source.name} has {len(still)}")
     words = f"first {wanted} frames of the source" if wanted > 1 else "first frame of the source"
-    return found, words, itertools.chain(found, frames)
+    return still, words, itertools.chain(still, frames)
 
 
 def _most_exact(source: Source, palette: Palette, tell: Callable[[str], None]) -> tuple[int, Frame]:
     """Number and frame whose markers of two layers are nearest to each other."""
     if source.live:
-        raise UserError("rest auto looks at every frame twice, which a camera does not give")
+        raise UserError("rest auto looks at every frame twice, which is not possible with a camera")
     if len(palette.names) < 2:
         raise UserError(
             f"rest auto needs two layers to compare; the palette has {palette.names[0]} alone"
@@ -81,7 +81,7 @@ def _most_exact(source: Source, palette: Palette, tell: Callable[[str], None]) -
         radius = math.sqrt(max(float(np.median(layer.area)) for layer in layers) / math.pi)
         first, second = join_layers([layer.position for layer in layers], reach=radius)
         apart = np.linalg.norm(first - second, axis=-1)
-        # A marker without a partner is as bad as one at its rim.
+        # A marker without a partner counts as one radius apart.
         score = float(np.where(np.isfinite(apart), apart / radius, 1.0).mean())
         if best is None or score < best[0]:
             best = score, index, frame

@@ -3,6 +3,7 @@
 import math
 import os
 import tomllib
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,20 +13,26 @@ import numpy as np
 import tomli_w
 from msgspec import Meta
 
-from ..control import Controller
-from ..errors import UserError
-from ..model import ContactObject, Fingertip, SpringLaw, stiffness_from_young
-from ..model.chain.assembly import contact
-from ..render import RENDERERS, Defects, SensorDesign, load_sensor
-from ..strict_toml import Table, convert
-from .actuator import ActuatorSettings
-from .controllers import (
-    CONTROLLERS,
-    ConservativeTable,
-    MarginInversionTable,
-    ReactToSlipTable,
+from ..control import (
+    ConservativeSettings,
+    Controller,
+    MarginInversionSettings,
+    ReactToSlipSettings,
     SafetyMarginSettings,
 )
+from ..errors import UserError
+from ..model import (
+    ContactObject,
+    Fingertip,
+    SpringLaw,
+    check_fit,
+    largest_grip,
+    stiffness_from_young,
+)
+from ..render import RENDERERS, Defects, SensorDesign, load_sensor
+from ..strict_toml import Table, convert, read_toml
+from .actuator import ActuatorSettings
+from .controllers import CONTROLLERS
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
@@ -171,11 +178,19 @@ class TruthSettings(Table, frozen=True):
 
 
 class Scene(Table, frozen=True):
-    """A whole experiment.
+    """Everything that defines a run.
 
-    `controller` is one of CONTROLLERS or anybody's `module:Class`. `calibration` is the file that
-    the estimator is told of the sensor, empty for one that is as designed; `tracker` is how it
-    follows markers, and `reconstructor` how it reads forces.
+    Attributes
+    ----------
+    description: one line for lists
+    duration_s: length of the run [s]
+    seed: of all random numbers
+    controller: name in `CONTROLLERS`, of an entry point, or `module:Class`
+    controller_arguments: of a `module:Class`, by name; ours have a table of settings each
+    path: `camera` estimates forces from rendered frames, `truth` reads them off the node model
+    renderer, sensor: by name; a sensor may be a file too
+    calibration: file of the sensor's calibration; empty for a sensor as designed
+    tracker, reconstructor: by name; how markers are followed and how forces are estimated
     """
 
     description: str = ""
@@ -188,33 +203,73 @@ class Scene(Table, frozen=True):
     calibration: str = ""
     tracker: str = "fit"
     reconstructor: str = "auto"
+    controller_arguments: dict[str, Any] = msgspec.field(default_factory=dict)
     object: ObjectSettings = ObjectSettings()
     load: LoadSettings = LoadSettings()
     fingertip: FingertipSettings = FingertipSettings()
     camera: CameraSettings = CameraSettings()
     actuator: ActuatorSettings = ActuatorSettings()
     safety_margin: SafetyMarginSettings = SafetyMarginSettings()
-    margin_inversion: MarginInversionTable = MarginInversionTable()
-    react_to_slip: ReactToSlipTable = ReactToSlipTable()
-    conservative: ConservativeTable = ConservativeTable()
+    margin_inversion: MarginInversionSettings = MarginInversionSettings()
+    react_to_slip: ReactToSlipSettings = ReactToSlipSettings()
+    conservative: ConservativeSettings = ConservativeSettings()
     truth: TruthSettings = TruthSettings()
     defects: Defects = Defects()
 
     def __post_init__(self) -> None:
-        if self.fingertip.nodes % 2 == 0:
-            raise UserError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
         CONTROLLERS.check(self.controller)
         RENDERERS.check(self.renderer)
-        if self.camera.exposure_ms > 1e3 * self.period:
-            raise UserError(
-                f"camera.exposure_ms = {self.camera.exposure_ms} must be at most "
-                f"{1e3 * self.period:g}, the time between frames"
-            )
+        self._check_times()
+        if self.fingertip.nodes % 2 == 0:
+            raise UserError(f"fingertip.nodes = {self.fingertip.nodes} must be odd")
         if self.camera.exposure_ms and self.defects.motion_blur:
             raise UserError("camera.exposure_ms and defects.motion_blur both delay; set one")
-        sensor = self.build_sensor()
-        if not sensor.shape.flat:  # the node model is a dome
-            contact(self.build_fingertip(), self.build_object())  # refuses what cannot touch
+        if self.controller_arguments and self.controller in CONTROLLERS.entries:
+            raise UserError(
+                f"controller_arguments are for a module:Class; the settings of {self.controller} "
+                f"are in [{self._settings_name}]"
+            )
+        if not self.build_sensor().shape.flat:  # the node model is a dome
+            check_fit(self.build_fingertip(), self.build_object())
+            self._check_grip()
+
+    def _check_times(self) -> None:
+        """Refuse frames, exposures, latencies and steps that do not fit each other."""
+        camera, period_ms = self.camera, 1e3 * self.period
+        if self.frames < 2:
+            raise UserError(
+                f"camera.rate_hz = {camera.rate_hz:g} gives no second frame within duration_s = "
+                f"{self.duration_s:g}; it must be at least {1.0 / self.duration_s:g}"
+            )
+        if camera.exposure_ms > period_ms:
+            raise UserError(
+                f"camera.exposure_ms = {camera.exposure_ms} must be at most {period_ms:g}, the "
+                "time between frames"
+            )
+        if camera.latency_frames >= self.frames:
+            raise UserError(
+                f"camera.latency_frames = {camera.latency_frames} must be less than {self.frames}, "
+                "the frames of the run"
+            )
+        if self.fingertip.step_ms > period_ms * (1.0 + 1e-9):
+            raise UserError(
+                f"fingertip.step_ms = {self.fingertip.step_ms:g} must be at most {period_ms:g}, "
+                "the time between frames"
+            )
+
+    def _check_grip(self) -> None:
+        """Refuse settings of the controller with more force than the node model can describe."""
+        if self.controller not in CONTROLLERS.entries:
+            return
+        settings = getattr(self, self._settings_name)
+        limit = largest_grip(self.build_fingertip(), self.build_object())
+        for key in settings.__struct_fields__:
+            force = getattr(settings, key)
+            if key.endswith("_n") and force > limit:
+                raise UserError(
+                    f"{self._settings_name}.{key} = {force:g} must be at most {limit:.3g}, the "
+                    "grip that presses the whole fingertip flat"
+                )
 
     @property
     def last_change(self) -> float:
@@ -246,33 +301,37 @@ class Scene(Table, frozen=True):
 
     def build_object(self, time: float = 0.0) -> ContactObject:
         """The model's object, as it is at `time` [s]."""
-        told = self.object
-        places = zip(told.friction_places_mm, told.friction_factors, strict=True)
+        settings = self.object
+        places = zip(settings.friction_places_mm, settings.friction_factors, strict=True)
         return ContactObject(
-            stiffness=stiffness_from_young(told.stiffness_kpa_at(time) * 1e3),
-            friction=told.friction_at(time),
+            stiffness=stiffness_from_young(settings.stiffness_kpa_at(time) * 1e3),
+            friction=settings.friction_at(time),
             patches=tuple((1e-3 * x, factor) for x, factor in places),
-            curvature=0.0 if told.profile_mm else 1e3 / told.radius_mm,
-            profile=tuple((1e-3 * x, 1e-3 * z) for x, z in told.profile_mm) or None,
-            dahl_stiffness=told.dahl_stiffness_n_per_m,
-            dahl_exponent=told.dahl_exponent,
-            drag=told.drag_n_s_per_m,
+            curvature=0.0 if settings.profile_mm else 1e3 / settings.radius_mm,
+            profile=tuple((1e-3 * x, 1e-3 * z) for x, z in settings.profile_mm) or None,
+            dahl_stiffness=settings.dahl_stiffness_n_per_m,
+            dahl_exponent=settings.dahl_exponent,
+            drag=settings.drag_n_s_per_m,
         )
 
     def build_controller(self) -> Controller:
-        """The controller the scene names.
+        """The controller that the scene names.
 
         Raises
         ------
         UserError
-            When it is anybody's, and cannot be imported or made.
+            When a `module:Class` cannot be imported, or raises an error when it is called.
         """
-        if self.controller not in CONTROLLERS.entries:
-            controller: Controller
-            controller = CONTROLLERS.build(self.controller)
-            return controller
-        made: Controller = getattr(self, self.controller.replace("-", "_")).build()
-        return made
+        arguments = self.controller_arguments
+        if self.controller in CONTROLLERS.entries:
+            arguments = {"settings": getattr(self, self._settings_name)}
+        controller: Controller = CONTROLLERS.build(self.controller, arguments)
+        return controller
+
+    @property
+    def _settings_name(self) -> str:
+        """Table of the controller's settings, when it is one of ours."""
+        return self.controller.replace("-", "_")
 
 
 DEFAULT_SCENE = "camera-100hz"
@@ -284,7 +343,7 @@ def scene_names() -> list[str]:
     return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
 
 
-def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None) -> Scene:
+def load_scene(name: str = DEFAULT_SCENE, changes: Mapping[str, Any] | None = None) -> Scene:
     """Scene of that name, or from a TOML file, with some values changed.
 
     Parameters
@@ -298,22 +357,15 @@ def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None)
         With the key, the value and what is allowed.
     """
     if name in scene_names():
-        text = (files(__package__) / "library" / f"{name}.toml").read_text(encoding="utf-8")
+        path = Path(str(files(__package__) / "library" / f"{name}.toml"))
     elif name.endswith(".toml"):
-        try:
-            text = Path(name).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "not UTF-8 text"
-            raise UserError(f"scene file {name} cannot be read: {reason}") from None
+        path = Path(name)
     else:
         raise UserError(
             f"no scene {name!r}; there is {', '.join(scene_names())}, or give a .toml file"
         )
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"scene {name} is not valid TOML: {error}") from None
-    # A file that a scene names lies beside the scene, one from the command line where that runs.
+    values = read_toml(path, f"scene {name}")
+    # Files in a scene file are relative to it, those on the command line to the working folder.
     _locate_files(values, Path(name).parent)
     for key, value in (changes or {}).items():
         _put(values, key, value)
@@ -322,6 +374,7 @@ def load_scene(name: str = DEFAULT_SCENE, changes: dict[str, Any] | None = None)
 
 
 def _locate_files(values: dict[str, Any], folder: Path) -> None:
+    """Make the names of files absolute."""
     for key in ("sensor", "calibration"):
         name = values.get(key)
         if isinstance(name, str) and name.endswith(".toml"):
@@ -336,6 +389,8 @@ def parse_scene(values: dict[str, Any], name: str) -> Scene:
 def dump_scene(scene: Scene, folder: Path | None = None) -> str:
     """TOML text of a scene, every default written out; of a file in `folder`, if that is given."""
     values = msgspec.to_builtins(scene)
+    if not scene.controller_arguments:
+        del values["controller_arguments"]
     if folder is not None:
         values["sensor"] = seen_from(folder, scene.sensor)
     return tomli_w.dumps(values)

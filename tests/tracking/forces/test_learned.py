@@ -85,7 +85,7 @@ def test_forces_of_unseen_presses_on_a_specimen_of_its_own(
     learned: Learned, specimen: Specimen, unseen: Snapshots
 ) -> None:
     """Better than the mean by ten and more, on markers 80 µm off the places trained with."""
-    fields = [learned.update(specimen.tracks(s, 1.0, k)) for k, s in enumerate(unseen.seen)]
+    fields = [learned.update(specimen.tracks(s, 1.0, k)) for k, s in enumerate(unseen.displacement)]
     error, stated = errors(fields, unseen)
     normal, friction, mu = np.sqrt((error**2).mean(axis=0))
     assert normal < 0.08 * unseen.totals[:, 0].mean()
@@ -102,8 +102,8 @@ def test_nodal_forces_lie_where_the_contact_is(
     learned: Learned, specimen: Specimen, unseen: Snapshots
 ) -> None:
     x = TIP.rest_positions()[:, 0]
-    for k in range(0, len(unseen.seen), 10):
-        field = learned.update(specimen.tracks(unseen.seen[k], 1.0, k))
+    for k in range(0, len(unseen.displacement), 10):
+        field = learned.update(specimen.tracks(unseen.displacement[k], 1.0, k))
         true = unseen.normal[k]
         middle = np.average(x, weights=true)
         width = np.sqrt(np.average((x - middle) ** 2, weights=true))
@@ -118,8 +118,8 @@ def test_nodal_forces_lie_where_the_contact_is(
 def test_lost_pairs_widen_the_interval_and_do_not_bend_the_field(
     learned: Learned, specimen: Specimen, unseen: Snapshots
 ) -> None:
-    full = specimen.tracks(unseen.seen[5], 0.0001, 1)
-    full = replace(full, covariance=specimen.tracks(unseen.seen[5], 1.0, 1).covariance)
+    full = specimen.tracks(unseen.displacement[5], 0.0001, 1)
+    full = replace(full, covariance=specimen.tracks(unseen.displacement[5], 1.0, 1).covariance)
     lost = full.visible.copy()
     lost[:, np.random.default_rng(0).random(specimen.pairs) < 0.5] = False
     whole, part = learned.update(full), learned.update(replace(full, visible=lost))
@@ -135,7 +135,7 @@ def test_lost_pairs_widen_the_interval_and_do_not_bend_the_field(
 def test_a_pair_that_is_not_where_it_was_found_is_as_good_as_lost(
     learned: Learned, specimen: Specimen, unseen: Snapshots
 ) -> None:
-    tracks = specimen.tracks(unseen.seen[8], 1.0, 4)
+    tracks = specimen.tracks(unseen.displacement[8], 1.0, 4)
     thrown = tracks.position.copy()
     moved = np.linalg.norm(tracks.position[0] - specimen.rest.position[0], axis=-1)
     # Those in the contact draw all others with them.
@@ -154,7 +154,7 @@ def test_sizes_that_tell_less_are_read_for_less(
     learned: Learned, specimen: Specimen, unseen: Snapshots
 ) -> None:
     """As if all had been so vague from the start; what is wrong with them then bends little."""
-    tracks = specimen.tracks(unseen.seen[8], 1.0, 4)
+    tracks = specimen.tracks(unseen.displacement[8], 1.0, 4)
     moved = np.linalg.norm(tracks.position[0] - specimen.rest.position[0], axis=-1)
     covariance = tracks.covariance.copy()
     covariance[np.argsort(moved)[-12:][:, None], [2, 5], [2, 5]] += 0.05**2
@@ -175,7 +175,7 @@ def test_a_pair_of_doubtful_number_is_read_where_the_others_expect_it(
     learned: Learned, specimen: Specimen, unseen: Snapshots
 ) -> None:
     """Found right it is as good as certain; with its neighbour's place, as good as lost."""
-    tracks = specimen.tracks(unseen.seen[8], 1.0, 4)
+    tracks = specimen.tracks(unseen.displacement[8], 1.0, 4)
     moved = np.linalg.norm(tracks.position[0] - specimen.rest.position[0], axis=-1)
     most = np.argsort(moved)[-6:]
     doubtful = np.zeros_like(tracks.visible)
@@ -214,7 +214,7 @@ def test_forces_scale_with_the_calibrated_stiffness(
         membrane_stiffness=1.1 * TIP.membrane_stiffness,
     )
     other = Learned(replace(KNOWN, fingertip=stiff), specimen.rest)
-    tracks = specimen.tracks(unseen.seen[3], 1.0, 2)
+    tracks = specimen.tracks(unseen.displacement[3], 1.0, 2)
     a, b = learned.update(tracks), other.update(tracks)
     assert b.total_normal == pytest.approx(1.1 * a.total_normal, rel=1e-6)
     assert b.total_friction == pytest.approx(1.1 * a.total_friction, rel=1e-6)
@@ -227,7 +227,7 @@ def test_standing_still_steadies_the_reading_and_a_change_is_followed_at_once(
     specimen: Specimen, unseen: Snapshots
 ) -> None:
     alone, steady = Learned(KNOWN, specimen.rest), sequential(KNOWN, specimen.rest)
-    first, second = unseen.seen[2], unseen.seen[-3]
+    first, second = unseen.displacement[2], unseen.displacement[-3]
     still = [specimen.tracks(first, 1.0, k) for k in range(30)]
     single = np.array([alone.update(t).total_normal for t in still])
     fields = [steady.update(t) for t in still]

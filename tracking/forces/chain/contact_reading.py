@@ -1,8 +1,8 @@
 """From nodal forces in the sensor's axes to a force field along the object's normal and tangent.
 
-The object is not known. Where it presses, the skin lies on it but for what it sinks in, fn/k: a
-circle and a stiffness are fitted to the loaded skin, and forces turn into that circle's normal.
-Turned by the skin's own slope instead, even exact forces on random objects misread µ by 0.24 RMS.
+The object is not known. Where it presses, the skin lies on it, sunk in by fn/k: a circle and a
+stiffness are fitted to the loaded skin, and forces are turned into that circle's normal. Turned by
+the skin's own slope instead, even exact forces on random objects give an error of µ of 0.24 RMS.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class ForcePrior:
-    """What is assumed of contact forces before the first pixel, the same for every object.
+    """Assumptions about contact forces before any image, the same for every object.
 
     Attributes
     ----------
@@ -64,13 +64,14 @@ def smoothness(places: Array, length: float) -> Array:
     return correlation
 
 
-#: Prior mean and deviation of the object under the contact: height [m], slope, curvature [1/m] and
-#: softness at 251 nodes [m/N]. Everything between a flat table and a pea, steel and a ripe berry.
+#: Prior mean of the object under the contact: height [m], slope, curvature [1/m] and softness at
+#: 251 nodes [m/N].
 _OBJECT_MEAN = np.array([0.0, 0.0, 100.0, 3e-3])
+#: Prior standard deviation of the same: from a flat table to a pea, from steel to a ripe berry.
 _OBJECT_DEVIATION = np.array([1e-2, 0.3, 80.0, 4e-3])
-#: Departure of the skin from that model [m].
+#: Standard deviation of the skin from that model [m].
 _ROUGHNESS = 40e-6
-#: Share by which all forces may err alike: what knots and linearising cost.
+#: Common error of all forces as a share, by knots and linearising.
 _COMMON = 0.03
 #: Fits of the object: normal forces follow from its slope, and the slope from them.
 _PASSES = 2

@@ -6,7 +6,7 @@ zone, whose extent is chosen by its evidence, does the regularising. Solved in s
 result is turned into the object's normal by `contact_reading`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,32 +21,35 @@ from .sensitivity import MarkerResponse
 
 Array = NDArray[np.float64]
 
-#: Fewer visible pairs than this near the contact say too little about it.
+#: Fewer visible pairs than this near the contact do not determine it.
 MIN_MARKERS = 20
 #: Markers further than this outside the prior's reach do not feel the contact [rad].
 _MARGIN = np.deg2rad(20.0)
-#: No node moves by more than this share of the radius.
+#: Largest displacement of a node, as a share of the radius.
 _FARTHEST = 0.5
 #: Slope of the skin below which the jump in its stiffness is smoothed, so that Newton settles.
 _BLUNT = 0.05
-#: Log evidence that a zone must win by: a tie must not make the estimate flicker.
+#: Log evidence that a zone must win by, so that ties do not make the estimate flicker.
 _ZONE_GAIN = 1.5
-#: A step smaller than this ends the passes [m] …
+#: A step smaller than this ends the passes [m].
 _SETTLED = 20e-6
-#: … and one that is still larger than this after the last of them is no solution [m].
+#: Largest last step of a solution [m].
 _UNSETTLED = 60e-6
-#: How the noise is overstated from pass to pass, seeking from rest: the skin may fold the wrong
-#: way, and forces that come up smooth and broad before they sharpen keep it from doing so.
+#: Factors by which the noise is overstated from pass to pass, from rest: smooth, broad forces that
+#: sharpen later keep the skin from folding the wrong way.
 _COLD = (100.0, 30.0, 10.0, 5.0, 3.0, 2.0, 1.0, 1.0, 1.0)
-#: Ways to a solution, and the share of a Newton step that each takes: from the last frame; from
-#: rest; from rest with care.
-_TRIES = (((1.0, 1.0), 0.8), (_COLD, 0.8), (tuple(np.repeat(_COLD, 2).tolist()), 0.4))
+#: Such factors from the last frame.
+_WARM = (1.0, 1.0)
+#: Ways to a solution from rest: such factors, and the share of a Newton step that each pass takes.
+_FROM_REST = ((_COLD, 0.8), (tuple(np.repeat(_COLD, 2).tolist()), 0.4))
+#: Share of a Newton step that each pass takes from the last frame.
+_WARM_SHARE = 0.8
 #: Passes of half the step that follow where these do not settle.
 _MORE = 8
-#: What forces that are smooth between knots cannot follow of a marker's motion [px]: without it,
+#: Motion of a marker that forces which are linear between knots cannot follow [px]: without it,
 #: places that are known to 0.01 px bend the forces of sharp contacts.
 _COARSENESS = 0.15
-#: Mean square of the markers' residuals over their noise above which nothing explains them.
+#: Largest mean square of the markers' residuals over their noise in a solution.
 _MISFIT = 9.0
 
 
@@ -77,6 +80,38 @@ class Posterior:
         return root @ (root.T @ self.moment), self.basis @ root, self.moves @ root
 
 
+@dataclass(frozen=True, kw_only=True)
+class Linearisation:
+    """Where a pass begins: about a displacement, with a prior of some size on a zone.
+
+    Attributes
+    ----------
+    displacement: of the nodes relative to the rigid part [m], shape (N, 2)
+    amplitude: prior standard deviation of a node's force at 251 nodes [N]
+    zone: first and last knot of the contact
+    """
+
+    displacement: Array
+    amplitude: float
+    zone: tuple[int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """Shifts of the V visible pairs of a frame (V, 6), and what makes their errors independent.
+
+    Attributes
+    ----------
+    shifts: shape (V, 6)
+    whiten: shape (V, 6, 6)
+    visible: of all pairs read, shape (P,)
+    """
+
+    shifts: Array
+    whiten: Array
+    visible: NDArray[np.bool_]
+
+
 class GaussianProcess:
     """Reconstructs the chain's contact forces from the tracks of one sensor.
 
@@ -103,15 +138,18 @@ class GaussianProcess:
         at_rest, _ = self._response(unloaded, np.empty((*unloaded.shape, 0)))
         self._at_rest = at_rest + self._response.perspective(unloaded)
         self._coarseness = _COARSENESS**2 * np.diag(np.tile([1.0, 1.0, 0.0], 2))
-        self.reset()
+        middle = self._prior.knots // 2
+        self._unloaded = Linearisation(
+            displacement=unloaded,
+            amplitude=10 * self._prior.amplitude,
+            zone=(middle - 4, middle + 4),
+        )
+        #: Solution of the frame before; None where it had none.
+        self._last: Linearisation | None = None
 
     def reset(self) -> None:
         """Forget the last frame: the next one is linearised about rest."""
-        self._seen = np.zeros((self._fingertip.nodes, 2))
-        self._amplitude = 10 * self._prior.amplitude
-        middle = self._prior.knots // 2
-        self._zone = (middle - 4, middle + 4)
-        self._warm = False
+        self._last = None
 
     def update(self, tracks: Tracks) -> ForceField:
         """Force field of a frame.
@@ -124,64 +162,70 @@ class GaussianProcess:
             When no solution explains the markers, not even one sought from rest.
         """
         shifts, visible = self._shifts(tracks, MIN_MARKERS)
-        observed = shifts[visible]
         noise = self._shifts.noise(tracks)[visible] + self._coarseness
-        whiten = np.linalg.inv(np.linalg.cholesky(noise))
-        for heats, damping in _TRIES[0 if self._warm else 1 :]:
-            found = self._settle(observed, whiten, visible, heats, damping)
-            if found is not None:
-                self._warm = True
-                return self._field(found)
-            self.reset()
+        observation = Observation(
+            shifts=shifts[visible],
+            whiten=np.linalg.inv(np.linalg.cholesky(noise)),
+            visible=visible,
+        )
+        tries = [(self._unloaded, heats, share) for heats, share in _FROM_REST]
+        if self._last is not None:
+            tries.insert(0, (self._last, _WARM, _WARM_SHARE))
+        self._last = None
+        for start, heats, share in tries:
+            solution = self._settle(start, observation, heats, share)
+            if solution is not None:
+                self._last, posterior = solution
+                return self._field(self._last.displacement, posterior)
         raise NoEstimateError("no deformation of the fingertip explains the markers")
 
     def _settle(
         self,
-        observed: Array,
-        whiten: Array,
-        visible: NDArray[np.bool_],
+        start: Linearisation,
+        observation: Observation,
         heats: tuple[float, ...],
-        damping: float,
-    ) -> Posterior | None:
-        """Posterior after passes with the noise overstated by `heats`; None where none fits."""
-        shares = [damping] * len(heats) + [0.5 * damping] * _MORE
-        for heat, share in zip((*heats, *[1.0] * _MORE), shares, strict=True):
+        share: float,
+    ) -> tuple[Linearisation, Posterior] | None:
+        """Solution after passes with the noise overstated by `heats`; None where none fits."""
+        here = start
+        shares = [share] * len(heats) + [0.5 * share] * _MORE
+        for heat, part in zip((*heats, *[1.0] * _MORE), shares, strict=True):
             try:
                 with np.errstate(invalid="raise"):
-                    found, step = self._pass(observed, whiten / heat, visible)
+                    here, posterior, step = self._pass(here, observation, heat)
             except (FloatingPointError, np.linalg.LinAlgError):
                 return None
-            self._seen = self._seen + share * step
-            if not abs(self._seen).max() < _FARTHEST * self._fingertip.radius:
+            here = replace(here, displacement=here.displacement + part * step)
+            if not abs(here.displacement).max() < _FARTHEST * self._fingertip.radius:
                 return None
-            moved = abs(share * step).max()
+            moved = abs(part * step).max()
             if heat == 1.0 and moved < _SETTLED:
                 break
-        return found if moved < _UNSETTLED and found.misfit < _MISFIT else None
+        return (here, posterior) if moved < _UNSETTLED and posterior.misfit < _MISFIT else None
 
     def _pass(
-        self, observed: Array, whiten: Array, visible: NDArray[np.bool_]
-    ) -> tuple[Posterior, Array]:
-        """Posterior linearised about the last displacement, and the step to what it says [m]."""
-        held = chain_forces(self._fingertip, self._seen)
+        self, here: Linearisation, observation: Observation, heat: float
+    ) -> tuple[Linearisation, Posterior, Array]:
+        """Zone and amplitude by the evidence here, the posterior, and the step to its mean [m]."""
+        visible, whiten = observation.visible, observation.whiten / heat
+        held = chain_forces(self._fingertip, here.displacement)
         loads = np.concatenate([held[:, :, None], self._hats], axis=2)
-        moves = chain_compliance(self._fingertip, self._seen, loads, _BLUNT)
-        predicted, derivative = self._response(self._seen, moves)
-        predicted = predicted + self._response.perspective(self._seen)
+        moves = chain_compliance(self._fingertip, here.displacement, loads, _BLUNT)
+        predicted, derivative = self._response(here.displacement, moves)
+        predicted = predicted + self._response.perspective(here.displacement)
         # Newton about the last displacement u₀ with C = ∂u/∂f: y = h(u₀) − h(0) + J·C·(f − F(u₀)).
-        residual = observed - (predicted - self._at_rest - derivative[:, :, 0])[visible]
+        residual = observation.shifts - (predicted - self._at_rest - derivative[:, :, 0])[visible]
         target = (whiten @ residual[:, :, None]).ravel()
         jacobian = (whiten @ derivative[visible, :, 1:]).reshape(len(target), -1)
         likelihood, moment = jacobian.T @ jacobian, jacobian.T @ target
-        prior = self._amplitude**2 * self._correlation
-        zone = self._best_zone(likelihood, moment, prior)
+        prior = here.amplitude**2 * self._correlation
+        ends = self._best_zone(here.zone, likelihood, moment, prior)
+        zone = self._unknowns(ends)
         block = np.ix_(zone, zone)
         information = likelihood[block] + np.linalg.inv(prior[block])
         mean = np.linalg.solve(information, moment[zone])
-        self._amplitude = max(
-            self._prior.amplitude, float(abs(self._hats[:, :, zone] @ mean).max())
-        )
-        found = Posterior(
+        largest = float(abs(self._hats[:, :, zone] @ mean).max())
+        posterior = Posterior(
             information=information,
             moment=moment[zone],
             basis=self._hats[:, :, zone],
@@ -189,10 +233,13 @@ class GaussianProcess:
             knots=self._knots[zone[: len(zone) // 2]],
             misfit=float(((target - jacobian[:, zone] @ mean) ** 2).mean()),
         )
-        return found, found.moves @ mean - moves[:, :, 0]
+        here = replace(here, amplitude=max(self._prior.amplitude, largest), zone=ends)
+        return here, posterior, posterior.moves @ mean - moves[:, :, 0]
 
-    def _best_zone(self, information: Array, moment: Array, prior: Array) -> NDArray[np.intp]:
-        """Unknowns of the contact zone with the highest evidence near the last one."""
+    def _best_zone(
+        self, zone: tuple[int, int], information: Array, moment: Array, prior: Array
+    ) -> tuple[int, int]:
+        """Contact zone with the highest evidence near the last one."""
         knots = self._prior.knots
         evidence: dict[tuple[int, int], float] = {}
 
@@ -204,7 +251,7 @@ class GaussianProcess:
                 evidence[zone] = _log_evidence(information, moment, prior, self._unknowns(zone))
             return evidence[zone]
 
-        zone, stride = self._zone, 4
+        stride = 4
         while stride:
             steps = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, -1), (1, 1), (-1, -1))
             moved = [(zone[0] + a * stride, zone[1] + b * stride) for a, b in steps]
@@ -213,17 +260,16 @@ class GaussianProcess:
                 zone = best
             else:
                 stride //= 2
-        self._zone = zone
-        return self._unknowns(zone)
+        return zone
 
     def _unknowns(self, zone: tuple[int, int]) -> NDArray[np.intp]:
         span = np.arange(zone[0], zone[1] + 1)
         return np.concatenate([span, self._prior.knots + span])
 
-    def _field(self, found: Posterior) -> ForceField:
+    def _field(self, displacement: Array, posterior: Posterior) -> ForceField:
         """Mean and covariance of the forces, turned into the object's normal."""
-        mean, forces, moves = found.solve()
-        return read_contact(self._fingertip, self._seen, found.basis @ mean, forces, moves)
+        mean, forces, moves = posterior.solve()
+        return read_contact(self._fingertip, displacement, posterior.basis @ mean, forces, moves)
 
 
 def _log_evidence(information: Array, moment: Array, prior: Array, zone: NDArray[np.intp]) -> float:

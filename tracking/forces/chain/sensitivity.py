@@ -1,15 +1,15 @@
-"""What the markers of a sensor do when the chain moves: prediction and its exact derivative."""
+"""Response of a sensor's markers to a motion of the chain: prediction and its exact derivative."""
 
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....errors import UserError
 from ....render import SensorDesign
 from ....render.harmonics import harmonic_map
 from ....render.membrane import Membrane, outline_axes
 from ....render.outlines import areas, centroids, outlines
+from ..calibration import check_markers
 
 Array = NDArray[np.float64]
 
@@ -25,11 +25,7 @@ class MarkerResponse:
     """
 
     def __init__(self, sensor: SensorDesign, places: Array, nodes: int | Array) -> None:
-        if sensor.markers.stretch or sensor.markers.swell_mm or sensor.markers.form != "disc":
-            raise UserError(
-                "forces are read from stiff discs only: markers.form = 'disc', markers.stretch = 0 "
-                "and markers.swell_mm = 0"
-            )
+        check_markers(sensor)
         self._view, skin = sensor.view, sensor.shape
         self._half_sizes = sensor.half_sizes
         self._layers = [
@@ -43,12 +39,12 @@ class MarkerResponse:
             for p, depth, follow in zip(places, sensor.depths, sensor.follow, strict=True)
         ]
 
-    def __call__(self, seen: Array, cases: Array) -> tuple[Array, Array]:
-        """Prediction at displacements `seen`, and how it changes along several load cases.
+    def __call__(self, displacement: Array, cases: Array) -> tuple[Array, Array]:
+        """Prediction at a displacement, and its change along several load cases.
 
         Parameters
         ----------
-        seen: node displacements relative to the rigid part [m], shape (N, 2)
+        displacement: of the nodes relative to the rigid part [m], shape (N, 2)
         cases: directions to differentiate along [m], shape (N, 2, C)
 
         Returns
@@ -58,7 +54,7 @@ class MarkerResponse:
         """
         predictions, derivatives = [], []
         # The displacement itself rides along as the first case.
-        stacked = np.concatenate([seen[:, :, None], cases], axis=2)
+        stacked = np.concatenate([displacement[:, :, None], cases], axis=2)
         for carry, rest, (along_theta, along_phi), radius, follow in self._layers:
             moved = follow * carry.displacement(stacked)
             d_theta, d_phi = (follow / radius * g for g in carry.gradient(stacked))
@@ -68,52 +64,56 @@ class MarkerResponse:
             # A disc of normal n seen by a lens of Jacobian rows J₁, J₂ has the area (J₁ × J₂)·n.
             upright = np.cross(side_theta, side_phi)
             face = self._face(centre)
-            seen_area = _dot(face, upright)
+            area = _dot(face, upright)
             length2 = _dot(upright, upright)
-            to_upright = 0.5 * (face / seen_area[:, None] - upright / length2[:, None])
-            to_centre = 0.5 * self._face_gradient(centre, upright) / seen_area[:, None]
+            to_upright = 0.5 * (face / area[:, None] - upright / length2[:, None])
+            to_centre = 0.5 * self._face_gradient(centre, upright) / area[:, None]
             d_log = (
                 np.einsum("mk,mkc->mc", to_centre, moved[:, :, 1:])
                 + np.einsum("mk,mkc->mc", np.cross(side_phi, to_upright), d_theta[:, :, 1:])
                 + np.einsum("mk,mkc->mc", np.cross(to_upright, side_theta), d_phi[:, :, 1:])
             )
-            log_size = 0.5 * np.log(seen_area / np.sqrt(length2))
+            log_size = 0.5 * np.log(area / np.sqrt(length2))
             predictions += [self._view.project(centre), log_size[:, None]]
             derivatives += [self._view.jacobian(centre) @ moved[:, :, 1:], d_log[:, None]]
         return np.concatenate(predictions, axis=1), np.concatenate(derivatives, axis=1)
 
-    def perspective(self, seen: Array) -> Array:
-        """What `__call__` leaves out at `seen`: the second order of discs' images, shape (M, 6).
+    def perspective(self, displacement: Array) -> Array:
+        """Second order of the discs' images, which `__call__` leaves out, shape (M, 6).
 
         Perspective moves the middle of a tilted disc's image off its projected centre. It changes
-        so little with the load that its derivative does not matter.
+        so little with the load that its derivative is neglected.
         """
         parts = []
-        for (image,), (centre,), (axes,) in self._images(seen[None]):
+        for (image,), (centre,), (axes,) in self._images(displacement[None]):
             flat = self._view.jacobian(centre) @ axes
             log_size = 0.5 * np.log(np.linalg.det(image[:, 1:3]) / np.linalg.det(flat))
             parts += [centroids(image, False) - self._view.project(centre), log_size[:, None]]
         return np.concatenate(parts, axis=1)
 
-    def measured(self, seen: Array) -> Array:
-        """What pictures show at `seen` (…, N, 2), second order and all [px, px, 1], (…, M, 6).
+    def measured(self, displacement: Array) -> Array:
+        """Measurements in pictures [px, px, 1], second order included, shape (…, M, 6).
 
         Log sizes are those of areas in pixels, to be compared with those at rest.
+
+        Parameters
+        ----------
+        displacement: of the nodes relative to the rigid part [m], shape (…, N, 2)
         """
         parts = []
-        for image, _, _ in self._images(seen.reshape(-1, *seen.shape[-2:])):
-            # Under a sharp object a disc may turn its back: what is seen of it has an area still.
+        for image, _, _ in self._images(displacement.reshape(-1, *displacement.shape[-2:])):
+            # Under a sharp object a disc may turn its back; its outline still has an area.
             log_size = 0.5 * np.log(areas(image, False))
             parts += [centroids(image, False), log_size[..., None]]
-        shown = np.concatenate(parts, axis=-1)
-        return shown.reshape(*seen.shape[:-2], *shown.shape[1:])
+        values = np.concatenate(parts, axis=-1)
+        return values.reshape(*displacement.shape[:-2], *values.shape[1:])
 
-    def _images(self, seen: Array) -> Iterator[tuple[Array, Array, Array]]:
+    def _images(self, displacement: Array) -> Iterator[tuple[Array, Array, Array]]:
         """Outlines (S, M, 6, 2), centres (S, M, 3), axes (S, M, 3, 2) of each layer's discs.
 
-        Of each of some `seen`, shape (S, N, 2).
+        Of each of S displacements, shape (S, N, 2).
         """
-        stacked = np.moveaxis(seen, 0, -1)
+        stacked = np.moveaxis(displacement, 0, -1)
         for half, (carry, rest, tangents, metric, follow) in zip(
             self._half_sizes, self._layers, strict=True
         ):

@@ -1,6 +1,7 @@
 """Force field from tracks the direct way: a smooth displacement, times the chain's stiffness.
 
-The baseline that the others are measured against: what differentiating the displacement costs.
+The baseline that the others are measured against. It differentiates the displacement, which raises
+its noise.
 """
 
 import numpy as np
@@ -16,17 +17,19 @@ from .sensitivity import MarkerResponse
 
 Array = NDArray[np.float64]
 
-#: Fewer visible pairs than this do not hold the displacement down.
+#: Fewer visible pairs than this do not determine the displacement.
 MIN_MARKERS = 40
-#: Places along the half circle where displacements are free, and the width of what each moves [m].
-_KNOTS, _WIDTH = 41, 1.3e-3
-#: Prior standard deviation of each of them [m].
+#: Number of smooth bumps along the half circle that make up a displacement.
+_KNOTS = 41
+#: Their standard deviation along the skin [m].
+_WIDTH = 1.3e-3
+#: Prior standard deviation of each amplitude [m].
 _AMPLITUDE = 0.3e-3
-#: Forces are read up to here from the apex [rad].
+#: Largest angle from the apex at which forces are read [rad].
 _REACH = np.deg2rad(ForcePrior.reach_deg)
 #: Passes with the derivative at rest: lens and tilt make the shifts slightly nonlinear.
 _PASSES = 3
-#: Step of the stiffness' derivative, of a standard deviation.
+#: Step of the stiffness' derivative [standard deviations].
 _STEP = 1e-2
 
 
@@ -52,7 +55,7 @@ class StiffnessReading:
         self._near = np.abs(angles) < _REACH
 
     def reset(self) -> None:
-        """Every frame is read for itself."""
+        """Nothing to forget: every frame is read by itself."""
 
     def update(self, tracks: Tracks) -> ForceField:
         """Force field of a frame.
@@ -83,11 +86,12 @@ class StiffnessReading:
             raise NoEstimateError(
                 "no smooth displacement of the skin explains the markers"
             ) from None
-        seen, factor = self._basis @ mean, self._basis @ root
-        forces = self._forces(seen)
-        steps = [self._forces(seen + _STEP * column) for column in np.moveaxis(factor, 2, 0)]
+        displacement, factor = self._basis @ mean, self._basis @ root
+        forces = self._forces(displacement)
+        columns = np.moveaxis(factor, 2, 0)
+        steps = [self._forces(displacement + _STEP * column) for column in columns]
         spread = (np.stack(steps, axis=2) - forces[:, :, None]) / _STEP
-        return read_contact(self._fingertip, seen, forces, spread, factor)
+        return read_contact(self._fingertip, displacement, forces, spread, factor)
 
-    def _forces(self, seen: Array) -> Array:
-        return np.where(self._near[:, None], chain_forces(self._fingertip, seen), 0.0)
+    def _forces(self, displacement: Array) -> Array:
+        return np.where(self._near[:, None], chain_forces(self._fingertip, displacement), 0.0)

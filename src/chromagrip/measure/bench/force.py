@@ -171,8 +171,8 @@ def bench_force(
     if (problem := gl_problem()) is not None:
         rows.append(reported(("mismatched", "not_measured"), None, "", problem))
         counts = {(world, kind): n for (world, kind), n in counts.items() if world == "matched"}
-    found = measure(counts, chosen, _QUICK_LIMITED if quick else _LIMITED, progress)
-    for name, results in found.items():
+    sets = measure(counts, chosen, _QUICK_LIMITED if quick else _LIMITED, progress)
+    for name, results in sets.items():
         rows += _rows(name, results, chosen)
     progress("speed")
     rows += _speed(chosen)
@@ -262,13 +262,13 @@ def measure_grasp(task: Task) -> Measured:
 
 
 def _measure_scene(task: Task, scene: ForceScene) -> Measured:
-    found: dict[tuple[str, str], Answers] = {}
+    estimates: dict[tuple[str, str], Answers] = {}
     for name, choice in task.reconstructors.items():
-        found |= answers(name, choice, scene)
+        estimates |= answers(name, choice, scene)
     unknown = np.full(4, np.nan)
     return Measured(
         true=truth(scene)[None],
-        answers=found,
+        answers=estimates,
         limit={
             read: (limits(scene, frames) if task.limited else unknown)[None]
             for read, frames in READ.items()
@@ -278,13 +278,13 @@ def _measure_scene(task: Task, scene: ForceScene) -> Measured:
 
 def _rows(name: str, results: Measured, reconstructors: Mapping[str, Choice]) -> Iterator[Row]:
     fixed = {(CONSTANT, read): constant(results.true) for read in READ}
-    for (method, read), said in (fixed | results.answers).items():
+    for (method, read), estimate in (fixed | results.answers).items():
         reading = method not in (CONSTANT, *reconstructors)
-        if reading and said.flagged.all():
+        if reading and estimate.flagged.all():
             continue
         limit = results.limit[read]
         known = limit if np.isfinite(limit).any() else None
-        for score, value in scores(said, results.true, known).items():
+        for score, value in scores(estimate, results.true, known).items():
             if score in _OF_FRICTION or not reading:
                 target = TARGETS.get((name, read, score)) if method == BEST[read] else None
                 yield measured((name, read, method, score), value, UNITS[score], target)

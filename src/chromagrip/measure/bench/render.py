@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...extras import require
 from ...loop.grasp import grasp, open_camera
 from ...model import ContactObject, Fingertip, equilibrium
 from ...output.processes import one_thread
@@ -45,6 +46,7 @@ def bench_render(quick: bool, progress: Callable[[str], None]) -> Report:
     quick: fewer repeats and poses
     progress: called with the name of each measurement
     """
+    require("images")
     sensor = load_sensor("thesis")
     problem = gl_problem()
     with one_thread(), ExitStack() as stack:

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ...extras import require
 from ...output.processes import one_thread
 from ...render import MembraneMap, Renderer, SensorDesign, TruthMap, load_sensor
 from ...render.colour import encode_srgb
@@ -28,6 +29,7 @@ AXES = (
 
 def chart_render(quick: bool, progress: Callable[[str], None]) -> Chart:
     """Measure every renderer; a quick run has fewer repeats."""
+    require("images")
     with one_thread():
         points = _measure(load_sensor("thesis"), quick, progress)
     title = "Renderers: 400 markers in two layers, 640×480"

@@ -1,19 +1,19 @@
-"""What an image can tell of the forces: smallest standard deviations of ΣFn, ΣFf, µ and Γ.
+"""Information of an image on the forces: smallest standard deviations of ΣFn, ΣFf, µ and Γ.
 
-What is bound, step by step:
+The bounds are computed in three steps:
 
-1. Of each marker pair, (x, y, log size) of both layers against rest: the Cramér–Rao bound from the
-   pixels, with light, dyes and all other markers known. What tilt does to an outline beyond its
-   size is not counted: no tracker here reads it.
-2. *Any forces*: ΣFn and ΣFf of nodal forces that are free in the true contact zone, but for the
-   smooth prior of the Gaussian-process estimate. Stiffness, zone and normals are known.
-3. *Of an object*: ΣFn, ΣFf, µ and Γ where the node model makes the contact, with unknown µ,
-   curvature, stiffness, grip, load and history. History is four ways to come to the same grip and
-   load (`histories`), and beyond them a field of nodal forces as large as random histories leave.
+1. (x, y, log size) of both layers of each marker pair against rest: the Cramér–Rao bound from the
+   pixels, with light, dyes and all other markers known. The effect of tilt on an outline beyond its
+   size is left out, because no tracker here reads it.
+2. *Any forces*: ΣFn and ΣFf of nodal forces in the true contact zone with the smooth prior of the
+   Gaussian-process estimate. Stiffness, zone and normals are known.
+3. *Of an object*: ΣFn, ΣFf, µ and Γ of a contact of the node model with unknown µ, curvature,
+   stiffness, grip, load and history. The history is one of four paths to the same grip and load
+   (`histories`), plus a field of nodal forces as large as random histories leave.
 
-Both are posterior deviations: the best mean square of an estimate whose scenes scatter as the prior
-says, were the response as straight everywhere as it is around the truth. Not in it are errors of
-the calibration, of the fingertip's stiffness and of the camera, and defects of the image.
+Both are posterior deviations: the smallest mean square error over scenes that scatter like the
+prior, if the response is linear around the truth. Errors of the calibration, of the fingertip's
+stiffness and of the camera, and defects of the image are not included.
 """
 
 from dataclasses import dataclass, replace
@@ -46,49 +46,70 @@ from .positions import marker_shapes
 
 Array = NDArray[np.float64]
 
-#: Standard deviations before the image: of scenes with µ uniform in 0.2…0.9, curvature in 0…230 /m,
-#: log k_c in log 80…log 1000 N/m, ΣFn in 0.4…6 N, and the loads that Γ in 0.05…0.85 leaves [N].
-_MU, _CURVATURE, _LOG_STIFFNESS, _GRIP, _LOAD = 0.2, 66.0, 0.73, 1.6, 0.8
-#: Of how far a history goes each way, see `histories`.
+#: Prior standard deviation of µ, uniform in 0.2…0.9.
+_MU = 0.2
+#: Prior standard deviation of the curvature, uniform in 0…230 /m [1/m].
+_CURVATURE = 66.0
+#: Prior standard deviation of log k_c, uniform in log 80…log 1000 N/m.
+_LOG_STIFFNESS = 0.73
+#: Prior standard deviation of ΣFn, uniform in 0.4…6 N [N].
+_GRIP = 1.6
+#: Prior standard deviation of the load, from Γ uniform in 0.05…0.85 [N].
+_LOAD = 0.8
+#: Standard deviation of the amount of each history, see `histories`.
 _HISTORY = 0.3
-#: What random histories leave of nodal friction and normal forces beyond those ways, as shares of
-#: µ·Fn and Fn (geometric means over poses; a test measures the first), and over which length [m].
-LEFT_FRICTION, LEFT_NORMAL, _LEFT_LENGTH = 0.2, 0.03, 0.2e-3
-#: Smoothness of any forces [m], and the smallest deviation of a node's at 251 nodes [N]: the prior
-#: of the Gaussian-process estimate, whose deviation is otherwise the largest nodal force.
-_LENGTH, _AMPLITUDE = 0.8e-3, 5e-3
-#: Slope below which the stiffness' jump is smoothed, as in the estimate.
+#: Nodal friction that random histories leave beyond those paths, as a share of µ·Fn (geometric mean
+#: over poses; a test measures it).
+LEFT_FRICTION = 0.2
+#: Nodal normal forces that they leave, as a share of Fn (geometric mean over poses).
+LEFT_NORMAL = 0.03
+#: Correlation length of both [m].
+_LEFT_LENGTH = 0.2e-3
+#: Correlation length of any forces, as in the Gaussian-process estimate [m].
+_LENGTH = 0.8e-3
+#: Smallest prior deviation of a nodal force at 251 nodes, as in that estimate; otherwise it is the
+#: largest nodal force [N].
+_AMPLITUDE = 5e-3
+#: Slope below which the jump of the stiffness is smoothed, as in that estimate.
 _BLUNT = 0.05
-#: Least safety margin that leaves room for differences.
+#: Smallest safety margin that leaves room for differences.
 _RESERVE = 0.02
-#: Steps of each stage of a path, and those in which it settles; their length [s], in which dampers
-#: carry a millionth of the forces and a spring that snaps through is still caught.
-_PARTS, _SETTLE, _SECONDS = 40, 5, 1.0
-#: Steps of differences: share of µ and grip, and for the load of µ·grip, at most; [1/m]; multiples
-#: of the stiffness. Springs snap from node to node, so that columns are rough: half or twice the
-#: steps change the limit of Γ by up to a tenth on a flat object, to a half on one of 5 mm.
-_SHARE, _BEND, _SOFTER = 0.03, 6.0, (0.94, 1.06)
+#: Steps of each stage of a path.
+_PARTS = 40
+#: Steps in which the end of a path settles.
+_SETTLE = 5
+#: Length of a step [s]: dampers carry a millionth of the forces, and a spring that snaps through is
+#: still caught.
+_SECONDS = 1.0
+#: Largest step of differences in µ and grip as a share of them, and in the load as one of µ·grip.
+#: Springs snap from node to node, so that derivatives are rough: half or twice the steps change the
+#: limit of Γ by up to a tenth on a flat object, and by up to a half on one of 5 mm radius.
+_SHARE = 0.03
+#: Step of differences in the curvature [1/m].
+_BEND = 6.0
+#: Multiples of the stiffness for its difference.
+_SOFTER = (0.94, 1.06)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Press:
-    """A contact, and how it changes with all that is unknown of it.
+    """A contact, and its derivatives by everything that is unknown of it.
 
     Attributes
     ----------
     fingertip, mu: of the contact
-    seen: node displacements relative to the camera [m], shape (N, 2)
+    displacement: node displacements relative to the camera [m], shape (N, 2)
     field: contact forces
-    moves: change of `seen` by a prior standard deviation of (µ, curvature, log k_c, grip, load,
-        four histories) [m], shape (N, 2, 9)
-    sums: change of (ΣFn, signed ΣFf) with each [N], shape (2, 9)
-    nodes: that touch, shape (K,)
+    moves: change of `displacement` by a prior standard deviation of (µ, curvature, log k_c, grip,
+        load, four histories) [m], shape (N, 2, 9)
+    sums: change of (ΣFn, signed ΣFf) by each of them [N], shape (2, 9)
+    nodes: indices of the nodes in contact, shape (K,)
     axes: the object's normal and tangent at them, pointing as the forces on the node do, (K, 2, 2)
     """
 
     fingertip: Fingertip
     mu: float
-    seen: Array
+    displacement: Array
     field: ForceField
     moves: Array
     sums: Array
@@ -98,11 +119,11 @@ class Press:
 
 @dataclass(frozen=True, kw_only=True)
 class ForceLimit:
-    """Smallest standard deviations that an image leaves.
+    """Smallest standard deviations of an estimate from an image.
 
     Attributes
     ----------
-    any_normal, any_friction: of ΣFn and ΣFf of forces of which only smoothness is known [N]
+    any_normal, any_friction: of ΣFn and ΣFf of forces that are only known to be smooth [N]
     normal, friction: of ΣFn and ΣFf of an object's contact [N]
     mu, margin: of µ and Γ
     """
@@ -118,8 +139,8 @@ class ForceLimit:
 def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) -> Press:
     """Contact of an object that is gripped and then loaded, and its derivatives.
 
-    Derivatives of the state are central differences, those along histories the whole way of one
-    standard deviation, as friction turns at every reversal.
+    Derivatives by the state are central differences. Those by a history are differences over one
+    standard deviation, because friction is not smooth where a path turns back.
 
     Raises
     ------
@@ -142,7 +163,7 @@ def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) ->
     slippery, rough = (replace(obj, friction=mu * (1 + s)) for s in (-step, step))
     blunt, sharp = (replace(obj, curvature=obj.curvature + s) for s in (-_BEND, _BEND))
     soft, stiff = (replace(obj, stiffness=obj.stiffness * s) for s in _SOFTER)
-    # What lies on either side, and the standard deviations between the two.
+    # Contacts on either side, and the number of standard deviations between the two.
     sides = [
         ((slippery, grip, load), (rough, grip, load), 2 * step * mu / _MU),
         ((blunt, grip, load), (sharp, grip, load), 2 * _BEND / _CURVATURE),
@@ -163,7 +184,7 @@ def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) ->
     return Press(
         fingertip=fingertip,
         mu=obj.friction,
-        seen=state.deformation.seen,
+        displacement=state.deformation.seen,
         field=contact_forces(fingertip, obj, state),
         moves=np.stack([(up[0] - down[0]) / span for down, up, span in ends], axis=-1),
         sums=np.stack([(up[1] - down[1]) / span for down, up, span in ends], axis=-1),
@@ -173,7 +194,11 @@ def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) ->
 
 
 def histories(mu: float, grip: float, load: float) -> list[list[tuple[float, float]]]:
-    """Four paths of (grip, load) to the same end: a grip, a load overshot; reversed, early load."""
+    """Four paths of (grip, load) to the same end.
+
+    The grip overshoots, the load overshoots, the load acts the other way before, or the load acts
+    before the last part of the grip.
+    """
     reserve = mu * grip - abs(load)
     side = 1.0 if load >= 0.0 else -1.0
     low = grip * (1.0 - _HISTORY * reserve / (mu * grip))
@@ -187,7 +212,7 @@ def histories(mu: float, grip: float, load: float) -> list[list[tuple[float, flo
 
 
 def follow_path(fingertip: Fingertip, obj: ContactObject, path: list[tuple[float, float]]) -> State:
-    """Equilibrium at the end of a path of (grip, load) from rest, straight between its points."""
+    """Equilibrium at the end of a path of (grip, load) from rest, linear between its points."""
     points = np.array([(0.0, 0.0), *path])
     stages = len(path)
     drive = Drive(
@@ -209,7 +234,7 @@ def _frames(fingertip: Fingertip, obj: ContactObject, state: State) -> tuple[Arr
 
 
 def _seen_and_sums(fingertip: Fingertip, obj: ContactObject, state: State) -> tuple[Array, Array]:
-    """Displacements (N, 2), and (ΣFn, signed ΣFf) of all nodes that touch: no threshold jumps."""
+    """Displacements (N, 2), and (ΣFn, signed ΣFf) of all nodes in contact, without a threshold."""
     pushed, _ = _frames(fingertip, obj, state)
     return state.deformation.seen, np.array([pushed.sum(), state.friction.sum()])
 
@@ -217,7 +242,7 @@ def _seen_and_sums(fingertip: Fingertip, obj: ContactObject, state: State) -> tu
 def force_limit(
     sensor: SensorDesign, pressed: Press, noise: float, *, frames: int = 1, rest_frames: int = 16
 ) -> ForceLimit:
-    """What the image of a sensor tells of a contact.
+    """Smallest standard deviations of a contact's forces, µ and Γ from images of a sensor.
 
     Parameters
     ----------
@@ -230,10 +255,10 @@ def force_limit(
     Raises
     ------
     UserError
-        For a sensor that forces are not read from.
+        For a sensor whose markers are not stiff discs.
     """
     tip, field, nodes = pressed.fingertip, pressed.field, pressed.nodes
-    white_forces, white_moves = _shown(sensor, pressed, noise, frames, rest_frames)
+    white_forces, white_moves = _response(sensor, pressed, noise, frames, rest_frames)
     share, arc = tip.shares()[nodes, None], tip.arc_lengths()[nodes]
 
     largest = float(np.hypot(field.normal, field.friction).max())
@@ -242,7 +267,7 @@ def force_limit(
     any_forces = _posterior(columns, np.kron(np.eye(2), free.sum(axis=0)))
 
     left = field.normal[nodes, None] * _root(arc, _LEFT_LENGTH)
-    left -= left.mean(axis=0)  # grip and load are what they are, however they came about
+    left -= left.mean(axis=0)  # the sums are those of grip and load for every history
     sizes = (LEFT_NORMAL, LEFT_FRICTION * pressed.mu)
     others = [size * axis @ left for size, axis in zip(sizes, white_forces, strict=True)]
     columns = np.concatenate([white_moves, *others], axis=1)
@@ -266,41 +291,41 @@ def force_limit(
     )
 
 
-def _shown(
+def _response(
     sensor: SensorDesign, pressed: Press, noise: float, frames: int, rest_frames: int
 ) -> tuple[Array, Array]:
-    """What markers show, in standard deviations of their noise.
+    """Response of the markers, in standard deviations of their noise.
 
     Returns
     -------
-    forces: of a unit normal, then of a unit tangential force on each node that touches, (2, Y, K)
-    moves: of `pressed.moves`, shape (Y, 9)
+    forces: to a unit normal, then to a unit tangential force on each node in contact, (2, Y, K)
+    moves: to `pressed.moves`, shape (Y, 9)
     """
     tip, nodes = pressed.fingertip, pressed.nodes
-    at_rest, now = _rest_covariance(sensor), pair_covariance(sensor, pressed.seen)
+    at_rest, now = _rest_covariance(sensor), pair_covariance(sensor, pressed.displacement)
     covariance = noise**2 * (now / frames + at_rest / rest_frames)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     loads = np.zeros((tip.nodes, 2, 2, len(nodes)))
     loads[nodes, :, :, np.arange(len(nodes))] = np.swapaxes(pressed.axes, -1, -2)
-    forced = chain_compliance(tip, pressed.seen, loads.reshape(tip.nodes, 2, -1), _BLUNT)
+    forced = chain_compliance(tip, pressed.displacement, loads.reshape(tip.nodes, 2, -1), _BLUNT)
     response = MarkerResponse(sensor, np.stack([sensor.places] * 2), tip.angles())
-    _, derivative = response(pressed.seen, np.concatenate([forced, pressed.moves], axis=-1))
+    _, derivative = response(pressed.displacement, np.concatenate([forced, pressed.moves], axis=-1))
     white = (whiten @ derivative).reshape(-1, derivative.shape[-1])
     count = 2 * len(nodes)
     return np.moveaxis(white[:, :count].reshape(len(white), 2, -1), 1, 0), white[:, count:]
 
 
-def pair_covariance(sensor: SensorDesign, seen: Array) -> Array:
+def pair_covariance(sensor: SensorDesign, displacement: Array) -> Array:
     """Cramér–Rao bound of (x, y, log size) of both layers' markers, (M, 6, 6), at noise 1 level.
 
-    A marker that does not show is infinitely uncertain.
+    An invisible marker is infinitely uncertain.
 
     Parameters
     ----------
     sensor: design, with disc markers
-    seen: node displacements relative to the camera [m], shape (N, 2)
+    displacement: node displacements relative to the camera [m], shape (N, 2)
     """
-    shapes, inverses = marker_shapes(sensor, MembraneMap(sensor, len(seen))(seen))
+    shapes, inverses = marker_shapes(sensor, MembraneMap(sensor, len(displacement))(displacement))
     information = pair_information(
         shapes,
         inverses,

@@ -1,4 +1,4 @@
-"""Compiled Fisher information of marker positions. `track_limit.py` documents the use."""
+"""Compiled Fisher information of marker positions and sizes; `positions` documents the use."""
 
 import math
 
@@ -10,16 +10,19 @@ from ...render.drawing.coverage import covered_by_both, signed_distance, togethe
 
 Array = NDArray[np.float64]
 
-#: Centres are moved by this for a central difference [px], sizes by this share of themselves, and
-#: edges end after so many widths.
-_STEP, _GROWTH, _REACH = 0.01, 1e-3, 5.0
+#: Step of central differences of a centre [px].
+_STEP = 0.01
+#: Step of central differences of a size, as a share of it.
+_GROWTH = 1e-3
+#: Distance at which a blurred edge ends [standard deviations].
+_REACH = 5.0
 #: The positions among (x, y, log size) of both markers of a pair.
 _POSITION = np.array([0, 1, 3, 4])
 
 
 @njit()
 def encode_level(linear: float) -> float:
-    """SRGB level 0…255 of linear light, not rounded; what is too bright or dark tells nothing."""
+    """SRGB level 0…255 of linear light, clipped and not rounded."""
     v = min(max(linear, 0.0), 1.0)
     if v <= 0.0031308:
         return 255.0 * 12.92 * v
@@ -56,36 +59,56 @@ def _boxes(shapes: Array, width: float, height: int, wide: int) -> NDArray[np.in
 
 
 @njit()
-def _pass(c0: float, c1: float, together: float, absorbed: Array, channel: int) -> float:
-    """Share of the light that a pair lets through where its markers cover so much."""
-    both = covered_by_both(c0, c1, together)
-    a0, a1 = absorbed[0, channel], absorbed[1, channel]
-    return 1.0 - a0 * c0 - a1 * c1 + a0 * a1 * both
+def _cover(marker: Array, inverse: Array, width: float, box: NDArray[np.int64]) -> Array:
+    """Share of each pixel of a box that a marker covers, row by row; 0 for an absent marker."""
+    wide = box[1] - box[0]
+    cover = np.zeros((box[3] - box[2]) * wide)
+    for n in range(0 if math.isnan(marker[0, 0]) else len(cover)):
+        dx, dy = box[0] + n % wide - marker[0, 0], box[2] + n // wide - marker[0, 1]
+        cover[n] = _covered(dx, dy, inverse, width)
+    return cover
 
 
 @njit()
-def _together(shapes: Array, m: int) -> float:
-    found = togetherness(shapes[0, m], shapes[1, m])
-    return 1.0 if math.isnan(found) else found
+def _transmitted(cover: Array, pair: Array, absorbed: Array) -> Array:
+    """Share of the light that pixels let through which a pair covers so much, shape (N, 3).
+
+    Parameters
+    ----------
+    cover: by each marker, shape (2, N)
+    pair: (c, a₁, a₂) of both markers [px], shape (2, 3, 2)
+    absorbed: 1 − transmittance of each layer, shape (2, 3)
+    """
+    together = togetherness(pair[0], pair[1])
+    if math.isnan(together):
+        together = 1.0
+    share = np.empty((cover.shape[1], 3))
+    for n in range(len(share)):
+        c0, c1 = cover[0, n], cover[1, n]
+        both = covered_by_both(c0, c1, together)
+        for c in range(3):
+            a0, a1 = absorbed[0, c], absorbed[1, c]
+            share[n, c] = 1.0 - a0 * c0 - a1 * c1 + a0 * a1 * both
+    return share
 
 
 def fisher_information(
     shapes: Array, inverses: Array, width: float, absorbed: Array, ground: Array, contrast: float
 ) -> Array:
     """`pair_information` about (x, y) alone, sizes being known, shape (M, 4, 4) [1/px²]."""
-    whole = pair_information(shapes, inverses, width, absorbed, ground, contrast)
-    return whole[:, _POSITION[:, None], _POSITION]
+    information = pair_information(shapes, inverses, width, absorbed, ground, contrast)
+    return information[:, _POSITION[:, None], _POSITION]
 
 
 @njit()
 def pair_information(
     shapes: Array, inverses: Array, width: float, absorbed: Array, ground: Array, contrast: float
 ) -> Array:
-    """Of the levels of a frame about (x, y, log size) of both markers of pairs, at noise 1 level.
+    """Information of a frame's levels on (x, y, log size) of both markers of pairs, at noise 1.
 
     Parameters
     ----------
-    shapes: (c, a₁, a₂) of each marker [px], NaN for one that is not there, shape (2, M, 3, 2)
+    shapes: (c, a₁, a₂) of each marker [px], NaN for an absent one, shape (2, M, 3, 2)
     inverses: of the matrices with columns a₁ and a₂ [1/px], shape (2, M, 2, 2)
     width: standard deviation of an edge [px]
     absorbed: 1 − transmittance of each layer, shape (2, 3)
@@ -94,76 +117,45 @@ def pair_information(
 
     Returns
     -------
-    Shape (M, 6, 6) [1/px², 1/px, 1], rows of markers that are not there 0.
+    Shape (M, 6, 6) [1/px², 1/px, 1], rows of absent markers 0.
     """
-    height, wide = ground.shape[:2]
     count = shapes.shape[1]
-    boxes = _boxes(shapes, width, height, wide)
-    through = np.ones((height, wide, 3))
-    # Coverage of either layer: where the marker is, and with x, y and log size moved up and down.
-    moved = np.zeros((2, 7))
+    boxes = _boxes(shapes, width, ground.shape[0], ground.shape[1])
+    light = ground.copy()
+    covers, own = [], []
     for m in range(count):
-        together = _together(shapes, m)
-        for y in range(boxes[m, 2], boxes[m, 3]):
-            for x in range(boxes[m, 0], boxes[m, 1]):
-                for k in range(2):
-                    at = shapes[k, m, 0]
-                    moved[k, 0] = 0.0
-                    if not math.isnan(at[0]):
-                        moved[k, 0] = _covered(x - at[0], y - at[1], inverses[k, m], width)
-                for c in range(3):
-                    through[y, x, c] *= _pass(moved[0, 0], moved[1, 0], together, absorbed, c)
+        x0, x1, y0, y1 = boxes[m]
+        cover = np.zeros((2, (x1 - x0) * (y1 - y0)))
+        for k in range(2):
+            cover[k] = _cover(shapes[k, m], inverses[k, m], width, boxes[m])
+        covers.append(cover)
+        own.append(_transmitted(cover, shapes[:, m], absorbed))
+        light[y0:y1, x0:x1] *= own[m].reshape(y1 - y0, x1 - x0, 3)
     information = np.zeros((count, 6, 6))
-    edges = np.zeros((6, 2))
-    slope = np.zeros(6)
     for m in range(count):
-        together = _together(shapes, m)
+        x0, x1, y0, y1 = boxes[m]
+        others = light[y0:y1, x0:x1].copy().reshape(-1, 3) / own[m]
+        slope = np.zeros((6, others.size))
         for i in range(6):
-            shape = shapes[i // 3, m]
-            before = shape.copy()
-            for j in range(2):
-                sign = 1.0 - 2.0 * j
-                if i % 3 < 2:
-                    shape[0, i % 3] += sign * _STEP
+            k, axis = i // 3, i % 3
+            nudge = _STEP if axis < 2 else _GROWTH
+            moved, shares = [], []
+            for step in (nudge, -nudge):
+                pair, cover, inverse = shapes[:, m].copy(), covers[m].copy(), inverses[k, m]
+                if axis < 2:
+                    pair[k, 0, axis] += step
                 else:
-                    shape[1:] *= 1.0 + sign * _GROWTH
-                edges[i, j] = _together(shapes, m)
-                shape[:] = before
-        for y in range(boxes[m, 2], boxes[m, 3]):
-            for x in range(boxes[m, 0], boxes[m, 1]):
-                for k in range(2):
-                    at = shapes[k, m, 0]
-                    moved[k] = 0.0
-                    if math.isnan(at[0]):
-                        continue
-                    dx, dy, inverse = x - at[0], y - at[1], inverses[k, m]
-                    moved[k, 0] = _covered(dx, dy, inverse, width)
-                    moved[k, 1] = _covered(dx - _STEP, dy, inverse, width)
-                    moved[k, 2] = _covered(dx + _STEP, dy, inverse, width)
-                    moved[k, 3] = _covered(dx, dy - _STEP, inverse, width)
-                    moved[k, 4] = _covered(dx, dy + _STEP, inverse, width)
-                    moved[k, 5] = _covered(dx, dy, inverse / (1.0 + _GROWTH), width)
-                    moved[k, 6] = _covered(dx, dy, inverse / (1.0 - _GROWTH), width)
+                    pair[k, 1:] *= 1.0 + step
+                    inverse = inverse / (1.0 + step)
+                cover[k] = _cover(pair[k], inverse, width, boxes[m])
+                moved.append(cover[k])
+                shares.append(_transmitted(cover, pair, absorbed))
+            up, down = shares[0], shares[1]
+            for n in np.flatnonzero(moved[0] != moved[1]):  # the others are far from the edge
                 for c in range(3):
-                    own = _pass(moved[0, 0], moved[1, 0], together, absorbed, c)
-                    light = ground[y, x, c] * through[y, x, c] / own
-                    for i in range(6):
-                        k = i // 3
-                        slope[i] = 0.0
-                        up = moved[k, 1 + 2 * (i % 3)]
-                        down = moved[k, 2 + 2 * (i % 3)]
-                        if up == down:  # far from the edge, or no marker
-                            continue
-                        if k == 0:
-                            high = _pass(up, moved[1, 0], edges[i, 0], absorbed, c)
-                            low = _pass(down, moved[1, 0], edges[i, 1], absorbed, c)
-                        else:
-                            high = _pass(moved[0, 0], up, edges[i, 0], absorbed, c)
-                            low = _pass(moved[0, 0], down, edges[i, 1], absorbed, c)
-                        change = encode_level(light * high) - encode_level(light * low)
-                        nudge = _STEP if i % 3 < 2 else _GROWTH
-                        slope[i] = contrast * change / (2.0 * nudge)
-                    for i in range(6):
-                        for j in range(6):
-                            information[m, i, j] += slope[i] * slope[j]
+                    high, low = others[n, c] * up[n, c], others[n, c] * down[n, c]
+                    change = encode_level(high) - encode_level(low)
+                    slope[i, 3 * n + c] = contrast * change / (2.0 * nudge)
+        if others.size:
+            information[m] = slope @ slope.T
     return information

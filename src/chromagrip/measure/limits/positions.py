@@ -1,8 +1,8 @@
 """The Cramér–Rao bound of marker positions: no unbiased tracker of single frames is better.
 
-A frame's levels are a function of the positions of both layers' markers, plus white noise. The
-bound of a pair takes everything else as known: sizes, colours, light, and all other markers. It is
-so the lowest bound, that of a tracker that knows everything but where the pair is.
+The levels of a frame are a function of the positions of both layers' markers, plus white noise.
+The bound of a pair takes everything else as known: sizes, colours, light, and all other markers. It
+is therefore the lowest bound.
 """
 
 import numpy as np
@@ -25,16 +25,16 @@ def position_limits(
     defocus: float = 0.0,
     contrast: float = 1.0,
 ) -> Array:
-    """Smallest standard deviation of (x, y) of each marker [px], NaN for one not there, (2, M, 2).
+    """Smallest standard deviation of (x, y) of each marker [px], NaN for absent ones, (2, M, 2).
 
     Parameters
     ----------
     sensor: design, with disc markers
-    membrane: of the frame; markers that are not there have centres of NaN
-    ground: linear light that the frame shows without its markers, shape (H, W, 3)
+    membrane: of the frame; absent markers have centres of NaN
+    ground: linear light of the frame without its markers, shape (H, W, 3)
     noise: standard deviation of each sRGB level
-    defocus: blur on top of the lens' own [px]
-    contrast: of the levels, of which noise takes no part
+    defocus: blur in addition to the lens [px]
+    contrast: of the levels before noise
     """
     information = fisher_information(
         *marker_shapes(sensor, membrane),
@@ -58,7 +58,7 @@ def marker_shapes(sensor: SensorDesign, membrane: Membrane) -> tuple[Array, Arra
 def bounds(information: Array, noise: float) -> Array:
     """Standard deviations (2, M, 2) from information (M, 4, 4) at unit noise; NaN where none."""
     known = np.einsum("mii->mi", information) > 0.0
-    # A marker that is not there takes nothing from its partner.
+    # An absent marker takes no information from its partner.
     filled = information + np.einsum("mi,ij->mij", ~known, np.eye(4))
     variance = noise**2 * np.einsum("mii->mi", np.linalg.inv(filled))
     deviation = np.where(known, np.sqrt(variance), np.nan)

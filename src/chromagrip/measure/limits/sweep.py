@@ -1,4 +1,4 @@
-"""The limit of the margin against markers, resolution, noise and size: chart, table, and needs."""
+"""Limit of Γ over marker count, resolution, noise and marker size: chart, table, and needs."""
 
 import csv
 from collections.abc import Callable, Iterable
@@ -22,7 +22,7 @@ from .forces import Press, force_limit, pair_covariance
 
 Array = NDArray[np.float64]
 
-#: Multiples of a design's own value, from what is easiest to make to what is hardest.
+#: Multiples of a design's own value, from the easiest to make to the hardest.
 STEPS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 _COLOURS = ("#1f3b73", "#d1495b", "#edae49", "#00798c", "#6c757d")
 
@@ -33,11 +33,11 @@ class Point:
 
     Attributes
     ----------
-    dial: what is changed, see DIALS
+    dial: key of DIALS
     value: of the dial
-    own: whether it is the design as it is
-    margin: smallest standard deviation of Γ; NaN for a design that cannot be
-    note: why it cannot be
+    own: whether it is the unchanged design
+    margin: smallest standard deviation of Γ; NaN for an impossible design
+    note: reason why it is impossible
     """
 
     dial: str
@@ -57,7 +57,7 @@ def _more_markers(sensor: SensorDesign, noise: float, share: float) -> tuple[Sen
 
 
 def _more_pixels(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
-    """A lens as good as its camera: the blur stays as many pixels."""
+    """More pixels, with the same blur in pixels."""
     old = sensor.camera
     if old.focal_px is None:
         raise UserError("a camera from a calibration file has its own resolution")
@@ -83,7 +83,7 @@ def _less_noise(sensor: SensorDesign, noise: float, share: float) -> tuple[Senso
 
 @dataclass(frozen=True, kw_only=True)
 class Dial:
-    """One thing of a design.
+    """One property of a design that is varied.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ def sweep(
     dials: Iterable[str] = DIALS,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Point]:
-    """Limits of Γ of a design with one thing changed at a time; arguments as of `force_limit`."""
+    """Limits of Γ of a design with one property changed; arguments as of `force_limit`."""
     points = []
     for name in dials:
         dial = DIALS[name]
@@ -148,10 +148,10 @@ def sweep(
 
 
 def needed(points: list[Point], wanted: float) -> float | None:
-    """Easiest value of one dial's sweep at which Γ is as certain as wanted; None if there is none.
+    """Easiest value of a dial at which the error of Γ is as small as wanted; None if there is none.
 
-    Points are as `sweep` orders them, from easy to hard; nothing easier than the first was tried.
-    Between two points the error is a power of the value.
+    The points of one dial are in the order of `sweep`, from easy to hard. Between two points the
+    error is taken as a power of the value; values before the first point are not considered.
     """
     before: Point | None = None
     for point in points:
@@ -167,11 +167,11 @@ def needed(points: list[Point], wanted: float) -> float | None:
 
 
 def pair_precision(sensor: SensorDesign, noise: float) -> tuple[Array, Array, Array]:
-    """How well one resting pair shows where its skin is, at an angle from the apex.
+    """Precision of the displacement of the skin from one marker pair at rest.
 
     Returns
     -------
-    angle: [°], shape (M,)
+    angle: from the apex [°], shape (M,)
     radial, along: standard deviations of a displacement of the skin [m], shape (M,)
     """
     rest, nudge = rest_membrane(sensor), 1e-6
@@ -212,7 +212,7 @@ def draw(
     title: str,
     path: Path,
 ) -> None:
-    """Chart of sweeps by sensor, and of what a single pair of each shows, as PNG."""
+    """Chart of sweeps by sensor, and of the precision of a single pair of each, as PNG."""
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(2, 3).ravel()
@@ -242,7 +242,7 @@ def draw(
 
 
 def _few_ticks(axis: Axis) -> None:
-    """Numbers at 1, 2 and 5, however little of a decade shows."""
+    """Label 1, 2 and 5 also where less than a decade is visible."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())

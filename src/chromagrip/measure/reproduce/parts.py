@@ -7,6 +7,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from ...extras import require
 from ...output.cells import open_unfinished
 from ...output.figure import png
 from ...output.page import write_page
@@ -95,6 +96,8 @@ def reproduce(
     -------
     Rows with a sentence for each figure or table as notes, and its section.
     """
+    if out is not None:
+        require("data")
     unfinished = open_unfinished(out, UNFINISHED, overwrite)
     traced = [job for name in parts if name in _TRACED for job in _TRACED[name](plan)]
     summed = [job for name in parts if name in _SUMMED for job in _SUMMED[name](plan)]

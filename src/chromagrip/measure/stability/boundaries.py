@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...control import GripObservation, SafetyMarginControl, SafetyMarginGains
+from ...control import GripObservation, SafetyMarginControl, SafetyMarginSettings
 from ...loop.observers import TruthObserver
 from ...model import ContactObject, Fingertip, State, contact_forces, step
 from ...output.report import Row, within
@@ -186,12 +186,12 @@ def _grows(
     setting: Setting, tip: Fingertip, obj: ContactObject, state: State, grip: float, period: float
 ) -> bool:
     """Whether the margin is further off at the end than the disturbance itself moved it."""
-    gains = SafetyMarginGains(
+    gains = SafetyMarginSettings(
         desired_margin=contact_forces(tip, obj, state).safety_margin(obj.friction),
-        feedforward=grip,
-        proportional=setting.proportional_n,
-        integral=setting.integral_n_per_s,
-        start=0.0,
+        feedforward_n=grip,
+        proportional_n=setting.proportional_n,
+        integral_n_per_s=setting.integral_n_per_s,
+        start_s=0.0,
     )
     controller, observer = SafetyMarginControl(gains), TruthObserver(setting.window_s)
     delay = (setting.latency_frames + 1) * period

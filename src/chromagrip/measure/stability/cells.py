@@ -84,6 +84,7 @@ class Setting:
                 "controller": self.controller,
                 "duration_s": DURATION_S,
                 "camera.rate_hz": self.rate_hz,
+                "fingertip.step_ms": min(1.0, 1e3 / self.rate_hz),
                 "camera.latency_frames": self.latency_frames,
                 "safety_margin.desired_margin": MARGIN,
                 "safety_margin.proportional_n": self.proportional_n,

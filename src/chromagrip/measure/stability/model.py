@@ -96,7 +96,7 @@ class Cell:
     @property
     def setting(self) -> Setting:
         """Setting of the run."""
-        return Setting(self.method, self.nodes, self.stiffness_n_per_m, self.step_s)  # type: ignore[arg-type]
+        return Setting(self.method, self.nodes, self.stiffness_n_per_m, self.step_s)
 
 
 @dataclass(frozen=True)

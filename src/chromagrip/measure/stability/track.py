@@ -92,7 +92,7 @@ DIALS = {
         "green that yellow takes, calibrated as 1 %",
         "",
         _SMALL_SHARES,
-        lambda v: Conditions(text="", crosstalk=v, told_crosstalk=0.01),
+        lambda v: Conditions(text="", crosstalk=v, stated_crosstalk=0.01),
     ),
     "jpeg": Dial(
         "JPEG quality",

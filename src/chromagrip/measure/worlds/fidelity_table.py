@@ -1,4 +1,4 @@
-"""`chromagrip chart --update`: the table that fidelities are chosen from, measured."""
+"""Measurement of the table from which `chromagrip plan` chooses (`chromagrip chart --update`)."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +12,7 @@ from ...loop.run_folder import run
 from ...loop.trace import Trace
 from ...output.cells import write_cells
 from ...scene.scene import load_scene
+from ...thesis import DESIRED_MARGIN, LOADS_N
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ SITUATIONS: tuple[tuple[float, float, float, float], ...] = (
     (0.5, 32.0, 20.0, 6.0),
     (0.5, 16.0, 5.0, 6.0),
 )
-#: What is chosen from, the default first.
+#: Fidelities of the camera path, from the default to the cheapest.
 CAMERA = (
     Fidelity(),
     Fidelity(tracker="thrifty"),
@@ -40,21 +41,20 @@ CAMERA = (
     Fidelity(tracker="sparse", step_ms=5.0),
     Fidelity(tracker="sparse", step_ms=5.0, nodes=101),
 )
+#: Fidelities of the truth path, from the default to the cheapest.
 TRUTH = tuple(
     Fidelity(tracker="", reconstructor="", step_ms=step, nodes=nodes)
     for step, nodes in ((1.0, 251), (5.0, 251), (1.0, 101), (5.0, 101), (15.0, 101), (15.0, 51))
 )
-#: What the chain is compared with.
+#: Fidelity of the runs that chains are compared with.
 FINE = Fidelity(tracker="", reconstructor="", step_ms=0.2, nodes=501)
-#: From here on Γ is compared: the first load is held [s].
+#: Time from which Γ is compared: the first load is held [s].
 _HELD = 0.5
-#: Γ of the grip at which chains are compared, and the largest load of the scene [N].
-_MARGIN, _LOAD = 0.3, 0.65
 
 
 def measure(progress: Callable[[str], None]) -> list[Measured]:
     """Every fidelity in every situation, one after the other."""
-    found = []
+    table = []
     for friction, kpa, radius, noise in SITUATIONS:
         obj = {
             "object.friction": friction,
@@ -69,58 +69,56 @@ def measure(progress: Callable[[str], None]) -> list[Measured]:
             chain = (fidelity.step_ms, fidelity.nodes)
             if chain not in plants:
                 plants[chain] = rms(held_margin(fidelity, obj) - fine)
-            path = {"path": "camera" if fidelity.tracker else "truth"}
-            controller = {"controller": "margin-inversion"}
-            result = run(load_scene(SCENE, obj | path | controller | fidelity.changes))
-            trace, seen = result.trace, 0.0
-            if fidelity.tracker:
-                seen = margin_error(trace)
-            rate = result.scene.camera.rate_hz
-            found.append(
+            changes: dict[str, float | str] = {
+                "path": "camera" if fidelity.tracker else "truth",
+                "controller": "margin-inversion",
+                **obj,
+                **fidelity.changes,
+            }
+            result = run(load_scene(SCENE, changes))
+            table.append(
                 Measured(
                     tracker=fidelity.tracker,
                     reconstructor=fidelity.reconstructor,
                     step_ms=fidelity.step_ms,
                     nodes=fidelity.nodes,
-                    rate_hz=rate,
+                    rate_hz=result.scene.camera.rate_hz,
                     noise=noise,
                     friction=friction,
                     stiffness_kpa=kpa,
                     curvature=1e3 / radius,
                     milliseconds=1e3 / result.summary["frames_per_second"],
-                    seen=seen,
+                    seen=margin_error(result.trace) if fidelity.tracker else 0.0,
                     plant=plants[chain],
                 )
             )
-    return found
+    return table
 
 
 def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
-    """Measure the table and write it; what was there stays until the new one is whole.
+    """Measure the table and write it; what was there stays until the new one is complete.
 
     Raises
     ------
     UserError
         When it cannot be written.
     """
-    found = measure(progress)
-    part = path.with_suffix(".part")
+    table = measure(progress)
     try:
-        write_cells(found, part)
-        part.replace(path)
+        write_cells(table, path)
     except OSError as error:
         raise UserError(f"{path} cannot be written: {error.strerror}") from None
-    return found
+    return table
 
 
 def margin_error(trace: Trace) -> float:
-    """RMS error of Γ as it was read, while loads are held."""
+    """RMS error of the estimated Γ while loads are held."""
     return rms((trace["margin_estimated"] - trace["margin_true"])[_held(trace)])
 
 
 def held_margin(fidelity: Fidelity, changes: dict[str, float]) -> Array:
     """True Γ under a constant grip, while loads are held."""
-    grip = _LOAD / (changes["object.friction"] * (1.0 - _MARGIN))
+    grip = max(LOADS_N) / (changes["object.friction"] * (1.0 - DESIRED_MARGIN))
     constant = {
         "path": "truth",
         "controller": "conservative",
@@ -137,6 +135,6 @@ def _held(trace: Trace) -> NDArray[np.bool_]:
 
 
 def rms(values: Array) -> float:
-    """RMS of what is there; infinite where nothing is, as where no frame could be read."""
-    there = values[np.isfinite(values)]
-    return float(np.sqrt((there**2).mean())) if len(there) else float("inf")
+    """RMS of the finite values; infinite where there are none, as where no frame was estimated."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt((finite**2).mean())) if len(finite) else float("inf")

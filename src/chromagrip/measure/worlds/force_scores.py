@@ -102,12 +102,12 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
     scene: whose last frame is estimated
     """
     fresh = ForceObserver(scene.known, scene.rest, reconstructor, HELD_FRAMES * PERIOD)
-    found = {}
+    result = {}
     for read, frames in READ.items():
         observer = deepcopy(fresh)
         for tracks in scene.tracks[-frames:]:
             observation = observer.observe(tracks.time, tracks)
-        found[name, read] = _answer(
+        result[name, read] = _answer(
             observation.field,
             (observation.friction, observation.margin),
             (observation.friction_interval, observation.margin_interval),
@@ -116,8 +116,8 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
         if frames == 1:
             for method, reading in FRICTION.items():
                 field = observation.field
-                found[reading_name(name, method), read] = _read(field, reading(field))
-    return found
+                result[reading_name(name, method), read] = _read(field, reading(field))
+    return result
 
 
 def reading_name(reconstructor: str, method: str) -> str:
@@ -181,47 +181,47 @@ def limits(scene: ForceScene, frames: int) -> Array:
     return np.array([bound.any_normal, bound.any_friction, bound.mu, bound.margin])
 
 
-def scores(said: Answers, true: Array, limit: Array | None = None) -> dict[str, float]:
+def scores(estimate: Answers, true: Array, limit: Array | None = None) -> dict[str, float]:
     """Every score of UNITS; those of the limit only with one. NaN where nothing was observable.
 
     Parameters
     ----------
-    said: estimates of S scenes
+    estimate: estimates of S scenes
     true: (ΣFn, ΣFf, µ, Γ) of each, shape (S, 4)
     limit: smallest standard deviations of each, NaN where not known, shape (S, 4)
     """
-    error = said.value - true
+    error = estimate.value - true
     normal, friction, mu, margin = true.T
-    asked = np.ones_like(true, dtype=np.bool_)
-    asked[:, 2] = margin < OBSERVABLE
+    scored = np.ones_like(true, dtype=np.bool_)
+    scored[:, 2] = margin < OBSERVABLE
     near = (margin >= NEAR[0]) & (margin <= NEAR[1])
-    found = {
+    result = {
         "normal_rms": 100.0 * _rms(error[:, 0] / normal),
         "normal_bias": 100.0 * _mean(error[:, 0] / normal),
         "friction_rms": _rms(error[:, 1]),
         "friction_share": 100.0 * _rms(error[:, 1]) / _rms(friction),
-        "mu_rms": _rms(error[asked[:, 2], 2]),
-        "mu_bias": _mean(error[asked[:, 2], 2]),
+        "mu_rms": _rms(error[scored[:, 2], 2]),
+        "mu_bias": _mean(error[scored[:, 2], 2]),
         "margin_rms": _rms(error[:, 3]),
         "margin_bias": _mean(error[:, 3]),
         "margin_near_rms": _rms(error[near, 3]),
     }
-    low, high = np.moveaxis(said.interval, -1, 0)
+    low, high = np.moveaxis(estimate.interval, -1, 0)
     covers = (low <= true) & (true <= high)  # no interval covers nothing
     for k, name in enumerate(QUANTITIES):
-        known = ~said.flagged & asked[:, k]
-        found[f"{name}_coverage"] = 100.0 * _mean(covers[known, k])
+        known = ~estimate.flagged & scored[:, k]
+        result[f"{name}_coverage"] = 100.0 * _mean(covers[known, k])
         half, rms = 0.5 * _mean((high - low)[known, k]), _rms(error[known, k])
-        found[f"{name}_width"] = half / rms if rms > 0.0 else float("nan")
+        result[f"{name}_width"] = half / rms if rms > 0.0 else float("nan")
         if limit is not None:
-            there = asked[:, k] & np.isfinite(limit[:, k])
-            found[f"{name}_limit"] = _rms(error[there, k] / limit[there, k])
-    found["flagged"] = 100.0 * _mean(said.flagged)
+            there = scored[:, k] & np.isfinite(limit[:, k])
+            result[f"{name}_limit"] = _rms(error[there, k] / limit[there, k])
+    result["flagged"] = 100.0 * _mean(estimate.flagged)
     far = (abs(error[:, 0]) > 0.5 * normal) | (abs(error[:, 3]) > 0.5)
-    far |= asked[:, 2] & (abs(error[:, 2]) > 0.5 * mu)
-    found["wrong"] = 100.0 * _mean(far & ~said.flagged)
-    found["scenes"] = float(len(true))
-    return found
+    far |= scored[:, 2] & (abs(error[:, 2]) > 0.5 * mu)
+    result["wrong"] = 100.0 * _mean(far & ~estimate.flagged)
+    result["scenes"] = float(len(true))
+    return result
 
 
 def times(

@@ -35,7 +35,7 @@ from ...model import (
 from ...output.processes import one_thread
 from ...render import Defects, SensorDesign, open_renderer
 from ...scene.scene import load_scene
-from ...thesis import LOADS_N, OBJECTS
+from ...thesis import DESIRED_MARGIN, LOADS_N, OBJECTS
 from ...tracking import MarkerTracker, Palette, SensorCalibration, Tracks
 from ...tracking.forces.calibration import load_calibration
 
@@ -67,8 +67,6 @@ MARGINS = (0.05, 0.85)
 _BINS = 8
 #: Amount by which round objects raise Γ over 1 − load/(µ·grip), at most.
 _ROUNDER = 0.1
-#: Γ at which the objects of the thesis are held.
-_HELD_MARGIN = 0.3
 #: Rounds in which the grip for it is found.
 _ROUNDS = 5
 #: Largest relative error of the stiffnesses that a mismatched sensor's calibration states.
@@ -241,7 +239,7 @@ def _static(index: int) -> Grasp:
     obj, known = contact_object(index), calibration().fingertip
     times = np.array([0.0, 0.05, 0.2, 0.5, 0.5 + 2 * _SETTLED])
     load = LOADS_N[1]
-    grip = load / (obj.friction * (1.0 - _HELD_MARGIN))
+    grip = load / (obj.friction * (1.0 - DESIRED_MARGIN))
     for _ in range(_ROUNDS):
         grasped = Grasp(
             obj=obj,
@@ -255,7 +253,7 @@ def _static(index: int) -> Grasp:
         run = _run(known, grasped)
         field = contact_forces(known, obj, run.state(len(run) - 1))
         # On round objects ΣFn differs from the grip and ΣFf from the load.
-        grip *= (1.0 - field.safety_margin(obj.friction)) / (1.0 - _HELD_MARGIN)
+        grip *= (1.0 - field.safety_margin(obj.friction)) / (1.0 - DESIRED_MARGIN)
     return grasped
 
 

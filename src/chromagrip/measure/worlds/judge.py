@@ -1,4 +1,4 @@
-"""How a picture is judged against another, or against what is known of it."""
+"""Differences between two pictures: colours, and centres of the markers."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ from ...render.outlines import centroids, outlines
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Pixels around a marker that hold all of its image beyond its radius [px].
+#: Distance beyond a marker's radius within which its whole image lies [px].
 _MARGIN = 5.0
 
 
@@ -30,8 +30,8 @@ def poses_of(sensor: SensorDesign, nodes: int = 251) -> list[tuple[str, Array]]:
     tip = Fingertip.of_radius(sensor.shape.radius, nodes=nodes, law="split")
     ball = ContactObject(curvature=50.0, friction=0.7)
     states = [equilibrium(tip, ContactObject(), 3.0, 0.8), equilibrium(tip, ball, 5.0, 2.0)]
-    seen = [state.deformation.seen for state in states]
-    return [("rest", np.zeros((nodes, 2))), ("flat", seen[0]), ("ball", seen[1])]
+    flat, round_ = (state.deformation.seen for state in states)
+    return [("rest", np.zeros((nodes, 2))), ("flat", flat), ("ball", round_)]
 
 
 def layer_centroids(
@@ -39,12 +39,12 @@ def layer_centroids(
 ) -> Array:
     """Intensity centroid of each marker's noise-free image [px], shape (2, M, 2).
 
-    The layers are drawn one at a time, and of each layer every few markers only, so that each
-    marker stands alone: nothing is left out of its window and nothing else is in it.
+    The layers are drawn one at a time, and in each picture only markers far from each other, so
+    that the window of a marker holds all of its image and nothing else.
     """
     expected = centroids(outlines(membrane, sensor.view), sensor.markers.form == "square")
     bare = decode_srgb(ground.astype(float))
-    found = np.full_like(expected, np.nan)
+    measured = np.full_like(expected, np.nan)
     for layer in range(2):
         channel = int(np.argmin(sensor.transmittance[layer]))
         radius = _image_radius(sensor, membrane, layer)
@@ -54,8 +54,8 @@ def layer_centroids(
             image = render(Membrane(centres=alone, axes=membrane.axes))
             dark = 1.0 - decode_srgb(image[..., channel].astype(float)) / bare[..., channel]
             for m in group:
-                found[layer, m] = _centroid(dark, expected[layer, m], radius[m] + _MARGIN)
-    return found
+                measured[layer, m] = _centroid(dark, expected[layer, m], radius[m] + _MARGIN)
+    return measured
 
 
 def _image_radius(sensor: SensorDesign, membrane: Membrane, layer: int) -> Array:

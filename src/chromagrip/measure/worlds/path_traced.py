@@ -1,16 +1,16 @@
 """The painter against pictures of a path tracer, which a checkout holds in fixtures/.
 
-Both pictures are measured in the same way: densities of the two dyes over a ground read off the
-resting picture of the same renderer, then the thresholded centre of mass of each marker. The discs
-throw soft shadows on the skin, which the painter does not draw: up to a quarter of a dye's density,
-they are left out below the threshold, and what they do to a plain centre of mass is reported.
+Both pictures are measured in the same way: densities of the two dyes over the ground of the
+renderer's picture at rest, then the thresholded centre of mass of each marker. The discs throw soft
+shadows on the skin, of up to a quarter of a dye's density, which the painter does not draw. The
+threshold leaves them out; the centres of mass with them are reported too.
 """
 
 import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import cv2
 import numpy as np
@@ -23,19 +23,28 @@ from ...render.drawing.painter import Painter
 from ...render.ground import ground_image
 from ...render.membrane import rest_membrane
 from ...render.outlines import outlines
-from ...tracking import Palette
-from ...tracking.detection import resting_ground
-from ...tracking.unmixing import dye_densities, unmixing_matrix
+from ...tracking import Palette, dye_densities, resting_ground, unmixing_matrix
 from .judge import colour_difference
 
 Array = NDArray[np.float64]
-Entry = dict[str, Any]
 
-#: Where a checkout keeps them; an installed package has none.
+
+class Entry(TypedDict):
+    """One traced picture: its sensor, its file, where that lies in the image [px], and its grip."""
+
+    sensor: str
+    file: str
+    crop: tuple[int, int]
+    grip: float
+
+
+#: Folder of the pictures in a checkout; an installed package has none.
 FOLDER = Path(__file__).resolve().parents[4] / "fixtures" / "path-traced"
-#: Densities that count towards a centre, shadows left out; and all of them.
-_THRESHOLDED, _PLAIN = (0.25, 0.75), (0.0, 1.2)
-#: A marker's pixels: up to this beyond its outline, and nearer to it than to any other [px].
+#: Range of densities that count towards a centre, without shadows.
+_THRESHOLDED = (0.25, 0.75)
+#: Range of all densities.
+_PLAIN = (0.0, 1.2)
+#: A marker's pixels are those up to this beyond its outline that no other marker is nearer to [px].
 _MARGIN = 3.0
 
 
@@ -44,7 +53,7 @@ def against_path_traced(quick: bool, progress: Callable[[str], None]) -> list[Ro
     if not (FOLDER / "poses.json").exists():
         note = "needs fixtures/ of a checkout"
         return [reported(("painter_against_path_tracer", "not_measured"), None, "", note)]
-    book = json.loads((FOLDER / "poses.json").read_text(encoding="utf-8"))["pictures"]
+    book: dict[str, Entry] = json.loads((FOLDER / "poses.json").read_text("utf-8"))["pictures"]
     rows = []
     for name in dict.fromkeys(entry["sensor"] for entry in book.values()):
         pictures = {k: entry for k, entry in book.items() if entry["sensor"] == name}
@@ -72,7 +81,7 @@ def _compare(
     painter, truth_map = Painter(sensor), TruthMap(sensor, 251)
     membrane_map = MembraneMap(sensor, 251)
     with np.load(FOLDER / "seen.npz") as kept:
-        seen = {key: kept[key].astype(float) for key in pictures}
+        displacement = {key: kept[key].astype(float) for key in pictures}
     resting = next(key for key, entry in pictures.items() if entry["grip"] == 0.0)
     bare = ground_image(sensor).astype(float)
     palette = Palette.of_sensor(sensor)
@@ -84,22 +93,22 @@ def _compare(
     loaded = [key for key in pictures if key != resting]
     for key in loaded[2:3] if quick else loaded:  # the third is the strongest
         progress(f"path-traced picture {key}")
-        membrane = membrane_map(seen[key])
+        membrane = membrane_map(displacement[key])
         traced, painted = _traced(sensor, pictures[key]), painter.render(membrane)
-        for found, levels in ((centres, _THRESHOLDED), (plain, _PLAIN)):
-            found.append(
+        for differences, levels in ((centres, _THRESHOLDED), (plain, _PLAIN)):
+            differences.append(
                 _mass_centres(sensor, membrane, traced, traced_ground, levels)
                 - _mass_centres(sensor, membrane, painted, painted_ground, levels)
             )
         # Flat-fielded, as a laboratory does it: each picture over its own resting ground.
         flat = decode_srgb(traced.astype(float)) / traced_ground * bare
-        both = truth_map(membrane, seen[key]).masks.min(axis=0) > 0.99
+        both = truth_map(membrane, displacement[key]).masks.min(axis=0) > 0.99
         colours.append(colour_difference(encode_srgb(flat[both]), painted[both].astype(float)))
     return np.stack(centres), np.stack(plain), np.concatenate(colours)
 
 
 def _traced(sensor: SensorDesign, entry: Entry) -> NDArray[np.uint8]:
-    """Picture as large as the camera's, black where it was not kept."""
+    """Picture as large as the camera's, black outside the stored part."""
     image = np.zeros((sensor.view.height, sensor.view.width, 3), dtype=np.uint8)
     stored: Any = cv2.imread(str(FOLDER / entry["file"]))
     part = cv2.cvtColor(stored, cv2.COLOR_BGR2RGB)
@@ -117,12 +126,12 @@ def _mass_centres(
 ) -> Array:
     """Centre of mass of each marker's dye in the image [px], shape (2, M, 2).
 
-    What counts is the density above the first level, up to the second.
+    The weight of a pixel is its density above the first level, up to the second.
     """
     linear = decode_srgb(image.astype(float))
     densities = dye_densities(linear, ground, unmixing_matrix(sensor.transmittance))
     shapes = outlines(membrane, sensor.view)
-    found = np.full((2, len(sensor.places), 2), np.nan)
+    centre = np.full((2, len(sensor.places), 2), np.nan)
     for layer in range(2):
         places = shapes[layer, :, 0]
         for m, place in enumerate(places):
@@ -139,12 +148,12 @@ def _mass_centres(
             weight = np.clip(density, *levels) - levels[0]
             weight = np.where((own < reach) & (own <= others + 1e-9), weight, 0.0)
             if weight.sum() > 1.0:
-                found[layer, m] = (weight[..., None] * pixels).sum(axis=(0, 1)) / weight.sum()
-    return found
+                centre[layer, m] = (weight[..., None] * pixels).sum(axis=(0, 1)) / weight.sum()
+    return centre
 
 
 def _without_refraction(sensor: SensorDesign) -> float:
-    """How far markers would be off on average if the silicone had the index of air [px]."""
+    """RMS error of the markers' positions if the silicone had the index of air [px]."""
     points = rest_membrane(sensor).centres
     straight = replace(sensor.view, index=1.0)
     off = sensor.view.project(points) - straight.project(points)

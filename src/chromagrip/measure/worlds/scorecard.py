@@ -1,4 +1,4 @@
-"""Scores of one grasp, all from truth, and how those of several are put together."""
+"""Scores of a grasp from the truth, and scores of several grasps together."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 from ...loop.run_folder import Result
 from ...loop.trace import Trace
 from ...model import GROSS_SLIP
+from ...thesis import DESIRED_MARGIN
 
 Array = NDArray[np.float64]
 
-#: Γ that a grasp has settled at, and how far from it it may be.
-MARGIN, BAND = 0.30, 0.05
-#: End of a run in which the command's chatter is taken [s].
+#: Largest distance of a settled Γ from the desired one.
+BAND = 0.05
+#: Length of the end of a run in which the command's chatter is measured [s].
 LATE = 0.5
 
 
@@ -21,7 +22,7 @@ def _p90(values: Array) -> float:
     return float(np.percentile(values, 90.0))
 
 
-#: Unit of each score, and what stands for several grasps.
+#: Unit of each score, and the function that joins those of several grasps.
 SCORES: dict[str, tuple[str, Callable[[Array], float]]] = {
     "gross": ("runs", np.sum),
     "displacement": ("mm", np.max),
@@ -34,15 +35,16 @@ SCORES: dict[str, tuple[str, Callable[[Array], float]]] = {
     "chatter": ("N/s", np.mean),
 }
 
-#: What the scores are.
+#: Explanation of the scores.
 NOTES = (
-    "gross: runs that slip by more than 0.2 mm; displacement: of object over fingertip, the",
-    "largest; overloaded: time at Γ < 0 with the load for ΣFf (friction itself is never more than",
-    "holds), the longest; settling: from the last change of load or friction to the last exit of Γ",
-    "from 0.30 ± 0.05, or to the end, 90th percentile; overshoot: the most that Γ is above 0.30",
-    "after that change, the largest; pressure: over the contact's width plus one node pitch;",
-    "energy: ∫(dF/dt)² of the command; chatter: Σ|ΔF| per second over the last 0.5 s;",
-    "all three are means over the runs. worst: the worst single run of any scene, score by score.",
+    "gross: number of runs that slip by more than 0.2 mm. displacement: of the object over the "
+    "fingertip, the largest. overloaded: longest time for which friction cannot hold the load.",
+    "settling: time from the last change of load or friction to the last exit of Γ from 0.30 ± "
+    "0.05, or to the end; 90th percentile. overshoot: largest excess of Γ over 0.30 after that "
+    "change.",
+    "pressure: over the width of the contact plus one node pitch. energy: ∫(dF/dt)² of the "
+    "command. chatter: Σ|ΔF| per second over the last 0.5 s. All three are means over the runs.",
+    "worst: each score of the worst run of any scene.",
 )
 
 
@@ -73,7 +75,7 @@ def settling(trace: Trace, since: float) -> float:
     """Time from an instant to the last exit of the true Γ from its band, or to the end [s]."""
     time, margin = trace["time_s"], trace["margin_true"]
     # Without contact there is no margin, and nothing has settled.
-    outside = (time > since + 1e-9) & ~(abs(margin - MARGIN) <= BAND)
+    outside = (time > since + 1e-9) & ~(abs(margin - DESIRED_MARGIN) <= BAND)
     last = np.flatnonzero(outside)
     if not len(last):
         return 0.0
@@ -81,14 +83,14 @@ def settling(trace: Trace, since: float) -> float:
 
 
 def overshoot(trace: Trace, since: float) -> float:
-    """Most that the true Γ is above what is desired after an instant [points]."""
+    """Largest excess of the true Γ over the desired one after an instant [points]."""
     margin = trace["margin_true"][trace["time_s"] > since + 1e-9]
     margin = margin[np.isfinite(margin)]
-    return 100.0 * max(float(margin.max()) - MARGIN, 0.0) if len(margin) else 0.0
+    return 100.0 * max(float(margin.max()) - DESIRED_MARGIN, 0.0) if len(margin) else 0.0
 
 
 def together(runs: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Scores of several grasps."""
+    """Scores of several grasps together."""
     return {
         name: float(join(np.array([run[name] for run in runs])))
         for name, (_, join) in SCORES.items()

@@ -15,10 +15,11 @@ from ...render.outlines import centroids, outlines
 
 Array = NDArray[np.float64]
 
-#: Grip and load [N] that the node model passes through, round and round.
+#: Grip and load [N] of the node model, one after the other and again from the first.
 _GRASP = ((0.0, 0.0), (1.0, 0.0), (2.5, 0.3), (3.0, 0.8), (3.0, 0.0), (2.0, -0.4), (0.8, 0.0))
+#: Nodes of its chain.
 _NODES = 101
-#: Frames of one round of grasp and sway, however many are shown.
+#: Frames of one period of grasp and sway.
 ROUND = 40
 
 
@@ -32,9 +33,9 @@ def motion(
     shift_pitch: float,
     layer_shift_px: float,
 ) -> Iterator[Membrane]:
-    """Membranes of so many frames, all markers there, at their places or as designed.
+    """Membranes of so many frames, with all markers at the given places or as designed.
 
-    See `Conditions` for what moves them.
+    `Conditions` describes the motion.
     """
     membrane_map, path = MembraneMap(sensor, _NODES, places), _grasp_path()
     focal = float(sensor.camera.build().jacobian(np.array([0.0, 0.0, 1.0]))[0, 0])
@@ -63,12 +64,12 @@ def pitch(sensor: SensorDesign) -> float:
 @lru_cache(maxsize=1)
 def _grasp_path() -> CubicSpline:
     """Node displacements (N, 2) [m] over the share of a grasp, 0…1, smooth and periodic."""
-    tip, seen = Fingertip(nodes=_NODES), []
-    for grip, load in (*_GRASP, _GRASP[0]):
-        at_rest = np.zeros((_NODES, 2))
-        state = equilibrium(tip, ContactObject(), grip, load) if grip else None
-        seen.append(at_rest if state is None else state.deformation.seen)
-    return CubicSpline(np.linspace(0.0, 1.0, len(seen)), np.stack(seen), bc_type="periodic")
+    tip, at_rest = Fingertip(nodes=_NODES), np.zeros((_NODES, 2))
+    loaded = [
+        equilibrium(tip, ContactObject(), grip, load).deformation.seen for grip, load in _GRASP[1:]
+    ]
+    shares = np.linspace(0.0, 1.0, len(loaded) + 2)
+    return CubicSpline(shares, np.stack([at_rest, *loaded, at_rest]), bc_type="periodic")
 
 
 def _turned(membrane: Membrane, turns: Array, fixed_rim: bool) -> Membrane:

@@ -1,8 +1,8 @@
-"""Image sequences with truth that trackers are scored on, from clean to hostile.
+"""Image sequences with truth on which trackers are scored, from clean to difficult ones.
 
-A sequence is made of conditions, each a number; scenes are named conditions, and the breakdown
-curves turn one of them. Noise is added last. What a tracker is told: the rest frames, the palette,
-and the noise of the camera.
+Conditions describe a sequence, each by a number. Scenes are named conditions; the breakdown curves
+vary one condition. Noise is added last. A tracker is given the rest frames, the palette, and the
+noise of the camera.
 """
 
 from dataclasses import dataclass, field
@@ -28,39 +28,46 @@ from .track_motion import motion
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-#: Rest frames, and the time between frames [s].
-REST_FRAMES, PERIOD = 8, 0.01
-#: Shadow: radius, and standard deviation of its edge, which so is 20 px from 10 to 90 % [px].
-_SHADOW, _SHADOW_EDGE = 90.0, 8.0
-_PATCH = 35.0  # half the side of what hides markers [px]
+#: Number of frames of the untouched sensor.
+REST_FRAMES = 8
+#: Time between frames [s].
+PERIOD = 0.01
+#: Radius of the shadow [px].
+_SHADOW = 90.0
+#: Standard deviation of the shadow's edge, which is 20 px wide from 10 to 90 % [px].
+_SHADOW_EDGE = 8.0
+#: Half the side of the patch that hides markers [px].
+_PATCH = 35.0
+#: Grey level of the patch.
 _PATCH_LEVEL = 128
-#: Outlines are neither seen whole nor hidden whole within this distance of an edge [px].
+#: Markers within this distance of the patch's edge count as partly visible [px].
 _MARGIN = 3.0
+#: Seed of noise, defects and vanishing markers.
 _SEED = 5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """What a sequence is like; all but its motion is as clean as can be unless set.
+    """Conditions of a sequence; by default motion and noise alone.
 
     Attributes
     ----------
     text: one line
     grasp: share of the node model's motion as it is pressed, sheared and released
-    sway_px: motion of the whole skin on a closed path, that of the apex; the grasp alone leaves
-        nine markers in ten where they are, and who never looks would be right about them [px]
+    sway_px: motion of the whole skin on a closed path, at the apex [px]. The grasp alone moves only
+        one marker in ten, and a constant answer would be right about the others.
     shift_pitch: motion from each frame to the next around the apex, out and back [pitches]
     layer_shift_px: of the outer layer over the inner, reached within a quarter of the frames [px]
-    noise: of the camera, told to the tracker [grey levels]
+    noise: of the camera, which the tracker is given [grey levels]
     light: share of the light that is left in the last frame, evenly falling
-    shading: the same at the right edge alone, all of it being left at the left
-    shadow: share of the light that a wandering, soft-edged shadow takes
-    contrast: of all frames but those at rest, around level 128
-    defocus_px: blur of all frames but those at rest, on top of the lens' own [px]
+    shading: the same at the right edge, with full light at the left
+    shadow: share of the light that a moving shadow with a soft edge takes
+    contrast: around level 128, in all frames after rest
+    defocus_px: blur in all frames after rest, in addition to the lens [px]
     crosstalk: share of the green that the yellow dye takes, 0 for the sensor's own
-    told_crosstalk: what the palette says of it, 0 for the truth
-    vanishing: share of each layer's markers that are there at rest, and never again
-    patch: whether a grey patch wanders over the image
+    stated_crosstalk: the same as the palette states it, 0 for the true one
+    vanishing: share of each layer's markers that are present at rest only
+    patch: whether a grey patch moves over the image
     defects: of the camera and the specimen, at rest too
     """
 
@@ -76,7 +83,7 @@ class Conditions:
     contrast: float = 1.0
     defocus_px: float = 0.0
     crosstalk: float = 0.0
-    told_crosstalk: float = 0.0
+    stated_crosstalk: float = 0.0
     vanishing: float = 0.0
     patch: bool = False
     defects: Defects = field(default_factory=Defects)
@@ -84,19 +91,19 @@ class Conditions:
 
 SCENES = {
     "clean": Conditions(text="press and shear, nothing else", sway_px=0.0),
-    "sway": Conditions(text="the whole skin sways by 6 px too, as in all scenes below"),
+    "sway": Conditions(text="the whole skin sways by 6 px too, as in the scenes below"),
     "crosstalk": Conditions(
-        text="yellow takes 10 % of the green, as told; outer layer 3 px over the inner",
+        text="yellow takes 10 % of the green, as stated; outer layer 3 px over the inner",
         grasp=0.0, sway_px=0.0, layer_shift_px=3.0, crosstalk=0.1,
     ),
     "crosstalk-unknown": Conditions(
-        text="the same, but the palette says 1 %",
+        text="the same, but the palette states 1 %",
         grasp=0.0, sway_px=0.0, layer_shift_px=3.0,
-        crosstalk=0.1, told_crosstalk=0.01,
+        crosstalk=0.1, stated_crosstalk=0.01,
     ),
     "gain-ramp": Conditions(text="light falls from 1 to 0.6", light=0.6),
     "shading-ramp": Conditions(text="light falls from 1 to 0.6 towards the right", shading=0.6),
-    "shadow": Conditions(text="a shadow of 30 % with a soft edge wanders across", shadow=0.3),
+    "shadow": Conditions(text="a shadow of 30 % with a soft edge moves across", shadow=0.3),
     "contrast": Conditions(text="contrast halved after rest", contrast=0.5),
     "white-balance": Conditions(
         text="red over blue drifts by up to 15 %, exposure jumps by 20 %",
@@ -116,7 +123,7 @@ SCENES = {
         text="5 % of each layer's markers missing from the start, 5 % vanish after rest",
         vanishing=0.05, defects=Defects(missing_markers=0.05),
     ),
-    "occlusion": Conditions(text="a grey patch wanders over the markers", patch=True),
+    "occlusion": Conditions(text="a grey patch moves over the markers", patch=True),
     "jump": Conditions(
         text="1.2 pitches from frame to frame, 5 % of each layer's markers vanished",
         grasp=0.0, sway_px=0.0, shift_pitch=1.2, vanishing=0.05,
@@ -126,14 +133,14 @@ SCENES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """One frame and what is true of it; what is not there has no truth, NaN.
+    """One frame and its truth; NaN where an absent marker has none.
 
     Attributes
     ----------
-    frame: what the tracker is given
-    centre: of each marker's image, there or not [px], shape (2, M, 2)
-    visible: whether it is seen whole, shape (2, M)
-    hidden: whether nothing of it is seen, shape (2, M)
+    frame: image that the tracker is given
+    centre: of each marker's image, present or not [px], shape (2, M, 2)
+    visible: whether all of it is visible, shape (2, M)
+    hidden: whether nothing of it is visible, shape (2, M)
     limit: Cramér–Rao bound of the standard deviation of (x, y) [px], shape (2, M, 2)
     hue: of the mean noise-free colour inside each outer marker's outline [°], shape (M,)
     height: displacement along the skin's normal, outwards [m], shape (2, M)
@@ -150,15 +157,15 @@ class Shot:
 
 @dataclass(frozen=True, kw_only=True)
 class Sequence:
-    """A sensor at rest and what it then saw.
+    """Frames of a sensor at rest and of its motion, with their truth.
 
     Attributes
     ----------
-    palette: what trackers are told of the markers
+    palette: description of the markers that trackers are given
     noise: of the camera [grey levels]
     rest: frames of the untouched sensor
     centre: of the markers' images at rest [px], shape (2, M, 2)
-    there: whether a marker is there at rest, shape (2, M)
+    there: whether a marker is present at rest, shape (2, M)
     distance: of the markers from the sphere's centre at rest [m], shape (2, M)
     radius: of a typical marker's image in each layer [px], shape (2,)
     shots: frames with their truth
@@ -183,14 +190,13 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
     count: frames after rest
     limits: whether to compute the Cramér–Rao bounds, else they are NaN
     """
-    sensor, told = _sensors(c)
+    sensor, stated = _sensors(c)
     painter, imaging = _painter(sensor), Imaging(sensor, c.defects, _SEED)
     flaws = Flaws(sensor, c.defects, _SEED)
-    absent = flaws.missing  # what is not there has a place too
+    absent = flaws.missing  # absent markers have a place too
     rest = rest_membrane(sensor, flaws.places)
     at_rest = imaging(painter.render(_without(rest, absent)), 0)
     gone = absent | _vanished(absent, c.vanishing)
-    ground = _ground(sensor)
     shots = []
     path = motion(
         sensor,
@@ -209,13 +215,7 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
         _cover(clean, patch)
         centre = _centres(sensor, moved)
         covered, partly = _behind(centre, _radius(sensor), patch)
-        limit = np.full(centre.shape, np.nan)
-        if limits:
-            gain = light[..., None] * _camera_gain(c.defects, k)
-            limit = position_limits(
-                sensor, membrane, ground * gain, c.noise,
-                defocus=c.defocus_px, contrast=c.contrast,
-            )  # fmt: skip
+        limit = _limits(c, k, sensor, membrane, light) if limits else np.full_like(centre, np.nan)
         image = imaging(clean, k)
         hue = _hues(image, outlines(membrane, sensor.view)[0])
         add_noise(image, c.noise, _SEED, k)
@@ -231,7 +231,7 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
             )
         )
     return Sequence(
-        palette=Palette.of_sensor(told),
+        palette=Palette.of_sensor(stated),
         noise=c.noise,
         rest=[noisy(at_rest, c.noise, 2**31 + k, 0.0) for k in range(REST_FRAMES)],
         centre=_centres(sensor, rest),
@@ -239,6 +239,14 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
         distance=_distance(rest),
         radius=_radius(sensor),
         shots=shots,
+    )
+
+
+def _limits(c: Conditions, k: int, sensor: SensorDesign, membrane: Membrane, light: Array) -> Array:
+    """Cramér–Rao bounds of the markers of a frame [px], shape (2, M, 2)."""
+    ground = _ground(sensor) * (light[..., None] * _camera_gain(c.defects, k))
+    return position_limits(
+        sensor, membrane, ground, c.noise, defocus=c.defocus_px, contrast=c.contrast
     )
 
 
@@ -250,10 +258,10 @@ def noisy(clean: Image, noise: float, index: int, time: float) -> Frame:
 
 
 def _sensors(c: Conditions) -> tuple[SensorDesign, SensorDesign]:
-    """The sensor as it is, and as trackers are told."""
+    """The sensor as it is, and as its palette states it."""
     sensor = load_sensor("thesis")
     true = c.crosstalk
-    return _with_crosstalk(sensor, true), _with_crosstalk(sensor, c.told_crosstalk or true)
+    return _with_crosstalk(sensor, true), _with_crosstalk(sensor, c.stated_crosstalk or true)
 
 
 def _with_crosstalk(sensor: SensorDesign, share: float) -> SensorDesign:
@@ -264,7 +272,7 @@ def _with_crosstalk(sensor: SensorDesign, share: float) -> SensorDesign:
 
 
 def _vanished(missing: NDArray[np.bool_], share: float) -> NDArray[np.bool_]:
-    """Which of the markers that are there at rest are not there afterwards, shape (2, M)."""
+    """Markers that are present at rest and absent afterwards, shape (2, M)."""
     gone = np.zeros_like(missing)
     rng = np.random.default_rng([_SEED, 17])
     for layer in range(2):
@@ -347,7 +355,7 @@ def _cover(image: Image, patch: Array | None) -> None:
 
 
 def _behind(centre: Array, radius: Array, patch: Array | None) -> tuple[NDArray[np.bool_], ...]:
-    """Whether markers are wholly, and whether they are partly behind the patch, (2, M) each."""
+    """Whether markers are completely and whether they are partly hidden, shape (2, M) each."""
     if patch is None:
         none = np.zeros(centre.shape[:2], dtype=np.bool_)
         return none, none

@@ -1,8 +1,9 @@
-"""What a tracker said of a sequence, against what is true of it.
+"""Scores of a tracker's reports of a sequence against the truth.
 
-Numbers are matched once: each marker of each layer belongs to the number whose position at rest is
-mutually nearest to it, within half a radius. From then on a number stands for that marker. One that
-is not reported at rest is matched in the same way when it first is; until then it counts as lost.
+The numbers that a tracker gives markers are matched once: each marker of each layer belongs to the
+number whose position at rest is mutually nearest to it, within half a radius. From then on a number
+stands for that marker. A marker that is not reported at rest is matched when it is first reported;
+until then it counts as lost.
 """
 
 import multiprocessing
@@ -26,11 +27,11 @@ from .track_scenes import SCENES, Sequence, sequence
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Distances of the share of points within [px]; TAP-Vid's 1, 2, 4, 8 and 16, and on to the fine.
+#: Distances of the share of points within [px]: TAP-Vid's 1, 2, 4, 8 and 16, and smaller ones.
 WITHIN = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-#: A marker is right within this distance of its own place [px].
+#: A report is right within this distance of the marker's own place [px].
 RIGHT = 0.5
-#: Name of the tracker that never looks.
+#: Name of the tracker that uses no image after rest.
 CONSTANT = "constant"
 #: Unit of every score; those of a layer are named after it.
 UNITS = {
@@ -61,7 +62,7 @@ UNITS = {
 
 
 class Constant:
-    """Says that everything stays where it was at rest: what every bench must tell from a tracker.
+    """Reports that every marker stays where it was at rest, which scores must tell from tracking.
 
     Parameters
     ----------
@@ -91,7 +92,7 @@ class Constant:
         return self._tracks
 
     def update(self, frame: Frame) -> Tracks:
-        """The same again."""
+        """Markers at rest, with the time of the frame."""
         return replace(self._tracks, time=frame.time)
 
 
@@ -102,14 +103,14 @@ def tracker_class(choice: Choice) -> Callable[[Palette, float], Tracker]:
 
 @dataclass(frozen=True, kw_only=True)
 class Followed:
-    """What a tracker said: at rest, and of F frames; and how long each took [ms]."""
+    """Reports of a tracker at rest and of F frames, and the time that each took [ms]."""
 
     rest: Tracks
     tracks: list[Tracks]
     times: list[float]
 
 
-def follow(choice: Choice, seen: Sequence) -> Followed:
+def follow(choice: Choice, scene: Sequence) -> Followed:
     """Run a tracker over prepared frames, in one thread.
 
     Raises
@@ -118,54 +119,54 @@ def follow(choice: Choice, seen: Sequence) -> Followed:
         When the tracker refuses the frames, with its reason.
     """
     with one_thread():
-        tracker = tracker_class(choice)(seen.palette, seen.noise)
-        rest = tracker.reset(seen.rest)
+        tracker = tracker_class(choice)(scene.palette, scene.noise)
+        rest = tracker.reset(scene.rest)
         tracks, times = [], []
-        for shot in seen.shots:
+        for shot in scene.shots:
             begin = time.perf_counter()
             tracks.append(tracker.update(shot.frame))
             times.append(1e3 * (time.perf_counter() - begin))
     return Followed(rest=rest, tracks=tracks, times=times)
 
 
-def numbers(rest: Tracks, seen: Sequence) -> NDArray[np.intp]:
+def numbers(rest: Tracks, scene: Sequence) -> NDArray[np.intp]:
     """Number that the tracker gave each marker at rest, −1 for none, shape (2, M)."""
-    found = np.full(seen.there.shape, -1, dtype=np.intp)
-    _match(found, rest, seen.centre, seen.there, 0.5 * seen.radius)
-    return found
+    result = np.full(scene.there.shape, -1, dtype=np.intp)
+    _match(result, rest, scene.centre, scene.there, 0.5 * scene.radius)
+    return result
 
 
-def all_numbers(said: Followed, seen: Sequence) -> NDArray[np.intp]:
-    """Number that the tracker gave each marker at rest or when it first saw it, (2, M)."""
-    found = numbers(said.rest, seen)
-    for tracks, shot in zip(said.tracks, seen.shots, strict=True):
-        _match(found, tracks, shot.centre, shot.visible, 0.5 * seen.radius)
-    return found
+def all_numbers(followed: Followed, scene: Sequence) -> NDArray[np.intp]:
+    """Number that the tracker gave each marker at rest or in its first report, shape (2, M)."""
+    result = numbers(followed.rest, scene)
+    for tracks, shot in zip(followed.tracks, scene.shots, strict=True):
+        _match(result, tracks, shot.centre, shot.visible, 0.5 * scene.radius)
+    return result
 
 
 def _match(
-    found: NDArray[np.intp], tracks: Tracks, centre: Array, there: Mask, reach: Array
+    result: NDArray[np.intp], tracks: Tracks, centre: Array, there: Mask, reach: Array
 ) -> None:
-    """Give markers without a number (2, M) one that is mutually nearest, and not given yet."""
+    """Give markers without a number (2, M) a free one that is mutually nearest."""
     for layer in range(2):
-        mine = np.setdiff1d(np.flatnonzero(tracks.visible[layer]), found[layer])
-        true = np.flatnonzero(there[layer] & (found[layer] < 0))
-        if len(mine) == 0 or len(true) == 0:
+        own = np.setdiff1d(np.flatnonzero(tracks.visible[layer]), result[layer])
+        true = np.flatnonzero(there[layer] & (result[layer] < 0))
+        if len(own) == 0 or len(true) == 0:
             continue
-        at, place = tracks.position[layer, mine], centre[layer, true]
+        at, place = tracks.position[layer, own], centre[layer, true]
         distance, near = (np.asarray(v) for v in KDTree(at).query(place))
         back = np.asarray(KDTree(place).query(at)[1])
         mutual = (back[near] == np.arange(len(true))) & (distance < reach[layer])
-        found[layer, true[mutual]] = mine[near[mutual]]
+        result[layer, true[mutual]] = own[near[mutual]]
 
 
 def in_order(values: Array, number: NDArray[np.intp]) -> Array:
     """Values (2, K, …) of a tracker's numbers in the order of the true markers, (2, M, …)."""
-    found = np.full((*number.shape, *values.shape[2:]), np.nan)
+    result = np.full((*number.shape, *values.shape[2:]), np.nan)
     for layer in range(2):
         known = number[layer] >= 0
-        found[layer, known] = values[layer, number[layer, known]]
-    return found
+        result[layer, known] = values[layer, number[layer, known]]
+    return result
 
 
 def positions(tracks: Tracks, number: NDArray[np.intp]) -> Array:
@@ -173,10 +174,10 @@ def positions(tracks: Tracks, number: NDArray[np.intp]) -> Array:
     return in_order(np.where(tracks.visible[..., None], tracks.position, np.nan), number)
 
 
-def swapped(at: Array, seen: Sequence, k: int) -> Mask:
+def swapped(at: Array, scene: Sequence, k: int) -> Mask:
     """Markers that are reported where another one of their layer is, shape (2, M)."""
-    shot = seen.shots[k]
-    found = np.zeros(at.shape[:2], dtype=np.bool_)
+    shot = scene.shots[k]
+    result = np.zeros(at.shape[:2], dtype=np.bool_)
     for layer in range(2):
         there = np.flatnonzero(~shot.hidden[layer])
         reported = np.flatnonzero(np.isfinite(at[layer, :, 0]))
@@ -184,12 +185,12 @@ def swapped(at: Array, seen: Sequence, k: int) -> Mask:
             continue
         nearest = there[KDTree(shot.centre[layer, there]).query(at[layer, reported])[1]]
         off = np.linalg.norm(at[layer] - shot.centre[layer], axis=-1)[reported]
-        found[layer, reported] = (nearest != reported) & (off > seen.radius[layer])
-    return found
+        result[layer, reported] = (nearest != reported) & (off > scene.radius[layer])
+    return result
 
 
 def errors_of(
-    said: Followed, number: NDArray[np.intp], seen: Sequence
+    followed: Followed, number: NDArray[np.intp], scene: Sequence
 ) -> tuple[Array, Array, Mask]:
     """Positions of the true markers as reported, errors of visible ones, and which are reported.
 
@@ -197,54 +198,54 @@ def errors_of(
     -------
     Shapes (F, 2, M, 2) [px], (F, 2, M, 2) [px] and (F, 2, M); NaN where there is none.
     """
-    at = np.stack([positions(tracks, number) for tracks in said.tracks])
+    at = np.stack([positions(tracks, number) for tracks in followed.tracks])
     reported = np.asarray(np.isfinite(at).all(axis=-1))
-    visible = np.stack([shot.visible for shot in seen.shots])
-    truth = np.stack([shot.centre for shot in seen.shots])
+    visible = np.stack([shot.visible for shot in scene.shots])
+    truth = np.stack([shot.centre for shot in scene.shots])
     return at, np.where((reported & visible)[..., None], at - truth, np.nan), reported
 
 
-def scores(said: Followed, seen: Sequence) -> dict[str, float]:
-    """Every score of UNITS; NaN for what the tracker does not measure.
+def scores(followed: Followed, scene: Sequence) -> dict[str, float]:
+    """Every score of UNITS; NaN for quantities that the tracker does not measure.
 
-    Counts are of markers in frames. Errors are those of markers that are seen whole and reported,
-    wrong ones too; markers that are partly covered count neither way.
+    Counts are of markers in frames. Errors are those of markers that are completely visible and
+    reported, also at a wrong place; partly hidden markers do not count.
     """
-    number = all_numbers(said, seen)
-    at, error, reported = errors_of(said, number, seen)
-    visible = np.stack([shot.visible for shot in seen.shots])
-    hidden = np.stack([shot.hidden for shot in seen.shots])
-    limit = np.stack([shot.limit for shot in seen.shots])
-    squared = _normalised(said, seen, number, at)
-    found: dict[str, float] = {}
+    number = all_numbers(followed, scene)
+    at, error, reported = errors_of(followed, number, scene)
+    visible = np.stack([shot.visible for shot in scene.shots])
+    hidden = np.stack([shot.hidden for shot in scene.shots])
+    limit = np.stack([shot.limit for shot in scene.shots])
+    squared = _normalised(followed, scene, number, at)
+    result: dict[str, float] = {}
     for layer, name in enumerate(LAYERS):
-        mine = error[:, layer]
-        mean = _nanmean(mine, axis=(0, 1))
-        length = np.linalg.norm(mine, axis=-1)
-        found[f"{name}_bias"] = float(np.hypot(*mean))
-        found[f"{name}_bias_x"] = float(mean[0])
-        found[f"{name}_rms"] = _rms(mine)
+        own = error[:, layer]
+        mean = _nanmean(own, axis=(0, 1))
+        length = np.linalg.norm(own, axis=-1)
+        result[f"{name}_bias"] = float(np.hypot(*mean))
+        result[f"{name}_bias_x"] = float(mean[0])
+        result[f"{name}_rms"] = _rms(own)
         finite = length[np.isfinite(length)]
-        found[f"{name}_p95"] = float(np.percentile(finite, 95)) if len(finite) else np.nan
-        found[f"{name}_ratio"] = _rms(mine / limit[:, layer])
-        found[f"{name}_nees"] = float(_nanmean(squared[:, layer][visible[:, layer]])) / 2.0
-    # Numbers that no marker ever had stand for nothing that is there.
+        result[f"{name}_p95"] = float(np.percentile(finite, 95)) if len(finite) else np.nan
+        result[f"{name}_ratio"] = _rms(own / limit[:, layer])
+        result[f"{name}_nees"] = float(_nanmean(squared[:, layer][visible[:, layer]])) / 2.0
+    # Numbers that no marker ever had are false reports.
     strangers = [
         int(tracks.visible[layer].sum() - reported[k, layer].sum())
-        for k, tracks in enumerate(said.tracks)
+        for k, tracks in enumerate(followed.tracks)
         for layer in range(2)
     ]
-    found["swaps"] = float(sum(swapped(at[k], seen, k).sum() for k in range(len(at))))
-    # Also what was not found at rest.
-    found["lost"] = float((visible & ~reported).sum())
-    found["false"] = float((hidden & reported).sum() + sum(strangers))
-    found["ambiguous"] = float(sum((t.ambiguous & t.visible).sum() for t in said.tracks))
-    found["right"] = 100.0 * right_share(error, reported, visible, hidden & seen.there)
-    found |= _tap(error, reported, visible, hidden & seen.there)
-    found["hue"] = _hue_error(said, seen, number)
-    found["normal"] = 1e3 * _normal_error(said, seen, number)
-    found["time"] = float(np.median(said.times))
-    return found
+    result["swaps"] = float(sum(swapped(at[k], scene, k).sum() for k in range(len(at))))
+    # Also those that were not result at rest.
+    result["lost"] = float((visible & ~reported).sum())
+    result["false"] = float((hidden & reported).sum() + sum(strangers))
+    result["ambiguous"] = float(sum((t.ambiguous & t.visible).sum() for t in followed.tracks))
+    result["right"] = 100.0 * right_share(error, reported, visible, hidden & scene.there)
+    result |= _tap(error, reported, visible, hidden & scene.there)
+    result["hue"] = _hue_error(followed, scene, number)
+    result["normal"] = 1e3 * _normal_error(followed, scene, number)
+    result["time"] = float(np.median(followed.times))
+    return result
 
 
 def right_share(error: Array, reported: Mask, visible: Mask, hidden: Mask) -> float:
@@ -271,16 +272,16 @@ def _tap(error: Array, reported: Mask, visible: Mask, hidden: Mask) -> dict[str,
     }
 
 
-def _normalised(said: Followed, seen: Sequence, number: NDArray[np.intp], at: Array) -> Array:
+def _normalised(followed: Followed, scene: Sequence, number: NDArray[np.intp], at: Array) -> Array:
     """Squared error of displacements from rest over their covariance, shape (F, 2, M)."""
-    start = positions(said.rest, number) - seen.centre
-    before = _blocks(said.rest, number)
-    found = []
-    for k, tracks in enumerate(said.tracks):
-        error = at[k] - seen.shots[k].centre - start
+    start = positions(followed.rest, number) - scene.centre
+    before = _blocks(followed.rest, number)
+    result = []
+    for k, tracks in enumerate(followed.tracks):
+        error = at[k] - scene.shots[k].centre - start
         inverse = _inverse(_blocks(tracks, number) + before)
-        found.append(np.einsum("lmi,lmij,lmj->lm", error, inverse, error))
-    return np.stack(found)
+        result.append(np.einsum("lmi,lmij,lmj->lm", error, inverse, error))
+    return np.stack(result)
 
 
 def _blocks(tracks: Tracks, number: NDArray[np.intp]) -> Array:
@@ -296,32 +297,32 @@ def _inverse(matrices: Array) -> Array:
     return np.moveaxis(np.array([[d, -b], [-c, a]]) / determinant, (0, 1), (-2, -1))
 
 
-def _hue_error(said: Followed, seen: Sequence, number: NDArray[np.intp]) -> float:
-    """RMS error of the hue of outer markers that are seen [°]."""
+def _hue_error(followed: Followed, scene: Sequence, number: NDArray[np.intp]) -> float:
+    """RMS error of the hue of visible outer markers [°]."""
     errors = []
-    for shot, tracks in zip(seen.shots, said.tracks, strict=True):
+    for shot, tracks in zip(scene.shots, followed.tracks, strict=True):
         known = (number[0] >= 0) & shot.visible[0]
         error = tracks.hue[number[0, known]] - shot.hue[known]
         errors.append((error + 180.0) % 360.0 - 180.0)
     return _rms(np.concatenate(errors))
 
 
-def _normal_error(said: Followed, seen: Sequence, number: NDArray[np.intp]) -> float:
+def _normal_error(followed: Followed, scene: Sequence, number: NDArray[np.intp]) -> float:
     """RMS error of displacements along the normal, read from sizes [m].
 
-    Seen from the sphere's centre, size goes as one over the distance.
+    For a camera at the sphere's centre, size is proportional to one over the distance.
     """
-    start = in_order(said.rest.log_size, number)
+    start = in_order(followed.rest.log_size, number)
     errors = []
-    for shot, tracks in zip(seen.shots, said.tracks, strict=True):
+    for shot, tracks in zip(scene.shots, followed.tracks, strict=True):
         grown = in_order(tracks.log_size, number) - start
-        height = seen.distance * np.expm1(-grown)
+        height = scene.distance * np.expm1(-grown)
         errors.append((height - shot.height)[shot.visible])
     return _rms(np.concatenate(errors))
 
 
 def _nanmean(values: Array, axis: tuple[int, ...] | None = None) -> Array:
-    """Mean of what is there; NaN, without a warning, where nothing is."""
+    """Mean of the finite values; NaN, without a warning, where there are none."""
     there = np.isfinite(values)
     count = there.sum(axis=axis)
     total = np.where(there, values, 0.0).sum(axis=axis)
@@ -333,10 +334,10 @@ def _rms(values: Array) -> float:
 
 
 def peak_memory(choice: Choice) -> float | None:
-    """Memory that rest and a few frames take at their peak, above that before [MB].
+    """Peak of the memory that rest and a few frames add to a process [MB].
 
-    Counted by the system in a process of its own, machine code that is loaded for it included;
-    None where the system does not count.
+    Counted by the system in a process of its own, with the machine code that is loaded; None where
+    the system does not count.
     """
     if not _STATUS.exists():
         return None
@@ -349,10 +350,10 @@ _STATUS, _FORGET_PEAK = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 def _measure_memory(choice: Choice) -> float:
     cv2.setNumThreads(1)
-    seen = sequence(SCENES["clean"], 4, limits=False)
+    scene = sequence(SCENES["clean"], 4, limits=False)
     _FORGET_PEAK.write_text("5")
     before = _memory("VmRSS")
-    follow(choice, seen)
+    follow(choice, scene)
     return _memory("VmHWM") - before
 
 

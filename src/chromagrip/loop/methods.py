@@ -1,0 +1,73 @@
+"""Methods of a run: those that a scene names, or objects and classes from Python."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import msgspec
+
+from ..by_name import Choice, name_of
+from ..control import Controller
+from ..scene.controllers import CONTROLLERS
+from ..scene.scene import Scene
+from ..tracking import AUTOMATIC, DEFAULT_RECONSTRUCTOR
+
+
+@dataclass(frozen=True, kw_only=True)
+class Methods:
+    """What a run is made with; each is a name, or a class or other factory.
+
+    Attributes
+    ----------
+    controller: may be an object too, with the methods `reset` and `command`
+    tracker: called with a palette and the camera's noise [grey levels]
+    reconstructor: called with a calibration and the tracks at rest
+    renderer: called with the design of a sensor
+    """
+
+    controller: Choice | Controller
+    tracker: Choice
+    reconstructor: Choice
+    renderer: Choice
+
+    @classmethod
+    def of_scene(cls, scene: Scene) -> Self:
+        """Methods that a scene names."""
+        return cls(
+            controller=scene.controller,
+            tracker=scene.tracker,
+            reconstructor=scene.reconstructor,
+            renderer=scene.renderer,
+        )
+
+    def build_controller(self, scene: Scene) -> Controller:
+        """The controller, with the scene's settings or arguments when it is the scene's."""
+        if isinstance(self.controller, str):
+            return scene.build_controller()
+        controller: Controller = CONTROLLERS.build(self.controller)
+        return controller
+
+
+def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
+    """Scene that names the chosen methods, and the methods themselves.
+
+    The reconstructor `auto` of a camera path is replaced with the name of the one it stands for.
+
+    Parameters
+    ----------
+    scene: whose methods are taken where none is chosen
+    choices: names of `Methods`, each a choice or None
+
+    Raises
+    ------
+    UserError
+        For a name that does not exist.
+    """
+    chosen = {kind: choice for kind, choice in choices.items() if choice is not None}
+    names: dict[str, Any] = {kind: name_of(choice) for kind, choice in chosen.items()}
+    reconstructor = names.get("reconstructor", scene.reconstructor)
+    if scene.path == "camera" and reconstructor == DEFAULT_RECONSTRUCTOR:
+        names["reconstructor"] = AUTOMATIC
+    if "controller" in chosen:
+        names["controller_arguments"] = {}
+    scene = msgspec.structs.replace(scene, **names)
+    return scene, Methods(**{**vars(Methods.of_scene(scene)), **chosen})

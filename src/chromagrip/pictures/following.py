@@ -1,0 +1,188 @@
+"""Frame after frame through a tracker, into a folder that stays readable if interrupted."""
+
+import itertools
+import json
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypedDict, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from ..output.folder import prepare
+from ..output.processes import one_thread
+from ..render import Frame
+from ..tracking import Palette, Tracks
+from .opening import Opened
+
+#: Called after each frame with the number of frames done, and of all frames if it is known.
+Progress = Callable[[int, int | None], None]
+#: Called with each frame's number, picture and tracks.
+Add = Callable[[int, Frame, Tracks], None]
+Summary = TypeVar("Summary", bound=Mapping[str, object])
+
+
+class LayerCount(TypedDict):
+    """Markers of a layer, and the share of the frames in which they were visible."""
+
+    markers: int
+    visible_share: float | None
+
+
+class LostMarker(TypedDict):
+    """A marker that the last frame does not show."""
+
+    marker: int
+    layer: str
+    last_seen_s: float | None
+
+
+class Course(TypedDict):
+    """Part of a summary that counts the frames tracked."""
+
+    complete: bool
+    ended: str
+    frames: int
+    layers: dict[str, LayerCount]
+    lost: list[LostMarker]
+    ambiguous: int
+    ms_per_frame: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome(Generic[Summary]):
+    """Result of tracking.
+
+    Attributes
+    ----------
+    summary: content of `summary.json`
+    broken: why the source broke off; None if it did not
+    """
+
+    summary: Summary
+    broken: str | None
+
+
+@dataclass(kw_only=True)
+class _Tally:
+    """Counts while frames pass; its size does not grow with their number.
+
+    Arrays have the shape (L, M) of the tracks.
+    """
+
+    known: NDArray[np.bool_]
+    visible: NDArray[np.int64]
+    frames: int = 0
+    seconds: float = 0.0
+    ambiguous: int = 0
+    last: Tracks | None = None
+
+    def add(self, tracks: Tracks, seconds: float) -> None:
+        self.frames += 1
+        self.seconds += seconds
+        self.visible += tracks.visible
+        self.ambiguous += int(tracks.ambiguous.sum())
+        self.last = tracks
+
+
+def open_folder(folder: Path, overwrite: bool, files: tuple[str, ...]) -> None:
+    """Folder without the files of an earlier result.
+
+    Raises
+    ------
+    UserError
+        When it holds files and `overwrite` is not given, or cannot be written to.
+    """
+    prepare(folder, overwrite)
+    try:
+        for name in files:
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
+
+
+def follow(
+    opened: Opened,
+    open_files: Callable[[ExitStack], Add],
+    summarise: Callable[[Course], Summary],
+    limit: int | None,
+    out: Path | None,
+    progress: Progress,
+) -> Outcome[Summary]:
+    """Track frame after frame; the summary is written however it ends.
+
+    Parameters
+    ----------
+    opened: tracker and frames
+    open_files: opens the files that are written while frames pass; returns what adds a frame to
+        them
+    summarise: makes the summary, once the files are closed
+    limit: stop after so many frames
+    out: folder of the summary; None writes none
+    progress: called after every frame
+    """
+    known = np.isfinite(opened.resting.position[..., 0])
+    tally = _Tally(known=known, visible=np.zeros(known.shape, dtype=np.int64))
+    count = opened.source.count
+    total = count if limit is None else min(limit, count or limit)
+    complete, ended, broken = False, "", None
+    try:
+        with ExitStack() as files, one_thread():
+            add = open_files(files)
+            for index, frame in enumerate(itertools.islice(opened.frames, limit)):
+                begin = time.perf_counter()
+                tracks = opened.update(frame)
+                tally.add(tracks, time.perf_counter() - begin)
+                add(index, frame, tracks)
+                progress(tally.frames, total)
+        complete, ended = True, "end of the source"
+        if limit is not None and tally.frames == limit:
+            ended = f"after {limit} frames, as asked"
+    except UserError as error:
+        kept = "" if out is None else f"; the results of the {tally.frames} frames before are kept"
+        ended = broken = f"{error}{kept}"
+    except KeyboardInterrupt:
+        complete, ended = opened.source.live and limit is None, "interrupted"
+        if not complete:
+            raise
+    except Exception as error:  # a bug, of a plug-in or ours: named in the summary, and raised
+        ended = f"{type(error).__name__}: {error}"
+        raise
+    finally:
+        summary = summarise(_course(tally, opened.palette, complete, ended))
+        if out is not None:
+            text = json.dumps(summary, indent=2)
+            (out / "summary.json").write_text(text + "\n", encoding="utf-8")
+    return Outcome(summary=summary, broken=broken)
+
+
+def _course(tally: _Tally, palette: Palette, complete: bool, ended: str) -> Course:
+    """Counts of the frames tracked."""
+    frames = tally.frames
+    layers: dict[str, LayerCount] = {}
+    for name, known, visible in zip(palette.names, tally.known, tally.visible, strict=True):
+        share = float(visible[known].mean() / frames) if frames and known.any() else None
+        layers[name] = {"markers": int(known.sum()), "visible_share": share}
+    return {
+        "complete": complete,
+        "ended": ended,
+        "frames": frames,
+        "layers": layers,
+        "lost": [] if tally.last is None else _lost(tally.last, tally.known, palette),
+        "ambiguous": tally.ambiguous,
+        "ms_per_frame": 1e3 * tally.seconds / frames if frames else None,
+    }
+
+
+def _lost(tracks: Tracks, known: NDArray[np.bool_], palette: Palette) -> list[LostMarker]:
+    """Markers that are known at rest and not visible now."""
+    lost: list[LostMarker] = []
+    for k, m in np.argwhere(known & ~tracks.visible):
+        when = float(tracks.last_seen[k, m])
+        last_seen = when if np.isfinite(when) else None
+        lost.append({"marker": int(m), "layer": palette.names[k], "last_seen_s": last_seen})
+    return lost

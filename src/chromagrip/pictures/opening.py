@@ -1,0 +1,184 @@
+"""A source of frames opened for tracking: rest frames, noise, and a tracker that was reset."""
+
+import itertools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TypedDict
+
+from ..by_name import Choice, describe, name_of
+from ..errors import UserError
+from ..output.pictures import Source, open_source
+from ..output.processes import one_thread
+from ..render import Frame
+from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
+from .noise_level import noise_level
+from .rest_frames import rest_frames
+
+_GIVEN = "given"
+
+
+class Setup(TypedDict):
+    """Part of a summary that is known before the first frame is tracked."""
+
+    source: str
+    rest: str
+    tracker: str
+    noise_levels: float
+    noise_from: str
+    width_px: int
+    height_px: int
+    fps: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Opened:
+    """A tracker that was reset, and the frames that it is to follow.
+
+    Attributes
+    ----------
+    tracker: that follows them
+    palette: of the markers
+    start: the unloaded sensor
+    resting: the tracker's tracks of it
+    source: of the frames
+    frames: each checked to be as large as the rest frame
+    setup: the same for a summary
+    """
+
+    tracker: Tracker
+    palette: Palette
+    start: RestFrame
+    resting: Tracks
+    source: Source
+    frames: Iterator[Frame]
+    setup: Setup
+
+    def update(self, frame: Frame) -> Tracks:
+        """Tracks of the next frame.
+
+        Raises
+        ------
+        UserError
+            When the tracker refuses the frame, or gives no tracks of the same markers.
+        """
+        name = self.setup["tracker"]
+        with _no_exit(name):
+            tracks = self.tracker.update(frame)
+        _check_same(tracks, self.resting, name)
+        return tracks
+
+
+def open_tracking(
+    rest: str,
+    source: str,
+    *,
+    palette: Palette,
+    tracker: Choice,
+    noise: float | None,
+    fps: float | None,
+    tell: Callable[[str], None],
+) -> Opened:
+    """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
+
+    Raises
+    ------
+    UserError
+        When there is nothing to track.
+    """
+    make, name = load_tracker(tracker), name_of(tracker)
+    opened = open_source(source, fps)
+    tell("rest frame")
+    with one_thread():
+        still, rest_words, frames = rest_frames(rest, opened, palette, tell)
+        if noise is None:
+            tell("noise")
+            noise, noise_words = noise_level(still, opened.lossy)
+        else:
+            noise_words = _GIVEN
+        tell("markers at rest")
+        start = read_rest(still, palette)
+        with _no_exit(name):
+            made = make(palette, noise)
+            resting = _reset(made, still, noise, noise_words)
+        _check_tracks(resting, name)
+        if len(resting.position) != len(palette.names):
+            raise UserError(
+                f"tracker {name!r} gave {len(resting.position)} layers; wanted: "
+                f"{len(palette.names)}"
+            )
+        first = next(frames, None)
+    if first is None:
+        raise UserError(f"{opened.name} has no frames")
+    _check_size(first, 0, opened, start)
+    setup = Setup(
+        source=opened.name,
+        rest=rest_words,
+        tracker=name,
+        noise_levels=noise,
+        noise_from=noise_words,
+        width_px=first.image.shape[1],
+        height_px=first.image.shape[0],
+        fps=opened.fps,
+    )
+    return Opened(
+        tracker=made,
+        palette=palette,
+        start=start,
+        resting=resting,
+        source=opened,
+        frames=itertools.chain([first], _checked(frames, opened, start)),
+        setup=setup,
+    )
+
+
+@contextmanager
+def _no_exit(name: str) -> Iterator[None]:
+    """Take `SystemExit` of a tracker for its failure, so that the program does not end as done."""
+    try:
+        yield
+    except SystemExit as reason:
+        raise UserError(f"tracker {name!r} failed: {describe(reason)}") from reason
+
+
+def _reset(tracker: Tracker, still: list[Frame], noise: float, noise_words: str) -> Tracks:
+    """Tracks at rest; a refusal says that the noise may be too low where it was estimated."""
+    try:
+        return tracker.reset(still)
+    except UserError as error:
+        if noise_words == _GIVEN:
+            raise
+        raise UserError(
+            f"{error}; the noise was taken as {noise:.2f} levels, give --noise if it is more"
+        ) from None
+
+
+def _check_tracks(tracks: object, name: str) -> None:
+    """Refuse an answer of a plug-in that is no `Tracks`."""
+    if not isinstance(tracks, Tracks):
+        raise UserError(f"tracker {name!r} gave a {type(tracks).__name__}; wanted: Tracks")
+
+
+def _check_same(tracks: Tracks, resting: Tracks, name: str) -> None:
+    """Refuse tracks of other markers than those at rest."""
+    _check_tracks(tracks, name)
+    if tracks.position.shape != resting.position.shape:
+        raise UserError(
+            f"tracker {name!r} gave positions of shape {tracks.position.shape}, at rest "
+            f"{resting.position.shape}; wanted: the same markers in every frame"
+        )
+
+
+def _checked(frames: Iterator[Frame], source: Source, start: RestFrame) -> Iterator[Frame]:
+    for index, frame in enumerate(frames, 1):
+        _check_size(frame, index, source, start)
+        yield frame
+
+
+def _check_size(frame: Frame, index: int, source: Source, start: RestFrame) -> None:
+    (height, width), (rest_height, rest_width) = frame.image.shape[:2], start.image.shape[:2]
+    if (height, width) != (rest_height, rest_width):
+        raise UserError(
+            f"frame {index} of {source.name} is {width}×{height} pixels, the rest frame "
+            f"{rest_width}×{rest_height}"
+        )

@@ -1,0 +1,124 @@
+"""Rows of estimates: forces with µ and Γ of a dome, or displacements of a flat pad."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..control import GripObservation
+from ..errors import UserError
+from ..loop.observers import ForceObserver
+from ..output.parquet import Row
+from ..render import Frame, View
+from ..tracking import DEFAULT_TRACKER, Z90, DisplacementGains, FrictionRule, Tracks
+from ..tracking.forces import skin_displacement
+from .figure import draw_forces
+from .opening import Opened
+from .overlay import draw_tracks
+
+#: Quantile of the markers' depths that stands for the pad: a single marker's error does not count.
+_DEEPEST = 0.95
+
+
+class Reading(NamedTuple):
+    """A frame's row of the table, and what draws the frame with its estimates."""
+
+    row: Row
+    draw: Callable[[], NDArray[np.uint8]]
+
+
+#: Called with each frame and its tracks.
+Read = Callable[[Frame, Tracks], Reading]
+
+
+def force_reading(observer: ForceObserver, rule: FrictionRule, opened: Opened, view: View) -> Read:
+    """Reading of forces, µ and Γ.
+
+    Parameters
+    ----------
+    observer: of the sensor
+    rule: how µ is read off the forces
+    opened: tracker and frames
+    view: of the sensor's camera
+
+    Raises
+    ------
+    UserError
+        When the tracker does not measure what forces are read from.
+    """
+    rest = opened.resting
+    pairs = rest.visible.all(axis=0) if len(rest.visible) == 2 else np.zeros(0, dtype=bool)
+    if not pairs.any() or not np.isfinite(rest.covariance[pairs]).all():
+        raise UserError(
+            f"tracker {opened.setup['tracker']!r} does not estimate the covariances of places and "
+            f"sizes, which forces are read from; wanted: {DEFAULT_TRACKER}"
+        )
+
+    def read(frame: Frame, tracks: Tracks) -> Reading:
+        observation = observer.observe(frame.time, tracks)
+        row = _force_row(observation, rule)
+        row["markers_seen"] = _visible_pairs(tracks)
+        return Reading(row, lambda: draw_forces(frame.image, view, tracks, rest, observation))
+
+    return read
+
+
+def _visible_pairs(tracks: Tracks) -> int:
+    return int(tracks.visible.all(axis=0).sum())
+
+
+def _force_row(observation: GripObservation, rule: FrictionRule) -> Row:
+    """Values of an observation and their intervals; None for those that it does not have."""
+    if observation.no_estimate:
+        return {"no_estimate": observation.no_estimate}
+    field = observation.field
+    row: Row = {"no_estimate": ""}
+    values = [
+        ("mu", "", observation.friction, observation.friction_interval),
+        ("margin", "", observation.margin, observation.margin_interval),
+    ]
+    for k, (name, total) in enumerate(
+        (("normal", field.total_normal), ("friction", field.total_friction))
+    ):
+        half = Z90 * math.sqrt(field.totals_covariance[k, k])
+        # In this order a NaN stays one.
+        values.append((name, "_n", total, (max(total - half, 0.0), total + half)))
+    for name, unit, value, (low, high) in values:
+        for end, number in (("", value), ("_low", low), ("_high", high)):
+            row[f"{name}{end}{unit}"] = number if math.isfinite(number) else None
+    row["mu_observable"] = rule.read(field).observable
+    row["node_normal_n"] = field.normal.astype(np.float32)
+    row["node_friction_n"] = field.friction.astype(np.float32)
+    return row
+
+
+def displacement_reading(gains: DisplacementGains, opened: Opened) -> Read:
+    """Reading of a flat pad's displacements, with its gains."""
+
+    def read(frame: Frame, tracks: Tracks) -> Reading:
+        row = _displacement_row(gains, opened.resting, tracks)
+        radius = opened.start.radius
+        return Reading(
+            row, lambda: draw_tracks(frame.image, opened.palette, tracks, opened.resting, radius)
+        )
+
+    return read
+
+
+def _displacement_row(gains: DisplacementGains, rest: Tracks, tracks: Tracks) -> Row:
+    displacement, covariance = skin_displacement(gains, rest, tracks)
+    row: Row = {"markers_seen": _visible_pairs(tracks)}
+    known = displacement[np.isfinite(displacement).all(axis=1)]
+    if not len(known):
+        row["no_estimate"] = "no marker of the outer layer is visible with its hue or size"
+        return row
+    deep = float(np.quantile(known[:, 2], _DEEPEST))
+    shift_x, shift_y = known[known[:, 2] >= min(0.5 * deep, deep), :2].mean(axis=0).tolist()
+    row["depth_mm"], row["shift_x_mm"], row["shift_y_mm"] = 1e3 * deep, 1e3 * shift_x, 1e3 * shift_y
+    row["deviation_mm"] = 1e3 * float(np.sqrt(np.nanmedian(covariance[:, 2, 2])))
+    row["no_estimate"] = ""
+    for name, column in zip(["x_mm", "y_mm", "depth_mm"], displacement.T, strict=True):
+        row[f"marker_{name}"] = (1e3 * column).astype(np.float32)
+    return row

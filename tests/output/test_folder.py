@@ -1,0 +1,96 @@
+"""Files and folders that are complete or not there."""
+
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from chromagrip.errors import UserError
+from chromagrip.output.folder import part_of, prepare, whole_file, whole_folder, write_whole
+from chromagrip.output.parquet import FORCES, EstimateTable
+from chromagrip.output.video import VideoFile
+
+FULL = Path("/dev/full")  # a device on which nothing has room
+needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+
+
+def full_disk(path):
+    part_of(path).symlink_to(FULL)
+    return path
+
+
+def video(path):
+    with VideoFile(path, 30, 20) as file:
+        for k in range(60):
+            file.append(np.random.default_rng(k).integers(0, 255, (240, 320, 3), dtype=np.uint8))
+
+
+def estimates(path):
+    with EstimateTable(path, FORCES) as table:
+        for k in range(2500):
+            table.add({"frame": k, "node_normal_n": list(range(100))})
+
+
+@needs_full
+@pytest.mark.parametrize("write", [video, estimates, lambda path: write_whole(path, b"x" * 10**6)])
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(write, tmp_path):
+    path = full_disk(tmp_path / "result.bin")
+    with pytest.raises(UserError, match=r"result.bin cannot be written: No space left on device"):
+        write(path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("write", [video, estimates, lambda path: write_whole(path, b"x")])
+def test_what_was_written_has_its_name(write, tmp_path):
+    write(tmp_path / "result.bin")
+    assert [path.name for path in tmp_path.iterdir()] == ["result.bin"]
+
+
+def test_an_interrupted_table_keeps_its_rows(tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet")
+    with suppress(KeyboardInterrupt), EstimateTable(tmp_path / "e.parquet", FORCES) as table:
+        table.add({"frame": 7})
+        raise KeyboardInterrupt
+    assert pq.read_table(tmp_path / "e.parquet")["frame"].to_pylist() == [7]
+
+
+def test_a_file_that_fails_leaves_the_one_before(tmp_path):
+    path = tmp_path / "notes.txt"
+    write_whole(path, b"before")
+    with suppress(KeyError), whole_file(path) as part:
+        part.write_bytes(b"half of what")
+        raise KeyError
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_has_its_name_when_it_is_complete(tmp_path):
+    folder = tmp_path / "data"
+    prepare(folder, overwrite=None)
+    with suppress(KeyError), whole_folder(folder) as part:
+        (part / "one").write_text("1")
+        raise KeyError
+    assert not list(folder.iterdir())
+    with whole_folder(folder) as part:
+        (part / "one").write_text("1")
+        assert not list(folder.iterdir())
+    assert [path.name for path in folder.iterdir()] == ["one"]
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_of_two_processes_that_fill_a_folder_the_faster_one_wins(tmp_path):
+    with whole_folder(tmp_path / "data") as part:
+        (part / "own").write_text("late")
+        (tmp_path / "data").mkdir()
+        (tmp_path / "data" / "other").write_text("early")
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["other"]
+
+
+def test_a_folder_that_holds_files_is_refused_unless_told_otherwise(tmp_path):
+    (tmp_path / "old").write_text("result")
+    with pytest.raises(UserError, match=r"is not empty; choose another or give --overwrite"):
+        prepare(tmp_path, overwrite=False)
+    prepare(tmp_path, overwrite=True)
+    with pytest.raises(UserError, match=r"old is a file, not a folder"):
+        prepare(tmp_path / "old", overwrite=True)

@@ -1,0 +1,101 @@
+"""Rows and reports: verdicts, names, and what is printed of them."""
+
+import json
+import math
+
+import pytest
+
+from chromagrip.output.report import (
+    Bounds,
+    Report,
+    Row,
+    Table,
+    at_least,
+    at_most,
+    measured,
+    print_report,
+    report_markdown,
+    reported,
+    score_table,
+    table_lines,
+    values,
+    within,
+)
+
+ROWS = (
+    within(("jerk-1", "camera", "gross"), 2.0, "runs", 0.0, 1.0),
+    at_least(("speed", "fit"), 250.0, "frames/s", 200.0),
+    reported(("jerk-1", "camera", "energy"), 0.5, "N²/s"),
+    within(("long", "fit", "drift"), None, "", 0.9, 1.1, note="it refused the frames"),
+)
+
+
+def test_only_a_row_with_a_target_has_a_verdict() -> None:
+    assert [row.met for row in ROWS] == [False, True, None, False]
+    assert [str(row.target) for row in ROWS] == ["0…1", "≥ 200", "None", "0.9…1.1"]
+    assert str(at_most("x", 1.0, "", 2.0).target) == "≤ 2"
+    assert str(within("x", 1.0, "", 5, 5).target) == "5"
+    assert at_least("x", 1.0, "", -math.inf).target is None
+    assert at_most("x", 1.0, "", math.inf).met is None
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, None])
+def test_a_number_that_is_not_finite_was_not_measured(value: float | None) -> None:
+    row = measured("x", value, "", Bounds(0.0))
+    assert (row.value, row.met) == (None, False)
+
+
+def test_json_keeps_its_keys_and_names() -> None:
+    entries = json.loads(json.dumps(Report(rows=ROWS).as_json(), allow_nan=False))["rows"]
+    assert entries[0] == {
+        "name": "jerk-1/camera/gross",
+        "value": 2.0,
+        "unit": "runs",
+        "target": "0…1",
+        "met": False,
+    }
+    assert (entries[2]["target"], entries[2]["met"]) == (None, None)
+    assert entries[3]["note"] == "it refused the frames"
+    assert values(ROWS)["speed", "fit"] == 250.0
+
+
+def test_a_table_of_scores_has_a_column_for_each_case() -> None:
+    rows = [
+        reported(("clean", "my/module:Mine", "lost"), 3.0, ""),
+        reported(("clean", "my/module:Mine", "time"), 12.345, "ms"),
+        reported(("clean", "fit", "time"), None, "ms"),
+    ]
+    table = score_table(rows, lambda row: row.subject[1])
+    assert table.header == ("score", "my/module:Mine", "fit")
+    assert table.lines == (("lost", "3", "–"), ("time [ms]", "12.3", "–"))
+
+
+def test_a_wide_table_is_broken_into_blocks_of_columns() -> None:
+    table = Table(("name", *(f"column {k}" for k in range(9))), (("line", *"123456789"),))
+    lines = list(table_lines(table, width=40))
+    assert max(map(len, lines)) <= 40
+    assert sum(line.startswith("line") for line in lines) == 3
+    assert [cell for line in lines if line.startswith("line") for cell in line.split()[1:]] == list(
+        "123456789"
+    )
+
+
+def test_figures_without_a_target_are_left_to_the_tables(capsys: pytest.CaptureFixture) -> None:
+    table = Table(("scene", "fit"), (("sway", "1.02"),), title="Errors")
+    report = Report(rows=ROWS, tables=(table,), notes=("A sentence.",), details=(table,))
+    assert report.listed() == (ROWS[0], ROWS[1], ROWS[3])
+    assert Report(rows=ROWS).listed() == ROWS
+    print_report(report)
+    screen = capsys.readouterr().out
+    assert screen.count("Errors") == screen.count("A sentence.") == 1
+    assert "energy" not in screen
+    assert "it refused the frames" in screen
+    page = "\n".join(report_markdown(report))
+    assert page.count("Errors:\n\n| scene | fit |\n| --- | --- |\n| sway | 1.02 |") == 2
+    assert "| speed/fit | 250 | frames/s | ≥ 200 | yes |  |" in page
+
+
+def test_a_row_is_its_subject_and_score() -> None:
+    assert ROWS[0].subject == ("jerk-1", "camera")
+    assert ROWS[0].score == "gross"
+    assert Row(("a", "b"), "c", 1.0).name == "a/b/c"
