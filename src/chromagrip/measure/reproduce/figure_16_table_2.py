@@ -1,4 +1,4 @@
-"""Fig. 16 and Table 2 of the thesis: 27 objects, three controllers, and what is not printed."""
+"""Fig. 16 and Table 2 of the thesis: 27 objects and three controllers."""
 
 import json
 from dataclasses import replace

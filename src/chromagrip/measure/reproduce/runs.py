@@ -1,4 +1,4 @@
-"""The grasps of a reproduction, also with other values of what the thesis does not print."""
+"""The grasps of a reproduction, also with unprinted parameters at other values."""
 
 import json
 import math
