@@ -244,7 +244,7 @@ def shifted(image: np.ndarray) -> np.ndarray:
         ),
         ({"calibration": "thesis"}, shifted, r"lie \d\.\d px RMS from the places"),
         ({"calibration": "dome-2020", **GP}, None, "image has shape|the sensor has 77 of each"),
-        ({"calibration": "dome-2020"}, None, "sensor dome-2020 has no trained read-out"),
+        ({"calibration": "dome-2022"}, None, "sensor dome-2022 has no trained read-out"),
         ({"calibration": "flat-2019"}, None, "a flat pad, which has no force model"),
         ({"calibration": "nobody"}, None, "no calibration 'nobody'"),
         ({"calibration": "thesis", "reconstructor": "wish"}, None, "no reconstructor 'wish'"),

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypedDict
 
@@ -60,8 +61,8 @@ class Estimates(TypedDict):
     ms_per_estimate: float | None
 
 
-class EstimateSummary(Setup, Course, Estimates):
-    """Content of `summary.json`."""
+class Method(TypedDict):
+    """Part of a summary that says how forces are estimated."""
 
     format: str
     calibration: str
@@ -69,6 +70,11 @@ class EstimateSummary(Setup, Course, Estimates):
     friction: str | None
     rest_misfit_px: float
     friction_window_s: float
+
+
+class EstimateSummary(Method, Setup, Course, Estimates):
+    """Content of `summary.json`."""
+
     versions: dict[str, str]
 
 
@@ -108,8 +114,7 @@ def estimate_source(
     UserError
         When there is nothing to estimate, or the calibration is another sensor's.
     """
-    known = load_calibration(calibration)
-    rule = _friction_rule(friction)
+    known, rule = load_calibration(calibration), _friction_rule(friction)
     gains = _displacement_gains(known, calibration)
     if gains is None:
         check_reconstructor(reconstructor, known)  # before the work
@@ -128,24 +133,16 @@ def estimate_source(
             read = displacement_reading(gains, opened)
     if out is not None:
         open_folder(out, overwrite, FILES)
+    method: Method = {
+        "format": FORMAT,
+        "calibration": calibration,
+        "reconstructor": name_of(reconstructor) if gains is None else None,
+        "friction": friction,
+        "rest_misfit_px": misfit,
+        "friction_window_s": window,
+    }
     rows = _Rows(read, opened, out, flat=gains is not None)
-
-    def summarise(course: Course) -> EstimateSummary:
-        rows.draw()
-        return {
-            "format": FORMAT,
-            "calibration": calibration,
-            "reconstructor": name_of(reconstructor) if gains is None else None,
-            "friction": friction,
-            "rest_misfit_px": misfit,
-            "friction_window_s": window,
-            **opened.setup,
-            **course,
-            **rows.estimates(),
-            "versions": versions(),
-        }
-
-    return follow(opened, rows.open_files, summarise, frames, out, progress)
+    return follow(opened, rows.open_files, partial(rows.summary, method), frames, out, progress)
 
 
 def _displacement_gains(known: SensorCalibration, name: str) -> DisplacementGains | None:
@@ -212,12 +209,14 @@ class _Rows:
 
         return add
 
-    def draw(self) -> None:
-        """Write the figure."""
+    def summary(self, method: Method, course: Course) -> EstimateSummary:
+        """Write the figure; the summary."""
         if self._out is not None and self._rows:
             draw_figure(self._rows, self._flat, self._out / "figure.png")
+        setup, estimates = self._opened.setup, self._estimates()
+        return {**method, **setup, **course, **estimates, "versions": versions()}
 
-    def estimates(self) -> Estimates:
+    def _estimates(self) -> Estimates:
         """Last and median value of each column, and the frames without an estimate."""
         reasons = [str(row["no_estimate"]) for row in self._rows if row["no_estimate"]]
         estimated = [row for row in self._rows if not row["no_estimate"]]

@@ -100,12 +100,7 @@ def open_tracking(
         with blaming(f"tracker {name!r} failed", SystemExit):
             made = make(palette, noise)
             resting = _reset(made, still, noise, noise_words)
-        _check_tracks(resting, name)
-        if len(resting.position) != len(palette.names):
-            raise UserError(
-                f"tracker {name!r} gave {len(resting.position)} layers; wanted: "
-                f"{len(palette.names)}"
-            )
+        _check_rest(resting, palette, name)
         first = next(frames, None)
     if first is None:
         raise UserError(f"{opened.name} has no frames")
@@ -147,6 +142,15 @@ def _check_tracks(tracks: object, name: str) -> None:
     """Refuse an answer of a plug-in that is no `Tracks`."""
     if not isinstance(tracks, Tracks):
         raise UserError(f"tracker {name!r} gave a {type(tracks).__name__}; wanted: Tracks")
+
+
+def _check_rest(resting: Tracks, palette: Palette, name: str) -> None:
+    """Refuse tracks at rest that are not of the palette's layers."""
+    _check_tracks(resting, name)
+    if len(resting.position) != len(palette.names):
+        raise UserError(
+            f"tracker {name!r} gave {len(resting.position)} layers; wanted: {len(palette.names)}"
+        )
 
 
 def _check_same(tracks: Tracks, resting: Tracks, name: str) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from ..by_name import Choice
@@ -11,7 +12,7 @@ from ..output.versions import versions
 from ..render import Frame
 from ..tracking import Tracks, load_palette
 from .following import Add, Course, Outcome, Progress, follow, open_folder
-from .opening import Setup, open_tracking
+from .opening import Opened, Setup, open_tracking
 from .overlay import OverlayVideo, draw_tracks
 
 FORMAT = "chromagrip track 1"
@@ -77,19 +78,6 @@ def track_source(
     if out is not None:
         open_folder(out, overwrite, FILES)
 
-    def open_files(files: ExitStack) -> Add:
-        if out is None:
-            return lambda index, frame, tracks: None
-        table = files.enter_context(TrackTable(out / "tracks.parquet", colours.names))
-        video = files.enter_context(OverlayVideo(out / "overlay.mp4", opened.source.fps))
-
-        def add(index: int, frame: Frame, tracks: Tracks) -> None:
-            table.add(index, tracks)
-            radius = opened.start.radius
-            video.append(draw_tracks(frame.image, colours, tracks, opened.resting, radius))
-
-        return add
-
     def summarise(course: Course) -> TrackSummary:
         return {
             "format": FORMAT,
@@ -99,4 +87,19 @@ def track_source(
             "versions": versions(),
         }
 
-    return follow(opened, open_files, summarise, frames, out, progress)
+    return follow(opened, partial(_open_files, opened, out), summarise, frames, out, progress)
+
+
+def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
+    """Open table and overlay; returns what adds a frame to them."""
+    if out is None:
+        return lambda index, frame, tracks: None
+    palette, resting = opened.palette, opened.resting
+    table = files.enter_context(TrackTable(out / "tracks.parquet", palette.names))
+    video = files.enter_context(OverlayVideo(out / "overlay.mp4", opened.source.fps))
+
+    def add(index: int, frame: Frame, tracks: Tracks) -> None:
+        table.add(index, tracks)
+        video.append(draw_tracks(frame.image, palette, tracks, resting, opened.start.radius))
+
+    return add
