@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..model import ContactObject, ForceField, State, contact_forces, equilibrium, rest_state
-from ..model.chain.state import state_of
+from ..model.chain import state_of
 from ..render import Frame, GroundTruth, SensorDesign
 from ..scene.scene import Scene
 
