@@ -40,7 +40,7 @@ class Report(TypedDict):
     versions: dict[str, str]
 
 
-#: Arrays of a truth file, in order, with what they hold; layer 0 is magenta, 1 yellow.
+#: Arrays of a truth file, in order, with their meaning; layer 0 is magenta, 1 yellow.
 ARRAYS = {
     "pixels_px": "projected centre (x, y) of each marker, (2, M, 2)",
     "image_centres_px": "centroid (x, y) of each marker's outline in the image, (2, M, 2)",
