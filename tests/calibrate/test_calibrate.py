@@ -335,7 +335,7 @@ def test_nothing_is_written_over_unless_asked(fisheye_images: Path, tmp_path: Pa
     with pytest.raises(UserError, match="exists; choose another or give --overwrite"):
         calibrate((fisheye_images,), out=out)
     assert out.read_text() == "dear to somebody"
-    assert calibrate((fisheye_images,), out=out, force=True) == 0
+    assert calibrate((fisheye_images,), out=out, overwrite=True) == 0
     assert load_camera(out).width == 640
 
 
