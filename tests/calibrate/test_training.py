@@ -6,7 +6,7 @@ import pytest
 from chromagrip.calibrate import readout as training
 from chromagrip.calibrate.histories import snapshots, with_mirrored
 from chromagrip.calibrate.networks import Basis
-from chromagrip.cli.train import train
+from chromagrip.cli.calibrate import train
 from chromagrip.errors import UserError
 from chromagrip.model import Fingertip
 from chromagrip.tracking import load_calibration
@@ -51,6 +51,28 @@ def test_an_interrupted_training_goes_on_and_comes_to_the_same(
     assert errors["friction_n"] < 0.5
 
 
+def test_scikit_learn_is_asked_for_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps: list[str] = []
+    monkeypatch.setattr("chromagrip.extras.find_spec", lambda name: None)
+    with pytest.raises(UserError, match="training read-outs needs the extra `learn`: pip install"):
+        training.train(KNOWN, 2.0, 20, 3, tmp_path / "x.npz", 1, steps.append)
+    assert not steps
+    assert not list(tmp_path.iterdir())
+
+
+def test_parts_of_another_training_are_not_taken_for_ones_own(tmp_path: Path) -> None:
+    pytest.importorskip("sklearn", reason="training needs the extra `learn`")
+    parts = tmp_path / "x.npz.parts"
+    parts.mkdir()
+    training._claim(parts, KNOWN, 3.0)
+    kept = {file.name: file.read_bytes() for file in parts.iterdir()}
+    with pytest.raises(UserError, match="with another sensor or noise"):
+        training.train(KNOWN, 2.0, 20, 3, tmp_path / "x.npz", 1, lambda text: None)
+    assert {file.name: file.read_bytes() for file in parts.iterdir()} == kept
+
+
 def test_codes_without_some_pairs_are_those_of_the_others() -> None:
     """Where the press is one that codes can write, the pairs that are left tell it as well."""
     rng = np.random.default_rng(2)
@@ -61,7 +83,7 @@ def test_codes_without_some_pairs_are_those_of_the_others() -> None:
     basis = Basis(
         noise=rng.uniform(0.5, 2.0, 6 * pairs), mean=rng.standard_normal(6 * pairs), rows=rows,
         left=np.zeros(6 * pairs), scale=np.hypot(spread, 1.0), normal=none, friction=none,
-        seen=none, shifts=none,
+        displacement=none, shifts=none,
     )  # fmt: skip
     true = 300.0 * rng.standard_normal(codes)
     shifts = basis.noise * (basis.mean + true @ rows)
@@ -77,7 +99,7 @@ def test_histories_are_in_balance_and_respect_the_cone() -> None:
     """None exceeds µ times its normal force."""
     found = snapshots(TIP, range(12))
     again = snapshots(TIP, range(12))
-    assert np.array_equal(found.seen, again.seen)
+    assert np.array_equal(found.displacement, again.displacement)
     assert (abs(found.friction) <= found.totals[:, 2:] * found.normal + 1e-6).all()
     normal, friction, mu = found.totals.T
     assert normal.min() > 0.0
@@ -89,10 +111,10 @@ def test_histories_are_in_balance_and_respect_the_cone() -> None:
 def test_a_mirrored_press_is_the_press_of_the_mirrored_load() -> None:
     found = snapshots(TIP, range(3))
     both = with_mirrored(found)
-    count = len(found.seen)
+    count = len(found.displacement)
     assert both.totals[count:, 1] == pytest.approx(-found.totals[:, 1])
     twice = with_mirrored(with_mirrored(found))
-    assert np.array_equal(twice.seen[-count:], found.seen)
+    assert np.array_equal(twice.displacement[-count:], found.displacement)
     # Σ friction of the nodes in contact is the total, on either side.
     contact = both.normal > TIP.contact_threshold
     sums = (both.friction * contact).sum(axis=1)

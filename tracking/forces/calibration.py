@@ -1,13 +1,11 @@
 """Calibration of a sensor, all that an estimator may know of it beside its rest frame; its file."""
 
-import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
-import tomli_w
 from msgspec import Meta
 from msgspec.structs import replace as changed
 from scipy.spatial import KDTree
@@ -249,7 +247,7 @@ def shipped_readout(sensor: str) -> Path | None:
 
 def calibration_table(
     calibration: SensorCalibration, sensor: str, report: FitReport
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Values of a calibration file.
 
     Parameters
@@ -272,17 +270,7 @@ def calibration_table(
     return _without_none(msgspec.to_builtins(file))
 
 
-def save_calibration(
-    calibration: SensorCalibration, sensor: str, report: FitReport, path: Path
-) -> None:
-    """Write a calibration file; a design's file is named relative to it."""
-    if sensor.endswith(".toml"):
-        sensor = os.path.relpath(sensor, path.parent)
-    table = calibration_table(calibration, sensor, report)
-    path.write_text(tomli_w.dumps(table), encoding="utf-8")
-
-
-def _without_none(table: dict[str, Any]) -> dict[str, Any]:
+def _without_none(table: dict[str, object]) -> dict[str, object]:
     """Table without the keys that have no value, as TOML has no null."""
     return {
         key: _without_none(value) if isinstance(value, dict) else value

@@ -1,7 +1,7 @@
-"""Random grips and loads on random objects: what a read-out is trained on.
+"""Random grips and loads on random objects, on which a read-out is trained.
 
-Wider than anything it will be asked about, so that it need not be right by chance at an edge. The
-object's Dahl parameters and drag vary too: they are its own, and no estimator knows them.
+Their ranges are wider than those of use, so that no use lies at an edge of the training. The
+object's Dahl parameters and drag vary too: they belong to the object, and no estimator knows them.
 """
 
 from dataclasses import dataclass
@@ -13,20 +13,36 @@ from ..model import ContactObject, Drive, Fingertip, ModelError, contact_forces,
 
 Array = NDArray[np.float64]
 
-#: Length of a history and step of the plant [s]; every so many steps are looked at.
-DURATION, STEP, EVERY = 1.0, 2e-3, 5
+#: Length of a history [s].
+DURATION = 1.0
+#: Step of the plant [s].
+STEP = 2e-3
+#: Number of steps from one instant that may be kept to the next.
+EVERY = 5
 #: Onset of the grip, while there is no load [s].
 _ONSET = 0.03
-#: The load is at most so many times what friction holds: somewhat more slides.
+#: Largest ratio of the load to the friction limit µ·Fn: somewhat above 1 the object slides.
 _MOST_HELD = 1.02
-#: Share of the drives in which it slides for a moment: load over what friction holds, at most so
-#: much more [N], and how long [s].
-_SLIDING, _SLIDES_BY, _MOST_MORE, _MOMENT = 0.3, (1.05, 2.5), 0.5, (0.02, 0.15)
-#: Share of the drives in which the grip trembles: by which share of itself, standard deviation,
-#: what at least is left of it, and how many steps a value is held.
-_TREMBLING, _TREMBLES_BY, _LEAST_OF_GRIP, _HELD_STEPS = 0.3, (0.003, 0.15), 0.3, (1, 6)
-#: Instants kept of a history, spread over the margin in so many bins.
-_KEPT, _BINS = 12, 8
+#: Share of the drives in which the object slides for a moment.
+_SLIDING = 0.3
+#: Ratio of load to friction limit while it slides, smallest and largest.
+_SLIDES_BY = (1.05, 2.5)
+#: Largest load above the friction limit while it slides [N].
+_MOST_ABOVE = 0.5
+#: Length of such a slide, shortest and longest [s].
+_MOMENT = (0.02, 0.15)
+#: Share of the drives in which the grip trembles.
+_TREMBLING = 0.3
+#: Standard deviation of the tremble as a share of the grip, smallest and largest.
+_TREMBLES_BY = (0.003, 0.15)
+#: Smallest factor of a grip that trembles.
+_LEAST_OF_GRIP = 0.3
+#: Number of steps that a value of the tremble is held, smallest and one more than the largest.
+_HELD_STEPS = (1, 6)
+#: Instants kept of a history.
+_KEPT = 12
+#: Bins of Γ over which they are spread.
+_BINS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,13 +51,13 @@ class Snapshots:
 
     Attributes
     ----------
-    seen: node displacements relative to the rigid part [m], shape (S, N, 2)
+    displacement: of the nodes relative to the rigid part [m], shape (S, N, 2)
     normal, friction: true nodal forces [N], shape (S, N)
     totals: true ΣFn, signed ΣFf [N] and µ, shape (S, 3)
     history: number of the history, shape (S,)
     """
 
-    seen: NDArray[np.float32]
+    displacement: NDArray[np.float32]
     normal: NDArray[np.float32]
     friction: NDArray[np.float32]
     totals: Array
@@ -61,12 +77,12 @@ def random_object(rng: np.random.Generator) -> ContactObject:
 
 
 def random_drive(rng: np.random.Generator, friction: float) -> Drive:
-    """Grip and load that ramp, rest, jump and turn, the load never far above what friction holds.
+    """Grip and load that ramp, rest, jump and turn, the load never far above the friction limit.
 
-    In half of the drives the load is a share of what the grip can hold, in the others grip and load
-    go their own ways, as where a controller grips harder under a standing load. Now and then it is
-    more for a moment, as where a weight is put on before a controller grips harder. Some grips
-    tremble, as where a controller takes noise of the image for a change.
+    In half of the drives the load is a share of the friction limit, in the others grip and load are
+    independent, as where a controller grips harder under a standing load. In some the load is above
+    the limit for a moment, as where a weight is added before a controller grips harder. In some the
+    grip trembles, as where a controller takes noise of the image for a change.
 
     Parameters
     ----------
@@ -75,14 +91,14 @@ def random_drive(rng: np.random.Generator, friction: float) -> Drive:
     """
     times = np.linspace(0.0, DURATION, 501)
     onset = times <= _ONSET
-    apart = rng.random() < 0.5
+    independent = rng.random() < 0.5
     grip = np.exp(np.interp(times, *_wander(rng, 0.05, 7.0)))
-    if apart:
+    if independent:
         load = _own_load(rng, times, friction)
         load[onset] = 0.0
         grip = np.maximum(grip, abs(load) / (_MOST_HELD * friction))
     grip[onset] = np.maximum(grip[onset] * times[onset] / _ONSET, 0.02)
-    if not apart:
+    if not independent:
         load = _share_held(rng, times) * friction * grip
         load[onset] = 0.0
     if rng.random() < _SLIDING:
@@ -92,13 +108,13 @@ def random_drive(rng: np.random.Generator, friction: float) -> Drive:
     return Drive(times=times, normal=grip, lateral=load)
 
 
-def _slide(rng: np.random.Generator, times: Array, held: Array, load: Array) -> None:
-    """Let the load be more than what is held [N] for a moment, in place."""
+def _slide(rng: np.random.Generator, times: Array, limit: Array, load: Array) -> None:
+    """Raise the load above the friction limit [N] for a moment, in place."""
     start = rng.uniform(2.0 * _ONSET, DURATION)
     during = (times >= start) & (times < start + rng.uniform(*_MOMENT))
     side = np.sign(load[during].sum()) or rng.choice([-1.0, 1.0])
-    more = np.minimum((rng.uniform(*_SLIDES_BY) - 1.0) * held[during], _MOST_MORE)
-    load[during] = side * (held[during] + more)
+    above = np.minimum((rng.uniform(*_SLIDES_BY) - 1.0) * limit[during], _MOST_ABOVE)
+    load[during] = side * (limit[during] + above)
 
 
 def _tremble(rng: np.random.Generator, count: int) -> Array:
@@ -128,7 +144,7 @@ def _knots(rng: np.random.Generator) -> Array:
 
 
 def _share_held(rng: np.random.Generator, times: Array) -> Array:
-    """Load over what friction holds."""
+    """Ratio of the load to the friction limit."""
     knots = _knots(rng)
     count = len(knots)
     share = rng.uniform(0.0, _MOST_HELD, count)
@@ -149,7 +165,7 @@ def _share_held(rng: np.random.Generator, times: Array) -> Array:
 
 
 def _own_load(rng: np.random.Generator, times: Array, friction: float) -> Array:
-    """Load [N] that steps, ramps and rests, whatever the grip does."""
+    """Load [N] that steps, ramps and rests, independent of the grip."""
     knots = _knots(rng)
     most = friction * np.exp(rng.uniform(np.log(0.1), np.log(6.0)))
     level = most * rng.uniform(0.0, 1.0, len(knots))
@@ -188,19 +204,19 @@ def snapshots(fingertip: Fingertip, numbers: range) -> Snapshots:
                 continue
             margin = field.safety_margin(obj.friction)
             place = int(np.clip(margin * _BINS, 0, _BINS - 1))
-            # Many histories rest without a load: they need not be seen again and again.
+            # Many histories rest without a load, of which few instants suffice.
             if bins[place] >= (1 if place == _BINS - 1 else 2):
                 continue
             bins[place] += 1
             signed = float(field.friction[field.contact].sum())
             totals = (field.total_normal, signed, obj.friction)
-            seen = state.deformation.seen
-            kept.append((seen, field.normal, field.friction, totals, number))
+            displacement = state.deformation.seen
+            kept.append((displacement, field.normal, field.friction, totals, number))
             if bins.sum() == _KEPT:
                 break
-    moved, press, drag, sums, history = zip(*kept, strict=True)
+    displacements, press, drag, sums, history = zip(*kept, strict=True)
     return Snapshots(
-        seen=np.array(moved, dtype=np.float32),
+        displacement=np.array(displacements, dtype=np.float32),
         normal=np.array(press, dtype=np.float32),
         friction=np.array(drag, dtype=np.float32),
         totals=np.array(sums),
@@ -208,14 +224,14 @@ def snapshots(fingertip: Fingertip, numbers: range) -> Snapshots:
     )
 
 
-def with_mirrored(seen: Snapshots) -> Snapshots:
-    """Snapshots, and the same with x turned round, which the model does not tell apart."""
+def with_mirrored(instants: Snapshots) -> Snapshots:
+    """Snapshots, and the same with x turned round, under which the model is symmetric."""
     flip = np.array([-1.0, 1.0], dtype=np.float32)
     turn = np.array([1.0, -1.0, 1.0])
     return Snapshots(
-        seen=np.concatenate([seen.seen, seen.seen[:, ::-1] * flip]),
-        normal=np.concatenate([seen.normal, seen.normal[:, ::-1]]),
-        friction=np.concatenate([seen.friction, -seen.friction[:, ::-1]]),
-        totals=np.concatenate([seen.totals, seen.totals * turn]),
-        history=np.concatenate([seen.history, seen.history]),
+        displacement=np.concatenate([instants.displacement, instants.displacement[:, ::-1] * flip]),
+        normal=np.concatenate([instants.normal, instants.normal[:, ::-1]]),
+        friction=np.concatenate([instants.friction, -instants.friction[:, ::-1]]),
+        totals=np.concatenate([instants.totals, instants.totals * turn]),
+        history=np.concatenate([instants.history, instants.history]),
     )

@@ -1,7 +1,8 @@
-"""Training of a read-out: codes of what the markers do, and networks that read forces off them."""
+"""Training of a read-out: codes of the markers' shifts, and networks that read forces off them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,23 +11,38 @@ from numpy.typing import NDArray
 from ..extras import need
 from ..model import Fingertip
 from ..render import SensorDesign
-from ..tracking.forces.chain.readout import BEND, Layers, ReadOut, forward
+from ..tracking import Z90
+from ..tracking.forces.chain import BEND, Layers, ReadOut, forward
 from .histories import Snapshots
 
 Array = NDArray[np.float64]
 
-#: Codes, modes of the chain, snapshots that travel with a read-out, modes of either force's shape.
-CODES, MODES, KEPT, SHAPES = 100, 80, 300, 12
+#: Number of codes.
+CODES = 100
+#: Modes of the chain.
+MODES = 80
+#: Snapshots that are kept with a read-out.
+KEPT = 300
+#: Modes of the distribution of either force.
+SHAPES = 12
 #: Noise trained with, in units of a single frame's: from averages of many frames to a poor camera.
 NOISE = (0.3, 1.6)
-#: Histories that the networks never see; errors are learned from them.
+#: One in this many histories is held out from the networks' training; their errors are learned
+#: from these.
 HELD_OUT = 5
-_BATCH, _RATE = 512, 1.5e-3
+#: Snapshots per step of the training.
+_BATCH = 512
+#: Learning rate at the start.
+_RATE = 1.5e-3
+#: Mean of the logarithm of a squared normal deviate.
+_LOG_SQUARE_MEAN = -1.27
+#: Its standard deviation.
+_LOG_SQUARE_DEVIATION = 2.22
 
 
 @dataclass(frozen=True, kw_only=True)
 class Basis:
-    """How snapshots are written as few numbers.
+    """Modes by which snapshots are written as few numbers.
 
     Attributes
     ----------
@@ -35,7 +51,8 @@ class Basis:
     left: variance that the codes leave of the whitened shifts, shape (D,)
     scale: standard deviation of each code with unit noise, shape (K,)
     normal, friction: modes of either force over ΣFn, the mean first, shape (Q + 1, N)
-    seen, shifts: the chain [m] and the shifts of some snapshots, shapes (S, N, 2) and (S, D)
+    displacement, shifts: of the chain [m] and of the markers in some snapshots, shapes (S, N, 2)
+        and (S, D)
     """
 
     noise: Array
@@ -45,7 +62,7 @@ class Basis:
     scale: Array
     normal: Array
     friction: Array
-    seen: Array
+    displacement: Array
     shifts: Array
 
     def codes(self, shifts: Array) -> Array:
@@ -58,21 +75,21 @@ class Basis:
         strength = self.scale**2 - 1.0
         rows = self.rows[:, lost]
         information = np.eye(len(rows)) + np.diag(1.0 / strength) - rows @ rows.T
-        seen = self.rows @ white - rows @ white[lost]
-        return np.linalg.solve(information, seen) * (1.0 + 1.0 / strength)
+        moment = self.rows @ white - rows @ white[lost]
+        return np.linalg.solve(information, moment) * (1.0 + 1.0 / strength)
 
-    def shapes(self, seen: Snapshots) -> Array:
+    def shapes(self, instants: Snapshots) -> Array:
         """Amounts of the modes of both forces, shape (S, 2Q)."""
+        fields = ((instants.normal, self.normal), (instants.friction, self.friction))
         amounts = [
-            (forces / seen.totals[:, :1] - modes[0]) @ modes[1:].T
-            for forces, modes in ((seen.normal, self.normal), (seen.friction, self.friction))
+            (forces / instants.totals[:, :1] - modes[0]) @ modes[1:].T for forces, modes in fields
         ]
         return np.concatenate(amounts, axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lessons:
-    """What is learned from: of each snapshot its codes, forces' shapes, totals and history.
+    """Training data: of each snapshot its codes, shapes of the forces, totals and history.
 
     Shapes (S, K), (S, 2Q), (S, 3) and (S,).
     """
@@ -83,19 +100,19 @@ class Lessons:
     history: NDArray[np.int64]
 
 
-def make_basis(seen: Snapshots, shifts: Array, noise: Array) -> Basis:
-    """Basis of some thousand snapshots and their shifts (S, D)."""
+def make_basis(instants: Snapshots, shifts: Array, noise: Array) -> Basis:
+    """Basis of some thousand snapshots, their shifts (S, D) and the shifts' noise (D,)."""
     white = (shifts / noise).astype(np.float32)
     mean = white.mean(axis=0)
     _, values, rows = np.linalg.svd(white - mean, full_matrices=False)
     strength = values[:CODES].astype(float) / np.sqrt(len(white))
     missed = white - mean - (white - mean) @ rows[:CODES].T @ rows[:CODES]
     modes = []
-    for forces in (seen.normal, seen.friction):
-        over = forces / seen.totals[:, :1]
-        middle = over.mean(axis=0)
+    for forces in (instants.normal, instants.friction):
+        shares = forces / instants.totals[:, :1]
+        middle = shares.mean(axis=0)
         modes.append(
-            np.vstack([middle, np.linalg.svd(over - middle, full_matrices=False)[2][:SHAPES]])
+            np.vstack([middle, np.linalg.svd(shares - middle, full_matrices=False)[2][:SHAPES]])
         )
     few = np.linspace(0, len(shifts) - 1, min(KEPT, len(shifts))).astype(int)
     return Basis(
@@ -106,7 +123,7 @@ def make_basis(seen: Snapshots, shifts: Array, noise: Array) -> Basis:
         scale=np.sqrt(strength**2 + 1.0),
         normal=modes[0],
         friction=modes[1],
-        seen=seen.seen[few].astype(float),
+        displacement=instants.displacement[few].astype(float),
         shifts=shifts[few],
     )
 
@@ -119,7 +136,7 @@ def fit_readout(
     epochs: int,
     tell: Callable[[str], None],
 ) -> tuple[ReadOut, dict[str, float]]:
-    """Read-out of lessons, and its RMS errors on histories that it has not seen.
+    """Read-out of lessons, and its RMS errors on histories held out.
 
     Parameters
     ----------
@@ -128,57 +145,24 @@ def fit_readout(
     basis: that their codes are in
     lessons: to learn from
     epochs: passes over all of them
-    tell: is called with what is being done
+    tell: called with the current step, for a progress line
     """
-    rng = np.random.default_rng(7)
-    codes, scale, totals_true = lessons.codes, basis.scale, lessons.totals
-    held = lessons.history % HELD_OUT == 0
-    target = np.column_stack([np.arcsinh(totals_true[:, 0] / BEND), totals_true[:, 1:]])
-    known, told = codes[~held], target[~held]
-
-    def inputs(clean: Array) -> Array:
-        level = np.log(NOISE[0]) + np.log(NOISE[1] / NOISE[0]) * rng.random((len(clean), 1))
-        noisy = clean + np.exp(level) * rng.standard_normal(clean.shape)
-        return np.concatenate([noisy / scale, level], axis=1)
-
-    first = inputs(known)
-    linear = np.linalg.lstsq(_with_one(first), told, rcond=None)[0]
-    left = (told - _with_one(first) @ linear).std(axis=0)
-
-    def missing(x: Array, wanted: Array) -> Array:
-        return (wanted - _with_one(x) @ linear) / left
-
-    def train(sizes: tuple[int, ...], make: Callable[[], tuple[Array, Array]], what: str) -> Layers:
-        return _train(sizes, make, epochs, lambda share: tell(f"{what}, {100 * share:.0f} %"))
-
-    def for_totals() -> tuple[Array, Array]:
-        x = inputs(known)
-        return x, missing(x, told)
-
-    totals = _scaled(train((320, 320), for_totals, "training sums and friction"), left)
+    noisy = partial(_noisy, np.random.default_rng(7), basis.scale)
+    learn = partial(_train, epochs, tell)
+    totals, held = lessons.totals, lessons.history % HELD_OUT == 0
+    target = np.column_stack([np.arcsinh(totals[:, 0] / BEND), totals[:, 1:]])
+    linear, network = _fit_totals(noisy, learn, lessons.codes[~held], target[~held])
 
     def errors() -> tuple[Array, Array]:
-        x = inputs(codes[held])
-        return x, target[held] - _with_one(x) @ linear - forward(totals, x)
+        x = noisy(lessons.codes[held])
+        return x, target[held] - _with_one(x) @ linear - forward(network, x)
 
-    def for_deviations() -> tuple[Array, Array]:
-        x, error = errors()
-        # Mean and deviation of the logarithm of a squared normal deviate.
-        return x, (np.log(error**2 + 1e-12) + 1.27) / 2.22
+    def shapes() -> tuple[Array, Array]:
+        return noisy(lessons.codes[~held]), lessons.shapes[~held]
 
-    deviations = _scaled(train((64, 64), for_deviations, "training errors"), np.full(3, 2.22))
-    x, error = errors()
-    sure = np.exp(0.5 * forward(deviations, x))
-    # So that nine in ten errors lie within 1.645 deviations.
-    widen = np.quantile(abs(error / sure), 0.9, axis=0) / 1.645
-    weights, bias = deviations[-1]
-    deviations = (*deviations[:-1], (weights, bias + 2.0 * np.log(widen)))
-
-    def for_shapes() -> tuple[Array, Array]:
-        return inputs(known), lessons.shapes[~held]
-
-    u, s, rows = np.linalg.svd(basis.seen.reshape(len(basis.seen), -1), full_matrices=False)
-    z = error / (sure * widen)
+    deviations, error, normalised = _fit_deviations(learn, errors)
+    chain = basis.displacement
+    u, s, rows = np.linalg.svd(chain.reshape(len(chain), -1), full_matrices=False)
     readout = ReadOut(
         tissue_stiffness=fingertip.tissue_stiffness,
         design=design,
@@ -186,22 +170,70 @@ def fit_readout(
         mean=basis.mean,
         rows=basis.rows,
         left=basis.left,
-        modes=rows[:MODES].reshape(MODES, *basis.seen.shape[1:]),
+        modes=rows[:MODES].reshape(MODES, *chain.shape[1:]),
         snapshots=(u * s)[:, :MODES],
         codes=basis.codes(basis.shifts),
-        scale=scale,
-        rates=scale**2,
+        scale=basis.scale,
+        rates=basis.scale**2,
         linear=linear,
-        totals=totals,
+        totals=network,
         deviations=deviations,
-        shapes=train((96,), for_shapes, "training shapes"),
+        shapes=learn("training shapes", (96,), shapes),
         normal_shapes=basis.normal,
         friction_shapes=basis.friction,
-        correlation=np.asarray(np.corrcoef(np.clip(z, -5.0, 5.0).T)),
+        correlation=np.asarray(np.corrcoef(np.clip(normalised, -5.0, 5.0).T)),
         prior=float(target[:, 2].std()),
     )
     rms = np.sqrt((error**2).mean(axis=0))
     return readout, dict(zip(("normal", "friction_n", "mu"), rms.tolist(), strict=True))
+
+
+def _noisy(rng: np.random.Generator, scale: Array, codes: Array) -> Array:
+    """Inputs of the networks (S, K + 1): codes with noise, over their scale, and its logarithm."""
+    level = np.log(NOISE[0]) + np.log(NOISE[1] / NOISE[0]) * rng.random((len(codes), 1))
+    noisy = codes + np.exp(level) * rng.standard_normal(codes.shape)
+    return np.concatenate([noisy / scale, level], axis=1)
+
+
+def _fit_totals(
+    noisy: Callable[[Array], Array], learn: Callable[..., Layers], codes: Array, target: Array
+) -> tuple[Array, Layers]:
+    """Best linear read-out of the totals (K + 2, 3), and a network of the error that it leaves."""
+    x = _with_one(noisy(codes))
+    linear: Array = np.linalg.lstsq(x, target, rcond=None)[0].astype(float)
+    unit = (target - x @ linear).std(axis=0)
+
+    def examples() -> tuple[Array, Array]:
+        x = noisy(codes)
+        return x, (target - _with_one(x) @ linear) / unit
+
+    return linear, _scaled(learn("training sums and friction", (320, 320), examples), unit)
+
+
+def _fit_deviations(
+    learn: Callable[..., Layers], errors: Callable[[], tuple[Array, Array]]
+) -> tuple[Layers, Array, Array]:
+    """Network of the logarithm of the errors' variances, errors, and errors over deviations.
+
+    Parameters
+    ----------
+    learn: trains a network
+    errors: inputs and errors of the totals on histories held out, with new noise
+    """
+
+    def examples() -> tuple[Array, Array]:
+        x, error = errors()
+        return x, (np.log(error**2 + 1e-12) - _LOG_SQUARE_MEAN) / _LOG_SQUARE_DEVIATION
+
+    unit = np.full(3, _LOG_SQUARE_DEVIATION)
+    network = _scaled(learn("training errors", (64, 64), examples), unit)
+    x, error = errors()
+    deviation = np.exp(0.5 * forward(network, x))
+    # So that nine in ten errors lie within Z90 deviations.
+    widen = np.quantile(abs(error / deviation), 0.9, axis=0) / Z90
+    weights, bias = network[-1]
+    network = (*network[:-1], (weights, bias + 2.0 * np.log(widen)))
+    return network, error, error / (deviation * widen)
 
 
 def _with_one(x: Array) -> Array:
@@ -215,30 +247,30 @@ def _scaled(layers: Layers, unit: Array) -> Layers:
 
 
 def _train(
-    sizes: tuple[int, ...],
-    make: Callable[[], tuple[Array, Array]],
     epochs: int,
-    progress: Callable[[float], None],
+    tell: Callable[[str], None],
+    name: str,
+    sizes: tuple[int, ...],
+    examples: Callable[[], tuple[Array, Array]],
 ) -> Layers:
     """Network of rectified linear units; inputs and targets are made anew, with new noise."""
     network: Any = None
     for epoch in range(epochs):
-        x, y = make()
-        network = network or _regressor(sizes, min(_BATCH, len(x)))
+        x, y = examples()
+        network = network or need("sklearn.neural_network", "learn").MLPRegressor(
+            hidden_layer_sizes=sizes,
+            batch_size=min(_BATCH, len(x)),
+            learning_rate_init=_RATE,
+            alpha=1e-7,
+            random_state=7,
+        )
         network.partial_fit(x.astype(np.float32), y.astype(np.float32))
         # The steps shrink along a cosine.
         share = (epoch + 1) / epochs
         step = 0.5 * _RATE * (1.0 + np.cos(np.pi * share)) + 1e-6
         network._optimizer.learning_rate_init = step
-        progress(share)
+        tell(f"{name}, {100 * share:.0f} %")
     return tuple(
         (weights.astype(float), bias.astype(float))
         for weights, bias in zip(network.coefs_, network.intercepts_, strict=True)
     )
-
-
-def _regressor(sizes: tuple[int, ...], batch: int) -> object:
-    return need("sklearn.neural_network", "learn").MLPRegressor(
-        hidden_layer_sizes=sizes, batch_size=batch, learning_rate_init=_RATE, alpha=1e-7,
-        random_state=7,
-    )  # fmt: skip

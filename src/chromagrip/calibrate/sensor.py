@@ -3,18 +3,27 @@
 By force a dome's mechanics, in the way of `press_fit`; by displacement a pad's gains.
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..errors import UserError, located
+from ..output.folder import write_whole
 from ..render import SensorDesign
 from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
-from ..tracking.forces import FitReport, MarkerShifts, fit_gains, nominal_calibration
+from ..tracking.forces import (
+    FitReport,
+    MarkerShifts,
+    calibration_table,
+    fit_gains,
+    nominal_calibration,
+)
 from .press_fit import predict, solve, unknowns_of, whitening
 from .presses import LIST, Press, Pressed, read_list, track_presses
 
@@ -281,3 +290,24 @@ def _force_errors(
     if not normal:
         return None, None
     return float(np.sqrt(np.mean(np.square(normal)))), float(np.sqrt(np.mean(np.square(friction))))
+
+
+def save_calibration(
+    calibration: SensorCalibration, sensor: str, report: FitReport, path: Path
+) -> None:
+    """Write a calibration file; a design's file is named relative to it.
+
+    Parameters
+    ----------
+    calibration, sensor, report: see `calibration_table`
+    path: of the file
+
+    Raises
+    ------
+    UserError
+        When it cannot be written.
+    """
+    if sensor.endswith(".toml"):
+        sensor = os.path.relpath(sensor, path.parent)
+    table = calibration_table(calibration, sensor, report)
+    write_whole(path, tomli_w.dumps(table).encode())

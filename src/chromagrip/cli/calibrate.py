@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # OpenCV loads only when something is calibrated
     from ..calibrate.lens import Calibration
     from ..render.optics.board import Board
     from ..tracking import SensorCalibration
-    from ..tracking.forces.calibration import FitReport
+    from ..tracking.forces import FitReport
 
 #: File of the lens, unless another is named.
 _DEFAULT_OUT = Path("calibration.yml")
@@ -140,15 +140,13 @@ def calibrate_sensor(
     design = load_sensor(sensor)
 
     from ..calibrate.sensor import calibrate_sensor as calibrate
-    from ..tracking.forces.calibration import calibration_table, save_calibration
+    from ..calibrate.sensor import save_calibration
+    from ..tracking.forces import calibration_table
 
     with status() as show:
         result, report = calibrate(presses, design, tracker=tracker, noise=noise, tell=show)
     if out is not None:
-        try:
-            save_calibration(result, sensor, report, out)
-        except OSError as error:
-            raise UserError(f"file {out} cannot be written: {error.strerror}") from None
+        save_calibration(result, sensor, report, out)
     if json_only:
         print(json.dumps({**calibration_table(result, sensor, report), "out": out and str(out)}))
     else:
@@ -159,7 +157,7 @@ def calibrate_sensor(
 def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | None) -> None:
     from msgspec.structs import asdict
 
-    from ..tracking.forces.calibration import values_of
+    from ..tracking.forces import values_of
 
     table = value_table()
     table.add_row("presses", str(len(report.presses)))
@@ -276,6 +274,7 @@ def train(
     if not 0.1 <= noise <= 50.0:
         raise UserError(f"--noise {noise:g}: expected 0.1 to 50 levels")
     check_file(out, {".npz"}, overwrite)
+    require("learn")
 
     from ..calibrate.readout import train as learn
     from ..tracking import load_calibration

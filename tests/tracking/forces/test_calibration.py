@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as changed
 
+from chromagrip.calibrate.sensor import save_calibration
 from chromagrip.errors import UserError
 from chromagrip.model import Fingertip
 from chromagrip.render import load_sensor
@@ -16,7 +17,6 @@ from chromagrip.tracking.forces.calibration import (
     check_rest,
     load_calibration,
     nominal_calibration,
-    save_calibration,
     values_of,
     with_values,
 )

@@ -40,7 +40,7 @@ from ...model.kernels.contact import contact_frames
 from ...render import MembraneMap, SensorDesign
 from ...render.drawing.coverage import edge_width
 from ...render.ground import ground_image
-from ...tracking.forces.chain.sensitivity import MarkerResponse
+from ...tracking.forces.chain import MarkerResponse
 from .kernels import pair_information
 from .positions import marker_shapes
 

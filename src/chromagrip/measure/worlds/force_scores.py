@@ -19,8 +19,7 @@ from ...errors import UserError
 from ...loop.observers import ForceObserver, margin_deviation
 from ...model import ForceField, FrictionReading
 from ...output.processes import one_thread
-from ...tracking import Z90, NoEstimateError, load_reconstructor
-from ...tracking.forces.friction import FRICTION
+from ...tracking import FRICTION, Z90, NoEstimateError, load_reconstructor
 from ..limits.forces import force_limit, press
 from .grasps import HELD_FRAMES, NOISE, PERIOD, REST_FRAMES, ForceScene
 

@@ -36,8 +36,7 @@ from ...output.processes import one_thread
 from ...render import Defects, SensorDesign, open_renderer
 from ...scene.scene import load_scene
 from ...thesis import DESIRED_MARGIN, LOADS_N, OBJECTS
-from ...tracking import MarkerTracker, Palette, SensorCalibration, Tracks
-from ...tracking.forces.calibration import load_calibration
+from ...tracking import MarkerTracker, Palette, SensorCalibration, Tracks, load_calibration
 
 #: Time between frames [s].
 PERIOD = 0.01
@@ -360,8 +359,10 @@ def _watch(
             state = run.state(k)
             displacement = state.deformation.seen
             if k in scored or abs(displacement - tracked).max() > _SHOWN:
-                tracks[k] = tracker.update(camera.expose(state, k))
+                now = tracker.update(camera.expose(state, k))
                 tracked = displacement
+                if k in scored:
+                    tracks[k] = now
     return [
         ForceScene(
             known=known,
