@@ -16,15 +16,18 @@ from sklearn.decomposition import PCA
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 
-from chromagrip.dataset.folder import Loaded, load_sequences, sequence_name
-from chromagrip.dataset.make import make
-from chromagrip.dataset.recipe import load_recipe
-from chromagrip.dataset.split import split
+from chromagrip.dataset import (
+    Loaded,
+    load_recipe,
+    load_sequences,
+    make_dataset,
+    sequence_name,
+    split_dataset,
+)
 from chromagrip.loop.grasp import known_sensor
 from chromagrip.loop.observers import CameraObserver
 from chromagrip.output.pictures import read_picture
-from chromagrip.render import Frame
-from chromagrip.render.drawing.gl import gl_problem
+from chromagrip.render import Frame, gl_problem
 
 NOISE = 0.02  # of tracked positions, which labels do not have [px]
 
@@ -50,10 +53,10 @@ def main(count: int, folder: Path) -> None:
     if gl_problem() is None:
         other = {**force.scene, "renderer": "pyrender", "duration_s": 0.25}
         mesh = replace(force, seed=1, sequences=max(1, count // 30), scene=other)
-        make(mesh, folder / "mesh", workers=2, resume=True)
+        make_dataset(mesh, folder / "mesh", workers=2, resume=True)
         tests["other renderer"] = load_sequences(folder / "mesh")
-    make(force, folder / "force", workers=2, resume=True)
-    parts = split(folder / "force", {"train": 0.9, "test": 0.1})
+    make_dataset(force, folder / "force", workers=2, resume=True)
+    parts = split_dataset(folder / "force", {"train": 0.9, "test": 0.1})
     for sequence in load_sequences(folder / "force"):
         if sequence_name(sequence.number) in parts["test"]:
             tests["unseen objects"].append(sequence)

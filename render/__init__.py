@@ -13,6 +13,7 @@ ideal image into a real camera's.
 
 from .colour import decode_srgb, decoding_table, encode_srgb, encoding_table
 from .design.sensor import (
+    FILES_NAMED,
     LAYERS,
     CameraSettings,
     Geodesic,
@@ -39,6 +40,7 @@ from .optics.view import View
 from .outlines import areas, centroids, outline_points, outlines
 
 __all__ = [
+    "FILES_NAMED",
     "LAYERS",
     "RENDERERS",
     "Board",

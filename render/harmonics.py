@@ -49,6 +49,11 @@ class HarmonicMap:
         cos, sin = _columns(np.cos(self.phi), u_r), _columns(np.sin(self.phi), u_r)
         return np.stack([u_r * cos + shift, u_r * sin, u_z + tilt * cos], axis=1)
 
+    def scalar(self, nodal: Array) -> Array:
+        """Scalar at every point, shape (M,), from its even and odd parts on the nodes (N,)."""
+        right, left = self.right @ nodal, self.left @ nodal
+        return np.asarray((right + left) / 2 + (right - left) / 2 * np.cos(self.phi))
+
     def gradient(self, nodal: Array) -> tuple[Array, Array]:
         """∂d/∂θ and ∂d/∂φ/ring of `displacement` [m per unit of θ], each of shape (M, 3, …)."""
         u_r, shift, u_z, tilt = self._harmonics(

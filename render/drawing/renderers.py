@@ -6,8 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...by_name import Choice, Registry, describe, name_of
-from ...errors import UserError
+from ...by_name import Choice, Registry, blaming, name_of
 from ..design.sensor import SensorDesign
 from ..membrane import Membrane
 
@@ -63,10 +62,6 @@ def open_renderer(
     if choice in RENDERERS.entries:
         renderer = factory(sensor)
         return renderer
-    try:
+    with blaming(f"renderer {name_of(choice)!r} cannot be made", Exception, SystemExit):
         renderer = factory(sensor)
-    except (Exception, SystemExit) as reason:  # a plug-in may raise anything
-        raise UserError(
-            f"renderer {name_of(choice)!r} cannot be made: {describe(reason)}"
-        ) from reason
     return renderer

@@ -3,7 +3,8 @@
 Each kind of method (tracker, reconstructor, controller, renderer, integrator) has one `Registry`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -107,12 +108,8 @@ class Registry:
         self.check(name)
         target = next((p.value for p in entry_points(group=self.group) if p.name == name), name)
         module, _, kind = target.partition(":")
-        try:
+        with blaming(f"{self.kind} {name!r} cannot be imported", Exception, SystemExit):
             factory = attrgetter(kind)(import_module(module))
-        except (Exception, SystemExit) as reason:  # a plug-in may raise anything
-            raise UserError(
-                f"{self.kind} {name!r} cannot be imported: {describe(reason)}"
-            ) from reason
         self._check_methods(factory, name)
         return factory
 
@@ -120,7 +117,7 @@ class Registry:
         """Refuse a class or an object that lacks a method of the protocol."""
         lacking = self._lacking(method)
         if lacking:
-            home = self.protocol.__module__.rpartition(".")[0]
+            home = ".".join(self.protocol.__module__.split(".")[:2])  # the stage exports it
             raise UserError(
                 f"{self.kind} {name!r} has no {lacking[0]}; see {home}.{self.protocol.__name__}"
             )
@@ -141,11 +138,6 @@ def name_of(choice: Choice | object) -> str:
     return f"{kind.__module__}:{kind.__qualname__}"
 
 
-def describe(reason: BaseException) -> str:
-    """Kind and text of an error that a plug-in raised."""
-    return f"{type(reason).__name__}: {reason}"
-
-
 def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:
     """Object that the factory of a plug-in makes.
 
@@ -154,10 +146,29 @@ def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:
     UserError
         When it fails, with its error.
     """
-    try:
+    given = " without arguments"
+    if isinstance(factory, partial):
+        given = f" with {', '.join(factory.keywords)}" if factory.keywords else ""
+    with blaming(f"{kind} {name!r} cannot be made{given}", Exception, SystemExit):
         return factory()
-    except (Exception, SystemExit) as reason:  # a plug-in may raise anything
-        given = " without arguments"
-        if isinstance(factory, partial):
-            given = f" with {', '.join(factory.keywords)}" if factory.keywords else ""
-        raise UserError(f"{kind} {name!r} cannot be made{given}: {describe(reason)}") from reason
+
+
+@contextmanager
+def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
+    """Refuse errors that a plug-in raises inside, each with its kind and text.
+
+    Parameters
+    ----------
+    failure: start of the message: which plug-in failed, and where
+    errors: kinds that are the plug-in's failure. `SystemExit` always belongs here: a plug-in that
+        ends the process has not succeeded.
+
+    Raises
+    ------
+    UserError
+        For such an error.
+    """
+    try:
+        yield
+    except errors as reason:
+        raise UserError(f"{failure}: {type(reason).__name__}: {reason}") from reason

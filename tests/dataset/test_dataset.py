@@ -22,8 +22,9 @@ from msgspec.structs import replace
 
 from chromagrip import UserError
 from chromagrip.dataset import folder as dataset_folder
+from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
-from chromagrip.dataset.folder import FILES, MANIFEST, TABLE, load_sequences, sequence_name
+from chromagrip.dataset.folder import FILES, MANIFEST, TABLE, sequence_name
 from chromagrip.dataset.make import Backend, make, merge
 from chromagrip.dataset.recipe import Recipe, drawn, load_recipe, recipe_names, scene_of
 from chromagrip.dataset.sequence import sequence, shots

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from chromagrip import UserError
+from chromagrip.dataset import Loaded, load_sequences
 from chromagrip.dataset.export import LAYOUTS, export
-from chromagrip.dataset.folder import Loaded, load_sequences
 from chromagrip.dataset.lerobot import CAMERA, FORCES, STATE
 from chromagrip.dataset.make import make
 from chromagrip.dataset.recipe import load_recipe

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
-from chromagrip.dataset.folder import load_sequences
 from chromagrip.dataset.make import make, merge
 from chromagrip.dataset.recipe import load_recipe
 from chromagrip.errors import UserError

@@ -352,7 +352,7 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
     assert error is not None
     assert largest == f"{abs(error):.3f} ({error:+.3f}) / –"
     assert error < 0.0  # a ratio of true forces is never above µ
-    assert not any("Refusing" in row.name for row in report.listed())
+    assert not any("Refusing" in line[0] for line in report.listed().lines)
     single, several = report.details
     assert single.header == several.header == ("score", "constant", *names)
     assert {line[0].split(" ")[0] for line in single.lines} == {

@@ -47,6 +47,19 @@ def test_what_was_written_has_its_name(write, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["result.bin"]
 
 
+def test_a_short_video_has_its_name(tmp_path):
+    """One that the encoder holds back until it is closed."""
+    with VideoFile(tmp_path / "short.mp4", 30, 20) as file:
+        file.append(np.zeros((240, 320, 3), dtype=np.uint8))
+    assert [path.name for path in tmp_path.iterdir()] == ["short.mp4"]
+
+
+def test_a_video_without_pictures_leaves_nothing(tmp_path):
+    with VideoFile(tmp_path / "none.mp4", 30, 20):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_interrupted_table_keeps_its_rows(tmp_path):
     pq = pytest.importorskip("pyarrow.parquet")
     with suppress(KeyboardInterrupt), EstimateTable(tmp_path / "e.parquet", FORCES) as table:

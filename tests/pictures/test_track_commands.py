@@ -602,3 +602,21 @@ def test_lists(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
     assert names >= {"chromatouch", "dark-dots", "bright-pins", "thesis", "flat-2019"}
     assert chromagrip(monkeypatch, "trackers") == 0
     assert "fit" in {line.split()[0] for line in capsys.readouterr().out.splitlines()}
+
+
+def test_a_disk_that_is_full_leaves_no_tracks(
+    film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The summary, which is small, still says how it ended."""
+
+    def full(self: Any, picture: object) -> None:
+        raise UserError(f"{self._path} cannot be written: No space left on device")
+
+    monkeypatch.setattr("chromagrip.pictures.overlay.OverlayVideo.append", full)
+    out = tmp_path / "out"
+    with pytest.raises(UserError, match=r"overlay.mp4 cannot be written: No space left on device$"):
+        track_source("first", str(film), palette="dark-dots", tracker=nearest, out=out)
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert not summary["complete"]
+    assert summary["ended"].endswith("No space left on device")
+    assert not (out / "overlay.mp4").exists()

@@ -1,7 +1,7 @@
-"""Sums that are taken many numbers at a time, in an order that is written down.
+"""Vectorised sums in a fixed order.
 
-A compiler that may choose the order chooses another one where a kernel is inlined, or has been read
-from the cache: the last digits, and what follows from them, would be this process's own.
+A compiler that may choose the order chooses another one where a kernel is inlined, or was read from
+the cache: the last digits, and the results that depend on them, would differ between processes.
 """
 
 from typing import Any
@@ -11,7 +11,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-#: Numbers taken at a time: what a processor has in flight.
+#: Numbers taken at a time: about as many as a processor has in flight.
 LANES = 32
 
 

@@ -1,7 +1,7 @@
 """Compiled products of a pair's pixels, and the light on it. `pair_fit.py` documents the use.
 
 Light is a gain for each channel and, where it is uneven, terms up to second order, shared by all
-channels. It is solved for first, whatever the markers are, and what is left tells of them.
+channels. It is eliminated from the normal equations, which then are those of the markers alone.
 """
 
 import math
@@ -25,8 +25,8 @@ from .pixel_kernels import (
     LACK,
     LIGHT,
     MODEL,
+    OBSERVED,
     ROOM,
-    SEEN,
     SHARED,
     TERM,
     TERMS,
@@ -49,7 +49,7 @@ from .shade_kernels import shade
 
 #: Gains of three channels, and uneven light.
 LIGHTS = 3 + TERMS
-#: Coverages this far from 0 and 1 are edges.
+#: Coverages further than this from 0 and from 1 are those of edges.
 _EDGE = 0.03
 
 
@@ -69,9 +69,9 @@ def weighted_dot(buffer: Array32, weight: int, first: int, second: int, count: i
 
 @njit()
 def uneven_light(
-    fit: Array, count: int, free: int, lights: Array, says: Array, cross: Array, buffer: Array32
+    fit: Array, count: int, free: int, lights: Array, rhs: Array, cross: Array, buffer: Array32
 ) -> None:
-    """Information on the terms of uneven light, beside that on the gains."""
+    """Add the terms of uneven light to the normal equations of the gains."""
     mx, my = middle_of(fit)
     for i in range(np.uint64(count)):
         dx, dy = buffer[row_at(X) + i] - mx, buffer[row_at(Y) + i] - my
@@ -79,14 +79,14 @@ def uneven_light(
         buffer[row_at(TERM + 2) + i] = UNIT * dx * dx
         buffer[row_at(TERM + 3) + i] = UNIT * dx * dy
         buffer[row_at(TERM + 4) + i] = UNIT * dy * dy
-        whole, lack = F0, F0
+        all_light, lack = F0, F0
         for c in range(3):
             weighted = buffer[row_at(WEIGHT + c) + i] * buffer[row_at(MODEL + c) + i]
             part = weighted * buffer[row_at(MODEL + c) + i]
             buffer[row_at(LIGHT + c) + i] = part
-            whole += part
-            lack += weighted * (buffer[row_at(SEEN + c) + i] - buffer[row_at(MODEL + c) + i])
-        buffer[row_at(ALL_LIGHT) + i], buffer[row_at(LACK) + i] = whole, lack
+            all_light += part
+            lack += weighted * (buffer[row_at(OBSERVED + c) + i] - buffer[row_at(MODEL + c) + i])
+        buffer[row_at(ALL_LIGHT) + i], buffer[row_at(LACK) + i] = all_light, lack
         for k in range(2):
             first = GAIN + 3 * k
             buffer[row_at(SHARED + k) + i] = (
@@ -96,7 +96,7 @@ def uneven_light(
             )
     for j in range(TERMS):
         term = TERM + j
-        says[3 + j] = dot(buffer, term, LACK, count)
+        rhs[3 + j] = dot(buffer, term, LACK, count)
         for c in range(3):
             lights[c, 3 + j] = lights[3 + j, c] = dot(buffer, term, LIGHT + c, count)
         for i in range(TERMS):
@@ -110,12 +110,11 @@ def uneven_light(
 
 @njit()
 def solve_light(
-    lights: Array, says: Array, cross: Array, terms: int, normal: Array, gradient: Array
+    lights: Array, rhs: Array, cross: Array, terms: int, normal: Array, gradient: Array
 ) -> bool:
-    """Solve for the light, whatever the markers are; what is left is on them.
+    """Eliminate the light from the normal equations; False where it is not determined.
 
-    `lights`, `says` and `cross` become the factor L of the information on light and what is left
-    when they are divided by it.
+    `lights` becomes the factor L of the information on light; `rhs` and `cross` are divided by it.
     """
     size = gradient.shape[0]
     for i in range(terms):
@@ -133,14 +132,14 @@ def solve_light(
         for k in range(i):
             factor = lights[i, k]
             if factor != 0.0:
-                says[i] -= factor * says[k]
+                rhs[i] -= factor * rhs[k]
                 for j in range(size):
                     cross[i, j] -= factor * cross[k, j]
-        says[i] /= lights[i, i]
+        rhs[i] /= lights[i, i]
         for j in range(size):
             cross[i, j] /= lights[i, i]
         for j in range(size):
-            gradient[j] -= cross[i, j] * says[i]
+            gradient[j] -= cross[i, j] * rhs[i]
             for k in range(size):
                 normal[j, k] -= cross[i, j] * cross[i, k]
     return True
@@ -148,11 +147,11 @@ def solve_light(
 
 @njit()
 def light_step(
-    lights: Array, says: Array, cross: Array, change: Array, terms: int, out: Array
+    lights: Array, rhs: Array, cross: Array, change: Array, terms: int, out: Array
 ) -> None:
-    """What the light changes by when the markers change so."""
+    """Change of the light that belongs to a change of the markers."""
     for i in range(terms - 1, -1, -1):
-        total = says[i]
+        total = rhs[i]
         for j in range(change.shape[0]):
             total -= cross[i, j] * change[j]
         for k in range(i + 1, terms):
@@ -172,37 +171,37 @@ def share_light(lights: Array, cross: Array, factor: Array, covariance: Array) -
     """
     size = factor.shape[0]
     first = place_of(0, 0, 5)
-    answers = np.empty((3, size))
+    response = np.empty((3, size))
     for i in range(size):
-        # How the markers answer to the light of each channel, by forward substitution …
-        whole = 1.0 / factor[i, i]
+        # Response of the markers to the light of each channel, by forward substitution …
+        inverse = 1.0 / factor[i, i]
         for c in range(3):
             total = cross[c, i] / lights[c, c]
             for k in range(i):
-                total -= factor[i, k] * answers[c, k]
-            answers[c, i] = total * whole
+                total -= factor[i, k] * response[c, k]
+            response[c, i] = total * inverse
     for c in range(3):
         for d in range(c + 1):
             total = 1.0 / lights[c, c] ** 2 if c == d else 0.0
             for i in range(size):
-                total += answers[c, i] * answers[d, i]
+                total += response[c, i] * response[d, i]
             covariance[6 + c, 6 + d] = covariance[6 + d, 6 + c] = total
     for i in range(size - 1, first - 1, -1):
-        # … and back, as far as places and sizes, which stand last.
-        whole = 1.0 / factor[i, i]
+        # … and back, for places and sizes, which are the last unknowns.
+        inverse = 1.0 / factor[i, i]
         for c in range(3):
-            total = answers[c, i]
+            total = response[c, i]
             for k in range(i + 1, size):
-                total -= factor[k, i] * answers[c, k]
-            answers[c, i] = total * whole
-            covariance[6 + c, i - first] = covariance[i - first, 6 + c] = -answers[c, i]
+                total -= factor[k, i] * response[c, k]
+            response[c, i] = total * inverse
+            covariance[6 + c, i - first] = covariance[i - first, 6 + c] = -response[c, i]
 
 
 @njit(inline="always")
 def place_of(layer: int, number: int, free: int) -> int:
-    """Where a number of a layer stands among the unknowns.
+    """Index of a number of a layer among the unknowns.
 
-    Strains first: so the covariance of all others is the inverse of one corner of the factor.
+    Strains are first: then the covariance of all others is the inverse of a corner of the factor.
     """
     if free == 2:
         return 2 * layer + number
@@ -221,13 +220,13 @@ def light_sums(
     sums: Array,
     buffer: Array32,
 ) -> None:
-    """Weighted products of (1, C₀, C₁, C₀₁, light seen over ground) of each pair and channel.
+    """Weighted products of (1, C₀, C₁, C₀₁, light over ground) of each pair and channel.
 
     `sums` receives them, shape (M, 3, 5, 5); the rest is as in `fit_step`.
     """
     shapes, inverses = np.empty((2, 2, 2)), np.empty((2, 2, 2))
     outlines, box = np.empty((2, 3, 2)), np.empty(4)
-    lights, says = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS)
+    lights, rhs = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS)
     values, extents = np.empty(5), extents_of(optics, fits)
     for m in range(fits.shape[0]):
         for k in range(2):
@@ -245,17 +244,17 @@ def light_sums(
         padded = pad(count, buffer)
         shade(optics, present, fits, extents, m, False, box, padded, buffer)
         t = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
-        model_pixels(optics, present[m], fits[m], inverses, t, 2, padded, lights, says, buffer)
+        model_pixels(optics, present[m], fits[m], inverses, t, 2, padded, lights, rhs, buffer)
         for i in range(count):
             first, second = buffer[COVERED * ROOM + i], buffer[(COVERED + 1) * ROOM + i]
-            # Edges tell less of colours than of tone curves, blur, and where markers are.
+            # Edges depend on tone curve, blur and places more than on colours.
             if _EDGE < first < 1.0 - _EDGE or _EDGE < second < 1.0 - _EDGE:
                 continue
             values[0], values[1], values[2] = 1.0, first, second
             values[3] = buffer[BOTH * ROOM + i]
             for c in range(3):
                 light = buffer[(GROUND + c) * ROOM + i]
-                values[4] = buffer[(SEEN + c) * ROOM + i] / light
+                values[4] = buffer[(OBSERVED + c) * ROOM + i] / light
                 weight = buffer[(WEIGHT + c) * ROOM + i] * light * light
                 for a in range(5):
                     for b in range(5):

@@ -9,7 +9,7 @@ from ...compiled import njit
 
 Array = NDArray[np.float64]
 
-#: Gains of fewer neighbours do not tell how much gains scatter.
+#: Neighbours from which the scatter of the gains is estimated, at least.
 _FEWEST = 3
 
 
@@ -22,20 +22,20 @@ def median(values: Array) -> float:
 @njit()
 def tie_light(
     light: Array,
-    seen: NDArray[np.bool_],
+    visible: NDArray[np.bool_],
     near: NDArray[np.int64],
     covariance: Array,
     fits: Array,
 ) -> None:
-    """Correct places and sizes by what the light on their neighbours tells of that on each pair.
+    """Correct places and sizes with the light on the neighbours as a prior of that on each pair.
 
-    Their mean is a prior; how far it can be trusted is learned from how much the gains around
+    The prior is the mean of the neighbours' gains. Its variance is that by which the gains around
     scatter beyond their noise.
 
     Parameters
     ----------
     light: logarithms of the gains over those at rest, shape (M, 3)
-    seen: pairs whose gains are known, shape (M,)
+    visible: pairs whose gains are known, shape (M,)
     near: neighbours, shape (M, K)
     covariance: of (x, y, e) of both layers and of `light`, shape (M, 9, 9), in place
     fits: (x, y, e, p, q) of each layer, shape (M, 2, 5), in place
@@ -44,11 +44,11 @@ def tie_light(
     lack, doubt, excess = np.zeros((count, 3)), np.zeros((count, 3)), np.full(count, np.nan)
     change, shared = np.empty(9), np.empty(9)
     for m in range(count):
-        if not (seen[m] and covariance[m, 6, 6] > 0.0):
+        if not (visible[m] and covariance[m, 6, 6] > 0.0):
             continue
         known = 0
         for n in near[m]:
-            if seen[n] and covariance[n, 6, 6] > 0.0:
+            if visible[n] and covariance[n, 6, 6] > 0.0:
                 known += 1
                 for c in range(3):
                     lack[m, c] += light[n, c] - light[m, c]
@@ -71,7 +71,7 @@ def tie_light(
         scatter = max(scatter / known, 0.0)
         spread = covariance[m]
         change[:] = 0.0
-        # One channel after the other: their priors do not know of each other.
+        # One channel after the other: their priors are independent.
         for c in range(6, 9):
             variance = spread[c, c] + doubt[m, c - 6] + scatter
             missing = (lack[m, c - 6] - change[c]) / variance
@@ -121,7 +121,7 @@ def torn_off(
 def crowded(
     fits: Array, visible: NDArray[np.bool_], near: NDArray[np.int64], limit: Array
 ) -> NDArray[np.bool_]:
-    """Markers so near to another one of their layer that it could be either's, shape (M, 2).
+    """Markers so near to another one of their layer that the two may be confused, shape (M, 2).
 
     Parameters
     ----------
@@ -130,12 +130,12 @@ def crowded(
     near: pairs that may come near, shape (M, K)
     limit: of the distance in each layer [px], shape (2,)
     """
-    found = np.zeros(visible.shape, dtype=np.bool_)
+    close = np.zeros(visible.shape, dtype=np.bool_)
     for m in range(visible.shape[0]):
         for n in near[m]:
             for k in range(2):
                 if visible[m, k] and visible[n, k]:
                     dx, dy = fits[n, k, 0] - fits[m, k, 0], fits[n, k, 1] - fits[m, k, 1]
                     if dx * dx + dy * dy < limit[k] * limit[k]:
-                        found[m, k] = found[n, k] = True
-    return found
+                        close[m, k] = close[n, k] = True
+    return close

@@ -39,11 +39,13 @@ from .pixel_kernels import (
 )
 from .shade_kernels import shade
 
-#: Markers do not shrink, grow or stretch by more than this.
+#: Strains of a marker, and logarithms of its size, are below this.
 MAX_STRAIN = 0.5
-#: A pair moves no further than this in one step [px], and strains no more.
-_LONGEST_STEP, _LONGEST_STRAIN = 2.0, 0.1
-#: A light that is off by a hundredth counts as much as a step of so many hundredth pixels.
+#: Longest motion in one step [px].
+_LONGEST_STEP = 2.0
+#: Largest strain in one step.
+_LONGEST_STRAIN = 0.1
+#: Step of an edge that a relative change of the light counts as [px].
 _LIGHT_STEP = 8.0
 
 
@@ -72,27 +74,27 @@ def fit_step(
     image: sRGB, shape (H, W, 3)
     optics: see Optics
     active: pairs to step, shape (M,)
-    present: layers that are taken to be there, shape (M, 2)
-    uneven: pairs whose light is fitted to second order, else its slopes are as given, shape (M,)
-    beside: pairs of which is minded how they lie beside others, see `shade`, shape (M,)
-    free: numbers of each layer that are free, 5 or the first 2
-    stride: every so manieth row of the image is read
+    present: layers that the model has, shape (M, 2)
+    uneven: pairs whose light is fitted to second order; others keep their slopes, shape (M,)
+    beside: pairs whose edges share light with those of other pairs, see `shade`, shape (M,)
+    free: numbers of each layer that are fitted, 5 or the first 2
+    stride: every `stride`-th row of the image is read
     fits: (x, y, e, p, q) of each layer, shape (M, 2, 5)
     gains: light over the ground's, of each channel, shape (M, 3)
     slopes: terms of the light on a pair relative to its gain, see TERMS, shape (M, 5)
-    steps: result, how far the step moved an edge [px], or light as much, shape (M,)
+    steps: result, motion of an edge in the step [px], or what the light's change counts as, (M,)
     covariance: result, of (x, y, e) of both layers and of the logarithms of the gains before the
         step, shape (M, 9, 9); NaN where not fitted, and of gains under uneven light
     misfit: result, mean squared residual over noise variance before the step, shape (M,); infinite
-        where the fit left the image or ran away
-    buffer: room to work in, shape (BUFFER,)
+        where the fit left the image or diverged
+    buffer: working memory, shape (BUFFER,)
     """
     shapes, inverses = np.empty((2, 2, 2)), np.empty((2, 2, 2))
     outlines = np.empty((2, 3, 2))
     size = 2 * free
     normal, gradient, change = np.empty((size, size)), np.empty(size), np.empty(size)
     cross, box = np.zeros((LIGHTS, size)), np.empty(4)
-    lights, says, brighter = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS), np.zeros(LIGHTS)
+    lights, rhs, brighter = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS), np.zeros(LIGHTS)
     extents = extents_of(optics, fits)
     for m in range(fits.shape[0]):
         if not active[m]:
@@ -115,15 +117,15 @@ def fit_step(
         shade(optics, present, fits, extents, m, beside[m], box, padded, buffer)
         together = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
         squares = model_pixels(
-            optics, present[m], fits[m], inverses, together, free, padded, lights, says, buffer
+            optics, present[m], fits[m], inverses, together, free, padded, lights, rhs, buffer
         )
         misfit[m] = squares / max(3 * count - size - 3, 1)
         _normal_equations(padded, free, buffer, normal, gradient, cross)
         terms = 3
         if uneven[m]:
             terms = LIGHTS
-            uneven_light(fits[m], padded, free, lights, says, cross, buffer)
-        if not solve_light(lights, says, cross, terms, normal, gradient):
+            uneven_light(fits[m], padded, free, lights, rhs, cross, buffer)
+        if not solve_light(lights, rhs, cross, terms, normal, gradient):
             misfit[m] = np.inf
             continue
         if not _solve(normal, gradient, change, covariance[m]):
@@ -132,7 +134,7 @@ def fit_step(
         if free == 5 and terms == 3:
             share_light(lights, cross, normal, covariance[m])
         steps[m] = _improve(fits[m], shapes, present[m], change, free)
-        light_step(lights, says, cross, change, terms, brighter)
+        light_step(lights, rhs, cross, change, terms, brighter)
         for c in range(3):
             gains[m, c] *= math.exp(min(max(brighter[c], -0.7), 0.7))
             steps[m] = max(steps[m], _LIGHT_STEP * abs(brighter[c]))
@@ -233,7 +235,7 @@ def _invert_corner(factor: Array, covariance: Array) -> None:
 def _improve(
     fit: Array, shapes: Array, present: NDArray[np.bool_], change: Array, free: int
 ) -> float:
-    """Add a step, shortened where it would leave the linear range; returns how far edges went."""
+    """Add a step, shortened to the linear range; returns the largest motion of an edge [px]."""
     longest = 0.0
     for k in range(2):
         if not present[k]:

@@ -1,12 +1,13 @@
 """Compiled model of a pair of overlapping markers, pixel by pixel. `pair_fit.py` documents the use.
 
-Model of a pixel, in linear light: γ · ground · (1 − a₀·C₀ − a₁·C₁ + b·C₀₁), γ being the local gain,
-a what a dye absorbs, b what both together leave over, C the coverage of a blurred ellipse of known
-shape and C₀₁ that of both. Markers of other pairs that reach into the window darken the ground by
-where they were last seen.
+Model of a pixel, in linear light: γ · ground · (1 − a₀·C₀ − a₁·C₁ + b·C₀₁), with the local gain γ,
+the share a that a dye absorbs, the share b that both together leave over, the coverage C by a
+blurred ellipse of known shape, and C₀₁ by both. Markers of other pairs that reach into the window
+darken the ground; their places are those of the last fit.
 
-The pixels of a pair are gathered into rows of one flat buffer whose distances the compiler knows:
-so the model is computed many pixels at a time, and what it takes to solve it are products of rows.
+The pixels of a pair are gathered into rows of one flat buffer. The compiler knows the distances of
+the rows, so that the model is computed for many pixels at a time. The equations are then products
+of rows.
 """
 
 import math
@@ -22,36 +23,66 @@ from .lanes import LANES, sum_of_products
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
 
-#: Fewer pixels do not determine a pair.
+#: Pixels that determine a pair, at least.
 FEWEST_PIXELS = 24
 #: Pixels of a pair, at most; more are thinned out. Not a power of two: rows must not share cache.
 ROOM = 2256
-#: Rows of the buffer: place, light seen, its weight, ground, of each pixel …
-X, Y, SEEN, WEIGHT, GROUND = 0, 1, 2, 5, 8
-#: … coverage of both layers, and how it changes with their five numbers each …
-COVERED, CHANGE = 11, 13
-#: … what the light tells of the first layer's coverage, the second's, of both together; what the
-#: residuals say of each; what they share with the gain of each channel; and the model …
-TELLS, PULL, GAIN, MODEL = 23, 26, 28, 34
-#: … where the light is uneven: its terms, and what the model tells of light, of each channel, of
-#: all, what the residuals say, and what it shares with both layers.
-TERM, LIGHT, ALL_LIGHT, LACK, SHARED = 37, 42, 45, 46, 47
-#: … and coverage by both layers, and how it changes with that of either.
-BOTH, BY = 49, 50
-#: … and light that pairs beside this one leave, whatever it covers.
+#: First row of the buffer for the places of the pixels along x …
+X = 0
+#: … along y …
+Y = 1
+#: … for the observed light, of each channel …
+OBSERVED = 2
+#: … the weight of that light, of each channel …
+WEIGHT = 5
+#: … the light of the ground, of each channel …
+GROUND = 8
+#: … the coverage, by each layer …
+COVERED = 11
+#: … the derivatives of the coverage by the five numbers of each layer …
+CHANGE = 13
+#: … the information on the coverage by the first layer, by the second, and on both together …
+TELLS = 23
+#: … the gradient by the coverage, of each layer …
+PULL = 26
+#: … the information that the coverage of each layer shares with the gain of each channel …
+GAIN = 28
+#: … the light of the model, of each channel …
+MODEL = 34
+#: … the terms of uneven light …
+TERM = 37
+#: … the information on the light of each channel …
+LIGHT = 42
+#: … and of all channels …
+ALL_LIGHT = 45
+#: … the gradient by the light of all channels …
+LACK = 46
+#: … the information that the light shares with the coverage, of each layer …
+SHARED = 47
+#: … the coverage by both layers …
+BOTH = 49
+#: … its derivatives by the coverage of each layer …
+BY = 50
+#: … the light that pairs beside this one leave, independent of its coverage, of each channel …
 BESIDE = 52
-#: … and what is left of a channel's light.
+#: … and the residual of a channel.
 LEFT = 55
+#: Length of the buffer.
 BUFFER = 56 * ROOM
-#: Terms of uneven light: x, y, x², xy, y²; second powers in units of so many pixels.
-TERMS, UNIT = 5, np.float32(1.0 / 16.0)
+#: Number of the terms of uneven light: x, y, x², xy, y².
+TERMS = 5
+#: Unit of the second powers among them [1/px].
+UNIT = np.float32(1.0 / 16.0)
 
-F0, F1, F2 = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+F0 = np.float32(0.0)
+F1 = np.float32(1.0)
+F2 = np.float32(2.0)
+#: Keeps roots away from zero.
 TINY = np.float32(1e-12)
 
 
 class Optics(NamedTuple):
-    """What the pixels of one sensor are made of."""
+    """Constants of the pixel model of one sensor."""
 
     linear: Array32  # (3, 256) linear light of each channel's levels
     weight: Array32  # (3, 256) 1/variance of that light
@@ -65,7 +96,7 @@ class Optics(NamedTuple):
 
 @njit(inline="always")
 def row_at(number: int) -> np.uint64:
-    """First place of a row. Unsigned: what may be negative is gathered one by one."""
+    """First place of a row; unsigned, as an index that may be negative is not vectorised."""
     return np.uint64(number * ROOM)
 
 
@@ -83,9 +114,9 @@ def gather(
     box: Array,
     buffer: Array32,
 ) -> int:
-    """Pixels that a pair's markers reach, as rows of the buffer; returns how many.
+    """Gather the pixels that a pair's markers reach into rows of the buffer; returns their number.
 
-    Their ground is under today's light. `box` receives (left, right, top, bottom) of them.
+    The ground is under the light of this frame. `box` receives (left, right, top, bottom) of them.
     """
     height, breadth = image.shape[0], image.shape[1]
     reach = optics.reach * optics.width
@@ -117,7 +148,7 @@ def gather(
         for k in range(2):
             if not present[k]:
                 continue
-            # Where the row cuts the widened ellipse |S⁻¹·d| = wide.
+            # Intersections of the row with the widened ellipse |S⁻¹·d| = wide.
             a, b = inverses[k, 0], inverses[k, 1]
             dy = row - fit[k, 1]
             square = a[0] * a[0] + b[0] * b[0]
@@ -129,7 +160,7 @@ def gather(
                 right = max(right, fit[k, 0] - mixed / square + half)
         box[0], box[1] = min(box[0], left), max(box[1], right)
         start = int(max(left, 0.0)) + 1
-        # Floats that count along: conversions of counters would take most of the time.
+        # Floats are counted in parallel: converting the counters would take most of the time.
         x, y = np.float32(start), np.float32(row)
         dy32 = y - middle_y
         for col in range(start, int(min(right, breadth - 1.0)) + 1):
@@ -140,15 +171,15 @@ def gather(
                 buffer[row_at(X) + at] = x
                 buffer[row_at(Y) + at] = y
                 level = image[row, col, 0]
-                buffer[row_at(SEEN) + at] = linear[0, level]
+                buffer[row_at(OBSERVED) + at] = linear[0, level]
                 buffer[row_at(WEIGHT) + at] = weight[0, level]
                 buffer[row_at(GROUND) + at] = g0 * light * ground[row, col, 0]
                 level = image[row, col, 1]
-                buffer[row_at(SEEN + 1) + at] = linear[1, level]
+                buffer[row_at(OBSERVED + 1) + at] = linear[1, level]
                 buffer[row_at(WEIGHT + 1) + at] = weight[1, level]
                 buffer[row_at(GROUND + 1) + at] = g1 * light * ground[row, col, 1]
                 level = image[row, col, 2]
-                buffer[row_at(SEEN + 2) + at] = linear[2, level]
+                buffer[row_at(OBSERVED + 2) + at] = linear[2, level]
                 buffer[row_at(WEIGHT + 2) + at] = weight[2, level]
                 buffer[row_at(GROUND + 2) + at] = g2 * light * ground[row, col, 2]
                 count += 1
@@ -158,11 +189,11 @@ def gather(
 
 @njit()
 def pad(count: int, buffer: Array32) -> int:
-    """Pixels without weight behind the last, to be done many at a time; returns their end."""
+    """Append pixels without weight, up to a multiple of the lanes; returns the new number."""
     end = (count + LANES - 1) // LANES * LANES
     for row in range(GROUND + 3):
         first = row_at(row)
-        same = buffer[first + np.uint64(count - 1)] if row < SEEN else F0
+        same = buffer[first + np.uint64(count - 1)] if row < OBSERVED else F0
         for i in range(np.uint64(count), np.uint64(end)):
             buffer[first + i] = same
     return end
@@ -170,7 +201,7 @@ def pad(count: int, buffer: Array32) -> int:
 
 @njit(inline="always")
 def middle_of(fit: Array) -> tuple[np.float32, np.float32]:
-    """Where the light on a pair is its gain."""
+    """Point of a pair at which the light is its gain."""
     return np.float32(0.5 * (fit[0, 0] + fit[1, 0])), np.float32(0.5 * (fit[0, 1] + fit[1, 1]))
 
 
@@ -197,18 +228,18 @@ def model_pixels(
     free: int,
     count: int,
     lights: Array,
-    says: Array,
+    rhs: Array,
     buffer: Array32,
 ) -> float:
-    """The model's rows of the buffer; returns the sum of squared residuals over noise variance.
+    """Fill the model's rows of the buffer; returns the sum of weighted squared residuals.
 
-    The diagonal of `lights` receives the information on each channel's gain, `says` what the
-    residuals say of it.
+    The diagonal of `lights` receives the information on each channel's gain, `rhs` the gradient by
+    it.
     """
     per_range = np.float32(1.0 / (EDGE_RANGE * optics.width))
     correction = np.float32(0.5 * optics.width * optics.width)
     for k in range(2):
-        there = np.float32(1.0 if present[k] else 0.0)
+        exists = np.float32(1.0 if present[k] else 0.0)
         cx, cy = np.float32(fit[k, 0]), np.float32(fit[k, 1])
         i00, i01 = np.float32(inverses[k, 0, 0]), np.float32(inverses[k, 0, 1])
         i10, i11 = np.float32(inverses[k, 1, 0]), np.float32(inverses[k, 1, 1])
@@ -220,7 +251,7 @@ def model_pixels(
         )
         j3, j4 = row_at(CHANGE + 5 * k + 3), row_at(CHANGE + 5 * k + 4)
         for i in range(np.uint64(count)):
-            # Distance to the edge, positive inside, to first order; coverage and its rise.
+            # First order of the distance to the edge, positive inside; coverage and its slope.
             dx, dy = buffer[x + i] - cx, buffer[y + i] - cy
             qx, qy = i00 * dx + i01 * dy, i10 * dx + i11 * dy
             radius = np.sqrt(qx * qx + qy * qy + TINY)
@@ -229,8 +260,8 @@ def model_pixels(
             slope = np.sqrt(gx * gx + gy * gy + TINY)
             to_slope = F1 / slope
             u = ((F1 - radius) * to_slope - correction * slope) * per_range
-            buffer[covered + i] = there * edge(u)
-            rise = there * edge_slope(u) * per_range * to_slope
+            buffer[covered + i] = exists * edge(u)
+            rise = exists * edge_slope(u) * per_range * to_slope
             nx, ny = rise * gx, rise * gy
             buffer[j0 + i] = nx
             buffer[j1 + i] = ny
@@ -248,11 +279,11 @@ def model_pixels(
     clear(buffer, row_at(PULL), count)
     clear(buffer, row_at(PULL + 1), count)
     _cover_both(np.float32(together), count, buffer)
-    # One by one: rows must be known when this is compiled, or it would not be vectorised.
+    # No loop: rows must be known at compile time, or the sums would not be vectorised.
     a = optics.absorbed
-    squares += _channel(a[0, 0], a[1, 0], a[2, 0], 0, count, lights, says, buffer)
-    squares += _channel(a[0, 1], a[1, 1], a[2, 1], 1, count, lights, says, buffer)
-    squares += _channel(a[0, 2], a[1, 2], a[2, 2], 2, count, lights, says, buffer)
+    squares += _channel(a[0, 0], a[1, 0], a[2, 0], 0, count, lights, rhs, buffer)
+    squares += _channel(a[0, 1], a[1, 1], a[2, 1], 1, count, lights, rhs, buffer)
+    squares += _channel(a[0, 2], a[1, 2], a[2, 2], 2, count, lights, rhs, buffer)
     return squares
 
 
@@ -293,11 +324,11 @@ def _channel(
     c: int,
     count: int,
     lights: Array,
-    says: Array,
+    rhs: Array,
     buffer: Array32,
 ) -> float:
-    """What one channel says, added to the rows of all; returns its sum of squared residuals."""
-    light, seen, weight = row_at(GROUND + c), row_at(SEEN + c), row_at(WEIGHT + c)
+    """Add one channel to the rows of all channels; returns its sum of squared residuals."""
+    light, observed, weight = row_at(GROUND + c), row_at(OBSERVED + c), row_at(WEIGHT + c)
     rest, left = row_at(BESIDE + c), row_at(LEFT)
     c0, c1, gain0, gain1 = (
         row_at(COVERED),
@@ -305,7 +336,7 @@ def _channel(
         row_at(GAIN + c),
         row_at(GAIN + 3 + c),
     )
-    own0, own1, cross, whole = (
+    own0, own1, cross, modelled = (
         row_at(TELLS),
         row_at(TELLS + 1),
         row_at(TELLS + 2),
@@ -316,7 +347,7 @@ def _channel(
     for i in range(np.uint64(count)):
         first, second, g, w = buffer[c0 + i], buffer[c1 + i], buffer[light + i], buffer[weight + i]
         model = g * (F1 - a0 * first - a1 * second + b * buffer[both + i]) + buffer[rest + i]
-        residual = buffer[seen + i] - model
+        residual = buffer[observed + i] - model
         d0, d1 = g * (b * buffer[by0 + i] - a0), g * (b * buffer[by1 + i] - a1)
         buffer[own0 + i] += w * d0 * d0
         buffer[own1 + i] += w * d1 * d1
@@ -325,18 +356,18 @@ def _channel(
         buffer[pull1 + i] += w * d1 * residual
         buffer[gain0 + i] = w * model * d0
         buffer[gain1 + i] = w * model * d1
-        buffer[whole + i] = model
+        buffer[modelled + i] = model
         buffer[left + i] = residual
     lights[c, :] = 0.0
     end = np.uint64(count)
-    lights[c, c] = sum_of_products(buffer, (weight, whole, whole), end)
-    says[c] = sum_of_products(buffer, (weight, whole, left), end)
+    lights[c, c] = sum_of_products(buffer, (weight, modelled, modelled), end)
+    rhs[c] = sum_of_products(buffer, (weight, modelled, left), end)
     return np.float64(sum_of_products(buffer, (weight, left, left), end))
 
 
 @njit()
 def stretch(nominal: Array, fit: Array, out: Array) -> None:
-    """Shape of a marker: its semi-axes at nominal size, grown and strained as the fit has it."""
+    """Shape of a marker: its nominal semi-axes with the size and the strain of the fit."""
     size = math.exp(fit[2])
     for j in range(2):
         a, b = nominal[0, j], nominal[1, j]

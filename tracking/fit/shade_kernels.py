@@ -1,7 +1,7 @@
 """Compiled shade of pairs on each other. `pair_fit.py` documents the use.
 
-Pairs that stay clear of each other darken each other's ground. Where edges of two pairs come close,
-what a pixel has left depends on how these lie to each other, see `render.coverage.beside`.
+Pairs that are apart darken each other's ground. Where edges of two pairs come close, the light of a
+pixel depends on the angle between these edges, see `render.coverage.beside`.
 """
 
 import math
@@ -37,12 +37,16 @@ from .pixel_kernels import (
     stretch,
 )
 
-#: Shade further than this many standard deviations outside an edge is not seen.
+#: Shade ends this many standard deviations outside an edge.
 _SHADE = 2.4
+#: Keeps coverages away from zero.
 _LITTLE = np.float32(1e-6)
-#: Rows that uneven light needs later: coverages of a pair; how much all other pairs cover, and
-#: absorb of each channel; which of them covers most, or how its edges and the pair's go together.
-_PAIR, _OTHERS, _MOST = TERM, TERM + 3, TERM + 7
+#: Rows, which uneven light uses afterwards, of the coverages of a pair by each layer and both …
+_PAIR = TERM
+#: … of the coverage by all other pairs, and of the light that they absorb, of each channel …
+_OTHERS = TERM + 3
+#: … and of the pair that covers most of a pixel, later of the odds ratio with its edges.
+_MOST = TERM + 7
 
 
 @njit()
@@ -57,16 +61,16 @@ def shade(
     count: int,
     buffer: Array32,
 ) -> None:
-    """Take from a pair's light what the markers of other pairs absorb that reach into its box.
+    """Subtract from a pair's light what the markers of other pairs in its box absorb.
 
-    Neighbours lie beside the pair, see `render.coverage.beside`: the ground is darker where they
-    lie on it, and elsewhere leaves less light, whatever the pair covers. That holds where the pair
-    is, and not where it may be far from; unless `beside`, pairs darken each other by chance.
+    With `beside`, the edges of neighbours lie beside those of the pair, see
+    `render.coverage.beside`: a part of the light is absorbed independent of the pair. This needs a
+    pair near its final place. Otherwise the coverages of different pairs are independent.
     """
     for c in range(3):
         clear(buffer, row_at(BESIDE + c), count)
     near = np.empty((len(optics.neighbours[m]), 2), dtype=np.bool_)
-    meeting, found = np.empty(len(near), dtype=np.int64), 0
+    meeting, met = np.empty(len(near), dtype=np.int64), 0
     for n, other in enumerate(optics.neighbours[m]):
         if other < 0:
             continue
@@ -79,18 +83,18 @@ def shade(
         if not near[n].any():
             continue
         if beside and _meet(optics.width, present, fits, extents, m, other):
-            meeting[found] = n
-            found += 1
+            meeting[met] = n
+            met += 1
             continue
         _cover_pair(optics, near[n], fits, other, count, buffer)
         for c in range(3):
             a = optics.absorbed[:, c]
             _darken(row_at(GROUND + c), a[0], a[1], a[2], count, buffer)
-    if found == 0:
+    if met == 0:
         return
     for row in range(_OTHERS, _MOST):
         clear(buffer, row_at(row), count)
-    for n in meeting[:found]:
+    for n in meeting[:met]:
         other = optics.neighbours[m, n]
         _cover_pair(optics, near[n], fits, other, count, buffer)
         _add(optics, present, fits, other, n == meeting[0], count, buffer)
@@ -120,7 +124,7 @@ def _meet(
 def _side_by_side(
     optics: Any, present: NDArray[np.bool_], fits: Array, m: int, other: int
 ) -> np.float32:
-    """How much the edges of two pairs go together, where their discs are deepest in each other."""
+    """Odds ratio of the edges of two pairs, where their discs overlap most."""
     deepest, shape = -1.0, np.empty((2, 2))
     for i in range(2):
         stretch(optics.shapes[i, m], fits[m, i], shape)
@@ -137,7 +141,7 @@ def _side_by_side(
 @njit()
 def _cover_pair(
     optics: Any,
-    there: NDArray[np.bool_],
+    present: NDArray[np.bool_],
     fits: Array,
     m: int,
     count: int,
@@ -146,14 +150,14 @@ def _cover_pair(
     """Coverage of pixels by the layers of a pair and by both."""
     inverse, outlines = np.empty((2, 2)), np.empty((2, 3, 2))
     for k in range(2):
-        if not there[k]:
+        if not present[k]:
             clear(buffer, row_at(_PAIR + k), count)
             continue
         stretch(optics.shapes[k, m], fits[m, k], inverse)
         outlines[k, 0], outlines[k, 1:] = fits[m, k, :2], inverse.T
         invert(outlines[k, 1:].T, inverse)
         _cover(outlines[k, 0], inverse, optics.width, row_at(_PAIR + k), count, buffer)
-    odds = np.float32(togetherness(outlines[0], outlines[1]) if there.all() else 1.0)
+    odds = np.float32(togetherness(outlines[0], outlines[1]) if present.all() else 1.0)
     c0, c1, both = row_at(_PAIR), row_at(_PAIR + 1), row_at(_PAIR + 2)
     for i in range(np.uint64(count)):
         buffer[both + i] = covered_by_both(buffer[c0 + i], buffer[c1 + i], odds)
@@ -187,7 +191,7 @@ def _cover(
 def _darken(
     row: np.uint64, a0: np.float32, a1: np.float32, b: np.float32, count: int, buffer: Array32
 ) -> None:
-    """Take away what the dyes of a pair absorb that does not meet this one."""
+    """Darken a row by what the dyes of a pair absorb that lies apart from this one."""
     c0, c1, both = row_at(_PAIR), row_at(_PAIR + 1), row_at(_PAIR + 2)
     for i in range(np.uint64(count)):
         first, second, pair = buffer[c0 + i], buffer[c1 + i], buffer[both + i]
@@ -204,7 +208,7 @@ def _add(
     count: int,
     buffer: Array32,
 ) -> None:
-    """Add a pair, whose coverages are there, to the others."""
+    """Add a pair, whose coverages are known, to the others."""
     absorbed, partner, odds = optics.absorbed, -1, F1
     for i in range(np.uint64(count)):
         c0, c1 = buffer[row_at(_PAIR) + i], buffer[row_at(_PAIR + 1) + i]
@@ -234,7 +238,7 @@ def _to_odds(
     count: int,
     buffer: Array32,
 ) -> None:
-    """How the edges of a pair go together with those of the one that covers most of a pixel."""
+    """Odds ratio of the edges of a pair and those of the one that covers most of each pixel."""
     partner, odds = -1, F1
     for i in range(np.uint64(count)):
         most = int(buffer[row_at(_MOST) + i])
@@ -247,21 +251,21 @@ def _to_odds(
 def _split(
     channel: int, a0: np.float32, a1: np.float32, b: np.float32, count: int, buffer: Array32
 ) -> None:
-    """Split the ground's light: what this pair may still absorb, and what it may not.
+    """Split the ground's light into a part that this pair may absorb, and the rest.
 
-    Of the light that pairs leave beside each other, see `beside`, the part that changes with what
-    this one absorbs, and the rest at what it absorbs now.
+    The light that pairs leave beside each other, see `beside`, is linearised at the pair's present
+    coverage.
     """
     c0, c1, both = row_at(_PAIR), row_at(_PAIR + 1), row_at(_PAIR + 2)
     cover, taken, odds = row_at(_OTHERS), row_at(_OTHERS + 1 + channel), row_at(_MOST)
     ground, rest = row_at(GROUND + channel), row_at(BESIDE + channel)
     for i in range(np.uint64(count)):
         first, second, pair = buffer[c0 + i], buffer[c1 + i], buffer[both + i]
-        here, there = max(first + second - pair, _LITTLE), max(buffer[cover + i], _LITTLE)
+        own, other = max(first + second - pair, _LITTLE), max(buffer[cover + i], _LITTLE)
         now, dark = a0 * first + a1 * second - b * pair, buffer[taken + i]
-        under = dark / there  # what the others absorb of what is under them
-        slope = under * covered_slope(here, there, buffer[odds + i])
-        shared = under * covered_by_both(here, there, buffer[odds + i]) / here
+        under = dark / other  # absorbed by the others, over their coverage
+        slope = under * covered_slope(own, other, buffer[odds + i])
+        shared = under * covered_by_both(own, other, buffer[odds + i]) / own
         light = buffer[ground + i]
         buffer[rest + i] = light * (slope - dark + now * (shared - slope))
         buffer[ground + i] = light * (F1 - slope)

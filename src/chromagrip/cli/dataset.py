@@ -103,7 +103,7 @@ def info(folder: Folder, *, json_only: Json = False) -> int:
 
     Example: chromagrip dataset info data --json
     """
-    from ..dataset.folder import summarise
+    from ..dataset.read import summarise
 
     print_values(summarise(folder), json_only)
     return 0

@@ -2,9 +2,10 @@
 
 from .check import check as check_dataset
 from .export import export as export_dataset
-from .folder import Loaded, load_sequences, sequence_name
+from .folder import sequence_name
 from .make import make as make_dataset
 from .make import merge as merge_datasets
+from .read import Loaded, load_sequences
 from .recipe import Recipe, load_recipe
 from .split import split as split_dataset
 

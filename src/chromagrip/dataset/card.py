@@ -17,9 +17,9 @@ from .folder import (
     TABLE,
     read_files,
     sequence_name,
-    tables,
     to_parquet,
 )
+from .read import tables
 from .recipe import Recipe, Values
 from .sequence import FRAME, MARKERS, NODES, STATES
 

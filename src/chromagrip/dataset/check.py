@@ -21,8 +21,8 @@ from .folder import (
     read_files,
     read_manifest,
     sequence_name,
-    stacked,
 )
+from .read import stacked
 from .sequence import FRAME, NODES, STATES
 
 Array = NDArray[np.float64]

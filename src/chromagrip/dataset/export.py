@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from ..output.folder import prepare, whole_folder
 from ..render import LAYERS
-from .folder import Loaded, link, load_sequences, read_manifest
+from .folder import link, read_manifest
 from .lerobot import write_lerobot
+from .read import Loaded, load_sequences
 
 #: Called with the number of sequences that are done.
 Progress = Callable[[int], None]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..extras import need
 from ..output.video import VideoFile
-from .folder import Loaded, load_sequences
+from .read import Loaded, load_sequences
 from .sequence import STATES
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import tomli_w
 
 from ..errors import UserError
 from ..output.folder import disk_errors, write_whole
-from ..render.design.sensor import FILES_NAMED
+from ..render import FILES_NAMED
 from ..strict_toml import read_toml
 from .folder import RECIPE, SENSORS
 from .recipe import Recipe, with_sensors
@@ -60,7 +60,9 @@ def _files(path: Path) -> dict[str, bytes]:
         if name := values.get(table, {}).get(key):
             other = path.parent / name
             if other.name in (path.name, *beside):
-                raise UserError(f"sensor file {path} names two files called {other.name}")
+                raise UserError(
+                    f"sensor file {path} cannot be copied: it names two files called {other.name}"
+                )
             beside[other.name] = _bytes(other)
             values[table][key] = other.name
     return {path.name: tomli_w.dumps(values).encode() if beside else _bytes(path), **beside}

@@ -13,9 +13,15 @@ from ..loop.camera import SimulatedCamera
 from ..loop.grasp import Sample, grasp
 from ..model import GROSS_SLIP, ForceField, node_friction, rest_state
 from ..output.processes import one_thread
-from ..render import Renderer, load_sensor, open_renderer
-from ..render.drawing.truth import MarkerTruth, TruthMap, marker_truth
-from ..render.harmonics import harmonic_map
+from ..render import (
+    MarkerTruth,
+    Renderer,
+    TruthMap,
+    harmonic_map,
+    load_sensor,
+    marker_truth,
+    open_renderer,
+)
 from ..scene.scene import Scene
 from .recipe import Recipe, Values, drawn, scene_of
 
@@ -160,7 +166,7 @@ def _shots(recipe: Recipe, made: Sequence, camera: SimulatedCamera) -> Iterator[
             yield Shot(
                 image=camera.expose(sample.state, sample.index).image,
                 values=_values(sample, on, friction),
-                markers=_markers(truth, unloaded, [_at_markers(carry, force) for force in on]),
+                markers=_markers(truth, unloaded, [carry.scalar(force) for force in on]),
                 nodes=_nodes(field, friction),
                 truth=pixels.images(recipe.truth, membrane, displacement) if pixels else {},
             )
@@ -214,12 +220,6 @@ def _markers(
         *(np.stack([force, force]) for force in forces),
     ]
     return {name: column.ravel() for name, column in zip(MARKERS, columns, strict=True)}
-
-
-def _at_markers(carry: Any, force: Array) -> Array:
-    """Force at the markers' places (M,) from its even and odd parts on the nodes (N,)."""
-    right, left = carry.right @ force, carry.left @ force
-    return np.asarray((right + left) / 2 + (right - left) / 2 * np.cos(carry.phi))
 
 
 def _camera(scene: Scene) -> SimulatedCamera:

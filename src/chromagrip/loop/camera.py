@@ -1,8 +1,9 @@
-"""The simulated camera: membrane, flaws, renderer, defects and noise behind one call."""
+"""The simulated camera: membrane, flaws, renderer, defects and noise."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..by_name import blaming, name_of
 from ..model import State
 from ..render import (
     Defects,
@@ -18,16 +19,17 @@ from ..render import (
 )
 
 Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
 
 
 class SimulatedCamera:
-    """Takes frames of a state of the node model; the same seed gives the same bytes.
+    """Takes frames of states of the node model; the same seed gives the same bytes.
 
     Parameters
     ----------
-    sensor: design that is seen
-    renderer: draws it; closed with the camera
-    nodes: of the chain
+    sensor: design in the image
+    renderer: of the sensor; closed with the camera
+    nodes: number of nodes of the chain
     noise: standard deviation [grey levels]
     seed: of the noise and of every defect
     defects: of the sensor and its image
@@ -47,49 +49,56 @@ class SimulatedCamera:
         self._flaws = Flaws(sensor, defects, seed)
         self._map = MembraneMap(sensor, nodes, self._flaws.places)
         self._imaging = Imaging(sensor, defects, seed)
-        # In periods: how long before a frame's instant its light was gathered.
+        # In frame periods before a frame's instant, when its light was gathered.
         self._shutter = shutter_times(defects, 1.0)
+        self._failure = f"renderer {name_of(renderer)} failed"
         self._before: Array | None = None
-        self._carried: tuple[Array, Membrane] | None = None
-        self._still: NDArray[np.uint8] | None = None
+        self._membrane: tuple[Array, Membrane] | None = None
+        self._still: Image | None = None
         self._noise = noise
         self._seed = seed
 
-    def membrane(self, seen: Array) -> Membrane:
-        """Markers of this specimen, for node displacements relative to the rigid part (N, 2)."""
+    def membrane(self, displacement: Array) -> Membrane:
+        """Markers of this specimen, for node displacements from the rigid part [m], (N, 2)."""
         # Labels and picture of a frame are of the same membrane.
-        if self._carried is None or not np.array_equal(self._carried[0], seen):
-            self._carried = seen.copy(), self._flaws(self._map(seen))
-        return self._carried[1]
+        if self._membrane is None or not np.array_equal(self._membrane[0], displacement):
+            self._membrane = displacement.copy(), self._flaws(self._map(displacement))
+        return self._membrane[1]
 
     def expose(self, state: State, index: int) -> Frame:
         """Frame number `index` of the run, of that state.
 
-        With an open shutter the skin moves on evenly from where the frame before saw it.
+        While the shutter is open the skin moves evenly from its state in the frame before.
         """
-        seen = state.deformation.seen
-        before = seen if self._before is None else self._before
-        self._before = seen.copy()
-        moved = seen - before
+        displacement = state.deformation.seen
+        before = displacement if self._before is None else self._before
+        self._before = displacement.copy()
+        moved = displacement - before
         if moved.any():
-            images = [self._renderer.render(self.membrane(seen + t * moved)) for t in self._shutter]
+            images = [self._render(displacement + t * moved) for t in self._shutter]
             self._still = None
         else:  # the same picture as long as nothing moves
             if self._still is None:
-                self._still = self._renderer.render(self.membrane(seen))
+                self._still = self._render(displacement)
             images = [self._still.copy()]
         return self._finish(images, state.time, index)
 
     def expose_rest(self, state: State, count: int) -> list[Frame]:
-        """`count` frames of one still state, numbered from the end so that no run repeats them."""
-        image = self._renderer.render(self.membrane(state.deformation.seen))
+        """`count` frames of one state at rest, with noise that is in no frame of a run."""
+        image = self._render(state.deformation.seen)
+        # Numbers from the end, which no run reaches.
         return [self._finish([image.copy()], state.time, 2**32 - 1 - i) for i in range(count)]
 
     def close(self) -> None:
         """Release the renderer."""
         self._renderer.close()
 
-    def _finish(self, images: list[NDArray[np.uint8]], time: float, index: int) -> Frame:
+    def _render(self, displacement: Array) -> Image:
+        membrane = self.membrane(displacement)
+        with blaming(self._failure, SystemExit):
+            return self._renderer.render(membrane)
+
+    def _finish(self, images: list[Image], time: float, index: int) -> Frame:
         image = self._imaging(images, index)
         add_noise(image, self._noise, self._seed, index)
         return Frame(image=image, time=time)

@@ -18,7 +18,7 @@ from ..tracking import (
 from .camera import SimulatedCamera
 from .latency import DelayedController, arrivals
 from .methods import Methods
-from .observers import CameraObserver, TruthObserver, with_friction_off
+from .observers import CameraObserver, TruthObserver, with_friction_bias
 from .world import Plant, World
 
 
@@ -145,7 +145,7 @@ def _truth_readings(scene: Scene) -> Read:
             return Reading()
         time, exposed = world.now.state.time, world.exposed
         observation = observer.observe(time, exposed.field, exposed.slip.current)
-        return Reading(observation=with_friction_off(observation, scene.camera.friction_bias))
+        return Reading(observation=with_friction_bias(observation, scene.camera.friction_bias))
 
     return read
 
@@ -176,7 +176,7 @@ def _camera_readings(
         state = replace(world.exposed.state, time=world.now.state.time)
         frame = camera.expose(state, index)
         observation, tracks = observer.observe(frame)
-        observation = with_friction_off(observation, scene.camera.friction_bias)
+        observation = with_friction_bias(observation, scene.camera.friction_bias)
         return Reading(observation=observation, frame=frame, tracks=tracks, rest=observer.rest)
 
     return read

@@ -6,13 +6,11 @@ frame arrives, the grip holds: at first at the controller's answer to the first 
 
 import math
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..by_name import describe
+from ..by_name import blaming
 from ..control import Controller, GripObservation
 from ..errors import UserError
 from ..scene.scene import Scene
@@ -74,13 +72,14 @@ class DelayedController:
         return self._grip
 
     def _reset(self) -> None:
-        with self._failing("before the first sample"):
+        failure = f"controller {self._name} failed before the first sample"
+        with blaming(failure, Exception, SystemExit):
             self._controller.reset()
 
     def _answer(self, index: int, observation: GripObservation) -> float:
         """Force that the controller commands for the observation of frame `index` [N]."""
         place = f"at t = {observation.time:.4g} s, sample {index}"
-        with self._failing(place):
+        with blaming(f"controller {self._name} failed {place}", Exception, SystemExit):
             force = float(self._controller.command(observation).force)
         if math.isfinite(force) and force >= 0.0:
             return force
@@ -88,13 +87,3 @@ class DelayedController:
             f"controller {self._name} commanded {force!r} N {place}; a grip force is finite and "
             "not negative"
         )
-
-    @contextmanager
-    def _failing(self, place: str) -> Iterator[None]:
-        """Refuse with the controller's name what the controller raises inside."""
-        try:
-            yield
-        except (Exception, SystemExit) as reason:  # a plug-in may raise anything
-            raise UserError(
-                f"controller {self._name} failed {place}: {describe(reason)}"
-            ) from reason

@@ -1,11 +1,11 @@
-"""From a frame (camera path) or from the model itself (truth path) to a GripObservation."""
+"""Observers: from a frame (camera path) or from the model (truth path) to a GripObservation."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 
-from ..by_name import Choice
+from ..by_name import Choice, blaming, name_of
 from ..control import GripObservation
 from ..model import Fingertip, ForceField
 from ..render import Frame
@@ -23,13 +23,13 @@ from ..tracking import (
     load_tracker,
 )
 
-#: Correlation of the sums' errors where stiffnesses are off: the tissue's turn both alike, the
-#: membrane's do not.
-_ALIKE = 0.95
-#: µ that is put off is no less.
-_LEAST_FRICTION = 0.01
-#: Marks the random numbers of the truth path's noise among those of a seed.
-_MARGIN_NOISE = 7
+#: Correlation of the errors of ΣFn and ΣFf where stiffnesses are wrong: the tissue's turn both
+#: alike, the membrane's do not.
+STIFFNESS_CORRELATION = 0.95
+#: Smallest µ that a bias leaves.
+LEAST_FRICTION = 0.01
+#: Stream of random numbers that the noise on Γ is drawn from, among those of a seed.
+MARGIN_NOISE_STREAM = 7
 
 
 class TruthObserver:
@@ -38,43 +38,45 @@ class TruthObserver:
     Parameters
     ----------
     window: moving average of the friction estimate [s]
-    margin_noise: standard deviation of white noise on Γ, as wrong friction forces; µ is left alone
+    margin_noise: standard deviation of white noise on Γ; it is put on the friction forces, not on µ
     seed: of the noise
     """
 
     def __init__(self, window: float, margin_noise: float = 0.0, seed: int = 0) -> None:
         self._friction = FrictionEstimate(THESIS_RULE, window)
         self._noise = margin_noise
-        self._random = np.random.default_rng([seed, _MARGIN_NOISE])
+        self._random = np.random.default_rng([seed, MARGIN_NOISE_STREAM])
 
     def observe(
         self, time: float, field: ForceField, lateral_displacement: float
     ) -> GripObservation:
         """Observation of the true contact forces."""
-        seen = _observation(time, field, self._friction, lateral_displacement)
-        if self._noise == 0.0 or math.isnan(seen.margin):
-            return seen
-        return _with_margin_noise(seen, self._noise, float(self._random.standard_normal()))
+        observation = _observation(time, field, self._friction, lateral_displacement)
+        if self._noise == 0.0 or math.isnan(observation.margin):
+            return observation
+        return _with_margin_noise(observation, self._noise, float(self._random.standard_normal()))
 
 
-def _with_margin_noise(seen: GripObservation, sigma: float, drawn: float) -> GripObservation:
-    """The observation with friction forces that are wrong by what puts the margin off by σ·drawn.
+def _with_margin_noise(
+    observation: GripObservation, deviation: float, drawn: float
+) -> GripObservation:
+    """Observation whose friction forces are wrong, so that Γ is wrong by deviation·drawn.
 
-    Nodes share the error as they share ΣFn; near Γ = 1 the sum may change its sign.
+    Nodes share the error as they share ΣFn. Near Γ = 1 the sum may change its sign.
     """
-    field = seen.field
+    field, mu = observation.field, observation.friction
     side = 1.0 if field.friction[field.contact].sum() >= 0.0 else -1.0
     share = np.where(field.contact, field.normal, 0.0)
-    spread = side * seen.friction * share * sigma
-    covariance = np.diag([0.0, (seen.friction * field.total_normal * sigma) ** 2])
+    spread = side * mu * share * deviation
+    covariance = np.diag([0.0, (mu * field.total_normal * deviation) ** 2])
     noisy = replace(field, friction=field.friction - drawn * spread, totals_covariance=covariance)
-    margin = noisy.safety_margin(seen.friction)
-    interval = (margin - Z90 * sigma, margin + Z90 * sigma)
-    return replace(seen, field=noisy, margin=margin, margin_interval=interval)
+    margin = noisy.safety_margin(mu)
+    interval = (margin - Z90 * deviation, margin + Z90 * deviation)
+    return replace(observation, field=noisy, margin=margin, margin_interval=interval)
 
 
 class ForceObserver:
-    """Reads forces and friction off the tracks of one specimen, frame after frame.
+    """Estimates forces and friction from the tracks of one specimen, frame after frame.
 
     Parameters
     ----------
@@ -93,7 +95,9 @@ class ForceObserver:
         window: float,
         rule: FrictionRule = CAMERA_RULE,
     ) -> None:
-        self._forces = load_reconstructor(reconstructor)(calibration, rest)
+        self._failure = f"reconstructor {name_of(reconstructor)} failed"
+        with blaming(self._failure, SystemExit):
+            self._forces = load_reconstructor(reconstructor)(calibration, rest)
         self._friction = FrictionEstimate(rule, window)
         self._fingertip = calibration.fingertip
         self._stiffness_deviation = calibration.stiffness_deviation
@@ -101,27 +105,30 @@ class ForceObserver:
     def observe(self, time: float, tracks: Tracks) -> GripObservation:
         """Observation of a frame's tracks.
 
-        Where they say nothing of the forces, the observation says so: an empty field, a margin of
-        NaN, and the reason.
+        Where no forces can be estimated it has an empty field, Γ of NaN, and the reason.
         """
         reason = ""
         try:
-            field = _as_sure(self._forces.update(tracks), self._stiffness_deviation)
+            with blaming(self._failure, SystemExit):
+                field = self._forces.update(tracks)
+            field = _with_stiffness_deviation(field, self._stiffness_deviation)
         except NoEstimateError as error:
             field, reason = _empty_field(self._fingertip), str(error)
         return _observation(time, field, self._friction, math.nan, reason)
 
 
-def with_friction_off(seen: GripObservation, bias: float) -> GripObservation:
-    """The observation with µ that is off by so much, 0.01 at least, and Γ that goes with it."""
-    if bias == 0.0 or math.isnan(seen.margin):
-        return seen
-    mu = max(seen.friction + bias, _LEAST_FRICTION)
-    margin = seen.field.safety_margin(mu)
-    low, high = (value + mu - seen.friction for value in seen.friction_interval)
-    margin_low, margin_high = (value + margin - seen.margin for value in seen.margin_interval)
+def with_friction_bias(observation: GripObservation, bias: float) -> GripObservation:
+    """Observation with a bias on µ, which stays above 0.01, and with the Γ of that µ."""
+    if bias == 0.0 or math.isnan(observation.margin):
+        return observation
+    mu = max(observation.friction + bias, LEAST_FRICTION)
+    margin = observation.field.safety_margin(mu)
+    low, high = (end + mu - observation.friction for end in observation.friction_interval)
+    margin_low, margin_high = (
+        end + margin - observation.margin for end in observation.margin_interval
+    )
     return replace(
-        seen,
+        observation,
         friction=mu,
         friction_interval=(low, high),
         margin=margin,
@@ -130,7 +137,7 @@ def with_friction_off(seen: GripObservation, bias: float) -> GripObservation:
 
 
 class CameraObserver:
-    """Reads forces and friction off camera frames; knows only pixels and the calibration.
+    """Estimates forces and friction from camera frames; knows only pixels and the calibration.
 
     Parameters
     ----------
@@ -151,14 +158,17 @@ class CameraObserver:
         window: float,
         rest: list[Frame],
     ) -> None:
-        self._tracker = load_tracker(tracker)(Palette.of_sensor(calibration.sensor), noise)
-        #: Tracks of the rest frames, from which displacements are counted.
-        self.rest: Tracks = self._tracker.reset(rest)
+        self._failure = f"tracker {name_of(tracker)} failed"
+        with blaming(self._failure, SystemExit):
+            self._tracker = load_tracker(tracker)(Palette.of_sensor(calibration.sensor), noise)
+            #: Tracks of the rest frames, from which displacements are counted.
+            self.rest: Tracks = self._tracker.reset(rest)
         self._forces = ForceObserver(calibration, self.rest, reconstructor, window)
 
     def observe(self, frame: Frame) -> tuple[GripObservation, Tracks]:
-        """Observation of a frame, and the tracks it rests on."""
-        tracks = self._tracker.update(frame)
+        """Observation of a frame, and the tracks that it was estimated from."""
+        with blaming(self._failure, SystemExit):
+            tracks = self._tracker.update(frame)
         return self._forces.observe(frame.time, tracks), tracks
 
 
@@ -188,11 +198,14 @@ def _observation(
 def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float:
     """Standard deviation of Γ from those of ΣFn, ΣFf and µ, to first order.
 
-    Where µ was read together with the sums, it errs together with them too.
+    An error of a µ that was read together with the sums is correlated with theirs. NaN where Γ is,
+    infinite where that of a sum is.
     """
     normal, friction = field.total_normal, field.total_friction
-    if not normal > 0.0:
+    if not (normal > 0.0 and mu > 0.0):
         return math.nan
+    if not np.isfinite(field.totals_covariance).all():
+        return math.inf
     covariance = np.zeros((3, 3))
     covariance[:2, :2] = field.totals_covariance
     covariance[2, 2] = mu_deviation**2
@@ -204,11 +217,12 @@ def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float
     return math.sqrt(max(float(slope @ covariance @ slope), 0.0))
 
 
-def _as_sure(field: ForceField, stiffness_deviation: float) -> ForceField:
-    """Field whose sums are no surer than the stiffnesses they were read with."""
-    totals = stiffness_deviation * np.array([field.total_normal, field.total_friction])
-    more = np.outer(totals, totals) * [[1.0, _ALIKE], [_ALIKE, 1.0]]
-    return replace(field, totals_covariance=field.totals_covariance + more)
+def _with_stiffness_deviation(field: ForceField, deviation: float) -> ForceField:
+    """Field whose sums are uncertain by that share, as the stiffnesses of the calibration are."""
+    totals = deviation * np.array([field.total_normal, field.total_friction])
+    added = np.outer(totals, totals)
+    added *= [[1.0, STIFFNESS_CORRELATION], [STIFFNESS_CORRELATION, 1.0]]
+    return replace(field, totals_covariance=field.totals_covariance + added)
 
 
 def _empty_field(fingertip: Fingertip) -> ForceField:

@@ -209,6 +209,9 @@ class RunFiles:
     def _writing(self) -> Iterator[None]:
         try:
             yield
+        except UserError:  # of the video
+            self._discard()
+            raise
         except OSError as error:
             self._discard()
             reason = error.strerror or error

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 
-#: Of what does not tell its rate [Hz].
+#: Rate of sources that have none of their own [Hz].
 DEFAULT_FPS = 30.0
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _LOSSY = (".jpg", ".jpeg")
@@ -31,17 +31,17 @@ _PNG_BEGIN, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Where frames come from.
+    """Source of frames.
 
     Attributes
     ----------
-    name: as it was asked for
-    frames: gives the frames from the first one on, each time it is called; raises UserError
-        where they break off
-    count: of the frames; None where that is not known beforehand
+    name: that the user gave
+    frames: iterates over the frames, at each call from the first one; raises UserError where they
+        break off
+    count: number of frames; None where it is not known beforehand
     fps: rate [Hz], nominal where frames carry their own times
-    live: a camera, which gives no frame twice
-    lossy: its compression leaves errors in the pictures
+    live: whether it is a camera, which gives no frame twice
+    lossy: whether its compression leaves errors in the pictures
     """
 
     name: str
@@ -93,7 +93,7 @@ def read_picture(path: Path) -> Image:
     Raises
     ------
     UserError
-        When the file is no whole picture, or has more than 8 bits, or pixels one can see through.
+        When the file is no complete picture, has more than 8 bits a channel, or is transparent.
     """
     try:
         data = path.read_bytes()
@@ -102,11 +102,11 @@ def read_picture(path: Path) -> Image:
     if not data:
         raise UserError(f"picture {path} is empty (0 bytes)")
     image = None
-    # libpng complains to the terminal by itself.
+    # libpng writes its own messages to the terminal.
     if not data.startswith(_PNG_BEGIN) or _PNG_END in data:
         with _silent():
             try:
-                # Unchanged: as it was stored, not turned as the file may ask for.
+                # Unchanged: as it was stored, not rotated by the file's metadata.
                 image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
             except cv2.error:
                 image = None
@@ -114,8 +114,8 @@ def read_picture(path: Path) -> Image:
         raise UserError(f"picture {path} cannot be read: it is cut off, or not {_kind(path)} file")
     if image.dtype != np.uint8:
         raise UserError(
-            f"picture {path} has {image.dtype} values; wanted: 8 bits a channel, as which of more "
-            "bits are used is not known"
+            f"picture {path} has {image.dtype} values; wanted: 8 bits a channel, because the range "
+            "of wider values is not known"
         )
     if image.ndim == 3 and image.shape[2] == 4 and (image[..., 3] < 255).any():
         raise UserError(f"picture {path} has transparent pixels; wanted: an opaque picture")
@@ -137,7 +137,7 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Keep OpenCV from writing to the terminal; what failed is told by us, in one sentence."""
+    """Keep OpenCV from writing to the terminal; our own error says what failed."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
@@ -204,7 +204,7 @@ def _open_video(path: Path) -> "Iterator[av.container.InputContainer]":
             f"{path} cannot be read as a video: {_reason(error)}; give {_KINDS}"
         ) from None
     with container:
-        # To FFmpeg any text is a film of a terminal.
+        # FFmpeg reads any text as a recording of a terminal.
         if not container.streams.video or container.format.name == "tty":
             raise UserError(f"{path} has no video in it; give {_KINDS}")
         yield container
@@ -216,7 +216,7 @@ def _reason(error: "av.FFmpegError") -> str:
 
 
 def _video_frames(path: Path, fps: float | None) -> Iterator[Frame]:
-    """Frames with the file's own times, or evenly at `fps`; all of them, or a UserError."""
+    """Frames with the file's own times, or evenly at `fps`; a UserError where it is cut off."""
     av = need("av", "video")
     with _open_video(path) as container:
         stream = container.streams.video[0]
@@ -240,9 +240,9 @@ def _video_frames(path: Path, fps: float | None) -> Iterator[Frame]:
             raise broken(str(error.strerror).lower()) from None
         if count < stream.frames:
             raise broken("the file ends there")
-        # Matroska tells no count but a duration, which beside sound may not be the pictures'.
-        told = 0.0
+        # Matroska has a duration instead of a count; beside sound it may be that of the sound.
+        duration = 0.0
         if not stream.frames and len(container.streams) == 1:
-            told = 1e-6 * (container.duration or 0)
-        if told > last - first + 2.5 / rate:
-            raise broken(f"the file ends there, and should last {told:g} s")
+            duration = 1e-6 * (container.duration or 0)
+        if duration > last - first + 2.5 / rate:
+            raise broken(f"the file ends there, and should last {duration:g} s")

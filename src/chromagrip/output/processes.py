@@ -166,9 +166,3 @@ def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(_CHECK_S)
     os._exit(1)
-
-
-def start_worker() -> None:
-    """For pools that do not use `map_processes` yet."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(1)

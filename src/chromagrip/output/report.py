@@ -110,13 +110,12 @@ class Report:
             "rows": [row_as_json(row) for row in self.rows],
         }
 
-    def judged(self) -> tuple[Row, ...]:
-        """Rows that have a target."""
-        return tuple(row for row in self.rows if row.target is not None)
-
-    def listed(self) -> tuple[Row, ...]:
+    def listed(self) -> Table:
         """Rows to print one by one: those with a target, or all where no table sums them up."""
-        return self.judged() if self.tables else self.rows
+        if self.tables:
+            judged = [row for row in self.rows if row.target is not None]
+            return rows_table(judged, "Figures with a target")
+        return rows_table(self.rows)
 
 
 def row_as_json(row: Row) -> dict[str, object]:
@@ -214,7 +213,7 @@ def score_table(rows: Iterable[Row], column: Callable[[Row], str], title: str = 
     )
 
 
-def rows_table(rows: Iterable[Row]) -> Table:
+def rows_table(rows: Iterable[Row], title: str = "") -> Table:
     """Rows as a table: name, value, unit, target, verdict, and notes where there are any."""
     rows = list(rows)
     noted = any(row.note for row in rows)
@@ -231,11 +230,14 @@ def rows_table(rows: Iterable[Row]) -> Table:
             )[: 6 if noted else 5]
             for row in rows
         ),
+        title=title,
     )
 
 
 def table_lines(table: Table, width: float = SCREEN_WIDTH) -> Iterator[str]:
-    """Table as text, in as many blocks of columns as a line of that width needs."""
+    """Table as text, in as many blocks of columns as a line of that width needs; none if empty."""
+    if not table.lines:
+        return
     if table.title:
         yield table.title
     cells = (table.header, *table.lines)
@@ -259,8 +261,7 @@ def report_lines(report: Report) -> Iterator[str]:
         yield from table_lines(table)
     for note in report.notes:
         yield from (*textwrap.wrap(note, SCREEN_WIDTH), "")
-    if report.listed():
-        yield from table_lines(rows_table(report.listed()), math.inf)
+    yield from table_lines(report.listed(), math.inf)
 
 
 def print_report(report: Report) -> None:
@@ -273,16 +274,14 @@ def report_markdown(report: Report) -> Iterator[str]:
     """Report as lines of Markdown for a page: notes, tables, figures and details."""
     for note in report.notes:
         yield from (note, "")
-    for table in report.tables:
-        yield from (*markdown(table), "")
-    if report.listed():
-        yield from (*markdown(rows_table(report.listed())), "")
-    for table in report.details:
+    for table in (*report.tables, report.listed(), *report.details):
         yield from (*markdown(table), "")
 
 
 def markdown(table: Table) -> Iterator[str]:
-    """Table as lines of Markdown."""
+    """Table as lines of Markdown; none if it is empty."""
+    if not table.lines:
+        return
     if table.title:
         yield from (f"{table.title}:", "")
     for line in (table.header, ("---",) * len(table.header), *table.lines):

@@ -45,6 +45,7 @@ class VideoFile(GrowingFile):
         self._rate, self._quality = rate, quality
         self._options = options or {}
         with disk_errors(path):
+            self._part.touch()  # the container makes its file when the encoder's buffer is full
             self._container = need("av", "video").open(str(self._part), "w", format="mp4")
         self._stream = None
 

@@ -14,6 +14,7 @@ from ..control import GripObservation
 from ..loop.figure import ESTIMATED, LOAD, TRUE, finish
 from ..loop.tactile_video import ARROW, MAGNIFY
 from ..model import REFERENCE_NODES
+from ..output.folder import whole_file
 from ..output.parquet import Row
 from ..render import View
 from ..tracking import Tracks
@@ -64,7 +65,8 @@ def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
         panel_axes[2].axhline(0.0, color=LOAD, lw=0.8, ls=":")
         panel_axes[2].set_ylim(-0.15, 1.05)
     panel_axes[-1].set_xlabel("time [s]")
-    figure.savefig(path, dpi=110)
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=110)
 
 
 def _column(rows: list[Row], name: str) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 import itertools
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..output.folder import prepare
+from ..output.folder import prepare, write_whole
 from ..output.processes import one_thread
 from ..render import Frame
 from ..tracking import Palette, Tracks
@@ -80,6 +80,7 @@ class _Tally:
     seconds: float = 0.0
     ambiguous: int = 0
     last: Tracks | None = None
+    broken: str | None = None
 
     def add(self, tracks: Tracks, seconds: float) -> None:
         self.frames += 1
@@ -129,35 +130,48 @@ def follow(
     tally = _Tally(known=known, visible=np.zeros(known.shape, dtype=np.int64))
     count = opened.source.count
     total = count if limit is None else min(limit, count or limit)
-    complete, ended, broken = False, "", None
+    complete, ended = False, ""
     try:
         with ExitStack() as files, one_thread():
             add = open_files(files)
-            for index, frame in enumerate(itertools.islice(opened.frames, limit)):
-                begin = time.perf_counter()
-                tracks = opened.update(frame)
-                tally.add(tracks, time.perf_counter() - begin)
+            for index, frame, tracks in _tracked(opened, tally, limit):
                 add(index, frame, tracks)
                 progress(tally.frames, total)
-        complete, ended = True, "end of the source"
-        if limit is not None and tally.frames == limit:
-            ended = f"after {limit} frames, as asked"
-    except UserError as error:
-        kept = "" if out is None else f"; the results of the {tally.frames} frames before are kept"
-        ended = broken = f"{error}{kept}"
+        if tally.broken is not None:
+            kept = f"; the results of the {tally.frames} frames before are kept"
+            tally.broken += "" if out is None else kept
+            ended = tally.broken
+        elif limit is not None and tally.frames == limit:
+            complete, ended = True, f"after {limit} frames, as asked"
+        else:
+            complete, ended = True, "end of the source"
     except KeyboardInterrupt:
         complete, ended = opened.source.live and limit is None, "interrupted"
         if not complete:
             raise
-    except Exception as error:  # a bug, of a plug-in or ours: named in the summary, and raised
-        ended = f"{type(error).__name__}: {error}"
+    except Exception as error:  # a disk that is full, or a bug of a plug-in or ours
+        ended = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
         raise
     finally:
         summary = summarise(_course(tally, opened.palette, complete, ended))
         if out is not None:
-            text = json.dumps(summary, indent=2)
-            (out / "summary.json").write_text(text + "\n", encoding="utf-8")
-    return Outcome(summary=summary, broken=broken)
+            text = json.dumps(summary, indent=2) + "\n"
+            write_whole(out / "summary.json", text.encode())
+    return Outcome(summary=summary, broken=tally.broken)
+
+
+def _tracked(
+    opened: Opened, tally: _Tally, limit: int | None
+) -> Iterator[tuple[int, Frame, Tracks]]:
+    """Frames with their tracks, until the source ends or breaks off."""
+    try:
+        for index, frame in enumerate(itertools.islice(opened.frames, limit)):
+            begin = time.perf_counter()
+            tracks = opened.update(frame)
+            tally.add(tracks, time.perf_counter() - begin)
+            yield index, frame, tracks
+    except UserError as error:
+        tally.broken = str(error)
 
 
 def _course(tally: _Tally, palette: Palette, complete: bool, ended: str) -> Course:

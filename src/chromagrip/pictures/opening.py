@@ -2,11 +2,10 @@
 
 import itertools
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypedDict
 
-from ..by_name import Choice, describe, name_of
+from ..by_name import Choice, blaming, name_of
 from ..errors import UserError
 from ..output.pictures import Source, open_source
 from ..output.processes import one_thread
@@ -63,7 +62,7 @@ class Opened:
             When the tracker refuses the frame, or gives no tracks of the same markers.
         """
         name = self.setup["tracker"]
-        with _no_exit(name):
+        with blaming(f"tracker {name!r} failed", SystemExit):
             tracks = self.tracker.update(frame)
         _check_same(tracks, self.resting, name)
         return tracks
@@ -98,7 +97,7 @@ def open_tracking(
             noise_words = _GIVEN
         tell("markers at rest")
         start = read_rest(still, palette)
-        with _no_exit(name):
+        with blaming(f"tracker {name!r} failed", SystemExit):
             made = make(palette, noise)
             resting = _reset(made, still, noise, noise_words)
         _check_tracks(resting, name)
@@ -130,15 +129,6 @@ def open_tracking(
         frames=itertools.chain([first], _checked(frames, opened, start)),
         setup=setup,
     )
-
-
-@contextmanager
-def _no_exit(name: str) -> Iterator[None]:
-    """Take `SystemExit` of a tracker for its failure, so that the program does not end as done."""
-    try:
-        yield
-    except SystemExit as reason:
-        raise UserError(f"tracker {name!r} failed: {describe(reason)}") from reason
 
 
 def _reset(tracker: Tracker, still: list[Frame], noise: float, noise_words: str) -> Tracks:

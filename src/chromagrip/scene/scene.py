@@ -31,6 +31,7 @@ from ..model import (
 )
 from ..render import RENDERERS, Defects, SensorDesign, load_sensor
 from ..strict_toml import Table, convert, read_toml
+from ..thesis import LOAD_TIMES_S, LOADS_N
 from .actuator import ActuatorSettings
 from .controllers import CONTROLLERS
 
@@ -39,6 +40,9 @@ NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
 Part = Annotated[float, Meta(ge=0.0, lt=1.0)]
 Force = Annotated[float, Meta(ge=-100.0, le=100.0)]
 Friction = Annotated[float, Meta(gt=0.0, le=5.0)]
+
+#: Settings of controllers that are grip forces.
+GRIP_KEYS = ("force_n", "start_n", "step_n", "feedforward_n", "floor_n", "ceiling_n")
 
 PathName = Literal["camera", "truth"]
 
@@ -97,8 +101,8 @@ class LoadSettings(Table, frozen=True):
     `interpolation` says; a sine of `sine_n` and `sine_hz` is added from the first time on.
     """
 
-    times_s: tuple[NotNegative, ...] = (0.04, 1.0)
-    forces_n: tuple[Force, ...] = (0.25, 0.65)
+    times_s: tuple[NotNegative, ...] = LOAD_TIMES_S
+    forces_n: tuple[Force, ...] = LOADS_N
     interpolation: Literal["hold", "linear"] = "hold"
     sine_n: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
     sine_hz: Positive = 1.0
@@ -263,9 +267,9 @@ class Scene(Table, frozen=True):
             return
         settings = getattr(self, self._settings_name)
         limit = largest_grip(self.build_fingertip(), self.build_object())
-        for key in settings.__struct_fields__:
-            force = getattr(settings, key)
-            if key.endswith("_n") and force > limit:
+        for key in GRIP_KEYS:
+            force = getattr(settings, key, 0.0)
+            if force > limit:
                 raise UserError(
                     f"{self._settings_name}.{key} = {force:g} must be at most {limit:.3g}, the "
                     "grip that presses the whole fingertip flat"

@@ -23,8 +23,8 @@ from ...model import (
 )
 from ...output.figure import finish, new_figure
 from ...output.report import reported, within
+from .runs import UNPRINTED
 from .statements import Section
-from .unprinted import UNPRINTED
 
 Array = NDArray[np.float64]
 

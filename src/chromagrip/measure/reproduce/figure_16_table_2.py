@@ -1,4 +1,4 @@
-"""Fig. 16 and Table 2 of the thesis: 27 objects, three controllers, and what is not printed."""
+"""Fig. 16 and Table 2 of the thesis: 27 objects and three controllers."""
 
 import json
 from dataclasses import replace
@@ -23,9 +23,8 @@ from ...output.figure import finish, new_figure
 from ...output.report import Row, Table, at_least, reported, within
 from ...thesis import FRICTIONS, LOADS_N, OBJECTS, RADII_MM, STIFFNESSES_KPA
 from .figures_13_to_15 import NONE
-from .runs import CONTROLLERS, Cell, Job, Runs, largest, make_job
+from .runs import CONTROLLERS, PLAIN, UNPRINTED, Cell, Job, Runs, Variant, make_job
 from .statements import Check, Section, judged, near, near_share, number, over, under
-from .unprinted import PLAIN, UNPRINTED, Variant
 
 Array = NDArray[np.float64]
 #: Friction coefficient, stiffness [kPa] and radius [mm].
@@ -102,7 +101,7 @@ def figure_16(runs: Runs) -> Section:
     names = [f"{k:g} kPa, {'flat' if r == np.inf else f'{r:g} mm'}" for k, r in places]
     shades = dict(zip(FRICTIONS, ("#9fd0c9", "#3a8f86", "#10403c"), strict=True))
     shape = tuple(map(len, _PROPERTIES))
-    pressures = {name: _pressures(runs, name).reshape(shape) for name in CONTROLLERS}
+    pressures = {name: _values(runs, name).reshape(shape) for name in CONTROLLERS}
     for axes, (name, values) in zip(panels, pressures.items(), strict=True):
         for colour, of_friction in zip(shades.values(), values, strict=True):
             axes.plot(of_friction.ravel(), "o", color=colour, ms=5)
@@ -114,12 +113,8 @@ def figure_16(runs: Runs) -> Section:
     ]
     panels[0].legend(handles=handles, fontsize=8, frameon=False)
     others = [pressures["conservative"], pressures["react-to-slip"]]
-    slid = [cell.displacement for cell in cells(runs, "react-to-slip").values()]
-    rest = [
-        cell.displacement
-        for name in ("safety-margin", "conservative")
-        for cell in cells(runs, name).values()
-    ]
+    slid = _values(runs, "react-to-slip", what="displacement")
+    rest = [_values(runs, name, what="displacement") for name in ("safety-margin", "conservative")]
     checks = [
         near(("figure-16", "curvature"), sum(_not_rising(p, 2) for p in pressures.values()), 0.0),
         near(
@@ -132,13 +127,18 @@ def figure_16(runs: Runs) -> Section:
         ),
         near(
             ("figure-16", "friction", "others"),
-            largest(map(_influence, others)),
+            float(np.max([_influence(each) for each in others])),
             _INFLUENCE,
             _TILTS,
         ),
-        near(("figure-16", "displacement", "react-to-slip", "least"), min(slid), NONE),
-        near(("figure-16", "displacement", "react-to-slip", "most"), largest(slid), NONE, _TILTS),
-        near(("figure-16", "displacement", "others"), largest(rest), NONE),
+        near(("figure-16", "displacement", "react-to-slip", "least"), float(slid.min()), NONE),
+        near(
+            ("figure-16", "displacement", "react-to-slip", "most"),
+            float(slid.max()),
+            NONE,
+            _TILTS,
+        ),
+        near(("figure-16", "displacement", "others"), float(np.max(rest)), NONE),
     ]
     notes = [
         "Single pressures are not printed: their order is compared.",
@@ -167,9 +167,9 @@ def _influence(pressures: Array) -> float:
 
 def table_2(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
     """Mean and standard deviation of the largest pressure, and the t-tests."""
-    pitch = {name: _pressures(runs, name) for name in CONTROLLERS}
+    pitch = {name: _values(runs, name) for name in CONTROLLERS}
     still = np.array([runs.cells[still_job(obj)].pressure_pitch for obj in OBJECTS])
-    wide = {name: _pressures(runs, name, what="pressure") for name in CONTROLLERS}
+    wide = {name: _values(runs, name, what="pressure") for name in CONTROLLERS}
     lines = [
         ("thesis", *(f"{mean:.0f} ± {std:.0f}" for mean, std in map(_printed, CONTROLLERS))),
         _line("width + one node pitch", pitch),
@@ -182,13 +182,13 @@ def table_2(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
     ]
     rows = _rows_of_means(pitch, still)
     for variant in sweep:
-        changed = {name: _pressures(runs, name, variant) for name in CONTROLLERS}
+        changed = {name: _values(runs, name, variant) for name in CONTROLLERS}
         lines.append(_line(variant.text, changed))
         for name, pressures in changed.items():
             for score, value in zip(_SCORES, _mean_and_deviation(pressures), strict=True):
                 rows.append(reported(("table-2", variant.text, name, score), value, "N/m"))
     if camera:
-        through_camera = {name: _pressures(runs, name, camera=camera) for name in CONTROLLERS}
+        through_camera = {name: _values(runs, name, camera=camera) for name in CONTROLLERS}
         lines.append(_line(f"through the camera, scene {camera}", through_camera))
         rows += _camera_rows(runs, camera, through_camera, pitch)
     notes = [
@@ -245,14 +245,14 @@ def _rows_of_means(pressures: dict[str, Array], still: Array) -> list[Row]:
     return rows
 
 
-def _pressures(
+def _values(
     runs: Runs,
     name: str,
     variant: Variant = PLAIN,
     camera: str | None = None,
     what: str = "pressure_pitch",
 ) -> Array:
-    """Largest pressure with each object [N/m], shape (27,)."""
+    """Quantity of the result with each object, shape (27,); by default the pressure [N/m]."""
     return np.array([getattr(cell, what) for cell in cells(runs, name, variant, camera).values()])
 
 
@@ -300,7 +300,7 @@ def _camera_rows(
         else:
             rows.append(reported((*subject, "pressure_over_truth"), share, "×"))
         ended = [cell for cell in results if not cell.stopped]
-        slid = largest(cell.displacement for cell in ended)
+        slid = float(np.max([cell.displacement for cell in ended]))
         error = np.array([cell.margin_rmse for cell in ended])
         rows.append(reported((*subject, "let_go"), len(results) - len(ended), "of 27"))
         rows.append(reported((*subject, "largest_displacement"), slid, "mm"))

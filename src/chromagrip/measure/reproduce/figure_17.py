@@ -2,15 +2,15 @@
 
 from itertools import pairwise
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from ...output.figure import finish, new_figure
 from ...output.report import Row, Table, at_most, reported
 from ...thesis import LOADS_N
 from .figures_13_to_15 import NONE
-from .runs import CONTROLLERS, Cell, Job, Runs, largest, make_job
+from .runs import CONTROLLERS, PLAIN, UNPRINTED, Cell, Job, Runs, Variant, make_job
 from .statements import SHAPE_ONLY, Section, judged, near, over
-from .unprinted import PLAIN, UNPRINTED, Variant
 
 #: Desired margins of Safety Margin Control and steps of React To Slip [N], in increasing order.
 MARGINS = (0.09, 0.10, 0.11, 0.12, 0.15, 0.20, 0.25, 0.30, 0.40, 0.50, 0.60, 0.70, 0.80)
@@ -63,7 +63,7 @@ def figure_17(runs: Runs, quick: bool, sweep: list[Variant]) -> Section:
         over(("figure-17", "margin", "slips-at-10"), ten.rigid_slip, _SLIP, _REASON),
         near(
             ("figure-17", "margin", "slips-above"),
-            largest(cell.rigid_slip for margin, cell in safe.items() if margin > 0.105),
+            float(np.max([cell.rigid_slip for margin, cell in safe.items() if margin > 0.105])),
             _SLIP,
         ),
         over(
@@ -87,7 +87,7 @@ def figure_17(runs: Runs, quick: bool, sweep: list[Variant]) -> Section:
         over(
             ("figure-17", "step", "lowest-pressure"),
             min(cell.pressure_pitch for cell in safe.values())
-            - largest(react[step].pressure_pitch for step in (0.25, 0.5)),
+            - float(np.max([react[step].pressure_pitch for step in (0.25, 0.5)])),
             0.0,
         ),
     ]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from ...model import ContactObject, Drive, Fingertip, ForceField, History, contact_forces, simulate
 from ...output.figure import finish, new_figure
 from ...tracking import THESIS_RULE, FrictionEstimate
+from .runs import UNPRINTED
 from .statements import SHAPE_ONLY, Section, judged, near, near_share, over, under
-from .unprinted import UNPRINTED
 
 Array = NDArray[np.float64]
 

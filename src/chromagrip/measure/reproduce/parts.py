@@ -17,9 +17,8 @@ from .figure_16_table_2 import figure_16, object_jobs, table_2
 from .figure_17 import figure_17, setting_jobs
 from .figures_9_to_11 import figure_9, figure_10, figure_11
 from .figures_13_to_15 import figure_13, figure_14, figure_15, validation_jobs
-from .runs import UNFINISHED, Job, Runs, run_jobs
+from .runs import BLUNTER, SWEEP, UNFINISHED, UNPRINTED, Job, Runs, Variant, run_jobs
 from .statements import Section
-from .unprinted import BLUNTER, SWEEP, UNPRINTED, Variant
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Boundaries of the closed loop: predicted, of small disturbances, and as the maps show them."""
 
 import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,8 +27,8 @@ _SHORTEST = 0.1
 _LONGEST = 1.5
 #: Periods that are searched, as shares of the predicted one.
 _SEARCHED = (0.4, 2.5)
-#: Halvings of that range.
-_HALVINGS = 7
+#: Number of periods in that range between which the onset is searched.
+_PERIODS = 129
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,16 +171,11 @@ def onset(setting: Setting) -> float:
     state, _, grip = held(tip, obj, FIRST_LOAD, MARGIN)
     predicted = critical_period(setting.linear())
     low, high = (share * predicted for share in _SEARCHED)
-
-    def grows(period: float) -> bool:
-        return _grows(setting, tip, obj, state, grip, period)
-
-    if grows(low) or not grows(high):
+    periods = np.geomspace(low, high, _PERIODS).tolist()
+    first = bisect_left(periods, True, key=lambda one: _grows(setting, tip, obj, state, grip, one))
+    if first in (0, len(periods)):
         return math.nan
-    for _ in range(_HALVINGS):
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if grows(middle) else (middle, high)
-    return math.sqrt(low * high)
+    return math.sqrt(periods[first - 1] * periods[first])
 
 
 def _grows(

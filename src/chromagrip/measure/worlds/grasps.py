@@ -359,8 +359,10 @@ def _watch(
             state = run.state(k)
             displacement = state.deformation.seen
             if k in scored or abs(displacement - tracked).max() > _SHOWN:
-                tracks[k] = tracker.update(camera.expose(state, k))
+                now = tracker.update(camera.expose(state, k))
                 tracked = displacement
+                if k in scored:
+                    tracks[k] = now
     return [
         ForceScene(
             known=known,

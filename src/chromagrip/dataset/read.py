@@ -1,0 +1,131 @@
+"""Reading a dataset: its sequences, their tables, and a summary."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from ..extras import need
+from ..output.pictures import read_picture
+from ..scene.scene import Scene, load_scene
+from .folder import (
+    TABLE,
+    numbers_in,
+    open_recipe,
+    read_files,
+    read_manifest,
+    sequence_name,
+)
+from .recipe import Values
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loaded:
+    """A sequence of a dataset; its pictures are read on demand.
+
+    Attributes
+    ----------
+    number: in the dataset
+    values: that were drawn
+    scene: that was run
+    frames: values of every frame, by column of FRAME, shape (T,)
+    markers: of every frame, by column of MARKERS and NODES, shape (T, 2M), (T, M) or (T, N)
+    pictures: files, in order
+    rest: file of the unloaded sensor
+    """
+
+    number: int
+    values: Values
+    scene: Scene
+    frames: dict[str, NDArray[Any]]
+    markers: dict[str, NDArray[Any]]
+    pictures: list[Path]
+    rest: Path
+
+    def images(self) -> Iterator[NDArray[np.uint8]]:
+        """Pictures one by one, RGB, shape (H, W, 3)."""
+        for path in self.pictures:
+            yield read_picture(path)
+
+    @property
+    def places(self) -> NDArray[np.float32]:
+        """Markers' centroids in the image [px], shape (T, 2, M, 2)."""
+        both = np.stack([self.markers["x_px"], self.markers["y_px"]], axis=-1)
+        return both.reshape(len(both), 2, -1, 2)
+
+    @property
+    def visible(self) -> NDArray[np.bool_]:
+        """Whether a marker is visible, shape (T, 2, M)."""
+        flat = self.markers["visible"]
+        return np.asarray(flat.reshape(len(flat), 2, -1), dtype=np.bool_)
+
+
+def load_sequences(folder: Path) -> Iterator[Loaded]:
+    """Sequences of a dataset, in order.
+
+    Raises
+    ------
+    UserError
+        When the folder is no complete dataset.
+    """
+    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    for name in read_manifest(folder)["sequences"]:
+        where = folder / name
+        listed = read_files(where)
+        try:
+            frames = pq.read_table(where / "frames.parquet")
+            markers = pq.read_table(where / "markers.parquet")
+        except (OSError, pa.ArrowException) as error:
+            raise UserError(f"{where} cannot be read: {error}") from None
+        yield Loaded(
+            number=listed["number"],
+            values=listed["values"],
+            scene=load_scene(str(where / "scene.toml")),
+            frames={column: frames[column].to_numpy() for column in frames.column_names},
+            markers={column: stacked(markers[column]) for column in markers.column_names[1:]},
+            pictures=sorted(where.glob("frame-*.png")),
+            rest=where / "rest.png",
+        )
+
+
+def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
+    """Column of lists as an array, a row for each."""
+    lists = column.combine_chunks()
+    flat = lists.flatten().to_numpy(zero_copy_only=False)
+    return np.asarray(flat.reshape(len(lists), -1))
+
+
+def summarise(folder: Path) -> dict[str, object]:
+    """Counts, drawn keys, size and versions of a dataset, for `chromagrip dataset info`."""
+    manifest, recipe = read_manifest(folder), open_recipe(folder)
+    rows = need("pyarrow.parquet", "data").read_table(folder / TABLE).to_pylist()
+    states: dict[str, int] = {}
+    for _, table in tables(folder, "frames", ["slip_state"]):
+        for state in table["slip_state"].to_pylist():
+            states[state] = states.get(state, 0) + 1
+    size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    return {
+        "description": recipe.description,
+        "sequences": len(manifest["sequences"]),
+        "of": recipe.sequences,
+        "frames": sum(states.values()),
+        "slip_states": states,
+        "drawn": sorted(set(rows[0]) - {"number"}) if rows else [],
+        "megabytes": round(size / 1e6, 1),
+        "versions": manifest["versions"],
+    }
+
+
+def tables(folder: Path, name: str, columns: list[str] | None = None) -> Iterator[tuple[int, Any]]:
+    """Number and table (`frames` or `markers`) of every sequence."""
+    pq = need("pyarrow.parquet", "data")
+    for number in numbers_in(folder):
+        path = folder / sequence_name(number) / f"{name}.parquet"
+        yield number, pq.read_table(path, columns=columns)
