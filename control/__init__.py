@@ -1,4 +1,4 @@
-"""What the gripper does: a grip force from what is known of the grip."""
+"""Controllers of the grip force: F = u + Kp·e + Ki·Σe·T, e = Γ_des − Γ, and others."""
 
 from .controllers import ConservativeControl, Controller, ReactToSlip, SafetyMarginControl
 from .margin_inversion import MarginInversion

@@ -4,10 +4,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from ..strict_toml import Table
+from ..strict_toml import NotNegative, Positive, Table
 
-Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
-NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
 Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
 AtLeastOne = Annotated[float, Meta(ge=1.0, le=1e3)]
 

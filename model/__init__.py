@@ -1,4 +1,10 @@
-"""What is true: the node model of fingertip and object, c·u̇ + K(u)·u = F_contact (thesis Eq. 2)."""
+"""The node model of fingertip and object: c·u̇ + K(u)·u = F_contact (thesis Eq. 2).
+
+u are the displacements of the nodes, c their dampers, K the springs between rigid part, tissue and
+membrane, and F_contact the penalty and Dahl friction forces of the object. `simulate` steps it in
+time, `equilibrium` solves it at rest, and `contact_forces` is the truth that estimates are compared
+with.
+"""
 
 from .chain.assembly import check_fit
 from .chain.drive import Drive

@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionReading:
-    """What one image says of the friction coefficient.
+    """Estimate of the friction coefficient from one image.
 
     Attributes
     ----------
     value: µ
     deviation: standard deviation of µ
-    observable: whether the image shows µ at all, rather than what a pure press shows (E7)
+    observable: whether µ can be estimated from the image; from a pure press it cannot (E7)
     totals_covariance: covariance of µ with (ΣFn, ΣFf) [N], shape (2,)
     """
 
@@ -95,10 +95,10 @@ def contact_forces(fingertip: Fingertip, obj: ContactObject, state: State) -> Fo
 def touching(fingertip: Fingertip, obj: ContactObject, run: History) -> NDArray[np.bool_]:
     """Nodes in contact at each instant of a run, as `contact_forces` says, shape (R, N)."""
     ch, ct = chain(fingertip), contact(fingertip, obj)
-    found: NDArray[np.bool_] = touch(
+    contact_nodes: NDArray[np.bool_] = touch(
         ch.rest, ch.share, ct, run.nodes, run.pose[:, 1], CONTACT_THRESHOLD
     )
-    return found
+    return contact_nodes
 
 
 def node_friction(fingertip: Fingertip, obj: ContactObject, state: State) -> Array:

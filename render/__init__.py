@@ -30,7 +30,7 @@ from .flaws.defects import Defects, Flaws
 from .flaws.imaging import Imaging, shutter_times
 from .flaws.noise import add_noise
 from .frame import Frame
-from .ground import ground_image
+from .ground import ground_image, inside_rim, pixel_places
 from .harmonics import harmonic_map
 from .membrane import Membrane, MembraneMap, outline_axes, rest_membrane
 from .optics.board import Board, board_picture
@@ -75,6 +75,7 @@ __all__ = [
     "gl_problem",
     "ground_image",
     "harmonic_map",
+    "inside_rim",
     "load_camera",
     "load_sensor",
     "marker_truth",
@@ -82,6 +83,7 @@ __all__ = [
     "outline_axes",
     "outline_points",
     "outlines",
+    "pixel_places",
     "rest_membrane",
     "save_camera",
     "sensor_names",

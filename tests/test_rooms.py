@@ -36,7 +36,19 @@ MAY_IMPORT = {
 }
 #: Modules beside the rooms: the entry points.
 DOORS = {"__init__": "scene loop", "__main__": "cli"}
+STAGES = ("model", "render", "tracking", "control")
+#: Largest number of modules in a folder, and of lines in a function.
 MOST_MODULES = 16
+MOST_LINES = 60
+#: Functions that are longer, each for a reason: a kernel's caller with all its arrays, and front
+#: doors whose parameters and their description fill most lines.
+LONG_FUNCTIONS = {
+    "loop.pose_folder.render_poses",
+    "model.chain.ensemble.step_many",
+    "pictures.estimate.estimate_source",
+    "pictures.opening.open_tracking",
+    "pictures.track.track_source",
+}
 
 
 @cache
@@ -107,6 +119,40 @@ def test_no_import_goes_round_in_a_circle() -> None:
         for module in modules()
     }
     graphlib.TopologicalSorter(arrows).prepare()  # raises CycleError, which names the circle
+
+
+def test_stages_are_entered_through_their_faces() -> None:
+    """From outside, a stage's names are imported from it or from one of its inner packages.
+
+    Other rooms are entered through their modules: most of these load heavy libraries, and only
+    where they are used. No private name crosses the border of a room.
+    """
+    for module in modules():
+        for target, node in imports(module):
+            if room(target) in ("", room(module)):
+                continue
+            assert not any(alias.name.startswith("_") for alias in node.names), module
+            if room(target) in STAGES and f"{target}.__init__" not in modules():
+                face, _, name = target.rpartition(".")
+                # A function may have the name of its module, such as render.outlines.
+                assert [alias.name for alias in node.names if alias.name == name], (
+                    f"{module} imports from {target}; import from {face}"
+                )
+
+
+def test_functions_are_short() -> None:
+    """Kernels aside, and commands of the command line, whose options fill most of their lines."""
+    long = set()
+    for module, path in modules().items():
+        if "kernels" in module or room(module) == "cli":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if (
+                isinstance(node, ast.FunctionDef)
+                and (node.end_lineno or node.lineno) - node.lineno >= MOST_LINES
+            ):
+                long.add(f"{module}.{node.name}")
+    assert long == LONG_FUNCTIONS
 
 
 def test_no_folder_has_too_many_modules() -> None:

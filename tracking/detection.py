@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..errors import UserError
-from ..render import Frame, SensorDesign
-from ..render.colour import decode_srgb
-from ..render.ground import inside_rim, pixel_places
+from ..render import Frame, SensorDesign, decode_srgb, inside_rim, pixel_places
 from .palette import Palette
 from .spots import Spots, find_spots, surroundings, typical_area, weigh
 from .unmixing import (

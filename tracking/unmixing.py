@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..render.drawing.coverage import shared_coverage
+from ..render.drawing import shared_coverage
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

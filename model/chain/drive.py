@@ -1,4 +1,4 @@
-"""What is done to the plant over time: grip and load, by force or by position."""
+"""Drives of the plant: grip and load over time, by force or by position."""
 
 from dataclasses import dataclass
 from functools import cached_property

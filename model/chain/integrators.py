@@ -33,7 +33,7 @@ class Integrator(Protocol):
         steps: int,
         every: int,
     ) -> History:
-        """Run of some steps, recorded at its start and after every so many of them.
+        """Run of some steps, recorded at its start and after every `every`th step.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ def simulate(
     duration: length of the run, a whole number of steps [s]
     method: a name in INTEGRATORS, `module:Class`, a class or other factory, or an Integrator
     state: where to start; None is the undeformed fingertip at time 0
-    every: record every so many steps
+    every: number of steps between records
     half: compute the right half only and mirror it: exact while nothing moves sideways
     friction: False leaves friction out, for presses whose tangential forces do not matter
 

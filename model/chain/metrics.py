@@ -1,4 +1,4 @@
-"""Measured words of a grasp, all from truth: lateral displacement, rigid slip, pressure."""
+"""Measures of a grasp, from the true state: lateral displacement, rigid slip, pressure."""
 
 from dataclasses import dataclass
 
@@ -45,10 +45,10 @@ def follow_slip(
     """Record after each step of `dt` seconds of a run whose nodes touch as given, shape (R, N).
 
     A round object that slides takes its contact along: nodes at the back leave, others join at the
-    front. Those take over how far the whole contact has slid; counted from zero, they would hide
+    front. New nodes start from the slip of the contact so far; counted from zero, they would hide
     slip of any length.
     """
-    found = []
+    records = []
     for k in range(1, len(run)):
         origin = record.origin.copy()
         now = np.array(
@@ -63,8 +63,8 @@ def follow_slip(
             rigid_slip=rigid,
             slid=slid,
         )
-        found.append(record)
-    return found
+        records.append(record)
+    return records
 
 
 def pressure(field: ForceField, pitch: float = 0.0) -> float:

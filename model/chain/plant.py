@@ -28,9 +28,9 @@ Array = NDArray[np.float64]
 IMPLICIT = Rule(tolerance=1e-9, max_iterations=30, turning=1.0, second_order=True, lagged=False)
 #: One linear solve a step, everything linearised at its start, first order.
 LAGGED = Rule(tolerance=0.0, max_iterations=1, turning=0.0, second_order=False, lagged=True)
-#: A step that does not converge is done in at most so many parts …
+#: Largest number of parts of a step that does not converge …
 MAX_PARTS = 3000
-#: … none shorter than this share of it.
+#: … and length of the shortest one, as a share of the step.
 SHORTEST = 1e-12
 NO_RECORD = record(0, 0)
 
@@ -63,7 +63,7 @@ def step(
 def steps(
     fingertip: Fingertip, obj: ContactObject, state: State, dt: float, forces: Array
 ) -> "History":
-    """State and what it is after each of some implicit steps, forces constant within each.
+    """States at the start and after each implicit step, with constant forces in each step.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def march(
     every: int,
     rule: Rule,
 ) -> History:
-    """Run an implicit rule, recording the start and then every so many steps."""
+    """Run an implicit rule; the start and every `every`th step are recorded."""
     goals = drive.at(state.time + dt * np.arange(1.0, steps + 1.0))
     return _march(ch, ct, state, goals, drive.held, lambda _: drive, dt, every, rule)
 
@@ -194,7 +194,7 @@ def _march(
     every: int,
     rule: Rule,
 ) -> History:
-    """Run a rule under what is given for the end of each step; `drive_of` says it within one."""
+    """Run a rule under goals at the end of each step; `drive_of` gives those within a step."""
     y = _copied(state)
     u, friction, slip, pose, rate = y
     n, steps = len(ch.share), len(goals)
@@ -256,7 +256,7 @@ def _in_parts(
         else:
             raise _broken(ended, now + part, goal[0], dt)
         if not waiting:
-            # As one step, for what reads the rates.
+            # Mean rates over the whole step.
             u, _, _, pose, rate = y
             rate[:-1], rate[-1] = (u - u_before) / dt, (pose - pose_before) / dt
             return
@@ -264,7 +264,7 @@ def _in_parts(
 
 
 def _broken(ended: int, time: float, goal: Array, dt: float) -> ModelError:
-    """What the plant cannot go on from."""
+    """Error of a step that could not be solved."""
     if ended == PIERCED:
         return PiercedError(
             f"the fingertip went through the object at t = {time:.6g} s under {goal[0]:.4g}: it is "

@@ -1,4 +1,4 @@
-"""What the node model hands on: the deformation, and the state that a step starts from."""
+"""State of the node model: the deformation, and all else that a step starts from."""
 
 import os
 import zipfile
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Deformation:
-    """Displacements of the chain and the poses of what it touches.
+    """Displacements of the chain, and poses of rigid part and object.
 
     Attributes
     ----------

@@ -17,13 +17,13 @@ from .fingertip import Fingertip
 from .plant import IMPLICIT, march
 from .state import State, rest_state
 
-#: Step of the path [s]: dampers and drag carry a 1e-7th of what moves in it. A part in which a
-#: spring snaps through is halved until they hold it.
+#: Step of the path [s], in which dampers and drag carry a 1e-7th of the forces. A part in which a
+#: spring snaps through is halved until the dampers hold it.
 LONG = 1e4
 QUASI_STATIC = IMPLICIT._replace(second_order=False)
 #: In balance, no node moves by more than this in another such step [m] …
 STILL = 1e-9
-#: … of which there are at most so many.
+#: … and largest number of such steps.
 MAX_HOLDS = 50
 
 
@@ -68,7 +68,7 @@ def equilibrium(
     PiercedError
         When the object is too soft for the grip.
     ConvergenceError
-        When no balance of forces was found.
+        When the forces were not balanced.
     """
     if not (np.isfinite([grip, load]).all() and grip > 0.0):
         raise UserError(f"an equilibrium needs grip > 0 and finite forces, got {grip=}, {load=}")

@@ -1,1 +1,5 @@
 """Sensor designs: skin, layout of the markers, layers, camera and ground, read from TOML."""
+
+from .sensor import CameraSettings, Geodesic
+
+__all__ = ["CameraSettings", "Geodesic"]

@@ -82,7 +82,7 @@ class Registry:
         return partial(factory, **arguments) if arguments else factory
 
     def build(self, choice: Choice | object, arguments: Mapping[str, Any] | None = None) -> Any:
-        """A method: an object as it is, or what a name, class or other factory makes.
+        """A method: an object as it is, or one that is made by name, class or other factory.
 
         Parameters
         ----------

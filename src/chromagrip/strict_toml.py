@@ -3,11 +3,18 @@
 import tomllib
 from pathlib import Path
 from types import UnionType
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import msgspec
 
 from .errors import UserError
+
+#: Number of a table that is above 0, and finite.
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
+#: Number of a table that is 0 or above, and finite.
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
+#: Keys and values of a TOML table.
+Values = dict[str, Any]
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -17,7 +24,7 @@ class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 Kind = TypeVar("Kind", bound=Table)
 
 
-def read_toml(path: Path, name: str) -> dict[str, Any]:
+def read_toml(path: Path, name: str) -> Values:
     """Values of a TOML file.
 
     Parameters
@@ -38,7 +45,7 @@ def read_toml(path: Path, name: str) -> dict[str, Any]:
     return parse_toml(text, name)
 
 
-def parse_toml(text: str, name: str) -> dict[str, Any]:
+def parse_toml(text: str, name: str) -> Values:
     """Values of a TOML text; errors as in `read_toml`."""
     try:
         return tomllib.loads(text)
@@ -46,7 +53,7 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
         raise UserError(f"{name} is not valid TOML: {error}") from None
 
 
-def convert(values: dict[str, Any], kind: type[Kind], name: str) -> Kind:
+def convert(values: Values, kind: type[Kind], name: str) -> Kind:
     """Table of that kind from plain values.
 
     Raises

@@ -117,7 +117,14 @@ def test_workers_end_with_the_process_that_waits(number, tmp_path):
         time.sleep(0.1)
 
 
-def test_sigterm_is_an_exit_inside_the_block_only():
+@pytest.fixture
+def no_handler():
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+def test_sigterm_is_an_exit_inside_the_block_only(no_handler):
     with pytest.raises(SystemExit, match="143"), exit_on_sigterm():
         signal.raise_signal(signal.SIGTERM)
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...render.colour import encode_srgb
+from ...render import encode_srgb
 from ..detection import RestFrame
 from ..palette import Palette
 from .follower import Follower, Image, Measured, nearest

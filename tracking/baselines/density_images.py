@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...render.colour import decoding_table
+from ...render import decoding_table
 from ..detection import RestFrame
 from ..palette import Palette
 from ..unmixing import unmixing_matrix

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled import njit
-from ...render.drawing.coverage import togetherness
+from ...render.drawing import togetherness
 from .lanes import sum_of_products
 from .pixel_kernels import (
     ALL_LIGHT,

@@ -11,8 +11,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...render.colour import decode_srgb
-from ...render.drawing.coverage import edge_width
+from ...render import decode_srgb
+from ...render.drawing import edge_width
 from ..detection import RestFrame, neighbours
 from ..palette import Palette
 from .neighbour_kernels import crowded, median

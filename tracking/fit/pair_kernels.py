@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled import njit
-from ...render.drawing.coverage import togetherness
+from ...render.drawing import togetherness
 from .light_kernels import (
     LIGHTS,
     dot,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled import njit
-from ...render.drawing.coverage import EDGE_RANGE, edge, edge_slope
+from ...render.drawing import EDGE_RANGE, edge, edge_slope
 from .lanes import LANES, sum_of_products
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ...render.colour import decoding_table
+from ...render import decoding_table
 from ..detection import RestFrame, neighbours
 from ..palette import Palette
 from ..unmixing import unmixing_matrix

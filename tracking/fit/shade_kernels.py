@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled import njit
-from ...render.drawing.coverage import (
+from ...render.drawing import (
     APART,
     EDGE_RANGE,
     covered_by_both,

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ...render import FisheyeCamera, PinholeCamera, SensorDesign
-from ...render.design.sensor import CameraSettings
+from ...render.design import CameraSettings
 from ..tracks import Tracks
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..render.optics.board import Board
+from ..render.optics import Board
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

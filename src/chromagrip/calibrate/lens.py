@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..render import FisheyeCamera, PinholeCamera
-from ..render.optics.board import Board
+from ..render.optics import Board
 from .board_corners import MIN_CORNERS, View, check_count, find_corners, on_a_line, read_image
 from .lens_fit import Fit, calibrate_fisheye, calibrate_pinhole
 

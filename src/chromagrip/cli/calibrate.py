@@ -26,7 +26,7 @@ from .options import (
 
 if TYPE_CHECKING:  # OpenCV loads only when something is calibrated
     from ..calibrate.lens import Calibration
-    from ..render.optics.board import Board
+    from ..render.optics import Board
     from ..tracking import SensorCalibration
     from ..tracking.forces import FitReport
 
@@ -70,7 +70,7 @@ def calibrate(
 
     Example: chromagrip calibrate photos --model fisheye --out camera.yml
     """
-    from ..render.optics.board import Board
+    from ..render.optics import Board
 
     board = Board(
         columns=columns,
@@ -180,7 +180,7 @@ def _print_board(board: "Board", path: Path, overwrite: bool, json_only: bool) -
     """Write the board's picture, in its true size for programs that print."""
     from matplotlib.image import imsave
 
-    from ..render.optics.board import board_picture
+    from ..render.optics import board_picture
 
     check_file(path, {".png"}, overwrite)
     width, height = board.size

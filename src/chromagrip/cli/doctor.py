@@ -117,7 +117,7 @@ def _h264() -> Check:
 def _gl() -> Check:
     name = "OpenGL for --renderer pyrender"
     try:
-        from ..render.drawing.gl import MEND, gl_problem
+        from ..render.drawing import MEND, gl_problem
 
         problem, mend = gl_problem(), MEND
     except ImportError as error:

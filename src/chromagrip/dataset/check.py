@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..extras import need
-from ..model.chain.assembly import chain, contact
-from ..model.kernels.contact import contact_frames
+from ..model.chain import chain, contact
+from ..model.kernels import contact_frames
 from ..render import View
 from ..scene.scene import Scene, load_scene
 from .folder import (

@@ -1,10 +1,9 @@
-"""How much a scene needs: the cheapest methods and steps that keep Γ within a tolerance."""
+"""Fidelity of a run: the cheapest methods and steps that keep Γ within a tolerance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,14 +11,24 @@ from ..errors import UserError
 from ..output.cells import read_cells
 from ..render import Defects
 from ..scene.scene import Scene
+from ..strict_toml import Values
 
-#: Of the measured situations, so many that are most like a scene speak for it, the worst of them …
-_LIKE = 3
-#: … with so much to spare.
-_SPARE = 1.25
-#: What counts as one step away: in µ, and in the logarithms of stiffness, of curvature (from where
-#: it is as good as flat on), of noise and of the camera's rate.
-_FRICTION, _STIFFNESS, _CURVED, _FLAT, _NOISE, _RATE = 0.2, 1.2, 0.8, 20.0, 0.5, 0.7
+#: The expected error is the largest of this many measured situations that are most like a scene …
+LIKE = 3
+#: … times this factor of safety.
+SAFETY_FACTOR = 1.25
+#: Differences between situations that count as one unit of distance: of µ …
+FRICTION_UNIT = 0.2
+#: … of the logarithm of stiffness …
+STIFFNESS_UNIT = 1.2
+#: … of the logarithm of curvature, to which 20 /m are added [1/m] because it may be 0 …
+CURVATURE_UNIT = 0.8
+CURVATURE_OFFSET = 20.0
+#: … of the logarithm of noise, to which half a grey level is added …
+NOISE_UNIT = 0.5
+NOISE_OFFSET = 0.5
+#: … and of the logarithm of the camera's rate.
+RATE_UNIT = 0.7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,16 +48,16 @@ class Fidelity:
     nodes: int = 251
 
     @property
-    def changes(self) -> dict[str, Any]:
+    def changes(self) -> Values:
         """Dotted key of a scene → value."""
-        found: dict[str, Any] = {"fingertip.step_ms": self.step_ms, "fingertip.nodes": self.nodes}
+        changes: Values = {"fingertip.step_ms": self.step_ms, "fingertip.nodes": self.nodes}
         if self.tracker:
-            found |= {"tracker": self.tracker, "reconstructor": self.reconstructor}
-        return found
+            changes |= {"tracker": self.tracker, "reconstructor": self.reconstructor}
+        return changes
 
     @property
     def name(self) -> str:
-        """In words."""
+        """Methods and steps as text."""
         chain = f"{self.nodes} nodes in steps of {self.step_ms:g} ms"
         return f"{self.tracker}, {self.reconstructor}, {chain}" if self.tracker else chain
 
@@ -56,7 +65,7 @@ class Fidelity:
     def auto(
         tolerance: float, scene: Scene, measured: "Sequence[Measured] | None" = None
     ) -> "Choice":
-        """The cheapest that keeps Γ of a scene within a tolerance, RMS; see `choose`."""
+        """Cheapest fidelity that keeps the RMS error of Γ within a tolerance; see `choose`."""
         return choose(tolerance, scene, read(TABLE) if measured is None else measured)
 
 
@@ -68,8 +77,8 @@ class Measured:
     ----------
     tracker, reconstructor, step_ms, nodes: the fidelity
     rate_hz, noise, friction, stiffness_kpa, curvature: the situation; the last in 1/m
-    milliseconds: a frame took
-    seen: RMS error of Γ as it was read; 0 on the truth path
+    milliseconds: time for a frame [ms]
+    seen: RMS error of the estimate of Γ; 0 on the truth path
     plant: RMS difference of the true Γ to that of a finer chain in finer steps
     """
 
@@ -88,18 +97,18 @@ class Measured:
 
     @property
     def fidelity(self) -> Fidelity:
-        """What was measured."""
+        """Fidelity that was measured."""
         return Fidelity(**{field.name: getattr(self, field.name) for field in fields(Fidelity)})
 
     @property
     def error(self) -> float:
-        """RMS error of Γ, of both."""
+        """RMS error of Γ, of estimate and chain together."""
         return float(np.hypot(self.seen, self.plant))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """A fidelity, what it is expected to cost and to err by, and why it was chosen."""
+    """A fidelity, expected milliseconds for a frame and RMS error of Γ, and reasons as text."""
 
     fidelity: Fidelity
     milliseconds: float
@@ -107,7 +116,7 @@ class Choice:
     lines: tuple[str, ...]
 
 
-#: The table that `chromagrip chart --update` measures.
+#: Table of measured fidelities; `chromagrip chart --update` makes it.
 TABLE = Path(str(files(__package__) / "fidelity.csv"))
 
 
@@ -117,31 +126,31 @@ def read(path: Path) -> list[Measured]:
     Raises
     ------
     UserError
-        When it is no such table.
+        When the file is missing, or is not such a table.
     """
     try:
-        found = list(read_cells(path, Measured))
+        measured = list(read_cells(path, Measured))
     except (KeyError, TypeError, ValueError, OSError) as error:
         raise UserError(f"{path} is no table of `chromagrip chart --update`: {error}") from None
-    if not found:
+    if not measured:
         raise UserError(f"{path} is not there or empty; `chromagrip chart --update` makes it")
-    return found
+    return measured
 
 
 def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choice:
-    """The cheapest fidelity that keeps Γ within a tolerance in situations like a scene's.
+    """Cheapest fidelity that keeps Γ within a tolerance in situations like a scene's.
 
     Parameters
     ----------
     tolerance: of the RMS error of Γ
-    scene: of which object, friction, camera and path count
-    measured: the front to choose from
+    scene: its object, friction, camera and path are compared with what was measured
+    measured: fidelities to choose from
 
     Raises
     ------
     UserError
-        For a tolerance that is none, a sensor that was not measured, or when nothing is known to
-        keep within the tolerance.
+        For a tolerance out of range, a sensor that was not measured, or when no fidelity is known
+        to keep Γ within the tolerance.
     """
     if not 0.0 < tolerance <= 1.0:
         raise UserError(f"--tolerance {tolerance:g}: expected more than 0 and at most 1")
@@ -151,14 +160,14 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
         )
     if scene.path == "camera" and scene.defects != Defects():
         raise UserError("a fidelity is planned for an image without [defects]: none was measured")
-    here = [m for m in measured if bool(m.tracker) == (scene.path == "camera")]
-    found: dict[Fidelity, list[Measured]] = {}
-    for m in here:
-        found.setdefault(m.fidelity, []).append(m)
+    cells_of: dict[Fidelity, list[Measured]] = {}
+    for m in measured:
+        if bool(m.tracker) == (scene.path == "camera"):
+            cells_of.setdefault(m.fidelity, []).append(m)
     expected: dict[Fidelity, tuple[float, float]] = {}
-    for fidelity, cells in found.items():
-        like = sorted(cells, key=lambda m: _distance(m, scene))[:_LIKE]
-        error = _SPARE * max(m.error for m in like)
+    for fidelity, cells in cells_of.items():
+        like = sorted(cells, key=lambda m: _distance(m, scene))[:LIKE]
+        error = SAFETY_FACTOR * max(m.error for m in like)
         expected[fidelity] = float(np.median([m.milliseconds for m in cells])), error
     if not expected:
         raise UserError(f"nothing was measured on the {scene.path} path")
@@ -180,22 +189,25 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
 
 
 def _distance(m: Measured, scene: Scene) -> float:
-    """How unlike a situation and a scene are."""
+    """Distance between a measured situation and a scene."""
     obj, camera = scene.object, scene.camera
-    steps = [
-        (m.friction - obj.friction) / _FRICTION,
-        np.log(m.stiffness_kpa / obj.stiffness_kpa) / _STIFFNESS,
-        np.log((abs(m.curvature) + _FLAT) / (abs(1e3 / obj.radius_mm) + _FLAT)) / _CURVED,
-        np.log((m.noise + 0.5) / (camera.noise_levels + 0.5)) / _NOISE,
-        np.log(m.rate_hz / camera.rate_hz) / _RATE,
+    differences = [
+        (m.friction - obj.friction) / FRICTION_UNIT,
+        np.log(m.stiffness_kpa / obj.stiffness_kpa) / STIFFNESS_UNIT,
+        np.log(
+            (abs(m.curvature) + CURVATURE_OFFSET) / (abs(1e3 / obj.radius_mm) + CURVATURE_OFFSET)
+        )
+        / CURVATURE_UNIT,
+        np.log((m.noise + NOISE_OFFSET) / (camera.noise_levels + NOISE_OFFSET)) / NOISE_UNIT,
+        np.log(m.rate_hz / camera.rate_hz) / RATE_UNIT,
     ]
-    return float(np.hypot.reduce(steps))
+    return float(np.hypot.reduce(differences))
 
 
 def _lines(
     chosen: Fidelity, expected: dict[Fidelity, tuple[float, float]], tolerance: float
 ) -> list[str]:
-    """Why: the choice, and what the others next to it would cost or miss."""
+    """Reasons: the choice, and time and error of every other fidelity."""
     spent, error = expected[chosen]
     lines = [f"{chosen.name}: {spent:.2g} ms a frame, Γ to {error:.3f} of {tolerance:g}"]
     for fidelity, (cost, off) in sorted(expected.items(), key=lambda item: item[1][0]):

@@ -35,8 +35,8 @@ class Sample:
     grip: force commanded from now on [N]
     applied: force of the gripper's drive now [N]
     pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
-    observation: what the controller will be told of this frame, after the latency; None of a
-        dropped one
+    observation: of this frame, which the controller is given after the latency; None of a dropped
+        frame
     frame, tracks, rest: image, markers in it and at rest; None on the truth path, the first two
         also of a dropped frame
     """
@@ -88,7 +88,7 @@ def grasp(
 
     Parameters
     ----------
-    scene: what happens
+    scene: object, load, fingertip, camera and methods
     camera: that takes the frames
     fingertip, known: that grips, and the calibration that the estimator has; None are the scene's
     methods: controller, tracker and reconstructor; None are the scene's
@@ -123,7 +123,7 @@ def grasp(
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What is read of a frame; attributes as in `Sample`."""
+    """Observation of a frame, with its image and tracks; attributes as in `Sample`."""
 
     observation: GripObservation | None = None
     frame: Frame | None = None
@@ -157,7 +157,7 @@ def _camera_readings(
     known: SensorCalibration,
     methods: Methods,
 ) -> Read:
-    """Readings of the camera's frames, by an observer that has seen frames at rest."""
+    """Readings of the camera's frames, by an observer that was given frames at rest."""
     rest = camera.expose_rest(world.now.state, scene.camera.rest_frames)
     with located(f"sensor {scene.sensor}"):
         observer = CameraObserver(
@@ -203,7 +203,7 @@ def _sample(plant: Plant, world: World, index: int, grip: float, reading: Readin
 
 
 def known_sensor(scene: Scene) -> SensorCalibration:
-    """What the estimator is told of the sensor: its calibration, or that it is as designed."""
+    """Calibration of a scene's sensor: from its file, or that of a sensor as designed."""
     if scene.calibration:
         return load_calibration(scene.calibration)
     known = nominal_calibration(scene.build_sensor(), scene.fingertip.model)

@@ -14,7 +14,7 @@ from ..tracking import AUTOMATIC, DEFAULT_RECONSTRUCTOR
 
 @dataclass(frozen=True, kw_only=True)
 class Methods:
-    """What a run is made with; each is a name, or a class or other factory.
+    """Methods of a run; each is a name, or a class or other factory.
 
     Attributes
     ----------

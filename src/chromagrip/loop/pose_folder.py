@@ -4,10 +4,11 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..errors import UserError
@@ -23,7 +24,23 @@ from .run_folder import scene_text
 
 FORMAT = "chromagrip render 1"
 
-#: Arrays of a truth file, in order, with what they hold; layer 0 is magenta, 1 yellow.
+#: One picture of `poses.json`: names of its files, and forces or displacements.
+Entry = dict[str, str | float | None]
+
+
+class Report(TypedDict):
+    """Contents of `poses.json`."""
+
+    format: str
+    sensor: str
+    renderer: str
+    files: dict[str, str]
+    arrays: dict[str, str]
+    poses: list[Entry]
+    versions: dict[str, str]
+
+
+#: Arrays of a truth file, in order, with their meaning; layer 0 is magenta, 1 yellow.
 ARRAYS = {
     "pixels_px": "projected centre (x, y) of each marker, (2, M, 2)",
     "image_centres_px": "centroid (x, y) of each marker's outline in the image, (2, M, 2)",
@@ -47,45 +64,45 @@ def render_poses(
     scene: Scene,
     poses: list[Pose],
     out: Path | None,
-    force: bool = False,
+    overwrite: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> dict[str, Any]:
+) -> Report:
     """Take a picture of each pose; with a folder, write them with their truth and previews.
 
     Parameters
     ----------
     scene: object, fingertip, sensor, renderer, defects, noise and seed
-    poses: what the fingertip is pressed with
+    poses: of the fingertip
     out: folder, made if missing
-    force: write into a folder that is not empty, over an earlier result
+    overwrite: write into a folder that is not empty, over an earlier result
     progress: called after every picture
 
     Returns
     -------
-    What `poses.json` holds.
+    Contents of `poses.json`.
 
     Raises
     ------
     UserError
-        For a pose, a folder or a renderer that will not do.
+        For a pose, a folder or a renderer that cannot be used.
     """
-    # Every pose is settled first: one that cannot be held spoils no half-written sweep.
+    # Every pose is settled first, so that one that cannot be held leaves no half-written folder.
     settled = []
     for pose in poses:
         settled.append((pose, *settle(scene, pose)))
         progress(0, len(poses))
     if out is not None:
-        prepare(out, force)
+        prepare(out, overwrite)
         (out / "poses.json").unlink(missing_ok=True)
     entries = []
     try:
         for number, shot in enumerate(_shots(scene, settled, out)):
-            entries.append(_entry(scene, shot, number))
+            entries.append(_entry(shot, number))
             if out is not None:
                 _write(out, number, shot)
                 draw_preview(scene, shot, out / f"preview-{number:03d}.png")
             progress(number + 1, len(poses))
-        report = {
+        report: Report = {
             "format": FORMAT,
             "sensor": scene.sensor,
             "renderer": scene.renderer,
@@ -102,7 +119,7 @@ def render_poses(
             (out / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
             camera = camera_text(scene.build_sensor().view.camera)
             (out / "camera.yml").write_text(camera, encoding="utf-8")
-            # Last, so that a folder that has it is whole.
+            # Last, so that a folder that has it is complete.
             (out / "poses.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise UserError(f"folder {out} cannot be written: {error.strerror}") from None
@@ -123,20 +140,20 @@ def _shots(
                 camera.expose_rest(rest_state(tip), 1)[0].image,
             )
         for number, (pose, state, field) in enumerate(settled):
-            seen = state.deformation.seen
+            displacement = state.deformation.seen
             yield Shot(
                 pose=pose,
                 frame=camera.expose(state, number),
-                truth=truth(camera.membrane(seen), seen),
-                seen=seen,
+                truth=truth(camera.membrane(displacement), displacement),
+                seen=displacement,
                 field=field,
                 friction=(np.nan if field is None else whole_friction(tip, obj, state, field)),
             )
 
 
-def _entry(scene: Scene, shot: Shot, number: int) -> dict[str, Any]:
+def _entry(shot: Shot, number: int) -> Entry:
     pose, field = shot.pose, shot.field
-    entry: dict[str, Any] = {
+    entry: Entry = {
         "image": f"image-{number:03d}.png",
         "truth": f"truth-{number:03d}.npz",
         "preview": f"preview-{number:03d}.png",
@@ -174,10 +191,10 @@ def _write(out: Path, number: int, shot: Shot) -> None:
     ]
     if field is not None:
         arrays += [field.position, field.normal, field.friction, field.contact]
-    named: dict[str, Any] = dict(zip(ARRAYS, arrays, strict=False))
-    np.savez_compressed(out / f"truth-{number:03d}.npz", **named)
+    named = dict(zip(ARRAYS, arrays, strict=False))
+    np.savez_compressed(out / f"truth-{number:03d}.npz", **named)  # type: ignore[arg-type]
 
 
-def _save_image(path: Path, image: Any) -> None:
+def _save_image(path: Path, image: NDArray[np.uint8]) -> None:
     if not cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)):
         raise OSError(0, f"{path.name} was not written")

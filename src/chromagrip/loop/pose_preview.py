@@ -1,4 +1,4 @@
-"""A labelled picture of an image and what is true of it, for a person's eye."""
+"""A labelled picture of an image and its ground truth."""
 
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,14 @@ from matplotlib.figure import Figure
 from ..scene.scene import Scene
 from .poses import Shot
 
-_MAGENTA, _YELLOW, _FORCE = "#b0125b", "#b58900", "#1f4fd8"
-#: Spacing of the flow's arrows [px], and how far they are drawn out.
-_EVERY, _DRAWN_OUT = 16, 4.0
+#: Colours of the two layers' markers and of forces.
+MAGENTA = "#b0125b"
+YELLOW = "#b58900"
+FORCE = "#1f4fd8"
+#: Spacing of the flow's arrows [px].
+SPACING = 16
+#: Factor by which the flow is magnified.
+MAGNIFY = 4.0
 
 
 def draw_preview(scene: Scene, shot: Shot, path: Path) -> None:
@@ -34,22 +39,22 @@ def draw_preview(scene: Scene, shot: Shot, path: Path) -> None:
 def _title(scene: Scene, shot: Shot) -> str:
     pose, field = shot.pose, shot.field
     if field is None:
-        what = f"pressed {pose.depth * 1e3:g} mm, sheared {pose.shear * 1e3:g} mm"
+        forces = f"pressed {pose.depth * 1e3:g} mm, sheared {pose.shear * 1e3:g} mm"
     else:
         margin = field.safety_margin(shot.friction)
-        what = f"grip {pose.grip:g} N, load {pose.load:g} N, µ {shot.friction:.3g}" + (
+        forces = f"grip {pose.grip:g} N, load {pose.load:g} N, µ {shot.friction:.3g}" + (
             f", safety margin {margin:.2f}" if np.isfinite(margin) else ", no contact"
         )
-    return f"{Path(scene.sensor).stem}, {scene.renderer}: {what}"
+    return f"{Path(scene.sensor).stem}, {scene.renderer}: {forces}"
 
 
 def _markers(axis: Any, scene: Scene, shot: Shot) -> None:
     forces = shot.field is not None and shot.field.contact.any()
     axis.set_title("image, marker centres" + (", contact forces" if forces else ""))
     axis.imshow(shot.frame.image)
-    for layer, colour in ((1, _YELLOW), (0, _MAGENTA)):
-        seen = shot.truth.visible[layer]
-        axis.plot(*shot.truth.pixels[layer, seen].T, "+", color=colour, markersize=3.5, mew=0.7)
+    for layer, colour in ((1, YELLOW), (0, MAGENTA)):
+        visible = shot.truth.visible[layer]
+        axis.plot(*shot.truth.pixels[layer, visible].T, "+", color=colour, markersize=3.5, mew=0.7)
     if shot.field is not None and shot.field.contact.any():
         sensor, touching = scene.build_sensor(), shot.field.contact
         x, z = shot.field.position[touching].T
@@ -62,7 +67,7 @@ def _markers(axis: Any, scene: Scene, shot: Shot) -> None:
             angles="xy",
             scale_units="xy",
             scale=1,
-            color=_FORCE,
+            color=FORCE,
             width=2e-3,
         )
 
@@ -80,11 +85,11 @@ def _flow(axis: Any, shot: Shot) -> None:
     flow = shot.truth.flow[0]
     length = np.linalg.norm(flow, axis=-1)
     largest = float(np.nanmax(length, initial=0.0))
-    axis.set_title(f"motion of the outer layer since rest, up to {largest:.1f} px, ×{_DRAWN_OUT:g}")
+    axis.set_title(f"motion of the outer layer since rest, up to {largest:.1f} px, ×{MAGNIFY:g}")
     axis.imshow(length, cmap="Greys", vmin=0.0, vmax=max(2.0 * largest, 1e-3))
-    rows, cols = (slice(_EVERY // 2, None, _EVERY) for _ in range(2))
+    rows, cols = (slice(SPACING // 2, None, SPACING) for _ in range(2))
     y, x = np.mgrid[: length.shape[0], : length.shape[1]]
-    arrows = _DRAWN_OUT * flow[rows, cols]
+    arrows = MAGNIFY * flow[rows, cols]
     axis.quiver(
         x[rows, cols],
         y[rows, cols],
@@ -94,7 +99,7 @@ def _flow(axis: Any, shot: Shot) -> None:
         scale_units="xy",
         scale=1,
         width=1.5e-3,
-        color=_MAGENTA,
+        color=MAGENTA,
     )
 
 

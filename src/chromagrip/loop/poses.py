@@ -1,4 +1,4 @@
-"""Pictures of single poses with everything that is true of them, outside any run."""
+"""Pictures of single poses with their ground truth, outside any run."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..model import ContactObject, ForceField, State, contact_forces, equilibrium, rest_state
-from ..model.chain.state import state_of
+from ..model.chain import state_of
 from ..render import Frame, GroundTruth, SensorDesign
 from ..scene.scene import Scene
 
@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Pose:
-    """What a fingertip is pressed with.
+    """Forces on a dome, or displacements of a pad.
 
-    A dome is pressed by a force and held in balance; a pad, which the node model does not describe,
-    is displaced as told.
+    A dome is in balance under the forces. The node model does not describe a pad, which is
+    displaced instead.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class Pose:
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """One picture and what is true of it.
+    """One picture and its ground truth.
 
     Attributes
     ----------
-    pose: that was asked for
+    pose: forces or displacements
     frame: image as the camera gives it
     truth: of that image
     seen: node displacements relative to the rigid part [m], shape (N, 2)
@@ -61,7 +61,7 @@ def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:
     Raises
     ------
     UserError
-        When the object cannot be held so.
+        When the object cannot be held with these forces.
     """
     sensor = scene.build_sensor()
     if sensor.shape.flat:
@@ -100,10 +100,10 @@ def _refuse_sliding(obj: ContactObject, pose: Pose) -> None:
 
 
 def _displaced(scene: Scene, sensor: SensorDesign, pose: Pose) -> State:
-    """State of a pad that a ball, or something flat, is pushed into and pulled along.
+    """State of a pad that a round or flat object is pushed into and pulled along.
 
-    The skin follows the object where it touches, and sinks away from it within a millimetre of the
-    pad's edge; kinematics alone, with no forces to it.
+    The skin follows the object where they touch. Within a millimetre of the pad's edge the
+    displacement falls to 0. These are kinematics without forces.
     """
     nodes = scene.fingertip.nodes
     half = sensor.shape.radius

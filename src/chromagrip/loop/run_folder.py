@@ -32,7 +32,7 @@ from .trace import COLUMNS, Summary, Trace, make_trace, row, summarise
 if TYPE_CHECKING:
     from .tactile_video import TactileVideo
 
-#: What a run folder holds.
+#: Files of a run folder.
 FILES = ("summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml")
 
 #: Called after each frame with the frames done and all frames.
@@ -122,7 +122,7 @@ def _record(
     files: "RunFiles | None",
     progress: Progress | None,
 ) -> Result:
-    """Run the loop, and keep what it gave however it ends."""
+    """Run the loop, and write its results however it ends."""
     rows = array("d")
     samples = grasp(scene, camera, known=known, methods=methods)
     seconds = 0.0

@@ -1,4 +1,4 @@
-"""The tactile video: what the camera saw beside what was made of it."""
+"""The tactile video: the camera's image beside the forces that were estimated from it."""
 
 from pathlib import Path
 
@@ -14,53 +14,61 @@ from .grasp import Sample
 
 Image = NDArray[np.uint8]
 
+#: Pictures per second of the video [Hz].
 FPS = 25
-_QUALITY = 20
-#: A run is shown this much slower than it happens.
+#: Rate factor of the encoder; lower is better.
+QUALITY = 20
+#: The video is this many times slower than the run.
 SLOWDOWN = 4
-#: Length of a force arrow [px/N at 251 nodes], and how far displacements are drawn out.
+#: Length of a force arrow at 251 nodes [px/N].
 ARROW = 1200.0
+#: Factor by which displacements of markers are magnified.
 MAGNIFY = 4.0
 
-_Colour = tuple[int, int, int]
-_TEXT: _Colour = (20, 20, 20)
-_FORCE: _Colour = (30, 60, 200)
-_TRACK: _Colour = (0, 130, 60)
+Colour = tuple[int, int, int]
+#: Colours of text, forces and markers' motion, RGB.
+TEXT_COLOUR: Colour = (20, 20, 20)
+FORCE_COLOUR: Colour = (30, 60, 200)
+TRACK_COLOUR: Colour = (0, 130, 60)
 
 
 class TactileVideo(VideoFile):
-    """Pairs of pictures: what the camera saw, and what was made of it.
+    """Pairs of pictures: the camera's image, and forces and markers' motion on it.
 
     Parameters
     ----------
     path: of the video
-    sensor: its camera maps the forces onto the picture
+    sensor: whose camera maps the forces onto the picture
     """
 
     def __init__(self, path: Path, sensor: SensorDesign) -> None:
-        super().__init__(path, FPS, _QUALITY)
+        super().__init__(path, FPS, QUALITY)
         self._view = sensor.view
 
     def slot(self, time: float) -> int:
-        """Number of the picture of the video that shows a time [s]."""
+        """Number of the video's picture at a time [s]."""
         return int(time * FPS * SLOWDOWN + 1e-6)
 
     def add(self, image: Image, sample: Sample) -> None:
-        """Append one sample and the image that belongs to it; nothing of a dropped frame."""
-        seen = sample.observation
-        if seen is None:
+        """Append one sample with its image; a dropped frame adds nothing."""
+        observation = sample.observation
+        if observation is None:
             return
-        overlay = draw_overlay(image, seen.field, self._view, sample.tracks, sample.rest)
+        overlay = draw_overlay(image, observation.field, self._view, sample.tracks, sample.rest)
         source = "true" if sample.tracks is None else "estimated"
         _write(
             overlay,
             f"t {sample.state.time:.2f} s  load {sample.load:.2f} N  grip {sample.grip:.2f} N",
             (8, 18),
         )
-        _write(overlay, f"margin {seen.margin:.2f}  friction {seen.friction:.2f}", (8, 36))
-        _write(overlay, f"{source} force per node", (8, overlay.shape[0] - 28), _FORCE)
+        _write(
+            overlay,
+            f"margin {observation.margin:.2f}  friction {observation.friction:.2f}",
+            (8, 36),
+        )
+        _write(overlay, f"{source} force per node", (8, overlay.shape[0] - 28), FORCE_COLOUR)
         if sample.tracks is not None:
-            _write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), _TRACK)
+            _write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), TRACK_COLOUR)
         self.append(np.hstack([image, overlay]))
 
 
@@ -76,13 +84,13 @@ def draw_overlay(
         for now, start in zip(tracks.position[0], rest.position[0], strict=True):
             if np.isfinite(now).all() and np.isfinite(start).all():
                 tip = now + (MAGNIFY - 1.0) * (now - start)
-                _line(canvas, start, tip, _TRACK)
+                _line(canvas, start, tip, TRACK_COLOUR)
     x, z = field.position.T
     base = view.project(np.stack([x, np.zeros_like(x), z], axis=-1))
     force = np.stack([field.friction, -field.normal], axis=-1)
     scale = ARROW * len(x) / REFERENCE_NODES
     for k in np.flatnonzero(field.contact)[::3]:
-        _line(canvas, base[k], base[k] + scale * force[k], _FORCE, head=True)
+        _line(canvas, base[k], base[k] + scale * force[k], FORCE_COLOUR, head=True)
     return canvas
 
 
@@ -90,18 +98,18 @@ def _line(
     canvas: Image,
     start: NDArray[np.float64],
     end: NDArray[np.float64],
-    colour: _Colour,
+    colour: Colour,
     *,
     head: bool = False,
 ) -> None:
     a, b = (tuple(int(v) for v in np.rint(16 * p)) for p in (start, end))
     if head:
-        # arrowedLine has no sub-pixel shift worth having: whole pixels will do for an arrow.
+        # arrowedLine draws tips at whole pixels only.
         a, b = (tuple(int(v) for v in np.rint(p)) for p in (start, end))
         cv2.arrowedLine(canvas, a, b, colour, 1, cv2.LINE_AA, tipLength=0.15)
     else:
         cv2.line(canvas, a, b, colour, 1, cv2.LINE_AA, shift=4)
 
 
-def _write(canvas: Image, text: str, place: tuple[int, int], colour: _Colour = _TEXT) -> None:
+def _write(canvas: Image, text: str, place: tuple[int, int], colour: Colour = TEXT_COLOUR) -> None:
     cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)

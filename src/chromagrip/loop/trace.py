@@ -1,4 +1,4 @@
-"""Time series of a run, truth beside estimate, and the summary that is read off it."""
+"""Time series of a run, truth beside estimate, and its summary."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from .grasp import Sample
 
 Array = NDArray[np.float64]
 
-#: Columns of a trace, in order, with what they hold.
+#: Columns of a trace, in order, with their meaning.
 COLUMNS = {
     "time_s": "instant of the frame",
     "load_n": "lateral load on the object",
@@ -70,20 +70,20 @@ def row(sample: Sample) -> tuple[float, ...]:
     )
 
 
-def _observed(seen: GripObservation | None) -> tuple[float, ...]:
+def _observed(observation: GripObservation | None) -> tuple[float, ...]:
     """Columns from ΣFn as observed to the upper end of Γ."""
-    if seen is None:
+    if observation is None:
         return (math.nan,) * 10
-    deviation = np.sqrt(np.diag(seen.field.totals_covariance))
+    deviation = np.sqrt(np.maximum(np.diag(observation.field.totals_covariance), 0.0))
     return (
-        seen.field.total_normal,
-        seen.field.total_friction,
+        observation.field.total_normal,
+        observation.field.total_friction,
         float(deviation[0]),
         float(deviation[1]),
-        seen.friction,
-        *seen.friction_interval,
-        seen.margin,
-        *seen.margin_interval,
+        observation.friction,
+        *observation.friction_interval,
+        observation.margin,
+        *observation.margin_interval,
     )
 
 
@@ -159,7 +159,7 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> Summary:
             for k in (steps if reacted else [])
         ],
     }
-    # JSON has no NaN: what could not be said is null.
+    # JSON has no NaN: an unknown value is null.
     return {
         k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
     }

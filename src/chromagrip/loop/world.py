@@ -1,4 +1,4 @@
-"""The model's side of the loop: what fingertip, object and drive do between two frames.
+"""The model's side of the loop: fingertip, object and drive between two frames.
 
 Three clocks run here. A *step* is a time step of the node model. A *frame* is a whole number of
 steps. The *exposure* of a frame is short or long, and its middle lies some steps before the frame.
@@ -83,7 +83,7 @@ class Contact:
 
 @dataclass(frozen=True, kw_only=True)
 class World:
-    """What is true at a frame.
+    """True contact at a frame.
 
     Attributes
     ----------

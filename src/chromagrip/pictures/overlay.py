@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..output.video import VideoFile
-from ..render.colour import encode_srgb
+from ..render import encode_srgb
 from ..tracking import Palette, Tracks
 
 Array = NDArray[np.float64]

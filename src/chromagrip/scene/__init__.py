@@ -1,4 +1,4 @@
-"""What a run is made of: scenes and their files, controllers by name, the gripper's actuator."""
+"""Scenes, which define a run: their files, controllers by name, and the gripper's actuator."""
 
 from .scene import Scene, load_scene, scene_names
 

@@ -1,4 +1,4 @@
-"""Scenes: everything that defines a run, read strictly from TOML (units in the key names)."""
+"""Scenes: everything that defines a run, read strictly from TOML; keys name their units."""
 
 import math
 import os
@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
-import numpy as np
 import tomli_w
 from msgspec import Meta
 
@@ -24,161 +23,26 @@ from ..errors import UserError
 from ..model import (
     ContactObject,
     Fingertip,
-    SpringLaw,
     check_fit,
     largest_grip,
     stiffness_from_young,
 )
 from ..render import RENDERERS, Defects, SensorDesign, load_sensor
-from ..strict_toml import Table, convert, read_toml
-from ..thesis import LOAD_TIMES_S, LOADS_N
+from ..strict_toml import Table, Values, convert, read_toml
 from .actuator import ActuatorSettings
 from .controllers import CONTROLLERS
-
-Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
-NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
-Part = Annotated[float, Meta(ge=0.0, lt=1.0)]
-Force = Annotated[float, Meta(ge=-100.0, le=100.0)]
-Friction = Annotated[float, Meta(gt=0.0, le=5.0)]
+from .settings import (
+    CameraSettings,
+    FingertipSettings,
+    LoadSettings,
+    ObjectSettings,
+    TruthSettings,
+)
 
 #: Settings of controllers that are grip forces.
 GRIP_KEYS = ("force_n", "start_n", "step_n", "feedforward_n", "floor_n", "ceiling_n")
 
 PathName = Literal["camera", "truth"]
-
-
-class ObjectSettings(Table, frozen=True):
-    """The object that is gripped; `radius_mm = inf` is flat, a negative one hollow.
-
-    `profile_mm` are points (x, z) of its surface, z into the object; empty is flat or round. From
-    each of `friction_times_s` on, µ is that of `frictions` instead of `friction`. Along the surface
-    it is multiplied with `friction_factors` at `friction_places_mm`, straight between them and
-    constant beyond. An object that `creeps` gives way by that share more, with the time constant
-    `creep_s` from the start on.
-    """
-
-    stiffness_kpa: Positive = 200.0
-    friction: Friction = 0.5
-    friction_times_s: tuple[NotNegative, ...] = ()
-    frictions: tuple[Friction, ...] = ()
-    friction_places_mm: tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], ...] = ()
-    friction_factors: tuple[Annotated[float, Meta(ge=0.01, le=100.0)], ...] = ()
-    creeps: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
-    creep_s: Positive = 1.0
-    radius_mm: float = math.inf
-    profile_mm: tuple[tuple[float, float], ...] = ()
-    dahl_stiffness_n_per_m: Positive = 5000.0
-    dahl_exponent: Annotated[float, Meta(ge=0.1, le=2.0)] = 0.7
-    drag_n_s_per_m: Positive = 120.0
-
-    def __post_init__(self) -> None:
-        if not abs(self.radius_mm) >= 1.0:
-            raise UserError(f"radius_mm = {self.radius_mm} must be at least 1, hollow at most -1")
-        if self.profile_mm and self.radius_mm != math.inf:
-            raise UserError("radius_mm must be inf beside profile_mm")
-        _check_knots("friction_times_s", self.friction_times_s, "frictions", self.frictions)
-        places, factors = self.friction_places_mm, self.friction_factors
-        _check_knots("friction_places_mm", places, "friction_factors", factors)
-
-    @property
-    def changes(self) -> bool:
-        """Whether it is another object at another time."""
-        return bool(self.friction_times_s) or self.creeps > 0.0
-
-    def friction_at(self, time: float) -> float:
-        """µ at `time`, before its factor along the surface."""
-        return _held(self.friction_times_s, self.frictions, time, self.friction)
-
-    def stiffness_kpa_at(self, time: float) -> float:
-        """Stiffness at `time` [kPa]: its inverse creeps as that of a standard linear solid."""
-        return self.stiffness_kpa / (1.0 - self.creeps * math.expm1(-time / self.creep_s))
-
-
-class LoadSettings(Table, frozen=True):
-    """Lateral load, none before the first of its times.
-
-    Each force holds from its time on, or the load goes straight from one to the next, as
-    `interpolation` says; a sine of `sine_n` and `sine_hz` is added from the first time on.
-    """
-
-    times_s: tuple[NotNegative, ...] = LOAD_TIMES_S
-    forces_n: tuple[Force, ...] = LOADS_N
-    interpolation: Literal["hold", "linear"] = "hold"
-    sine_n: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
-    sine_hz: Positive = 1.0
-
-    def __post_init__(self) -> None:
-        _check_knots("times_s", self.times_s, "forces_n", self.forces_n)
-
-    def force(self, time: float) -> float:
-        """Load at `time` [N]."""
-        times, forces = self.times_s, self.forces_n
-        if not times or time < times[0]:
-            return 0.0
-        if self.interpolation == "hold":
-            force = _held(times, forces, time, 0.0)
-        else:
-            force = float(np.interp(time, times, forces))
-        if not self.sine_n:
-            return force
-        return force + self.sine_n * math.sin(2.0 * math.pi * self.sine_hz * (time - times[0]))
-
-
-def _check_knots(
-    knots_name: str, knots: tuple[float, ...], values_name: str, values: tuple[float, ...]
-) -> None:
-    if len(knots) != len(values):
-        raise UserError(
-            f"{knots_name} has {len(knots)} entries and {values_name} {len(values)}; "
-            "they must be as many"
-        )
-    if tuple(sorted(set(knots))) != knots:
-        raise UserError(f"{knots_name} must increase, got {list(knots)}")
-
-
-def _held(times: tuple[float, ...], values: tuple[float, ...], time: float, before: float) -> float:
-    """Value of the last time that is past; `before` the first."""
-    past = [value for t, value in zip(times, values, strict=True) if t <= time]
-    return past[-1] if past else before
-
-
-class FingertipSettings(Table, frozen=True):
-    """The chain of the node model; see `Fingertip.law` for its models.
-
-    Where it moves by less than `calm_um_per_s`, and grip and load change by less than a hundredth,
-    the time between frames is one step.
-    """
-
-    model: SpringLaw = "split"
-    nodes: Annotated[int, Meta(ge=11, le=20001)] = 251
-    step_ms: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
-    calm_um_per_s: NotNegative = 0.0
-
-
-class CameraSettings(Table, frozen=True):
-    """When frames come, and how noisy they are.
-
-    A frame shows the middle of its exposure, which ends at the frame's instant; instead of that,
-    `defects.motion_blur` smears it too. Of a dropped frame the controller hears nothing, and the
-    grip holds; a late one comes a frame later than the latency. `dropped` and `late` are shares of
-    all frames. `friction_bias` puts µ as the controller is told it off by so much, as a wrong
-    calibration does, and Γ with it.
-    """
-
-    rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0
-    latency_frames: Annotated[int, Meta(ge=0, le=1000)] = 1
-    exposure_ms: NotNegative = 0.0
-    dropped: Part = 0.0
-    late: Part = 0.0
-    friction_bias: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
-    noise_levels: Annotated[float, Meta(ge=0.0, le=50.0)] = 2.0
-    rest_frames: Annotated[int, Meta(ge=1, le=1000)] = 16
-
-
-class TruthSettings(Table, frozen=True):
-    """What the truth path tells wrongly: white noise on Γ, its standard deviation."""
-
-    margin_noise: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
 
 
 class Scene(Table, frozen=True):
@@ -207,7 +71,7 @@ class Scene(Table, frozen=True):
     calibration: str = ""
     tracker: str = "fit"
     reconstructor: str = "auto"
-    controller_arguments: dict[str, Any] = msgspec.field(default_factory=dict)
+    controller_arguments: Values = msgspec.field(default_factory=dict)
     object: ObjectSettings = ObjectSettings()
     load: LoadSettings = LoadSettings()
     fingertip: FingertipSettings = FingertipSettings()
@@ -277,7 +141,7 @@ class Scene(Table, frozen=True):
 
     @property
     def last_change(self) -> float:
-        """Time of the last change of load or friction that is told; 0 if there is none [s]."""
+        """Time of the last change of load or friction in the run; 0 if there is none [s]."""
         times = (*self.load.times_s, *self.object.friction_times_s)
         return max((time for time in times if time < self.duration_s), default=0.0)
 
@@ -377,7 +241,7 @@ def load_scene(name: str = DEFAULT_SCENE, changes: Mapping[str, Any] | None = No
     return parse_scene(values, name)
 
 
-def _locate_files(values: dict[str, Any], folder: Path) -> None:
+def _locate_files(values: Values, folder: Path) -> None:
     """Make the names of files absolute."""
     for key in ("sensor", "calibration"):
         name = values.get(key)
@@ -385,13 +249,13 @@ def _locate_files(values: dict[str, Any], folder: Path) -> None:
             values[key] = str((folder / name).absolute())
 
 
-def parse_scene(values: dict[str, Any], name: str) -> Scene:
+def parse_scene(values: Values, name: str) -> Scene:
     """Scene from plain values; `name` is used in messages."""
     return convert(values, Scene, f"scene {name}")
 
 
 def dump_scene(scene: Scene, folder: Path | None = None) -> str:
-    """TOML text of a scene, every default written out; of a file in `folder`, if that is given."""
+    """TOML text of a scene with all defaults; in `folder`, a sensor's file is relative to it."""
     values = msgspec.to_builtins(scene)
     if not scene.controller_arguments:
         del values["controller_arguments"]
@@ -401,20 +265,20 @@ def dump_scene(scene: Scene, folder: Path | None = None) -> str:
 
 
 def seen_from(folder: Path, sensor: str) -> str:
-    """A sensor's name as a file in the folder has it, from where a file of one's own is found."""
+    """Name of a sensor, relative to a folder when it is a file."""
     if not sensor.endswith(".toml"):
         return sensor
     return Path(os.path.relpath(sensor, folder)).as_posix()
 
 
-def grasp_command(scene: str, changes: dict[str, Any]) -> str:
-    """What one types to run a scene with changes, each by its dotted key."""
+def grasp_command(scene: str, changes: Mapping[str, Any]) -> str:
+    """Command line that runs a scene with changes, each by its dotted key."""
     options = [f" --set {key}={value}" for key, value in changes.items()]
     return f"chromagrip grasp --scene {scene}{''.join(options)}"
 
 
 def parse_change(text: str) -> tuple[str, Any]:
-    """Key and value of `key=value`, the value in TOML, bare words taken as strings."""
+    """Key and value of `key=value`; the value is TOML, or text without quotes."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise UserError(f"--set {text}: expected key=value, such as object.friction=0.3")
@@ -424,7 +288,7 @@ def parse_change(text: str) -> tuple[str, Any]:
         return key.strip(), value.strip()
 
 
-def _put(values: dict[str, Any], key: str, value: Any) -> None:
+def _put(values: Values, key: str, value: Any) -> None:
     *tables, last = key.split(".")
     for table in tables:
         values = values.setdefault(table, {})

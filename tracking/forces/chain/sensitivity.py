@@ -5,10 +5,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ....render import SensorDesign
-from ....render.harmonics import harmonic_map
-from ....render.membrane import Membrane, outline_axes
-from ....render.outlines import areas, centroids, outlines
+from ....render import (
+    Membrane,
+    SensorDesign,
+    areas,
+    centroids,
+    harmonic_map,
+    outline_axes,
+    outlines,
+)
 from ..calibration import check_markers
 
 Array = NDArray[np.float64]

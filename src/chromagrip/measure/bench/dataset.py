@@ -20,7 +20,7 @@ from ...dataset.recipe import Recipe, load_recipe
 from ...dataset.sequence import sequence, shots
 from ...output.png import encode_png
 from ...output.report import Report, Row, at_least, at_most, reported, within
-from ...render.drawing.gl import gl_problem
+from ...render.drawing import gl_problem
 from .timing import clock, run_child
 
 Progress = Callable[[str], None]

@@ -22,7 +22,7 @@ from ...output.report import (
     score_table,
     values,
 )
-from ...render.drawing.gl import gl_problem
+from ...render.drawing import gl_problem
 from ...thesis import OBJECTS
 from ...tracking import FRICTION, METHODS, load_reconstructor
 from ..worlds.force_scores import (

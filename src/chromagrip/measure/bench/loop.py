@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 from ...loop.run_folder import run
 from ...output.report import Report, Row, reported, within
-from ...render.drawing.gl import gl_problem
+from ...render.drawing import gl_problem
 from ...scene.scene import load_scene
 from .speed import speed_rows
 

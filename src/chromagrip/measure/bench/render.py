@@ -14,13 +14,23 @@ from ...loop.grasp import grasp, open_camera
 from ...model import ContactObject, Fingertip, equilibrium
 from ...output.processes import one_thread
 from ...output.report import Report, Row, at_least, at_most, reported, within
-from ...render import Membrane, MembraneMap, SensorDesign, TruthMap, load_sensor
-from ...render.drawing.gl import gl_problem
-from ...render.drawing.mesh_renderer import MeshRenderer
-from ...render.drawing.painter import Painter
-from ...render.drawing.supersampled import polygon_centroids, projected_outlines
-from ...render.membrane import rest_membrane
-from ...render.outlines import centroids, outlines
+from ...render import (
+    Membrane,
+    MembraneMap,
+    SensorDesign,
+    TruthMap,
+    centroids,
+    load_sensor,
+    outlines,
+    rest_membrane,
+)
+from ...render.drawing import (
+    MeshRenderer,
+    Painter,
+    gl_problem,
+    polygon_centroids,
+    projected_outlines,
+)
 from ...scene.scene import load_scene
 from ..worlds.judge import colour_difference, layer_centroids, poses_of
 from ..worlds.path_traced import against_path_traced

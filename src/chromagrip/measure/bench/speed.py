@@ -17,7 +17,7 @@ from ...loop.run_folder import run
 from ...output.processes import map_processes, one_thread
 from ...output.report import Bounds, Row, at_least, at_most, measured, reported
 from ...render import add_noise
-from ...render.drawing.gl import gl_problem
+from ...render.drawing import gl_problem
 from ...scene.scene import Scene, load_scene, scene_names
 from ...thesis import OBJECTS
 from ...tracking import Palette, load_tracker

@@ -47,7 +47,7 @@ def settings(quick: bool) -> dict[str, dict[str, object]]:
     for fidelity in () if quick else (*CAMERA, *TRUTH):
         if fidelity.step_ms > 1.0:
             chain = f"{fidelity.nodes} nodes, {fidelity.step_ms:g} ms"
-            path = {} if fidelity.tracker else {"path": "truth"}
+            path: dict[str, object] = {} if fidelity.tracker else {"path": "truth"}
             changes[f"{fidelity.tracker or _TRUTH}, {chain}"] = path | fidelity.changes
     return changes
 

@@ -9,13 +9,23 @@ from numpy.typing import NDArray
 
 from ...extras import require
 from ...output.processes import one_thread
-from ...render import MembraneMap, Renderer, SensorDesign, TruthMap, load_sensor
-from ...render.colour import encode_srgb
-from ...render.drawing.gl import gl_problem
-from ...render.drawing.mesh_renderer import MeshRenderer
-from ...render.drawing.painter import Painter
-from ...render.drawing.supersampled import polygon_centroids, projected_outlines, supersampled_image
-from ...render.ground import ground_image
+from ...render import (
+    MembraneMap,
+    Renderer,
+    SensorDesign,
+    TruthMap,
+    encode_srgb,
+    ground_image,
+    load_sensor,
+)
+from ...render.drawing import (
+    MeshRenderer,
+    Painter,
+    gl_problem,
+    polygon_centroids,
+    projected_outlines,
+    supersampled_image,
+)
 from ..worlds.judge import colour_difference, layer_centroids, poses_of
 from .chart import Axis, Chart, Point
 

@@ -33,13 +33,10 @@ from ...model import (
     contact_forces,
     rest_state,
 )
-from ...model.chain.assembly import chain, contact
-from ...model.chain.plant import march
-from ...model.chain.statics import QUASI_STATIC
-from ...model.kernels.contact import contact_frames
-from ...render import MembraneMap, SensorDesign
-from ...render.drawing.coverage import edge_width
-from ...render.ground import ground_image
+from ...model.chain import QUASI_STATIC, chain, contact, march
+from ...model.kernels import contact_frames
+from ...render import MembraneMap, SensorDesign, ground_image
+from ...render.drawing import edge_width
 from ...tracking.forces.chain import MarkerResponse
 from .kernels import pair_information
 from .positions import marker_shapes

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled import njit
-from ...render.drawing.coverage import covered_by_both, signed_distance, togetherness
+from ...render.drawing import covered_by_both, signed_distance, togetherness
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,8 @@ is therefore the lowest bound.
 import numpy as np
 from numpy.typing import NDArray
 
-from ...render import Membrane, SensorDesign
-from ...render.drawing.coverage import edge_width
-from ...render.outlines import centroids, outlines
+from ...render import Membrane, SensorDesign, centroids, outlines
+from ...render.drawing import edge_width
 from .kernels import fisher_information
 
 Array = NDArray[np.float64]

@@ -14,10 +14,8 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...render import SensorDesign
-from ...render.design.sensor import Geodesic
-from ...render.membrane import Membrane, rest_membrane
-from ...render.outlines import areas, centroids, outlines
+from ...render import Membrane, SensorDesign, areas, centroids, outlines, rest_membrane
+from ...render.design import Geodesic
 from .forces import Press, force_limit, pair_covariance
 
 Array = NDArray[np.float64]

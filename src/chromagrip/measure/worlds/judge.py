@@ -7,9 +7,7 @@ from numpy.typing import NDArray
 
 from ...extras import need
 from ...model import ContactObject, Fingertip, equilibrium
-from ...render import Membrane, SensorDesign
-from ...render.colour import decode_srgb
-from ...render.outlines import centroids, outlines
+from ...render import Membrane, SensorDesign, centroids, decode_srgb, outlines
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

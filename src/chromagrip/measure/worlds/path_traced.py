@@ -17,12 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...output.report import Row, at_most, reported
-from ...render import Membrane, MembraneMap, SensorDesign, TruthMap, load_sensor
-from ...render.colour import decode_srgb, encode_srgb
-from ...render.drawing.painter import Painter
-from ...render.ground import ground_image
-from ...render.membrane import rest_membrane
-from ...render.outlines import outlines
+from ...render import (
+    Membrane,
+    MembraneMap,
+    SensorDesign,
+    TruthMap,
+    decode_srgb,
+    encode_srgb,
+    ground_image,
+    load_sensor,
+    outlines,
+    rest_membrane,
+)
+from ...render.drawing import Painter
 from ...tracking import Palette, dye_densities, resting_ground, unmixing_matrix
 from .judge import colour_difference
 

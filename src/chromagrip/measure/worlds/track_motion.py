@@ -9,9 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
 from ...model import ContactObject, Fingertip, equilibrium
-from ...render import Membrane, MembraneMap, SensorDesign
-from ...render.membrane import rest_membrane
-from ...render.outlines import centroids, outlines
+from ...render import Membrane, MembraneMap, SensorDesign, centroids, outlines, rest_membrane
 
 Array = NDArray[np.float64]
 

@@ -14,13 +14,24 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from ...render import Defects, Flaws, Frame, Imaging, Membrane, SensorDesign, add_noise, load_sensor
-from ...render.colour import decoding_table, encode_srgb
-from ...render.drawing.painter import Painter
-from ...render.flaws.imaging import exposure, white_balance
-from ...render.ground import ground_image
-from ...render.membrane import rest_membrane
-from ...render.outlines import centroids, outlines
+from ...render import (
+    Defects,
+    Flaws,
+    Frame,
+    Imaging,
+    Membrane,
+    SensorDesign,
+    add_noise,
+    centroids,
+    decoding_table,
+    encode_srgb,
+    ground_image,
+    load_sensor,
+    outlines,
+    rest_membrane,
+)
+from ...render.drawing import Painter
+from ...render.flaws import exposure, white_balance
 from ...tracking import Palette
 from ..limits.positions import position_limits
 from .track_motion import motion

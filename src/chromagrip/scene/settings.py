@@ -1,0 +1,177 @@
+"""Tables of a scene: object, load, fingertip, camera and the errors of the truth path."""
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from ..errors import UserError
+from ..model import SpringLaw
+from ..strict_toml import NotNegative, Positive, Table
+from ..thesis import LOAD_TIMES_S, LOADS_N
+
+Part = Annotated[float, Meta(ge=0.0, lt=1.0)]
+Force = Annotated[float, Meta(ge=-100.0, le=100.0)]
+Friction = Annotated[float, Meta(gt=0.0, le=5.0)]
+
+
+class ObjectSettings(Table, frozen=True):
+    """The object that is gripped.
+
+    Attributes
+    ----------
+    stiffness_kpa: Young's modulus at the start [kPa]
+    friction: coefficient µ
+    friction_times_s, frictions: from each of these times on [s], this µ instead of `friction`
+    friction_places_mm, friction_factors: places along the surface [mm] and factors on µ there;
+        linear between the places, constant beyond them
+    creeps, creep_s: the object's compliance rises by this share, with this time constant [s]
+    radius_mm: of the surface [mm]; inf is flat, negative is hollow
+    profile_mm: points (x, z) of the surface [mm], z into the object; empty is flat or round
+    dahl_stiffness_n_per_m, dahl_exponent: bristle stiffness of a node [N/m], and exponent, of the
+        Dahl law
+    drag_n_s_per_m: damper from the object to ground [N·s/m]
+    """
+
+    stiffness_kpa: Positive = 200.0
+    friction: Friction = 0.5
+    friction_times_s: tuple[NotNegative, ...] = ()
+    frictions: tuple[Friction, ...] = ()
+    friction_places_mm: tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], ...] = ()
+    friction_factors: tuple[Annotated[float, Meta(ge=0.01, le=100.0)], ...] = ()
+    creeps: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    creep_s: Positive = 1.0
+    radius_mm: float = math.inf
+    profile_mm: tuple[tuple[float, float], ...] = ()
+    dahl_stiffness_n_per_m: Positive = 5000.0
+    dahl_exponent: Annotated[float, Meta(ge=0.1, le=2.0)] = 0.7
+    drag_n_s_per_m: Positive = 120.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.radius_mm) >= 1.0:
+            raise UserError(f"radius_mm = {self.radius_mm} must be at least 1, hollow at most -1")
+        if self.profile_mm and self.radius_mm != math.inf:
+            raise UserError("radius_mm must be inf beside profile_mm")
+        _check_knots("friction_times_s", self.friction_times_s, "frictions", self.frictions)
+        places, factors = self.friction_places_mm, self.friction_factors
+        _check_knots("friction_places_mm", places, "friction_factors", factors)
+
+    @property
+    def changes(self) -> bool:
+        """Whether friction or stiffness change with time."""
+        return bool(self.friction_times_s) or self.creeps > 0.0
+
+    def friction_at(self, time: float) -> float:
+        """µ at `time`, before its factor along the surface."""
+        return _held(self.friction_times_s, self.frictions, time, self.friction)
+
+    def stiffness_kpa_at(self, time: float) -> float:
+        """Young's modulus at `time` [kPa]: the compliance of a standard linear solid."""
+        return self.stiffness_kpa / (1.0 - self.creeps * math.expm1(-time / self.creep_s))
+
+
+class LoadSettings(Table, frozen=True):
+    """Lateral load on the object; there is none before the first of its times.
+
+    Attributes
+    ----------
+    times_s, forces_n: load [N] at each of these times [s]
+    interpolation: `hold` keeps each force until the next time; `linear` goes straight to the next
+    sine_n, sine_hz: amplitude [N] and frequency [Hz] of a sine that is added from the first time on
+    """
+
+    times_s: tuple[NotNegative, ...] = LOAD_TIMES_S
+    forces_n: tuple[Force, ...] = LOADS_N
+    interpolation: Literal["hold", "linear"] = "hold"
+    sine_n: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
+    sine_hz: Positive = 1.0
+
+    def __post_init__(self) -> None:
+        _check_knots("times_s", self.times_s, "forces_n", self.forces_n)
+
+    def force(self, time: float) -> float:
+        """Load at `time` [N]."""
+        times, forces = self.times_s, self.forces_n
+        if not times or time < times[0]:
+            return 0.0
+        if self.interpolation == "hold":
+            force = _held(times, forces, time, 0.0)
+        else:
+            force = float(np.interp(time, times, forces))
+        if not self.sine_n:
+            return force
+        return force + self.sine_n * math.sin(2.0 * math.pi * self.sine_hz * (time - times[0]))
+
+
+def _check_knots(
+    knots_name: str, knots: tuple[float, ...], values_name: str, values: tuple[float, ...]
+) -> None:
+    if len(knots) != len(values):
+        raise UserError(
+            f"{knots_name} has {len(knots)} entries and {values_name} {len(values)}; "
+            "both need the same number"
+        )
+    if tuple(sorted(set(knots))) != knots:
+        raise UserError(f"{knots_name} must increase, got {list(knots)}")
+
+
+def _held(times: tuple[float, ...], values: tuple[float, ...], time: float, before: float) -> float:
+    """Value at the last of the times up to `time`, or `before` when there is none."""
+    past = [value for t, value in zip(times, values, strict=True) if t <= time]
+    return past[-1] if past else before
+
+
+class FingertipSettings(Table, frozen=True):
+    """The chain of the node model.
+
+    Attributes
+    ----------
+    model: force law of the springs; see `Fingertip.law`
+    nodes: number of nodes, odd
+    step_ms: longest step [ms]; a frame period is a whole number of steps
+    calm_um_per_s: a frame period is one step while every node is slower than this [µm/s], and grip
+        and load change by less than a hundredth; 0 is off
+    """
+
+    model: SpringLaw = "split"
+    nodes: Annotated[int, Meta(ge=11, le=20001)] = 251
+    step_ms: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
+    calm_um_per_s: NotNegative = 0.0
+
+
+class CameraSettings(Table, frozen=True):
+    """Times and noise of the camera's frames.
+
+    Attributes
+    ----------
+    rate_hz: frames per second [Hz]
+    latency_frames: frames between a frame and the command that answers it
+    exposure_ms: length of the exposure [ms], which ends at the frame's instant; the frame shows its
+        middle. `defects.motion_blur` is an exposure that also blurs
+    dropped: share of frames that never reach the controller; the grip holds
+    late: share of frames that reach it one frame later than the latency
+    friction_bias: error of the observed µ, and of Γ with it, as a wrong calibration makes
+    noise_levels: standard deviation of a pixel [grey levels]
+    rest_frames: frames of the unloaded sensor before the run
+    """
+
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1e5)] = 100.0
+    latency_frames: Annotated[int, Meta(ge=0, le=1000)] = 1
+    exposure_ms: NotNegative = 0.0
+    dropped: Part = 0.0
+    late: Part = 0.0
+    friction_bias: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
+    noise_levels: Annotated[float, Meta(ge=0.0, le=50.0)] = 2.0
+    rest_frames: Annotated[int, Meta(ge=1, le=1000)] = 16
+
+
+class TruthSettings(Table, frozen=True):
+    """Errors of the truth path.
+
+    Attributes
+    ----------
+    margin_noise: standard deviation of white noise on Γ
+    """
+
+    margin_noise: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
