@@ -46,8 +46,6 @@ LONG_FUNCTIONS = {
     "loop.pose_folder.render_poses",
     "model.chain.ensemble.step_many",
     "pictures.estimate.estimate_source",
-    "pictures.opening.open_tracking",
-    "pictures.track.track_source",
 }
 
 
