@@ -502,6 +502,8 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write(folder / "dots.png", image)
     (folder / "none").mkdir()
     write(folder / "frames" / "0.png", image)
+    write(folder / "sizes" / "0.png", image)
+    write(folder / "sizes" / "1.png", image[:, :200])
     (folder / "cut.png").write_bytes((folder / "dots.png").read_bytes()[:2000])
     (folder / "cut.jpg").write_bytes(cv2.imencode(".jpg", image)[1].tobytes()[:2000])
     for name in ("empty.png", "empty.mp4"):
@@ -541,6 +543,7 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("detect dots.png --palette dark-dots --out a.jpg", "must end in .png"),
         ("track first nowhere DARK", "there is no nowhere; give a picture, a folder"),
         ("track first none DARK", "folder none has no pictures"),
+        ("track sizes frames DARK", "rest frames have different sizes: 200×180, 240×180 pixels"),
         ("track first empty.mp4 DARK", "video empty.mp4 is empty"),
         ("track first text.mp4 DARK", "text.mp4 cannot be read as a video: invalid data"),
         ("track first text.txt DARK", "text.txt has no video in it"),

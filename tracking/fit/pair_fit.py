@@ -342,7 +342,8 @@ class PairFit:
 
     def _slopes(self, gains: Array) -> Array:
         """Relative slope of the gains at each pair [1/px], shape (M, 2)."""
-        light = np.log(gains).mean(axis=1)
+        # A fit without light can end with a gain at or below zero, which has no logarithm.
+        light = np.log(np.where(gains > 0.0, gains, np.nan)).mean(axis=1)
         return np.asarray(np.einsum("mik,mk->mi", self.to_slope, light[self.near] - light[:, None]))
 
 

@@ -1,7 +1,8 @@
 """A colour-marker tactile fingertip, simulated from mechanics to grip.
 
 Each command has its own --help with an example. Two words name a command of a group, such as
-`chromagrip dataset make`. Shell completion: chromagrip --tyro-write-completion bash FILE
+`chromagrip dataset make`. Version: chromagrip --version
+Shell completion: chromagrip --tyro-write-completion bash FILE
 """
 
 import io
@@ -73,7 +74,11 @@ def main() -> None:
 
 def _run(words: list[str]) -> int:
     try:
-        return _parse(words)()
+        command = _parse(words)
+        try:
+            return command()
+        except SystemExit as ended:  # commands return their code: a plug-in ended the program
+            raise UserError(f"a plug-in ended the program: SystemExit: {ended.code}") from ended
     except UserError as error:
         print(f"{NAME}: {error}", file=sys.stderr)
         return 2

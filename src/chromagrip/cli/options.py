@@ -163,6 +163,7 @@ def _reporter(line: Status) -> Callable[[str], None]:
 @contextmanager
 def counting(text: str, unit: str = "", transient: bool = True) -> Iterator[Callable[..., None]]:
     """Show a bar; yields a function of (done, total or None, text or None) that moves it."""
+    console = Console(stderr=True)
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -170,8 +171,9 @@ def counting(text: str, unit: str = "", transient: bool = True) -> Iterator[Call
         TextColumn(unit),
         TaskProgressColumn(text_format="", text_format_no_percentage="", show_speed=True),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=console,
         transient=transient,
+        disable=not console.is_terminal,  # else it leaves a blank line in a log
     ) as bar:
         task = bar.add_task(text, total=None)
 

@@ -90,6 +90,7 @@ def open_tracking(
     tell("rest frame")
     with one_thread():
         still, rest_words, frames = rest_frames(rest, opened, palette, tell)
+        _check_alike(still)
         if noise is None:
             tell("noise")
             noise, noise_words = noise_level(still, opened.lossy)
@@ -167,6 +168,12 @@ def _checked(frames: Iterator[Frame], source: Source, start: RestFrame) -> Itera
     for index, frame in enumerate(frames, 1):
         _check_size(frame, index, source, start)
         yield frame
+
+
+def _check_alike(still: list[Frame]) -> None:
+    sizes = {f"{frame.image.shape[1]}×{frame.image.shape[0]}" for frame in still}
+    if len(sizes) > 1:
+        raise UserError(f"the rest frames have different sizes: {', '.join(sorted(sizes))} pixels")
 
 
 def _check_size(frame: Frame, index: int, source: Source, start: RestFrame) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from ....errors import UserError
 from ....model import Fingertip
 from ....render import SensorDesign
 from ..shifts import MEASURED, MarkerShifts
@@ -47,8 +48,15 @@ def read_specimen(readout: ReadOut, fingertip: Fingertip, shifts: MarkerShifts) 
 
     Mean and loadings are those of the design's pairs, and what the read-out's snapshots say of the
     difference.
+
+    Raises
+    ------
+    UserError
+        When no pair is visible at rest.
     """
     design, places = readout.design, shifts.places
+    if places.shape[1] == 0:
+        raise UserError("the tracker finds no marker pair at rest; is the noise too large?")
     skin = design.shape
     nearest = KDTree(skin.points(design.places, 0.0)).query(skin.points(places[0], 0.0))[1]
     designed = np.stack([design.places[nearest]] * 2)
