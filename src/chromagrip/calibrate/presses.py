@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ..errors import UserError, located
 from ..output.pictures import is_picture, read_picture
+from ..output.processes import one_thread
 from ..pictures.noise_level import noise_level
 from ..render import Frame, SensorDesign
 from ..tracking import Palette, Tracks, load_tracker
@@ -94,7 +94,7 @@ def track_presses(
     if noise is None:
         noise, _ = noise_level(still, any(".jp" in path.suffix.lower() for path in files))
     follower = load_tracker(tracker)(Palette.of_sensor(sensor), noise)
-    with threadpool_limits(1):
+    with one_thread():
         rest = follower.reset(still)
         check_rest(sensor, rest)
         tracks = []

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from ..errors import UserError, located
 from ..output.folder import write_whole
+from ..output.processes import one_thread
 from ..render import SensorDesign
 from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
 from ..tracking.forces import (
@@ -122,7 +122,7 @@ def calibrate_sensor(
     nominal = nominal_calibration(design)
     if not by_force:
         return _fit_displacement(nominal, pressed, where)
-    with threadpool_limits(1):
+    with one_thread():
         return _fit_forces(nominal, pressed, tell)
 
 

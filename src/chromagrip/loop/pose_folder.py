@@ -9,11 +9,11 @@ from typing import TypedDict
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from ..errors import UserError
 from ..model import ForceField, State, rest_state, whole_friction
 from ..output.folder import prepare
+from ..output.processes import one_thread
 from ..output.versions import versions
 from ..render import TruthMap, camera_text
 from ..scene.scene import Scene
@@ -132,8 +132,7 @@ def _shots(
     """Pictures of settled poses, in order; the rest frame is written on the way."""
     sensor, nodes = scene.build_sensor(), scene.fingertip.nodes
     truth, tip, obj = TruthMap(sensor, nodes), scene.build_fingertip(), scene.build_object()
-    with closing(open_camera(scene)) as camera, threadpool_limits(1):
-        cv2.setNumThreads(1)
+    with closing(open_camera(scene)) as camera, one_thread():
         if out is not None:
             _save_image(
                 out / "rest.png",

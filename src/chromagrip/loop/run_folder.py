@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-import cv2
-from threadpoolctl import threadpool_limits
-
 from ..by_name import Choice
 from ..control import Controller
 from ..errors import UserError, located
 from ..extras import need, require
 from ..output.folder import prepare
+from ..output.processes import one_thread
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
 from ..tracking import SensorCalibration, check_reconstructor
@@ -105,9 +103,7 @@ def run(
             check_reconstructor(methods.reconstructor, known)
     if out is not None:
         require("data", "video", purpose="writing a run folder")
-    with closing(open_camera(scene, methods)) as camera, threadpool_limits(1):
-        # One thread: frames are small, and runs are made side by side.
-        cv2.setNumThreads(1)
+    with closing(open_camera(scene, methods)) as camera, one_thread():
         if out is None:
             return _record(scene, methods, camera, known, None, progress)
         with RunFiles(Path(out), overwrite, scene) as files:

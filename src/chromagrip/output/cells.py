@@ -7,7 +7,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .folder import prepare
+from .folder import prepare, whole_file
 
 Cell = TypeVar("Cell")
 Key = TypeVar("Key", bound=Hashable)
@@ -15,12 +15,10 @@ Key = TypeVar("Key", bound=Hashable)
 
 def write_cells(cells: Sequence[Any], path: Path) -> None:
     """Write dataclasses of text and numbers, at least one; the file is never half written."""
-    part = path.with_suffix(".part")
-    with part.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(cells[0])])
         writer.writeheader()
         writer.writerows(asdict(cell) for cell in cells)
-    part.replace(path)
 
 
 def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:

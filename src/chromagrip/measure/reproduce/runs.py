@@ -13,6 +13,7 @@ from ...loop.run_folder import run
 from ...loop.trace import COLUMNS, Trace
 from ...model import ContactObject
 from ...output.cells import read_cells, resumed
+from ...output.folder import whole_file
 from ...output.processes import map_processes
 from ...scene.scene import load_scene
 
@@ -205,9 +206,8 @@ def _write_trace(trace: Trace, path: Path) -> None:
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     path.parent.mkdir(exist_ok=True)
     table = pa.table({name: pa.array(column) for name, column in trace.columns.items()})
-    part = path.with_suffix(".part")
-    pq.write_table(table, part)
-    part.replace(path)
+    with whole_file(path) as part:
+        pq.write_table(table, part)
 
 
 def _read_trace(path: Path) -> Trace:
