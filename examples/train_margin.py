@@ -16,14 +16,7 @@ from sklearn.decomposition import PCA
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 
-from chromagrip.dataset import (
-    Loaded,
-    load_recipe,
-    load_sequences,
-    make_dataset,
-    sequence_name,
-    split_dataset,
-)
+from chromagrip import dataset
 from chromagrip.loop.grasp import known_sensor
 from chromagrip.loop.observers import CameraObserver
 from chromagrip.output.pictures import read_picture
@@ -32,7 +25,7 @@ from chromagrip.render import Frame, gl_problem
 NOISE = 0.02  # of tracked positions, which labels do not have [px]
 
 
-def tracked(sequence: Loaded) -> tuple[np.ndarray, list[float]]:
+def tracked(sequence: dataset.Loaded) -> tuple[np.ndarray, list[float]]:
     """Tracked displacements, (T, 4M), and Γ by chromagrip's own read-out, (T,)."""
     scene, known = sequence.scene, known_sensor(sequence.scene)
     noise, window = scene.camera.noise_levels, scene.safety_margin.friction_window_s
@@ -48,17 +41,17 @@ def tracked(sequence: Loaded) -> tuple[np.ndarray, list[float]]:
 
 
 def main(count: int, folder: Path) -> None:
-    force = replace(load_recipe("force"), sequences=count)
+    force = replace(dataset.load_recipe("force"), sequences=count)
     x, y, tests = [], [], {"unseen objects": []}
     if gl_problem() is None:
         other = {**force.scene, "renderer": "pyrender", "duration_s": 0.25}
         mesh = replace(force, seed=1, sequences=max(1, count // 30), scene=other)
-        make_dataset(mesh, folder / "mesh", workers=2, resume=True)
-        tests["other renderer"] = load_sequences(folder / "mesh")
-    make_dataset(force, folder / "force", workers=2, resume=True)
-    parts = split_dataset(folder / "force", {"train": 0.9, "test": 0.1})
-    for sequence in load_sequences(folder / "force"):
-        if sequence_name(sequence.number) in parts["test"]:
+        dataset.make_dataset(mesh, folder / "mesh", workers=2, resume=True)
+        tests["other renderer"] = dataset.load_sequences(folder / "mesh")
+    dataset.make_dataset(force, folder / "force", workers=2, resume=True)
+    parts = dataset.split_dataset(folder / "force", {"train": 0.9, "test": 0.1})
+    for sequence in dataset.load_sequences(folder / "force"):
+        if dataset.sequence_name(sequence.number) in parts["test"]:
             tests["unseen objects"].append(sequence)
         else:
             contact = np.isfinite(sequence.frames["margin"])

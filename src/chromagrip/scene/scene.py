@@ -232,7 +232,7 @@ def load_scene(name: str = DEFAULT_SCENE, changes: Mapping[str, Any] | None = No
         raise UserError(
             f"no scene {name!r}; there is {', '.join(scene_names())}, or give a .toml file"
         )
-    values = read_toml(path, f"scene {name}")
+    values = read_toml(path, f"scene file {name}")
     # Files in a scene file are relative to it, those on the command line to the working folder.
     _locate_files(values, Path(name).parent)
     for key, value in (changes or {}).items():
