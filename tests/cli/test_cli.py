@@ -182,7 +182,7 @@ def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
         text=True,
     )
     deadline = time.monotonic() + 60
-    while not (out / "tactile.mp4.part").exists() and time.monotonic() < deadline:
+    while not list((out / ".parts").glob("*tactile*")) and time.monotonic() < deadline:
         time.sleep(0.1)
     time.sleep(3.0)
     assert not (out / "summary.json").exists()  # nothing half-written looks whole

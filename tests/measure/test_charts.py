@@ -147,6 +147,7 @@ def test_the_page_holds_all_that_it_shows(tmp_path: Path) -> None:
     assert "measured &amp; told elsewhere" in text
 
 
+@pytest.mark.slow
 def test_the_page_opens_from_disk(tmp_path: Path) -> None:
     browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
     if browser is None:
