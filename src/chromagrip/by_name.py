@@ -3,6 +3,7 @@
 Each kind of method (tracker, reconstructor, controller, renderer, integrator) has one `Registry`.
 """
 
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 from .errors import UserError
@@ -171,4 +173,12 @@ def blaming(failure: str, *errors: type[BaseException]) -> Iterator[None]:
     try:
         yield
     except errors as reason:
-        raise UserError(f"{failure}: {type(reason).__name__}: {reason}") from reason
+        raise UserError(
+            f"{failure}: {type(reason).__name__}: {reason}{_origin(reason)}"
+        ) from reason
+
+
+def _origin(reason: BaseException) -> str:
+    """File and line that an error was raised in, for a message without a traceback."""
+    calls = traceback.extract_tb(reason.__traceback__)
+    return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})" if calls else ""

@@ -58,8 +58,8 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("squeeze", "no command 'squeeze'; there is grasp, "),
         ("dataset dance", "dataset dance: there is make, check, "),
         ("grasp --grip 3", "unrecognized options: --grip, 3"),
-        ("grasp --fps fast", "--fps 'fast': not a valid value"),
-        ("grasp --path mirror", "mirror"),
+        ("grasp --fps fast", "--fps 'fast': expected a number"),
+        ("grasp --path mirror", "path 'mirror': allowed are camera, truth"),
         ("grasp --scene", "'--scene'"),
         ("bench banana", "'banana': allowed are control, dataset, force, "),
         ("bench --quick", "missing: control|dataset|"),
@@ -67,7 +67,8 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
             "dataset make",
             "missing: RECIPE|FILE.toml, --out DIR; see `chromagrip dataset make --help`",
         ),
-        ("grasp --arg gain --json", "gain"),
+        ("grasp --latency 1.5", "--latency '1.5': expected a whole number"),
+        ("grasp --arg gain --json", "--arg gain: expected name=value"),
     ],
 )
 def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Typed) -> None:

@@ -1,7 +1,10 @@
 """A colour-marker tactile fingertip, simulated from mechanics to grip.
 
 Each command has its own --help with an example. Two words name a command of a group, such as
-`chromagrip dataset make`. Version: chromagrip --version
+`chromagrip dataset make`.
+
+Version: chromagrip --version
+
 Shell completion: chromagrip --tyro-write-completion bash FILE
 """
 
@@ -23,10 +26,13 @@ from . import calibrate, dataset, grasp, limit, lists, measure, pictures, render
 from .options import signal_exit_code, take_signals
 
 NAME = "chromagrip"
-EXIT_CODES = """Exit codes: 0 done, 1 part of the installation is missing (doctor), 2 invalid input,
-130 interrupted, 141 output closed, 143 terminated."""
+EXIT_CODES = """Exit codes: 0 done, 1 an error in code or a missing part of the installation
+(doctor), 2 invalid input, 130 interrupted, 141 output closed, 143 terminated."""
 
 Command = Callable[..., int]
+
+#: Words for the types that tyro names in an error.
+KINDS = {"FLOAT": "a number", "INT": "a whole number"}
 
 #: Commands by name; the commands of a group have names of two words.
 COMMANDS: dict[str, Command] = {
@@ -185,10 +191,12 @@ def _sentence(box: str) -> str:
     text = re.sub(r"\s+", " ", " ".join(lines)).strip(" .")
     if text.startswith("Missing from"):
         return f"missing: {', '.join(names)}"
-    unread = re.match(r"Error parsing (\S+): .*from \[(.*)\]", text)
+    unread = re.match(r"Error parsing (\S+): no type matching (.*) could be .* from \[(.*)\]", text)
     if unread:
-        return f"{unread[1]} {unread[2]}: not a valid value"
+        kind = next((KINDS[k] for k in KINDS if k in unread[2]), "a valid value")
+        return f"{unread[1]} {unread[3]}: expected {kind}"
     choice = re.match(r"invalid choice (.*) for argument '(.*)'. Expected one of \((.*)\)", text)
     if choice:
-        return f"{choice[2]} {choice[1]}: allowed are {choice[3].replace(chr(39), '')}"
+        allowed = sorted(set(re.findall(r"[\w-]+", choice[3])) - {"None"})
+        return f"{choice[2]} {choice[1]}: allowed are {', '.join(allowed)}"
     return text[:1].lower() + text[1:] if text else "invalid command line"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from ..errors import UserError
 from ..scene import load_scene
 from ..scene.scene import DEFAULT_SCENE, PathName, grasp_command, parse_change
 from .options import (
@@ -76,6 +77,8 @@ def grasp(
     }
     changed: dict[str, Any] = {key: v for key, v in shortcuts.items() if v is not None}
     for text in arguments:
+        if "=" not in text:
+            raise UserError(f"--arg {text}: expected name=value, such as gain=2")
         name, value = parse_change(text)
         changed[f"controller_arguments.{name}"] = value
     changed |= dict(parse_change(text) for text in changes)
