@@ -416,7 +416,9 @@ def test_an_exit_of_a_tracker_is_its_failure(film: Path, nearest: str, tmp_path:
         "first", str(film), palette="dark-dots", tracker=tracker, out=tmp_path / "out"
     )
     assert outcome.broken is not None
-    assert re.match(r"tracker '.*:Failing' failed: SystemExit: 0 \(test_track_commands.py, line \d+\); .* 2 frames", outcome.broken)
+    place = r"\(test_track_commands.py, line \d+\)"
+    words = rf"tracker '.*:Failing' failed: SystemExit: 0 {place}; .* 2 frames"
+    assert re.match(words, outcome.broken)
     summary, columns, _ = read(tmp_path / "out")
     assert (summary["frames"], summary["complete"]) == (2, False)
     assert summary["ended"] == outcome.broken
