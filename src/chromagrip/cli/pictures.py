@@ -161,8 +161,8 @@ def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
     table.add_row("frame rate", f"{summary['fps']:g} Hz")
     for name, layer in summary["layers"].items():
         share = layer["visible_share"]
-        seen = "" if share is None else f", seen in {100 * share:.2f} % of the frames"
-        table.add_row(name, f"{layer['markers']} markers{seen}")
+        visible = "" if share is None else f", seen in {100 * share:.2f} % of the frames"
+        table.add_row(name, f"{layer['markers']} markers{visible}")
     table.add_row("lost at the end", str(len(summary["lost"])))
     table.add_row("ambiguous", f"{summary['ambiguous']} times")
     if summary["ms_per_frame"] is not None:
@@ -248,14 +248,14 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
     table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
     for name, (words, unit) in VALUES.items():
-        found = summary["estimates"].get(name)
-        if found is not None:
-            last = "–" if found["last"] is None else f"{found['last']:.3f}{unit}"
-            table.add_row(words, f"{last} at the end, median {found['median']:.3f}{unit}")
+        values = summary["estimates"].get(name)
+        if values is not None:
+            last = "–" if values["last"] is None else f"{values['last']:.3f}{unit}"
+            table.add_row(words, f"{last} at the end, median {values['median']:.3f}{unit}")
     if "mu" in summary["estimates"]:
-        shown = summary["mu_observable_frames"]
-        hint = "" if shown else ": nothing slips, µ and Γ are guesses"
-        table.add_row("", f"µ observable in {shown} frames{hint}")
+        observable = summary["mu_observable_frames"]
+        hint = "" if observable else ": nothing slips, µ and Γ are guesses"
+        table.add_row("", f"µ observable in {observable} frames{hint}")
     share = f", {silent / frames:.1%} of the frames" if frames else ""
     table.add_row("without estimate", f"{silent}{share}")
     for reason, count in summary["without_estimate_because"].items():
