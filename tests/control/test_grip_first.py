@@ -86,7 +86,7 @@ def test_a_pause_is_not_a_long_rise() -> None:
 
 @pytest.mark.parametrize("rate", [30.0, 60.0, 1000.0])
 def test_friction_that_follows_the_grip_down_is_sliding(rate: float) -> None:
-    """ΣFf = µ·ΣFn of a slide; a held load is the same at each grip, and a falling one falls ahead."""
+    """ΣFf = µ·ΣFn of a slide; a held load is the same at each grip, and a falling one is ahead."""
 
     def found(load: float | None, change: float = 0.0) -> bool:
         follows = FollowingFriction()
