@@ -156,7 +156,7 @@ def _share_held(rng: np.random.Generator, task: Task) -> Array:
     """Ratio of the load to the friction limit: ramps, rests, jumps, and it turns round."""
     knots = _knots(rng, task)
     count = len(knots)
-    share = rng.uniform(0.0, _MOST_HELD, count)
+    share = _MOST_HELD * rng.random(count) ** 0.6  # more of them near the limit
     share[:2] = 0.0
     _rests(rng, share, 0.3)
     if rng.random() < 0.4:  # pressed alone, first
@@ -190,7 +190,7 @@ def _own_load(rng: np.random.Generator, task: Task, most: float) -> Array:
         swing = mean + (1.0 - mean) * np.sin(2.0 * np.pi * times / period + phase)
         return side * most * swing * np.clip((times - ONSET) / 0.05, 0.0, 1.0)
     knots = _knots(rng, task)
-    level = most * rng.uniform(0.0, 1.0, len(knots))
+    level = most * rng.random(len(knots)) ** 0.6
     level[: rng.integers(2, 4)] = 0.0
     _rests(rng, level, 0.5, 3)
     if rng.random() < 0.2:  # it turns round
@@ -205,7 +205,7 @@ def _own_load(rng: np.random.Generator, task: Task, most: float) -> Array:
 def _independent(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     """Grip and load are independent, but for a grip that holds the load."""
     grip = _wander(rng, task)
-    load = _own_load(rng, task, task.half * by_factor(rng, (0.1, 1.5)) * float(grip.max()))
+    load = _own_load(rng, task, task.half * by_factor(rng, (0.2, 2.0)) * float(grip.max()))
     return np.maximum(grip, abs(load) / (_MOST_HELD * task.half)), load + task.middle * grip
 
 
@@ -243,7 +243,7 @@ def _following(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     dt = float(task.times[1])
     ratio = task.half * evenly(rng, _TAKEN) * (1.0 - evenly(rng, _DESIRED))
     load = _own_load(rng, task, ratio * float(_grips(rng, task, 1)[0]))
-    least = min(by_factor(rng, (0.05, 1.5)), 0.5 * task.largest)
+    least = min(by_factor(rng, (0.03, 0.8)), 0.3 * task.largest)
     noise = by_factor(rng, (0.005, 0.1)) * rng.standard_normal(len(load))
     need = np.maximum(abs(load) / ratio * (1.0 + noise), least)
     frame = max(round(rng.choice([dt, 0.01, 1 / 60, 1 / 30]) / dt), 1)
