@@ -1,9 +1,11 @@
 """Codes of a frame: the few numbers that the marker pairs of one specimen determine.
 
-Shifts are y = m + U·a + noise. The codes a, and one change of all log sizes in each layer, are the
-mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left out.
+Shifts are y = m(ψ) + U(ψ)·a + noise. The codes a, and one change of all log sizes in each layer, are
+the mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left out.
+The azimuth ψ of the load's plane is the one across which the least shear is left.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +15,7 @@ from ...tracks import Tracks
 from ..reconstructors import NoEstimateError
 from ..shifts import MEASURED
 from .readout import limited
-from .specimen import SIZES, Specimen
+from .specimen import SIZES, Aligned, Specimen, aligned
 
 Array = NDArray[np.float64]
 #: Of what is multiplied in every frame: half the memory to read, and far finer than the noise.
@@ -32,6 +34,14 @@ _NEAR_WORST = 0.25
 _LIKELY = 1000.0
 #: Largest mean χ² per measurement at which a frame still counts as a trained press.
 _UNLIKE = 9.0
+#: The azimuth is changed by no less than this [rad] …
+_LEAST_TURN = np.deg2rad(0.7)
+#: … nor by less than this many of its standard deviations.
+_CERTAIN_TURN = 3.0
+#: Changes of the azimuth in one frame.
+_TURNS = 6
+#: Part of the noise's variance that is added before a logarithm: less says nothing.
+_LEAST = 0.01
 #: Weights are computed anew when the noise has changed by more than this share …
 _NOISE_CHANGE = 0.25
 #: … and those of single pairs where the variance of a log size is more than this many times theirs.
@@ -62,6 +72,7 @@ class NoiseLevel:
 
     Attributes
     ----------
+    aligned: mean and loadings for the azimuth of the load
     level: median variance of a pair's x [px²]
     sizes: variances of a pair's log sizes in a frame, shape (P, 2)
     constant: covariance of the errors that are the same in every frame, shape (P, 6, 6)
@@ -74,6 +85,7 @@ class NoiseLevel:
     excess: covariance of the codes beyond that of training, shape (K, K)
     """
 
+    aligned: Aligned
     level: float
     sizes: Array
     constant: Array
@@ -128,13 +140,31 @@ class Fit:
     pairs: that they rest on, shape (P,)
     unknowns: shape (U,)
     posterior: their covariance
+    missed: shifts that they leave, over their noise, shape (P, 6)
     misfit: χ² of each pair, shape (P,)
     """
 
     pairs: Mask
     unknowns: Array
     posterior: Posterior
+    missed: Short
     misfit: Short
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Where the skin is sheared to.
+
+    Attributes
+    ----------
+    azimuth: of the load's plane in the image of the design's camera [rad]
+    out_of_plane: share of the shear that is across that plane
+    twist: turn of the skin at the apex about the axis [rad]
+    """
+
+    azimuth: float
+    out_of_plane: float
+    twist: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,16 +173,20 @@ class Codes:
 
     Attributes
     ----------
-    value: shape (K,)
+    value: of the even codes, shape (K,)
     variance: of each, as in training, shape (K,)
     constant_variance: share of it that is the same in every frame, shape (K,)
     excess: covariance beyond that of training, shape (K, K)
+    context: of the residual and the odd codes, as a read-out is given it, shape (C,)
+    motion: what is read of the load's plane
     """
 
     value: Array
     variance: Array
     constant_variance: Array
     excess: Array
+    context: Array
+    motion: Motion
 
 
 def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fit, Kept]:
@@ -173,11 +207,27 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
     visible = np.asarray(tracks.visible[:, specimen.shifts.pairs].all(axis=0))
     level = float(np.median(tracks.covariance[specimen.shifts.pairs[visible], 0, 0]))
     if kept is None or abs(level - kept.noise.level) >= _NOISE_CHANGE * kept.noise.level:
-        kept = Kept(noise=_noise_level(specimen, level, tracks, visible))
+        plane = aligned(specimen, 0.0) if kept is None else kept.noise.aligned
+        kept = Kept(noise=_noise_level(specimen, plane, level, tracks, visible))
+    for turns in range(_TURNS):
+        fit, after = _fit_aligned(specimen, kept, tracks, limited(shifts), certain)
+        turn, deviation = _turn(specimen, fit, after.noise)
+        if turns == _TURNS - 1 or abs(turn) < max(_LEAST_TURN, _CERTAIN_TURN * deviation):
+            break
+        plane = aligned(specimen, kept.noise.aligned.azimuth + turn)
+        kept = Kept(noise=_noise_level(specimen, plane, level, tracks, visible))
+    return fit, after
+
+
+def _fit_aligned(
+    specimen: Specimen, kept: Kept, tracks: Tracks, shifts: Array, certain: Mask
+) -> tuple[Fit, Kept]:
+    """Unknowns of a frame for the kept azimuth."""
+    visible = np.asarray(tracks.visible[:, specimen.shifts.pairs].all(axis=0))
     noise = kept.noise
     vague = _vague_sizes(specimen, kept, tracks, visible)
     weights = noise.weights if vague is None else vague.weights
-    centred = (limited(shifts) - specimen.mean).astype(np.float32)
+    centred = (shifts - noise.aligned.mean).astype(np.float32)
     centred[~visible] = 0.0
     solver = _Solver(
         noise=noise,
@@ -192,7 +242,26 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
     return fit, Kept(noise=noise, vague=vague or kept.vague, posterior=fit.posterior)
 
 
-def trained_codes(fit: Fit, noise: NoiseLevel) -> Codes:
+def _shear(specimen: Specimen, fit: Fit) -> tuple[Array, Array]:
+    """First harmonic of the shear along the plane and across it, weighted, each (R,) [px]."""
+    codes, direction = specimen.codes, specimen.direction
+    along = direction.along @ np.append(fit.unknowns[:codes], 1.0)
+    return along, direction.across @ fit.unknowns[codes : -len(SIZES)]
+
+
+def _turn(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> tuple[float, float]:
+    """Angle from the plane to the shear's own azimuth, and its standard deviation [rad]."""
+    along, across = _shear(specimen, fit)
+    codes = specimen.codes
+    odd = noise.covariance[codes : -len(SIZES), codes : -len(SIZES)]
+    each = specimen.direction.across
+    uncertain = float(np.einsum("ri,ij,rj->", each, odd, each))
+    size = float(along @ along + across @ across)
+    turn = 0.5 * math.atan2(2.0 * float(along @ across), float(along @ along - across @ across))
+    return turn, math.sqrt(uncertain / max(size, 1e-12))
+
+
+def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
     """Codes that a fit determines.
 
     Raises
@@ -201,8 +270,8 @@ def trained_codes(fit: Fit, noise: NoiseLevel) -> Codes:
         When the pairs move as no trained press moves them.
     """
     count = len(noise.variance)
-    freedom = MEASURED * fit.pairs.sum() - count
-    misfit = float(fit.misfit[fit.pairs].sum() / freedom)
+    freedom = MEASURED * fit.pairs.sum() - len(fit.unknowns)
+    misfit = float((fit.missed[fit.pairs] ** 2).sum() / freedom)
     if misfit > _UNLIKE:
         raise NoEstimateError(
             f"the markers move as no trained press moves them: χ² is {misfit:.0f} a measurement, "
@@ -212,30 +281,49 @@ def trained_codes(fit: Fit, noise: NoiseLevel) -> Codes:
     if fit.posterior.covariance is not noise.covariance:
         change = fit.posterior.covariance - noise.covariance
         excess = excess + (noise.unshrink[:, None] * change * noise.unshrink)[:count, :count]
+    odd = fit.unknowns[count : -len(SIZES)]
+    unit = np.sqrt(np.diag(noise.covariance)[count : -len(SIZES)])
+    residual = fit.missed * fit.pairs[:, None]
+    along, across = _shear(specimen, fit)
     return Codes(
         value=fit.unknowns[:count],
         variance=noise.variance,
         constant_variance=noise.constant_variance,
         excess=excess,
+        context=np.append(
+            specimen.smooth.statistics(residual, fit.pairs), odd_statistic(odd / unit, axis=0)
+        ),
+        motion=Motion(
+            azimuth=noise.aligned.azimuth,
+            out_of_plane=float(np.linalg.norm(across) / max(np.hypot(np.linalg.norm(along), np.linalg.norm(across)), 1e-12)),
+            twist=float(specimen.direction.twist @ odd),
+        ),
     )
 
 
-def _noise_level(specimen: Specimen, level: float, tracks: Tracks, visible: Mask) -> NoiseLevel:
-    """Weights for frames as noisy as this one."""
+def odd_statistic(odd: Array, axis: int) -> Array:
+    """Logarithm of the mean square of odd codes, over their noise."""
+    return np.asarray(np.log((odd**2).mean(axis=axis) + _LEAST))
+
+
+def _noise_level(
+    specimen: Specimen, plane: Aligned, level: float, tracks: Tracks, visible: Mask
+) -> NoiseLevel:
+    """Weights for frames as noisy as this one, of a load in that plane."""
     frame = tracks.covariance[specimen.shifts.pairs]
     # A pair that is not visible now may be visible in a later frame.
     frame[~visible] = np.median(frame[visible], axis=0)
     constant = specimen.shifts.rest_covariance + np.diag(specimen.shifts.floor)
     constant = constant + specimen.unexplained[:, :, None] * np.eye(MEASURED)
     whiten = np.linalg.inv(np.linalg.cholesky(frame + constant))
-    pairs, _, unknowns = specimen.loadings.shape
-    rows = (whiten @ specimen.loadings).reshape(-1, unknowns)
+    pairs, _, unknowns = plane.loadings.shape
+    rows = (whiten @ plane.loadings).reshape(-1, unknowns)
     # The prior keeps unknowns that no visible pair determines near their mean.
     information = rows.T @ rows + np.diag(1.0 / specimen.strength)
     covariance = np.asarray(np.linalg.inv(information))
     unshrink = 1.0 / (1.0 - np.diag(covariance) / specimen.strength)
-    codes = unknowns - len(SIZES)
-    unshrink[codes:] = 1.0
+    codes = specimen.codes
+    unshrink[-len(SIZES) :] = 1.0
     variance = (unshrink * np.diag(covariance))[:codes]
     # Where markers were missing at rest, some directions are noisier than all were in training.
     typical = float(np.median(variance))
@@ -245,6 +333,7 @@ def _noise_level(specimen: Specimen, level: float, tracks: Tracks, visible: Mask
     operator = (unshrink[:, None] * (covariance @ rows.T))[:codes].reshape(codes, pairs, MEASURED)
     whitened = whiten @ constant @ np.swapaxes(whiten, 1, 2)
     return NoiseLevel(
+        aligned=plane,
         level=level,
         sizes=frame[:, SIZES, SIZES],
         constant=constant,
@@ -276,11 +365,11 @@ def _vague_sizes(
         change = abs(variances - before.variances)
         if (change < _NOISE_CHANGE * before.variances).all():
             return before
-    whiten, unknowns = noise.weights.whiten.copy(), specimen.loadings.shape[2]
+    whiten, unknowns = noise.weights.whiten.copy(), noise.aligned.loadings.shape[2]
     rows = noise.weights.rows.reshape(len(pairs), MEASURED, unknowns).copy()
     sure = rows[pairs].reshape(-1, unknowns).astype(float)
     own = np.linalg.inv(np.linalg.cholesky(covariance + noise.constant[pairs]))
-    vague = (own @ specimen.loadings[pairs]).reshape(sure.shape)
+    vague = (own @ noise.aligned.loadings[pairs]).reshape(sure.shape)
     whiten[pairs], rows[pairs] = own, vague.reshape(-1, MEASURED, unknowns)
     weights = Weights(
         whiten=whiten,
@@ -340,7 +429,9 @@ class _Solver:
         unknowns = self.noise.unshrink * (posterior.covariance @ moment)
         missed = self.white - (rows @ unknowns.astype(np.float32)).reshape(self.white.shape)
         misfit = np.einsum("pj,pj->p", missed, missed)
-        return Fit(pairs=pairs, unknowns=unknowns, posterior=posterior, misfit=misfit)
+        return Fit(
+            pairs=pairs, unknowns=unknowns, posterior=posterior, missed=missed, misfit=misfit
+        )
 
     def _posterior(self, pairs: Mask) -> Posterior:
         weights, before = self.weights, self.before

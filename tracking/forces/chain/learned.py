@@ -116,11 +116,9 @@ class Learned:
                 f"{tip.law} one of {tip.nodes}"
             )
         self._fingertip, self._readout, self._averaged = tip, readout, averaged
-        self._specimen = read_specimen(readout, tip, MarkerShifts(calibration, rest, np.pi))
-        inputs = readout.snapshot_inputs()
-        amounts = np.linalg.lstsq(inputs, readout.snapshots, rcond=None)[0]
+        self._specimen = read_specimen(readout, MarkerShifts(calibration, rest, np.pi))
         #: Displacement of the chain for each code and 1 [m], shape (K + 1, 2N).
-        self._displacement = (amounts @ readout.modes.reshape(len(readout.modes), -1)).astype(
+        self._displacement = (readout.amounts @ readout.modes.reshape(len(readout.modes), -1)).astype(
             np.float32
         )
         self._at_rest = tip.rest_positions()
@@ -144,7 +142,7 @@ class Learned:
         self.reset()
         fit, kept = fit_codes(self._specimen, before.kept, tracks)
         self._memory = Memory(kept=kept)
-        codes = trained_codes(fit, kept.noise)
+        codes = trained_codes(self._specimen, fit, kept.noise)
         if self._averaged:
             noise = codes.variance - codes.constant_variance
             average = Average(codes=codes.value, variance=noise)
@@ -168,10 +166,11 @@ def sequential(calibration: SensorCalibration, rest: Tracks) -> Learned:
 
 
 def _network_input(readout: ReadOut, codes: Codes) -> Array:
-    """Codes in units of their deviations, and the logarithm of the noise in them, (K + 1,)."""
+    """Codes in units of their deviations, the logarithm of their noise, and context, (K + 1 + C,)."""
     # Noise matters in the weak codes, which are the last.
     weak = codes.variance[len(codes.variance) // 2 :]
-    return np.append(codes.value / readout.scale, 0.5 * np.log(weak).mean())
+    context = (codes.context - readout.context[0]) / readout.context[1]
+    return np.concatenate([codes.value / readout.scale, [0.5 * np.log(weak).mean()], context])
 
 
 def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> Totals:
@@ -194,7 +193,8 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
     totals = np.append(x, 1.0) @ readout.linear + correction
     deviations = np.exp(0.5 * forward(readout.deviations, short).astype(float))
     covariance = np.outer(deviations, deviations) * readout.correlation
-    slope = (readout.linear[: len(x) - 1].T + slope[:, :-1]) / readout.scale
+    count = readout.codes
+    slope = (readout.linear[:count].T + slope[:, :count]) / readout.scale
     covariance += slope @ codes.excess @ slope.T
     normal = BEND * math.sinh(min(max(float(totals[0]), -_LARGEST), _LARGEST))
     friction = float(totals[1])
