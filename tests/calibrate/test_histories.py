@@ -203,14 +203,9 @@ def test_kept_forces_are_those_of_the_model(shape: str) -> None:
     found = of_plan(plan, number)
     assert kind_names(found.kind[0])[0] == shape
     obj = plan.contact.obj
-    run = simulate(
-        plan.fingertip,
-        obj,
-        plan.drive,
-        dt=plan.dt,
-        duration=plan.drive.times[-1],
-        method=Implicit(RULE),
-    )
+    tip, drive = plan.fingertip, plan.drive
+    whole = float(drive.times[-1])
+    run = simulate(tip, obj, drive, dt=plan.dt, duration=whole, method=Implicit(RULE))
     states = [run.state(k) for k in range(len(run))]
     seen = np.array([state.deformation.seen for state in states])
     for k in range(len(found.history)):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import Drive
-from .ranges import RANGES, Contact, by_factor, evenly
+from .ranges import RANGES, Contact, Range, by_factor, evenly
 
 Array = NDArray[np.float64]
 
@@ -25,14 +25,18 @@ _SLIDES_BY = (1.05, 2.5)
 _MOMENT = (0.02, 0.15)
 #: Share of the drives of the other kinds in which the grip trembles.
 _TREMBLING = 0.25
-#: Most by which such a grip trembles, as a share of it.
-_TREMBLES_A_LITTLE = 0.15
+#: Most by which such a grip trembles, as a share of it, and least by which one does that trembles
+#: all the time.
+_TREMBLES_A_LITTLE, _TREMBLES_MUCH = 0.15, 0.04
 #: Smallest factor of a grip that trembles.
 _LEAST_OF_GRIP = 0.3
 #: Length of time that a value of a tremble is held [s]: white to 50 Hz at the longest.
 _HELD = (2e-3, 10e-3)
 #: Grip that React To Slip starts with, and adds [N].
 _REACTS = (0.5, 2.0)
+#: Share of the drives on a tilted surface whose load is about that which holds the object without
+#: friction; in the others it is about none, and what is beyond the limit is cut off.
+_BALANCED = 0.5
 #: Length of a step of the grip [s].
 _RISE = (2e-3, 30e-3)
 #: Time constant by which a grip follows a load [s], and the ratio of the µ that it takes to the
@@ -49,7 +53,7 @@ class Task:
     Attributes
     ----------
     times: at the start and at the end of each step of the plant [s], shape (T,)
-    middle, half: the object holds loads within middle ± half, as a ratio to the grip
+    middle, half: loads are taken within middle ± half, as a ratio to the grip
     largest: grip that the object carries [N]
     above: largest load beyond those that it holds [N]
     drag: of the object [N·s/m]
@@ -78,11 +82,11 @@ def random_drive(rng: np.random.Generator, contact: Contact, times: Array) -> tu
     times: at the start and at the end of each step of the plant [s], shape (T,)
     """
     cone = np.arctan(contact.obj.friction)
-    most, least = np.tan(contact.tilt + cone), np.tan(contact.tilt - cone)
+    low, high = (np.tan(contact.tilt + side * cone) for side in (-1.0, 1.0))
     task = Task(
         times=times,
-        middle=(most + least) / 2,
-        half=(most - least) / 2,
+        middle=(high + low) / 2 if rng.random() < _BALANCED else 0.0,
+        half=(high - low) / 2,
         largest=contact.largest,
         above=min(RANGES.slides_by_n, 1e-3 * RANGES.slides_at_mm_per_s[1] * contact.obj.drag),
         drag=contact.obj.drag,
@@ -90,10 +94,9 @@ def random_drive(rng: np.random.Generator, contact: Contact, times: Array) -> tu
     kind = str(rng.choice(list(DRIVES), p=[share for share, _ in DRIVES.values()]))
     grip, load = DRIVES[kind][1](rng, task)
     if kind != "tremble" and rng.random() < _TREMBLING:
-        grip = grip * _tremble(rng, task, _TREMBLES_A_LITTLE)
+        grip = grip * _tremble(rng, task, (RANGES.tremble[0], _TREMBLES_A_LITTLE))
     onset = np.minimum(task.times / ONSET, 1.0)
     grip = np.minimum(grip, task.largest) * np.maximum(onset, _TOUCH)
-    low, high = (task.middle + side * task.half for side in (-1.0, 1.0))
     load = np.clip(load, low * grip - task.above, high * grip + task.above)
     load[task.times <= ONSET] = 0.0
     return Drive(times=task.times, normal=grip, lateral=load), kind
@@ -139,12 +142,12 @@ def _wander(rng: np.random.Generator, task: Task) -> Array:
     return wandering
 
 
-def _tremble(rng: np.random.Generator, task: Task, most: float) -> Array:
+def _tremble(rng: np.random.Generator, task: Task, sizes: Range) -> Array:
     """Factors of a grip that trembles, each held for some steps."""
     count = len(task.times)
     held = max(round(evenly(rng, _HELD) / task.times[1]), 1)
     noise = rng.standard_normal(count // held + 1).repeat(held)[:count]
-    size = by_factor(rng, (RANGES.tremble[0], most))
+    size = by_factor(rng, sizes)
     return np.maximum(1.0 + size * noise, _LEAST_OF_GRIP)
 
 
@@ -156,7 +159,7 @@ def _share_held(rng: np.random.Generator, task: Task) -> Array:
     """Ratio of the load to the friction limit: ramps, rests, jumps, and it turns round."""
     knots = _knots(rng, task)
     count = len(knots)
-    share = rng.uniform(0.0, _MOST_HELD, count)
+    share = _MOST_HELD * rng.random(count) ** 0.6  # more of them near the limit
     share[:2] = 0.0
     _rests(rng, share, 0.3)
     if rng.random() < 0.4:  # pressed alone, first
@@ -190,7 +193,7 @@ def _own_load(rng: np.random.Generator, task: Task, most: float) -> Array:
         swing = mean + (1.0 - mean) * np.sin(2.0 * np.pi * times / period + phase)
         return side * most * swing * np.clip((times - ONSET) / 0.05, 0.0, 1.0)
     knots = _knots(rng, task)
-    level = most * rng.uniform(0.0, 1.0, len(knots))
+    level = most * rng.random(len(knots)) ** 0.6
     level[: rng.integers(2, 4)] = 0.0
     _rests(rng, level, 0.5, 3)
     if rng.random() < 0.2:  # it turns round
@@ -205,7 +208,7 @@ def _own_load(rng: np.random.Generator, task: Task, most: float) -> Array:
 def _independent(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     """Grip and load are independent, but for a grip that holds the load."""
     grip = _wander(rng, task)
-    load = _own_load(rng, task, task.half * by_factor(rng, (0.1, 1.5)) * float(grip.max()))
+    load = _own_load(rng, task, task.half * by_factor(rng, (0.2, 2.0)) * float(grip.max()))
     return np.maximum(grip, abs(load) / (_MOST_HELD * task.half)), load + task.middle * grip
 
 
@@ -243,7 +246,7 @@ def _following(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     dt = float(task.times[1])
     ratio = task.half * evenly(rng, _TAKEN) * (1.0 - evenly(rng, _DESIRED))
     load = _own_load(rng, task, ratio * float(_grips(rng, task, 1)[0]))
-    least = min(by_factor(rng, (0.05, 1.5)), 0.5 * task.largest)
+    least = min(by_factor(rng, (0.03, 0.8)), 0.3 * task.largest)
     noise = by_factor(rng, (0.005, 0.1)) * rng.standard_normal(len(load))
     need = np.maximum(abs(load) / ratio * (1.0 + noise), least)
     frame = max(round(rng.choice([dt, 0.01, 1 / 60, 1 / 30]) / dt), 1)
@@ -300,7 +303,7 @@ def _trembling(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     grip, load = _following(rng, task) if rng.random() < 0.5 else _independent(rng, task)
     if rng.random() < 0.3:
         grip = np.full(len(grip), grip.mean())
-    return grip * _tremble(rng, task, RANGES.tremble[1]), load
+    return grip * _tremble(rng, task, (_TREMBLES_MUCH, RANGES.tremble[1])), load
 
 
 #: Kinds of drive, each with its share.

@@ -25,11 +25,11 @@ SPECIMEN = 32
 RULE = IMPLICIT._replace(tolerance=5e-8)
 #: Instants kept of a history …
 _KEPT = 12
-#: … at first some soon after a change, and some at the end of a rest.
-_EVENTS, _RESTS = 3, 3
-#: Bins of Γ over which they are spread, and instants in each; many histories rest without a load,
-#: of which few suffice.
-_BINS, _IN_BIN, _UNLOADED = 8, 3, 1
+#: … at first some soon after a change, and some that have rested for long, beside the last such.
+_EVENTS, _RESTS = 3, 2
+#: Most of the others in each bin of Γ from 0 to 1, and of all of them in the last one: many
+#: histories rest without a load, of which few suffice.
+_IN_BIN = (4, 4, 4, 4, 4, 3, 2, 1)
 #: An instant is soon after a change of grip or load by this share of the friction limit …
 _CHANGE = 0.1
 #: … for this time [s].
@@ -178,19 +178,17 @@ def choose(
     soon = _within(change > _CHANGE, round(_SOON / period))
     still = ~_within(change > _STILL, round(_LONG / period))
     still[time < _LONG] = False
+    known = ~np.isnan(margin)
+    events, rests, every = (rng.permutation(np.flatnonzero(k & known)) for k in (soon, still, True))
+    first = [*events[:_EVENTS], *np.sort(rests)[-1:], *rests[:_RESTS]]
+    free = list(_IN_BIN)
     found: list[int] = []
-    bins = np.zeros(_BINS, dtype=int)
-    largest = np.full(_BINS, _IN_BIN)
-    largest[-1] = _UNLOADED
-    stages = ((soon, _EVENTS), (still, _EVENTS + _RESTS), (np.ones_like(soon), _KEPT))
-    for wanted, most in stages:
-        for index in rng.permutation(np.flatnonzero(wanted & ~np.isnan(margin))).tolist():
-            if len(found) >= most:
-                break
-            place = int(np.clip(margin[index] * _BINS, 0, _BINS - 1))
-            if bins[place] < largest[place] and index not in found:
-                bins[place] += 1
-                found.append(index)
+    for order, index in enumerate(map(int, [*first, *every])):
+        place = int(np.clip(margin[index] * len(free), 0, len(free) - 1))
+        wanted = order < len(first) and place < len(free) - 1
+        if (wanted or free[place] > 0) and index not in found and len(found) < _KEPT:
+            free[place] -= 1
+            found.append(index)
     return np.array(found, dtype=np.int64)
 
 
