@@ -10,7 +10,6 @@ from .calibration import (
     Values,
     calibration_table,
     check_markers,
-    check_rest,
     load_calibration,
     nominal_calibration,
     required_readout,

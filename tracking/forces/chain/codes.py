@@ -300,7 +300,7 @@ def _noise_level(
     specimen: Specimen, plane: Aligned, level: float, tracks: Tracks, visible: Mask
 ) -> NoiseLevel:
     """Weights for frames as noisy as this one, of a load in that plane."""
-    frame = tracks.covariance[specimen.shifts.pairs]
+    frame = specimen.shifts.covariance(tracks)
     # A pair that is not visible now may be visible in a later frame.
     frame[~visible] = np.median(frame[visible], axis=0)
     constant = specimen.shifts.rest_covariance + np.diag(specimen.shifts.floor)
@@ -344,12 +344,12 @@ def _vague_sizes(
     specimen: Specimen, kept: Kept, tracks: Tracks, visible: Mask
 ) -> VagueSizes | None:
     """Weights of a frame in which log sizes of some pairs, which touch others, are vaguer."""
-    numbers, noise, before = specimen.shifts.pairs, kept.noise, kept.vague
-    sizes = tracks.covariance[numbers[:, None], SIZES, SIZES]
+    noise, before = kept.noise, kept.vague
+    sizes = tracks.covariance[specimen.shifts.pairs[:, None], SIZES, SIZES]
     pairs = visible & (sizes > _VAGUER * noise.sizes).any(axis=1)
     if not pairs.any():
         return None
-    covariance = tracks.covariance[numbers[pairs]]
+    covariance = specimen.shifts.covariance(tracks)[pairs]
     variances = covariance.diagonal(axis1=1, axis2=2)
     if before is not None and np.array_equal(pairs, before.pairs):
         change = abs(variances - before.variances)
