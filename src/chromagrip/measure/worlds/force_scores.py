@@ -21,7 +21,7 @@ from ...model import ForceField, FrictionReading
 from ...output.processes import one_thread
 from ...tracking import FRICTION, Z90, NoEstimateError, load_reconstructor
 from ..limits.forces import force_limit, press
-from .grasps import HELD_FRAMES, NOISE, PERIOD, REST_FRAMES, ForceScene
+from .force_scenes import HELD_FRAMES, NOISE, PERIOD, REST_FRAMES, ForceScene
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -85,7 +85,7 @@ class Answers:
 def truth(scene: ForceScene) -> Array:
     """True (ΣFn, ΣFf, µ, Γ) of a scene, shape (4,)."""
     field = scene.field
-    return np.array([field.total_normal, field.total_friction, scene.obj.friction, scene.margin])
+    return np.array([field.total_normal, field.total_friction, scene.friction, scene.margin])
 
 
 def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[str, str], Answers]:
