@@ -1,5 +1,7 @@
 """Tests of the frames that went through a codec."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -38,7 +40,7 @@ def _error(codec: Codec, frames: list[Frame]) -> float:
 )
 def test_error_grows_as_quality_falls(codecs: list[Codec]) -> None:
     errors = [_error(codec, _frames(64, 96, 5)) for codec in codecs]
-    assert all(a < b for a, b in zip(errors, errors[1:], strict=False))
+    assert all(a < b for a, b in itertools.pairwise(errors))
 
 
 def test_no_compression() -> None:
