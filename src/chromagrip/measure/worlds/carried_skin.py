@@ -52,7 +52,8 @@ class CarriedSkin:
     """
 
     def __init__(self, sensor: SensorDesign, nodes: int, motion: Motion) -> None:
-        assert sensor.markers.form == "disc" and not sensor.markers.swell_mm
+        assert sensor.markers.form == "disc"
+        assert not sensor.markers.swell_mm
         self._sensor, self._motion = sensor, motion
         self._stations = np.linspace(-np.pi / 2, np.pi / 2, nodes)
         self._radius = sensor.shape.radius

@@ -142,6 +142,7 @@ def watch(
     *,
     noise: float = NOISE,
     pictures: Pictures | None = None,
+    film: bool = False,
     labels: tuple[str, ...] = (),
 ) -> list[ForceScene]:
     """Take pictures of a run and track the markers in them, in one thread.
@@ -154,6 +155,7 @@ def watch(
     seed: of the camera
     noise: that the tracker is told [grey levels]
     pictures: what becomes of the frames before the tracker is given them; None leaves them
+    film: take every frame of the run, though the tracker is given only some
     labels: of every scene
     """
     tip = specimen.fingertip
@@ -162,12 +164,14 @@ def watch(
     with one_thread(), closing(specimen.camera(seed)) as camera:
         rest = camera.expose_rest(rest_state(tip), REST_FRAMES)
         shown = _shown(run, scored)
-        frames = [camera.expose(run.state(k), k) for k in shown]
+        taken = list(range(len(run))) if film else shown
+        frames = [camera.expose(run.state(k), k) for k in taken]
         if pictures is not None:
             rest, frames = pictures(rest, frames)
+        by_index = dict(zip(taken, frames, strict=True))
         tracker = MarkerTracker(Palette.of_sensor(known.sensor), noise)
         at_rest = tracker.reset(rest)
-        tracks = {k: tracker.update(frame) for k, frame in zip(shown, frames, strict=True)}
+        tracks = {k: tracker.update(by_index[k]) for k in shown}
     return [
         ForceScene(
             known=known,

@@ -119,6 +119,15 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
     return result
 
 
+def refused(name: str) -> dict[tuple[str, str], Answers]:
+    """Answers to a scene of a reconstructor that refuses its rest frames, as of `answers`."""
+    nothing = Answers(
+        value=_NOTHING[None], interval=np.full((1, 4, 2), np.nan), flagged=np.array([True])
+    )
+    result = {(name, read): nothing for read in READ}
+    return result | {(reading_name(name, method), "single"): nothing for method in FRICTION}
+
+
 def reading_name(reconstructor: str, method: str) -> str:
     """Name of a method of reading friction off a reconstructor's field."""
     return f"{reconstructor}+{method}"

@@ -47,7 +47,7 @@ _ROUNDER = 0.1
 #: Rounds in which the grip for it is found.
 _ROUNDS = 5
 #: Largest relative error of the stiffnesses that a mismatched sensor's calibration states.
-_STIFFNESS_ERROR = 0.10
+STIFFNESS_ERROR = 0.10
 #: Largest relative error of its focal length.
 _FOCAL_ERROR = 0.003
 #: Largest error of its image centre, along x and y [px].
@@ -89,7 +89,7 @@ def calibration(world: str = "matched") -> SensorCalibration:
 
     An error that is uniform up to a tenth to either side has a standard deviation of 0.058.
     """
-    deviation = {"matched": 0.0, "mismatched": _STIFFNESS_ERROR / np.sqrt(3.0)}[world]
+    deviation = {"matched": 0.0, "mismatched": STIFFNESS_ERROR / np.sqrt(3.0)}[world]
     return dataclasses.replace(load_calibration("thesis"), stiffness_deviation=deviation)
 
 
@@ -102,7 +102,7 @@ def _matched(_rng: np.random.Generator) -> Specimen:
 
 def _mismatched(rng: np.random.Generator) -> Specimen:
     known = calibration()
-    tissue, membrane = 1.0 + _STIFFNESS_ERROR * rng.uniform(-1.0, 1.0, 2)
+    tissue, membrane = 1.0 + STIFFNESS_ERROR * rng.uniform(-1.0, 1.0, 2)
     camera = known.sensor.camera
     focal = 1.0 + _FOCAL_ERROR * rng.uniform(-1.0, 1.0)
     x, y = _CENTRE_ERROR * rng.uniform(-1.0, 1.0, 2)
