@@ -34,6 +34,8 @@ HELD_OUT = 5
 _BATCH = 512
 #: Learning rate at the start.
 _RATE = 1.5e-3
+#: Share of the lessons that lie within what counts as trained.
+_HIGHEST = 0.9995
 #: Mean of the logarithm of a squared normal deviate.
 _LOG_SQUARE_MEAN = -1.27
 #: Its standard deviation.
@@ -217,7 +219,8 @@ def fit_readout(
         strength=basis.strength,
         modes=basis.modes,
         amounts=basis.amounts,
-        context=np.stack([middle, spread]),
+        context=np.stack([middle, spread, np.quantile(lessons.context, _HIGHEST, axis=0)]),
+        reach=float(np.quantile(np.sqrt(((lessons.codes / scale) ** 2).mean(axis=1)), _HIGHEST)),
         linear=linear.astype(float),
         totals=network,
         deviations=deviations,

@@ -19,6 +19,16 @@ from .readout import limited
 from .specimen import SIZES, Aligned, Specimen, aligned
 
 Array = NDArray[np.float64]
+#: Names of the numbers that describe what the even codes leave of a frame.
+CONTEXT = (
+    *(
+        f"{part} residual of the {layer} {component}"
+        for part in ("the smooth", "the rough")
+        for layer in ("magenta", "yellow")
+        for component in ("places along the load", "places across the load", "sizes")
+    ),
+    "motion across the load's plane",
+)
 #: Of what is multiplied in every frame: half the memory to read, and far finer than the noise.
 Short = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -268,7 +278,7 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
         excess = excess + (noise.unshrink[:, None] * change * noise.unshrink)[:count, :count]
     odd = fit.unknowns[count : -len(SIZES)]
     unit = np.sqrt(np.diag(noise.covariance)[count : -len(SIZES)])
-    residual = fit.missed * fit.pairs[:, None]
+    residual = _turned(fit.missed * fit.pairs[:, None], -noise.aligned.azimuth)
     along, across = _shear(specimen, fit)
     return Codes(
         value=fit.unknowns[:count],
@@ -284,6 +294,17 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
             twist=float(specimen.direction.twist @ odd),
         ),
     )
+
+
+def _turned(residual: Short, angle: float) -> Short:
+    """Residual (P, 6) in axes along and across the load: its places turned by an angle [rad]."""
+    if angle == 0.0:
+        return residual
+    turned, c, s = residual.copy(), math.cos(angle), math.sin(angle)
+    for k in (0, 3):
+        turned[:, k] = c * residual[:, k] - s * residual[:, k + 1]
+        turned[:, k + 1] = s * residual[:, k] + c * residual[:, k + 1]
+    return turned
 
 
 def _share(across: Array, along: Array) -> float:

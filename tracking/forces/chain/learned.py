@@ -13,7 +13,7 @@ from ..calibration import SensorCalibration, required_readout
 from ..friction import OBSERVABLE_MARGIN
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
-from .codes import Codes, Kept, fit_codes, trained_codes
+from .codes import CONTEXT, Codes, Kept, fit_codes, trained_codes
 from .readout import BEND, ReadOut, forward, linearised, load_readout
 from .specimen import read_specimen
 
@@ -27,6 +27,8 @@ _VAGUE = 0.1
 _OBSERVABLE = 0.4
 #: Largest |asinh(ΣFn/BEND)| that is read, some 30 N.
 _LARGEST = 5.0
+#: What the context of a frame may exceed that of the training by: in logarithms.
+_SLACK = 0.2
 #: No µ is read below this.
 _SMALLEST_FRICTION = 0.05
 #: Less than this is no contact [N].
@@ -153,6 +155,7 @@ class Learned:
             self._memory = Memory(kept=kept, average=average)
             variance = average.variance + codes.constant_variance
             codes = replace(codes, value=average.codes, variance=variance)
+        _check_trained(self._readout, codes)
         x = _network_input(self._readout, codes)
         # Forces are those of the fingertip trained on, stiffer or softer in all its springs.
         stiffness = self._fingertip.tissue_stiffness / self._readout.tissue_stiffness
@@ -166,6 +169,28 @@ class Learned:
 def sequential(calibration: SensorCalibration, rest: Tracks) -> Learned:
     """Reconstructor that averages codes over the frames for as long as the skin holds still."""
     return Learned(calibration, rest, averaged=True)
+
+
+def _check_trained(readout: ReadOut, codes: Codes) -> None:
+    """Refuse a frame outside what was trained: no network is to be believed there.
+
+    Raises
+    ------
+    NoEstimateError
+        With the number that is too large.
+    """
+    over = codes.context - readout.context[2]
+    worst = int(over.argmax())
+    if over[worst] > _SLACK:
+        raise NoEstimateError(
+            f"the markers move as no trained press moves them: {CONTEXT[worst]} is "
+            f"{math.exp(0.5 * over[worst]):.1f} times what it was in training"
+        )
+    reach = float(readout.size_of(codes.value)) / readout.reach
+    if reach > 1.0 + _SLACK:
+        raise NoEstimateError(
+            f"the skin has moved {reach:.1f} times as far as in the hardest trained press"
+        )
 
 
 def _network_input(readout: ReadOut, codes: Codes) -> Array:

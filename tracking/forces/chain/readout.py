@@ -52,7 +52,8 @@ class ReadOut:
     strength: variance of each code in units of its noise, shape (K + O,)
     modes: displacements of the chain [m], shape (Q, N, 2)
     amounts: of the modes with each even code and 1, shape (K + 1, Q)
-    context: mean and deviation of each number that describes a frame's residual, shape (2, C)
+    context: mean, deviation and highest of each number that describes a frame's residual, (3, C)
+    reach: largest size of the codes, see `size_of`
     linear: codes, noise, context and 1 to totals, the best linear read-out, shape (K + C + 2, 3)
     totals: network of what is missing from that
     deviations: network of the logarithm of the variances of the totals and of Γ
@@ -72,6 +73,7 @@ class ReadOut:
     modes: Array
     amounts: Array
     context: Array
+    reach: float
     linear: Array
     totals: Layers
     deviations: Layers
@@ -95,6 +97,10 @@ class ReadOut:
     def scale(self) -> Array:
         """Standard deviation of each even code with unit noise, shape (K,)."""
         return np.sqrt(self.strength[: self.codes] + 1.0)
+
+    def size_of(self, codes: Numbers) -> Numbers:
+        """Root mean square of even codes (…, K) over their scale: how far the skin has moved."""
+        return np.sqrt(((codes / self.scale) ** 2).mean(axis=-1))
 
     @cached_property
     def rates(self) -> Array:
@@ -176,7 +182,7 @@ def load_readout(path: Path) -> ReadOut:
     except (zipfile.BadZipFile, msgspec.DecodeError) as error:
         raise UserError(f"{path} is not a trained read-out: {error}") from None
     networks = {name: _network(stored, name) for name in _NETWORKS}
-    numbers = {name: float(stored.pop(name)) for name in ("tissue_stiffness", "prior")}
+    numbers = {name: float(stored.pop(name)) for name in ("tissue_stiffness", "reach", "prior")}
     arrays = {name: value.astype(float) for name, value in stored.items()}
     return ReadOut(design=design, ranges=ranges, **arrays, **networks, **numbers)  # type: ignore[arg-type]
 
