@@ -35,14 +35,14 @@ class Learner:
     ----------
     basis: of the codes
     mean: of the shifts, shape (P, 6)
-    rows: of the shifts over their noise, by each unknown, shape (6P, U)
+    rows: of the shifts over their noise, by each unknown, shape (6P, U), single precision
     strength: prior variance of each unknown, shape (U,)
     smooth: functions of the residual's statistics
     """
 
     basis: Basis
     mean: Array
-    rows: Array
+    rows: NDArray[np.float32]
     strength: Array
     smooth: Smooth
 
@@ -57,7 +57,7 @@ class Learner:
         return cls(
             basis=basis,
             mean=mean,
-            rows=white.reshape(-1, white.shape[2]),
+            rows=white.reshape(-1, white.shape[2]).astype(np.float32),
             strength=np.append(basis.strength, [FOCUS**2] * len(SIZES)),
             smooth=smooth_functions(places),
         )
@@ -66,23 +66,24 @@ class Learner:
         """Even codes (S, K), level of noise (S,) and context (S, C) of shifts (S, P, 6)."""
         count, pairs = shifts.shape[:2]
         basis, codes = self.basis, len(self.basis.amounts) - 1
-        white = ((limited(shifts) - self.mean) / basis.noise).reshape(count, -1)
+        white = ((limited(shifts) - self.mean) / basis.noise).reshape(count, -1).astype(np.float32)
         level = np.exp(rng.uniform(*np.log(NOISE), count))
         noise = self._noise(rng, level, shifts.shape)
         used = np.ones((count, pairs), dtype=bool)
-        information = self.rows.T @ self.rows
+        information = (self.rows.T @ self.rows).astype(float)
         covariance = np.linalg.inv(information + np.diag(1.0 / self.strength))
         unshrink = 1.0 / (1.0 - np.diag(covariance) / self.strength)
         unshrink[-len(SIZES) :] = 1.0
-        clean = (white @ self.rows) @ covariance * unshrink
+        operator = (covariance * unshrink).astype(np.float32)
+        clean = (white @ self.rows) @ operator
         for k in np.flatnonzero(rng.random(count) < _LOSING):
             used[k] = ~_lost(rng, shifts[k])
             kept = self.rows[np.repeat(used[k], _MEASURED)]
-            within = kept.T @ kept + np.diag(1.0 / self.strength)
+            within = (kept.T @ kept).astype(float) + np.diag(1.0 / self.strength)
             moment = kept.T @ white[k, np.repeat(used[k], _MEASURED)]
             clean[k] = np.linalg.solve(within, moment) * unshrink
         # Of the noise the codes take up what is in their rows; the rest stays in the residual.
-        taken = (noise.reshape(count, -1) @ self.rows) @ covariance * unshrink
+        taken = (noise.reshape(count, -1) @ self.rows) @ operator
         unknowns = clean + taken
         residual = white + noise.reshape(count, -1) - unknowns @ self.rows.T
         residual = residual.reshape(shifts.shape) * used[..., None] / level[:, None, None]
@@ -99,8 +100,8 @@ class Learner:
         square = level[:, None, None] ** 2
         of_frame = np.maximum(square - floor, 0.0)
         present = rng.random((len(level), 1, 1)) ** 2 * np.minimum(floor, square)
-        deviation = np.sqrt(of_frame + present)
-        return np.asarray(deviation * rng.standard_normal(shape))
+        deviation = np.sqrt(of_frame + present).astype(np.float32)
+        return np.asarray(deviation * rng.standard_normal(shape, dtype=np.float32))
 
 
 def _lost(rng: np.random.Generator, shifts: Array) -> NDArray[np.bool_]:

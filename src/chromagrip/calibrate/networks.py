@@ -121,13 +121,13 @@ def make_basis(
     for part, count, odd in ((parts[0] - mean, CODES, False), (parts[1], ODD_CODES, True)):
         white = np.stack([_at_design(one, odd, places) for one in part]) / noise
         white = white.reshape(len(part), -1).astype(np.float32)
-        u, s, _ = np.linalg.svd(white, full_matrices=False)
-        flat = part.reshape(len(part), -1)
-        codes = u[:, :count] * s[:count]
+        square, rows = np.linalg.eigh((white.T @ white).astype(float))
+        square, rows = square[: -count - 1 : -1], rows[:, : -count - 1 : -1]
+        codes = white @ rows
         # Where all markers are at the design's places unit codes are principal components.
-        unit = (u[:, :count] / s[:count]).T @ flat
+        unit = (codes / square).T @ part.reshape(len(part), -1)
         fields.append(unit.reshape(count, *part.shape[1:]))
-        strengths.append((s[:count] / np.sqrt(len(part))).astype(float) ** 2)
+        strengths.append(square / len(part))
         missed = part - (codes @ unit).reshape(part.shape)
         # Mean over φ of a square: half of each harmonic's but the zeroth.
         share = np.full(part.shape[-1], 0.5)
@@ -136,14 +136,13 @@ def make_basis(
         if not odd:
             even_codes = codes
     chain = instants.displacement.reshape(len(instants.displacement), -1).astype(float)
-    modes = np.linalg.svd(chain[:: max(len(chain) // 1500, 1)], full_matrices=False)[2][:MODES]
+    modes = _modes(chain, MODES)
     inputs = np.column_stack([even_codes, np.ones(len(even_codes))])
     shapes = []
     for forces in (instants.normal, instants.friction):
         shares = forces / instants.totals[:, :1]
         middle = shares.mean(axis=0)
-        few = (shares - middle)[:: max(len(shares) // 1500, 1)]
-        shapes.append(np.vstack([middle, np.linalg.svd(few, full_matrices=False)[2][:SHAPES]]))
+        shapes.append(np.vstack([middle, _modes(shares - middle, SHAPES)]))
     return Basis(
         noise=noise,
         frame=frame,
@@ -156,6 +155,12 @@ def make_basis(
         normal=shapes[0],
         friction=shapes[1],
     )
+
+
+def _modes(values: Array, count: int) -> Array:
+    """Principal components (count, D) of values (S, D)."""
+    rows = np.linalg.eigh(values.T @ values)[1]
+    return np.asarray(rows[:, : -count - 1 : -1].T)
 
 
 def _at_design(field: Array, odd: bool, places: Array) -> Array:
@@ -194,7 +199,9 @@ def fit_readout(
 
     def errors() -> tuple[Numbers, Numbers]:
         x = make(lessons, held)
-        return x, target[held] - _with_one(x) @ linear - forward(network, x)
+        read = _with_one(x) @ linear + forward(network, x)
+        wrong = _margins(read) - _margins(target[held])
+        return x, np.column_stack([target[held] - read, wrong])
 
     def shapes() -> tuple[Numbers, Numbers]:
         return make(lessons, ~held), lessons.shapes[~held]
@@ -217,11 +224,11 @@ def fit_readout(
         shapes=learn("training shapes", (96,), shapes, min(epochs, 15)),
         normal_shapes=basis.normal,
         friction_shapes=basis.friction,
-        correlation=np.asarray(np.corrcoef(np.clip(normalised, -5.0, 5.0).T)),
+        correlation=np.corrcoef(np.clip(normalised[:, :3], -5.0, 5.0).T),
         prior=float(target[:, 2].std()),
     )
     rms = np.sqrt((error**2).mean(axis=0))
-    return readout, dict(zip(("normal", "friction_n", "mu"), rms.tolist(), strict=True))
+    return readout, dict(zip(("normal", "friction_n", "mu", "margin"), rms.tolist(), strict=True))
 
 
 def _inputs(
@@ -268,7 +275,7 @@ def _fit_deviations(
         x, error = errors()
         return x, (np.log(error**2 + 1e-12) - _LOG_SQUARE_MEAN) / _LOG_SQUARE_DEVIATION
 
-    unit = np.full(3, _LOG_SQUARE_DEVIATION)
+    unit = np.full(4, _LOG_SQUARE_DEVIATION)
     network = _scaled(learn("training errors", (64, 64), examples), unit)
     x, error = errors()
     deviation = np.exp(0.5 * forward(network, x))
@@ -277,6 +284,12 @@ def _fit_deviations(
     weights, bias = network[-1]
     network = (*network[:-1], (weights, bias + 2.0 * np.log(widen)))
     return network, error, error / (deviation * widen)
+
+
+def _margins(target: Numbers) -> Numbers:
+    """Γ of (asinh(ΣFn/BEND), ΣFf, µ), shape (S, 3) to (S,), between −1 and 1."""
+    normal = BEND * np.sinh(np.clip(target[:, 0], 0.02, 5.0))
+    return np.clip(1.0 - abs(target[:, 1]) / (np.maximum(target[:, 2], 0.05) * normal), -1.0, 1.0)
 
 
 def _with_one(x: Numbers) -> Numbers:

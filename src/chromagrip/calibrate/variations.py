@@ -79,7 +79,7 @@ class Variations:
     unknown: Array
     unknown_form: Array
 
-    def part(self, which: slice) -> "Variations":
+    def part(self, which: slice | NDArray[np.bool_]) -> "Variations":
         """Those of some snapshots."""
         return Variations(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
@@ -201,9 +201,19 @@ class _Markers:
             along = along + (up - down) / (2.0 * _NUDGE)
             around = (ahead - back) / (2.0 * _NUDGE) / carry.ring[:, None]
             here = self._measured(layer, variations, moved, along, around)
-            zero = np.zeros_like(moved)
-            parts += [here - self._measured(layer, variations, zero, zero, zero)]
+            parts.append(here - self._at_rest(layer, variations))
         return np.concatenate(parts, axis=-1)
+
+    def _at_rest(self, layer: int, variations: Variations) -> Array:
+        """Places and log sizes (S, P, 3) of markers at rest, which only their depth changes."""
+        deep = variations.depth[:, layer] != 1.0
+        zero = np.zeros((1, len(self._places), 3))
+        rest = self._measured(layer, Variations.none(1), zero, zero, zero)
+        rest = np.repeat(rest, len(deep), axis=0)
+        if deep.any():
+            zero = np.repeat(zero, deep.sum(), axis=0)
+            rest[deep] = self._measured(layer, variations.part(deep), zero, zero, zero)
+        return rest
 
     def _measured(
         self, layer: int, variations: Variations, moved: Array, along: Array, around: Array
@@ -256,7 +266,8 @@ def _displacement(
         total[..., 1] = radial * sin - v.contraction[:, None] * parts[1] * sin * cos
         total[..., 2] = axial + tilt * cos
     if smooth:
-        total += _smooth(theta, turned, v, layer)
+        some = (v.twist != 0.0) | v.unknown[:, layer].any(axis=(1, 2))
+        total[some] += _smooth(theta, turned[some], v.part(some), layer)
     c, s = np.cos(v.azimuth)[:, None], np.sin(v.azimuth)[:, None]
     x, y = total[..., 0].copy(), total[..., 1].copy()
     total[..., 0], total[..., 1] = c * x - s * y, s * x + c * y

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ....model import LoadPlane
 from ...tracks import Tracks
 from ..reconstructors import NoEstimateError
 from ..shifts import MEASURED
@@ -152,22 +153,6 @@ class Fit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
-    """Where the skin is sheared to.
-
-    Attributes
-    ----------
-    azimuth: of the load's plane in the image of the design's camera [rad]
-    out_of_plane: share of the shear that is across that plane
-    twist: turn of the skin at the apex about the axis [rad]
-    """
-
-    azimuth: float
-    out_of_plane: float
-    twist: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class Codes:
     """Codes of a frame.
 
@@ -178,7 +163,7 @@ class Codes:
     constant_variance: share of it that is the same in every frame, shape (K,)
     excess: covariance beyond that of training, shape (K, K)
     context: of the residual and the odd codes, as a read-out is given it, shape (C,)
-    motion: what is read of the load's plane
+    plane: of the load
     """
 
     value: Array
@@ -186,7 +171,7 @@ class Codes:
     constant_variance: Array
     excess: Array
     context: Array
-    motion: Motion
+    plane: LoadPlane
 
 
 def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fit, Kept]:
@@ -293,12 +278,17 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
         context=np.append(
             specimen.smooth.statistics(residual, fit.pairs), odd_statistic(odd / unit, axis=0)
         ),
-        motion=Motion(
+        plane=LoadPlane(
             azimuth=noise.aligned.azimuth,
-            out_of_plane=float(np.linalg.norm(across) / max(np.hypot(np.linalg.norm(along), np.linalg.norm(across)), 1e-12)),
+            out_of_plane=_share(across, along),
             twist=float(specimen.direction.twist @ odd),
         ),
     )
+
+
+def _share(across: Array, along: Array) -> float:
+    """Share of the first vector in the size of both; 0 where neither has any."""
+    return float(np.linalg.norm(across) / max(np.linalg.norm(np.append(along, across)), 1e-12))
 
 
 def odd_statistic(odd: Array, axis: int) -> Array:
@@ -310,7 +300,7 @@ def _noise_level(
     specimen: Specimen, plane: Aligned, level: float, tracks: Tracks, visible: Mask
 ) -> NoiseLevel:
     """Weights for frames as noisy as this one, of a load in that plane."""
-    frame = tracks.covariance[specimen.shifts.pairs]
+    frame = specimen.shifts.covariance(tracks)
     # A pair that is not visible now may be visible in a later frame.
     frame[~visible] = np.median(frame[visible], axis=0)
     constant = specimen.shifts.rest_covariance + np.diag(specimen.shifts.floor)
@@ -354,12 +344,12 @@ def _vague_sizes(
     specimen: Specimen, kept: Kept, tracks: Tracks, visible: Mask
 ) -> VagueSizes | None:
     """Weights of a frame in which log sizes of some pairs, which touch others, are vaguer."""
-    numbers, noise, before = specimen.shifts.pairs, kept.noise, kept.vague
-    sizes = tracks.covariance[numbers[:, None], SIZES, SIZES]
+    noise, before = kept.noise, kept.vague
+    sizes = tracks.covariance[specimen.shifts.pairs[:, None], SIZES, SIZES]
     pairs = visible & (sizes > _VAGUER * noise.sizes).any(axis=1)
     if not pairs.any():
         return None
-    covariance = tracks.covariance[numbers[pairs]]
+    covariance = specimen.shifts.covariance(tracks)[pairs]
     variances = covariance.diagonal(axis1=1, axis2=2)
     if before is not None and np.array_equal(pairs, before.pairs):
         change = abs(variances - before.variances)

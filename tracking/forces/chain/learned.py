@@ -86,12 +86,14 @@ class Totals:
     friction: signed ΣFf [N]
     mu: µ
     covariance: of (ΣFn, |ΣFf|, µ), shape (3, 3)
+    margin_deviation: standard deviation of Γ
     """
 
     normal: float
     friction: float
     mu: float
     covariance: Array
+    margin_deviation: float
 
 
 class Learned:
@@ -157,7 +159,8 @@ class Learned:
         totals = _read_totals(self._readout, codes, x, stiffness)
         displacement = np.append(codes.value, 1.0).astype(np.float32) @ self._displacement
         position = self._at_rest + displacement.reshape(-1, 2)
-        return _force_field(self._readout, self._fingertip, totals, x, position)
+        field = _force_field(self._readout, self._fingertip, totals, x, position)
+        return replace(field, plane=codes.plane)
 
 
 def sequential(calibration: SensorCalibration, rest: Tracks) -> Learned:
@@ -192,7 +195,7 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
     correction, slope = linearised(readout.totals, short)
     totals = np.append(x, 1.0) @ readout.linear + correction
     deviations = np.exp(0.5 * forward(readout.deviations, short).astype(float))
-    covariance = np.outer(deviations, deviations) * readout.correlation
+    covariance = np.outer(deviations[:3], deviations[:3]) * readout.correlation
     count = readout.codes
     slope = (readout.linear[:count].T + slope[:, :count]) / readout.scale
     covariance += slope @ codes.excess @ slope.T
@@ -214,6 +217,7 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
         friction=stiffness * friction,
         mu=max(float(totals[2]), _SMALLEST_FRICTION),
         covariance=covariance,
+        margin_deviation=float(deviations[3]),
     )
 
 
@@ -251,5 +255,6 @@ def _force_field(
             deviation=deviation,
             observable=slips and deviation < _OBSERVABLE * readout.prior,
             totals_covariance=(float(totals.covariance[0, 2]), float(totals.covariance[1, 2])),
+            margin_deviation=totals.margin_deviation,
         ),
     )

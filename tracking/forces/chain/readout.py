@@ -55,7 +55,7 @@ class ReadOut:
     context: mean and deviation of each number that describes a frame's residual, shape (2, C)
     linear: codes, noise, context and 1 to totals, the best linear read-out, shape (K + C + 2, 3)
     totals: network of what is missing from that
-    deviations: network of the logarithm of the totals' variances
+    deviations: network of the logarithm of the variances of the totals and of Γ
     shapes: network of the distributions of force
     normal_shapes, friction_shapes: modes of those, the mean first, shape (Q + 1, N)
     correlation: of the totals' errors, shape (3, 3)

@@ -25,6 +25,7 @@ from ...output.report import (
 from ...render.drawing import gl_problem
 from ...thesis import OBJECTS
 from ...tracking import FRICTION, METHODS, load_reconstructor
+from ..worlds.force_scenes import ForceScene
 from ..worlds.force_scores import (
     CONSTANT,
     QUANTITIES,
@@ -39,7 +40,7 @@ from ..worlds.force_scores import (
     times,
     truth,
 )
-from ..worlds.grasps import KNOWN, LIBRARY, WORLDS, ForceScene, scenes
+from ..worlds.grasps import KNOWN, LIBRARY, WORLDS, scenes
 from .methods import named
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from ...model import ForceField, FrictionReading
 from ...output.processes import one_thread
 from ...tracking import FRICTION, Z90, NoEstimateError, load_reconstructor
 from ..limits.forces import force_limit, press
-from .grasps import HELD_FRAMES, NOISE, PERIOD, REST_FRAMES, ForceScene
+from .force_scenes import HELD_FRAMES, NOISE, PERIOD, REST_FRAMES, ForceScene
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -85,7 +85,7 @@ class Answers:
 def truth(scene: ForceScene) -> Array:
     """True (ΣFn, ΣFf, µ, Γ) of a scene, shape (4,)."""
     field = scene.field
-    return np.array([field.total_normal, field.total_friction, scene.obj.friction, scene.margin])
+    return np.array([field.total_normal, field.total_friction, scene.friction, scene.margin])
 
 
 def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[str, str], Answers]:
@@ -117,6 +117,15 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
                 field = observation.field
                 result[reading_name(name, method), read] = _read(field, reading(field))
     return result
+
+
+def refused(name: str) -> dict[tuple[str, str], Answers]:
+    """Answers to a scene of a reconstructor that refuses its rest frames, as of `answers`."""
+    nothing = Answers(
+        value=_NOTHING[None], interval=np.full((1, 4, 2), np.nan), flagged=np.array([True])
+    )
+    result = {(name, read): nothing for read in READ}
+    return result | {(reading_name(name, method), "single"): nothing for method in FRICTION}
 
 
 def reading_name(reconstructor: str, method: str) -> str:
