@@ -15,8 +15,8 @@ from .ranges import SHAPES, Contact, random_contact, random_specimen
 
 Array = NDArray[np.float64]
 
-#: Steps of the plant [s], and how many a history has: most are of 0.4 s.
-STEPS = ((2e-3, 120), (4e-3, 100), (4e-3, 100), (8e-3, 80))
+#: Steps of the plant [s], and how many a history has: one of these, from 0.2 s to 0.56 s.
+STEPS = ((2e-3, 100), (4e-3, 80), (4e-3, 80), (8e-3, 70))
 #: Number of steps from one instant that may be kept to the next.
 EVERY = 2
 #: Histories of one specimen, one after the other.
