@@ -179,7 +179,7 @@ def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
     wanted = np.column_stack([seen_by_design(pose, camera, points), size])
     fitted = np.zeros((3, 3))
     for degree in _DEGREES:
-        basis = _basis(*unit, degree).T
+        basis = _basis(unit[0], unit[1], degree).T
         fitted = np.linalg.lstsq(basis[::2], wanted[::2], rcond=None)[0]
         if abs(basis @ fitted - wanted)[1::2].max() < _EXACT:
             break

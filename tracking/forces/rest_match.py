@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ...errors import UserError
-from ...render import SensorDesign
+from ...render import Camera, SensorDesign
 from ..tracks import Tracks
 from .pose import CameraPose, seen_by
 
@@ -81,20 +81,24 @@ class RestMarkers:
     symmetry: int
     lattice: bool
 
+    @property
+    def camera(self) -> Camera:
+        """The design's camera."""
+        return self.sensor.view.camera
+
     def designed(self, layer: int, shift: Shift | None = None, spin: float = 0.0) -> Array:
         """Pixels of the design's markers, shape (M, 2), of a layout turned by `spin` [rad]."""
         points = self.layers[layer].points
         if spin:
             points = Rotation.from_rotvec([0.0, 0.0, spin]).apply(points)
         if shift is not None and layer:
-            points = Rotation.from_rotvec(shift.turn).apply(points) + [*shift.along, 0.0]
+            points = Rotation.from_rotvec(shift.turn).apply(points) + np.array([*shift.along, 0.0])
         return self.sensor.view.project(points)
 
     def seen(self, pose: CameraPose, shift: Shift, spin: float = 0.0) -> list[Array]:
         """Pixels of each layer's markers under a pose, (M, 2) each."""
-        camera = self.sensor.view.camera
         count = len(self.layers)
-        return [seen_by(pose, camera, self.designed(k, shift, spin)) for k in range(count)]
+        return [seen_by(pose, self.camera, self.designed(k, shift, spin)) for k in range(count)]
 
     def inside(self, pixels: Array) -> Mask:
         """Whether markers at pixels (…, 2) are surely in the image."""
@@ -183,9 +187,7 @@ def _lattice(pixels: Array) -> bool:
     return max(shares) > _LATTICE
 
 
-def agreement(
-    markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float = 0.0
-) -> Agreement:
+def agreement(markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float = 0.0) -> Agreement:
     """How well a pose explains the rest frame, with the layout turned by `spin` [rad]."""
     limit = SAME * markers.pitch * pose.scale
     near = seen = met = expected = 0

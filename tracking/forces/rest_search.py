@@ -65,9 +65,7 @@ def likely_poses(markers: RestMarkers) -> list[CameraPose]:
     return [_pose(similarity) for _, similarity in found[:_RETURNED]]
 
 
-def _voted(
-    markers: RestMarkers, voters: Complex, seen: Complex, ratio: float
-) -> list[_Similarity]:
+def _voted(markers: RestMarkers, voters: Complex, seen: Complex, ratio: float) -> list[_Similarity]:
     """Similarities that many pairs of markers agree on, most votes first."""
     view = markers.sensor.view
     reach = (SHIFT + 0.03) * min(view.width, view.height)
