@@ -13,7 +13,10 @@ import numpy as np
 
 from ...errors import UserError
 from ...model import History, ModelError, contact_forces, whole_friction
-from .beyond_cases import (
+from ..worlds.compressed import h264, h265, jpeg, mjpeg
+from ..worlds.force_scenes import PERIOD, ForceScene, Grasp, run_of, watch
+from ..worlds.grasps import MARGINS, SEED, Ranges
+from .cases import (
     Case,
     Group,
     azimuth,
@@ -39,9 +42,6 @@ from .beyond_cases import (
     uneven,
     wrong_noise,
 )
-from .compressed import h264, h265, jpeg, mjpeg
-from .force_scenes import PERIOD, ForceScene, Grasp, run_of, watch
-from .grasps import MARGINS, SEED, Ranges
 from .unlike_grasps import (
     bump,
     drawn_from,

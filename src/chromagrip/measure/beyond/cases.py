@@ -10,11 +10,11 @@ import numpy as np
 from ...model import ForceField
 from ...render import Defects, Frame, SensorDesign
 from ...tracking import SensorCalibration, load_calibration
+from ..worlds.compressed import Codec
+from ..worlds.force_scenes import NOISE, Pictures, Specimen
+from ..worlds.grasps import STIFFNESS_ERROR, calibration, random_grasp
 from .carried_skin import CarriedSkin, Motion
-from .compressed import Codec
 from .finished_pictures import each, gradient, lit, of_run, rolled, shifted, tilted
-from .force_scenes import NOISE, Pictures, Specimen
-from .grasps import STIFFNESS_ERROR, calibration, random_grasp
 from .unlike_grasps import Draw, with_law
 
 Random = np.random.Generator
@@ -266,7 +266,8 @@ def friction_law(rng: Random, index: int) -> Case:
     kinds = len(SIGMAS) * len(EXPONENTS)
     at = index % (kinds + 8)
     sigma, exponent = SIGMAS[at // 4 % 4], EXPONENTS[at % 4]
-    drag, labels = _DRAG, (f"sigma0-{sigma:g}", f"n-{exponent:g}")
+    drag = _DRAG
+    labels: tuple[str, ...] = (f"sigma0-{sigma:.0f}", f"n-{exponent:g}")
     if at >= kinds + 4:
         drag = _DRAGS[at % 2]
         labels = (f"drag-{drag:g}",)
