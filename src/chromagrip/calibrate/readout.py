@@ -150,13 +150,15 @@ def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     distance[:, ~tracks.visible.all(axis=0)] = np.inf
     variance = np.diagonal(tracks.covariance[distance.argmin(axis=1)], axis1=1, axis2=2)
     instants = _flipped(np.random.default_rng([76, 0]), snapshots(tip, range(BASIS)))
-    parts = [
-        fields_on_circles(limited(shifts))
-        for shifts in _shifts(np.random.default_rng([76, 1]), sensor, tip, circle_places(), instants)
-    ]
-    even, odd = (np.concatenate(both) for both in zip(*parts, strict=True))
+    fields = []
+    for ranges in (VariationRanges(nominal_share=1.0, azimuth_noise_deg=0.0), VARIATIONS):
+        shifts = _shifts(np.random.default_rng([76, 1]), sensor, tip, circle_places(), instants, ranges)
+        parts = [fields_on_circles(limited(some)) for some in shifts]
+        fields.append([np.concatenate(both) for both in zip(*parts, strict=True)])
+    (designed, _), (even, odd) = fields
     return make_basis(
         instants,
+        designed,
         (even, odd),
         sensor.places,
         np.sqrt(variance + np.square(floor)),
@@ -170,11 +172,12 @@ def _shifts(
     tip: Fingertip,
     places: Array,
     instants: Snapshots,
+    ranges: VariationRanges,
 ) -> Iterator[Array]:
     """Shifts of snapshots under random variations, without noise, some (S, P, 6) at a time."""
     for k in range(0, len(instants.totals), _AT_ONCE):
         chain = instants.displacement[k : k + _AT_ONCE].astype(float)
-        variations = random_variations(rng, chain, VARIATIONS)
+        variations = random_variations(rng, chain, ranges)
         yield varied_shifts(sensor, places, tip, chain, variations)
 
 
@@ -203,7 +206,7 @@ def _simulate_part(tip: Fingertip, sensor: SensorDesign, basis: Basis, part: _Pa
     places = sensor.places - [0.0, rng.uniform(0.0, 2.0 * np.pi)]
     learner = Learner.of(basis, places)
     parts = [
-        learner.read(rng, shifts) for shifts in _shifts(rng, sensor, tip, places, instants)
+        learner.read(rng, shifts) for shifts in _shifts(rng, sensor, tip, places, instants, VARIATIONS)
     ]
     codes, level, context = (np.concatenate(values) for values in zip(*parts, strict=True))
     values = {

@@ -31,7 +31,8 @@ class VariationRanges:
     ----------
     nominal_share: of the snapshots that have no variation at all
     each_share: of the others that have one kind of variation
-    azimuth_deg: standard deviation of the error of the load's azimuth [°]
+    azimuth_noise_deg: standard deviation of the error of every estimate of the load's azimuth [°]
+    azimuth_deg: standard deviation of a further error of the azimuth [°]
     off_plane_share: largest change of each part of the map off the chain's plane
     contraction: largest lateral contraction, as a share of the shear
     twist_deg: standard deviation of a twist about the grip's axis [°]
@@ -43,14 +44,15 @@ class VariationRanges:
 
     nominal_share: float = 0.4
     each_share: float = 0.35
+    azimuth_noise_deg: float = 0.15
     azimuth_deg: float = 2.0
-    off_plane_share: float = 0.2
+    off_plane_share: float = 0.16
     contraction: float = 0.3
     twist_deg: float = 5.0
     twist_reach_deg: tuple[float, float] = (15.0, 70.0)
-    follow_share: float = 0.15
-    depth_share: float = 0.2
-    unknown_share: tuple[float, float] = (0.003, 0.15)
+    follow_share: float = 0.14
+    depth_share: float = 0.18
+    unknown_share: tuple[float, float] = (0.002, 0.06)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +132,7 @@ def random_variations(
     form[:, 1] = np.where((unknown[:, 1] == unknown[:, 0]).all(axis=(1, 2))[:, None, None],
                           form[:, 0], form[:, 1])
     # The estimate of the azimuth is never exact.
-    azimuth = np.deg2rad(0.15 * rng.standard_normal(count))
+    azimuth = np.deg2rad(ranges.azimuth_noise_deg * rng.standard_normal(count))
     azimuth += some(np.deg2rad(ranges.azimuth_deg) * rng.standard_normal(count))
     return Variations(
         azimuth=azimuth,

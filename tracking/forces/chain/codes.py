@@ -51,6 +51,8 @@ _LEAST_TURN = np.deg2rad(0.7)
 _CERTAIN_TURN = 3.0
 #: Changes of the azimuth in one frame.
 _TURNS = 6
+#: Lost measurements over unknowns below which a covariance is updated, not computed anew.
+_FEW = 0.5
 #: Part of the noise's variance that is added before a logarithm: less says nothing.
 _LEAST = 0.01
 #: Weights are computed anew when the noise has changed by more than this share …
@@ -70,11 +72,13 @@ class Weights:
     whiten: of each pair's shifts, shape (P, 6, 6)
     rows: change of each whitened shift with the unknowns, shape (6P, U)
     information: of all pairs and of the prior, shape (U, U)
+    covariance: its inverse, shape (U, U)
     """
 
     whiten: Short
     rows: Short
     information: Array
+    covariance: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +92,6 @@ class NoiseLevel:
     sizes: variances of a pair's log sizes in a frame, shape (P, 2)
     constant: covariance of the errors that are the same in every frame, shape (P, 6, 6)
     weights: of the pairs
-    covariance: of the unknowns as the prior shrinks them, shape (U, U)
     unshrink: factor of each unknown that undoes the prior: the read-out was trained on codes with
         noise, not on codes drawn towards their mean; shape (U,)
     variance: of each code, shape (K,)
@@ -101,7 +104,6 @@ class NoiseLevel:
     sizes: Array
     constant: Array
     weights: Weights
-    covariance: Array
     unshrink: Array
     variance: Array
     constant_variance: Array
@@ -248,7 +250,7 @@ def _turn(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> tuple[float, float
     """Angle from the plane to the shear's own azimuth, and its standard deviation [rad]."""
     along, across = _shear(specimen, fit)
     codes = specimen.codes
-    odd = noise.covariance[codes : -len(SIZES), codes : -len(SIZES)]
+    odd = noise.weights.covariance[codes : -len(SIZES), codes : -len(SIZES)]
     each = specimen.direction.across
     uncertain = float(np.einsum("ri,ij,rj->", each, odd, each))
     size = float(along @ along + across @ across)
@@ -273,11 +275,12 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
             f"{_UNLIKE:g} at most is allowed"
         )
     excess = noise.excess
-    if fit.posterior.covariance is not noise.covariance:
-        change = fit.posterior.covariance - noise.covariance
+    whole = noise.weights.covariance
+    if fit.posterior.covariance is not whole:
+        change = fit.posterior.covariance - whole
         excess = excess + (noise.unshrink[:, None] * change * noise.unshrink)[:count, :count]
     odd = fit.unknowns[count : -len(SIZES)]
-    unit = np.sqrt(np.diag(noise.covariance)[count : -len(SIZES)])
+    unit = np.sqrt(np.diag(whole)[count : -len(SIZES)])
     residual = _turned(fit.missed * fit.pairs[:, None], -noise.aligned.azimuth)
     along, across = _shear(specimen, fit)
     return Codes(
@@ -352,8 +355,8 @@ def _noise_level(
             whiten=whiten.astype(np.float32),
             rows=rows.astype(np.float32),
             information=information,
+            covariance=covariance,
         ),
-        covariance=covariance,
         unshrink=unshrink,
         variance=variance,
         constant_variance=np.einsum("kpi,pij,kpj->k", operator, whitened, operator, optimize=True),
@@ -382,10 +385,12 @@ def _vague_sizes(
     own = np.linalg.inv(np.linalg.cholesky(covariance + noise.constant[pairs]))
     vague = (own @ noise.aligned.loadings[pairs]).reshape(sure.shape)
     whiten[pairs], rows[pairs] = own, vague.reshape(-1, MEASURED, unknowns)
+    information = noise.weights.information - sure.T @ sure + vague.T @ vague
     weights = Weights(
         whiten=whiten,
         rows=rows.reshape(-1, unknowns),
-        information=noise.weights.information - sure.T @ sure + vague.T @ vague,
+        information=information,
+        covariance=np.asarray(np.linalg.inv(information)),
     )
     return VagueSizes(pairs=pairs, variances=variances, weights=weights)
 
@@ -446,11 +451,17 @@ class _Solver:
 
     def _posterior(self, pairs: Mask) -> Posterior:
         weights, before = self.weights, self.before
-        if weights is self.noise.weights and pairs.all():
-            return Posterior(weights=weights, pairs=pairs, covariance=self.noise.covariance)
+        if pairs.all():
+            return Posterior(weights=weights, pairs=pairs, covariance=weights.covariance)
         if before is not None and before.weights is weights and np.array_equal(before.pairs, pairs):
             return before
         rows = weights.rows.reshape(len(pairs), MEASURED, -1)[~pairs]
         lost = rows.reshape(-1, rows.shape[2]).astype(float)
-        covariance = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
+        if len(lost) < _FEW * len(weights.covariance):
+            # What the lost pairs told is taken back.
+            gain = lost @ weights.covariance
+            left = np.eye(len(lost)) - gain @ lost.T
+            covariance = weights.covariance + gain.T @ np.linalg.solve(left, gain)
+        else:
+            covariance = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
         return Posterior(weights=weights, pairs=pairs, covariance=covariance)

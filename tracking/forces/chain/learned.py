@@ -224,13 +224,15 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
     count = readout.codes
     slope = (readout.linear[:count].T + slope[:, :count]) / readout.scale
     covariance += slope @ codes.excess @ slope.T
-    normal = BEND * math.sinh(min(max(float(totals[0]), -_LARGEST), _LARGEST))
-    friction = float(totals[1])
+    normal, friction = (
+        BEND * math.sinh(min(max(float(value), -_LARGEST), _LARGEST)) for value in totals[:2]
+    )
+    mu = max(math.exp(min(float(totals[2]), 1.0)), _SMALLEST_FRICTION)
     # To newtons, and to |ΣFf|.
     side = 1.0 if friction >= 0.0 else -1.0
-    unit = np.array([stiffness * math.hypot(normal, BEND), stiffness * side, 1.0])
+    unit = stiffness * np.array([math.hypot(normal, BEND), side * math.hypot(friction, BEND), 0.0])
     # An image leaves µ no less certain than it is without any.
-    unit[2] /= math.hypot(1.0, math.sqrt(covariance[2, 2]) / readout.prior)
+    unit[2] = mu / math.hypot(1.0, math.sqrt(covariance[2, 2]) / readout.prior)
     covariance *= np.outer(unit, unit)
     deviation = math.sqrt(covariance[0, 0])
     if deviation > _VAGUE_SHARE * abs(normal) + _VAGUE:
@@ -240,7 +242,7 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
     return Totals(
         normal=stiffness * normal,
         friction=stiffness * friction,
-        mu=max(float(totals[2]), _SMALLEST_FRICTION),
+        mu=mu,
         covariance=covariance,
         margin_deviation=float(deviations[3]),
     )
@@ -278,7 +280,7 @@ def _force_field(
         friction_reading=FrictionReading(
             value=mu,
             deviation=deviation,
-            observable=slips and deviation < _OBSERVABLE * readout.prior,
+            observable=slips and deviation < _OBSERVABLE * readout.prior * mu,
             totals_covariance=(float(totals.covariance[0, 2]), float(totals.covariance[1, 2])),
             margin_deviation=totals.margin_deviation,
         ),

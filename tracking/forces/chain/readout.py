@@ -55,12 +55,12 @@ class ReadOut:
     context: mean, deviation and highest of each number that describes a frame's residual, (3, C)
     reach: largest size of the codes, see `size_of`
     linear: codes, noise, context and 1 to totals, the best linear read-out, shape (K + C + 2, 3)
-    totals: network of what is missing from that
+    totals: network of what is missing from that: of asinh of both sums over BEND, and log µ
     deviations: network of the logarithm of the variances of the totals and of Γ
     shapes: network of the distributions of force
     normal_shapes, friction_shapes: modes of those, the mean first, shape (Q + 1, N)
     correlation: of the totals' errors, shape (3, 3)
-    prior: standard deviation of µ before any image
+    prior: standard deviation of log µ before any image
     """
 
     tissue_stiffness: float
