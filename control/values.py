@@ -22,7 +22,7 @@ class GripObservation:
     lateral_displacement: of the object over the fingertip [m]; NaN on the camera path, where the
         object's motion is not in the image
     no_estimate: reason for which no forces could be estimated; empty when they were
-    direction: azimuth of the shear in the image, from its x axis towards its y axis [rad]; NaN
+    direction: azimuth of the friction on the sensor, from its x axis towards its y axis [rad]; NaN
         where it was not estimated
     out_of_plane: share of the lateral motion of the skin that is across that direction; NaN where
         it was not estimated
