@@ -52,7 +52,7 @@ _APART = 0.2
 _SURE = 0.5
 #: Loss of overlap over 1/√markers up to which two poses are equally good.
 _EQUAL = 0.25
-#: A pose is taken where it moves the markers by less than this share of the next one's.
+#: A pose is taken where it turns or moves the markers by less than this share of the next one's.
 _CLEAR = 1 / 4
 
 #: Places in x of what may be as designed, and χ² above which it is told not to be: that of one and
@@ -288,8 +288,8 @@ def _check_clear(
     if near > _CLEAR * next_one:
         raise UserError(
             "the rest frame does not tell how the camera is turned or shifted, as the layout is "
-            f"symmetric: it may be {pose}, or {other}; allowed: the first less than a quarter as far "
-            "from the design as the second"
+            f"symmetric: it may be {pose}, or {other}; allowed: the first less than a quarter as "
+            "far from the design as the second"
         )
 
 
