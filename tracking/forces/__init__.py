@@ -28,7 +28,7 @@ from .friction import (
     core_quantile,
     max_ratio,
 )
-from .pose import Alignment, CameraPose, aligned, alignment
+from .pose import Alignment, CameraPose, PoseTable, aligned, alignment, pose_words, seen_by
 from .reconstructors import (
     AUTOMATIC,
     DEFAULT_RECONSTRUCTOR,
@@ -60,6 +60,7 @@ __all__ = [
     "FrictionRule",
     "MarkerShifts",
     "NoEstimateError",
+    "PoseTable",
     "Reconstructor",
     "SensorCalibration",
     "Values",
@@ -74,8 +75,10 @@ __all__ = [
     "load_reconstructor",
     "max_ratio",
     "nominal_calibration",
+    "pose_words",
     "required_readout",
     "rest_pose",
+    "seen_by",
     "shipped_readout",
     "skin_displacement",
     "values_of",

@@ -30,7 +30,7 @@ from ..tracking import (
     check_reconstructor,
     load_calibration,
 )
-from ..tracking.forces import rest_pose
+from ..tracking.forces import PoseTable, rest_pose
 from .figure import draw_figure
 from .following import Add, Course, Outcome, Progress, follow, open_folder
 from .opening import Opened, Setup, open_tracking
@@ -69,6 +69,7 @@ class Method(TypedDict):
     reconstructor: str | None
     friction: str | None
     rest_misfit_px: float
+    camera_pose: PoseTable
     friction_window_s: float
 
 
@@ -128,9 +129,9 @@ def estimate_source(
         pose = rest_pose(known.sensor, opened.resting)
         if gains is None:
             observer = ForceObserver(known, opened.resting, reconstructor, window, rule)
-            read = force_reading(observer, rule, opened, known.sensor.view)
+            read = force_reading(observer, rule, opened, known.sensor.view, pose)
         else:
-            read = displacement_reading(gains, opened)
+            read = displacement_reading(gains, opened, known.sensor.view, pose)
     if out is not None:
         open_folder(out, overwrite, FILES)
     method: Method = {
@@ -139,6 +140,7 @@ def estimate_source(
         "reconstructor": name_of(reconstructor) if gains is None else None,
         "friction": friction,
         "rest_misfit_px": pose.error,
+        "camera_pose": pose.table(),
         "friction_window_s": window,
     }
     rows = _Rows(read, opened, out, flat=gains is not None)
