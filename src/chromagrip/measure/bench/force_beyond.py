@@ -148,11 +148,11 @@ def told_by_constant(target: Bounds | None, guessed: float | None) -> str:
 
 #: Explanation of the tables.
 BEYOND_NOTES = (
-    "Beyond the training range: inside or flagged, the truth lies in the 90 % interval or the frame "
-    "is flagged, over all frames and the four quantities. Wrong, narrow and unflagged: the truth of "
-    "any of them lies further from the estimate than twice the half-width. Width: mean half-width "
-    "over the RMS error. Flagged: no estimate, or an interval of Γ without an end. A target that "
-    "the constant answer reaches too is marked.",
+    "Beyond the training range. Inside or flagged: the truth lies in the 90 % interval or the "
+    "frame is flagged, over all frames and the four quantities. Wrong, narrow and unflagged: the "
+    "truth of any of them lies further from the estimate than twice the half-width. Width: mean "
+    "half-width over the RMS error. Flagged: no estimate, or an interval of Γ without an end. A "
+    "target that the constant answer reaches too is marked.",
 )
 #: Columns of the tables: heading, score, format.
 _COLUMNS = (

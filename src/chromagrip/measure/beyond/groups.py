@@ -104,6 +104,22 @@ NEED_GL = ("renderer",)
 
 def beyond_scenes(group: str, index: int) -> list[ForceScene]:
     """Scenes of a grasp of a group of GROUPS; the same arguments give the same bytes."""
+    case, grasped, run, seed = beyond_grasp(group, index)
+    return watch(
+        case.known,
+        case.specimen,
+        grasped,
+        run,
+        seed,
+        noise=case.noise,
+        pictures=case.pictures,
+        film=case.film,
+        labels=case.labels,
+    )
+
+
+def beyond_grasp(group: str, index: int) -> tuple[Case, Grasp, History, int]:
+    """A grasp of a group before any picture is taken: what is unlike, its run, a camera's seed."""
     rng = np.random.default_rng([SEED, _UNLIKE, list(GROUPS).index(group), index, 1])
     case = GROUPS[group](rng, index)
     # Γ is evenly spread over bins that take turns, in another order each turn.
@@ -117,18 +133,7 @@ def beyond_scenes(group: str, index: int) -> list[ForceScene]:
         except ModelError:  # lost, pierced, or no equilibrium: no such grasp
             continue
         if _belongs(case, grasped, run, low, low + width):
-            seed = int(rng.integers(2**32))
-            return watch(
-                case.known,
-                case.specimen,
-                grasped,
-                run,
-                seed,
-                noise=case.noise,
-                pictures=case.pictures,
-                film=case.film,
-                labels=case.labels,
-            )
+            return case, grasped, run, int(rng.integers(2**32))
     raise UserError(f"no grasp of the group {group} in {_DRAWS} draws")
 
 
