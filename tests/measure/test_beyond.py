@@ -1,6 +1,7 @@
 """The world `beyond`: its skin and pictures are what they say, nothing is told, scores add up."""
 
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,12 +13,14 @@ from chromagrip.measure.bench import force as bench_force
 from chromagrip.measure.bench import force_beyond
 from chromagrip.measure.bench.force_sets import Measured
 from chromagrip.measure.bench.parts import bench
+from chromagrip.measure.beyond import groups
 from chromagrip.measure.beyond.carried_skin import CarriedSkin, Motion, turned
-from chromagrip.measure.beyond.cases import EXPONENTS, SIGMAS
+from chromagrip.measure.beyond.cases import EXPONENTS, SIGMAS, Case
 from chromagrip.measure.beyond.finished_pictures import gradient, lit, rolled, shifted, tilted
 from chromagrip.measure.beyond.groups import BEYOND, GROUPS, beyond_grasp, beyond_scenes
 from chromagrip.measure.beyond.scores import UNITS, beyond_scores
-from chromagrip.measure.worlds.force_scores import Answers, constant
+from chromagrip.measure.worlds.force_scenes import watch
+from chromagrip.measure.worlds.force_scores import Answers, answers, constant
 from chromagrip.measure.worlds.grasps import calibration
 from chromagrip.model import ContactObject, contact_forces, equilibrium, rest_state
 from chromagrip.output.report import Bounds
@@ -201,7 +204,7 @@ def test_no_group_tells_its_estimators_what_is_unlike() -> None:
         for index in range(12):
             case = draw(np.random.default_rng([1, index]), index)
             known = case.known
-            if group == "stiffness-told":
+            if group in ("stiffness-told", "friction-law-mismatched"):
                 assert known.stiffness_deviation == pytest.approx(0.1 / np.sqrt(3.0))
             else:
                 assert known == shipped
@@ -310,6 +313,28 @@ def test_a_rolled_scene_is_rolled_at_rest_too() -> None:
     apart = [np.median(tree.query(told @ turned(np.deg2rad(d))[:2, :2])[0]) for d in degrees]
     assert min(apart) < 0.1
     assert 1.0 <= abs(degrees[np.argmin(apart)]) <= 4.0
+
+
+def test_frames_that_the_tracker_refuses_are_flagged_and_have_a_truth(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def black(rng: np.random.Generator, index: int) -> Case:
+        return replace(
+            GROUPS["roll"](rng, index),
+            pictures=lambda rest, run: ([replace(f, image=0 * f.image) for f in rest], run),
+        )
+
+    monkeypatch.setattr(groups, "GROUPS", {"black": black})
+    (scene,) = beyond_scenes("black", 0)
+    assert "grey" in scene.refused
+    assert 0.05 <= scene.margin <= 0.85
+    for read, found in answers("gp", "gp", scene).items():
+        assert found.flagged.all(), read
+        assert np.isnan(found.interval).all()
+    case, grasped, run, seed = beyond_grasp("black", 0)
+    assert case.specimen.renderer == "painter"
+    with pytest.raises(UserError, match="grey"):
+        watch(case.known, case.specimen, grasped, run, seed, pictures=case.pictures)
 
 
 def test_the_same_grasp_is_drawn_in_each_group_and_each_time() -> None:

@@ -30,6 +30,7 @@ from .cases import (
     friction_law,
     in_turn,
     layers,
+    mismatched,
     out_of_plane,
     poisson,
     redrawn,
@@ -74,6 +75,7 @@ GROUPS: Mapping[str, Group] = {
     "stiffness-told": stiffness(told=True),
     "stiffness-untold": stiffness(told=False),
     "friction-law": friction_law,
+    "friction-law-mismatched": mismatched(friction_law),
     "friction": in_turn(
         drawing(drawn_from(Ranges(frictions=(0.1, 0.2))), label="mu-0.1-0.2"),
         drawing(drawn_from(Ranges(frictions=(1.0, 1.5))), label="mu-1-1.5"),
@@ -99,7 +101,7 @@ GROUPS: Mapping[str, Group] = {
     "jpeg": compressed({f"quality-{quality}": jpeg(quality) for quality in (95, 90, 80, 60)}),
 }
 #: Groups whose pictures need OpenGL.
-NEED_GL = ("renderer",)
+NEED_GL = ("renderer", "friction-law-mismatched")
 
 
 def beyond_scenes(group: str, index: int) -> list[ForceScene]:
@@ -115,6 +117,7 @@ def beyond_scenes(group: str, index: int) -> list[ForceScene]:
         pictures=case.pictures,
         film=case.film,
         labels=case.labels,
+        may_refuse=True,
     )
 
 
