@@ -190,15 +190,13 @@ def watch(
         if pictures is not None:
             rest, frames = pictures(rest, frames)
         by_index = dict(zip(taken, frames, strict=True))
-        tracker, refused = MarkerTracker(Palette.of_sensor(known.sensor), noise), ""
+        refused = ""
         try:
-            at_rest = tracker.reset(rest)
-            tracks = {k: tracker.update(by_index[k]) for k in shown}
+            at_rest, tracks = _tracked(known, noise, rest, {k: by_index[k] for k in shown})
         except UserError as error:
             if not may_refuse:
                 raise
-            at_rest, refused = _NO_TRACKS, str(error)
-            tracks = dict.fromkeys(shown, _NO_TRACKS)
+            at_rest, tracks, refused = _NO_TRACKS, dict.fromkeys(shown, _NO_TRACKS), str(error)
     return [
         ForceScene(
             known=known,
@@ -213,6 +211,15 @@ def watch(
         )
         for end, name in zip(ends, _names(grasped), strict=True)
     ]
+
+
+def _tracked(
+    known: SensorCalibration, noise: float, rest: list[Frame], frames: dict[int, Frame]
+) -> tuple[Tracks, dict[int, Tracks]]:
+    """Tracks of the frames at rest, and of frames of the run by their number."""
+    tracker = MarkerTracker(Palette.of_sensor(known.sensor), noise)
+    at_rest = tracker.reset(rest)
+    return at_rest, {k: tracker.update(frame) for k, frame in frames.items()}
 
 
 def _names(grasped: Grasp) -> list[tuple[str, ...]]:
