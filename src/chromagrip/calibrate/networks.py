@@ -27,8 +27,11 @@ ODD_CODES = 30
 MODES = 60
 #: Modes of the distribution of either force.
 SHAPES = 12
-#: Noise trained with, in units of a single frame's: from averages of many frames to a poor camera.
+#: Noise trained with, in units of a single frame's: from averages of many frames to compressed
+#: pictures …
 NOISE = (0.3, 4.0)
+#: … and that of most snapshots.
+USUAL_NOISE = (0.7, 1.3)
 #: One in this many histories is held out from the networks' training; their errors are learned
 #: from these.
 HELD_OUT = 5

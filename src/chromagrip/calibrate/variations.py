@@ -42,7 +42,7 @@ class VariationRanges:
     unknown_share: motion that no map describes, as a share of the skin's, smallest and largest
     """
 
-    nominal_share: float = 0.4
+    nominal_share: float = 0.5
     each_share: float = 0.35
     azimuth_noise_deg: float = 0.15
     azimuth_deg: float = 2.0
@@ -52,7 +52,7 @@ class VariationRanges:
     twist_reach_deg: tuple[float, float] = (15.0, 70.0)
     follow_share: float = 0.14
     depth_share: float = 0.18
-    unknown_share: tuple[float, float] = (0.002, 0.06)
+    unknown_share: tuple[float, float] = (0.002, 0.04)
 
 
 @dataclass(frozen=True, kw_only=True)
