@@ -182,17 +182,11 @@ def watch(
     tip = specimen.fingertip
     ends = [round(end / PERIOD) for end in grasped.ends]
     scored = {k for end in ends for k in range(end - HELD_FRAMES + 1, end + 1)}
-    with one_thread(), closing(specimen.camera(seed)) as camera:
-        rest = camera.expose_rest(rest_state(tip), REST_FRAMES)
-        shown = _shown(run, scored)
-        taken = list(range(len(run))) if film else shown
-        frames = [camera.expose(run.state(k), k) for k in taken]
-        if pictures is not None:
-            rest, frames = pictures(rest, frames)
-        by_index = dict(zip(taken, frames, strict=True))
-        refused = ""
+    shown, refused = _shown(run, scored), ""
+    with one_thread():
+        rest, frames = _taken(specimen, run, seed, shown, pictures, film)
         try:
-            at_rest, tracks = _tracked(known, noise, rest, {k: by_index[k] for k in shown})
+            at_rest, tracks = _tracked(known, noise, rest, frames)
         except UserError as error:
             if not may_refuse:
                 raise
@@ -211,6 +205,25 @@ def watch(
         )
         for end, name in zip(ends, _names(grasped), strict=True)
     ]
+
+
+def _taken(
+    specimen: Specimen,
+    run: History,
+    seed: int,
+    shown: list[int],
+    pictures: Pictures | None,
+    film: bool,
+) -> tuple[list[Frame], dict[int, Frame]]:
+    """Frames at rest, and those of the run that are shown, by their number."""
+    taken = list(range(len(run))) if film else shown
+    with closing(specimen.camera(seed)) as camera:
+        rest = camera.expose_rest(rest_state(specimen.fingertip), REST_FRAMES)
+        frames = [camera.expose(run.state(k), k) for k in taken]
+    if pictures is not None:
+        rest, frames = pictures(rest, frames)
+    by_number = dict(zip(taken, frames, strict=True))
+    return rest, {k: by_number[k] for k in shown}
 
 
 def _tracked(
