@@ -26,7 +26,7 @@ from .errors import (
 )
 from .force_field import (
     ForceField,
-    FrictionReading,
+    FrictionReading, LoadPlane,
     contact_forces,
     node_friction,
     touching,
@@ -47,6 +47,7 @@ __all__ = [
     "Fingertip",
     "ForceField",
     "FrictionReading",
+    "LoadPlane",
     "History",
     "Integrator",
     "LostContactError",

@@ -1,5 +1,6 @@
 """Contact forces on the chain's nodes: one type for the truth and for every estimate."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,12 +27,31 @@ class FrictionReading:
     deviation: standard deviation of µ
     observable: whether µ can be estimated from the image; from a pure press it cannot (E7)
     totals_covariance: covariance of µ with (ΣFn, ΣFf) [N], shape (2,)
+    margin_deviation: standard deviation of Γ with this µ, where it was learned; NaN where it
+        follows from those of µ and the sums
     """
 
     value: float
     deviation: float
     observable: bool
     totals_covariance: tuple[float, float] = (0.0, 0.0)
+    margin_deviation: float = math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadPlane:
+    """Plane through the sensor's axis in which an estimate found the load, and what lies outside it.
+
+    Attributes
+    ----------
+    azimuth: of the plane's +x, from the sensor's [rad]
+    out_of_plane: share of the shear that is across the plane
+    twist: turn of the skin at the apex about the sensor's axis [rad]
+    """
+
+    azimuth: float
+    out_of_plane: float
+    twist: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +68,7 @@ class ForceField:
     spread: factor S of the covariance S·Sᵀ of an estimate's nodal forces, normal then friction
         [N], shape (2N, R); None where it is not known
     friction_reading: µ, where it is read off the image together with the forces
+    plane: that the forces are in, where it is read off the image; None is the sensor's x–z plane
     """
 
     position: Array
@@ -57,6 +78,7 @@ class ForceField:
     totals_covariance: Array
     spread: Array | None = None
     friction_reading: FrictionReading | None = None
+    plane: LoadPlane | None = None
 
     @property
     def total_normal(self) -> float:

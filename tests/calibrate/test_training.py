@@ -4,15 +4,12 @@ import numpy as np
 import pytest
 
 from chromagrip.calibrate import readout as training
-from chromagrip.calibrate.histories import snapshots, with_mirrored
 from chromagrip.calibrate.networks import Basis
 from chromagrip.cli.calibrate import train
 from chromagrip.errors import UserError
-from chromagrip.model import Fingertip
 from chromagrip.tracking import load_calibration
 from chromagrip.tracking.forces.chain.readout import load_readout
 
-TIP = Fingertip()
 KNOWN = load_calibration("thesis")
 
 
@@ -93,32 +90,6 @@ def test_codes_without_some_pairs_are_those_of_the_others() -> None:
     wrong = shifts.copy()
     wrong[lost] += 1e3
     assert basis.codes_without(wrong, lost) == pytest.approx(true, rel=2e-3, abs=0.5)
-
-
-def test_histories_are_in_balance_and_respect_the_cone() -> None:
-    """None exceeds µ times its normal force."""
-    found = snapshots(TIP, range(12))
-    again = snapshots(TIP, range(12))
-    assert np.array_equal(found.displacement, again.displacement)
-    assert (abs(found.friction) <= found.totals[:, 2:] * found.normal + 1e-6).all()
-    normal, friction, mu = found.totals.T
-    assert normal.min() > 0.0
-    assert (abs(friction) <= mu * normal * (1 + 1e-6)).all()
-    assert mu.min() >= 0.15
-    assert mu.max() <= 1.0
-
-
-def test_a_mirrored_press_is_the_press_of_the_mirrored_load() -> None:
-    found = snapshots(TIP, range(3))
-    both = with_mirrored(found)
-    count = len(found.displacement)
-    assert both.totals[count:, 1] == pytest.approx(-found.totals[:, 1])
-    twice = with_mirrored(with_mirrored(found))
-    assert np.array_equal(twice.displacement[-count:], found.displacement)
-    # Σ friction of the nodes in contact is the total, on either side.
-    contact = both.normal > TIP.contact_threshold
-    sums = (both.friction * contact).sum(axis=1)
-    assert sums == pytest.approx(both.totals[:, 1], abs=1e-4)
 
 
 @pytest.mark.parametrize(

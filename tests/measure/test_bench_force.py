@@ -8,9 +8,16 @@ import pytest
 
 from chromagrip.errors import UserError
 from chromagrip.measure.bench import force as bench_force
+from chromagrip.measure.bench import force_sets
 from chromagrip.measure.bench.parts import bench
-from chromagrip.measure.worlds import force_scores
-from chromagrip.measure.worlds import grasps as force_scenes
+from chromagrip.measure.worlds import force_scores, grasps
+from chromagrip.measure.worlds.force_scenes import (
+    HELD_FRAMES,
+    NOISE,
+    PERIOD,
+    ForceScene,
+    run_of,
+)
 from chromagrip.measure.worlds.force_scores import (
     QUANTITIES,
     UNITS,
@@ -21,12 +28,9 @@ from chromagrip.measure.worlds.force_scores import (
     truth,
 )
 from chromagrip.measure.worlds.grasps import (
-    HELD_FRAMES,
     KNOWN,
     LIBRARY,
-    PERIOD,
     WORLDS,
-    ForceScene,
     calibration,
     random_grasp,
     scenes,
@@ -107,7 +111,7 @@ def test_known_grasps_have_the_margins_that_they_say() -> None:
             ("conservative", [1 - load / (mu * 5.0) for load in (0.25, 0.65)]),
         ):
             grasped = KNOWN[kind](index)
-            run = force_scenes._run(tip, grasped)
+            run = run_of(tip, grasped)
             if kind == "objects" or np.isinf(radius):
                 for end, margin in zip(grasped.ends, wanted, strict=True):
                     field = contact_forces(tip, grasped.obj, run.state(round(end / PERIOD)))
@@ -120,7 +124,7 @@ def test_forces_stand_still_while_ten_frames_are_taken() -> None:
         rng = np.random.default_rng(seed_of(world, LIBRARY, index))
         tip = WORLDS[world](rng).fingertip
         low = 0.05 + 0.1 * index
-        grasped, run = force_scenes._drawn(rng, tip, low, low + 0.1)
+        grasped, run = grasps._drawn(rng, tip, low, low + 0.1)
         first, last = (
             contact_forces(tip, grasped.obj, run.state(len(run) - k)) for k in (HELD_FRAMES, 1)
         )
@@ -162,7 +166,7 @@ def test_images_of_a_mismatched_sensor_are_not_as_calibrated() -> None:
         specimen = WORLDS[world](np.random.default_rng(4))
         with closing(specimen.camera(seed=1)) as camera:
             frames = camera.expose_rest(rest_state(specimen.fingertip), 1)
-        rest = MarkerTracker(Palette.of_sensor(sensor), force_scenes.NOISE).reset(frames)
+        rest = MarkerTracker(Palette.of_sensor(sensor), NOISE).reset(frames)
         whole = rest.visible.all(axis=0)
         assert whole.sum() > 390
         points = [
@@ -323,8 +327,10 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
         bench_force, "BEST", dict.fromkeys(("single", "0.1s"), "users_readers:Told")
     )
     monkeypatch.setattr(bench_force, "scenes", lambda *_: [scene])
+    monkeypatch.setattr(force_sets, "scenes", lambda *_: [scene])
+    monkeypatch.setattr(bench_force, "beyond_counts", lambda *_: {})
     monkeypatch.setattr(
-        bench_force, "map_processes", lambda function, tasks, *_, **__: map(function, tasks)
+        force_sets, "map_processes", lambda function, tasks, *_, **__: map(function, tasks)
     )
     names = ("users_readers:Told", "users_readers:Refusing")
     report = bench_force.bench_force(True, lambda _: None, names)
@@ -361,7 +367,7 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
 
 
 def test_every_target_is_of_a_set_and_a_score_that_there_is() -> None:
-    sets = {bench_force.set_name(world, kind) for world, kind in bench_force.COUNTS}
+    sets = {force_sets.set_name(world, kind) for world, kind in bench_force.COUNTS}
     for name, read, score in bench_force.TARGETS:
         assert name in sets
         assert read in force_scores.READ

@@ -9,7 +9,7 @@ from .calibration import (
     SensorCalibration,
     Values,
     calibration_table,
-    check_rest,
+    check_markers,
     load_calibration,
     nominal_calibration,
     required_readout,
@@ -28,6 +28,7 @@ from .friction import (
     core_quantile,
     max_ratio,
 )
+from .pose import Alignment, CameraPose, aligned, alignment
 from .reconstructors import (
     AUTOMATIC,
     DEFAULT_RECONSTRUCTOR,
@@ -38,6 +39,7 @@ from .reconstructors import (
     check_reconstructor,
     load_reconstructor,
 )
+from .rest_fit import rest_pose
 from .shifts import MEASURED, MarkerShifts
 
 __all__ = [
@@ -50,6 +52,8 @@ __all__ = [
     "RECONSTRUCTORS",
     "THESIS_RULE",
     "Z90",
+    "Alignment",
+    "CameraPose",
     "DisplacementGains",
     "FitReport",
     "FrictionEstimate",
@@ -59,9 +63,11 @@ __all__ = [
     "Reconstructor",
     "SensorCalibration",
     "Values",
+    "aligned",
+    "alignment",
     "calibration_table",
+    "check_markers",
     "check_reconstructor",
-    "check_rest",
     "core_quantile",
     "fit_gains",
     "load_calibration",
@@ -69,6 +75,7 @@ __all__ = [
     "max_ratio",
     "nominal_calibration",
     "required_readout",
+    "rest_pose",
     "shipped_readout",
     "skin_displacement",
     "values_of",

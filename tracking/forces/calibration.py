@@ -5,26 +5,19 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 from msgspec import Meta
 from msgspec.structs import replace as changed
-from scipy.spatial import KDTree
 
 from ...errors import UserError, located
 from ...model import REFERENCE_NODES, Fingertip, SpringLaw
 from ...render import SensorDesign, load_sensor, sensor_names
 from ...strict_toml import Table, convert, read_toml
-from ..tracks import Tracks
 from .displacement import DisplacementGains
 
 FORMAT: Literal["chromagrip calibration 1"] = "chromagrip calibration 1"
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
-
-#: Largest RMS distance of markers at rest from the design's places [pitches]; those of another
-#: sensor are a third off.
-_APART = 0.2
 
 
 class Values(Table, frozen=True, kw_only=True):
@@ -153,30 +146,6 @@ def check_markers(sensor: SensorDesign) -> None:
             "forces are read from stiff discs only: markers.form = 'disc', markers.stretch = 0 "
             "and markers.swell_mm = 0"
         )
-
-
-def check_rest(sensor: SensorDesign, rest: Tracks) -> float:
-    """RMS distance of the markers at rest from the design's places [px].
-
-    Raises
-    ------
-    UserError
-        When it is as large as with another sensor, or with a camera turned in it.
-    """
-    distance, pitch = [], []
-    for depth, position, visible in zip(sensor.depths, rest.position, rest.visible, strict=True):
-        pixels = sensor.view.project(sensor.shape.points(sensor.places, depth))
-        tree = KDTree(pixels)
-        distance.append(np.asarray(tree.query(position[visible])[0]))
-        pitch.append(np.asarray(tree.query(pixels, k=2)[0])[:, 1])
-    error = float(np.sqrt((np.concatenate(distance) ** 2).mean()))
-    allowed = _APART * float(np.median(np.concatenate(pitch)))
-    if error > allowed:
-        raise UserError(
-            f"the markers at rest lie {error:.1f} px RMS from the places of the calibrated sensor; "
-            f"allowed: {allowed:.1f} px. Is it another sensor, or is its camera turned or shifted?"
-        )
-    return error
 
 
 def load_calibration(name: str) -> SensorCalibration:

@@ -1,84 +1,308 @@
-"""The camera of one specimen, fitted to the places of its markers in the rest frame.
+"""The camera's pose, read off the places of the resting markers.
 
-A calibration leaves half a pixel and some tenths of a percent, and layers are never quite aligned.
-Both move the resting markers off the design's places, each in its own pattern. If one were taken
-for the other, places on the skin would be wrong.
+A mount leaves a camera rolled, tilted and shifted, and layers are never quite aligned. Each moves
+the resting markers in its own pattern. If one were taken for another, forces would be wrong.
 """
 
-import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 
-from ...render import FisheyeCamera, PinholeCamera, SensorDesign
-from ...render.design import CameraSettings
+from ...errors import UserError
+from ...render import SensorDesign
 from ..tracks import Tracks
+from .pose import CameraPose, seen_by
+from .rest_match import Agreement, RestMarkers, Shift, agreement, rest_markers, spun
+from .rest_search import SCALES, SHIFT, likely_poses
 
 Array = NDArray[np.float64]
+Rounds = Sequence[tuple[float, float]]
+_Pairs = tuple[NDArray[np.intp], Array]
+_Missed = Callable[[Array], Array]
 
-#: Prior standard deviation of the image's middle [px].
-_CENTRE = 2.0
-#: Prior standard deviation of the focal length, as a share of it.
-_FOCAL = 0.01
-#: Prior standard deviation of a layer's turn about each axis [rad].
+#: Prior standard deviations of roll, tilt (x, y) [rad], shift (x, y) [px], the logarithm of the
+#: scale; the roll has no prior.
+_POSE = np.array([1.0, 0.1, 0.1, 40.0, 40.0, 0.2])
+#: Prior standard deviation of the inner layer's turn about each axis [rad].
 _TURN = 0.03
-#: Standard deviation of a marker's place, as stencils leave it [px].
-_PLACE = 0.5
-#: Largest distance of a marker from the design's nearest place, as a share of the pitch.
-_NEAR = 0.35
-#: Smallest number of such markers in each layer.
-_LEAST = 30
+#: Prior standard deviation of the inner layer's shift along a pad [m].
+_ALONG = 2e-4
+#: Standard deviation of a marker's place, as stencils leave it [pitches].
+_PLACE = 0.03
+#: Distances up to which markers are matched in turn [pitches], and the part of the layout that is
+#: matched, from the middle: near it a tilt looks like a shift, from which the search starts.
+_FROM_DESIGN = ((0.45, 1.0), (0.35, 1.0), (0.25, 1.0), (0.25, 1.0))
+_FROM_SEARCH = ((0.4, 0.5), (0.4, 0.7), (0.4, 0.85), *_FROM_DESIGN)
+#: Largest tilt that is told from a shift [rad].
+_TILT = math.radians(15.0)
+#: Smallest share of the visible markers that lie at places of the design.
+_SHARE = 0.97
+#: Smallest share of the design's places at which there are markers.
+_FOUND = 0.3
+#: Largest RMS distance of the markers from the places of the design [pitches].
+_APART = 0.2
+#: Loss of overlap over 1/√markers at which a fit from the design's own pose is not searched on;
+#: a square grid that is shifted by a pitch loses 1.
+_SURE = 0.5
+#: Loss of overlap over 1/√markers up to which two poses are equally good.
+_EQUAL = 0.25
+#: A pose is taken where it moves the markers by less than this share of the next one's.
+_CLEAR = 1 / 3
+
+#: Places in x of what may be as designed, and χ² above which it is told not to be: that of one and
+#: of two unknowns in 1 % of cases.
+_GROUPS = {
+    "roll": (slice(0, 1), 6.6),
+    "tilt": (slice(1, 3), 9.2),
+    "shift": (slice(3, 5), 9.2),
+    "scale": (slice(5, 6), 6.6),
+}
+#: Units of x, of which the last three are the inner layer's: turn, or on a pad shift and turn.
+_DOME = np.concatenate([_POSE, [_TURN] * 3])
+_PAD = np.concatenate([_POSE, [_ALONG, _ALONG, _TURN]])
 
 
-def fitted_to_rest(sensor: SensorDesign, rest: Tracks) -> SensorDesign:
-    """The design with its camera's middle and focal length fitted to the resting markers.
+def rest_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
+    """Pose of the camera that saw the resting markers.
 
     Parameters
     ----------
     sensor: calibration of the image, whose layout the specimen was made to
     rest: tracks of the unloaded sensor
 
-    Returns
-    -------
-    The same design where too few markers lie near its places, or on a flat pad, where a shift of
-    the camera and one of a layer look the same.
+    Raises
+    ------
+    UserError
+        When no pose explains the markers, or two do, or the pose is beyond what can be told.
     """
-    skin, camera = sensor.shape, sensor.camera.build()
-    if skin.flat or not isinstance(camera, FisheyeCamera | PinholeCamera):
-        return sensor
-    points, pixels = [], []
-    for depth, position, visible in zip(sensor.depths, rest.position, rest.visible, strict=True):
-        designed = skin.points(sensor.places, depth)
-        tree = KDTree(sensor.view.project(designed))
-        pitch = float(np.median(np.asarray(tree.query(tree.data, k=2)[0])[:, 1]))
-        distance, nearest = tree.query(position[visible])
-        near = np.asarray(distance) < _NEAR * pitch
-        if near.sum() < _LEAST:
-            return sensor
-        points.append(designed[np.asarray(nearest)[near]])
-        pixels.append(position[visible][near])
+    markers = rest_markers(sensor, rest)
+    loss = 1.0 / math.sqrt(len(sensor.places))
+    fits = [_fitted(markers, CameraPose(), _FROM_DESIGN)]
+    if not _sure(markers, fits[0].match):
+        for start in likely_poses(markers):
+            fits.append(_fitted(markers, start, _FROM_SEARCH))
+            if not markers.lattice and _sure(markers, fits[-1].match):
+                break
+    found = max(fits, key=lambda one: one.match.overlap)
+    rivals = [(one.pose, one.match) for one in fits]
+    for spin in 2 * math.pi / markers.symmetry * np.arange(1, markers.symmetry):
+        match = agreement(markers, found.pose, found.shift, spin)
+        rivals.append((spun(found.pose, spin), match))
+    best = max(match.overlap for _, match in rivals)
+    equal = [one for one in rivals if one[1].overlap >= best - _EQUAL * loss]
+    equal.sort(key=lambda one: one[1].moved)
+    nearest, its_match = equal[0]
+    _check_match(markers, its_match, nearest.scale)
+    others = [one for one in equal[1:] if not _alike(markers, nearest, one[0])]
+    if others:
+        _check_clear(markers, nearest, its_match, *others[0])
+    if nearest is not found.pose:
+        found = _fitted(markers, nearest, _FROM_DESIGN)
+    found = _told(markers, found)
+    _check_range(sensor, found.pose)
+    return replace(found.pose, error=found.match.error, ambiguous=bool(others))
 
-    def settings(x: Array) -> CameraSettings:
-        return replace(
-            sensor.camera,
-            model="fisheye" if isinstance(camera, FisheyeCamera) else "pinhole",
-            focal_px=tuple(float(f * (1.0 + _FOCAL * x[2])) for f in camera.focal),
-            centre_px=tuple(float(c + _CENTRE * d) for c, d in zip(camera.centre, x, strict=False)),
-            distortion=camera.distortion,
-            calibration="",
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """What fits best from a start.
+
+    Attributes
+    ----------
+    pose: of the camera
+    shift: of the inner layer
+    match: how well they explain the rest frame
+    numbers, covariance: x, and its covariance
+    """
+
+    pose: CameraPose
+    shift: Shift
+    match: Agreement
+    numbers: Array
+    covariance: Array
+
+
+def _sure(markers: RestMarkers, match: Agreement) -> bool:
+    """Whether no other pose can be better."""
+    # Markers that are missing may hide the shift of a lattice, but no other pose.
+    share = match.overlap if markers.lattice else match.share
+    return share >= max(1.0 - _SURE / math.sqrt(len(markers.sensor.places)), _SHARE)
+
+
+def _told(markers: RestMarkers, fit: _Fit) -> _Fit:
+    """The fit without what markers that scatter leave of a camera as designed.
+
+    A tenth of a degree or of a pixel that is not there would move the contact.
+    """
+    as_designed: tuple[str, ...] = ()
+    deviations: dict[str, Any] = {}
+    while True:
+        evidence = {}
+        for name, (place, limit) in _GROUPS.items():
+            some, covariance = fit.numbers[place], fit.covariance[place, place]
+            if name not in as_designed and covariance.any():
+                evidence[name] = float(some @ np.linalg.solve(covariance, some)) / limit
+        if not evidence or min(evidence.values()) >= 1.0:
+            return replace(fit, pose=replace(fit.pose, **deviations))
+        least = min(evidence, key=lambda name: evidence[name])
+        deviations[f"{least}_deviation"] = getattr(fit.pose, f"{least}_deviation")
+        as_designed = (*as_designed, least)
+        start = replace(fit.pose, **{name: getattr(CameraPose(), name) for name in as_designed})
+        fit = _fitted(markers, start, _FROM_DESIGN[-1:], as_designed)
+
+
+def _fitted(
+    markers: RestMarkers, start: CameraPose, rounds: Rounds, as_designed: tuple[str, ...] = ()
+) -> _Fit:
+    """Pose and misalignment that fit best from a start, each marker at the nearest place.
+
+    Some groups of unknowns are kept as designed; on a pad the tilt, as it looks like a shift.
+    """
+    flat = markers.sensor.shape.flat
+    unit = _PAD if flat else _DOME
+    free = np.ones(len(unit), dtype=bool)
+    for name in (*as_designed, "tilt") if flat else as_designed:
+        free[_GROUPS[name][0]] = False
+    x = _numbers(start) / unit
+    place = _PLACE * markers.pitch
+    for radius, part in rounds:
+        pose, shift = _values(x * unit, flat)
+        matched = _matched(markers, pose, shift, radius, part)
+
+        def missed(x: Array, matched: list[_Pairs] = matched) -> Array:
+            pose, shift = _values(x * unit, flat)
+            error = [
+                (seen_by(pose, markers.camera, markers.designed(k, shift)[number]) - pixels).ravel()
+                for k, (number, pixels) in enumerate(matched)
+            ]
+            return np.concatenate(error) / pose.scale
+
+        def residual(some: Array, x: Array = x, missed: _Missed = missed) -> Array:
+            full = x.copy()
+            full[free] = some
+            prior = full.copy()
+            prior[_GROUPS["roll"][0]] = 0.0  # any roll is as likely
+            return np.concatenate([missed(full) / place, prior])
+
+        fit = least_squares(residual, x[free], loss="soft_l1", xtol=1e-7, ftol=1e-7)
+        x = x.copy()
+        x[free] = fit.x
+    freedom = max(len(fit.fun) - 2 * int(free.sum()), 1)
+    spread = max(2.0 * float(fit.cost) / freedom, 1e-12)
+    covariance = np.zeros((len(unit), len(unit)))
+    slopes = np.asarray(fit.jac)
+    covariance[np.ix_(free, free)] = spread * np.linalg.pinv(slopes.T @ slopes)
+    pose, shift = _values(x * unit, flat)
+    deviation = np.sqrt(np.diag(covariance)) * unit
+    return _Fit(
+        pose=_with_deviations(pose, deviation),
+        shift=shift,
+        match=agreement(markers, pose, shift),
+        numbers=x,
+        covariance=covariance,
+    )
+
+
+def _matched(
+    markers: RestMarkers, pose: CameraPose, shift: Shift, radius: float, part: float
+) -> list[_Pairs]:
+    """Numbers of the places that are nearest to markers of each layer, and these markers' pixels.
+
+    Parameters
+    ----------
+    markers: of the rest frame
+    pose, shift: that are known so far
+    radius: largest distance [pitches]
+    part: of the layout, from the middle, whose places count
+    """
+    outward = np.argsort(np.argsort(markers.sensor.places[:, 0]))
+    limit = part**2 * len(outward)
+    matched = []
+    for layer, places in zip(markers.layers, markers.seen(pose, shift), strict=True):
+        distance, number = KDTree(places).query(layer.pixels)
+        near = np.asarray(distance) < radius * markers.pitch * pose.scale
+        near &= outward[number] < limit
+        matched.append((np.asarray(number)[near], layer.pixels[near]))
+    return matched
+
+
+def _numbers(pose: CameraPose) -> Array:
+    """X of a pose with aligned layers."""
+    return np.array([pose.roll, *pose.tilt, *pose.shift, math.log(pose.scale), 0.0, 0.0, 0.0])
+
+
+def _values(x: Array, flat: bool) -> tuple[CameraPose, Shift]:
+    roll, tilt_x, tilt_y, x_shift, y_shift, scale, one, two, three = map(float, x)
+    pose = CameraPose(
+        roll=math.remainder(roll, 2 * math.pi),
+        tilt=(tilt_x, tilt_y),
+        shift=(x_shift, y_shift),
+        scale=math.exp(scale),
+    )
+    if flat:
+        return pose, Shift(turn=(0.0, 0.0, three), along=(one, two))
+    return pose, Shift(turn=(one, two, three))
+
+
+def _with_deviations(pose: CameraPose, deviation: Array) -> CameraPose:
+    roll, tilt_x, tilt_y, x_shift, y_shift, scale = map(float, deviation[:6])
+    return replace(
+        pose,
+        roll_deviation=roll,
+        tilt_deviation=(tilt_x, tilt_y),
+        shift_deviation=(x_shift, y_shift),
+        scale_deviation=scale * pose.scale,
+    )
+
+
+def _alike(markers: RestMarkers, one: CameraPose, other: CameraPose) -> bool:
+    """Whether two poses put the same markers on the same places."""
+    here, there = (markers.seen(pose, Shift())[0] for pose in (one, other))
+    return float(np.median(np.linalg.norm(here - there, axis=-1))) < 0.5 * markers.pitch
+
+
+def _check_match(markers: RestMarkers, match: Agreement, scale: float) -> None:
+    """Refuse a rest frame that no pose explains."""
+    allowed = _APART * markers.pitch * scale
+    if match.share < _SHARE or match.found < _FOUND or match.error > allowed:
+        raise UserError(
+            f"the markers at rest lie {match.error:.1f} px RMS from the places of the calibrated "
+            f"sensor, {100 * match.share:.0f} % of them at such places, however its camera is "
+            f"turned and shifted; allowed: {allowed:.1f} px and {100 * _SHARE:.0f} %. Is it "
+            "another sensor?"
         )
 
-    def residual(x: Array) -> Array:
-        view = dataclasses.replace(sensor.view, camera=settings(x).build())
-        error = [
-            view.project(Rotation.from_rotvec(_TURN * turn).apply(p)) - q
-            for p, q, turn in zip(points, pixels, x[3:].reshape(2, 3), strict=True)
-        ]
-        return np.concatenate([np.concatenate(error).ravel() / _PLACE, x])
 
-    fitted = least_squares(residual, np.zeros(9), loss="soft_l1").x
-    return replace(sensor, camera=settings(fitted))
+def _check_clear(
+    markers: RestMarkers, pose: CameraPose, match: Agreement, other: CameraPose, its: Agreement
+) -> None:
+    """Refuse two poses that explain a rest frame equally well, neither of them near the design."""
+    turned = math.dist(pose.shift, other.shift) < 0.5 * markers.pitch
+    near, next_one = (abs(pose.roll), abs(other.roll)) if turned else (match.moved, its.moved)
+    if near > _CLEAR * next_one:
+        raise UserError(
+            "the rest frame does not tell how the camera is turned or shifted, as the layout is "
+            f"symmetric: it may be {pose}, or {other}; allowed: the first less than a third as far "
+            "from the design as the second"
+        )
+
+
+def _check_range(sensor: SensorDesign, pose: CameraPose) -> None:
+    """Refuse a pose beyond what can be told."""
+    shift = SHIFT * min(sensor.view.width, sensor.view.height)
+    low, high = SCALES
+    if (
+        math.hypot(*pose.shift) > shift
+        or not low <= pose.scale <= high
+        or math.hypot(*pose.tilt) > _TILT
+    ):
+        raise UserError(
+            f"the rest frame shows a camera {pose}; allowed: shifts to {shift:.0f} px, scales of "
+            f"{low:g} to {high:g} and tilts to {math.degrees(_TILT):.0f}°"
+        )

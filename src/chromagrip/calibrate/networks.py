@@ -1,6 +1,6 @@
 """Training of a read-out: codes of the markers' shifts, and networks that read forces off them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -9,24 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..extras import need
-from ..model import Fingertip
-from ..render import SensorDesign
-from ..tracking import Z90
-from ..tracking.forces.chain import BEND, Layers, ReadOut, forward
+from ..tracking import Z90, SensorCalibration
+from ..tracking.forces.chain import BEND, Layers, ReadOut, at_places, forward
 from .histories import Snapshots
 
 Array = NDArray[np.float64]
+#: In single or double precision.
+Numbers = NDArray[np.floating]
 
-#: Number of codes.
+#: Number of even codes of specimens that are exactly as designed …
 CODES = 100
+#: … and of those that variations add. Forces are read from both.
+VARIED_CODES = 40
+#: Number of odd codes: motion across the load's plane, and turns.
+ODD_CODES = 30
 #: Modes of the chain.
-MODES = 80
-#: Snapshots that are kept with a read-out.
-KEPT = 300
+MODES = 60
 #: Modes of the distribution of either force.
 SHAPES = 12
 #: Noise trained with, in units of a single frame's: from averages of many frames to a poor camera.
-NOISE = (0.3, 1.6)
+NOISE = (0.3, 4.0)
 #: One in this many histories is held out from the networks' training; their errors are learned
 #: from these.
 HELD_OUT = 5
@@ -34,6 +36,8 @@ HELD_OUT = 5
 _BATCH = 512
 #: Learning rate at the start.
 _RATE = 1.5e-3
+#: Share of the lessons that lie within what counts as trained.
+_HIGHEST = 0.9995
 #: Mean of the logarithm of a squared normal deviate.
 _LOG_SQUARE_MEAN = -1.27
 #: Its standard deviation.
@@ -42,41 +46,36 @@ _LOG_SQUARE_DEVIATION = 2.22
 
 @dataclass(frozen=True, kw_only=True)
 class Basis:
-    """Modes by which snapshots are written as few numbers.
+    """Fields by which snapshots are written as few numbers.
 
     Attributes
     ----------
-    noise: standard deviation of each shift, shape (D,)
-    mean, rows: of the whitened shifts, principal components, shapes (D,) and (K, D)
-    left: variance that the codes leave of the whitened shifts, shape (D,)
-    scale: standard deviation of each code with unit noise, shape (K,)
+    noise: standard deviation of each shift of the design's pairs, floor included, shape (P, 6)
+    frame: standard deviation of a frame's noise alone, shape (P, 6)
+    mean: field, see `fields.FIELD`
+    fields: of unit codes, the odd ones last, shape (K + O, …)
+    left: variance that the codes leave at each station, shape (2, 3, T)
+    strength: variance of each code, in units of its noise, shape (K + O,)
+    modes: displacements of the chain [m], shape (Q, N, 2)
+    amounts: of the modes with each even code and 1, shape (K + 1, Q)
     normal, friction: modes of either force over ΣFn, the mean first, shape (Q + 1, N)
-    displacement, shifts: of the chain [m] and of the markers in some snapshots, shapes (S, N, 2)
-        and (S, D)
     """
 
     noise: Array
+    frame: Array
     mean: Array
-    rows: Array
+    fields: Array
     left: Array
-    scale: Array
+    strength: Array
+    modes: Array
+    amounts: Array
     normal: Array
     friction: Array
-    displacement: Array
-    shifts: Array
 
-    def codes(self, shifts: Array) -> Array:
-        """Codes (…, K) of shifts (…, D) without noise."""
-        return (shifts / self.noise - self.mean) @ self.rows.T
-
-    def codes_without(self, shifts: Array, lost: NDArray[np.int64]) -> Array:
-        """Codes (K,) of shifts (D,) that leaves out some of them, as `Learned` reads them."""
-        white = shifts / self.noise - self.mean
-        strength = self.scale**2 - 1.0
-        rows = self.rows[:, lost]
-        information = np.eye(len(rows)) + np.diag(1.0 / strength) - rows @ rows.T
-        moment = self.rows @ white - rows @ white[lost]
-        return np.linalg.solve(information, moment) * (1.0 + 1.0 / strength)
+    @property
+    def odd(self) -> NDArray[np.bool_]:
+        """Whether each field is odd."""
+        return np.arange(len(self.fields)) >= len(self.amounts) - 1
 
     def shapes(self, instants: Snapshots) -> Array:
         """Amounts of the modes of both forces, shape (S, 2Q)."""
@@ -89,50 +88,109 @@ class Basis:
 
 @dataclass(frozen=True, kw_only=True)
 class Lessons:
-    """Training data: of each snapshot its codes, shapes of the forces, totals and history.
+    """Training data of S snapshots.
 
-    Shapes (S, K), (S, 2Q), (S, 3) and (S,).
+    Attributes
+    ----------
+    codes: even codes, with the noise of no frame, shape (S, K)
+    level: noise of the frame, in units of the design's, shape (S,)
+    context: statistics of the residual and the size of the odd codes, shape (S, C)
+    shapes: amounts of the modes of both forces, shape (S, 2Q)
+    totals: true ΣFn, signed ΣFf [N] and µ, shape (S, 3)
+    history: number of the history, shape (S,)
     """
 
     codes: Array
+    level: Array
+    context: Array
     shapes: Array
     totals: Array
     history: NDArray[np.int64]
 
 
-def make_basis(instants: Snapshots, shifts: Array, noise: Array) -> Basis:
-    """Basis of some thousand snapshots, their shifts (S, D) and the shifts' noise (D,)."""
-    white = (shifts / noise).astype(np.float32)
-    mean = white.mean(axis=0)
-    _, values, rows = np.linalg.svd(white - mean, full_matrices=False)
-    strength = values[:CODES].astype(float) / np.sqrt(len(white))
-    missed = white - mean - (white - mean) @ rows[:CODES].T @ rows[:CODES]
-    modes = []
+def make_basis(
+    instants: Snapshots,
+    designed: Array,
+    varied: tuple[Array, Array],
+    places: Array,
+    noise: Array,
+    frame: Array,
+) -> Basis:
+    """Basis of some thousand snapshots.
+
+    Parameters
+    ----------
+    instants: the snapshots
+    designed: fields of their shifts in a specimen that is exactly as designed, (S, 2, 3, T, H)
+    varied: even and odd fields of their shifts under variations, each (S, 2, 3, T, H)
+    places: of the design's pairs, shape (P, 2)
+    noise, frame: standard deviations of their shifts, with the floor and without, shape (P, 6)
+    """
+    mean = designed.mean(axis=0)
+    white = [
+        (np.stack([_at_design(one, odd, places) for one in part]) / noise)
+        .reshape(len(part), -1)
+        .astype(np.float32)
+        for part, odd in ((designed - mean, False), (varied[0] - mean, False), (varied[1], True))
+    ]
+    own = _components(white[0], CODES)
+    beside = white[1] - (white[1] @ own.T) @ own
+    rows = np.concatenate([own, _components(beside, VARIED_CODES)])
+    fields, strengths, left = [], [], np.zeros(mean.shape[:3])
+    # Mean over φ of a square: half of each harmonic's but the zeroth.
+    share = np.where(np.arange(mean.shape[-1]) == 0, 1.0, 0.5)
+    odd_rows = _components(white[2], ODD_CODES)
+    for part, shifts, axes in (
+        (varied[0] - mean, white[1], rows),
+        (varied[1], white[2], odd_rows),
+    ):
+        codes, flat = shifts @ axes.T, part.reshape(len(part), -1)
+        # Where all markers are at the design's places the axes are orthonormal.
+        unit = np.linalg.lstsq(codes, flat, rcond=None)[0]
+        fields.append(unit.reshape(-1, *mean.shape))
+        strengths.append((codes.astype(float) ** 2).mean(axis=0))
+        missed = part - (codes @ unit).reshape(part.shape)
+        left += (missed**2 @ share).mean(axis=0)
+    even_codes = white[0] @ rows.T
+    chain = instants.displacement.reshape(len(instants.displacement), -1).astype(float)
+    modes = _components(chain, MODES)
+    inputs = np.column_stack([even_codes, np.ones(len(even_codes))])
+    shapes = []
     for forces in (instants.normal, instants.friction):
         shares = forces / instants.totals[:, :1]
         middle = shares.mean(axis=0)
-        modes.append(
-            np.vstack([middle, np.linalg.svd(shares - middle, full_matrices=False)[2][:SHAPES]])
-        )
-    few = np.linspace(0, len(shifts) - 1, min(KEPT, len(shifts))).astype(int)
+        shapes.append(np.vstack([middle, _components(shares - middle, SHAPES)]))
     return Basis(
         noise=noise,
-        mean=mean.astype(float),
-        rows=rows[:CODES].astype(float),
-        left=missed.var(axis=0).astype(float),
-        scale=np.sqrt(strength**2 + 1.0),
-        normal=modes[0],
-        friction=modes[1],
-        displacement=instants.displacement[few].astype(float),
-        shifts=shifts[few],
+        frame=frame,
+        mean=mean,
+        fields=np.concatenate(fields),
+        left=left,
+        strength=np.concatenate(strengths),
+        modes=modes.reshape(MODES, *instants.displacement.shape[1:]),
+        amounts=np.linalg.lstsq(inputs, chain @ modes.T, rcond=None)[0],
+        normal=shapes[0],
+        friction=shapes[1],
     )
 
 
+def _components(values: Numbers, count: int) -> Array:
+    """Principal components (count, D) of values (S, D)."""
+    rows = np.linalg.eigh((values.T @ values).astype(float))[1]
+    return np.asarray(rows[:, : -count - 1 : -1].T)
+
+
+def _at_design(field: Array, odd: bool, places: Array) -> Array:
+    """Shifts (P, 6) by one field (2, 3, T, H)."""
+    at = at_places(field[None], np.array([odd]), np.stack([places] * 2))
+    return at.at(0.0)[..., 0]
+
+
 def fit_readout(
-    fingertip: Fingertip,
-    design: SensorDesign,
+    calibration: SensorCalibration,
     basis: Basis,
     lessons: Lessons,
+    ranges: Mapping[str, object],
     epochs: int,
     tell: Callable[[str], None],
 ) -> tuple[ReadOut, dict[str, float]]:
@@ -140,79 +198,91 @@ def fit_readout(
 
     Parameters
     ----------
-    fingertip: that the histories are of
-    design: sensor that their markers are of
+    calibration: of the sensor that the lessons are of
     basis: that their codes are in
     lessons: to learn from
+    ranges: that they span, for the file
     epochs: passes over all of them
     tell: called with the current step, for a progress line
     """
-    noisy = partial(_noisy, np.random.default_rng(7), basis.scale)
+    count = lessons.codes.shape[1]
+    scale = np.sqrt(basis.strength[:count] + 1.0)
+    middle, spread = lessons.context.mean(axis=0), lessons.context.std(axis=0) + 1e-3
+    make = partial(_inputs, np.random.default_rng(7), scale, (lessons.context - middle) / spread)
     learn = partial(_train, epochs, tell)
     totals, held = lessons.totals, lessons.history % HELD_OUT == 0
-    target = np.column_stack([np.arcsinh(totals[:, 0] / BEND), totals[:, 1:]])
-    linear, network = _fit_totals(noisy, learn, lessons.codes[~held], target[~held])
+    # Relative errors count, not those of the hardest grips.
+    target = np.column_stack([np.arcsinh(totals[:, :2] / BEND), np.log(totals[:, 2])])
+    target = target.astype(np.float32)
+    linear, network = _fit_totals(partial(make, lessons, ~held), learn, target[~held])
 
-    def errors() -> tuple[Array, Array]:
-        x = noisy(lessons.codes[held])
-        return x, target[held] - _with_one(x) @ linear - forward(network, x)
+    def errors() -> tuple[Numbers, Numbers]:
+        x = make(lessons, held)
+        read = _with_one(x) @ linear + forward(network, x)
+        wrong = _margins(target[held]) - _margins(read)
+        return x, np.column_stack([target[held] - read, wrong])
 
-    def shapes() -> tuple[Array, Array]:
-        return noisy(lessons.codes[~held]), lessons.shapes[~held]
+    def shapes() -> tuple[Numbers, Numbers]:
+        return make(lessons, ~held), lessons.shapes[~held]
 
     deviations, error, normalised = _fit_deviations(learn, errors)
-    chain = basis.displacement
-    u, s, rows = np.linalg.svd(chain.reshape(len(chain), -1), full_matrices=False)
     readout = ReadOut(
-        tissue_stiffness=fingertip.tissue_stiffness,
-        design=design,
-        noise=basis.noise,
+        tissue_stiffness=calibration.fingertip.tissue_stiffness,
+        design=calibration.sensor,
+        ranges=dict(ranges),
         mean=basis.mean,
-        rows=basis.rows,
+        fields=basis.fields,
         left=basis.left,
-        modes=rows[:MODES].reshape(MODES, *chain.shape[1:]),
-        snapshots=(u * s)[:, :MODES],
-        codes=basis.codes(basis.shifts),
-        scale=basis.scale,
-        rates=basis.scale**2,
-        linear=linear,
+        strength=basis.strength,
+        modes=basis.modes,
+        amounts=basis.amounts,
+        context=np.stack([middle, spread, np.quantile(lessons.context, _HIGHEST, axis=0)]),
+        reach=float(np.quantile(np.sqrt(((lessons.codes / scale) ** 2).mean(axis=1)), _HIGHEST)),
+        linear=linear.astype(float),
         totals=network,
         deviations=deviations,
-        shapes=learn("training shapes", (96,), shapes),
+        shapes=learn("training shapes", (96,), shapes, min(epochs, 15)),
         normal_shapes=basis.normal,
         friction_shapes=basis.friction,
-        correlation=np.asarray(np.corrcoef(np.clip(normalised, -5.0, 5.0).T)),
+        correlation=np.corrcoef(np.clip(normalised[:, :3], -5.0, 5.0).T),
         prior=float(target[:, 2].std()),
     )
     rms = np.sqrt((error**2).mean(axis=0))
-    return readout, dict(zip(("normal", "friction_n", "mu"), rms.tolist(), strict=True))
+    return readout, dict(zip(("normal", "friction_n", "mu", "margin"), rms.tolist(), strict=True))
 
 
-def _noisy(rng: np.random.Generator, scale: Array, codes: Array) -> Array:
-    """Inputs of the networks (S, K + 1): codes with noise, over their scale, and its logarithm."""
-    level = np.log(NOISE[0]) + np.log(NOISE[1] / NOISE[0]) * rng.random((len(codes), 1))
-    noisy = codes + np.exp(level) * rng.standard_normal(codes.shape)
-    return np.concatenate([noisy / scale, level], axis=1)
+def _inputs(
+    rng: np.random.Generator,
+    scale: Array,
+    context: Array,
+    lessons: Lessons,
+    which: NDArray[np.bool_],
+) -> Numbers:
+    """Inputs of the networks (S, K + 1 + C): codes with new noise, over their scale, and context."""
+    codes, level = lessons.codes[which], lessons.level[which, None]
+    noisy = codes + level * rng.standard_normal(codes.shape, dtype=np.float32)
+    inputs = [noisy / scale, np.log(level), context[which]]
+    return np.concatenate(inputs, axis=1, dtype=np.float32)
 
 
 def _fit_totals(
-    noisy: Callable[[Array], Array], learn: Callable[..., Layers], codes: Array, target: Array
-) -> tuple[Array, Layers]:
-    """Best linear read-out of the totals (K + 2, 3), and a network of the error that it leaves."""
-    x = _with_one(noisy(codes))
-    linear: Array = np.linalg.lstsq(x, target, rcond=None)[0].astype(float)
+    make: Callable[[], Numbers], learn: Callable[..., Layers], target: Numbers
+) -> tuple[Numbers, Layers]:
+    """Best linear read-out of the totals (I + 1, 3), and a network of the error that it leaves."""
+    x = _with_one(make())
+    linear = np.linalg.lstsq(x.T @ x, x.T @ target, rcond=None)[0]
     unit = (target - x @ linear).std(axis=0)
 
-    def examples() -> tuple[Array, Array]:
-        x = noisy(codes)
+    def examples() -> tuple[Numbers, Numbers]:
+        x = make()
         return x, (target - _with_one(x) @ linear) / unit
 
     return linear, _scaled(learn("training sums and friction", (320, 320), examples), unit)
 
 
 def _fit_deviations(
-    learn: Callable[..., Layers], errors: Callable[[], tuple[Array, Array]]
-) -> tuple[Layers, Array, Array]:
+    learn: Callable[..., Layers], errors: Callable[[], tuple[Numbers, Numbers]]
+) -> tuple[Layers, Numbers, Numbers]:
     """Network of the logarithm of the errors' variances, errors, and errors over deviations.
 
     Parameters
@@ -221,11 +291,11 @@ def _fit_deviations(
     errors: inputs and errors of the totals on histories held out, with new noise
     """
 
-    def examples() -> tuple[Array, Array]:
+    def examples() -> tuple[Numbers, Numbers]:
         x, error = errors()
         return x, (np.log(error**2 + 1e-12) - _LOG_SQUARE_MEAN) / _LOG_SQUARE_DEVIATION
 
-    unit = np.full(3, _LOG_SQUARE_DEVIATION)
+    unit = np.full(4, _LOG_SQUARE_DEVIATION)
     network = _scaled(learn("training errors", (64, 64), examples), unit)
     x, error = errors()
     deviation = np.exp(0.5 * forward(network, x))
@@ -236,11 +306,17 @@ def _fit_deviations(
     return network, error, error / (deviation * widen)
 
 
-def _with_one(x: Array) -> Array:
-    return np.concatenate([x, np.ones((len(x), 1))], axis=1)
+def _margins(target: Numbers) -> Numbers:
+    """Γ of (asinh(ΣFn/BEND), asinh(ΣFf/BEND), log µ), shape (S, 3) to (S,), between −1 and 1."""
+    normal, friction = np.sinh(np.clip(target[:, 0], 0.02, 5.0)), np.sinh(target[:, 1])
+    return np.clip(1.0 - abs(friction) / (np.exp(target[:, 2]) * normal), -1.0, 1.0)
 
 
-def _scaled(layers: Layers, unit: Array) -> Layers:
+def _with_one(x: Numbers) -> Numbers:
+    return np.concatenate([x, np.ones((len(x), 1), dtype=x.dtype)], axis=1)
+
+
+def _scaled(layers: Layers, unit: Numbers) -> Layers:
     """Network whose outputs are multiplied by `unit`."""
     weights, bias = layers[-1]
     return (*layers[:-1], (weights * unit, bias * unit))
@@ -251,10 +327,12 @@ def _train(
     tell: Callable[[str], None],
     name: str,
     sizes: tuple[int, ...],
-    examples: Callable[[], tuple[Array, Array]],
+    examples: Callable[[], tuple[Numbers, Numbers]],
+    most: int | None = None,
 ) -> Layers:
     """Network of rectified linear units; inputs and targets are made anew, with new noise."""
     network: Any = None
+    epochs = min(epochs, most or epochs)
     for epoch in range(epochs):
         x, y = examples()
         network = network or need("sklearn.neural_network", "learn").MLPRegressor(
@@ -264,13 +342,13 @@ def _train(
             alpha=1e-7,
             random_state=7,
         )
-        network.partial_fit(x.astype(np.float32), y.astype(np.float32))
+        network.partial_fit(x, y.astype(np.float32))
         # The steps shrink along a cosine.
         share = (epoch + 1) / epochs
         step = 0.5 * _RATE * (1.0 + np.cos(np.pi * share)) + 1e-6
         network._optimizer.learning_rate_init = step
         tell(f"{name}, {100 * share:.0f} %")
     return tuple(
-        (weights.astype(float), bias.astype(float))
+        (weights.astype(np.float32), bias.astype(np.float32))
         for weights, bias in zip(network.coefs_, network.intercepts_, strict=True)
     )

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from ..errors import located
 from ..model import ContactObject, Fingertip, ModelError, equilibrium
 from ..tracking import SensorCalibration, Tracks
-from ..tracking.forces import MarkerShifts, Values, values_of, with_values
+from ..tracking.forces import CameraPose, MarkerShifts, Values, values_of, with_values
 from ..tracking.forces.chain import MarkerResponse
 from .presses import Press
 
@@ -130,10 +130,17 @@ def pressed(fingertip: Fingertip, friction: float, normal: float, lateral: float
 
 
 def predict(
-    calibration: SensorCalibration, friction: float, rest: Tracks, presses: list[Press]
+    calibration: SensorCalibration,
+    friction: float,
+    rest: Tracks,
+    presses: list[Press],
+    pose: CameraPose | None = None,
 ) -> Array:
-    """Shifts of (x, y, log size) of both layers under each press, shape (K, P, 6)."""
-    places = MarkerShifts(calibration, rest, np.inf).places
+    """Shifts of (x, y, log size) of both layers under each press, shape (K, P, 6).
+
+    `pose` is the camera's, where it is known.
+    """
+    places = MarkerShifts(calibration, rest, np.inf, pose).places
     assert _STATIONS is not None
     tip = replace(calibration.fingertip, nodes=len(_STATIONS), stations=_STATIONS)
     response = MarkerResponse(calibration.sensor, places, tip.angles())

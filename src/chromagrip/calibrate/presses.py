@@ -15,7 +15,7 @@ from ..output.processes import one_thread
 from ..pictures.noise_level import noise_level
 from ..render import Frame, SensorDesign
 from ..tracking import Palette, Tracks, load_tracker
-from ..tracking.forces import check_rest
+from ..tracking.forces import rest_pose
 
 #: File of a folder of presses that lists them.
 LIST = "presses.csv"
@@ -96,7 +96,7 @@ def track_presses(
     follower = load_tracker(tracker)(Palette.of_sensor(sensor), noise)
     with one_thread():
         rest = follower.reset(still)
-        check_rest(sensor, rest)
+        rest_pose(sensor, rest)
         tracks = []
         for number, press in enumerate(presses, 1):
             tell(f"markers in {press.name}, {number} of {len(presses)}")

@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -19,10 +20,12 @@ from ..output.folder import filling, whole_file
 from ..output.processes import map_processes
 from ..render import SensorDesign, open_renderer
 from ..tracking import MarkerTracker, Palette, SensorCalibration
-from ..tracking.forces import MEASURED
-from ..tracking.forces.chain import MarkerResponse, limited, save_readout
-from .histories import Snapshots, snapshots, with_mirrored
+from ..tracking.forces import check_markers
+from ..tracking.forces.chain import circle_places, fields_on_circles, limited, save_readout
+from .histories import Snapshots, snapshots
+from .learner import Learner
 from .networks import Basis, Lessons, fit_readout, make_basis
+from .variations import VariationRanges, random_variations, varied_shifts
 
 Array = NDArray[np.float64]
 
@@ -30,10 +33,10 @@ Array = NDArray[np.float64]
 PART = 250
 #: Histories of the basis.
 BASIS = 500
-#: Share of the instants at which pairs are lost.
-_LOSING = 0.3
-#: Largest number of pairs that are lost at an instant.
-_MOST_LOST = 5
+#: Variations of specimen and picture that are trained with.
+VARIATIONS = VariationRanges()
+#: Snapshots whose shifts are computed at a time.
+_AT_ONCE = 50
 #: Frames at rest from which the noise of the shifts is found.
 _FRAMES = 8
 #: File beside the parts that names the sensor and noise that they are of.
@@ -79,14 +82,14 @@ def train(
     """
     require("learn")
     tip, sensor = calibration.fingertip, calibration.sensor
-    response = _response(sensor, tip)  # refuses markers that do not determine forces
+    check_markers(sensor)
     folder = out.with_name(out.name + ".parts")
     folder.mkdir(exist_ok=True)
     with filling(folder):
         _claim(folder, calibration, noise)
         tell("the noise of a frame")
         if not (folder / "basis.npz").exists():
-            _write(folder / "basis.npz", vars(_basis(calibration, response, noise)))
+            _write(folder / "basis.npz", vars(_basis(calibration, noise)))
         basis = Basis(**_read(folder / "basis.npz"))
         parts = [
             _Part(numbers, folder / f"{numbers.start}-{numbers.stop}.npz")
@@ -102,11 +105,16 @@ def train(
                 tell(f"histories, {done} of {histories}")
         tables = [_read(part.file) for part in parts]
         lessons = Lessons(**{key: np.concatenate([t[key] for t in tables]) for key in tables[0]})
-        readout, errors = fit_readout(tip, sensor, basis, lessons, epochs, tell)
+        readout, errors = fit_readout(calibration, basis, lessons, _ranges(), epochs, tell)
         with whole_file(out) as file:
             save_readout(readout, file)
     shutil.rmtree(folder)
     return errors
+
+
+def _ranges() -> dict[str, object]:
+    """Ranges of the training, by what they are of."""
+    return {"specimen and picture": vars(VARIATIONS)}
 
 
 def _claim(folder: Path, calibration: SensorCalibration, noise: float) -> None:
@@ -126,7 +134,7 @@ def _claim(folder: Path, calibration: SensorCalibration, noise: float) -> None:
         )
 
 
-def _basis(calibration: SensorCalibration, response: MarkerResponse, noise: float) -> Basis:
+def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     """Basis of the first histories, with the noise of frames at rest."""
     sensor, tip = calibration.sensor, calibration.fingertip
     camera = SimulatedCamera(sensor, open_renderer("painter", sensor), tip.nodes, noise, seed=0)
@@ -141,50 +149,76 @@ def _basis(calibration: SensorCalibration, response: MarkerResponse, noise: floa
     distance = np.linalg.norm(places[:, None] - tracks.position[0], axis=-1)
     distance[:, ~tracks.visible.all(axis=0)] = np.inf
     variance = np.diagonal(tracks.covariance[distance.argmin(axis=1)], axis1=1, axis2=2)
-    instants = snapshots(tip, range(BASIS))
-    shifts = np.array(list(_shifts(response, instants)))
-    return make_basis(instants, shifts, np.sqrt(variance + np.square(floor)).ravel())
+    instants = _flipped(np.random.default_rng([76, 0]), snapshots(tip, range(BASIS)))
+    fields = []
+    for ranges in (VariationRanges(nominal_share=1.0, azimuth_noise_deg=0.0), VARIATIONS):
+        shifts = _shifts(np.random.default_rng([76, 1]), sensor, tip, circle_places(), instants, ranges)
+        parts = [fields_on_circles(limited(some)) for some in shifts]
+        fields.append([np.concatenate(both) for both in zip(*parts, strict=True)])
+    (designed, _), (even, odd) = fields
+    return make_basis(
+        instants,
+        designed,
+        (even, odd),
+        sensor.places,
+        np.sqrt(variance + np.square(floor)),
+        np.sqrt(variance),
+    )
 
 
-def _response(sensor: SensorDesign, tip: Fingertip) -> MarkerResponse:
-    return MarkerResponse(sensor, np.stack([sensor.places] * 2), tip.angles())
+def _shifts(
+    rng: np.random.Generator,
+    sensor: SensorDesign,
+    tip: Fingertip,
+    places: Array,
+    instants: Snapshots,
+    ranges: VariationRanges,
+) -> Iterator[Array]:
+    """Shifts of snapshots under random variations, without noise, some (S, P, 6) at a time."""
+    for k in range(0, len(instants.totals), _AT_ONCE):
+        chain = instants.displacement[k : k + _AT_ONCE].astype(float)
+        variations = random_variations(rng, chain, ranges)
+        yield varied_shifts(sensor, places, tip, chain, variations)
 
 
-def _shifts(response: MarkerResponse, instants: Snapshots) -> Iterator[Array]:
-    """Shifts of each snapshot, without noise, shape (6M,)."""
-    resting = response.measured(np.zeros(instants.displacement.shape[1:]))
-    for displacement in instants.displacement:
-        yield limited((response.measured(displacement.astype(float)) - resting).ravel())
+def _flipped(rng: np.random.Generator, instants: Snapshots) -> Snapshots:
+    """Snapshots of which half have x turned round, under which the model is symmetric."""
+    turned = rng.random(len(instants.totals)) < 0.5
+    flip = np.array([-1.0, 1.0], dtype=np.float32)
+    side = np.where(turned, -1.0, 1.0)
+    shape = (-1, 1, 1)
+    return replace(
+        instants,
+        displacement=np.where(
+            turned.reshape(shape), instants.displacement[:, ::-1] * flip, instants.displacement
+        ),
+        normal=np.where(turned[:, None], instants.normal[:, ::-1], instants.normal),
+        friction=np.where(turned[:, None], -instants.friction[:, ::-1], instants.friction),
+        totals=instants.totals * np.stack([np.ones_like(side), side, np.ones_like(side)], axis=1),
+    )
 
 
 def _simulate_part(tip: Fingertip, sensor: SensorDesign, basis: Basis, part: _Part) -> int:
     """Write the lessons of some histories; how many these are."""
     rng = np.random.default_rng([78, part.numbers[0]])
-    instants = with_mirrored(snapshots(tip, part.numbers))
-    shifts = _shifts(_response(sensor, tip), instants)
-    lessons = Lessons(
-        codes=np.array([_codes(rng, basis, one) for one in shifts]),
-        shapes=basis.shapes(instants),
-        totals=instants.totals,
-        history=instants.history,
-    )
-    _write(part.file, vars(lessons))
+    instants = _flipped(rng, snapshots(tip, part.numbers))
+    # The load is turned against the layout, by another angle in each part.
+    places = sensor.places - [0.0, rng.uniform(0.0, 2.0 * np.pi)]
+    learner = Learner.of(basis, places)
+    parts = [
+        learner.read(rng, shifts) for shifts in _shifts(rng, sensor, tip, places, instants, VARIATIONS)
+    ]
+    codes, level, context = (np.concatenate(values) for values in zip(*parts, strict=True))
+    values = {
+        "codes": codes,
+        "level": level,
+        "context": context,
+        "shapes": basis.shapes(instants),
+        "totals": instants.totals,
+    }
+    lessons = {name: value.astype(np.float32) for name, value in values.items()}
+    _write(part.file, {**lessons, "history": instants.history})
     return len(part.numbers)
-
-
-def _codes(rng: np.random.Generator, basis: Basis, shifts: Array) -> Array:
-    """Codes of shifts (6M,); at some instants a few pairs side by side are lost.
-
-    The likeliest to be lost are pairs that the press moves far, or hides.
-    """
-    if rng.random() > _LOSING:
-        return basis.codes(shifts)
-    pairs = shifts.reshape(-1, MEASURED)
-    moved = np.linalg.norm(pairs[:, :2], axis=1)
-    middle = rng.choice(len(moved), p=moved / moved.sum())
-    difference = np.linalg.norm(pairs[:, [0, 1, 3, 4]] - pairs[middle, [0, 1, 3, 4]], axis=1)
-    lost = np.argsort(difference)[: rng.integers(1, _MOST_LOST + 1)]
-    return basis.codes_without(shifts, (MEASURED * lost[:, None] + np.arange(MEASURED)).ravel())
 
 
 def _write(path: Path, values: dict[str, Array]) -> None:

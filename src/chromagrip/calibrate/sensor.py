@@ -18,6 +18,7 @@ from ..output.processes import one_thread
 from ..render import SensorDesign
 from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
 from ..tracking.forces import (
+    CameraPose,
     FitReport,
     MarkerShifts,
     calibration_table,
@@ -67,6 +68,7 @@ class _Data:
     own: covariance of each press alone, shape (K, P, 6, 6)
     shared: covariance of the measurements at rest, the same error in all presses, shape (P, 6, 6)
     floor: variances of a nominal sensor's own errors, shape (6,)
+    pose: of the camera
     """
 
     shifts: Array
@@ -74,6 +76,7 @@ class _Data:
     own: Array
     shared: Array
     floor: Array
+    pose: CameraPose
 
 
 def calibrate_sensor(
@@ -168,13 +171,14 @@ def _measured(nominal: SensorCalibration, pressed: Pressed) -> _Data:
     both = [shifts(tracks, 0) for tracks in pressed.tracks]
     visible = np.array([mask for _, mask in both])
     moved = np.array([moved for moved, _ in both])
-    own = np.array([tracks.covariance[shifts.pairs] for tracks in pressed.tracks])
+    own = np.array([shifts.covariance(tracks) for tracks in pressed.tracks])
     return _Data(
         shifts=np.where(visible[..., None], moved, 0.0),
         visible=visible,
         own=np.where(visible[..., None, None], own, _UNKNOWN * np.eye(6)),
         shared=shifts.rest_covariance,
         floor=shifts.floor,
+        pose=shifts.pose,
     )
 
 
@@ -186,7 +190,7 @@ def _fit_forces(
 
     def missed(x: Array) -> Array:
         calibration, friction = unknowns.calibration(x)
-        predicted = predict(calibration, friction, pressed.rest, pressed.presses)
+        predicted = predict(calibration, friction, pressed.rest, pressed.presses, data.pose)
         return np.where(data.visible[..., None], predicted - data.shifts, 0.0)
 
     tell(f"fitting {len(unknowns.spread)} values to {len(pressed.presses)} presses")

@@ -1,5 +1,7 @@
 """The simulated camera: membrane, flaws, renderer, defects and noise."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +35,9 @@ class SimulatedCamera:
     noise: standard deviation [grey levels]
     seed: of the noise and of every defect
     defects: of the sensor and its image
+    membrane_map: membrane for node displacements from the rigid part (N, 2) [m]; None is the
+        sensor's own
+    picture: what becomes of each finished picture; None leaves it as it is
     """
 
     def __init__(
@@ -43,11 +48,14 @@ class SimulatedCamera:
         noise: float,
         seed: int,
         defects: Defects | None = None,
+        membrane_map: Callable[[Array], Membrane] | None = None,
+        picture: Callable[[Image], Image] | None = None,
     ) -> None:
         defects = defects or Defects()
         self._renderer = renderer
         self._flaws = Flaws(sensor, defects, seed)
-        self._map = MembraneMap(sensor, nodes, self._flaws.places)
+        self._map = membrane_map or MembraneMap(sensor, nodes, self._flaws.places)
+        self._picture = picture
         self._imaging = Imaging(sensor, defects, seed)
         # In frame periods before a frame's instant, when its light was gathered.
         self._shutter = shutter_times(defects, 1.0)
@@ -101,4 +109,6 @@ class SimulatedCamera:
     def _finish(self, images: list[Image], time: float, index: int) -> Frame:
         image = self._imaging(images, index)
         add_noise(image, self._noise, self._seed, index)
+        if self._picture is not None:
+            image = self._picture(image)
         return Frame(image=image, time=time)

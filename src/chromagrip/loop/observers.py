@@ -192,7 +192,22 @@ def _observation(
         margin_interval=(margin - spread, margin + spread),
         lateral_displacement=lateral_displacement,
         no_estimate=no_estimate,
+        **_direction(field),
     )
+
+
+def _direction(field: ForceField) -> dict[str, float]:
+    """Azimuth of the friction on the sensor [rad], and what lies outside its plane."""
+    plane = field.plane
+    if plane is None or not field.contact.any():
+        return {}
+    backwards = field.friction[field.contact].sum() < 0.0
+    azimuth = plane.azimuth + (math.pi if backwards else 0.0)
+    return {
+        "direction": math.remainder(azimuth, 2.0 * math.pi),
+        "out_of_plane": plane.out_of_plane,
+        "twist": plane.twist,
+    }
 
 
 def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float:
@@ -206,15 +221,24 @@ def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float
         return math.nan
     if not np.isfinite(field.totals_covariance).all():
         return math.inf
-    covariance = np.zeros((3, 3))
-    covariance[:2, :2] = field.totals_covariance
-    covariance[2, 2] = mu_deviation**2
     reading = field.friction_reading
-    if reading is not None:
-        shared = min(mu_deviation / reading.deviation, 1.0) * np.array(reading.totals_covariance)
-        covariance[2, :2] = covariance[:2, 2] = shared
     slope = np.array([friction / normal, -1.0, friction / mu]) / (mu * normal)
-    return math.sqrt(max(float(slope @ covariance @ slope), 0.0))
+
+    def variance(deviation: float) -> float:
+        """Of Γ with a µ of that deviation."""
+        covariance = np.zeros((3, 3))
+        covariance[:2, :2] = field.totals_covariance
+        covariance[2, 2] = deviation**2
+        if reading is not None:
+            shared = min(deviation / reading.deviation, 1.0) * np.array(reading.totals_covariance)
+            covariance[2, :2] = covariance[:2, 2] = shared
+        return max(float(slope @ covariance @ slope), 0.0)
+
+    if reading is None or math.isnan(reading.margin_deviation):
+        return math.sqrt(variance(mu_deviation))
+    # What the µ over time is worse known than the one that was learned with comes on top.
+    more = max(variance(mu_deviation) - variance(reading.deviation), 0.0)
+    return math.sqrt(reading.margin_deviation**2 + more)
 
 
 def _with_stiffness_deviation(field: ForceField, deviation: float) -> ForceField:

@@ -30,7 +30,7 @@ from ..tracking import (
     check_reconstructor,
     load_calibration,
 )
-from ..tracking.forces import check_rest
+from ..tracking.forces import rest_pose
 from .figure import draw_figure
 from .following import Add, Course, Outcome, Progress, follow, open_folder
 from .opening import Opened, Setup, open_tracking
@@ -125,7 +125,7 @@ def estimate_source(
         rest, source, palette=palette, tracker=tracker, noise=noise, fps=fps, tell=tell
     )
     with located(f"calibration {calibration}"):
-        misfit = check_rest(known.sensor, opened.resting)
+        pose = rest_pose(known.sensor, opened.resting)
         if gains is None:
             observer = ForceObserver(known, opened.resting, reconstructor, window, rule)
             read = force_reading(observer, rule, opened, known.sensor.view)
@@ -138,7 +138,7 @@ def estimate_source(
         "calibration": calibration,
         "reconstructor": name_of(reconstructor) if gains is None else None,
         "friction": friction,
-        "rest_misfit_px": misfit,
+        "rest_misfit_px": pose.error,
         "friction_window_s": window,
     }
     rows = _Rows(read, opened, out, flat=gains is not None)

@@ -14,7 +14,6 @@ from chromagrip.tracking import SensorCalibration, Tracks
 from chromagrip.tracking.forces.calibration import (
     FitReport,
     calibration_table,
-    check_rest,
     load_calibration,
     nominal_calibration,
     values_of,
@@ -130,21 +129,6 @@ def test_json_of_a_calibration_has_no_empty_values() -> None:
     table = calibration_table(calibrated(), "thesis", REPORT)
     assert "displacement" not in table
     assert "normal_error_share" not in table["fit"]
-
-
-def test_a_rest_frame_is_known_by_its_places() -> None:
-    layers = [
-        SENSOR.view.project(SENSOR.shape.points(SENSOR.places, depth)) for depth in SENSOR.depths
-    ]
-    rest = replace(tracks(layers[0]), position=np.stack(layers))
-    assert check_rest(SENSOR, rest) < 1e-9
-    moved = replace(rest, position=rest.position + np.array([1.5, 2.0]))
-    assert check_rest(SENSOR, moved) == pytest.approx(2.5, rel=1e-3)
-    # As a camera that was turned in its mount by 20° shows them.
-    centre, (cos, sin) = np.array([319.5, 239.5]), (math.cos(0.35), math.sin(0.35))
-    turned = (rest.position - centre) @ np.array([[cos, sin], [-sin, cos]]) + centre
-    with pytest.raises(UserError, match=r"px RMS from the places.*allowed: 3\.\d px"):
-        check_rest(SENSOR, replace(rest, position=turned))
 
 
 def shown(moved: np.ndarray, noise: float, rng: np.random.Generator) -> Tracks:

@@ -1,56 +1,214 @@
+"""The pose of a camera comes out of its rest frame, or is refused."""
+
+import math
+from functools import lru_cache
+
+import cv2
 import numpy as np
 import pytest
-from msgspec.structs import replace
+from msgspec.structs import replace as changed
 
+from chromagrip.errors import UserError
 from chromagrip.render import Defects, Flaws, SensorDesign, load_sensor, open_renderer
 from chromagrip.render.flaws.noise import add_noise
 from chromagrip.render.frame import Frame
 from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import MarkerTracker, Palette, Tracks
-from chromagrip.tracking.forces.rest_fit import fitted_to_rest
+from chromagrip.tracking.forces.pose import CameraPose, seen_by
+from chromagrip.tracking.forces.rest_fit import rest_pose
 
 SENSOR = load_sensor("thesis")
+SPECIMEN = Defects(misplacement_mm=0.02, misalignment_mm=0.15)
+DEGREE = math.pi / 180
 
 
-def with_camera(x: float, y: float, focal: float) -> SensorDesign:
-    camera = replace(
-        SENSOR.camera, focal_px=(152.8 * focal, 152.8 * focal), centre_px=(319.5 + x, 239.5 + y)
-    )
-    return replace(SENSOR, camera=camera)
+@lru_cache
+def picture(defects: Defects) -> np.ndarray:
+    flaws = Flaws(SENSOR, defects, 4)
+    return open_renderer("painter", SENSOR).render(flaws(rest_membrane(SENSOR, flaws.places)))
 
 
-def resting(true: SensorDesign, defects: Defects) -> Tracks:
-    flaws = Flaws(true, defects, 4)
-    image = open_renderer("painter", true).render(flaws(rest_membrane(true, flaws.places)))
+def tracked(image: np.ndarray, noise: float = 2.0) -> Tracks:
     frames = []
-    for k in range(4):
+    for k in range(2):
         noisy = image.copy()
-        add_noise(noisy, 2.0, 1, k)
+        add_noise(noisy, noise, 1, k)
         frames.append(Frame(image=noisy, time=0.0))
-    return MarkerTracker(Palette.of_sensor(SENSOR), 2.0).reset(frames)
+    return MarkerTracker(Palette.of_sensor(SENSOR), noise).reset(frames)
 
 
-@pytest.mark.parametrize("misaligned", [0.0, 0.15])
-def test_the_camera_comes_out_of_the_resting_markers(misaligned: float) -> None:
-    """Half a pixel and 0.4 %, and layers that lie beside each other do not pass for it."""
-    true = with_camera(0.5, -0.3, 1.004)
-    rest = resting(true, Defects(misplacement_mm=0.02, misalignment_mm=misaligned))
-    found = fitted_to_rest(SENSOR, rest).camera
-    # Markers that scatter by 0.4 px, and layers that may turn, leave a tenth.
-    assert found.centre_px == pytest.approx((320.0, 239.2), abs=0.15)
-    assert found.focal_px == pytest.approx((152.8 * 1.004,) * 2, rel=4e-4)
+def warped(
+    image: np.ndarray, roll_deg: float, scale: float, shift: tuple[float, float]
+) -> np.ndarray:
+    """Picture turned from x to y about its middle, zoomed and shifted."""
+    cos, sin = scale * math.cos(roll_deg * DEGREE), scale * math.sin(roll_deg * DEGREE)
+    turn, middle = np.array([[cos, -sin], [sin, cos]]), np.array([319.5, 239.5])
+    offset = middle + shift - turn @ middle
+    return cv2.warpAffine(
+        image,
+        np.column_stack([turn, offset]),
+        (640, 480),
+        flags=cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=SENSOR.ground.housing,
+    )
 
 
-def test_a_camera_as_calibrated_stays() -> None:
-    found = fitted_to_rest(SENSOR, resting(SENSOR, Defects())).camera
-    assert found.centre_px == pytest.approx((319.5, 239.5), abs=0.02)
-    assert found.focal_px == pytest.approx((152.8, 152.8), rel=1e-4)
+def projected(
+    sensor: SensorDesign, pose: CameraPose, defects: Defects = SPECIMEN, seed: int = 1
+) -> Tracks:
+    """Markers of a specimen where a camera in that pose sees them, to 0.02 px."""
+    flaws = Flaws(sensor, defects, seed)
+    places = [sensor.places] * 2 if flaws.places is None else flaws.places
+    position = np.stack(
+        [
+            seen_by(pose, sensor.view.camera, sensor.view.project(sensor.shape.points(p, depth)))
+            for p, depth in zip(places, sensor.depths, strict=True)
+        ]
+    )
+    position += 0.02 * np.random.default_rng(seed).standard_normal(position.shape)
+    size = np.array([sensor.view.width, sensor.view.height])
+    position[~((position > 3.0) & (position < size - 4.0)).all(axis=-1) | flaws.missing] = np.nan
+    return with_position(position)
 
 
-def test_markers_of_another_layout_say_nothing_of_the_camera() -> None:
-    rest = resting(SENSOR, Defects())
-    rng = np.random.default_rng(0)
-    thrown = rest.position + rng.uniform(-30.0, 30.0, rest.position.shape)
-    few = rest.visible & (rng.random(rest.visible.shape) < 0.1)
-    other = Tracks(**{**vars(rest), "position": thrown, "visible": few})
-    assert fitted_to_rest(SENSOR, other) is SENSOR
+def with_position(position: np.ndarray) -> Tracks:
+    markers = position.shape[:2]
+    return Tracks(
+        time=0.0,
+        position=position,
+        log_size=np.zeros(markers),
+        hue=np.zeros(markers[1]),
+        visible=np.isfinite(position).all(axis=-1),
+        ambiguous=np.zeros(markers, dtype=bool),
+        last_seen=np.zeros(markers),
+        covariance=np.tile(1e-4 * np.eye(6), (markers[1], 1, 1)),
+    )
+
+
+def check(found: CameraPose, wanted: CameraPose, degrees: float = 0.1, pixels: float = 0.3) -> None:
+    turn = math.remainder(found.roll - wanted.roll, 2 * math.pi)
+    assert abs(turn) < degrees * DEGREE
+    assert found.tilt == pytest.approx(wanted.tilt, abs=degrees * DEGREE)
+    assert found.shift == pytest.approx(wanted.shift, abs=pixels)
+    assert found.scale == pytest.approx(wanted.scale, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "scale", "shift"),
+    [
+        (0.0, 1.0, (0.0, 0.0)),
+        (0.3, 1.0, (0.0, 0.0)),
+        (1.0, 1.0, (0.0, 0.0)),
+        (-3.0, 1.0, (4.0, -2.5)),
+        (15.0, 0.9, (0.0, 0.0)),
+        (60.0, 1.0, (-20.0, 15.0)),
+        (0.0, 1.1, (25.0, 30.0)),
+    ],
+)
+def test_a_warped_picture_tells_how_it_was_warped(
+    roll_deg: float, scale: float, shift: tuple[float, float]
+) -> None:
+    """Layers that lie 0.15 mm beside each other do not pass for any of it."""
+    found = rest_pose(SENSOR, tracked(warped(picture(SPECIMEN), roll_deg, scale, shift)))
+    check(found, CameraPose(roll=roll_deg * DEGREE, scale=scale, shift=shift))
+    assert not found.ambiguous
+    # Markers are off their places by 0.02 mm along each direction, 0.54 px.
+    assert found.error < 0.8
+
+
+def test_a_camera_as_designed_stays() -> None:
+    found = rest_pose(SENSOR, tracked(picture(Defects())))
+    check(found, CameraPose(), degrees=0.01, pixels=0.03)
+    assert not found.notable
+    assert found.error < 0.2
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        CameraPose(tilt=(0.02, -0.05)),
+        CameraPose(roll=1.0, tilt=(-0.1, 0.12), shift=(20.0, -10.0), scale=1.05),
+        CameraPose(roll=-3.0, shift=(-40.0, 30.0), scale=0.75),
+    ],
+)
+def test_a_tilt_is_told_from_a_shift(pose: CameraPose) -> None:
+    check(rest_pose(SENSOR, projected(SENSOR, pose)), pose)
+
+
+def test_the_deviations_are_those_of_the_errors() -> None:
+    """Over specimens the error over its standard deviation is of order 1."""
+    pose = CameraPose(roll=0.02, tilt=(0.01, 0.02), shift=(1.0, 2.0), scale=0.99)
+    scores = []
+    for seed in range(12):
+        found = rest_pose(SENSOR, projected(SENSOR, pose, seed=seed))
+        scores.append(
+            [
+                (found.roll - pose.roll) / found.roll_deviation,
+                (found.tilt[0] - pose.tilt[0]) / found.tilt_deviation[0],
+                (found.shift[1] - pose.shift[1]) / found.shift_deviation[1],
+                (found.scale - pose.scale) / found.scale_deviation,
+            ]
+        )
+    spread = np.sqrt(np.mean(np.square(scores), axis=0))
+    assert (spread > 0.4).all()
+    assert (spread < 1.8).all()
+
+
+@pytest.mark.parametrize("defects", [Defects(missing_markers=0.3), Defects(worn_markers=0.4)])
+@pytest.mark.parametrize("roll", [0.0, 2.0])
+def test_markers_that_are_missing_do_not_hide_the_pose(defects: Defects, roll: float) -> None:
+    pose = CameraPose(roll=roll, shift=(3.0, -2.0))
+    check(rest_pose(SENSOR, projected(SENSOR, pose, defects)), pose)
+
+
+@pytest.mark.parametrize("name", ["dome-2020", "dome-2022", "fovea", "flat-2019"])
+def test_every_design_tells_a_small_pose(name: str) -> None:
+    sensor = load_sensor(name)
+    pose = CameraPose(roll=DEGREE, shift=(4.0, -3.0), scale=1.03)
+    found = rest_pose(sensor, projected(sensor, pose))
+    # Markers of the fovea cover a third of a dome, where a tilt of 0.1° and 0.4 px look alike.
+    check(found, pose, degrees=0.2, pixels=0.7)
+
+
+def test_a_symmetric_layout_is_taken_as_it_lies_nearest_to_the_design() -> None:
+    sensor = load_sensor("dome-2020")
+    found = rest_pose(sensor, projected(sensor, CameraPose(roll=87.0 * DEGREE)))
+    check(found, CameraPose(roll=-3.0 * DEGREE), pixels=0.7)
+    assert found.ambiguous
+    with pytest.raises(UserError, match=r"rolled by 4\d\.\d\d°.* or .*rolled by -4\d\.\d\d°"):
+        rest_pose(sensor, projected(sensor, CameraPose(roll=44.0 * DEGREE)))
+
+
+def test_a_grid_is_not_taken_for_itself_a_pitch_further() -> None:
+    """17 px from column to column: the columns at the edges say where the camera looks."""
+    sensor = load_sensor("flat-2019")
+    pose = CameraPose(shift=(17.0, 0.0))
+    check(rest_pose(sensor, projected(sensor, pose)), pose)
+
+
+@pytest.mark.parametrize("shown", ["dome-2020", "dome-2022", "fovea"])
+def test_another_sensor_is_refused(shown: str) -> None:
+    """Even that whose layout is the same spiral but for 45 markers on the meridian."""
+    with pytest.raises(UserError, match=r"Is it another sensor\?"):
+        rest_pose(SENSOR, projected(load_sensor(shown), CameraPose(), Defects()))
+
+
+def test_too_few_markers_are_refused() -> None:
+    rest = projected(SENSOR, CameraPose())
+    position = rest.position.copy()
+    position[1, 12:] = np.nan
+    with pytest.raises(UserError, match=r"shows 12 markers of a layer.*at least 20"):
+        rest_pose(SENSOR, with_position(position))
+
+
+def test_a_pose_beyond_what_can_be_told_is_refused() -> None:
+    with pytest.raises(UserError, match=r"shifted by \(80\.\d, .*allowed: shifts to 72 px"):
+        rest_pose(SENSOR, projected(SENSOR, CameraPose(shift=(80.0, 0.0))))
+
+
+def test_a_camera_that_was_calibrated_has_its_own_centre() -> None:
+    """The pose is against the calibration, not against the middle of the image."""
+    camera = changed(SENSOR.camera, focal_px=(150.0, 150.0), centre_px=(325.0, 236.0))
+    sensor = changed(SENSOR, camera=camera)
+    check(rest_pose(sensor, projected(sensor, CameraPose(roll=0.3))), CameraPose(roll=0.3))

@@ -4,23 +4,35 @@ Two ways through an unknown contact: a prior on smooth forces (`gaussian_process
 `stiffness_reading` as its baseline), and a regression trained on the model's histories (`learned`).
 """
 
+from .codes import odd_statistic
 from .contact_reading import ForcePrior
+from .fields import at_places, circle_places, fields_on_circles
 from .gaussian_process import MIN_MARKERS, GaussianProcess
 from .learned import Learned
 from .readout import BEND, Layers, ReadOut, forward, limited, load_readout, save_readout
+from .residual import Smooth, smooth_functions
 from .sensitivity import MarkerResponse
+from .specimen import FOCUS, SIZES
 
 __all__ = [
     "BEND",
+    "FOCUS",
     "MIN_MARKERS",
+    "SIZES",
     "ForcePrior",
     "GaussianProcess",
     "Layers",
     "Learned",
     "MarkerResponse",
     "ReadOut",
+    "Smooth",
+    "at_places",
+    "circle_places",
+    "fields_on_circles",
     "forward",
     "limited",
     "load_readout",
+    "odd_statistic",
     "save_readout",
+    "smooth_functions",
 ]

@@ -1,21 +1,34 @@
 """Codes of a frame: the few numbers that the marker pairs of one specimen determine.
 
-Shifts are y = m + U·a + noise. The codes a, and one change of all log sizes in each layer, are the
-mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left out.
+Shifts are y = m(ψ) + U(ψ)·a + noise. The codes a, and one change of all log sizes in each layer, are
+the mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left out.
+The azimuth ψ of the load's plane is the one across which the least shear is left.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ....model import LoadPlane
 from ...tracks import Tracks
 from ..reconstructors import NoEstimateError
 from ..shifts import MEASURED
 from .readout import limited
-from .specimen import SIZES, Specimen
+from .specimen import SIZES, Aligned, Specimen, aligned
 
 Array = NDArray[np.float64]
+#: Names of the numbers that describe what the even codes leave of a frame.
+CONTEXT = (
+    *(
+        f"{part} residual of the {layer} {component}"
+        for part in ("the smooth", "the rough")
+        for layer in ("magenta", "yellow")
+        for component in ("places along the load", "places across the load", "sizes")
+    ),
+    "motion across the load's plane",
+)
 #: Of what is multiplied in every frame: half the memory to read, and far finer than the noise.
 Short = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -32,6 +45,16 @@ _NEAR_WORST = 0.25
 _LIKELY = 1000.0
 #: Largest mean χ² per measurement at which a frame still counts as a trained press.
 _UNLIKE = 9.0
+#: The azimuth is changed by no less than this [rad] …
+_LEAST_TURN = np.deg2rad(0.7)
+#: … nor by less than this many of its standard deviations.
+_CERTAIN_TURN = 3.0
+#: Changes of the azimuth in one frame.
+_TURNS = 6
+#: Lost measurements over unknowns below which a covariance is updated, not computed anew.
+_FEW = 0.5
+#: Part of the noise's variance that is added before a logarithm: less says nothing.
+_LEAST = 0.01
 #: Weights are computed anew when the noise has changed by more than this share …
 _NOISE_CHANGE = 0.25
 #: … and those of single pairs where the variance of a log size is more than this many times theirs.
@@ -49,11 +72,13 @@ class Weights:
     whiten: of each pair's shifts, shape (P, 6, 6)
     rows: change of each whitened shift with the unknowns, shape (6P, U)
     information: of all pairs and of the prior, shape (U, U)
+    covariance: its inverse, shape (U, U)
     """
 
     whiten: Short
     rows: Short
     information: Array
+    covariance: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,11 +87,11 @@ class NoiseLevel:
 
     Attributes
     ----------
+    aligned: mean and loadings for the azimuth of the load
     level: median variance of a pair's x [px²]
     sizes: variances of a pair's log sizes in a frame, shape (P, 2)
     constant: covariance of the errors that are the same in every frame, shape (P, 6, 6)
     weights: of the pairs
-    covariance: of the unknowns as the prior shrinks them, shape (U, U)
     unshrink: factor of each unknown that undoes the prior: the read-out was trained on codes with
         noise, not on codes drawn towards their mean; shape (U,)
     variance: of each code, shape (K,)
@@ -74,11 +99,11 @@ class NoiseLevel:
     excess: covariance of the codes beyond that of training, shape (K, K)
     """
 
+    aligned: Aligned
     level: float
     sizes: Array
     constant: Array
     weights: Weights
-    covariance: Array
     unshrink: Array
     variance: Array
     constant_variance: Array
@@ -128,12 +153,14 @@ class Fit:
     pairs: that they rest on, shape (P,)
     unknowns: shape (U,)
     posterior: their covariance
+    missed: shifts that they leave, over their noise, shape (P, 6)
     misfit: χ² of each pair, shape (P,)
     """
 
     pairs: Mask
     unknowns: Array
     posterior: Posterior
+    missed: Short
     misfit: Short
 
 
@@ -143,16 +170,20 @@ class Codes:
 
     Attributes
     ----------
-    value: shape (K,)
+    value: of the even codes, shape (K,)
     variance: of each, as in training, shape (K,)
     constant_variance: share of it that is the same in every frame, shape (K,)
     excess: covariance beyond that of training, shape (K, K)
+    context: of the residual and the odd codes, as a read-out is given it, shape (C,)
+    plane: of the load
     """
 
     value: Array
     variance: Array
     constant_variance: Array
     excess: Array
+    context: Array
+    plane: LoadPlane
 
 
 def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fit, Kept]:
@@ -173,11 +204,27 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
     visible = np.asarray(tracks.visible[:, specimen.shifts.pairs].all(axis=0))
     level = float(np.median(tracks.covariance[specimen.shifts.pairs[visible], 0, 0]))
     if kept is None or abs(level - kept.noise.level) >= _NOISE_CHANGE * kept.noise.level:
-        kept = Kept(noise=_noise_level(specimen, level, tracks, visible))
+        plane = aligned(specimen, 0.0) if kept is None else kept.noise.aligned
+        kept = Kept(noise=_noise_level(specimen, plane, level, tracks, visible))
+    for turns in range(_TURNS):
+        fit, after = _fit_aligned(specimen, kept, tracks, limited(shifts), certain)
+        turn, deviation = _turn(specimen, fit, after.noise)
+        if turns == _TURNS - 1 or abs(turn) < max(_LEAST_TURN, _CERTAIN_TURN * deviation):
+            break
+        plane = aligned(specimen, kept.noise.aligned.azimuth + turn)
+        kept = Kept(noise=_noise_level(specimen, plane, level, tracks, visible))
+    return fit, after
+
+
+def _fit_aligned(
+    specimen: Specimen, kept: Kept, tracks: Tracks, shifts: Array, certain: Mask
+) -> tuple[Fit, Kept]:
+    """Unknowns of a frame for the kept azimuth."""
+    visible = np.asarray(tracks.visible[:, specimen.shifts.pairs].all(axis=0))
     noise = kept.noise
     vague = _vague_sizes(specimen, kept, tracks, visible)
     weights = noise.weights if vague is None else vague.weights
-    centred = (limited(shifts) - specimen.mean).astype(np.float32)
+    centred = (shifts - noise.aligned.mean).astype(np.float32)
     centred[~visible] = 0.0
     solver = _Solver(
         noise=noise,
@@ -192,7 +239,26 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
     return fit, Kept(noise=noise, vague=vague or kept.vague, posterior=fit.posterior)
 
 
-def trained_codes(fit: Fit, noise: NoiseLevel) -> Codes:
+def _shear(specimen: Specimen, fit: Fit) -> tuple[Array, Array]:
+    """First harmonic of the shear along the plane and across it, weighted, each (R,) [px]."""
+    codes, direction = specimen.codes, specimen.direction
+    along = direction.along @ np.append(fit.unknowns[:codes], 1.0)
+    return along, direction.across @ fit.unknowns[codes : -len(SIZES)]
+
+
+def _turn(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> tuple[float, float]:
+    """Angle from the plane to the shear's own azimuth, and its standard deviation [rad]."""
+    along, across = _shear(specimen, fit)
+    codes = specimen.codes
+    odd = noise.weights.covariance[codes : -len(SIZES), codes : -len(SIZES)]
+    each = specimen.direction.across
+    uncertain = float(np.einsum("ri,ij,rj->", each, odd, each))
+    size = float(along @ along + across @ across)
+    turn = 0.5 * math.atan2(2.0 * float(along @ across), float(along @ along - across @ across))
+    return turn, math.sqrt(uncertain / max(size, 1e-12))
+
+
+def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
     """Codes that a fit determines.
 
     Raises
@@ -201,41 +267,77 @@ def trained_codes(fit: Fit, noise: NoiseLevel) -> Codes:
         When the pairs move as no trained press moves them.
     """
     count = len(noise.variance)
-    freedom = MEASURED * fit.pairs.sum() - count
-    misfit = float(fit.misfit[fit.pairs].sum() / freedom)
+    freedom = MEASURED * fit.pairs.sum() - len(fit.unknowns)
+    misfit = float((fit.missed[fit.pairs] ** 2).sum() / freedom)
     if misfit > _UNLIKE:
         raise NoEstimateError(
             f"the markers move as no trained press moves them: χ² is {misfit:.0f} a measurement, "
             f"{_UNLIKE:g} at most is allowed"
         )
     excess = noise.excess
-    if fit.posterior.covariance is not noise.covariance:
-        change = fit.posterior.covariance - noise.covariance
+    whole = noise.weights.covariance
+    if fit.posterior.covariance is not whole:
+        change = fit.posterior.covariance - whole
         excess = excess + (noise.unshrink[:, None] * change * noise.unshrink)[:count, :count]
+    odd = fit.unknowns[count : -len(SIZES)]
+    unit = np.sqrt(np.diag(whole)[count : -len(SIZES)])
+    residual = _turned(fit.missed * fit.pairs[:, None], -noise.aligned.azimuth)
+    along, across = _shear(specimen, fit)
     return Codes(
         value=fit.unknowns[:count],
         variance=noise.variance,
         constant_variance=noise.constant_variance,
         excess=excess,
+        context=np.append(
+            specimen.smooth.statistics(residual, fit.pairs), odd_statistic(odd / unit, axis=0)
+        ),
+        plane=LoadPlane(
+            azimuth=noise.aligned.azimuth,
+            out_of_plane=_share(across, along),
+            twist=float(specimen.direction.twist @ odd),
+        ),
     )
 
 
-def _noise_level(specimen: Specimen, level: float, tracks: Tracks, visible: Mask) -> NoiseLevel:
-    """Weights for frames as noisy as this one."""
-    frame = tracks.covariance[specimen.shifts.pairs]
+def _turned(residual: Short, angle: float) -> Short:
+    """Residual (P, 6) in axes along and across the load: its places turned by an angle [rad]."""
+    if angle == 0.0:
+        return residual
+    turned, c, s = residual.copy(), math.cos(angle), math.sin(angle)
+    for k in (0, 3):
+        turned[:, k] = c * residual[:, k] - s * residual[:, k + 1]
+        turned[:, k + 1] = s * residual[:, k] + c * residual[:, k + 1]
+    return turned
+
+
+def _share(across: Array, along: Array) -> float:
+    """Share of the first vector in the size of both; 0 where neither has any."""
+    return float(np.linalg.norm(across) / max(np.linalg.norm(np.append(along, across)), 1e-12))
+
+
+def odd_statistic(odd: Array, axis: int) -> Array:
+    """Logarithm of the mean square of odd codes, over their noise."""
+    return np.asarray(np.log((odd**2).mean(axis=axis) + _LEAST))
+
+
+def _noise_level(
+    specimen: Specimen, plane: Aligned, level: float, tracks: Tracks, visible: Mask
+) -> NoiseLevel:
+    """Weights for frames as noisy as this one, of a load in that plane."""
+    frame = specimen.shifts.covariance(tracks)
     # A pair that is not visible now may be visible in a later frame.
     frame[~visible] = np.median(frame[visible], axis=0)
     constant = specimen.shifts.rest_covariance + np.diag(specimen.shifts.floor)
     constant = constant + specimen.unexplained[:, :, None] * np.eye(MEASURED)
     whiten = np.linalg.inv(np.linalg.cholesky(frame + constant))
-    pairs, _, unknowns = specimen.loadings.shape
-    rows = (whiten @ specimen.loadings).reshape(-1, unknowns)
+    pairs, _, unknowns = plane.loadings.shape
+    rows = (whiten @ plane.loadings).reshape(-1, unknowns)
     # The prior keeps unknowns that no visible pair determines near their mean.
     information = rows.T @ rows + np.diag(1.0 / specimen.strength)
     covariance = np.asarray(np.linalg.inv(information))
     unshrink = 1.0 / (1.0 - np.diag(covariance) / specimen.strength)
-    codes = unknowns - len(SIZES)
-    unshrink[codes:] = 1.0
+    codes = specimen.codes
+    unshrink[-len(SIZES) :] = 1.0
     variance = (unshrink * np.diag(covariance))[:codes]
     # Where markers were missing at rest, some directions are noisier than all were in training.
     typical = float(np.median(variance))
@@ -245,6 +347,7 @@ def _noise_level(specimen: Specimen, level: float, tracks: Tracks, visible: Mask
     operator = (unshrink[:, None] * (covariance @ rows.T))[:codes].reshape(codes, pairs, MEASURED)
     whitened = whiten @ constant @ np.swapaxes(whiten, 1, 2)
     return NoiseLevel(
+        aligned=plane,
         level=level,
         sizes=frame[:, SIZES, SIZES],
         constant=constant,
@@ -252,8 +355,8 @@ def _noise_level(specimen: Specimen, level: float, tracks: Tracks, visible: Mask
             whiten=whiten.astype(np.float32),
             rows=rows.astype(np.float32),
             information=information,
+            covariance=covariance,
         ),
-        covariance=covariance,
         unshrink=unshrink,
         variance=variance,
         constant_variance=np.einsum("kpi,pij,kpj->k", operator, whitened, operator, optimize=True),
@@ -265,27 +368,29 @@ def _vague_sizes(
     specimen: Specimen, kept: Kept, tracks: Tracks, visible: Mask
 ) -> VagueSizes | None:
     """Weights of a frame in which log sizes of some pairs, which touch others, are vaguer."""
-    numbers, noise, before = specimen.shifts.pairs, kept.noise, kept.vague
-    sizes = tracks.covariance[numbers[:, None], SIZES, SIZES]
+    noise, before = kept.noise, kept.vague
+    sizes = tracks.covariance[specimen.shifts.pairs[:, None], SIZES, SIZES]
     pairs = visible & (sizes > _VAGUER * noise.sizes).any(axis=1)
     if not pairs.any():
         return None
-    covariance = tracks.covariance[numbers[pairs]]
+    covariance = specimen.shifts.covariance(tracks)[pairs]
     variances = covariance.diagonal(axis1=1, axis2=2)
     if before is not None and np.array_equal(pairs, before.pairs):
         change = abs(variances - before.variances)
         if (change < _NOISE_CHANGE * before.variances).all():
             return before
-    whiten, unknowns = noise.weights.whiten.copy(), specimen.loadings.shape[2]
+    whiten, unknowns = noise.weights.whiten.copy(), noise.aligned.loadings.shape[2]
     rows = noise.weights.rows.reshape(len(pairs), MEASURED, unknowns).copy()
     sure = rows[pairs].reshape(-1, unknowns).astype(float)
     own = np.linalg.inv(np.linalg.cholesky(covariance + noise.constant[pairs]))
-    vague = (own @ specimen.loadings[pairs]).reshape(sure.shape)
+    vague = (own @ noise.aligned.loadings[pairs]).reshape(sure.shape)
     whiten[pairs], rows[pairs] = own, vague.reshape(-1, MEASURED, unknowns)
+    information = noise.weights.information - sure.T @ sure + vague.T @ vague
     weights = Weights(
         whiten=whiten,
         rows=rows.reshape(-1, unknowns),
-        information=noise.weights.information - sure.T @ sure + vague.T @ vague,
+        information=information,
+        covariance=np.asarray(np.linalg.inv(information)),
     )
     return VagueSizes(pairs=pairs, variances=variances, weights=weights)
 
@@ -340,15 +445,23 @@ class _Solver:
         unknowns = self.noise.unshrink * (posterior.covariance @ moment)
         missed = self.white - (rows @ unknowns.astype(np.float32)).reshape(self.white.shape)
         misfit = np.einsum("pj,pj->p", missed, missed)
-        return Fit(pairs=pairs, unknowns=unknowns, posterior=posterior, misfit=misfit)
+        return Fit(
+            pairs=pairs, unknowns=unknowns, posterior=posterior, missed=missed, misfit=misfit
+        )
 
     def _posterior(self, pairs: Mask) -> Posterior:
         weights, before = self.weights, self.before
-        if weights is self.noise.weights and pairs.all():
-            return Posterior(weights=weights, pairs=pairs, covariance=self.noise.covariance)
+        if pairs.all():
+            return Posterior(weights=weights, pairs=pairs, covariance=weights.covariance)
         if before is not None and before.weights is weights and np.array_equal(before.pairs, pairs):
             return before
         rows = weights.rows.reshape(len(pairs), MEASURED, -1)[~pairs]
         lost = rows.reshape(-1, rows.shape[2]).astype(float)
-        covariance = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
+        if len(lost) < _FEW * len(weights.covariance):
+            # What the lost pairs told is taken back.
+            gain = lost @ weights.covariance
+            left = np.eye(len(lost)) - gain @ lost.T
+            covariance = weights.covariance + gain.T @ np.linalg.solve(left, gain)
+        else:
+            covariance = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
         return Posterior(weights=weights, pairs=pairs, covariance=covariance)

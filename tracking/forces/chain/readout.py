@@ -1,15 +1,15 @@
 """Read-outs: trained on histories of the node model, kept as data.
 
 The shifts of a frame's marker pairs are written as few numbers, the codes a: y = m + U·a + noise. A
-small network reads ΣFn, ΣFf and µ off the codes and their noise, a second one the errors of the
-first. It is a regression on tissue, object and history of a grip together, which a prior on single
-forces does not know. Snapshots of the chain are kept with it: from the shifts that they cause on
-markers that sit elsewhere than designed, m and U of each specimen follow.
+small network reads ΣFn, ΣFf and µ off the codes, their noise and what they leave of the shifts; a
+second one reads the errors of the first. It is a regression on tissue, object and history of a grip
+together, which a prior on single forces does not know. Mean and codes are fields over the dome,
+from which m and U of each specimen follow, under each azimuth of the load.
 """
 
 import zipfile
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import msgspec
@@ -31,6 +31,8 @@ BEND = 0.4
 _SIZE_CHANGE = 0.1
 #: Arrays of more numbers than this are written in half precision.
 _MANY = 5000
+#: Fields of a read-out that are texts.
+_TEXTS = ("design", "ranges")
 #: Fields of a read-out that are networks.
 _NETWORKS = ("totals", "deviations", "shapes")
 
@@ -43,35 +45,35 @@ class ReadOut:
     ----------
     tissue_stiffness: of the fingertip that it was trained on [N/m]
     design: sensor that it was trained on
-    noise: standard deviation of the design's shifts, shape (6M,)
-    mean: of the shifts over their noise, shape (6M,)
-    rows: of the shifts over their noise, that of each code, shape (K, 6M)
-    left: variance that the codes leave of the shifts over their noise, shape (6M,)
-    modes: displacements of the chain [m], shape (P, N, 2)
-    snapshots: of the chain, in modes, shape (S, P)
-    codes: of those snapshots, the strongest first, shape (S, K)
-    scale: standard deviation of each code with unit noise, shape (K,)
-    rates: how fast codes change, relative to each other, shape (K,)
-    linear: codes, noise and 1 to totals, the best linear read-out, shape (K + 2, 3)
-    totals: network of what is missing from that
-    deviations: network of the logarithm of the totals' variances
+    ranges: that the training spanned, by name
+    mean: field of the shifts, see `fields.FIELD`
+    fields: of unit codes, the odd ones last, shape (K + O, …)
+    left: variance that the codes leave at each station [px², px², 1], shape (2, 3, T)
+    strength: variance of each code in units of its noise, shape (K + O,)
+    modes: displacements of the chain [m], shape (Q, N, 2)
+    amounts: of the modes with each even code and 1, shape (K + 1, Q)
+    context: mean, deviation and highest of each number that describes a frame's residual, (3, C)
+    reach: largest size of the codes, see `size_of`
+    linear: codes, noise, context and 1 to totals, the best linear read-out, shape (K + C + 2, 3)
+    totals: network of what is missing from that: of asinh of both sums over BEND, and log µ
+    deviations: network of the logarithm of the variances of the totals and of Γ
     shapes: network of the distributions of force
     normal_shapes, friction_shapes: modes of those, the mean first, shape (Q + 1, N)
     correlation: of the totals' errors, shape (3, 3)
-    prior: standard deviation of µ before any image
+    prior: standard deviation of log µ before any image
     """
 
     tissue_stiffness: float
     design: SensorDesign
-    noise: Array
+    ranges: dict[str, object]
     mean: Array
-    rows: Array
+    fields: Array
     left: Array
+    strength: Array
     modes: Array
-    snapshots: Array
-    codes: Array
-    scale: Array
-    rates: Array
+    amounts: Array
+    context: Array
+    reach: float
     linear: Array
     totals: Layers
     deviations: Layers
@@ -81,9 +83,29 @@ class ReadOut:
     correlation: Array
     prior: float
 
-    def snapshot_inputs(self) -> Array:
-        """Codes of the snapshots and 1, by which they are regressed, shape (S, K + 1)."""
-        return np.column_stack([self.codes, np.ones(len(self.codes))])
+    @property
+    def codes(self) -> int:
+        """Number of even codes, which forces are read from."""
+        return len(self.amounts) - 1
+
+    @property
+    def odd(self) -> NDArray[np.bool_]:
+        """Whether each field is odd, shape (K + O,)."""
+        return np.arange(len(self.fields)) >= self.codes
+
+    @cached_property
+    def scale(self) -> Array:
+        """Standard deviation of each even code with unit noise, shape (K,)."""
+        return np.sqrt(self.strength[: self.codes] + 1.0)
+
+    def size_of(self, codes: Numbers) -> Numbers:
+        """Root mean square of even codes (…, K) over their scale: how far the skin has moved."""
+        return np.sqrt(((codes / self.scale) ** 2).mean(axis=-1))
+
+    @cached_property
+    def rates(self) -> Array:
+        """How fast even codes change, relative to each other, shape (K,)."""
+        return self.strength[: self.codes] + 1.0
 
 
 def limited(shifts: Array) -> Array:
@@ -120,8 +142,11 @@ def linearised(layers: Layers, x: Numbers) -> tuple[Numbers, Numbers]:
 
 def save_readout(readout: ReadOut, path: Path) -> None:
     """Write a read-out as single-precision arrays."""
-    values = dict(vars(readout))
-    design = np.frombuffer(msgspec.json.encode(values.pop("design")), dtype=np.uint8)
+    values = {field.name: getattr(readout, field.name) for field in fields(readout)}
+    texts = {
+        name: np.frombuffer(msgspec.json.encode(values.pop(name)), dtype=np.uint8)
+        for name in _TEXTS
+    }
     for name in _NETWORKS:
         for k, (weights, bias) in enumerate(values.pop(name)):
             values[f"{name}_{k}_weights"], values[f"{name}_{k}_bias"] = weights, bias
@@ -130,7 +155,7 @@ def save_readout(readout: ReadOut, path: Path) -> None:
         for name, value in values.items()
     }
     with path.open("wb") as file:
-        np.savez_compressed(file, design=design, **short)  # type: ignore[arg-type]
+        np.savez_compressed(file, **texts, **short)  # type: ignore[arg-type]
 
 
 @lru_cache(maxsize=4)
@@ -151,14 +176,15 @@ def load_readout(path: Path) -> ReadOut:
                 raise UserError(f"{path} is not a trained read-out: it has no {min(absent)}")
             stored = {name: file[name] for name in file.files}
         design = msgspec.json.decode(stored.pop("design").tobytes(), type=SensorDesign)
+        ranges = msgspec.json.decode(stored.pop("ranges").tobytes(), type=dict)
     except OSError as error:
         raise UserError(f"read-out {path} cannot be read: {error.strerror}") from None
     except (zipfile.BadZipFile, msgspec.DecodeError) as error:
         raise UserError(f"{path} is not a trained read-out: {error}") from None
     networks = {name: _network(stored, name) for name in _NETWORKS}
-    numbers = {name: float(stored.pop(name)) for name in ("tissue_stiffness", "prior")}
+    numbers = {name: float(stored.pop(name)) for name in ("tissue_stiffness", "reach", "prior")}
     arrays = {name: value.astype(float) for name, value in stored.items()}
-    return ReadOut(design=design, **arrays, **networks, **numbers)  # type: ignore[arg-type]
+    return ReadOut(design=design, ranges=ranges, **arrays, **networks, **numbers)  # type: ignore[arg-type]
 
 
 def _network(stored: dict[str, Numbers], name: str) -> Layers:

@@ -4,92 +4,153 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ....errors import UserError
-from ....model import Fingertip
 from ....render import SensorDesign
 from ..shifts import MEASURED, MarkerShifts
-from .readout import ReadOut, limited
-from .sensitivity import MarkerResponse
+from .fields import STATIONS, Azimuths, at_angles, at_places
+from .readout import ReadOut
+from .residual import Smooth, smooth_functions
 
 Array = NDArray[np.float64]
 
 #: Columns of the log sizes among the measurements of a pair.
 SIZES = np.array([2, 5])
 #: Standard deviation of a change of all log sizes of a layer, by focus and blur.
-_FOCUS = 0.01
-#: Snapshots whose markers are computed at a time: all of them would need much memory.
-_AT_ONCE = 20
+FOCUS = 0.01
+#: A twist is the mean turn of the skin up to this angle from the apex [rad].
+_NEAR = np.deg2rad(30.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Specimen:
-    """How codes move the P marker pairs of one specimen; U unknowns: K codes, then the log sizes.
+    """The P marker pairs of one specimen; U unknowns: K even codes, odd codes, then the log sizes.
 
     Attributes
     ----------
     shifts: reads the pairs' shifts off tracks
-    mean: of the shifts [px, px, 1], shape (P, 6)
-    loadings: change of the shifts with each unknown, shape (P, 6, U)
+    means, loadings: fields of the mean and of the codes on the pairs' circles
     unexplained: variances that the unknowns leave, shape (P, 6)
     strength: prior variance of each unknown, shape (U,)
+    codes: number of even codes
+    smooth: functions of the residual's statistics
+    direction: by which the azimuth of a shear follows from codes
     """
 
     shifts: MarkerShifts
-    mean: Array
-    loadings: Array
+    means: Azimuths
+    loadings: Azimuths
     unexplained: Array
     strength: Array
+    codes: int
+    smooth: Smooth
+    direction: "Direction"
 
 
-def read_specimen(readout: ReadOut, fingertip: Fingertip, shifts: MarkerShifts) -> Specimen:
-    """Specimen with the pairs of `shifts`, trained on the design's pairs.
+@dataclass(frozen=True, kw_only=True)
+class Aligned:
+    """Mean and loadings of a specimen for a load of one azimuth.
 
-    Mean and loadings are those of the design's pairs, and what the read-out's snapshots say of the
-    difference.
+    Attributes
+    ----------
+    azimuth: of the load's plane [rad]
+    mean: of the shifts [px, px, 1], shape (P, 6)
+    loadings: change of the shifts with each unknown, shape (P, 6, U)
+    """
+
+    azimuth: float
+    mean: Array
+    loadings: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Direction:
+    """Products of the codes that give size and azimuth of the shear.
+
+    Attributes
+    ----------
+    along, across: factor of the first harmonic's magnitude along the plane and across it [px], of
+        codes and 1, shapes (R, K + 1) and (R, O)
+    twist: turn of the skin about the axis by each odd code [rad], shape (O,)
+    """
+
+    along: Array
+    across: Array
+    twist: Array
+
+
+def read_specimen(readout: ReadOut, shifts: MarkerShifts) -> Specimen:
+    """Specimen with the pairs of `shifts`.
 
     Raises
     ------
     UserError
         When no pair is visible at rest.
     """
-    design, places = readout.design, shifts.places
+    places = shifts.places
     if places.shape[1] == 0:
         raise UserError("the tracker finds no marker pair at rest; is the noise too large?")
-    skin = design.shape
-    nearest = KDTree(skin.points(design.places, 0.0)).query(skin.points(places[0], 0.0))[1]
-    designed = np.stack([design.places[nearest]] * 2)
-    chain = np.einsum("sp,pnk->snk", readout.snapshots, readout.modes)
-    change = _shifts_of(shifts.sensor, places, fingertip, chain)
-    change -= _shifts_of(design, designed, fingertip, chain)
-    inputs = readout.snapshot_inputs()
-    slopes = np.linalg.lstsq(inputs, change, rcond=None)[0]
-    missed = ((change - inputs @ slopes) ** 2).sum(axis=0) / (len(inputs) - inputs.shape[1])
-
-    def of_nearest(values: Array) -> Array:
-        """Values of the design's pairs (…, 6M) for the specimen's, shape (…, P, 6)."""
-        return values.reshape(*values.shape[:-1], -1, MEASURED)[..., nearest, :]
-
-    unit = of_nearest(readout.noise)
-    pairs = len(unit)
-    rows = unit * of_nearest(readout.rows) + slopes[:-1].reshape(-1, pairs, MEASURED)
-    # A change of all sizes is the camera's, not a press.
-    focus = np.broadcast_to(np.eye(MEASURED)[:, SIZES], (pairs, MEASURED, len(SIZES)))
+    left = np.stack([at_angles(readout.left[k], places[k, :, 0], axis=1) for k in range(2)])
+    pairs = places.shape[1]
+    gains = _gains(readout.design, shifts.sensor)
     return Specimen(
         shifts=shifts,
-        mean=unit * of_nearest(readout.mean) + slopes[-1].reshape(pairs, MEASURED),
-        loadings=np.concatenate([np.moveaxis(rows, 0, 2), focus], axis=2),
-        unexplained=unit**2 * of_nearest(readout.left) + missed.reshape(pairs, MEASURED),
-        strength=np.append(np.square(readout.scale) - 1.0, [_FOCUS**2] * len(SIZES)),
+        means=at_places(gains * readout.mean[None], np.array([False]), places),
+        loadings=at_places(gains * readout.fields, readout.odd, places),
+        unexplained=np.moveaxis(left, 2, 0).reshape(pairs, MEASURED),
+        strength=np.append(readout.strength, [FOCUS**2] * len(SIZES)),
+        codes=readout.codes,
+        smooth=smooth_functions(places[0]),
+        direction=_direction(readout),
     )
 
 
-def _shifts_of(sensor: SensorDesign, places: Array, tip: Fingertip, chain: Array) -> Array:
-    """Shifts of pairs at places (2, P, 2) for each of S chains (S, N, 2), shape (S, 6P)."""
-    response = MarkerResponse(sensor, places, tip.angles())
-    resting = response.measured(np.zeros_like(chain[0]))
-    parts = [
-        response.measured(chain[k : k + _AT_ONCE]) - resting for k in range(0, len(chain), _AT_ONCE)
-    ]
-    return limited(np.concatenate(parts)).reshape(len(chain), -1)
+def _gains(design: SensorDesign, sensor: SensorDesign) -> Array:
+    """Motion of each layer in the image over that of the design, to first order, (2, 1, 1, 1).
+
+    A calibration may state another `follow` and depth of a layer than the design.
+    """
+    if design.shape.flat:
+        return np.ones((2, 1, 1, 1))
+    near, far = (one.follow / (one.shape.radius - one.depths) for one in (sensor, design))
+    return np.asarray(near / far).reshape(2, 1, 1, 1)
+
+
+def aligned(specimen: Specimen, azimuth: float) -> Aligned:
+    """Mean and loadings for a load of that azimuth [rad]."""
+    pairs = specimen.loadings.phi.shape[1]
+    # A change of all sizes is the camera's, not a press.
+    focus = np.broadcast_to(np.eye(MEASURED)[:, SIZES], (pairs, MEASURED, len(SIZES)))
+    return Aligned(
+        azimuth=azimuth,
+        mean=specimen.means.at(azimuth)[..., 0],
+        loadings=np.concatenate([specimen.loadings.at(azimuth), focus], axis=2),
+    )
+
+
+def _direction(readout: ReadOut) -> Direction:
+    """Products of the codes that give the azimuth of a shear, and the turn of the skin."""
+    weight = np.sqrt(np.sin(STATIONS))
+
+    def first_harmonic(fields: Array) -> Array:
+        """Radial and tangential first harmonics of fields (K, …), shape (R, K)."""
+        return np.asarray((fields[:, :, :2, :, 1] * weight).reshape(len(fields), -1).T)
+
+    even, odd = readout.fields[: readout.codes], readout.fields[readout.codes :].copy()
+    circling = odd[:, 0, 1, :, 0].T
+    # sin(φ − ψ) = sin φ·cos ψ − cos φ·sin ψ, but cos(φ − ψ) = cos φ·cos ψ + sin φ·sin ψ.
+    odd[:, :, 1] *= -1.0
+    skin, view = readout.design.shape, readout.design.view
+    on_axis, at = (
+        view.project(skin.points(np.stack([theta, np.zeros_like(theta)], axis=-1), 0.0))[:, 0]
+        for theta in (np.zeros(1), STATIONS)
+    )
+    radius = at - on_axis
+    near = np.where(STATIONS < _NEAR, np.sin(STATIONS), 0.0)
+    return Direction(
+        along=np.concatenate(
+            [first_harmonic(even), first_harmonic(readout.mean[None])], axis=1
+        ),
+        across=first_harmonic(odd),
+        twist=(near * radius) @ circling / (near @ radius**2),
+    )

@@ -7,7 +7,8 @@ controller goes on.
 
 In the world `matched` the sensor is as its calibration says. In the world `mismatched` its
 stiffnesses, its camera and its layers differ, its chain has twice the nodes, and another renderer
-draws it. Shape, k_c and µ of the object are unknown to every estimator in both worlds.
+draws it. Shape, k_c and µ of the object are unknown to every estimator in both worlds. A third
+world is in `measure.beyond`.
 """
 
 import dataclasses
@@ -19,39 +20,16 @@ from functools import lru_cache
 import numpy as np
 from msgspec.structs import replace
 
-from ...loop.camera import SimulatedCamera
 from ...loop.grasp import grasp, open_camera
-from ...model import (
-    ContactObject,
-    Drive,
-    Fingertip,
-    ForceField,
-    History,
-    State,
-    contact_forces,
-    rest_state,
-    simulate,
-)
-from ...output.processes import one_thread
-from ...render import Defects, SensorDesign, open_renderer
+from ...model import ContactObject, Drive, Fingertip, History, contact_forces
+from ...render import Defects
 from ...scene.scene import load_scene
 from ...thesis import DESIRED_MARGIN, LOADS_N, OBJECTS
-from ...tracking import MarkerTracker, Palette, SensorCalibration, Tracks, load_calibration
+from ...tracking import SensorCalibration, load_calibration
+from .force_scenes import ForceScene, Grasp, Specimen, run_of, watch
 
-#: Time between frames [s].
-PERIOD = 0.01
-#: Number of frames that are read together.
-HELD_FRAMES = 10
-#: Number of frames of the untouched sensor.
-REST_FRAMES = 16
-#: Noise of the camera [grey levels].
-NOISE = 2.0
-#: Step of the node model [s].
-_STEP = 2e-3
 #: Time in which forces settle after grip and load: the object's drag lets friction lag behind [s].
 _SETTLED = 0.5
-#: Before the scored frames the tracker is given a frame after each such motion of the skin [m].
-_SHOWN = 0.15e-3
 #: Range of µ in the library.
 FRICTIONS = (0.2, 0.9)
 #: Range of the objects' curvatures [1/m].
@@ -69,7 +47,7 @@ _ROUNDER = 0.1
 #: Rounds in which the grip for it is found.
 _ROUNDS = 5
 #: Largest relative error of the stiffnesses that a mismatched sensor's calibration states.
-_STIFFNESS_ERROR = 0.10
+STIFFNESS_ERROR = 0.10
 #: Largest relative error of its focal length.
 _FOCAL_ERROR = 0.003
 #: Largest error of its image centre, along x and y [px].
@@ -82,67 +60,27 @@ SEED = 606
 
 
 @dataclass(frozen=True, kw_only=True)
-class Specimen:
-    """A sensor as it is made, which its calibration may state differently.
+class Ranges:
+    """Ranges that random grasps are drawn from, by default those of the library.
 
     Attributes
     ----------
-    fingertip, sensor, defects: as made
-    renderer: name of the renderer that draws its images
+    frictions: of µ
+    curvatures: of the objects [1/m]
+    flat: share of flat objects
+    stiffnesses: of k_c [N/m], evenly in the logarithm
+    normals: of the grip [N]
     """
 
-    fingertip: Fingertip
-    sensor: SensorDesign
-    defects: Defects
-    renderer: str
-
-    def camera(self, seed: int) -> SimulatedCamera:
-        """Camera that takes its images; close it after use."""
-        return SimulatedCamera(
-            self.sensor,
-            open_renderer(self.renderer, self.sensor),
-            self.fingertip.nodes,
-            NOISE,
-            seed,
-            self.defects,
-        )
+    frictions: tuple[float, float] = FRICTIONS
+    curvatures: tuple[float, float] = CURVATURES
+    flat: float = 1.0 / 7.0
+    stiffnesses: tuple[float, float] = STIFFNESSES
+    normals: tuple[float, float] = NORMALS
 
 
-@dataclass(frozen=True, kw_only=True)
-class Grasp:
-    """An object, grip and load over time [N], and the instants that are scored [s]."""
-
-    obj: ContactObject
-    drive: Drive
-    ends: tuple[float, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ForceScene:
-    """Tracks up to a scored instant, and the truth at that instant.
-
-    Attributes
-    ----------
-    known: calibration that estimators are given
-    rest: tracks of the untouched sensor
-    tracks: of the last HELD_FRAMES frames
-    specimen, obj: sensor and object in contact
-    state: of the node model
-    field: true contact forces
-    """
-
-    known: SensorCalibration
-    rest: Tracks
-    tracks: list[Tracks]
-    specimen: Specimen
-    obj: ContactObject
-    state: State
-    field: ForceField
-
-    @property
-    def margin(self) -> float:
-        """True Γ."""
-        return self.field.safety_margin(self.obj.friction)
+#: Ranges of the library.
+LIBRARY_RANGES = Ranges()
 
 
 @lru_cache(maxsize=2)
@@ -151,7 +89,7 @@ def calibration(world: str = "matched") -> SensorCalibration:
 
     An error that is uniform up to a tenth to either side has a standard deviation of 0.058.
     """
-    deviation = {"matched": 0.0, "mismatched": _STIFFNESS_ERROR / np.sqrt(3.0)}[world]
+    deviation = {"matched": 0.0, "mismatched": STIFFNESS_ERROR / np.sqrt(3.0)}[world]
     return dataclasses.replace(load_calibration("thesis"), stiffness_deviation=deviation)
 
 
@@ -164,7 +102,7 @@ def _matched(_rng: np.random.Generator) -> Specimen:
 
 def _mismatched(rng: np.random.Generator) -> Specimen:
     known = calibration()
-    tissue, membrane = 1.0 + _STIFFNESS_ERROR * rng.uniform(-1.0, 1.0, 2)
+    tissue, membrane = 1.0 + STIFFNESS_ERROR * rng.uniform(-1.0, 1.0, 2)
     camera = known.sensor.camera
     focal = 1.0 + _FOCAL_ERROR * rng.uniform(-1.0, 1.0)
     x, y = _CENTRE_ERROR * rng.uniform(-1.0, 1.0, 2)
@@ -185,19 +123,21 @@ def _mismatched(rng: np.random.Generator) -> Specimen:
     )
 
 
-def random_grasp(rng: np.random.Generator, low: float, high: float) -> Grasp:
+def random_grasp(
+    rng: np.random.Generator, low: float, high: float, ranges: Ranges = LIBRARY_RANGES
+) -> Grasp:
     """A second of random grip and load to a margin from low to high, at which both are held.
 
     The margin here is 1 − load/(µ·grip); on round objects Γ is somewhat larger.
     """
-    mu, curvature = rng.uniform(*FRICTIONS), rng.uniform(*CURVATURES)
-    if rng.random() < 1.0 / 7.0:
+    mu, curvature = rng.uniform(*ranges.frictions), rng.uniform(*ranges.curvatures)
+    if rng.random() < ranges.flat:
         curvature = 0.0
-    stiffness = float(np.exp(rng.uniform(*np.log(STIFFNESSES))))
+    stiffness = float(np.exp(rng.uniform(*np.log(ranges.stiffnesses))))
     inner = np.sort(rng.uniform(0.05, 0.95, rng.integers(1, 7)))
     points = np.concatenate([[0.0, 0.03], inner, [1.0, 1.0 + _SETTLED]])
     # Linear in the logarithm of the grip and in Γ; at some points either keeps its value.
-    grip = np.log(rng.uniform(*NORMALS, len(points)))
+    grip = np.log(rng.uniform(*ranges.normals, len(points)))
     margin = rng.uniform(0.0, 1.0, len(points))
     margin[:2] = 1.0
     for values, share in ((grip, 0.4), (margin, 0.3)):
@@ -249,7 +189,7 @@ def _static(index: int) -> Grasp:
             ),
             ends=(float(times[-1]),),
         )
-        run = _run(known, grasped)
+        run = run_of(known, grasped)
         field = contact_forces(known, obj, run.state(len(run) - 1))
         # On round objects ΣFn differs from the grip and ΣFf from the load.
         grip *= (1.0 - field.safety_margin(obj.friction)) / (1.0 - DESIRED_MARGIN)
@@ -315,8 +255,8 @@ def scenes(world: str, kind: str, index: int) -> list[ForceScene]:
         grasped, run = _drawn(rng, specimen.fingertip, low, low + width)
     else:
         grasped = KNOWN[kind](index)
-        run = _run(specimen.fingertip, grasped)
-    return _watch(calibration(world), specimen, grasped, run, int(rng.integers(2**32)))
+        run = run_of(specimen.fingertip, grasped)
+    return watch(calibration(world), specimen, grasped, run, int(rng.integers(2**32)))
 
 
 def _drawn(
@@ -325,7 +265,7 @@ def _drawn(
     """Random grasp that ends with Γ from low to high and ΣFn in range."""
     while True:
         grasped = random_grasp(rng, max(low - _ROUNDER, 0.0), high)
-        run = _run(fingertip, grasped)
+        run = run_of(fingertip, grasped)
         field = contact_forces(fingertip, grasped.obj, run.state(len(run) - 1))
         held = NORMALS[0] <= field.total_normal <= NORMALS[1]
         if held and low <= field.safety_margin(grasped.obj.friction) <= high:
@@ -335,43 +275,3 @@ def _drawn(
 def seed_of(world: str, kind: str, index: int) -> list[int]:
     """Seed of a grasp; it ends with 1 because trailing zeros do not change a seed."""
     return [SEED, list(WORLDS).index(world), [LIBRARY, *KNOWN].index(kind), index, 1]
-
-
-def _run(fingertip: Fingertip, grasped: Grasp) -> History:
-    every = round(PERIOD / _STEP)
-    duration = grasped.ends[-1]
-    return simulate(fingertip, grasped.obj, grasped.drive, dt=_STEP, duration=duration, every=every)
-
-
-def _watch(
-    known: SensorCalibration, specimen: Specimen, grasped: Grasp, run: History, seed: int
-) -> list[ForceScene]:
-    """Take pictures of a run and track the markers in them, in one thread."""
-    tip = specimen.fingertip
-    ends = [round(end / PERIOD) for end in grasped.ends]
-    scored = {k for end in ends for k in range(end - HELD_FRAMES + 1, end + 1)}
-    tracks: dict[int, Tracks] = {}
-    with one_thread(), closing(specimen.camera(seed)) as camera:
-        tracker = MarkerTracker(Palette.of_sensor(known.sensor), NOISE)
-        rest = tracker.reset(camera.expose_rest(rest_state(tip), REST_FRAMES))
-        tracked = np.zeros((tip.nodes, 2))
-        for k in range(len(run)):
-            state = run.state(k)
-            displacement = state.deformation.seen
-            if k in scored or abs(displacement - tracked).max() > _SHOWN:
-                now = tracker.update(camera.expose(state, k))
-                tracked = displacement
-                if k in scored:
-                    tracks[k] = now
-    return [
-        ForceScene(
-            known=known,
-            rest=rest,
-            tracks=[tracks[k] for k in range(end - HELD_FRAMES + 1, end + 1)],
-            specimen=specimen,
-            obj=grasped.obj,
-            state=run.state(end),
-            field=contact_forces(tip, grasped.obj, run.state(end)),
-        )
-        for end in ends
-    ]

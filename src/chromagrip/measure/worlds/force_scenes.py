@@ -1,0 +1,204 @@
+"""Pictures of a grasp through its sensor's camera, the tracks in them, and the true forces."""
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...loop.camera import SimulatedCamera
+from ...model import (
+    ContactObject,
+    Drive,
+    Fingertip,
+    ForceField,
+    History,
+    State,
+    contact_forces,
+    rest_state,
+    simulate,
+    whole_friction,
+)
+from ...output.processes import one_thread
+from ...render import Defects, Frame, Membrane, SensorDesign, open_renderer
+from ...tracking import MarkerTracker, Palette, SensorCalibration, Tracks
+
+Array = NDArray[np.float64]
+#: Turns frames at rest and of a run into what the tracker is given of both.
+Pictures = Callable[[list[Frame], list[Frame]], tuple[list[Frame], list[Frame]]]
+
+#: Time between frames [s].
+PERIOD = 0.01
+#: Number of frames that are read together.
+HELD_FRAMES = 10
+#: Number of frames of the untouched sensor.
+REST_FRAMES = 16
+#: Noise of the camera [grey levels].
+NOISE = 2.0
+#: Step of the node model [s].
+_STEP = 2e-3
+#: Before the scored frames the tracker is given a frame after each such motion of the skin [m].
+_SHOWN = 0.15e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Specimen:
+    """A sensor as it is made, which its calibration may state differently.
+
+    Attributes
+    ----------
+    fingertip, sensor, defects: as made
+    renderer: name of the renderer that draws its images
+    membrane_map: see `SimulatedCamera`; None is the sensor's own
+    """
+
+    fingertip: Fingertip
+    sensor: SensorDesign
+    defects: Defects
+    renderer: str
+    membrane_map: Callable[[Array], Membrane] | None = None
+
+    def camera(self, seed: int) -> SimulatedCamera:
+        """Camera that takes its images; close it after use."""
+        return SimulatedCamera(
+            self.sensor,
+            open_renderer(self.renderer, self.sensor),
+            self.fingertip.nodes,
+            NOISE,
+            seed,
+            self.defects,
+            self.membrane_map,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grasp:
+    """An object, grip and load over time [N], and the instants that are scored [s].
+
+    `named` has a name for each instant where scores are told apart by it.
+    """
+
+    obj: ContactObject
+    drive: Drive
+    ends: tuple[float, ...]
+    named: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceScene:
+    """Tracks up to a scored instant, and the truth at that instant.
+
+    Attributes
+    ----------
+    known: calibration that estimators are given
+    rest: tracks of the untouched sensor
+    tracks: of the last HELD_FRAMES frames
+    specimen, obj: sensor and object in contact
+    state: of the node model
+    field: true contact forces
+    labels: names of the parts of its set that are scored on their own too
+    """
+
+    known: SensorCalibration
+    rest: Tracks
+    tracks: list[Tracks]
+    specimen: Specimen
+    obj: ContactObject
+    state: State
+    field: ForceField
+    labels: tuple[str, ...] = ()
+
+    @property
+    def friction(self) -> float:
+        """True µ of the contact as a whole."""
+        return whole_friction(self.specimen.fingertip, self.obj, self.state, self.field)
+
+    @property
+    def margin(self) -> float:
+        """True Γ."""
+        return self.field.safety_margin(self.friction)
+
+
+def run_of(fingertip: Fingertip, grasped: Grasp) -> History:
+    """Run of a grasp, one record a frame.
+
+    Raises
+    ------
+    ModelError
+        When the run cannot go on.
+    """
+    every = round(PERIOD / _STEP)
+    duration = grasped.ends[-1]
+    return simulate(fingertip, grasped.obj, grasped.drive, dt=_STEP, duration=duration, every=every)
+
+
+def watch(
+    known: SensorCalibration,
+    specimen: Specimen,
+    grasped: Grasp,
+    run: History,
+    seed: int,
+    *,
+    noise: float = NOISE,
+    pictures: Pictures | None = None,
+    film: bool = False,
+    labels: tuple[str, ...] = (),
+) -> list[ForceScene]:
+    """Take pictures of a run and track the markers in them, in one thread.
+
+    Parameters
+    ----------
+    known: calibration that is given to estimators
+    specimen: that grasps
+    grasped, run: grasp, and its run
+    seed: of the camera
+    noise: that the tracker is told [grey levels]
+    pictures: what becomes of the frames before the tracker is given them; None leaves them
+    film: take every frame of the run, though the tracker is given only some
+    labels: of every scene
+    """
+    tip = specimen.fingertip
+    ends = [round(end / PERIOD) for end in grasped.ends]
+    scored = {k for end in ends for k in range(end - HELD_FRAMES + 1, end + 1)}
+    with one_thread(), closing(specimen.camera(seed)) as camera:
+        rest = camera.expose_rest(rest_state(tip), REST_FRAMES)
+        shown = _shown(run, scored)
+        taken = list(range(len(run))) if film else shown
+        frames = [camera.expose(run.state(k), k) for k in taken]
+        if pictures is not None:
+            rest, frames = pictures(rest, frames)
+        by_index = dict(zip(taken, frames, strict=True))
+        tracker = MarkerTracker(Palette.of_sensor(known.sensor), noise)
+        at_rest = tracker.reset(rest)
+        tracks = {k: tracker.update(by_index[k]) for k in shown}
+    return [
+        ForceScene(
+            known=known,
+            rest=at_rest,
+            tracks=[tracks[k] for k in range(end - HELD_FRAMES + 1, end + 1)],
+            specimen=specimen,
+            obj=grasped.obj,
+            state=run.state(end),
+            field=contact_forces(tip, grasped.obj, run.state(end)),
+            labels=(*labels, *name),
+        )
+        for end, name in zip(ends, _names(grasped), strict=True)
+    ]
+
+
+def _names(grasped: Grasp) -> list[tuple[str, ...]]:
+    """Name of each scored instant, if it has one."""
+    return [(name,) for name in grasped.named] or [()] * len(grasped.ends)
+
+
+def _shown(run: History, scored: set[int]) -> list[int]:
+    """Frames that the tracker is given: those that are scored, and one after each motion."""
+    shown: list[int] = []
+    tracked = np.zeros_like(run.nodes[0])
+    for k in range(len(run)):
+        displacement = run.state(k).deformation.seen
+        if k in scored or abs(displacement - tracked).max() > _SHOWN:
+            shown.append(k)
+            tracked = displacement
+    return shown

@@ -1,0 +1,243 @@
+"""Pose of a camera against the design, and what the design's own camera would have seen.
+
+All rays go through the camera's centre, with or without refraction. A camera that is turned about
+it, or has another lens scale, therefore sees the same rays at other pixels.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ...render import Camera
+from ..tracks import Tracks
+
+Array = NDArray[np.float64]
+
+#: Differences from the design that are worth a line: roll and tilt [°], shift [px], scale.
+_NOTABLE = (0.3, 0.5, 3.0, 0.01)
+#: Largest error of the polynomial that stands for the exact map [px].
+_EXACT = 1e-4
+#: Degrees of the polynomial that are tried; the last one is taken in any case.
+_DEGREES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14)
+#: Points at which the polynomial is fitted, and as many at which it is checked.
+_SAMPLES = 900
+#: Half the distance over which the exact map is differentiated [px].
+_NUDGE = 1e-3
+#: Golden-angle step of an even spiral over a disc [rad].
+_SPIRAL = math.pi * (3.0 - math.sqrt(5.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraPose:
+    """A camera against the design's, as the rest frame tells it.
+
+    The design's frame is that of the outer layer: where layers lie beside each other, the inner one
+    counts as misaligned.
+
+    Attributes
+    ----------
+    roll: turn about the camera's axis, from x to y of the image: clockwise on a screen [rad]
+    tilt: turn about the image's x and y, before the roll, as a rotation vector [rad]; 0 on a flat
+        pad, where it looks like a shift
+    shift: of the pixel on the optical axis [px]
+    scale: of the focal lengths
+    error: RMS distance of the markers from the places that this pose gives them [px]
+    roll_deviation, tilt_deviation, shift_deviation, scale_deviation: standard deviations
+    ambiguous: whether a larger turn or shift explains the rest frame equally well, by a symmetry of
+        the layout
+    """
+
+    roll: float = 0.0
+    tilt: tuple[float, float] = (0.0, 0.0)
+    shift: tuple[float, float] = (0.0, 0.0)
+    scale: float = 1.0
+    error: float = 0.0
+    roll_deviation: float = 0.0
+    tilt_deviation: tuple[float, float] = (0.0, 0.0)
+    shift_deviation: tuple[float, float] = (0.0, 0.0)
+    scale_deviation: float = 0.0
+    ambiguous: bool = False
+
+    @property
+    def turn(self) -> Array:
+        """Directions of the design's camera in the axes of this one, shape (3, 3)."""
+        return turn_matrix(self.roll, self.tilt)
+
+    @property
+    def notable(self) -> bool:
+        """Whether it differs from the design by more than mounting and calibration leave."""
+        roll, tilt, shift, scale = _NOTABLE
+        return (
+            abs(self.roll) > math.radians(roll)
+            or math.hypot(*self.tilt) > math.radians(tilt)
+            or math.hypot(*self.shift) > shift
+            or abs(self.scale - 1.0) > scale
+        )
+
+    def table(self) -> dict[str, object]:
+        """Values for a summary."""
+        return {
+            "roll_deg": math.degrees(self.roll),
+            "roll_deviation_deg": math.degrees(self.roll_deviation),
+            "shift_px": list(self.shift),
+            "shift_deviation_px": list(self.shift_deviation),
+            "scale": self.scale,
+            "scale_deviation": self.scale_deviation,
+            "tilt_deg": [math.degrees(t) for t in self.tilt],
+            "tilt_deviation_deg": [math.degrees(t) for t in self.tilt_deviation],
+            "error_px": self.error,
+            "ambiguous": self.ambiguous,
+        }
+
+    def __str__(self) -> str:
+        x, y = self.shift
+        tilt = math.degrees(math.hypot(*self.tilt))
+        return (
+            f"rolled by {math.degrees(self.roll):.2f}°, shifted by ({x:.1f}, {y:.1f}) px, scaled "
+            f"by {self.scale:.3f}, tilted by {tilt:.2f}°"
+        )
+
+
+def turn_matrix(roll: float, tilt: tuple[float, float]) -> Array:
+    """Rotation by a tilt, then by a roll, shape (3, 3)."""
+    about_axis = Rotation.from_rotvec([0.0, 0.0, roll])
+    return np.asarray((about_axis * Rotation.from_rotvec([*tilt, 0.0])).as_matrix())
+
+
+def seen_by(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
+    """Where a camera in that pose sees what the design's `camera` sees at pixels (…, 2)."""
+    centre = np.array([camera.lens.centre_x, camera.lens.centre_y])
+    turned = camera.project(camera.rays(pixels) @ pose.turn.T)
+    return centre + np.asarray(pose.shift) + pose.scale * (turned - centre)
+
+
+def seen_by_design(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
+    """Where the design's `camera` sees what one in that pose sees at pixels (…, 2)."""
+    centre = np.array([camera.lens.centre_x, camera.lens.centre_y])
+    rays = camera.rays(centre + (pixels - centre - np.asarray(pose.shift)) / pose.scale)
+    return camera.project(rays @ pose.turn)
+
+
+def slope(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
+    """Derivative of `seen_by_design`, shape (…, 2, 2)."""
+    columns = [
+        seen_by_design(pose, camera, pixels + h) - seen_by_design(pose, camera, pixels - h)
+        for h in _NUDGE * np.eye(2)
+    ]
+    return np.stack(columns, axis=-1) / (2 * _NUDGE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alignment:
+    """`seen_by_design` as polynomials of the pixel, for every frame.
+
+    Attributes
+    ----------
+    pose: of the camera
+    camera: the design's
+    middle, radius: disc of pixels in which the polynomials hold [px]
+    coefficients: of aligned x, y and the logarithm of sizes, shape (3, C), in the order of `_basis`
+    degree: of the polynomials
+    """
+
+    pose: CameraPose
+    camera: Camera
+    middle: Array
+    radius: float
+    coefficients: Array
+    degree: int
+
+    def __call__(self, pixels: Array) -> Array:
+        """Aligned pixels and change of the logarithm of sizes there, (…, 3), of pixels (…, 2)."""
+        unit = (pixels.reshape(-1, 2) - self.middle) / self.radius
+        values = self.coefficients @ _basis(unit[:, 0], unit[:, 1], self.degree)
+        return np.ascontiguousarray(values.T).reshape(*pixels.shape[:-1], 3)
+
+
+def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
+    """Alignment that is exact to 1e-4 px where markers are seen at rest, and some way around.
+
+    Parameters
+    ----------
+    pose: of the camera
+    camera: the design's
+    pixels: of the markers at rest, shape (…, 2); those that are NaN do not count
+    """
+    pixels = pixels[np.isfinite(pixels).all(axis=-1)]
+    middle = 0.5 * (pixels.min(axis=0) + pixels.max(axis=0))
+    # Markers move by a tenth of the disc at most.
+    radius = 1.1 * float(np.linalg.norm(pixels - middle, axis=-1).max()) + 1.0
+    step = np.arange(2 * _SAMPLES)
+    reach, angle = np.sqrt((step + 0.5) / len(step)), _SPIRAL * step
+    unit = np.stack([reach * np.cos(angle), reach * np.sin(angle)])
+    points = middle + radius * unit.T
+    slopes = slope(pose, camera, points)
+    size = 0.5 * np.log(abs(np.linalg.det(slopes)))
+    wanted = np.column_stack([seen_by_design(pose, camera, points), size])
+    fitted = np.zeros((3, 3))
+    for degree in _DEGREES:
+        basis = _basis(unit[0], unit[1], degree).T
+        fitted = np.linalg.lstsq(basis[::2], wanted[::2], rcond=None)[0]
+        if abs(basis @ fitted - wanted)[1::2].max() < _EXACT:
+            break
+    return Alignment(
+        pose=pose,
+        camera=camera,
+        middle=middle,
+        radius=radius,
+        coefficients=np.ascontiguousarray(fitted.T),
+        degree=degree,
+    )
+
+
+def _basis(x: Array, y: Array, degree: int) -> Array:
+    """Products of powers of x and y (n,) up to a degree, shape (C, n)."""
+    rows = np.empty(((degree + 1) * (degree + 2) // 2, len(x)))
+    rows[0] = 1.0
+    end = 1
+    for power in range(1, degree + 1):
+        begin = end - power  # the row of x to the power before
+        np.multiply(rows[begin:end], x, out=rows[end : end + power])
+        np.multiply(rows[end - 1], y, out=rows[end + power])
+        end += power + 1
+    return rows
+
+
+def aligned(align: Alignment, tracks: Tracks) -> Tracks:
+    """What the design's own camera would have shown a tracker: positions, sizes, covariances."""
+    seen = align(tracks.position)
+    covariance = carried(blocks(align, tracks.position), tracks.covariance)
+    changed = {
+        "position": np.ascontiguousarray(seen[..., :2]),
+        "log_size": tracks.log_size + seen[..., 2],
+        "covariance": covariance,
+    }
+    # Not `dataclasses.replace`, which would measure the hue.
+    return Tracks(**{**vars(tracks), **changed})
+
+
+def blocks(align: Alignment, position: Array) -> Array:
+    """Derivative of the aligned (x, y, log size) of all L layers, shape (M, 3L, 3L).
+
+    Sizes change little with the place, and that change is left out.
+
+    Parameters
+    ----------
+    align: alignment
+    position: of the markers [px], shape (L, M, 2); NaN stands for the middle of the image
+    """
+    known = np.where(np.isfinite(position), position, align.middle)
+    slopes = slope(align.pose, align.camera, known)
+    layers, markers = position.shape[:2]
+    out = np.tile(np.eye(3 * layers), (markers, 1, 1))
+    for layer in range(layers):
+        out[:, 3 * layer : 3 * layer + 2, 3 * layer : 3 * layer + 2] = slopes[layer]
+    return out
+
+
+def carried(by: Array, covariance: Array) -> Array:
+    """Covariances (M, K, K) of values that are multiplied by matrices (M, K, K)."""
+    return np.asarray(by @ covariance @ np.swapaxes(by, 1, 2))

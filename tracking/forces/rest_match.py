@@ -1,0 +1,221 @@
+"""The markers of a rest frame beside those of the design: which is which under a pose."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from ...errors import UserError
+from ...render import Camera, SensorDesign
+from ..tracks import Tracks
+from .pose import CameraPose, seen_by
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Smallest number of markers in each layer that tell a pose.
+LEAST = 20
+#: Distance up to which a marker and a place of the design are the same [pitches].
+SAME = 0.25
+#: Distance up to which places that change under a turn of the layout are the same [pitches].
+_SELF = 0.1
+#: Share of the places that fall on places when a layout is turned by its symmetry.
+_SYMMETRIC = 0.8
+#: Largest order of a symmetry that is looked for.
+_ORDER = 72
+#: Neighbours onto which a layout is shifted to see whether it is a lattice.
+_NEIGHBOURS = 8
+#: Share of the places that fall on places when a lattice is shifted.
+_LATTICE = 0.6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shift:
+    """Where the inner layer lies beside its place: a small turn, or on a pad a shift and a turn.
+
+    Attributes
+    ----------
+    turn: of the layer about the origin, as a rotation vector [rad]; on a pad about its normal only
+    along: shift along a pad [m]
+    """
+
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    along: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestLayer:
+    """One layer of a rest frame.
+
+    Attributes
+    ----------
+    points: of the design's markers [m], shape (M, 3)
+    pixels: of the markers that are visible [px], shape (Q, 2)
+    tree: of these pixels
+    """
+
+    points: Array
+    pixels: Array
+    tree: KDTree
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestMarkers:
+    """Markers of a rest frame and their design, from the skin inwards.
+
+    Attributes
+    ----------
+    sensor: design
+    layers: of the markers
+    pitch: typical distance of neighbouring markers in the design's image [px]
+    symmetry: turns by a full turn over this bring most of the layout onto itself; 1 is none
+    lattice: whether a shift to a neighbour brings most of the layout onto itself
+    """
+
+    sensor: SensorDesign
+    layers: tuple[RestLayer, ...]
+    pitch: float
+    symmetry: int
+    lattice: bool
+
+    @property
+    def camera(self) -> Camera:
+        """The design's camera."""
+        return self.sensor.view.camera
+
+    def designed(self, layer: int, shift: Shift | None = None, spin: float = 0.0) -> Array:
+        """Pixels of the design's markers, shape (M, 2), of a layout turned by `spin` [rad]."""
+        points = self.layers[layer].points
+        if spin:
+            points = Rotation.from_rotvec([0.0, 0.0, spin]).apply(points)
+        if shift is not None and layer:
+            points = Rotation.from_rotvec(shift.turn).apply(points) + np.array([*shift.along, 0.0])
+        return self.sensor.view.project(points)
+
+    def seen(self, pose: CameraPose, shift: Shift, spin: float = 0.0) -> list[Array]:
+        """Pixels of each layer's markers under a pose, (M, 2) each."""
+        count = len(self.layers)
+        return [seen_by(pose, self.camera, self.designed(k, shift, spin)) for k in range(count)]
+
+    def inside(self, pixels: Array) -> Mask:
+        """Whether markers at pixels (…, 2) are surely in the image."""
+        view, edge = self.sensor.view, 0.5 * self.pitch
+        size = np.array([view.width, view.height])
+        return np.asarray(((pixels > edge) & (pixels < size - 1.0 - edge)).all(axis=-1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """How well a pose explains a rest frame.
+
+    Attributes
+    ----------
+    share: of the visible markers that lie at places of the design
+    found: share of the places in the image at which there is a marker
+    overlap: both, weighted by their numbers
+    error: RMS distance of the visible markers from the nearest places [px]
+    moved: RMS distance of the places under the pose from those of the design [px]
+    """
+
+    share: float
+    found: float
+    overlap: float
+    error: float
+    moved: float
+
+
+def rest_markers(sensor: SensorDesign, rest: Tracks) -> RestMarkers:
+    """Markers of a rest frame beside their design.
+
+    Raises
+    ------
+    UserError
+        When there are not two layers, or too few markers.
+    """
+    if len(rest.position) != len(sensor.depths):
+        raise UserError(
+            f"the tracks have {len(rest.position)} layers of markers; wanted: {len(sensor.depths)}"
+        )
+    layers = []
+    for depth, position, visible in zip(sensor.depths, rest.position, rest.visible, strict=True):
+        pixels = position[visible]
+        if len(pixels) < LEAST:
+            raise UserError(
+                f"the rest frame shows {len(pixels)} markers of a layer, too few to tell the "
+                f"camera's pose; allowed: at least {LEAST}"
+            )
+        points = sensor.shape.points(sensor.places, depth)
+        layers.append(RestLayer(points=points, pixels=pixels, tree=KDTree(pixels)))
+    designed = sensor.view.project(layers[0].points)
+    return RestMarkers(
+        sensor=sensor,
+        layers=tuple(layers),
+        pitch=spacing(designed),
+        symmetry=_symmetry(layers[0].points),
+        lattice=_lattice(designed),
+    )
+
+
+def spacing(points: Array) -> float:
+    """Median distance of points (n, K) from the nearest other one."""
+    return float(np.median(np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]))
+
+
+def _symmetry(points: Array) -> int:
+    """Largest order of turns about the axis that bring most points (M, 3) onto points."""
+    tree, limit = KDTree(points), _SELF * spacing(points)
+    for order in range(_ORDER, 1, -1):
+        turned = Rotation.from_rotvec([0.0, 0.0, 2 * math.pi / order]).apply(points)
+        if (np.asarray(tree.query(turned)[0]) < limit).mean() > _SYMMETRIC:
+            return order
+    return 1
+
+
+def _lattice(pixels: Array) -> bool:
+    """Whether a shift to a neighbour brings most pixels (M, 2) onto pixels."""
+    tree, limit = KDTree(pixels), SAME * spacing(pixels)
+    middle = pixels[np.argmin(np.linalg.norm(pixels - pixels.mean(axis=0), axis=-1))]
+    count = min(_NEIGHBOURS + 1, len(pixels))
+    nearest = np.asarray(tree.query(middle, k=count)[1])[1:]
+    shares = [
+        (np.asarray(tree.query(pixels + step)[0]) < limit).mean()
+        for step in pixels[nearest] - middle
+    ]
+    return max(shares) > _LATTICE
+
+
+def agreement(markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float = 0.0) -> Agreement:
+    """How well a pose explains the rest frame, with the layout turned by `spin` [rad]."""
+    limit = SAME * markers.pitch * pose.scale
+    near = seen = met = expected = 0
+    squares: list[Array] = []
+    moved: list[Array] = []
+    for k, (layer, places) in enumerate(
+        zip(markers.layers, markers.seen(pose, shift, spin), strict=True)
+    ):
+        distance = np.asarray(KDTree(places).query(layer.pixels)[0])
+        near, seen = near + int((distance < limit).sum()), seen + len(distance)
+        squares.append(distance**2)
+        there = markers.inside(places)
+        reached = np.asarray(layer.tree.query(places[there])[0]) < limit
+        met, expected = met + int(reached.sum()), expected + len(reached)
+        moved.append(((places - markers.designed(k)) ** 2).sum(axis=-1))
+    return Agreement(
+        share=near / seen,
+        found=met / max(expected, 1),
+        overlap=(near + met) / (seen + expected),
+        error=math.sqrt(float(np.concatenate(squares).mean())),
+        moved=math.sqrt(float(np.concatenate(moved).mean())),
+    )
+
+
+def spun(pose: CameraPose, spin: float) -> CameraPose:
+    """The pose from which the layout looks as from `pose` when it is turned by `spin` [rad]."""
+    roll = math.remainder(pose.roll + spin, 2 * math.pi)
+    x, y = pose.tilt
+    cos, sin = math.cos(spin), math.sin(spin)
+    # R(roll)·R(tilt)·R(spin): the tilt's axis turns back with the layout.
+    return replace(pose, roll=roll, tilt=(cos * x + sin * y, cos * y - sin * x))

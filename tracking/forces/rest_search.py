@@ -1,0 +1,133 @@
+"""Poses that a rest frame may be seen from, from a search over roll, scale and shift."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from .pose import CameraPose
+from .rest_match import RestMarkers, spacing
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Scales that a pose may have.
+SCALES = (0.7, 1.4)
+#: Largest shift, as a share of the image's smaller side.
+SHIFT = 0.15
+#: Markers that vote for a pose, those nearest to the middle of the image, where a tilt looks like a
+#: shift. Of a lattice all vote: its middle looks the same everywhere.
+_VOTERS = 60
+#: Scales that are tried, over that which the markers' spacing tells.
+_TRIED = (0.9, 0.95, 1.0, 1.05)
+#: Step of the rolls that are tried [rad].
+_STEP = math.radians(3.0)
+#: Side of the cells in which votes for a shift are counted [pitches].
+_CELL = 0.3
+#: Poses with at least this share of the most votes are looked at.
+_LIKELY = 0.7
+#: Number of them at most.
+_MOST = 300
+#: Distances up to which markers are matched in turn [pitches].
+_RADII = (0.5, 0.4, 0.3)
+#: Number of poses that are returned.
+_RETURNED = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Similarity:
+    """Map of pixels p as complex numbers: scale·e^(i·roll)·p + shift, around the centre."""
+
+    factor: complex
+    shift: complex
+
+
+def likely_poses(markers: RestMarkers) -> list[CameraPose]:
+    """Poses without a tilt that explain the middle of a rest frame, best first."""
+    lens = markers.sensor.view.camera.lens
+    centre = complex(lens.centre_x, lens.centre_y)
+    # The layer of which more is seen: the outer one may be worn off.
+    layer = int(np.argmax([len(one.pixels) for one in markers.layers]))
+    design = _complex(markers.designed(layer)) - centre
+    design = design[np.argsort(abs(design))]
+    seen = _complex(markers.layers[layer].pixels) - centre
+    inside = markers.inside(_pixels(design + centre))
+    ratio = spacing(_pixels(seen)) / spacing(_pixels(design[inside]))
+    voters, tree = design if markers.lattice else design[:_VOTERS], KDTree(_pixels(seen))
+    found: list[tuple[int, _Similarity]] = []
+    for start in _voted(markers, voters, seen, ratio):
+        refined, hits = _refined(start, markers.pitch, voters, seen, tree)
+        if not any(_alike(refined, other, markers.pitch) for _, other in found):
+            found.append((hits, refined))
+    found.sort(key=lambda both: -both[0])
+    return [_pose(similarity) for _, similarity in found[:_RETURNED]]
+
+
+def _voted(markers: RestMarkers, voters: Complex, seen: Complex, ratio: float) -> list[_Similarity]:
+    """Similarities that many pairs of markers agree on, most votes first."""
+    view = markers.sensor.view
+    reach = (SHIFT + 0.03) * min(view.width, view.height)
+    starts: list[tuple[float, _Similarity]] = []
+    for scale in np.clip(np.array(_TRIED) * ratio, *SCALES):
+        cell = _CELL * markers.pitch * float(scale)
+        half = math.ceil(reach / cell)
+        for roll in np.arange(0.0, 2 * math.pi, _STEP):
+            factor = complex(scale * np.exp(1j * roll))
+            apart = (seen[:, None] - factor * voters).ravel() / cell
+            apart = apart[(abs(apart.real) < half) & (abs(apart.imag) < half)]
+            column = (apart.real + half).astype(np.int64)
+            row = (apart.imag + half).astype(np.int64)
+            votes = np.bincount(2 * half * row + column, minlength=4 * half * half)
+            grid = votes.reshape(2 * half, 2 * half)
+            # A true shift may lie at the edge of cells: four of them count together.
+            grid = grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]
+            least = max(_LIKELY * float(grid.max()), 3.0)
+            for y, x in zip(*np.nonzero(grid >= least), strict=True):
+                shift = cell * complex(x + 1 - half, y + 1 - half)
+                starts.append((float(grid[y, x]), _Similarity(factor=factor, shift=shift)))
+    starts.sort(key=lambda both: -both[0])
+    return [start for votes, start in starts[:_MOST] if votes >= _LIKELY * starts[0][0]]
+
+
+def _refined(
+    start: _Similarity, pitch: float, voters: Complex, seen: Complex, tree: KDTree
+) -> tuple[_Similarity, int]:
+    """Similarity fitted to the nearest markers, over and over, and the number that it meets."""
+    current, hits = start, 0
+    for radius in _RADII:
+        distance, nearest = tree.query(_pixels(current.factor * voters + current.shift))
+        near = np.asarray(distance) < radius * pitch * abs(current.factor)
+        hits = int(near.sum())
+        if hits < 3:
+            break
+        p, q = voters[near], seen[np.asarray(nearest)[near]]
+        p_mean, q_mean = p.mean(), q.mean()
+        factor = complex(np.vdot(p - p_mean, q - q_mean) / np.vdot(p - p_mean, p - p_mean).real)
+        current = _Similarity(factor=factor, shift=complex(q_mean - factor * p_mean))
+    return current, hits
+
+
+def _pose(similarity: _Similarity) -> CameraPose:
+    factor, shift = similarity.factor, similarity.shift
+    return CameraPose(
+        roll=float(np.angle(factor)), scale=abs(factor), shift=(shift.real, shift.imag)
+    )
+
+
+def _alike(one: _Similarity, other: _Similarity, pitch: float) -> bool:
+    """Whether two similarities put markers on the same places."""
+    far = 5.0 * pitch  # from the middle
+    return (
+        abs(one.shift - other.shift) < 0.5 * pitch
+        and abs(one.factor - other.factor) * far < 0.5 * pitch
+    )
+
+
+def _complex(pixels: Array) -> Complex:
+    return np.asarray(pixels[..., 0] + 1j * pixels[..., 1])
+
+
+def _pixels(numbers: Complex) -> Array:
+    return np.column_stack([numbers.real, numbers.imag])
