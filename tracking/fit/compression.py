@@ -41,15 +41,15 @@ _PRESENT = 0.4
 #: Error of the inner layer over the stated deviation, where most of the noise was kept.
 _LEAST = 2.9
 #: Share that is added where all of the brightness' noise was taken away.
-_SMOOTHED = 0.75
+_SMOOTHED = 1.1
 #: Fine noise of brightness over the residuals where most of it was kept.
 _MOST_NOISE = 0.26
 #: Residuals above this stand for coarse quantisation [grey levels].
-_COARSE = 7.0
+_COARSE = 6.3
 #: Motion at which half of the error's variance is reached [px].
 _MOVED = 0.5
 #: Errors of (x, y, log size) of each layer over those of the inner layer's place.
-_SHARES = np.array([[0.45, 0.45, 0.6], [1.0, 1.0, 1.1]])
+_SHARES = np.array([[0.55, 0.55, 0.45], [1.0, 1.0, 0.75]])
 
 
 class FinePart(NamedTuple):
