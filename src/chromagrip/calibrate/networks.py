@@ -46,6 +46,12 @@ HELD_OUT = 5
 _UNIT = np.array([0.5, 0.43, 0.63])
 #: Units of the layers of the network that reads them: products of codes need depth.
 _HIDDEN = (256, 256, 256)
+#: Passes over the held-out lessons for each pass over the others: they are fewer.
+_ERROR_EPOCHS = 3
+#: Passes over the lessons by which distributions of force are learned, at most.
+_SHAPE_EPOCHS = 10
+#: Values of a basis that a read-out keeps.
+_FIELDS = ("mean", "fields", "left", "strength", "modes", "amounts")
 #: Snapshots per step of the training.
 _BATCH = 512
 #: Learning rate at the start.
@@ -141,51 +147,52 @@ def make_basis(
     noise, frame: standard deviations of their shifts, with the floor and without, shape (P, 6)
     """
     mean = designed.mean(axis=0)
-    white = [
-        (np.stack([_at_design(one, odd, places) for one in part]) / noise)
-        .reshape(len(part), -1)
-        .astype(np.float32)
-        for part, odd in ((designed - mean, False), (varied[0] - mean, False), (varied[1], True))
+    nominal, even, odd = (
+        _whitened(part, is_odd, places, noise)
+        for part, is_odd in ((designed - mean, False), (varied[0] - mean, False), (varied[1], True))
+    )
+    own = _components(nominal, CODES)
+    axes = np.concatenate([own, _components(even - (even @ own.T) @ own, VARIED_CODES)])
+    odd_axes = _components(odd, ODD_CODES)
+    # Where all markers are at the design's places the axes are orthonormal.
+    fields = [
+        np.linalg.lstsq(white @ rows.T, part.reshape(len(part), -1), rcond=None)[0]
+        for white, rows, part in ((even, axes, varied[0] - mean), (odd, odd_axes, varied[1]))
     ]
-    own = _components(white[0], CODES)
-    beside = white[1] - (white[1] @ own.T) @ own
-    rows = np.concatenate([own, _components(beside, VARIED_CODES)])
-    fields, strengths, left = [], [], np.zeros(mean.shape[:3])
+    codes = nominal @ axes.T
+    missed = designed - mean - (codes @ fields[0]).reshape(designed.shape)
     # Mean over φ of a square: half of each harmonic's but the zeroth.
     share = np.where(np.arange(mean.shape[-1]) == 0, 1.0, 0.5)
-    odd_rows = _components(white[2], ODD_CODES)
-    for part, shifts, axes in (
-        (varied[0] - mean, white[1], rows),
-        (varied[1], white[2], odd_rows),
-    ):
-        codes, flat = shifts @ axes.T, part.reshape(len(part), -1)
-        # Where all markers are at the design's places the axes are orthonormal.
-        unit = np.linalg.lstsq(codes, flat, rcond=None)[0]
-        fields.append(unit.reshape(-1, *mean.shape))
-        strengths.append((codes.astype(float) ** 2).mean(axis=0))
-        missed = part - (codes @ unit).reshape(part.shape)
-        left += (missed**2 @ share).mean(axis=0)
-    even_codes = white[0] @ rows.T
     chain = instants.displacement.reshape(len(instants.displacement), -1).astype(float)
     modes = _components(chain, MODES)
-    inputs = np.column_stack([even_codes, np.ones(len(even_codes))])
-    shapes = []
-    for forces in (instants.normal, instants.friction):
-        shares = forces / instants.totals[:, :1]
-        middle = shares.mean(axis=0)
-        shapes.append(np.vstack([middle, _components(shares - middle, SHAPES)]))
+    inputs = np.column_stack([codes, np.ones(len(codes))])
     return Basis(
         noise=noise,
         frame=frame,
         mean=mean,
-        fields=np.concatenate(fields),
-        left=left,
-        strength=np.concatenate(strengths),
+        fields=np.concatenate(fields).reshape(-1, *mean.shape),
+        left=(missed**2 @ share).mean(axis=0),
+        strength=np.concatenate(
+            [((white @ r.T) ** 2).mean(axis=0) for white, r in ((even, axes), (odd, odd_axes))]
+        ),
         modes=modes.reshape(MODES, *instants.displacement.shape[1:]),
         amounts=np.linalg.lstsq(inputs, chain @ modes.T, rcond=None)[0],
-        normal=shapes[0],
-        friction=shapes[1],
+        normal=_distribution(instants, instants.normal),
+        friction=_distribution(instants, instants.friction),
     )
+
+
+def _distribution(instants: Snapshots, forces: Numbers) -> Array:
+    """Mean and modes of forces (S, N) over ΣFn, shape (Q + 1, N)."""
+    shares = forces / instants.totals[:, :1]
+    middle = shares.mean(axis=0)
+    return np.vstack([middle, _components(shares - middle, SHAPES)])
+
+
+def _whitened(part: Array, odd: bool, places: Array, noise: Array) -> Array:
+    """Shifts of the design's pairs over their noise (S, 6P), by fields (S, …)."""
+    shifts = np.stack([_at_design(one, odd, places) for one in part]) / noise
+    return shifts.reshape(len(part), -1)
 
 
 def _components(values: Numbers, count: int) -> Array:
@@ -219,55 +226,56 @@ def fit_readout(
     epochs: passes over all of them
     tell: called with the current step, for a progress line
     """
-    count = lessons.codes.shape[1]
-    scale = np.sqrt(basis.strength[:count] + 1.0)
-    middle, spread = lessons.context.mean(axis=0), lessons.context.std(axis=0) + 1e-3
-    make = partial(_inputs, np.random.default_rng(7), scale, (lessons.context - middle) / spread)
-    learn = partial(_train, epochs, tell)
-    totals, held = lessons.totals, lessons.history % HELD_OUT == 0
-    # Relative errors count, not those of the hardest grips.
-    target = np.column_stack([np.arcsinh(totals[:, :2] / BEND), np.log(totals[:, 2])])
-    target = target.astype(np.float32)
-    middle = target.mean(axis=0)
+    codes, context = lessons.codes, lessons.context
+    scale = np.sqrt(basis.strength[: codes.shape[1]] + 1.0)
+    middle, spread = context.mean(axis=0), context.std(axis=0) + 1e-3
+    make = partial(_inputs, np.random.default_rng(7), scale, (context - middle) / spread)
+    learn = partial(_train, tell)
+    target, held = _targets(lessons.totals), lessons.history % HELD_OUT == 0
+    mean = target.mean(axis=0)
 
     def sums() -> tuple[Numbers, Numbers]:
-        return make(lessons, ~held), (target[~held] - middle) / _UNIT
+        return make(lessons, ~held), (target[~held] - mean) / _UNIT
 
-    network = learn("training sums and friction", _HIDDEN, sums)
+    network = learn("training sums and friction", epochs, _HIDDEN, sums)
 
     def errors() -> tuple[Numbers, Numbers]:
         x = make(lessons, held)
-        read = middle + _UNIT * forward(network, x)
+        read = mean + _UNIT * forward(network, x)
         wrong = _margins(target[held]) - _margins(read)
         return x, np.column_stack([target[held] - read, wrong])
 
     def shapes() -> tuple[Numbers, Numbers]:
         return make(lessons, ~held), lessons.shapes[~held]
 
-    deviations, error, normalised = _fit_deviations(learn, errors)
+    deviations, error, normalised = _fit_deviations(
+        partial(learn, "training errors", _ERROR_EPOCHS * epochs), errors
+    )
+    reach = np.sqrt(((codes / scale) ** 2).mean(axis=1))
     readout = ReadOut(
         tissue_stiffness=calibration.fingertip.tissue_stiffness,
         design=calibration.sensor,
         ranges=dict(ranges),
-        mean=basis.mean,
-        fields=basis.fields,
-        left=basis.left,
-        strength=basis.strength,
-        modes=basis.modes,
-        amounts=basis.amounts,
-        context=np.stack([middle, spread, np.quantile(lessons.context, _HIGHEST, axis=0)]),
-        reach=float(np.quantile(np.sqrt(((lessons.codes / scale) ** 2).mean(axis=1)), _HIGHEST)),
-        targets=np.stack([middle, _UNIT]),
+        context=np.stack([middle, spread, np.quantile(context, _HIGHEST, axis=0)]),
+        reach=float(np.quantile(reach, _HIGHEST)),
+        targets=np.stack([mean, _UNIT]),
         totals=network,
         deviations=deviations,
-        shapes=learn("training shapes", (96,), shapes, min(epochs, 15)),
+        shapes=learn("training shapes", min(epochs, _SHAPE_EPOCHS), (96,), shapes),
         normal_shapes=basis.normal,
         friction_shapes=basis.friction,
-        correlation=np.corrcoef(np.clip(normalised[:, :3], -5.0, 5.0).T),
+        correlation=np.asarray(np.corrcoef(np.clip(normalised[:, :3], -5.0, 5.0).T)),
         prior=float(target[:, 2].std()),
+        **{name: getattr(basis, name) for name in _FIELDS},
     )
     rms = np.sqrt((error**2).mean(axis=0))
-    return readout, dict(zip(("normal", "friction_n", "mu", "margin"), rms.tolist(), strict=True))
+    return readout, dict(zip(("normal", "friction", "mu", "margin"), rms.tolist(), strict=True))
+
+
+def _targets(totals: Array) -> Numbers:
+    """Asinh of ΣFn and ΣFf over BEND, and log µ, (S, 3): relative errors count."""
+    sums = np.arcsinh(totals[:, :2] / BEND)
+    return np.column_stack([sums, np.log(totals[:, 2])]).astype(np.float32)
 
 
 def _inputs(
@@ -299,7 +307,7 @@ def _fit_deviations(
         return x, (np.log(error**2 + 1e-12) - _LOG_SQUARE_MEAN) / _LOG_SQUARE_DEVIATION
 
     unit = np.full(4, _LOG_SQUARE_DEVIATION)
-    network = _scaled(learn("training errors", (64, 64), examples), unit)
+    network = _scaled(learn((64, 64), examples), unit)
     x, error = errors()
     deviation = np.exp(0.5 * forward(network, x))
     # So that nine in ten errors lie within Z90 deviations.
@@ -322,16 +330,14 @@ def _scaled(layers: Layers, unit: Numbers) -> Layers:
 
 
 def _train(
-    epochs: int,
     tell: Callable[[str], None],
     name: str,
+    epochs: int,
     sizes: tuple[int, ...],
     examples: Callable[[], tuple[Numbers, Numbers]],
-    most: int | None = None,
 ) -> Layers:
     """Network of rectified linear units; inputs and targets are made anew, with new noise."""
     network: Any = None
-    epochs = min(epochs, most or epochs)
     for epoch in range(epochs):
         x, y = examples()
         network = network or need("sklearn.neural_network", "learn").MLPRegressor(
