@@ -1,14 +1,12 @@
 """Training of a read-out: codes of the markers' shifts, and networks that read forces off them."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..extras import need
 from ..tracking import Z90, SensorCalibration
 from ..tracking.forces.chain import (
     BEND,
@@ -18,6 +16,7 @@ from ..tracking.forces.chain import (
     forward,
     network_inputs,
 )
+from .descent import Examples, fit_network
 from .histories import Snapshots
 
 Array = NDArray[np.float64]
@@ -43,7 +42,7 @@ USUAL_NOISE = (0.7, 1.3)
 #: from these.
 HELD_OUT = 5
 #: Units of the totals among which the network shares its effort.
-_UNIT = np.array([0.5, 0.43, 0.63])
+_UNIT = np.array([0.5, 0.43, 0.63], dtype=np.float32)
 #: Units of the layers of the network that reads them: products of codes need depth.
 _HIDDEN = (256, 256, 256)
 #: Passes over the held-out lessons for each pass over the others: they are fewer.
@@ -52,10 +51,6 @@ _ERROR_EPOCHS = 3
 _SHAPE_EPOCHS = 10
 #: Values of a basis that a read-out keeps.
 _FIELDS = ("mean", "fields", "left", "strength", "modes", "amounts")
-#: Snapshots per step of the training.
-_BATCH = 512
-#: Learning rate at the start.
-_RATE = 1.5e-3
 #: Share of the lessons that lie within what counts as trained.
 _HIGHEST = 0.9995
 #: Mean of the logarithm of a squared normal deviate.
@@ -229,28 +224,49 @@ def fit_readout(
     codes, context = lessons.codes, lessons.context
     scale = np.sqrt(basis.strength[: codes.shape[1]] + 1.0)
     middle, spread = context.mean(axis=0), context.std(axis=0) + 1e-3
-    make = partial(_inputs, np.random.default_rng(7), scale, (context - middle) / spread)
-    learn = partial(_train, tell)
+    make = partial(
+        _inputs,
+        np.random.default_rng(7),
+        scale.astype(np.float32),
+        replace(lessons, context=(context - middle) / spread),
+    )
     target, held = _targets(lessons.totals), lessons.history % HELD_OUT == 0
     mean = target.mean(axis=0)
 
-    def sums() -> tuple[Numbers, Numbers]:
-        return make(lessons, ~held), (target[~held] - mean) / _UNIT
+    def learn(
+        name: str,
+        which: NDArray[np.int64],
+        passes: int,
+        examples: Examples,
+        sizes: tuple[int, ...],
+    ) -> Layers:
+        """Network of these lessons."""
+        return fit_network(
+            np.random.default_rng(7),
+            len(which),
+            lambda some: examples(which[some]),
+            sizes,
+            passes,
+            lambda share: tell(f"training {name}, {100 * share:.0f} %"),
+        )
 
-    network = learn("training sums and friction", epochs, _HIDDEN, sums)
+    def sums(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
+        return make(some), (target[some] - mean) / _UNIT
 
-    def errors() -> tuple[Numbers, Numbers]:
-        x = make(lessons, held)
+    network = learn("sums and friction", np.flatnonzero(~held), epochs, sums, _HIDDEN)
+
+    def errors(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
+        x = make(some)
         read = mean + _UNIT * forward(network, x)
-        wrong = _margins(target[held]) - _margins(read)
-        return x, np.column_stack([target[held] - read, wrong])
+        wrong = _margins(target[some]) - _margins(read)
+        return x, np.column_stack([target[some] - read, wrong])
 
-    def shapes() -> tuple[Numbers, Numbers]:
-        return make(lessons, ~held), lessons.shapes[~held]
+    def shapes(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
+        return make(some), lessons.shapes[some]
 
-    deviations, error, normalised = _fit_deviations(
-        partial(learn, "training errors", _ERROR_EPOCHS * epochs), errors
-    )
+    unseen = np.flatnonzero(held)
+    learn_errors = partial(learn, "errors", unseen, _ERROR_EPOCHS * epochs)
+    deviations, error, normalised = _fit_deviations(learn_errors, errors, unseen)
     reach = np.sqrt(((codes / scale) ** 2).mean(axis=1))
     readout = ReadOut(
         tissue_stiffness=calibration.fingertip.tissue_stiffness,
@@ -261,7 +277,7 @@ def fit_readout(
         targets=np.stack([mean, _UNIT]),
         totals=network,
         deviations=deviations,
-        shapes=learn("training shapes", min(epochs, _SHAPE_EPOCHS), (96,), shapes),
+        shapes=learn("shapes", np.flatnonzero(~held), min(epochs, _SHAPE_EPOCHS), shapes, (96,)),
         normal_shapes=basis.normal,
         friction_shapes=basis.friction,
         correlation=np.asarray(np.corrcoef(np.clip(normalised[:, :3], -5.0, 5.0).T)),
@@ -279,36 +295,34 @@ def _targets(totals: Array) -> Numbers:
 
 
 def _inputs(
-    rng: np.random.Generator,
-    scale: Array,
-    context: Array,
-    lessons: Lessons,
-    which: NDArray[np.bool_],
+    rng: np.random.Generator, scale: NDArray[np.float32], lessons: Lessons, which: NDArray[np.int64]
 ) -> Numbers:
-    """Inputs of the networks: codes with new noise, and context."""
+    """Inputs of the networks for some lessons: codes with new noise, and context."""
     codes, level = lessons.codes[which], lessons.level[which, None]
     noisy = codes + level * rng.standard_normal(codes.shape, dtype=np.float32)
-    return network_inputs(scale, noisy, level, context[which]).astype(np.float32)
+    return network_inputs(scale, noisy, level, lessons.context[which])
 
 
 def _fit_deviations(
-    learn: Callable[..., Layers], errors: Callable[[], tuple[Numbers, Numbers]]
+    learn: Callable[..., Layers],
+    errors: Callable[[NDArray[np.int64]], tuple[Numbers, Numbers]],
+    unseen: NDArray[np.int64],
 ) -> tuple[Layers, Numbers, Numbers]:
     """Network of the logarithm of the errors' variances, errors, and errors over deviations.
 
     Parameters
     ----------
-    learn: trains a network
-    errors: inputs and errors of the totals on histories held out, with new noise
+    learn: fits a network to examples
+    errors: inputs, and errors of the totals and of Γ, with new noise
+    unseen: numbers of lessons of histories held out
     """
 
-    def examples() -> tuple[Numbers, Numbers]:
-        x, error = errors()
+    def examples(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
+        x, error = errors(some)
         return x, (np.log(error**2 + 1e-12) - _LOG_SQUARE_MEAN) / _LOG_SQUARE_DEVIATION
 
-    unit = np.full(4, _LOG_SQUARE_DEVIATION)
-    network = _scaled(learn((64, 64), examples), unit)
-    x, error = errors()
+    network = _scaled(learn(examples, (64, 64)), np.full(4, _LOG_SQUARE_DEVIATION, np.float32))
+    x, error = errors(unseen)
     deviation = np.exp(0.5 * forward(network, x))
     # So that nine in ten errors lie within Z90 deviations.
     widen = np.quantile(abs(error / deviation), 0.9, axis=0) / Z90
@@ -317,43 +331,13 @@ def _fit_deviations(
     return network, error, error / (deviation * widen)
 
 
-def _margins(target: Numbers) -> Numbers:
-    """Γ of (asinh(ΣFn/BEND), asinh(ΣFf/BEND), log µ), shape (S, 3) to (S,), between −1 and 1."""
-    normal, friction = np.sinh(np.clip(target[:, 0], 0.02, 5.0)), np.sinh(target[:, 1])
-    return np.clip(1.0 - abs(friction) / (np.exp(target[:, 2]) * normal), -1.0, 1.0)
-
-
 def _scaled(layers: Layers, unit: Numbers) -> Layers:
     """Network whose outputs are multiplied by `unit`."""
     weights, bias = layers[-1]
     return (*layers[:-1], (weights * unit, bias * unit))
 
 
-def _train(
-    tell: Callable[[str], None],
-    name: str,
-    epochs: int,
-    sizes: tuple[int, ...],
-    examples: Callable[[], tuple[Numbers, Numbers]],
-) -> Layers:
-    """Network of rectified linear units; inputs and targets are made anew, with new noise."""
-    network: Any = None
-    for epoch in range(epochs):
-        x, y = examples()
-        network = network or need("sklearn.neural_network", "learn").MLPRegressor(
-            hidden_layer_sizes=sizes,
-            batch_size=min(_BATCH, len(x)),
-            learning_rate_init=_RATE,
-            alpha=1e-7,
-            random_state=7,
-        )
-        network.partial_fit(x, y.astype(np.float32))
-        # The steps shrink along a cosine.
-        share = (epoch + 1) / epochs
-        step = 0.5 * _RATE * (1.0 + np.cos(np.pi * share)) + 1e-6
-        network._optimizer.learning_rate_init = step
-        tell(f"{name}, {100 * share:.0f} %")
-    return tuple(
-        (weights.astype(np.float32), bias.astype(np.float32))
-        for weights, bias in zip(network.coefs_, network.intercepts_, strict=True)
-    )
+def _margins(target: Numbers) -> Numbers:
+    """Γ of (asinh(ΣFn/BEND), asinh(ΣFf/BEND), log µ), shape (S, 3) to (S,), between −1 and 1."""
+    normal, friction = np.sinh(np.clip(target[:, 0], 0.02, 5.0)), np.sinh(target[:, 1])
+    return np.clip(1.0 - abs(friction) / (np.exp(target[:, 2]) * normal), -1.0, 1.0)
