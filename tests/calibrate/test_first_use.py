@@ -16,10 +16,11 @@ from chromagrip.calibrate.ranges import RANGES
 from chromagrip.calibrate.readout import VARIATIONS
 from chromagrip.calibrate.spanned import range_lines, spanned_ranges
 from chromagrip.errors import UserError
-from chromagrip.render import DESIGNS, load_sensor
+from chromagrip.render import load_sensor
 from chromagrip.tracking import check_reconstructor, load_calibration, sensor_as_designed
 from chromagrip.tracking.forces import kept_path, kept_readout, values_of, with_values
 
+DESIGNS = Path(__file__).parents[2] / "render" / "designs"
 Typed = Callable[..., CompletedProcess[str]]
 
 
@@ -154,7 +155,9 @@ def test_a_cache_that_cannot_be_written_is_one_sentence(
     file = tmp_path / "file"
     file.touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(file))
-    with pytest.raises(UserError, match="read-outs cannot be kept in .*: Not a directory; set XDG"):
+    with pytest.raises(
+        UserError, match=r"read-outs cannot be kept in .*: Not a directory; set XDG"
+    ):
         ensure_readout(load_calibration("fovea"))
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     with pytest.raises(UserError, match="cannot be kept: there is no cache folder relative"):
