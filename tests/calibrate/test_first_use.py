@@ -1,25 +1,35 @@
 """Read-outs that are trained at their first use; the training itself is replaced."""
 
+import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from subprocess import CompletedProcess
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from msgspec.structs import replace as changed
 
+from chromagrip.calibrate import first_use
 from chromagrip.calibrate import readout as training
-from chromagrip.calibrate.first_use import HISTORIES, ensure_readout, place_to_keep
+from chromagrip.calibrate.first_use import (
+    EPOCHS,
+    HISTORIES,
+    NOISE,
+    ensure_readout,
+    place_to_keep,
+)
 from chromagrip.calibrate.ranges import RANGES
 from chromagrip.calibrate.readout import VARIATIONS
 from chromagrip.calibrate.spanned import range_lines, spanned_ranges
 from chromagrip.errors import UserError
 from chromagrip.render import load_sensor
 from chromagrip.tracking import check_reconstructor, load_calibration, sensor_as_designed
-from chromagrip.tracking.forces import kept_path, kept_readout, values_of, with_values
+from chromagrip.tracking.forces import chain, kept_path, kept_readout, values_of, with_values
 
+DOCS = Path(__file__).parents[2] / "docs"
 DESIGNS = Path(__file__).parents[2] / "render" / "designs"
 Typed = Callable[..., CompletedProcess[str]]
 
@@ -247,19 +257,70 @@ def test_train_without_a_file_keeps_the_read_out_by_design(
 def test_the_table_of_ranges_has_every_field_of_the_training() -> None:
     ranges = spanned_ranges(VARIATIONS, 2.0, HISTORIES, 1)
     assert json.loads(json.dumps(ranges))["training"]["histories"] == HISTORIES
-    lines = range_lines(ranges)
-    names = {name.replace(" ", "_") for name, *_ in lines}
+    rows = {row["name"]: row for rows in ranges.values() if isinstance(rows, list) for row in rows}
     settings = {*vars(RANGES), *vars(VARIATIONS)}
-    told = {field for field in settings if any(field.startswith(name) for name in names)}
-    assert settings - told == {"nominal_share", "each_share"}
-    assert len({(name, unit) for name, unit, *_ in lines}) == len(lines)
-    found = {name: (unit, low, high) for name, unit, low, high, _ in lines}
-    assert found["friction"] == ("", "0.1", "1.5")
-    assert found["stiffness"] == ("N/m", "1", "1200")
-    assert found["drag"] == ("N·s/m", "20", "400")
-    assert found["azimuth"] == ("°", f"{-2 * VARIATIONS.azimuth_deg:g}", "4")
-    assert found["follow"][1] == f"-{VARIATIONS.follow_share:g}"
-    assert found["camera noise"] == ("levels", "0.6", "8")
+    assert settings - {*rows} == {"nominal_share", "each_share"}
+
+    def told(name: str) -> tuple[str, float, float]:
+        return rows[name]["unit"], rows[name]["low"], rows[name]["high"]
+
+    assert told("friction") == ("", *RANGES.friction)
+    assert told("stiffness_n_per_m") == ("N/m", *RANGES.stiffness_n_per_m)
+    assert told("drag_n_s_per_m") == ("N·s/m", *RANGES.drag_n_s_per_m)
+    assert told("slides_by_n") == ("N", 0.0, RANGES.slides_by_n)
+    assert told("follow_share") == ("share", -VARIATIONS.follow_share, VARIATIONS.follow_share)
+    assert told("azimuth_deg") == ("°", -2 * VARIATIONS.azimuth_deg, 2 * VARIATIONS.azimuth_deg)
+    assert told("noise_levels") == ("levels", 2.0 * 0.3, 2.0 * 4.0)
+    lines = range_lines(ranges)
+    assert len({what for what, *_ in lines}) == len(lines) == len(rows)
+
+
+def test_the_pages_have_the_ranges_and_sizes_of_the_training() -> None:
+    """Made by `docs/make.py ranges`."""
+    page = (DOCS / "training-ranges.md").read_text(encoding="utf-8")
+    for cells in range_lines(spanned_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS)):
+        assert f"| {' | '.join(cells)} |" in page
+    text = (DOCS / "forces.md").read_text(encoding="utf-8")
+    assert f"on {HISTORIES} random grips with {EPOCHS} passes" in text
+
+
+def test_the_command_readout_tells_what_was_trained(
+    typed: Typed, no_kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ranges = spanned_ranges(VARIATIONS, 2.0, 123, 4)
+    stand_in = SimpleNamespace(ranges=ranges)
+    monkeypatch.setattr(chain, "load_readout", lambda path: stand_in)
+    told = json.loads(typed("readout", "thesis", "--json").stdout)
+    assert told["origin"] == "shipped"
+    assert told["ranges"]["training"]["histories"] == 123
+    path = Path(told["readout"])
+    assert told["digest"] == hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    printed = typed("readout", path).stdout
+    assert "thesis.npz" in printed
+    for what, *_ in range_lines(ranges):
+        assert what[:12] in printed
+    assert "sensor fovea has no trained read-out" in typed("readout", "fovea").stderr
+
+
+@pytest.mark.slow
+def test_a_small_training_is_kept_used_and_named(
+    typed: Typed, no_kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From a sensor that nobody trained to a run whose summary names what was learned."""
+    pytest.importorskip("sklearn", reason="training needs the extra `learn`")
+    monkeypatch.setattr(training, "PART", 25)
+    monkeypatch.setattr(training, "BASIS", 50)
+    monkeypatch.setattr(first_use, "HISTORIES", 50)
+    monkeypatch.setattr(first_use, "EPOCHS", 1)
+    known = ensure_readout(load_calibration("fovea"), workers=1)
+    assert known.readout is not None
+    assert [file.name for file in known.readout.parent.iterdir()] == [known.readout.name]
+    done = typed("grasp", "--set", "sensor=fovea", "--set", "duration_s=0.02", "--json")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["reconstructor"] == "sequential"
+    digest = hashlib.sha256(known.readout.read_bytes()).hexdigest()
+    assert summary["readout"] == {"file": "kept", "digest": digest[:12], "histories": 50}
 
 
 def test_the_spread_of_the_stiffness_is_the_designs_unless_a_calibration_states_its_own(

@@ -1,7 +1,8 @@
 """The ranges that a training spans, as the table that a read-out's file holds.
 
-Rows have a name and a unit, what the training covers from and to, and a note where the values are
-not spread evenly between the two. They follow from `RANGES` and `VARIATIONS` field by field.
+Rows have a name and words for it, a unit, what the training covers from and to, and a note where
+the values are not spread evenly between the two. They follow from `RANGES` and `VARIATIONS` field
+by field.
 """
 
 from collections.abc import Iterator
@@ -36,10 +37,46 @@ _SINGLE = ("coulomb_stiffness_n_per_m",)
 _HOW_OFTEN = ("nominal_share", "each_share")
 
 
+#: What fields are of, where their names do not say it all.
+_WORDS = {
+    "friction": "µ",
+    "usual_friction": "µ of most objects",
+    "stiffness_n_per_m": "k_c per node",
+    "usual_stiffness_n_per_m": "k_c per node of most objects",
+    "curvature_per_m": "1/radius of hollow (below 0) and round objects",
+    "tilt_deg": "slope of tilted surfaces",
+    "height_mm": "height of bumps and grooves",
+    "width_mm": "width of bumps and grooves, one standard deviation",
+    "contacts_apart_mm": "distance of two contacts",
+    "dahl_stiffness_n_per_m": "σ0 per node",
+    "coulomb_stiffness_n_per_m": "σ0 per node of objects without a Dahl law",
+    "dahl_exponent": "Dahl exponent n",
+    "drag_n_s_per_m": "drag on the object",
+    "usual_grip_n": "grip of most histories",
+    "slides_by_n": "load above the friction limit",
+    "slides_at_mm_per_s": "speed of an object that slides",
+    "grip_step": "factor of a step of the grip",
+    "tremble": "trembling of the grip over its mean, one standard deviation",
+    "membrane": "stiffness of membrane over tissue, over nominal",
+    "coupling": "Poisson factors, over nominal",
+    "damping": "dampers of the nodes, over nominal",
+    "azimuth_noise_deg": "azimuth of the load, in all snapshots",
+    "azimuth_deg": "azimuth of the load, further error",
+    "off_plane_share": "change of the motion off the chain's plane",
+    "contraction": "lateral contraction over shear",
+    "twist_deg": "twist about the grip's axis",
+    "twist_reach_deg": "angle from the apex at which a twist has fallen off",
+    "follow_share": "change of a layer's `follow`",
+    "depth_share": "change of a layer's depth",
+    "unknown_share": "motion that no map describes, over the skin's",
+}
+
+
 class RangeRow(TypedDict):
     """One range: from and to in the unit, and how the values lie between them."""
 
     name: str
+    what: str
     unit: str
     low: float
     high: float
@@ -58,9 +95,7 @@ def spanned_ranges(
     histories: that were learned from
     epochs: passes over them
     """
-    levels = RangeRow(
-        name="camera noise", unit="levels", low=NOISE[0] * noise, high=NOISE[1] * noise, note=""
-    )
+    noise_levels = (NOISE[0] * noise, NOISE[1] * noise)
     return {
         "training": {
             "version": TRAINING,
@@ -72,7 +107,7 @@ def spanned_ranges(
             **{name: getattr(variations, name) for name in _HOW_OFTEN},
         },
         "contact and fingertip": list(_rows(RANGES)),
-        "specimen and picture": [*_rows(variations), levels],
+        "specimen and picture": [*_rows(variations), _row("noise_levels", noise_levels)],
     }
 
 
@@ -85,8 +120,7 @@ def _rows(ranges: Any) -> Iterator[RangeRow]:
 
 def _row(field: str, value: float | tuple[float, float]) -> RangeRow:
     end = next((end for end in _UNITS if field.endswith(end)), "")
-    name = field.removesuffix(end).replace("_", " ")
-    note = ""
+    note, what = "", _WORDS.get(field, field.removesuffix(end).replace("_", " "))
     if isinstance(value, tuple):
         low, high = value
     elif field in _DEVIATIONS:
@@ -97,13 +131,14 @@ def _row(field: str, value: float | tuple[float, float]) -> RangeRow:
         low, high, note = value, value, "a few"
     else:
         low, high = 0.0, value
-    return RangeRow(name=name, unit=_UNITS.get(end, ""), low=low, high=high, note=note)
+    unit = _UNITS.get(end, "")
+    return RangeRow(name=field, what=what, unit=unit, low=low, high=high, note=note)
 
 
 def range_lines(ranges: dict[str, Any]) -> list[tuple[str, str, str, str, str]]:
-    """Name, unit, from, to and note of every range of a read-out's file, as texts."""
+    """Words, unit, from, to and note of every range of a read-out's file, as texts."""
     return [
-        (row["name"], row["unit"], f"{row['low']:.4g}", f"{row['high']:.4g}", row["note"])
+        (row["what"], row["unit"], f"{row['low']:.4g}", f"{row['high']:.4g}", row["note"])
         for rows in ranges.values()
         if isinstance(rows, list)
         for row in rows

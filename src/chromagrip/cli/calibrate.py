@@ -291,15 +291,13 @@ def train(
     from ..tracking import load_calibration
     from ..tracking.forces import check_trainable
 
-    with located(f"{calibration}"):
-        known = load_calibration(calibration)
-        check_trainable(known)
-        file = out
-        if file is None:
-            file = _free_place(known, overwrite)
-            known = as_designed(known)
-        with status() as report:
-            errors = learn(known, noise, histories, epochs, file, workers, report)
+    known, file = load_calibration(calibration), out
+    check_trainable(known)
+    if file is None:
+        file = _free_place(known, overwrite)
+        known = as_designed(known)
+    with located(f"sensor {calibration}"), status() as report:
+        errors = learn(known, noise, histories, epochs, file, workers, report)
     if json_only:
         print(json.dumps({"readout": str(file), "histories": histories, "errors": errors}))
         return 0
