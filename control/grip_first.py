@@ -7,16 +7,19 @@ More grip settles the doubt: friction that holds stays as it is, and Γ rises.
 import math
 
 from .settings import GripFirstSettings
+from .sliding import FollowingFriction
 from .values import GripObservation
 
 #: The rise is the fastest where the lower end of Γ is by this much below the sliding margin.
 FULL_DOUBT = 0.05
-#: Factor on the grip there after a while, beside the one that the lower end asks for …
-GROWTH = 1.0
+#: Growth of the grip there, beside what the lower end asks for: at first, and added after a while …
+GROWTH = (0.35, 0.65)
 #: … which it reaches after so long, so that a slip that one rise ends is not answered with two [s].
 GROWTH_S = 0.1
-#: Largest factor on the observed grip, whatever the interval says.
-LARGEST_FACTOR = 2.5
+#: Γ that is kept at least against friction at which the object was seen to slide.
+SLID_MARGIN = 0.15
+#: Lower end of Γ below which friction that follows the grip is taken for sliding.
+NEAR_MARGIN = 0.2
 #: The rise in a frame is that of such a period at most, however long none came [s].
 LONGEST_PERIOD_S = 0.1
 #: Time constant with which the least grip falls [s].
@@ -37,6 +40,7 @@ class GripFirst:
 
     def __init__(self, settings: GripFirstSettings) -> None:
         self.settings = settings
+        self._friction = FollowingFriction()
         self.reset()
 
     def reset(self) -> None:
@@ -46,6 +50,7 @@ class GripFirst:
         self._time = math.nan
         self._blind_since = math.nan
         self._doubt_since = math.nan
+        self._friction.reset()
 
     def see(self, observation: GripObservation, force: float) -> None:
         """Follow a frame.
@@ -82,8 +87,15 @@ class GripFirst:
         """Raise the least grip to what the interval of Γ asks for at once, and lower it slowly."""
         lower = lower_margin(observation)
         if math.isnan(lower):  # nothing touches
+            self._friction.reset()
             self.doubt, self.least = False, 0.0
             return
+        field, time = observation.field, observation.time
+        # An exact Γ needs no second opinion.
+        near = lower < min(NEAR_MARGIN, observation.margin)
+        self._friction.see(time, field.total_normal, field.total_friction, near)
+        if self._friction.follows:
+            lower = 0.0
         missing = self.settings.sliding_margin - lower
         self.doubt = missing >= 0.0
         if not self.doubt:
@@ -103,11 +115,15 @@ class GripFirst:
         sliding object shows no more friction than there is, so that the answer is too low there.
         """
         margin = self.settings.sliding_margin
-        factor = (1.0 - lower) / (1.0 - margin)
+        need = observation.field.total_normal * (1.0 - lower) / (1.0 - margin)
         if self.doubt:
-            share = _share_of_doubt(margin - lower)
-            factor *= 1.0 + GROWTH * share * grown(observation.time - self._doubt_since)
-        return observation.field.total_normal * min(factor, LARGEST_FACTOR)
+            at_first, later = GROWTH
+            growth = at_first + later * grown(observation.time - self._doubt_since)
+            need *= 1.0 + growth * _share_of_doubt(margin - lower)
+        if math.isnan(self._friction.slid_ratio):
+            return need
+        slid = observation.field.total_friction / self._friction.slid_ratio
+        return max(need, slid / (1.0 - SLID_MARGIN))
 
 
 def grown(time: float) -> float:
@@ -116,9 +132,12 @@ def grown(time: float) -> float:
 
 
 def lower_margin(observation: GripObservation) -> float:
-    """Lower end of the interval of Γ, or Γ itself where it has none; NaN without contact."""
+    """Lower end of the interval of Γ, or Γ itself where it has none; NaN without contact.
+
+    It is at least 0, the Γ of an object that slides.
+    """
     lower = observation.margin_interval[0]
-    return observation.margin if math.isnan(lower) else lower
+    return max(observation.margin if math.isnan(lower) else lower, 0.0)
 
 
 def _share_of_doubt(missing: float) -> float:

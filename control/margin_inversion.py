@@ -28,7 +28,8 @@ class MarginInversion:
     The cautious µ is the highest lower bound of µ so far. More grip under a constant load lets the
     skin stick again, and then the estimate of µ is too low, which would raise the grip further.
     Therefore the cautious µ falls only while Γ shows that the skin slips, or as far as the estimate
-    contradicts it.
+    contradicts it. The command is never below the least grip in doubt, see `GripFirst`: without
+    that, friction that follows the grip of a sliding object would let the grip fall with it.
     """
 
     def __init__(self, settings: MarginInversionSettings) -> None:

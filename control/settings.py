@@ -69,7 +69,7 @@ class MarginInversionSettings(Table, frozen=True):
     tolerance: the µ that is used may be this many standard deviations above the estimate, each of
         at least a tenth of µ
     slip_margin: estimated Γ below which the skin slips, so that the estimate of µ is exact
-    surge: factor on the grip force while the skin slips, because the load is more than the friction
+    surge: largest factor on the grip force while the skin slips: the load is more than the friction
     smoothing_s: time constant of small changes [s]
     band: share of the grip force up to which a change is small
     grip_first: least grip in doubt

@@ -1,8 +1,8 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
 Parts: images, loop, dataset, control, model, render, track, force, ranges, charts, limit,
-stability, stability-track, stability-loop, appendix-b, reproduction. Without arguments all of them are made,
-which takes some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md,
+stability, stability-track, stability-loop, appendix-b, reproduction. Without arguments all of them
+are made, which takes some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md,
 docs/training-ranges.md and docs/reproduction.md is written by hand.
 """
 

@@ -31,7 +31,7 @@ from .friction import (
     max_ratio,
 )
 from .kept_readouts import TRAINING, kept_path, kept_readout, training_key
-from .pose import Alignment, CameraPose, aligned, alignment
+from .pose import Alignment, CameraPose, PoseTable, aligned, alignment, pose_words, seen_by
 from .reconstructors import (
     AUTOMATIC,
     DEFAULT_RECONSTRUCTOR,
@@ -66,6 +66,7 @@ __all__ = [
     "FrictionRule",
     "MarkerShifts",
     "NoEstimateError",
+    "PoseTable",
     "Reconstructor",
     "SensorCalibration",
     "Values",
@@ -85,8 +86,10 @@ __all__ = [
     "name_used",
     "needs_readout",
     "nominal_calibration",
+    "pose_words",
     "required_readout",
     "rest_pose",
+    "seen_by",
     "sensor_as_designed",
     "shipped_readout",
     "skin_displacement",

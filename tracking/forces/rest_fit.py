@@ -52,8 +52,8 @@ _APART = 0.2
 _SURE = 0.5
 #: Loss of overlap over 1/√markers up to which two poses are equally good.
 _EQUAL = 0.25
-#: A pose is taken where it moves the markers by less than this share of the next one's.
-_CLEAR = 1 / 3
+#: A pose is taken where it turns or moves the markers by less than this share of the next one's.
+_CLEAR = 1 / 4
 
 #: Places in x of what may be as designed, and χ² above which it is told not to be: that of one and
 #: of two unknowns in 1 % of cases.
@@ -91,7 +91,7 @@ def rest_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
                 break
     found = max(fits, key=lambda one: one.match.overlap)
     rivals = [(one.pose, one.match) for one in fits]
-    for spin in 2 * math.pi / markers.symmetry * np.arange(1, markers.symmetry):
+    for spin in markers.turns:
         match = agreement(markers, found.pose, found.shift, spin)
         rivals.append((spun(found.pose, spin), match))
     best = max(match.overlap for _, match in rivals)
@@ -288,8 +288,8 @@ def _check_clear(
     if near > _CLEAR * next_one:
         raise UserError(
             "the rest frame does not tell how the camera is turned or shifted, as the layout is "
-            f"symmetric: it may be {pose}, or {other}; allowed: the first less than a third as far "
-            "from the design as the second"
+            f"symmetric: it may be {pose}, or {other}; allowed: the first less than a quarter as "
+            "far from the design as the second"
         )
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,8 @@ LEAST = 20
 SAME = 0.25
 #: Distance up to which places that change under a turn of the layout are the same [pitches].
 _SELF = 0.1
-#: Share of the places that fall on places when a layout is turned by its symmetry.
-_SYMMETRIC = 0.8
+#: Share of the places that fall on places when a layout is turned by a symmetry.
+_SYMMETRIC = 0.6
 #: Largest order of a symmetry that is looked for.
 _ORDER = 72
 #: Neighbours onto which a layout is shifted to see whether it is a lattice.
@@ -71,14 +72,14 @@ class RestMarkers:
     sensor: design
     layers: of the markers
     pitch: typical distance of neighbouring markers in the design's image [px]
-    symmetry: turns by a full turn over this bring most of the layout onto itself; 1 is none
+    turns: about the axis that bring much of the layout onto itself [rad]
     lattice: whether a shift to a neighbour brings most of the layout onto itself
     """
 
     sensor: SensorDesign
     layers: tuple[RestLayer, ...]
     pitch: float
-    symmetry: int
+    turns: tuple[float, ...]
     lattice: bool
 
     @property
@@ -154,7 +155,7 @@ def rest_markers(sensor: SensorDesign, rest: Tracks) -> RestMarkers:
         sensor=sensor,
         layers=tuple(layers),
         pitch=spacing(designed),
-        symmetry=_symmetry(layers[0].points),
+        turns=_symmetric_turns(layers[0].points),
         lattice=_lattice(designed),
     )
 
@@ -164,14 +165,17 @@ def spacing(points: Array) -> float:
     return float(np.median(np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]))
 
 
-def _symmetry(points: Array) -> int:
-    """Largest order of turns about the axis that bring most points (M, 3) onto points."""
+def _symmetric_turns(points: Array) -> tuple[float, ...]:
+    """Turns about the axis that bring many points (M, 3) onto points [rad]."""
     tree, limit = KDTree(points), _SELF * spacing(points)
-    for order in range(_ORDER, 1, -1):
+    turns: set[Fraction] = set()
+    for order in range(2, _ORDER + 1):
         turned = Rotation.from_rotvec([0.0, 0.0, 2 * math.pi / order]).apply(points)
-        if (np.asarray(tree.query(turned)[0]) < limit).mean() > _SYMMETRIC:
-            return order
-    return 1
+        # Half as near counts half: an order that is nearly right is no symmetry.
+        near = np.clip(1.0 - np.asarray(tree.query(turned)[0]) / limit, 0.0, None)
+        if near.mean() > _SYMMETRIC:
+            turns |= {Fraction(k, order) for k in range(1, order)}
+    return tuple(2 * math.pi * float(turn) for turn in sorted(turns))
 
 
 def _lattice(pixels: Array) -> bool:

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from ..extras import need
 from ..tracking import Z90, SensorCalibration
-from ..tracking.forces.chain import BEND, Layers, ReadOut, at_places, forward
+from ..tracking.forces.chain import (
+    BEND,
+    Layers,
+    ReadOut,
+    at_places,
+    forward,
+    network_inputs,
+)
 from .histories import Snapshots
 
 Array = NDArray[np.float64]
@@ -27,11 +34,18 @@ ODD_CODES = 30
 MODES = 60
 #: Modes of the distribution of either force.
 SHAPES = 12
-#: Noise trained with, in units of a single frame's: from averages of many frames to a poor camera.
+#: Noise trained with, in units of a single frame's: from averages of many frames to compressed
+#: pictures …
 NOISE = (0.3, 4.0)
+#: … and that of most snapshots.
+USUAL_NOISE = (0.7, 1.3)
 #: One in this many histories is held out from the networks' training; their errors are learned
 #: from these.
 HELD_OUT = 5
+#: Units of the totals among which the network shares its effort.
+_UNIT = np.array([0.5, 0.43, 0.63])
+#: Units of the layers of the network that reads them: products of codes need depth.
+_HIDDEN = (256, 256, 256)
 #: Snapshots per step of the training.
 _BATCH = 512
 #: Learning rate at the start.
@@ -214,11 +228,16 @@ def fit_readout(
     # Relative errors count, not those of the hardest grips.
     target = np.column_stack([np.arcsinh(totals[:, :2] / BEND), np.log(totals[:, 2])])
     target = target.astype(np.float32)
-    linear, network = _fit_totals(partial(make, lessons, ~held), learn, target[~held])
+    middle = target.mean(axis=0)
+
+    def sums() -> tuple[Numbers, Numbers]:
+        return make(lessons, ~held), (target[~held] - middle) / _UNIT
+
+    network = learn("training sums and friction", _HIDDEN, sums)
 
     def errors() -> tuple[Numbers, Numbers]:
         x = make(lessons, held)
-        read = _with_one(x) @ linear + forward(network, x)
+        read = middle + _UNIT * forward(network, x)
         wrong = _margins(target[held]) - _margins(read)
         return x, np.column_stack([target[held] - read, wrong])
 
@@ -238,7 +257,7 @@ def fit_readout(
         amounts=basis.amounts,
         context=np.stack([middle, spread, np.quantile(lessons.context, _HIGHEST, axis=0)]),
         reach=float(np.quantile(np.sqrt(((lessons.codes / scale) ** 2).mean(axis=1)), _HIGHEST)),
-        linear=linear.astype(float),
+        targets=np.stack([middle, _UNIT]),
         totals=network,
         deviations=deviations,
         shapes=learn("training shapes", (96,), shapes, min(epochs, 15)),
@@ -258,26 +277,10 @@ def _inputs(
     lessons: Lessons,
     which: NDArray[np.bool_],
 ) -> Numbers:
-    """Inputs of the networks (S, K + 1 + C): codes with new noise, over their scale, and context."""
+    """Inputs of the networks: codes with new noise, and context."""
     codes, level = lessons.codes[which], lessons.level[which, None]
     noisy = codes + level * rng.standard_normal(codes.shape, dtype=np.float32)
-    inputs = [noisy / scale, np.log(level), context[which]]
-    return np.concatenate(inputs, axis=1, dtype=np.float32)
-
-
-def _fit_totals(
-    make: Callable[[], Numbers], learn: Callable[..., Layers], target: Numbers
-) -> tuple[Numbers, Layers]:
-    """Best linear read-out of the totals (I + 1, 3), and a network of the error that it leaves."""
-    x = _with_one(make())
-    linear = np.linalg.lstsq(x.T @ x, x.T @ target, rcond=None)[0]
-    unit = (target - x @ linear).std(axis=0)
-
-    def examples() -> tuple[Numbers, Numbers]:
-        x = make()
-        return x, (target - _with_one(x) @ linear) / unit
-
-    return linear, _scaled(learn("training sums and friction", (320, 320), examples), unit)
+    return network_inputs(scale, noisy, level, context[which]).astype(np.float32)
 
 
 def _fit_deviations(
@@ -310,10 +313,6 @@ def _margins(target: Numbers) -> Numbers:
     """Γ of (asinh(ΣFn/BEND), asinh(ΣFf/BEND), log µ), shape (S, 3) to (S,), between −1 and 1."""
     normal, friction = np.sinh(np.clip(target[:, 0], 0.02, 5.0)), np.sinh(target[:, 1])
     return np.clip(1.0 - abs(friction) / (np.exp(target[:, 2]) * normal), -1.0, 1.0)
-
-
-def _with_one(x: Numbers) -> Numbers:
-    return np.concatenate([x, np.ones((len(x), 1), dtype=x.dtype)], axis=1)
 
 
 def _scaled(layers: Layers, unit: Numbers) -> Layers:

@@ -146,7 +146,9 @@ def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     instants = _flipped(np.random.default_rng([76, 0]), snapshots(tip, range(BASIS)))
     fields = []
     for ranges in (VariationRanges(nominal_share=1.0, azimuth_noise_deg=0.0), VARIATIONS):
-        shifts = _shifts(np.random.default_rng([76, 1]), sensor, tip, circle_places(), instants, ranges)
+        shifts = _shifts(
+            np.random.default_rng([76, 1]), sensor, tip, circle_places(), instants, ranges
+        )
         parts = [fields_on_circles(limited(some)) for some in shifts]
         fields.append([np.concatenate(both) for both in zip(*parts, strict=True)])
     (designed, _), (even, odd) = fields
@@ -200,7 +202,8 @@ def _simulate_part(tip: Fingertip, sensor: SensorDesign, basis: Basis, part: _Pa
     places = sensor.places - [0.0, rng.uniform(0.0, 2.0 * np.pi)]
     learner = Learner.of(basis, places)
     parts = [
-        learner.read(rng, shifts) for shifts in _shifts(rng, sensor, tip, places, instants, VARIATIONS)
+        learner.read(rng, shifts)
+        for shifts in _shifts(rng, sensor, tip, places, instants, VARIATIONS)
     ]
     codes, level, context = (np.concatenate(values) for values in zip(*parts, strict=True))
     values = {

@@ -42,7 +42,7 @@ class VariationRanges:
     unknown_share: motion that no map describes, as a share of the skin's, smallest and largest
     """
 
-    nominal_share: float = 0.4
+    nominal_share: float = 0.5
     each_share: float = 0.35
     azimuth_noise_deg: float = 0.15
     azimuth_deg: float = 2.0
@@ -52,7 +52,7 @@ class VariationRanges:
     twist_reach_deg: tuple[float, float] = (15.0, 70.0)
     follow_share: float = 0.14
     depth_share: float = 0.18
-    unknown_share: tuple[float, float] = (0.002, 0.06)
+    unknown_share: tuple[float, float] = (0.002, 0.04)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +129,9 @@ def random_variations(
         ],
         axis=-1,
     )
-    form[:, 1] = np.where((unknown[:, 1] == unknown[:, 0]).all(axis=(1, 2))[:, None, None],
-                          form[:, 0], form[:, 1])
+    form[:, 1] = np.where(
+        (unknown[:, 1] == unknown[:, 0]).all(axis=(1, 2))[:, None, None], form[:, 0], form[:, 1]
+    )
     # The estimate of the azimuth is never exact.
     azimuth = np.deg2rad(ranges.azimuth_noise_deg * rng.standard_normal(count))
     azimuth += some(np.deg2rad(ranges.azimuth_deg) * rng.standard_normal(count))
@@ -230,7 +231,9 @@ class _Markers:
         metric = (skin.radius - depth)[..., None, None]
         tangents = np.stack(skin.tangents(self._places), axis=-1)
         slope = np.stack([along, around], axis=-1)
-        axes = sensor.half_sizes[layer] * outline_axes(tangents + follow[..., None] / metric * slope, 0.0)
+        axes = sensor.half_sizes[layer] * outline_axes(
+            tangents + follow[..., None] / metric * slope, 0.0
+        )
         image = outlines(Membrane(centres=rest + follow * moved, axes=axes), sensor.view)
         log_size = 0.5 * np.log(areas(image, False))
         return np.concatenate([centroids(image, False), log_size[..., None]], axis=-1)

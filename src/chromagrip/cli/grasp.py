@@ -103,6 +103,8 @@ def grasp(
 
 
 def _print_summary(summary: "Summary", folder: Path | None) -> None:
+    from ..tracking.forces import pose_words
+
     def number(value: float | None, digits: int = 3) -> str:
         return "–" if value is None else f"{value:.{digits}f}"
 
@@ -114,6 +116,8 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
         f"{number(summary['final_margin_estimated'])} observed",
     )
     table.add_row("error of the margin, RMS", number(summary["margin_rmse"]))
+    if summary["camera_pose"] and summary["camera_pose"]["notable"]:
+        table.add_row("camera", pose_words(summary["camera_pose"]))
     table.add_row(
         "lateral displacement",
         f"{number(summary['lateral_displacement_mm'])} mm, "

@@ -246,11 +246,14 @@ def estimate(
 
 def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     from ..output.parquet import VALUES
+    from ..tracking.forces import pose_words
 
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()
     table.add_row("frames", f"{frames}, {summary['ended']}")
     table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
+    if summary["camera_pose"]["notable"]:
+        table.add_row("camera", pose_words(summary["camera_pose"]))
     table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
     for name, (words, unit) in VALUES.items():
         values = summary["estimates"].get(name)

@@ -21,7 +21,8 @@ from ..output.folder import prepare
 from ..output.processes import one_thread
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
-from ..tracking import SensorCalibration, check_reconstructor
+from ..tracking import SensorCalibration, Tracks, check_reconstructor
+from ..tracking.forces import CameraPose, rest_pose
 from ..tracking.forces.chain import Used, used
 from .camera import SimulatedCamera
 from .grasp import Sample, grasp, known_sensor, open_camera
@@ -125,6 +126,7 @@ def _record(
     rows = array("d")
     samples = grasp(scene, camera, known=known, methods=methods)
     seconds = 0.0
+    rest: Tracks | None = None
     try:
         while True:
             begin = time.perf_counter()
@@ -133,6 +135,7 @@ def _record(
                 seconds += time.perf_counter() - begin
             if sample is None:
                 break
+            rest = sample.rest
             rows.extend(row(sample))
             if files is not None:
                 files.show(sample, camera)
@@ -140,11 +143,19 @@ def _record(
                 progress(len(rows) // len(COLUMNS), scene.frames)
     finally:
         trace = make_trace(rows)
-        summary = summarise(scene, trace, seconds, read_with)
+        summary = summarise(scene, trace, seconds, read_with, _pose(known, rest))
         if files is not None and rows:
             files.write(trace, summary)
     folder = None if files is None else files.folder
     return Result(scene=scene, summary=summary, trace=trace, folder=folder)
+
+
+def _pose(known: SensorCalibration | None, rest: Tracks | None) -> CameraPose | None:
+    """Pose of the camera; None on the truth path, and where a plug-in's tracks do not tell it."""
+    if known is not None and rest is not None:
+        with suppress(UserError):
+            return rest_pose(known.sensor, rest)
+    return None
 
 
 class RunFiles:

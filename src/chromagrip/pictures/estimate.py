@@ -30,7 +30,7 @@ from ..tracking import (
     check_reconstructor,
     load_calibration,
 )
-from ..tracking.forces import rest_pose
+from ..tracking.forces import PoseTable, rest_pose
 from ..tracking.forces.chain import UsedReadOut, used
 from .figure import draw_figure
 from .following import Add, Course, Outcome, Progress, follow, open_folder
@@ -72,6 +72,7 @@ class Method(TypedDict):
     stiffness_deviation: float | None
     friction: str | None
     rest_misfit_px: float
+    camera_pose: PoseTable
     friction_window_s: float
 
 
@@ -132,9 +133,9 @@ def estimate_source(
         pose = rest_pose(known.sensor, opened.resting)
         if gains is None:
             observer = ForceObserver(known, opened.resting, reconstructor, window, rule)
-            read = force_reading(observer, rule, opened, known.sensor.view)
+            read = force_reading(observer, rule, opened, known.sensor.view, pose)
         else:
-            read = displacement_reading(gains, opened)
+            read = displacement_reading(gains, opened, known.sensor.view, pose)
     if out is not None:
         open_folder(out, overwrite, FILES)
     method: Method = {
@@ -145,6 +146,7 @@ def estimate_source(
         "stiffness_deviation": read_with and read_with["stiffness_deviation"],
         "friction": friction,
         "rest_misfit_px": pose.error,
+        "camera_pose": pose.table(),
         "friction_window_s": window,
     }
     rows = _Rows(read, opened, out, flat=gains is not None)

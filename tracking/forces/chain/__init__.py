@@ -9,7 +9,16 @@ from .contact_reading import ForcePrior
 from .fields import at_places, circle_places, fields_on_circles
 from .gaussian_process import MIN_MARKERS, GaussianProcess
 from .learned import Learned
-from .readout import BEND, Layers, ReadOut, forward, limited, load_readout, save_readout
+from .readout import (
+    BEND,
+    Layers,
+    ReadOut,
+    forward,
+    limited,
+    load_readout,
+    network_inputs,
+    save_readout,
+)
 from .residual import Smooth, smooth_functions
 from .sensitivity import MarkerResponse
 from .specimen import FOCUS, SIZES
@@ -36,6 +45,7 @@ __all__ = [
     "histories_of",
     "limited",
     "load_readout",
+    "network_inputs",
     "odd_statistic",
     "readout_digest",
     "readout_origin",

@@ -122,9 +122,9 @@ class Learned:
         self._fingertip, self._readout, self._averaged = tip, readout, averaged
         self._specimen = read_specimen(readout, MarkerShifts(calibration, rest, np.pi))
         #: Displacement of the chain for each code and 1 [m], shape (K + 1, 2N).
-        self._displacement = (readout.amounts @ readout.modes.reshape(len(readout.modes), -1)).astype(
-            np.float32
-        )
+        self._displacement = (
+            readout.amounts @ readout.modes.reshape(len(readout.modes), -1)
+        ).astype(np.float32)
         self._at_rest = tip.rest_positions()
         self._memory = Memory()
 
@@ -156,7 +156,10 @@ class Learned:
             variance = average.variance + codes.constant_variance
             codes = replace(codes, value=average.codes, variance=variance)
         _check_trained(self._readout, codes)
-        x = _network_input(self._readout, codes)
+        # Noise matters in the weak codes, which are the last.
+        weak = codes.variance[len(codes.variance) // 2 :]
+        level = math.exp(0.5 * float(np.log(weak).mean()))
+        x = self._readout.inputs(codes.value, level, codes.context)
         # Forces are those of the fingertip trained on, stiffer or softer in all its springs.
         stiffness = self._fingertip.tissue_stiffness / self._readout.tissue_stiffness
         totals = _read_totals(self._readout, codes, x, stiffness)
@@ -193,14 +196,6 @@ def _check_trained(readout: ReadOut, codes: Codes) -> None:
         )
 
 
-def _network_input(readout: ReadOut, codes: Codes) -> Array:
-    """Codes in units of their deviations, the logarithm of their noise, and context, (K + 1 + C,)."""
-    # Noise matters in the weak codes, which are the last.
-    weak = codes.variance[len(codes.variance) // 2 :]
-    context = (codes.context - readout.context[0]) / readout.context[1]
-    return np.concatenate([codes.value / readout.scale, [0.5 * np.log(weak).mean()], context])
-
-
 def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> Totals:
     """Sums and µ of codes.
 
@@ -208,7 +203,7 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
     ----------
     readout: to read with
     codes: of the frame
-    x: input of the networks, see `_network_input`
+    x: input of the networks, see `network_inputs`
     stiffness: of the fingertip over that trained on
 
     Raises
@@ -217,12 +212,12 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
         When they leave ΣFn open.
     """
     short = x.astype(np.float32)
-    correction, slope = linearised(readout.totals, short)
-    totals = np.append(x, 1.0) @ readout.linear + correction
+    output, by_input = linearised(readout.totals, short)
+    middle, scale = readout.targets
+    totals = middle + scale * output
     deviations = np.exp(0.5 * forward(readout.deviations, short).astype(float))
     covariance = np.outer(deviations[:3], deviations[:3]) * readout.correlation
-    count = readout.codes
-    slope = (readout.linear[:count].T + slope[:, :count]) / readout.scale
+    slope = scale[:, None] * readout.slope(codes.value, by_input)
     covariance += slope @ codes.excess @ slope.T
     normal, friction = (
         BEND * math.sinh(min(max(float(value), -_LARGEST), _LARGEST)) for value in totals[:2]

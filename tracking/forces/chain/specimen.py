@@ -148,9 +148,7 @@ def _direction(readout: ReadOut) -> Direction:
     radius = at - on_axis
     near = np.where(STATIONS < _NEAR, np.sin(STATIONS), 0.0)
     return Direction(
-        along=np.concatenate(
-            [first_harmonic(even), first_harmonic(readout.mean[None])], axis=1
-        ),
+        along=np.concatenate([first_harmonic(even), first_harmonic(readout.mean[None])], axis=1),
         across=first_harmonic(odd),
         twist=(near * radius) @ circling / (near @ radius**2),
     )

@@ -14,14 +14,20 @@ from .force_sets import Measured
 #: Grasps of each group.
 _COUNT = 24
 #: Grasps of groups with more parts.
-_MORE = {"friction-law": 48, "stiffness-told": 48, "stiffness-untold": 48, "h264": 48}
+_MORE = {
+    "friction-law": 48,
+    "friction-law-mismatched": 48,
+    "stiffness-told": 48,
+    "stiffness-untold": 48,
+    "h264": 48,
+}
 _MORE |= {"out-of-plane": 32, "optics": 36}
 #: Groups of a quick run, each with one grasp.
 _QUICK = ("roll", "azimuth", "out-of-plane", "friction-law", "sliding", "jpeg")
 #: Grasps of a group in a quick run that asks for it.
 _QUICK_ASKED = 4
 #: Groups that a read-out has to read, and those whose Γ it has to read well.
-_READ = ("roll", "azimuth", "out-of-plane", "friction-law")
+_READ = ("roll", "azimuth", "out-of-plane", "friction-law", "friction-law-mismatched")
 _READ_WELL = ("roll", "azimuth", "out-of-plane")
 #: Compressed pictures that have to be read, as (group, label).
 _COMPRESSED = (
@@ -148,11 +154,11 @@ def told_by_constant(target: Bounds | None, guessed: float | None) -> str:
 
 #: Explanation of the tables.
 BEYOND_NOTES = (
-    "Beyond the training range: inside or flagged, the truth lies in the 90 % interval or the frame "
-    "is flagged, over all frames and the four quantities. Wrong, narrow and unflagged: the truth of "
-    "any of them lies further from the estimate than twice the half-width. Width: mean half-width "
-    "over the RMS error. Flagged: no estimate, or an interval of Γ without an end. A target that "
-    "the constant answer reaches too is marked.",
+    "Beyond the training range. Inside or flagged: the truth lies in the 90 % interval or the "
+    "frame is flagged, over all frames and the four quantities. Wrong, narrow and unflagged: the "
+    "truth of any of them lies further from the estimate than twice the half-width. Width: mean "
+    "half-width over the RMS error. Flagged: no estimate, or an interval of Γ without an end. A "
+    "target that the constant answer reaches too is marked.",
 )
 #: Columns of the tables: heading, score, format.
 _COLUMNS = (
@@ -195,8 +201,12 @@ def beyond_tables(
 def law_table(rows: Sequence[Row], names: Sequence[str]) -> Table:
     """RMS errors of µ and Γ by the friction law, with ten frames."""
     found = values(rows)
-    start = f"{BEYOND}/friction-law/"
-    parts = dict.fromkeys(row.subject[0] for row in rows if row.subject[0].startswith(start))
+    start = f"{BEYOND}/friction-law"
+    parts = dict.fromkeys(
+        row.subject[0]
+        for row in rows
+        if row.subject[0].startswith(start) and row.subject[0].count("/") == 2
+    )
 
     def line(name: str, where: str, scores: tuple[str, str]) -> tuple[str, ...]:
         pairs = ([found.get((where, "0.1s", method, s)) for s in scores] for method in names)
@@ -207,6 +217,9 @@ def law_table(rows: Sequence[Row], names: Sequence[str]) -> Table:
         for world in ("matched", "mismatched")
         if (world, "0.1s", names[0], "mu_rms") in found
     ]
-    read = [line(part.removeprefix(start), part, ("mu_error", "margin_error")) for part in parts]
+    read = [
+        line(part.removeprefix(f"{BEYOND}/").replace("/", ": "), part, ("mu_error", "margin_error"))
+        for part in parts
+    ]
     title = "µ / Γ by the friction law, 0.1s: RMS errors (Γ of the first lines at 0.2…0.4)"
     return Table(("friction law", *names), (*fixed, *read), title)

@@ -12,7 +12,7 @@ from ...render import Defects, Frame, SensorDesign
 from ...tracking import SensorCalibration, load_calibration
 from ..worlds.compressed import Codec
 from ..worlds.force_scenes import NOISE, Pictures, Specimen
-from ..worlds.grasps import STIFFNESS_ERROR, calibration, random_grasp
+from ..worlds.grasps import STIFFNESS_ERROR, WORLDS, calibration, random_grasp
 from .carried_skin import CarriedSkin, Motion
 from .finished_pictures import each, gradient, lit, of_run, rolled, shifted, tilted
 from .unlike_grasps import Draw, with_law
@@ -237,14 +237,14 @@ def stiffness(told: bool) -> Group:
 
     def group(rng: Random, index: int) -> Case:
         tissue, membrane = 1.0 + STIFFNESS_ERROR * rng.uniform(-1.0, 1.0, 2)
-        known, label = load_calibration("thesis"), "up-to-10%"
+        known, label = load_calibration("thesis"), "up-to-a-tenth"
         if told:
             known = replace(
                 known, stiffness_deviation=calibration("mismatched").stiffness_deviation
             )
         elif index % 2:
             tissue = membrane = 1.0 + STIFFNESS_ERROR * _sign(rng)
-            label = "10%"
+            label = "a-tenth"
         return _fingertip((label,), known, tissue_stiffness=tissue, membrane_stiffness=membrane)
 
     return group
@@ -279,6 +279,16 @@ def friction_law(rng: Random, index: int) -> Case:
         sigma, labels = _NO_BRISTLE, ("no-bristle",)
     draw = with_law(sigma, exponent, drag)
     return replace(_as_told(), draw=draw, fits=loosely, labels=labels)
+
+
+def mismatched(group: Group) -> Group:
+    """A group with the sensors of the world `mismatched`, and what is told of them."""
+
+    def drawn(rng: Random, index: int) -> Case:
+        specimen = WORLDS["mismatched"](rng)
+        return replace(group(rng, index), specimen=specimen, known=calibration("mismatched"))
+
+    return drawn
 
 
 # ---- light and camera ----

@@ -100,6 +100,8 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
     reconstructor: see `load_reconstructor`
     scene: whose last frame is estimated
     """
+    if scene.refused:
+        return refused(name)
     fresh = ForceObserver(scene.known, scene.rest, reconstructor, HELD_FRAMES * PERIOD)
     result = {}
     for read, frames in READ.items():
@@ -120,7 +122,7 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
 
 
 def refused(name: str) -> dict[tuple[str, str], Answers]:
-    """Answers to a scene of a reconstructor that refuses its rest frames, as of `answers`."""
+    """Answers of a reconstructor, or of its tracker, that refuses the frames, as of `answers`."""
     nothing = Answers(
         value=_NOTHING[None], interval=np.full((1, 4, 2), np.nan), flagged=np.array([True])
     )
