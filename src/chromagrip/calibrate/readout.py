@@ -20,11 +20,12 @@ from ..output.folder import filling, whole_file
 from ..output.processes import map_processes
 from ..render import SensorDesign, open_renderer
 from ..tracking import MarkerTracker, Palette, SensorCalibration
-from ..tracking.forces import check_markers
+from ..tracking.forces import check_markers, training_key
 from ..tracking.forces.chain import circle_places, fields_on_circles, limited, save_readout
 from .histories import Snapshots, snapshots
 from .learner import Learner
 from .networks import Basis, Lessons, fit_readout, make_basis
+from .spanned import spanned_ranges
 from .variations import VariationRanges, random_variations, varied_shifts
 
 Array = NDArray[np.float64]
@@ -81,8 +82,7 @@ def train(
         holds parts of another training.
     """
     require("learn")
-    tip, sensor = calibration.fingertip, calibration.sensor
-    check_markers(sensor)
+    check_markers(calibration.sensor)
     folder = out.with_name(out.name + ".parts")
     folder.mkdir(exist_ok=True)
     with filling(folder):
@@ -98,31 +98,25 @@ def train(
         ]
         missing = [part for part in parts if not part.file.exists()]
         done = histories - sum(len(part.numbers) for part in missing)
-        simulate = partial(_simulate_part, tip, sensor, basis)
+        simulate = partial(_simulate_part, calibration.fingertip, calibration.sensor, basis)
         with closing(map_processes(simulate, missing, workers)) as counts:
             for count in counts:
                 done += count
                 tell(f"histories, {done} of {histories}")
         tables = [_read(part.file) for part in parts]
         lessons = Lessons(**{key: np.concatenate([t[key] for t in tables]) for key in tables[0]})
-        readout, errors = fit_readout(calibration, basis, lessons, _ranges(), epochs, tell)
+        ranges = spanned_ranges(VARIATIONS, noise, histories, epochs)
+        readout, errors = fit_readout(calibration, basis, lessons, ranges, epochs, tell)
         with whole_file(out) as file:
             save_readout(readout, file)
     shutil.rmtree(folder)
     return errors
 
 
-def _ranges() -> dict[str, object]:
-    """Ranges of the training, by what they are of."""
-    return {"specimen and picture": vars(VARIATIONS)}
-
-
 def _claim(folder: Path, calibration: SensorCalibration, noise: float) -> None:
     """Note in a folder of parts what they are of; refuse parts of another training."""
-    settings = msgspec.json.encode(
-        {"sensor": calibration.sensor, "fingertip": vars(calibration.fingertip), "noise": noise},
-        order="deterministic",
-    )
+    key = training_key(calibration.sensor, calibration.fingertip)
+    settings = msgspec.json.encode({"of": msgspec.Raw(key), "noise": noise})
     file = folder / _SETTINGS
     if not any(folder.iterdir()):
         with whole_file(file) as part:

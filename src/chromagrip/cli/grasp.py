@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ..errors import UserError
+from ..errors import UserError, located
 from ..scene import load_scene
 from ..scene.scene import DEFAULT_SCENE, PathName, grasp_command, parse_change
 from .options import (
@@ -21,6 +21,7 @@ from .options import (
     print_table,
     value_table,
 )
+from .readouts import train_if_missing
 
 if TYPE_CHECKING:
     from ..loop.trace import Summary
@@ -86,8 +87,12 @@ def grasp(
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
-    from ..loop.run_folder import run  # OpenCV loads only when something is run
+    from ..loop.grasp import known_sensor  # OpenCV loads only when something is run
+    from ..loop.run_folder import run
 
+    if resolved.path == "camera" and not resolved.build_sensor().shape.flat:
+        with located(f"sensor {resolved.sensor}"):
+            train_if_missing(known_sensor(resolved), resolved.reconstructor)
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
         result = run(resolved, out, overwrite=overwrite, progress=progress)
     if json_only:

@@ -31,6 +31,7 @@ from .options import (
     print_table,
     value_table,
 )
+from .readouts import train_if_missing
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.estimate import EstimateSummary
@@ -212,7 +213,11 @@ def estimate(
         out = new_folder(f"estimate-{Path(source).stem.replace(':', '-')}")
 
     from ..pictures.estimate import estimate_source
+    from ..tracking import load_calibration
 
+    known = load_calibration(calibration)
+    if not known.sensor.shape.flat:
+        train_if_missing(known, reconstructor)
     with _frames("estimating") as (tell, progress):
         outcome = estimate_source(
             rest,

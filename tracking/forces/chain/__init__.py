@@ -22,6 +22,7 @@ from .readout import (
 from .residual import Smooth, smooth_functions
 from .sensitivity import MarkerResponse
 from .specimen import FOCUS, SIZES
+from .used import Used, UsedReadOut, histories_of, readout_digest, readout_origin, used
 
 __all__ = [
     "BEND",
@@ -35,14 +36,20 @@ __all__ = [
     "MarkerResponse",
     "ReadOut",
     "Smooth",
+    "Used",
+    "UsedReadOut",
     "at_places",
     "circle_places",
     "fields_on_circles",
     "forward",
+    "histories_of",
     "limited",
     "load_readout",
     "network_inputs",
     "odd_statistic",
+    "readout_digest",
+    "readout_origin",
     "save_readout",
     "smooth_functions",
+    "used",
 ]

@@ -88,8 +88,8 @@ Group = Callable[[Random, int], Case]
 
 @lru_cache(maxsize=1)
 def _as_told() -> Case:
-    """A specimen that is as its shipped calibration says."""
-    known = load_calibration("thesis")
+    """A specimen that is as its shipped calibration says, of a stiffness that is known."""
+    known = replace(load_calibration("thesis"), stiffness_deviation=0.0)
     specimen = Specimen(
         fingertip=known.fingertip, sensor=known.sensor, defects=Defects(), renderer="painter"
     )
@@ -230,11 +230,14 @@ def poisson(rng: Random, index: int) -> Case:
 
 
 def stiffness(told: bool) -> Group:
-    """Both stiffnesses off by up to a tenth each, as in `mismatched`; or both by a tenth."""
+    """Both stiffnesses off by up to a tenth each, as in `mismatched`; or both by a tenth.
+
+    Where the spread is not told, that of the sensor's design is taken for it.
+    """
 
     def group(rng: Random, index: int) -> Case:
         tissue, membrane = 1.0 + STIFFNESS_ERROR * rng.uniform(-1.0, 1.0, 2)
-        known, label = _as_told().known, "up-to-a-tenth"
+        known, label = load_calibration("thesis"), "up-to-a-tenth"
         if told:
             known = replace(
                 known, stiffness_deviation=calibration("mismatched").stiffness_deviation
