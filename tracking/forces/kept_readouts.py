@@ -36,7 +36,8 @@ def training_key(sensor: SensorDesign, fingertip: Fingertip) -> bytes:
     if "path" in design["layout"]:
         design["layout"]["path"] = sensor.places.round(_DIGITS).tolist()
     if sensor.camera.calibration:
-        design["camera"]["calibration"] = asdict(sensor.view.camera)
+        camera: Any = sensor.view.camera
+        design["camera"]["calibration"] = asdict(camera)
     values = {"training": TRAINING, "sensor": design, "fingertip": vars(fingertip)}
     return msgspec.json.encode(values, order="deterministic")
 

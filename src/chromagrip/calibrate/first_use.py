@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UserError, located
-from ..extras import require
 
 if TYPE_CHECKING:  # OpenCV loads only when something is trained
     from ..tracking import SensorCalibration
@@ -94,7 +93,6 @@ def place_to_keep(calibration: "SensorCalibration") -> Path:
 
     check_trainable(calibration)
     with located(f"sensor {calibration.name}".rstrip()):
-        require("learn")
         path = kept_path(calibration.nominal)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..extras import require
 from ..loop.camera import SimulatedCamera
 from ..model import Fingertip, rest_state
 from ..output.folder import filling, whole_file
@@ -81,7 +80,6 @@ def train(
         When scikit-learn is missing, the sensor's markers do not determine forces, or the folder
         holds parts of another training.
     """
-    require("learn")
     check_markers(calibration.sensor)
     folder = out.with_name(out.name + ".parts")
     folder.mkdir(exist_ok=True)

@@ -9,7 +9,6 @@ import tyro
 
 from ..calibrate.first_use import EPOCHS, HISTORIES, NOISE, as_designed, place_to_keep
 from ..errors import UserError, located
-from ..extras import require
 from .options import (
     CORES,
     Flag,
@@ -280,7 +279,6 @@ def train(
 
     Example: chromagrip train mine.toml --out mine.npz
     """
-    require("learn")
     check_least(histories=(histories, 500), epochs=(epochs, 1), workers=(workers, 1))
     if not 0.1 <= noise <= 50.0:
         raise UserError(f"--noise {noise:g}: expected 0.1 to 50 levels")

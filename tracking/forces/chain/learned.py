@@ -18,6 +18,8 @@ from .readout import BEND, ReadOut, forward, linearised, load_readout
 from .specimen import read_specimen
 
 Array = NDArray[np.float64]
+#: In single or double precision.
+Numbers = NDArray[np.floating]
 
 #: ΣFn is unknown where its deviation is more than this share of it, and _VAGUE more.
 _VAGUE_SHARE = 0.4
@@ -204,7 +206,7 @@ def _check_trained(readout: ReadOut, codes: Codes) -> None:
         )
 
 
-def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> Totals:
+def _read_totals(readout: ReadOut, codes: Codes, x: Numbers, stiffness: float) -> Totals:
     """Sums and µ of codes.
 
     Parameters
@@ -252,7 +254,7 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
 
 
 def _force_field(
-    readout: ReadOut, tip: Fingertip, totals: Totals, x: Array, position: Array
+    readout: ReadOut, tip: Fingertip, totals: Totals, x: Numbers, position: Array
 ) -> ForceField:
     """Nodal forces of these sums, at deformed positions (N, 2) [m]."""
     normal, friction, mu = totals.normal, totals.friction, totals.mu
