@@ -41,12 +41,14 @@ USUAL_NOISE = (0.7, 1.3)
 #: One in this many histories is held out from the networks' training; their errors are learned
 #: from these.
 HELD_OUT = 5
+#: Force that is added to ΣFn before errors count relative to it [N].
+_LIGHT = 0.1
 #: Units of the totals among which the network shares its effort.
-_UNIT = np.array([0.5, 0.43, 0.63], dtype=np.float32)
+_UNIT = np.array([0.25, 0.15, 0.6], dtype=np.float32)
 #: Units of the layers of the network that reads them: products of codes need depth.
 _HIDDEN = (256, 256, 256)
 #: Passes over the held-out lessons for each pass over the others: they are fewer.
-_ERROR_EPOCHS = 3
+_ERROR_EPOCHS = 2
 #: Passes over the lessons by which distributions of force are learned, at most.
 _SHAPE_EPOCHS = 10
 #: Values of a basis that a read-out keeps.
@@ -224,14 +226,22 @@ def fit_readout(
     codes, context = lessons.codes, lessons.context
     scale = np.sqrt(basis.strength[: codes.shape[1]] + 1.0)
     middle, spread = context.mean(axis=0), context.std(axis=0) + 1e-3
+    held = lessons.history % HELD_OUT == 0
+    linear = _linear_sums(lessons, ~held)
     make = partial(
         _inputs,
         np.random.default_rng(7),
         scale.astype(np.float32),
+        linear,
         replace(lessons, context=(context - middle) / spread),
     )
-    target, held = _targets(lessons.totals), lessons.history % HELD_OUT == 0
-    mean = target.mean(axis=0)
+    target = _targets(lessons.totals)
+    mean = np.array([0.0, 0.0, target[:, 2].mean()], dtype=np.float32)
+    read_off = slice(2 * codes.shape[1], 2 * codes.shape[1] + 2)
+
+    def base(x: Numbers) -> Numbers:
+        """What the network adds to, of its inputs."""
+        return mean + np.pad(x[:, read_off], ((0, 0), (0, 1)))
 
     def learn(
         name: str,
@@ -251,13 +261,14 @@ def fit_readout(
         )
 
     def sums(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
-        return make(some), (target[some] - mean) / _UNIT
+        x = make(some)
+        return x, (target[some] - base(x)) / _UNIT
 
     network = learn("sums and friction", np.flatnonzero(~held), epochs, sums, _HIDDEN)
 
     def errors(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
         x = make(some)
-        read = mean + _UNIT * forward(network, x)
+        read = base(x) + _UNIT * forward(network, x)
         wrong = _margins(target[some]) - _margins(read)
         return x, np.column_stack([target[some] - read, wrong])
 
@@ -274,6 +285,7 @@ def fit_readout(
         ranges=dict(ranges),
         context=np.stack([middle, spread, np.quantile(context, _HIGHEST, axis=0)]),
         reach=float(np.quantile(reach, _HIGHEST)),
+        sums=linear.astype(float),
         targets=np.stack([mean, _UNIT]),
         totals=network,
         deviations=deviations,
@@ -288,6 +300,18 @@ def fit_readout(
     return readout, dict(zip(("normal", "friction", "mu", "margin"), rms.tolist(), strict=True))
 
 
+def _linear_sums(lessons: Lessons, which: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Linear read-out of ΣFn and ΣFf with the least relative error, shape (K + 1, 2)."""
+    inputs = np.column_stack([lessons.codes[which], np.ones(which.sum(), dtype=np.float32)])
+    weight = 1.0 / (lessons.totals[which, :1] + _LIGHT)
+    weighted, target = inputs * weight, lessons.totals[which, :2] * weight
+    # Each code has unit noise.
+    noise = float((weight**2).sum()) * np.eye(inputs.shape[1])
+    noise[-1, -1] = 0.0
+    square = (weighted.T @ weighted).astype(float) + noise
+    return np.linalg.solve(square, (weighted.T @ target).astype(float)).astype(np.float32)
+
+
 def _targets(totals: Array) -> Numbers:
     """Asinh of ΣFn and ΣFf over BEND, and log µ, (S, 3): relative errors count."""
     sums = np.arcsinh(totals[:, :2] / BEND)
@@ -295,12 +319,16 @@ def _targets(totals: Array) -> Numbers:
 
 
 def _inputs(
-    rng: np.random.Generator, scale: NDArray[np.float32], lessons: Lessons, which: NDArray[np.int64]
+    rng: np.random.Generator,
+    scale: NDArray[np.float32],
+    sums: NDArray[np.float32],
+    lessons: Lessons,
+    which: NDArray[np.int64],
 ) -> Numbers:
     """Inputs of the networks for some lessons: codes with new noise, and context."""
     codes, level = lessons.codes[which], lessons.level[which, None]
     noisy = codes + level * rng.standard_normal(codes.shape, dtype=np.float32)
-    return network_inputs(scale, noisy, level, lessons.context[which])
+    return network_inputs(scale, sums, noisy, level, lessons.context[which])
 
 
 def _fit_deviations(

@@ -14,7 +14,7 @@ from ..friction import OBSERVABLE_MARGIN
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from .codes import CONTEXT, Codes, Kept, fit_codes, trained_codes
-from .readout import BEND, ReadOut, forward, linearised, load_readout
+from .readout import BEND, ReadOut, forward, linear_sums, linearised, load_readout
 from .specimen import read_specimen
 
 Array = NDArray[np.float64]
@@ -225,9 +225,10 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Numbers, stiffness: float) -
     output, by_input = linearised(readout.totals, short)
     middle, scale = readout.targets
     totals = middle + scale * output
+    totals[:2] += linear_sums(readout.sums, codes.value)
     deviations = np.exp(0.5 * forward(readout.deviations, short).astype(float))
     covariance = np.outer(deviations[:3], deviations[:3]) * readout.correlation
-    slope = scale[:, None] * readout.slope(codes.value, by_input)
+    slope = readout.slope(codes.value, by_input)
     covariance += slope @ codes.excess @ slope.T
     normal, friction = (
         BEND * math.sinh(min(max(float(value), -_LARGEST), _LARGEST)) for value in totals[:2]

@@ -56,8 +56,9 @@ class ReadOut:
     amounts: of the modes with each even code and 1, shape (K + 1, Q)
     context: mean, deviation and highest of each number that describes a frame's residual, (3, C)
     reach: largest size of the codes, see `size_of`
-    targets: mean and unit of asinh of both sums over BEND, and of log µ, shape (2, 3)
-    totals: network of those, in that unit
+    sums: codes and 1 to ΣFn and signed ΣFf, the best linear read-out [N], shape (K + 1, 2)
+    targets: mean and unit of what the network reads, shape (2, 3)
+    totals: network of what asinh of both sums over BEND lack, and of log µ, in that unit
     deviations: network of the logarithm of the variances of the totals and of Γ
     shapes: network of the distributions of force
     normal_shapes, friction_shapes: modes of those, the mean first, shape (Q + 1, N)
@@ -76,6 +77,7 @@ class ReadOut:
     amounts: Array
     context: Array
     reach: float
+    sums: Array
     targets: Array
     totals: Layers
     deviations: Layers
@@ -114,14 +116,18 @@ class ReadOut:
         context: of the frame's residual, shape (C,)
         """
         middle, spread = self.context[:2]
-        return network_inputs(self.scale, codes, level, (context - middle) / spread)
+        return network_inputs(self.scale, self.sums, codes, level, (context - middle) / spread)
 
     def slope(self, codes: Array, by_input: Numbers) -> Array:
-        """Derivative by the codes (O, K) of outputs whose derivative by the inputs is (O, I)."""
+        """Derivative by the codes (3, K) of the totals, where the network's by inputs is (3, I)."""
         count = self.codes
         straight = by_input[:, :count] * (abs(codes) < LARGEST_CODE * self.scale) / self.scale
         bent = by_input[:, count : 2 * count] / (np.hypot(codes, 2.0) * bent_scale(self.scale))
-        return np.asarray(straight + bent)
+        base = (self.sums[:-1] / np.hypot(BEND, np.append(codes, 1.0) @ self.sums)).T
+        slope = straight + bent + by_input[:, 2 * count : 2 * count + 2] @ base
+        slope *= self.targets[1][:, None]
+        slope[:2] += base
+        return np.asarray(slope)
 
     @cached_property
     def rates(self) -> Array:
@@ -134,10 +140,15 @@ def bent_scale(scale: Numbers) -> Numbers:
     return np.maximum(np.arcsinh(scale / 2.0), 1.0)
 
 
+def linear_sums(sums: Numbers, codes: Numbers) -> Numbers:
+    """Asinh over BEND of both sums by the linear read-out, of codes (…, K), shape (…, 2)."""
+    return np.arcsinh((codes @ sums[:-1] + sums[-1]) / np.asarray(BEND, dtype=codes.dtype))
+
+
 def network_inputs(
-    scale: Numbers, codes: Numbers, level: Numbers | float, context: Numbers
+    scale: Numbers, sums: Numbers, codes: Numbers, level: Numbers | float, context: Numbers
 ) -> Numbers:
-    """Inputs of the networks (…, 2K + 1 + C).
+    """Inputs of the networks (…, 2K + 2 + 1 + C).
 
     Forces span three decades: each code is given in units of its scale, and again where noise is
     linear and everything above it is logarithmic.
@@ -145,13 +156,15 @@ def network_inputs(
     Parameters
     ----------
     scale: standard deviation of each code, shape (K,)
+    sums: linear read-out of both sums, shape (K + 1, 2)
     codes: shape (…, K)
     level: noise of the weak codes, shape (…, 1) or a number
     context: in units of its deviation, shape (…, C)
     """
     straight = np.clip(codes / scale, -LARGEST_CODE, LARGEST_CODE)
     bent = np.arcsinh(codes / 2.0) / bent_scale(scale)
-    return np.concatenate([straight, bent, np.atleast_1d(np.log(level)), context], axis=-1)
+    base = linear_sums(sums, codes)
+    return np.concatenate([straight, bent, base, np.atleast_1d(np.log(level)), context], axis=-1)
 
 
 def limited(shifts: Array) -> Array:
