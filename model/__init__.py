@@ -26,7 +26,8 @@ from .errors import (
 )
 from .force_field import (
     ForceField,
-    FrictionReading, LoadPlane,
+    FrictionReading,
+    LoadPlane,
     contact_forces,
     node_friction,
     touching,
@@ -47,9 +48,9 @@ __all__ = [
     "Fingertip",
     "ForceField",
     "FrictionReading",
-    "LoadPlane",
     "History",
     "Integrator",
+    "LoadPlane",
     "LostContactError",
     "Method",
     "ModelError",

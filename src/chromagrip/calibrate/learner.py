@@ -16,6 +16,7 @@ from ..tracking.forces.chain import (
     smooth_functions,
 )
 from .networks import NOISE, USUAL_NOISE, Basis
+from .variations import log_uniform
 
 Array = NDArray[np.float64]
 
@@ -70,7 +71,7 @@ class Learner:
         basis, codes = self.basis, len(self.basis.amounts) - 1
         white = ((limited(shifts) - self.mean) / basis.noise).reshape(count, -1).astype(np.float32)
         usual = rng.random(count) < _USUAL
-        levels = [np.exp(rng.uniform(*np.log(limits), count)) for limits in (USUAL_NOISE, NOISE)]
+        levels = [log_uniform(rng, limits, count) for limits in (USUAL_NOISE, NOISE)]
         level = np.where(usual, *levels)
         noise = self._noise(rng, level, shifts.shape)
         used = np.ones((count, pairs), dtype=bool)

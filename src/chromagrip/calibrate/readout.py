@@ -1,12 +1,12 @@
 """From a sensor's calibration to its read-out: histories, shifts in pictures, codes, networks."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -213,12 +213,12 @@ def _simulate_part(tip: Fingertip, sensor: SensorDesign, basis: Basis, part: _Pa
         "shapes": basis.shapes(instants),
         "totals": instants.totals,
     }
-    lessons = {name: value.astype(np.float32) for name, value in values.items()}
+    lessons: dict[str, NDArray[Any]] = {k: v.astype(np.float32) for k, v in values.items()}
     _write(part.file, {**lessons, "history": instants.history})
     return len(part.numbers)
 
 
-def _write(path: Path, values: dict[str, Array]) -> None:
+def _write(path: Path, values: Mapping[str, NDArray[Any]]) -> None:
     with whole_file(path) as part, part.open("wb") as file:
         np.savez(file, **values)  # type: ignore[arg-type]
 

@@ -5,6 +5,7 @@ law; layers follow the skin as a design says, but for what was poured. A read-ou
 map only takes every other one for a force. Each variation is drawn for a snapshot; many have none.
 """
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -116,7 +117,7 @@ def random_variations(
         return most * rng.uniform(-1.0, 1.0, (count, *shape))
 
     moved = np.sqrt((chain**2).sum(axis=2).mean(axis=1))
-    amount = moved * np.exp(rng.uniform(*np.log(ranges.unknown_share), count))
+    amount = moved * log_uniform(rng, ranges.unknown_share, count)
     unknown = amount[:, None, None, None] * rng.standard_normal((count, 2, _TERMS, 3))
     # Motion of the skin moves both layers, that of a layer one.
     unknown[:, 1] = np.where(rng.random((count, 1, 1)) < 0.5, unknown[:, 0], unknown[:, 1])
@@ -146,6 +147,12 @@ def random_variations(
         unknown=some(unknown),
         unknown_form=form,
     )
+
+
+def log_uniform(rng: np.random.Generator, limits: tuple[float, float], count: int) -> Array:
+    """Numbers between limits, each factor as likely."""
+    low, high = (math.log(limit) for limit in limits)
+    return np.exp(rng.uniform(low, high, count))
 
 
 def varied_shifts(

@@ -1,8 +1,8 @@
 """Codes of a frame: the few numbers that the marker pairs of one specimen determine.
 
-Shifts are y = m(ψ) + U(ψ)·a + noise. The codes a, and one change of all log sizes in each layer, are
-the mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left out.
-The azimuth ψ of the load's plane is the one across which the least shear is left.
+Shifts are y = m(ψ) + U(ψ)·a + noise. The codes a, and one change of all log sizes in each layer,
+are the mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left
+out. The azimuth ψ of the load's plane is the one across which the least shear is left.
 """
 
 import math
@@ -312,7 +312,8 @@ def _turned(residual: Short, angle: float) -> Short:
 
 def _share(across: Array, along: Array) -> float:
     """Share of the first vector in the size of both; 0 where neither has any."""
-    return float(np.linalg.norm(across) / max(np.linalg.norm(np.append(along, across)), 1e-12))
+    whole = float(np.linalg.norm(np.append(along, across)))
+    return float(np.linalg.norm(across)) / max(whole, 1e-12)
 
 
 def odd_statistic(odd: Array, axis: int) -> Array:

@@ -29,6 +29,8 @@ _OBSERVABLE = 0.4
 _LARGEST = 5.0
 #: What the context of a frame may exceed that of the training by: in logarithms.
 _SLACK = 0.2
+#: Largest factor by which compression may enlarge the errors of markers: that of H.264 at crf 16.
+_COMPRESSED = 7.0
 #: No µ is read below this.
 _SMALLEST_FRICTION = 0.05
 #: Less than this is no contact [N].
@@ -144,6 +146,12 @@ class Learned:
         """
         before = self._memory
         self.reset()
+        if tracks.compression > _COMPRESSED:
+            raise NoEstimateError(
+                f"compressed too much to read forces: markers are {tracks.compression:.1f} times "
+                f"less certain than noise makes them, {_COMPRESSED:g} times at most is allowed; "
+                "record H.264 at crf <= 12, or pictures without loss"
+            )
         fit, kept = fit_codes(self._specimen, before.kept, tracks)
         self._memory = Memory(kept=kept)
         codes = trained_codes(self._specimen, fit, kept.noise)

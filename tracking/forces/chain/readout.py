@@ -104,7 +104,7 @@ class ReadOut:
         """Root mean square of even codes (…, K) over their scale: how far the skin has moved."""
         return np.sqrt(((codes / self.scale) ** 2).mean(axis=-1))
 
-    def inputs(self, codes: Array, level: float, context: Array) -> Array:
+    def inputs(self, codes: Array, level: float, context: Array) -> Numbers:
         """Inputs of the networks for a frame, see `network_inputs`.
 
         Parameters
@@ -129,12 +129,14 @@ class ReadOut:
         return self.strength[: self.codes] + 1.0
 
 
-def bent_scale(scale: Array) -> Array:
+def bent_scale(scale: Numbers) -> Numbers:
     """What the second form of each code is divided by."""
     return np.maximum(np.arcsinh(scale / 2.0), 1.0)
 
 
-def network_inputs(scale: Array, codes: Numbers, level: Numbers | float, context: Numbers) -> Array:
+def network_inputs(
+    scale: Numbers, codes: Numbers, level: Numbers | float, context: Numbers
+) -> Numbers:
     """Inputs of the networks (…, 2K + 1 + C).
 
     Forces span three decades: each code is given in units of its scale, and again where noise is
