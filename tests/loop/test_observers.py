@@ -15,7 +15,8 @@ from chromagrip.tracking import Z90, SensorCalibration, Tracks, nominal_calibrat
 NORMAL, FRICTION = 2.0, 0.6
 #: µ that is read, and its standard deviation.
 MU, MU_DEVIATION = 0.5, 0.03
-CALIBRATION = nominal_calibration(load_sensor("thesis"))
+#: Of a stiffness that is known.
+CALIBRATION = replace(nominal_calibration(load_sensor("thesis")), stiffness_deviation=0.0)
 TRACKS = Tracks(
     time=0.0,
     position=np.zeros((2, 1, 2)),
