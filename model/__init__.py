@@ -26,13 +26,14 @@ from .errors import (
 )
 from .force_field import (
     ForceField,
-    FrictionReading, LoadPlane,
+    FrictionReading,
+    LoadPlane,
     contact_forces,
     node_friction,
     touching,
     whole_friction,
 )
-from .objects import ContactObject, stiffness_from_young
+from .objects import ContactObject, Surface, stiffness_from_young
 
 __all__ = [
     "GROSS_SLIP",
@@ -47,9 +48,9 @@ __all__ = [
     "Fingertip",
     "ForceField",
     "FrictionReading",
-    "LoadPlane",
     "History",
     "Integrator",
+    "LoadPlane",
     "LostContactError",
     "Method",
     "ModelError",
@@ -58,6 +59,7 @@ __all__ = [
     "SlipRecord",
     "SpringLaw",
     "State",
+    "Surface",
     "chain_compliance",
     "chain_forces",
     "check_fit",

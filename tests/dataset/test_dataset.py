@@ -263,6 +263,25 @@ def test_physics_that_does_not_hold_is_named(
         check(folder)
 
 
+def test_the_surface_of_an_object_is_checked_with_its_forces(tmp_path: Path) -> None:
+    draw = {
+        **TINY.draw,
+        "motion": {"choice": ["slip"]},
+        "object.radius_mm": {"choice": [8.0]},
+    }
+    scene = {**TINY.scene, "object": {"surface": "stays"}, "duration_s": 0.5}
+    folder = tmp_path / "stays"
+    make(replace(TINY, sequences=1, draw=draw, scene=scene), folder)
+    assert check(folder) == 1
+    file = folder / sequence_name(0) / "scene.toml"
+    text = file.read_text("utf-8")
+    assert 'surface = "stays"' in text
+    file.write_text(text.replace('"stays"', '"travels"'), "utf-8")
+    resealed(folder, sequence_name(0))
+    with pytest.raises(UserError, match="forces along x do not balance|is "):
+        check(folder)
+
+
 def test_parts_share_no_object(made: Path) -> None:
     parts = split(made, {"train": 0.6, "test": 0.4})
     every = sorted(name for names in parts.values() for name in names)
