@@ -204,6 +204,25 @@ def test_cells_as_printed_reproduce_and_others_differ_by_how_much() -> None:
     assert found["table-2", "travels", "react-to-slip", "largest_displacement"] == 2.6
 
 
+@pytest.mark.parametrize(("scale", "slips", "met"), [(1.05, 1, True), (1.1, 2, False)])
+def test_the_camera_is_compared_with_the_truth_path(scale: float, slips: int, met: bool) -> None:
+    runs = as_printed()
+    cells = dict(runs.cells)
+    for name, slip in (("safety-margin", 0.1), ("react-to-slip", 1.45)):
+        for k, obj in enumerate(OBJECTS):
+            job = object_job(name, obj, camera="thesis")
+            truth = runs.cells[object_job(name, obj)].pressure
+            cells[job] = cell(job, scale * truth, 2.0 * slip + 0.1 if k < slips else slip)
+    section = table_2(Runs(cells), "thesis", [])
+    found = {row.subject[-1]: row for row in section.rows if row.score == "pressure_over_truth"}
+    held = {row.subject[-1]: row for row in section.rows if row.score == "held"}
+    for name in ("safety-margin", "react-to-slip"):
+        assert found[name].value == pytest.approx(scale)
+        assert held[name].value == 27 - slips
+        assert found[name].met is held[name].met is met
+    assert any("shakes the grip" in note for note in section.notes) is not met
+
+
 def test_an_object_out_of_order_is_counted() -> None:
     runs = as_printed()
     sharp, flat = (object_job("conservative", (0.5, 32.0, r)) for r in (20.0, math.inf))
