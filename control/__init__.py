@@ -5,6 +5,7 @@ from .margin_inversion import MarginInversion
 from .settings import (
     PRINTED_SETTINGS,
     ConservativeSettings,
+    GripFirstSettings,
     MarginInversionSettings,
     ReactToSlipSettings,
     SafetyMarginSettings,
@@ -17,6 +18,7 @@ __all__ = [
     "ConservativeSettings",
     "Controller",
     "GripCommand",
+    "GripFirstSettings",
     "GripObservation",
     "MarginInversion",
     "MarginInversionSettings",

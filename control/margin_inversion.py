@@ -6,6 +6,7 @@ no gain, so that a delay does not make the grip oscillate.
 
 import math
 
+from .grip_first import GripFirst, grown
 from .settings import MarginInversionSettings
 from .values import GripCommand, GripObservation
 
@@ -27,11 +28,13 @@ class MarginInversion:
     The cautious µ is the highest lower bound of µ so far. More grip under a constant load lets the
     skin stick again, and then the estimate of µ is too low, which would raise the grip further.
     Therefore the cautious µ falls only while Γ shows that the skin slips, or as far as the estimate
-    contradicts it.
+    contradicts it. The command is never below the least grip in doubt, see `GripFirst`: without
+    that, friction that follows the grip of a sliding object would let the grip fall with it.
     """
 
     def __init__(self, settings: MarginInversionSettings) -> None:
         self.settings = settings
+        self._grip_first = GripFirst(settings.grip_first)
         self.reset()
 
     def reset(self) -> None:
@@ -41,26 +44,37 @@ class MarginInversion:
         self._need = math.nan
         self._friction = math.nan
         self._noise = 0.0
+        self._slips_since = math.nan
+        self._grip_first.reset()
 
     def command(self, observation: GripObservation) -> GripCommand:
-        """Grip force for this observation; unchanged when no forces were estimated."""
-        settings = self.settings
+        """Grip force for this observation; unchanged for a moment when no forces were estimated."""
         period = 0.0 if math.isnan(self._time) else observation.time - self._time
         self._time = observation.time
+        self._grip_first.see(observation, self._force)
         if observation.no_estimate:
-            return GripCommand(force=self._force)
-        if math.isnan(observation.margin):  # no contact
-            self._force = max(self._force, settings.start_n)
-            return GripCommand(force=self._force)
-        friction = self._cautious_friction(observation)
-        load = observation.field.total_friction
-        need = load / (friction * (1.0 - settings.desired_margin))
-        if not observation.friction_observable:
-            need = max(need, settings.start_n)
-        elif observation.margin < settings.slip_margin:
-            need *= settings.surge
-        self._follow(need, period)
+            pass
+        elif math.isnan(observation.margin):  # no contact
+            self._force = max(self._force, self.settings.start_n)
+        else:
+            self._follow(self._needed(observation), period)
+        most = min(self._grip_first.most, self.settings.ceiling_n)
+        self._force = min(max(self._force, self._grip_first.least), most)
         return GripCommand(force=self._force)
+
+    def _needed(self, observation: GripObservation) -> float:
+        """Grip force at which the observed load has the desired margin, or more where it slips."""
+        settings = self.settings
+        friction = self._cautious_friction(observation)
+        need = observation.field.total_friction / (friction * (1.0 - settings.desired_margin))
+        if not observation.friction_observable:
+            return max(need, settings.start_n)
+        if not observation.margin < settings.slip_margin:
+            self._slips_since = math.nan
+            return need
+        if math.isnan(self._slips_since):
+            self._slips_since = observation.time
+        return need * (1.0 + (settings.surge - 1.0) * grown(observation.time - self._slips_since))
 
     def _cautious_friction(self, observation: GripObservation) -> float:
         """µ that the command is calculated with."""

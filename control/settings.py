@@ -10,6 +10,24 @@ Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
 AtLeastOne = Annotated[float, Meta(ge=1.0, le=1e3)]
 
 
+class GripFirstSettings(Table, frozen=True):
+    """Settings of the least grip in doubt, a table within that of each controller that lowers it.
+
+    Attributes
+    ----------
+    sliding_margin: lower end of the 90 % interval of Γ up to which a frame does not exclude sliding
+    rise_n_per_s: rise of the grip force while no forces can be estimated, and at least this while
+        frames do not exclude sliding [N/s]
+    ceiling_n: highest grip force that doubt leads to [N]
+    blind_s: time without an estimate for which the grip force is held before it rises [s]
+    """
+
+    sliding_margin: Share = 0.05
+    rise_n_per_s: Positive = 3.0
+    ceiling_n: Positive = 15.0
+    blind_s: NotNegative = 0.03
+
+
 class SafetyMarginSettings(Table, frozen=True):
     """Settings of Safety Margin Control, and the average of µ that every controller is given.
 
@@ -25,6 +43,7 @@ class SafetyMarginSettings(Table, frozen=True):
         controllers
     floor_n: lowest grip force [N]
     start_s: time from which the controller is on [s]; before, it commands `feedforward_n`
+    grip_first: least grip in doubt
     """
 
     desired_margin: Share = 0.30
@@ -34,6 +53,7 @@ class SafetyMarginSettings(Table, frozen=True):
     friction_window_s: Positive = 0.3
     floor_n: Positive = 0.1
     start_s: NotNegative = 0.04
+    grip_first: GripFirstSettings = GripFirstSettings()
 
 
 class MarginInversionSettings(Table, frozen=True):
@@ -49,9 +69,10 @@ class MarginInversionSettings(Table, frozen=True):
     tolerance: the µ that is used may be this many standard deviations above the estimate, each of
         at least a tenth of µ
     slip_margin: estimated Γ below which the skin slips, so that the estimate of µ is exact
-    surge: factor on the grip force while the skin slips, because the load is more than the friction
+    surge: largest factor on the grip force while the skin slips: the load is more than the friction
     smoothing_s: time constant of small changes [s]
     band: share of the grip force up to which a change is small
+    grip_first: least grip in doubt
     """
 
     desired_margin: Share = 0.30
@@ -65,6 +86,7 @@ class MarginInversionSettings(Table, frozen=True):
     surge: AtLeastOne = 1.5
     smoothing_s: Positive = 0.1
     band: Share = 0.05
+    grip_first: GripFirstSettings = GripFirstSettings()
 
 
 class ReactToSlipSettings(Table, frozen=True):
@@ -76,7 +98,8 @@ class ReactToSlipSettings(Table, frozen=True):
     step_n: added at each slip event [N]
     displacement_mm: lateral displacement that is a slip event, where it is known [mm]
     margin: estimated Γ that is a slip event, where the displacement is unknown …
-    hold_s: … once the mean of Γ over this time is below it [s]
+    hold_s: … once the mean of Γ over this time is below it [s]; doubt must last as long
+    grip_first: least grip in doubt
     """
 
     start_n: Positive = 0.5
@@ -84,6 +107,7 @@ class ReactToSlipSettings(Table, frozen=True):
     displacement_mm: Positive = 1.3
     margin: Share = 0.05
     hold_s: NotNegative = 0.1
+    grip_first: GripFirstSettings = GripFirstSettings()
 
 
 class ConservativeSettings(Table, frozen=True):

@@ -1,5 +1,6 @@
 """Observations, which a controller is given, and commands, which it returns."""
 
+import math
 from dataclasses import dataclass
 
 from ..model import ForceField
@@ -21,6 +22,11 @@ class GripObservation:
     lateral_displacement: of the object over the fingertip [m]; NaN on the camera path, where the
         object's motion is not in the image
     no_estimate: reason for which no forces could be estimated; empty when they were
+    direction: azimuth of the friction on the sensor, from its x axis towards its y axis [rad]; NaN
+        where it was not estimated
+    out_of_plane: share of the lateral motion of the skin that is across that direction; NaN where
+        it was not estimated
+    twist: turn of the contact about the grip axis [rad]; NaN where it was not estimated
     """
 
     time: float
@@ -32,6 +38,9 @@ class GripObservation:
     margin_interval: tuple[float, float]
     lateral_displacement: float
     no_estimate: str = ""
+    direction: float = math.nan
+    out_of_plane: float = math.nan
+    twist: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,9 +1,10 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
-Parts: images, loop, dataset, control, model, render, track, force, charts, limit, stability,
-stability-track, stability-loop, appendix-b, reproduction. Without arguments all of them are made,
-which takes some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md and
-docs/reproduction.md is written by hand, nor what other pages have between two marks of `fill`.
+Parts: images, loop, dataset, control, model, render, track, force, ranges, charts, limit,
+stability, stability-track, stability-loop, appendix-b, reproduction. Without arguments all of them
+are made, which takes some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md,
+docs/training-ranges.md and docs/reproduction.md is written by hand, nor what other pages have
+between two marks of `fill`.
 """
 
 import os
@@ -19,6 +20,9 @@ from typing import Any
 
 import cv2
 
+from chromagrip.calibrate.first_use import EPOCHS, HISTORIES, NOISE
+from chromagrip.calibrate.readout import VARIATIONS
+from chromagrip.calibrate.spanned import range_lines, spanned_ranges
 from chromagrip.measure.bench.parts import bench
 from chromagrip.measure.reproduce.parts import PARTS as THESIS
 from chromagrip.measure.reproduce.parts import Plan, reproduce
@@ -118,6 +122,13 @@ def force() -> None:
     draw_chart("force")
 
 
+def ranges() -> None:
+    """The ranges of a training."""
+    lines = range_lines(spanned_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS))
+    told = Table(("range", "unit", "from", "to", ""), tuple(lines))
+    write("training-ranges", "What a read-out is trained on", "chromagrip train", markdown(told))
+
+
 def render() -> None:
     """The renderers' report and chart, a pose's preview, a real-looking frame beside an ideal."""
     table("render")
@@ -197,6 +208,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "render": render,
     "track": partial(table, "track"),
     "force": force,
+    "ranges": ranges,
     "charts": draw_charts,
     "limit": partial(
         keep, "limit --sensor thesis --sensor fovea", {"limit.png": IMAGES / "limit.png"}

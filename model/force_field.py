@@ -40,7 +40,7 @@ class FrictionReading:
 
 @dataclass(frozen=True, kw_only=True)
 class LoadPlane:
-    """Plane through the sensor's axis in which an estimate found the load, and what lies outside it.
+    """Plane through the sensor's axis in which an estimate found the load, and what is not in it.
 
     Attributes
     ----------

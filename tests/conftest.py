@@ -41,6 +41,15 @@ def typed(
 
 
 @pytest.fixture
+def no_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Folder of the user's caches, in which no read-out is kept yet."""
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    return folder
+
+
+@pytest.fixture
 def bytes_of() -> Callable[[Path], dict[str, str]]:
     """Digest of every file below a folder."""
 

@@ -170,7 +170,7 @@ def test_control_knows_nothing_of_the_model_but_its_force_field() -> None:
 def test_estimators_are_never_given_the_truth() -> None:
     """Tracking may use the chain's calibration; not the object, its state or its contact forces."""
     allowed = {"REFERENCE_NODES", "Fingertip", "SpringLaw", "chain_compliance", "chain_forces"}
-    allowed |= {"ForceField", "FrictionReading"}  # what they answer
+    allowed |= {"ForceField", "FrictionReading", "LoadPlane"}  # what they answer
     for module in modules():
         for target, node in imports(module) if room(module) == "tracking" else ():
             if room(target) == "model" and not target.startswith("model.kernels"):

@@ -37,6 +37,7 @@ from .forces import (
     load_reconstructor,
     max_ratio,
     nominal_calibration,
+    sensor_as_designed,
     shipped_readout,
 )
 from .forces.chain import MIN_MARKERS, ForcePrior, GaussianProcess
@@ -86,6 +87,7 @@ __all__ = [
     "palette_names",
     "read_rest",
     "resting_ground",
+    "sensor_as_designed",
     "shipped_readout",
     "tracker_names",
     "unmixing_matrix",

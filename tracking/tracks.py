@@ -48,6 +48,8 @@ class Tracks:
     ambiguous: found, but its number is not certain, shape (L, M)
     last_seen: time of the last frame in which it was found [s], shape (L, M); NaN for never
     covariance: of (x, y, log_size) of all layers together, shape (M, 3L, 3L), first layer first
+    compression: factor by which lossy compression of the picture, as far as its pixels show it,
+        enlarged the deviations of places that moved, which the covariance contains; 1 for none
     """
 
     time: float
@@ -58,6 +60,7 @@ class Tracks:
     ambiguous: NDArray[np.bool_]
     last_seen: Array
     covariance: Array
+    compression: float = 1.0
 
     def __getstate__(self) -> dict[str, Any]:
         """Values to copy or pickle: the hue is measured, the image stays behind."""

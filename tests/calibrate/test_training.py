@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from chromagrip.calibrate import readout as training
-from chromagrip.calibrate.networks import Basis
+from chromagrip.calibrate.learner import Learner
+from chromagrip.calibrate.networks import NOISE, Basis
 from chromagrip.cli.calibrate import train
 from chromagrip.errors import UserError
 from chromagrip.tracking import load_calibration
@@ -43,9 +44,10 @@ def test_an_interrupted_training_goes_on_and_comes_to_the_same(
     assert not (tmp_path / "broken.npz.parts").exists()
     assert learn(whole) == errors
     a, b = load_readout(broken), load_readout(whole)
-    assert all(np.array_equal(vars(a)[name], vars(b)[name]) for name in ("codes", "linear", "rows"))
-    # Even so few tell more of µ than no image does.
-    assert errors["friction_n"] < 0.5
+    same = ("fields", "amounts", "context", "targets")
+    assert all(np.array_equal(getattr(a, name), getattr(b, name)) for name in same)
+    assert all(np.array_equal(x, y) for x, y in zip(a.totals[0], b.totals[0], strict=True))
+    assert np.isfinite(list(errors.values())).all()
 
 
 def test_scikit_learn_is_asked_for_before_any_work(
@@ -70,32 +72,53 @@ def test_parts_of_another_training_are_not_taken_for_ones_own(tmp_path: Path) ->
     assert {file.name: file.read_bytes() for file in parts.iterdir()} == kept
 
 
-def test_codes_without_some_pairs_are_those_of_the_others() -> None:
-    """Where the press is one that codes can write, the pairs that are left tell it as well."""
-    rng = np.random.default_rng(2)
-    pairs, codes = 60, 8
-    rows = np.linalg.qr(rng.standard_normal((6 * pairs, codes)))[0].T
-    spread = np.full(codes, 300.0)
-    none = np.zeros((1, 1, 1))
+@pytest.fixture(scope="module")
+def learner() -> Learner:
+    """Of the shipped read-out's codes, with the noise of a camera and a floor."""
+    readout = load_readout(KNOWN.readout)  # type: ignore[arg-type]
+    sensor = KNOWN.sensor
+    noise = np.tile([0.022, 0.022, 1.5e-3], (len(sensor.places), 2))
+    none = np.zeros((1, 1))
     basis = Basis(
-        noise=rng.uniform(0.5, 2.0, 6 * pairs), mean=rng.standard_normal(6 * pairs), rows=rows,
-        left=np.zeros(6 * pairs), scale=np.hypot(spread, 1.0), normal=none, friction=none,
-        displacement=none, shifts=none,
+        noise=noise, frame=0.4 * noise, mean=readout.mean, fields=readout.fields, left=readout.left,
+        strength=readout.strength, modes=readout.modes, amounts=readout.amounts, normal=none,
+        friction=none,
     )  # fmt: skip
-    true = 300.0 * rng.standard_normal(codes)
-    shifts = basis.noise * (basis.mean + true @ rows)
-    assert basis.codes(shifts) == pytest.approx(true)
-    lost = np.arange(60, 60 + 36)
-    assert basis.codes_without(shifts, lost[:0]) == pytest.approx(true)
-    wrong = shifts.copy()
-    wrong[lost] += 1e3
-    assert basis.codes_without(wrong, lost) == pytest.approx(true, rel=2e-3, abs=0.5)
+    return Learner.of(basis, sensor.places)
+
+
+def test_lessons_are_codes_of_the_shifts(learner: Learner) -> None:
+    """What codes can write is read as those codes, with and without the pairs that are lost."""
+    rng = np.random.default_rng(2)
+    count, unknowns = 40, learner.rows.shape[1]
+    true = np.zeros((count, unknowns))
+    true[:, :20] = 0.1 * np.sqrt(learner.strength[:20]) * rng.standard_normal((count, 20))
+    white = (true @ learner.rows.T).reshape(count, -1, 6)
+    shifts = learner.mean + white * learner.basis.noise
+    codes, level, context = learner.read(rng, shifts)
+    # Rows of the fields at other places than the axes' own are nearly, not exactly, orthonormal.
+    error = codes[:, :20] - true[:, :20]
+    assert np.sqrt((error**2).mean()) < 0.02 * np.sqrt((true[:, :20] ** 2).mean()) + 0.5
+    # The residual is the noise alone: its mean square, in units of the noise, is at most one.
+    assert (np.median(context, axis=0)[:12] < 0.1).all()
+    assert np.corrcoef(np.log(level), context[:, 8])[0, 1] > -0.9
+    assert ((level >= NOISE[0]) & (level <= NOISE[1])).all()
+
+
+def test_a_motion_that_no_code_describes_shows_in_the_context(learner: Learner) -> None:
+    rng = np.random.default_rng(3)
+    shifts = np.tile(learner.mean, (30, 1, 1))
+    wave = np.cos(3.0 * KNOWN.sensor.places[:, 1]) * np.sin(2.0 * KNOWN.sensor.places[:, 0]) ** 2
+    moved = shifts.copy()
+    moved[:, :, 0] += 0.15 * wave
+    quiet, loud = learner.read(rng, shifts)[2], learner.read(rng, moved)[2]
+    assert np.median(loud[:, 0]) > np.median(quiet[:, 0]) + 1.0
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ({"calibration": "flat-2019"}, "flat-2019 is a flat pad"),
+        ({"calibration": "flat-2019"}, "sensor flat-2019: a flat pad has no force model"),
         ({"calibration": "thesis", "histories": 10}, "--histories 10: expected 500 or more"),
         ({"calibration": "thesis", "noise": 0.0}, "--noise 0: expected 0.1 to 50 levels"),
         ({"calibration": "dome-2022"}, "forces are read from stiff discs only"),

@@ -13,6 +13,7 @@ from chromagrip.loop.run_folder import Result
 from chromagrip.loop.trace import COLUMNS, Trace
 from chromagrip.measure.bench import control as bench_control
 from chromagrip.measure.bench.control import OBJECT_SETS, SCENES, TARGETS, Task, score_run, tasks
+from chromagrip.measure.worlds.coverage import BEYOND, count_frames, coverage_rows, slip_rows
 from chromagrip.measure.worlds.scorecard import SCORES, overshoot, scores, settling, together, worst
 from chromagrip.render.drawing.gl import gl_problem
 
@@ -151,17 +152,63 @@ def test_everything_is_run_once_with_each_seed() -> None:
         "objects-mismatched": 27,
         "objects-jerk": 27,
         "objects-moisture": 27,
+        "beyond": 4 * len(BEYOND),
     }
     # Without a name, sets of objects are run only where something is asked.
     some = tasks(False, ["conservative", "safety-margin"], False)
     assert {t.group for t in some if t.controller == "conservative"} == set(SCENES)
-    assert {t.group for t in some if t.controller == "safety-margin"} == {*SCENES, "objects-100hz"}
+    judged = {t.group for t in some if t.controller == "safety-margin"}
+    assert judged == {*SCENES, "objects-100hz", "beyond"}
     assert {(group, score) for _, group, score in TARGETS} <= {
         (group, score) for group in OBJECT_SETS for score in SCORES
     }
     for task in tasks(True, ["conservative"], True):
         scene = load_scene(task.scene, task.changes)
         assert (scene.controller, scene.path) == ("conservative", task.path)
+
+
+def test_frames_are_counted_by_where_the_truth_lies() -> None:
+    """Γ 0.3 [0.2, 0.4] against a truth inside, below by one, two and three half-widths, and 0.9."""
+    true = np.resize([0.3, 0.15, 0.09, 0.5, 0.9, 0.3, 0.3, np.nan, 0.3, 0.3], len(TIME))
+    said = np.where(np.arange(len(TIME)) % 10 < 8, 0.3, np.nan)
+    trace = result(
+        margin_true=true, margin_estimated=said, margin_low=said - 0.1, margin_high=said + 0.1
+    ).trace
+    counted = count_frames(trace)
+    tens = len(TIME) / 10
+    expected = {"frames": 6, "outside": 3, "unsafe": 2, "wrong": 1, "flagged": 2}
+    for kind, count in expected.items():
+        assert counted[kind] == pytest.approx(count * tens, abs=3)
+
+
+def test_coverage_is_bootstrapped_over_runs_and_counts_whole_runs() -> None:
+    good = {"frames": 100.0, "outside": 5.0, "unsafe": 0.0, "wrong": 0.0, "flagged": 0.0}
+    bad = {"frames": 100.0, "outside": 50.0, "unsafe": 50.0, "wrong": 40.0, "flagged": 25.0}
+    runs = {"a": [good] * 50, "b": [good] * 40 + [bad] * 10}
+    found = {row.name: row for row in coverage_rows(runs)}
+    assert found["coverage/camera/a/inside"].value == pytest.approx(95.0)
+    assert found["coverage/camera/b/inside"].value == pytest.approx(86.0)
+    assert found["coverage/camera/all/inside"].value == pytest.approx(90.5)
+    assert found["coverage/camera/all/unsafe"].value == pytest.approx(5.0)
+    assert found["coverage/camera/all/runs_outside"].value == pytest.approx(10.0)
+    assert found["coverage/camera/all/runs_wrong"].value == 10.0
+    assert not found["coverage/camera/all/runs_wrong"].met
+    # A run is inside or outside as a whole: σ = 45·√(0.1·0.9/100) = 1.35 %.
+    low, high = (found[f"coverage/camera/all/inside_{end}"].value for end in ("low", "high"))
+    assert low is not None
+    assert high is not None
+    assert high - low == pytest.approx(2 * 1.645 * 1.35, rel=0.2)
+
+
+def test_slip_is_judged_where_the_truth_path_holds() -> None:
+    slips = {
+        "margin-inversion": [(0.1, 0.1), (0.1, 0.3), (0.5, 3.0)],
+        "react-to-slip": [(1.3, 1.4), (1.5, 4.0), (0.0, 0.0)],
+    }
+    found = {row.name: row.value for row in slip_rows(slips)}
+    assert found["beyond/camera/margin-inversion/gross_where_truth_holds"] == 50.0
+    assert found["beyond/camera/all/gross_where_truth_holds"] == pytest.approx(100.0 / 3.0)
+    assert found["beyond/camera/react-to-slip/largest_where_truth_waits"] == 1.4
 
 
 @pytest.mark.skipif(gl_problem() is not None, reason="needs off-screen OpenGL")

@@ -8,6 +8,7 @@ import pytest
 
 from chromagrip.errors import UserError
 from chromagrip.measure.bench import force as bench_force
+from chromagrip.measure.bench import force_sets
 from chromagrip.measure.bench.parts import bench
 from chromagrip.measure.worlds import force_scores, grasps
 from chromagrip.measure.worlds.force_scenes import (
@@ -326,8 +327,10 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
         bench_force, "BEST", dict.fromkeys(("single", "0.1s"), "users_readers:Told")
     )
     monkeypatch.setattr(bench_force, "scenes", lambda *_: [scene])
+    monkeypatch.setattr(force_sets, "scenes", lambda *_: [scene])
+    monkeypatch.setattr(bench_force, "beyond_counts", lambda *_: {})
     monkeypatch.setattr(
-        bench_force, "map_processes", lambda function, tasks, *_, **__: map(function, tasks)
+        force_sets, "map_processes", lambda function, tasks, *_, **__: map(function, tasks)
     )
     names = ("users_readers:Told", "users_readers:Refusing")
     report = bench_force.bench_force(True, lambda _: None, names)
@@ -364,7 +367,7 @@ def test_rows_have_stable_names_and_targets_are_asked_of_the_best_alone(
 
 
 def test_every_target_is_of_a_set_and_a_score_that_there_is() -> None:
-    sets = {bench_force.set_name(world, kind) for world, kind in bench_force.COUNTS}
+    sets = {force_sets.set_name(world, kind) for world, kind in bench_force.COUNTS}
     for name, read, score in bench_force.TARGETS:
         assert name in sets
         assert read in force_scores.READ

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chromagrip import UserError
-from chromagrip.measure.bench import force as bench_force
+from chromagrip.measure.bench.force_sets import Measured
 from chromagrip.measure.charts import force as chart_force
 from chromagrip.measure.charts.chart import Axis, Chart, Peer, Point, front
 from chromagrip.measure.charts.loop import settings as settings_of_the_loop
@@ -170,7 +170,7 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit(
     true = np.array([[1.0, 0.2, 0.5, 0.6], [2.0, 0.4, 0.6, 0.7], [4.0, 1.0, 0.4, 0.3]])
     value = true + np.array([0.1, 0.0, 0.0, 0.02])
     said = Answers(value=value, interval=np.stack([value] * 2, axis=-1), flagged=true[:, 0] < 0.0)
-    found = bench_force.Measured(
+    found = Measured(
         true=true,
         answers={("gp", read): said for read in force_scores.READ},
         limit={"single": 0.01 * true, "0.1s": np.full(true.shape, 0.005)},

@@ -9,6 +9,7 @@ from ...errors import UserError
 from ...render import Frame
 from ..detection import RestFrame, read_rest
 from ..palette import Palette
+from .compression import flat_blocks
 from .pair_fit import PairFit, prepare_fit
 from .pair_state import PairFits, PairState
 from .relocate import Relocator
@@ -65,6 +66,7 @@ class AtRest:
     shape: of an image
     layers: L, 1 or 2
     share: displacement of the inner layer over that of the outer one; None if it is not known
+    flat: pixels that show the noise beside the markers, see `flat_blocks`
     """
 
     settings: FitSettings
@@ -75,6 +77,7 @@ class AtRest:
     shape: tuple[int, ...]
     layers: int
     share: float | None
+    flat: NDArray[np.intp]
 
     def lost(self, visible: Mask) -> int:
         """Number of markers that were there at rest and are not visible."""
@@ -112,11 +115,17 @@ def fit_rest(
     )
     misfit = np.mean([each.misfit for each in fits], axis=0)
     covariance = np.mean([each.covariance for each in fits], axis=0) / len(frames)
-    return _at_rest(rest, palette, settings, fit, state), PairFits(state, misfit, covariance)
+    known = _at_rest(rest, palette, settings, fit, state, flat_blocks(frames))
+    return known, PairFits(state, misfit, covariance)
 
 
 def _at_rest(
-    rest: RestFrame, palette: Palette, settings: FitSettings, fit: PairFit, state: PairState
+    rest: RestFrame,
+    palette: Palette,
+    settings: FitSettings,
+    fit: PairFit,
+    state: PairState,
+    flat: NDArray[np.intp],
 ) -> AtRest:
     sensor = palette.sensor
     return AtRest(
@@ -128,6 +137,7 @@ def _at_rest(
         shape=rest.image.shape,
         layers=len(palette.names),
         share=None if sensor is None else sensor.follow[-1] / sensor.follow[0],
+        flat=flat,
     )
 
 

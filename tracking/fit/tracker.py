@@ -16,6 +16,7 @@ from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
 from .at_rest import STEPS, WORSE, AtRest, FitSettings, fit_rest, misfit_limit, visible_markers
+from .compression import compression, deviations, fine_part
 from .looks import astray, better, judge, untangled, worth
 from .memory import PATIENCE, Look, Memory
 from .neighbour_kernels import median, tie_light
@@ -94,7 +95,10 @@ class MarkerTracker:
             last_seen=np.where(visible.T, rest[-1].time, np.nan)[: known.layers],
             typical=max(1.0, fits.typical),
         )
-        self.rest = _tracks(known, self.state, rest[-1], fits, visible, np.zeros_like(visible))
+        tracks = _tracks(known, self.state, rest[-1], fits, visible, np.zeros_like(visible))
+        if tracks.compression > 1.0:  # its errors are the same in all rest frames
+            tracks = replace(tracks, covariance=len(rest) * tracks.covariance)
+        self.rest = tracks
         return self.rest
 
     def update(self, frame: Frame) -> Tracks:
@@ -312,6 +316,13 @@ def _tracks(
         p, q = fits[..., 3], fits[..., 4]
         log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)
         hue = partial(known.fit.hues, frame.image, fits)
+    factor = _compression(known, frame.image, fit)
+    if factor > 1.0:
+        offset = (fit.state.fits - known.state.fits)[..., :2]
+        moved = np.linalg.norm(np.where(visible[..., None], offset, 0.0), axis=2).max(axis=1)
+        spread = deviations(factor, moved)
+        covariance[:, :6, :6] *= spread[:, :, None] * spread[:, None]
+    if known.settings.free == 5:
         # Where markers touch, sizes depend on the light between them, which is less certain.
         doubt = _TOUCHING_SIZE**2 * known.fit.touching(fits, visible)
         covariance[:, 2, 2] += doubt
@@ -328,4 +339,11 @@ def _tracks(
         ambiguous=ambiguous[:, :layers].T,
         last_seen=memory.last_seen.copy(),
         covariance=covariance,
+        compression=factor,
     )
+
+
+def _compression(known: AtRest, image: Image, fit: PairFits) -> float:
+    """What compression enlarged the deviations of a frame by; 1 for none."""
+    residual = np.sqrt(fit.typical * (known.fit.noise**2 + 1.0 / 12.0))
+    return compression(float(residual), fine_part(image, known.flat))

@@ -10,9 +10,11 @@ from .calibration import (
     Values,
     calibration_table,
     check_markers,
+    check_trainable,
     load_calibration,
     nominal_calibration,
     required_readout,
+    sensor_as_designed,
     shipped_readout,
     values_of,
     with_values,
@@ -28,7 +30,8 @@ from .friction import (
     core_quantile,
     max_ratio,
 )
-from .pose import Alignment, CameraPose, aligned, alignment
+from .kept_readouts import TRAINING, kept_path, kept_readout, training_key
+from .pose import Alignment, CameraPose, PoseTable, aligned, alignment, pose_words, seen_by
 from .reconstructors import (
     AUTOMATIC,
     DEFAULT_RECONSTRUCTOR,
@@ -38,6 +41,8 @@ from .reconstructors import (
     Reconstructor,
     check_reconstructor,
     load_reconstructor,
+    name_used,
+    needs_readout,
 )
 from .rest_fit import rest_pose
 from .shifts import MEASURED, MarkerShifts
@@ -51,6 +56,7 @@ __all__ = [
     "METHODS",
     "RECONSTRUCTORS",
     "THESIS_RULE",
+    "TRAINING",
     "Z90",
     "Alignment",
     "CameraPose",
@@ -60,6 +66,7 @@ __all__ = [
     "FrictionRule",
     "MarkerShifts",
     "NoEstimateError",
+    "PoseTable",
     "Reconstructor",
     "SensorCalibration",
     "Values",
@@ -68,16 +75,25 @@ __all__ = [
     "calibration_table",
     "check_markers",
     "check_reconstructor",
+    "check_trainable",
     "core_quantile",
     "fit_gains",
+    "kept_path",
+    "kept_readout",
     "load_calibration",
     "load_reconstructor",
     "max_ratio",
+    "name_used",
+    "needs_readout",
     "nominal_calibration",
+    "pose_words",
     "required_readout",
     "rest_pose",
+    "seen_by",
+    "sensor_as_designed",
     "shipped_readout",
     "skin_displacement",
+    "training_key",
     "values_of",
     "with_values",
 ]

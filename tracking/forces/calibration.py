@@ -13,8 +13,12 @@ from ...model import REFERENCE_NODES, Fingertip, SpringLaw
 from ...render import SensorDesign, load_sensor, sensor_names
 from ...strict_toml import Table, convert, read_toml
 from .displacement import DisplacementGains
+from .kept_readouts import kept_readout
 
 FORMAT: Literal["chromagrip calibration 1"] = "chromagrip calibration 1"
+
+#: Folder of the shipped read-outs.
+SHIPPED = Path(__file__).parents[1] / "readouts"
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
@@ -62,6 +66,7 @@ class SensorCalibration:
     readout: trained read-out of this kind of sensor; None if it has none
     name: of the sensor or of the calibration's file, for messages
     displacement: gains from image to displacement; None where they were not calibrated
+    design: that the values of `sensor` were calibrated from; None where it is as designed
     """
 
     sensor: SensorDesign
@@ -72,6 +77,12 @@ class SensorCalibration:
     readout: Path | None = None
     name: str = field(default="", compare=False)
     displacement: DisplacementGains | None = None
+    design: SensorDesign | None = field(default=None, compare=False)
+
+    @property
+    def nominal(self) -> SensorDesign:
+        """The sensor as designed."""
+        return self.sensor if self.design is None else self.design
 
 
 class _File(Table, frozen=True, kw_only=True):
@@ -80,16 +91,38 @@ class _File(Table, frozen=True, kw_only=True):
     readout: str = ""
     position_floor_px: NotNegative = SensorCalibration.position_floor
     size_floor: NotNegative = SensorCalibration.size_floor
-    stiffness_deviation: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    stiffness_deviation: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     values: Values | None = None
     displacement: DisplacementGains | None = None
     fit: FitReport | None = None
 
 
 def nominal_calibration(sensor: SensorDesign, law: SpringLaw = "split") -> SensorCalibration:
-    """Calibration of a sensor that is exactly as designed, of the thesis's materials."""
+    """Calibration of a sensor that is as designed, of the thesis's materials.
+
+    Its stiffness is as uncertain as the design says that specimens differ.
+    """
     tip = Fingertip.of_radius(sensor.shape.radius, nodes=REFERENCE_NODES, law=law)
-    return SensorCalibration(sensor=sensor, fingertip=tip)
+    deviation = sensor.stiffness_deviation
+    return SensorCalibration(sensor=sensor, fingertip=tip, stiffness_deviation=deviation)
+
+
+def sensor_as_designed(name: str, law: SpringLaw = "split") -> SensorCalibration:
+    """Nominal calibration of a shipped design or of one's own, with its read-out if it has one.
+
+    Parameters
+    ----------
+    name: of the design, or its file
+    law: spring law of the fingertip; read-outs are of the split one
+
+    Raises
+    ------
+    UserError
+        When there is no such design.
+    """
+    sensor = load_sensor(name)
+    readout = (shipped_readout(name) or kept_readout(sensor)) if law == "split" else None
+    return replace(nominal_calibration(sensor, law), name=name, readout=readout)
 
 
 def values_of(calibration: SensorCalibration) -> Values:
@@ -116,6 +149,7 @@ def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibra
     sensor = calibration.sensor
     return replace(
         calibration,
+        design=calibration.nominal,
         sensor=changed(
             sensor,
             magenta=changed(sensor.magenta, depth_mm=values.magenta_depth_mm),
@@ -149,9 +183,10 @@ def check_markers(sensor: SensorDesign) -> None:
 
 
 def load_calibration(name: str) -> SensorCalibration:
-    """Calibration from a file that ends in `.toml`, or the nominal one of a shipped sensor.
+    """Calibration from its file, or the nominal one of a shipped sensor or of a design's file.
 
-    A sensor design that a file names is looked for beside it.
+    A sensor design that a file names is looked for beside it. Its read-out is the one that the file
+    names, else the shipped one of the design, else the one that is kept for it.
 
     Raises
     ------
@@ -159,22 +194,21 @@ def load_calibration(name: str) -> SensorCalibration:
         When there is no such calibration, or with the key, the value and what is allowed.
     """
     if name in sensor_names():
-        nominal = nominal_calibration(load_sensor(name))
-        return replace(nominal, name=name, readout=shipped_readout(name))
+        return sensor_as_designed(name)
     if not name.endswith(".toml"):
         raise UserError(
             f"no calibration {name!r}; give a .toml file of `chromagrip calibrate sensor`, or for "
-            f"a sensor as designed one of {', '.join(sensor_names())}"
+            f"a sensor as designed its .toml file or one of {', '.join(sensor_names())}"
         )
     folder, title = Path(name).parent, f"calibration {name}"
     values = read_toml(Path(name), title)
+    if "format" not in values and "skin" in values:  # a design
+        return sensor_as_designed(name)
     if values.get("format") != FORMAT:
         raise UserError(f"{title} has format {values.get('format')!r}; wanted: {FORMAT!r}")
     file = convert(values, _File, title)
     own = file.sensor.endswith(".toml")
-    calibration = nominal_calibration(
-        load_sensor(str(folder / file.sensor) if own else file.sensor)
-    )
+    calibration = sensor_as_designed(str(folder / file.sensor) if own else file.sensor)
     if file.values is not None:
         calibration = with_values(calibration, file.values)
     return replace(
@@ -182,10 +216,39 @@ def load_calibration(name: str) -> SensorCalibration:
         name=name,
         position_floor=file.position_floor_px,
         size_floor=file.size_floor,
-        stiffness_deviation=file.stiffness_deviation,
-        readout=folder / file.readout if file.readout else shipped_readout(file.sensor),
+        stiffness_deviation=(
+            calibration.stiffness_deviation
+            if file.stiffness_deviation is None
+            else file.stiffness_deviation
+        ),
+        readout=folder / file.readout if file.readout else calibration.readout,
         displacement=file.displacement,
     )
+
+
+def check_trainable(calibration: SensorCalibration) -> None:
+    """Refuse a sensor that no read-out can be trained for.
+
+    Raises
+    ------
+    UserError
+        When it is a flat pad, its markers are not stiff discs, or its fingertip has another spring
+        law.
+    """
+    with located(f"sensor {calibration.name}".rstrip()):
+        if calibration.sensor.shape.flat:
+            raise UserError(
+                "a flat pad has no force model: calibrate its displacements with `chromagrip "
+                "calibrate sensor`"
+            )
+        check_markers(calibration.sensor)
+        law = calibration.fingertip.law
+        if law != "split":
+            raise UserError(
+                f"read-outs are trained with the spring law split, the fingertip has {law}: "
+                "choose fingertip.model = 'split', or a reconstructor that needs no read-out, such "
+                "as gp"
+            )
 
 
 def required_readout(calibration: SensorCalibration) -> Path:
@@ -198,19 +261,19 @@ def required_readout(calibration: SensorCalibration) -> Path:
     """
     if calibration.readout is not None:
         return calibration.readout
-    sensor, named = calibration.name or "SENSOR", f"sensor {calibration.name}".rstrip()
-    with located(named):
-        check_markers(calibration.sensor)
+    check_trainable(calibration)
     raise UserError(
-        f"{named} has no trained read-out: train one with `chromagrip train {sensor} --out "
-        "FILE.npz` and name it in a calibration file as readout = 'FILE.npz', or choose a "
+        f"{f'sensor {calibration.name}'.rstrip()} has no trained read-out: train one with "
+        f"`chromagrip train {calibration.name or 'SENSOR'}`, which takes minutes, or choose a "
         "reconstructor that needs none, such as gp, which reads forces but no reliable margins"
     )
 
 
 def shipped_readout(sensor: str) -> Path | None:
     """Read-out trained for a shipped design, if there is one."""
-    path = Path(__file__).parents[1] / "readouts" / f"{sensor}.npz"
+    if sensor not in sensor_names():
+        return None
+    path = SHIPPED / f"{sensor}.npz"
     return path if path.exists() else None
 
 

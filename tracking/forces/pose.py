@@ -6,6 +6,7 @@ it, or has another lens scale, therefore sees the same rays at other pixels.
 
 import math
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,34 @@ _SAMPLES = 900
 _NUDGE = 1e-3
 #: Golden-angle step of an even spiral over a disc [rad].
 _SPIRAL = math.pi * (3.0 - math.sqrt(5.0))
+
+
+class PoseTable(TypedDict):
+    """A camera's pose in a summary, see `CameraPose`."""
+
+    roll_deg: float
+    roll_deviation_deg: float
+    shift_px: list[float]
+    shift_deviation_px: list[float]
+    scale: float
+    scale_deviation: float
+    tilt_deg: list[float]
+    tilt_deviation_deg: list[float]
+    error_px: float
+    ambiguous: bool
+    notable: bool
+
+
+def pose_words(pose: PoseTable) -> str:
+    """Words for a pose of a summary."""
+    x, y = pose["shift_px"]
+    words = (
+        f"rolled by {pose['roll_deg']:.2f}°, shifted by ({x:.1f}, {y:.1f}) px, scaled by "
+        f"{pose['scale']:.3f}, tilted by {math.hypot(*pose['tilt_deg']):.2f}°"
+    )
+    if pose["ambiguous"]:
+        words += ", or further by a symmetry of the layout"
+    return words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +106,7 @@ class CameraPose:
             or abs(self.scale - 1.0) > scale
         )
 
-    def table(self) -> dict[str, object]:
+    def table(self) -> PoseTable:
         """Values for a summary."""
         return {
             "roll_deg": math.degrees(self.roll),
@@ -90,15 +119,11 @@ class CameraPose:
             "tilt_deviation_deg": [math.degrees(t) for t in self.tilt_deviation],
             "error_px": self.error,
             "ambiguous": self.ambiguous,
+            "notable": self.notable,
         }
 
     def __str__(self) -> str:
-        x, y = self.shift
-        tilt = math.degrees(math.hypot(*self.tilt))
-        return (
-            f"rolled by {math.degrees(self.roll):.2f}°, shifted by ({x:.1f}, {y:.1f}) px, scaled "
-            f"by {self.scale:.3f}, tilted by {tilt:.2f}°"
-        )
+        return pose_words(self.table())
 
 
 def turn_matrix(roll: float, tilt: tuple[float, float]) -> Array:
@@ -179,7 +204,7 @@ def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
     wanted = np.column_stack([seen_by_design(pose, camera, points), size])
     fitted = np.zeros((3, 3))
     for degree in _DEGREES:
-        basis = _basis(*unit, degree).T
+        basis = _basis(unit[0], unit[1], degree).T
         fitted = np.linalg.lstsq(basis[::2], wanted[::2], rcond=None)[0]
         if abs(basis @ fitted - wanted)[1::2].max() < _EXACT:
             break

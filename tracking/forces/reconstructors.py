@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-from ...by_name import Choice, Registry
+from ...by_name import Choice, Registry, name_of
 from ...errors import UserError
 from ...model import ForceField
 from ..tracks import Tracks
@@ -64,7 +64,7 @@ RECONSTRUCTORS = Registry(
     entries={
         DEFAULT_RECONSTRUCTOR: (
             ".reconstructors:automatic",
-            "sequential; refuses a sensor without a read-out",
+            "sequential; a read-out that is missing is trained at the first use",
         ),
         **METHODS,
     },
@@ -105,6 +105,16 @@ def load_reconstructor(
     return factory
 
 
+def name_used(choice: Choice) -> str:
+    """Name of a reconstructor; of the one that `auto` stands for."""
+    return AUTOMATIC if choice == DEFAULT_RECONSTRUCTOR else name_of(choice)
+
+
+def needs_readout(choice: Choice) -> bool:
+    """Whether a reconstructor is one of ours that reads forces by a trained read-out."""
+    return choice in _TRAINED
+
+
 def check_reconstructor(choice: Choice, calibration: SensorCalibration) -> None:
     """Refuse, before anything is computed, a reconstructor that cannot read this sensor.
 
@@ -115,5 +125,5 @@ def check_reconstructor(choice: Choice, calibration: SensorCalibration) -> None:
         the sensor has none.
     """
     load_reconstructor(choice)
-    if choice in _TRAINED:
+    if needs_readout(choice):
         required_readout(calibration)

@@ -5,8 +5,9 @@ the resting markers in its own pattern. If one were taken for another, forces wo
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +18,13 @@ from ...errors import UserError
 from ...render import SensorDesign
 from ..tracks import Tracks
 from .pose import CameraPose, seen_by
-from .rest_match import (
-    Agreement,
-    RestMarkers,
-    Shift,
-    agreement,
-    rest_markers,
-    spun,
-)
+from .rest_match import Agreement, RestMarkers, Shift, agreement, rest_markers, spun
 from .rest_search import SCALES, SHIFT, likely_poses
 
 Array = NDArray[np.float64]
 Rounds = Sequence[tuple[float, float]]
+_Pairs = tuple[NDArray[np.intp], Array]
+_Missed = Callable[[Array], Array]
 
 #: Prior standard deviations of roll, tilt (x, y) [rad], shift (x, y) [px], the logarithm of the
 #: scale; the roll has no prior.
@@ -56,9 +52,17 @@ _APART = 0.2
 _SURE = 0.5
 #: Loss of overlap over 1/√markers up to which two poses are equally good.
 _EQUAL = 0.25
-#: A pose is taken where it moves the markers by less than this share of the next one's.
-_CLEAR = 1 / 3
+#: A pose is taken where it turns or moves the markers by less than this share of the next one's.
+_CLEAR = 1 / 4
 
+#: Places in x of what may be as designed, and χ² above which it is told not to be: that of one and
+#: of two unknowns in 1 % of cases.
+_GROUPS = {
+    "roll": (slice(0, 1), 6.6),
+    "tilt": (slice(1, 3), 9.2),
+    "shift": (slice(3, 5), 9.2),
+    "scale": (slice(5, 6), 6.6),
+}
 #: Units of x, of which the last three are the inner layer's: turn, or on a pad shift and turn.
 _DOME = np.concatenate([_POSE, [_TURN] * 3])
 _PAD = np.concatenate([_POSE, [_ALONG, _ALONG, _TURN]])
@@ -79,16 +83,17 @@ def rest_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
     """
     markers = rest_markers(sensor, rest)
     loss = 1.0 / math.sqrt(len(sensor.places))
-    explained = [_explained(markers, CameraPose(), _FROM_DESIGN)]
-    if not _sure(markers, explained[0][2]):
+    fits = [_fitted(markers, CameraPose(), _FROM_DESIGN)]
+    if not _sure(markers, fits[0].match):
         for start in likely_poses(markers):
-            explained.append(_explained(markers, start, _FROM_SEARCH))
-            if not markers.lattice and _sure(markers, explained[-1][2]):
+            fits.append(_fitted(markers, start, _FROM_SEARCH))
+            if not markers.lattice and _sure(markers, fits[-1].match):
                 break
-    pose, shift, match = max(explained, key=lambda one: one[2].overlap)
-    rivals = [(p, m) for p, _, m in explained]
-    for spin in 2 * math.pi / markers.symmetry * np.arange(1, markers.symmetry):
-        rivals.append((spun(pose, spin), agreement(markers, pose, shift, spin)))
+    found = max(fits, key=lambda one: one.match.overlap)
+    rivals = [(one.pose, one.match) for one in fits]
+    for spin in markers.turns:
+        match = agreement(markers, found.pose, found.shift, spin)
+        rivals.append((spun(found.pose, spin), match))
     best = max(match.overlap for _, match in rivals)
     equal = [one for one in rivals if one[1].overlap >= best - _EQUAL * loss]
     equal.sort(key=lambda one: one[1].moved)
@@ -97,18 +102,30 @@ def rest_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
     others = [one for one in equal[1:] if not _alike(markers, nearest, one[0])]
     if others:
         _check_clear(markers, nearest, its_match, *others[0])
-    if nearest is not pose:
-        nearest, _, its_match = _explained(markers, nearest, _FROM_DESIGN)
-    _check_range(sensor, nearest)
-    return replace(nearest, error=its_match.error, ambiguous=bool(others))
+    if nearest is not found.pose:
+        found = _fitted(markers, nearest, _FROM_DESIGN)
+    found = _told(markers, found)
+    _check_range(sensor, found.pose)
+    return replace(found.pose, error=found.match.error, ambiguous=bool(others))
 
 
-def _explained(
-    markers: RestMarkers, start: CameraPose, rounds: Rounds
-) -> tuple[CameraPose, Shift, Agreement]:
-    """What fits best from a start, and how well it does."""
-    pose, shift = _fitted(markers, start, rounds)
-    return pose, shift, agreement(markers, pose, shift)
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """What fits best from a start.
+
+    Attributes
+    ----------
+    pose: of the camera
+    shift: of the inner layer
+    match: how well they explain the rest frame
+    numbers, covariance: x, and its covariance
+    """
+
+    pose: CameraPose
+    shift: Shift
+    match: Agreement
+    numbers: Array
+    covariance: Array
 
 
 def _sure(markers: RestMarkers, match: Agreement) -> bool:
@@ -118,56 +135,105 @@ def _sure(markers: RestMarkers, match: Agreement) -> bool:
     return share >= max(1.0 - _SURE / math.sqrt(len(markers.sensor.places)), _SHARE)
 
 
+def _told(markers: RestMarkers, fit: _Fit) -> _Fit:
+    """The fit without what markers that scatter leave of a camera as designed.
+
+    A tenth of a degree or of a pixel that is not there would move the contact.
+    """
+    as_designed: tuple[str, ...] = ()
+    deviations: dict[str, Any] = {}
+    while True:
+        evidence = {}
+        for name, (place, limit) in _GROUPS.items():
+            some, covariance = fit.numbers[place], fit.covariance[place, place]
+            if name not in as_designed and covariance.any():
+                evidence[name] = float(some @ np.linalg.solve(covariance, some)) / limit
+        if not evidence or min(evidence.values()) >= 1.0:
+            return replace(fit, pose=replace(fit.pose, **deviations))
+        least = min(evidence, key=lambda name: evidence[name])
+        deviations[f"{least}_deviation"] = getattr(fit.pose, f"{least}_deviation")
+        as_designed = (*as_designed, least)
+        start = replace(fit.pose, **{name: getattr(CameraPose(), name) for name in as_designed})
+        fit = _fitted(markers, start, _FROM_DESIGN[-1:], as_designed)
+
+
 def _fitted(
-    markers: RestMarkers, start: CameraPose, rounds: Rounds
-) -> tuple[CameraPose, Shift]:
-    """Pose and misalignment that fit best from a start, each marker at the nearest place."""
+    markers: RestMarkers, start: CameraPose, rounds: Rounds, as_designed: tuple[str, ...] = ()
+) -> _Fit:
+    """Pose and misalignment that fit best from a start, each marker at the nearest place.
+
+    Some groups of unknowns are kept as designed; on a pad the tilt, as it looks like a shift.
+    """
     flat = markers.sensor.shape.flat
     unit = _PAD if flat else _DOME
     free = np.ones(len(unit), dtype=bool)
-    # On a pad a tilt looks like a shift.
-    free[1:3] = not flat
+    for name in (*as_designed, "tilt") if flat else as_designed:
+        free[_GROUPS[name][0]] = False
     x = _numbers(start) / unit
-    deviation = np.zeros(len(unit))
-    camera = markers.sensor.view.camera
     place = _PLACE * markers.pitch
-    outward = np.argsort(np.argsort(markers.sensor.places[:, 0]))
     for radius, part in rounds:
         pose, shift = _values(x * unit, flat)
-        matched = []
-        for k, places in enumerate(markers.seen(pose, shift)):
-            distance, nearest = KDTree(places).query(markers.layers[k].pixels)
-            near = np.asarray(distance) < radius * markers.pitch * pose.scale
-            near &= outward[nearest] < part**2 * len(outward)
-            matched.append((np.asarray(nearest)[near], markers.layers[k].pixels[near]))
+        matched = _matched(markers, pose, shift, radius, part)
 
-        def residual(
-            part: Array, x: Array = x, matched: list[tuple[Array, Array]] = matched
-        ) -> Array:
-            full = x.copy()
-            full[free] = part
-            pose, shift = _values(full * unit, flat)
+        def missed(x: Array, matched: list[_Pairs] = matched) -> Array:
+            pose, shift = _values(x * unit, flat)
             error = [
-                (seen_by(pose, camera, markers.designed(k, shift)[number]) - pixels).ravel()
+                (seen_by(pose, markers.camera, markers.designed(k, shift)[number]) - pixels).ravel()
                 for k, (number, pixels) in enumerate(matched)
             ]
-            prior = full[free]
-            prior[0] = 0.0
-            return np.concatenate([np.concatenate(error) / (place * pose.scale), prior])
+            return np.concatenate(error) / pose.scale
+
+        def residual(some: Array, x: Array = x, missed: _Missed = missed) -> Array:
+            full = x.copy()
+            full[free] = some
+            prior = full.copy()
+            prior[_GROUPS["roll"][0]] = 0.0  # any roll is as likely
+            return np.concatenate([missed(full) / place, prior])
 
         fit = least_squares(residual, x[free], loss="soft_l1", xtol=1e-7, ftol=1e-7)
         x = x.copy()
         x[free] = fit.x
-    count = 2 * sum(len(pixels) for _, pixels in matched)
-    spread = 2.0 * fit.cost / max(count - free.sum(), 1)
-    information = fit.jac.T @ fit.jac / max(spread, 1e-12)
-    deviation[free] = np.sqrt(np.diag(np.linalg.pinv(information)))
+    freedom = max(len(fit.fun) - 2 * int(free.sum()), 1)
+    spread = max(2.0 * float(fit.cost) / freedom, 1e-12)
+    covariance = np.zeros((len(unit), len(unit)))
+    slopes = np.asarray(fit.jac)
+    covariance[np.ix_(free, free)] = spread * np.linalg.pinv(slopes.T @ slopes)
     pose, shift = _values(x * unit, flat)
-    return _with_deviations(pose, deviation * unit), shift
+    deviation = np.sqrt(np.diag(covariance)) * unit
+    return _Fit(
+        pose=_with_deviations(pose, deviation),
+        shift=shift,
+        match=agreement(markers, pose, shift),
+        numbers=x,
+        covariance=covariance,
+    )
+
+
+def _matched(
+    markers: RestMarkers, pose: CameraPose, shift: Shift, radius: float, part: float
+) -> list[_Pairs]:
+    """Numbers of the places that are nearest to markers of each layer, and these markers' pixels.
+
+    Parameters
+    ----------
+    markers: of the rest frame
+    pose, shift: that are known so far
+    radius: largest distance [pitches]
+    part: of the layout, from the middle, whose places count
+    """
+    outward = np.argsort(np.argsort(markers.sensor.places[:, 0]))
+    limit = part**2 * len(outward)
+    matched = []
+    for layer, places in zip(markers.layers, markers.seen(pose, shift), strict=True):
+        distance, number = KDTree(places).query(layer.pixels)
+        near = np.asarray(distance) < radius * markers.pitch * pose.scale
+        near &= outward[number] < limit
+        matched.append((np.asarray(number)[near], layer.pixels[near]))
+    return matched
 
 
 def _numbers(pose: CameraPose) -> Array:
-    """x of a pose with aligned layers."""
+    """X of a pose with aligned layers."""
     return np.array([pose.roll, *pose.tilt, *pose.shift, math.log(pose.scale), 0.0, 0.0, 0.0])
 
 
@@ -208,8 +274,8 @@ def _check_match(markers: RestMarkers, match: Agreement, scale: float) -> None:
         raise UserError(
             f"the markers at rest lie {match.error:.1f} px RMS from the places of the calibrated "
             f"sensor, {100 * match.share:.0f} % of them at such places, however its camera is "
-            f"turned and shifted; allowed: {allowed:.1f} px and {100 * _SHARE:.0f} %. Is it another "
-            "sensor?"
+            f"turned and shifted; allowed: {allowed:.1f} px and {100 * _SHARE:.0f} %. Is it "
+            "another sensor?"
         )
 
 
@@ -218,14 +284,12 @@ def _check_clear(
 ) -> None:
     """Refuse two poses that explain a rest frame equally well, neither of them near the design."""
     turned = math.dist(pose.shift, other.shift) < 0.5 * markers.pitch
-    near, next_one = (
-        (abs(pose.roll), abs(other.roll)) if turned else (match.moved, its.moved)
-    )
+    near, next_one = (abs(pose.roll), abs(other.roll)) if turned else (match.moved, its.moved)
     if near > _CLEAR * next_one:
         raise UserError(
             "the rest frame does not tell how the camera is turned or shifted, as the layout is "
-            f"symmetric: it may be {pose}, or {other}; allowed: the first less than a third as far "
-            "from the design as the second"
+            f"symmetric: it may be {pose}, or {other}; allowed: the first less than a quarter as "
+            "far from the design as the second"
         )
 
 

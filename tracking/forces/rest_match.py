@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ...errors import UserError
-from ...render import SensorDesign
+from ...render import Camera, SensorDesign
 from ..tracks import Tracks
 from .pose import CameraPose, seen_by
 
@@ -22,8 +23,8 @@ LEAST = 20
 SAME = 0.25
 #: Distance up to which places that change under a turn of the layout are the same [pitches].
 _SELF = 0.1
-#: Share of the places that fall on places when a layout is turned by its symmetry.
-_SYMMETRIC = 0.8
+#: Share of the places that fall on places when a layout is turned by a symmetry.
+_SYMMETRIC = 0.6
 #: Largest order of a symmetry that is looked for.
 _ORDER = 72
 #: Neighbours onto which a layout is shifted to see whether it is a lattice.
@@ -71,15 +72,20 @@ class RestMarkers:
     sensor: design
     layers: of the markers
     pitch: typical distance of neighbouring markers in the design's image [px]
-    symmetry: turns by a full turn over this bring most of the layout onto itself; 1 is none
+    turns: about the axis that bring much of the layout onto itself [rad]
     lattice: whether a shift to a neighbour brings most of the layout onto itself
     """
 
     sensor: SensorDesign
     layers: tuple[RestLayer, ...]
     pitch: float
-    symmetry: int
+    turns: tuple[float, ...]
     lattice: bool
+
+    @property
+    def camera(self) -> Camera:
+        """The design's camera."""
+        return self.sensor.view.camera
 
     def designed(self, layer: int, shift: Shift | None = None, spin: float = 0.0) -> Array:
         """Pixels of the design's markers, shape (M, 2), of a layout turned by `spin` [rad]."""
@@ -87,14 +93,13 @@ class RestMarkers:
         if spin:
             points = Rotation.from_rotvec([0.0, 0.0, spin]).apply(points)
         if shift is not None and layer:
-            points = Rotation.from_rotvec(shift.turn).apply(points) + [*shift.along, 0.0]
+            points = Rotation.from_rotvec(shift.turn).apply(points) + np.array([*shift.along, 0.0])
         return self.sensor.view.project(points)
 
     def seen(self, pose: CameraPose, shift: Shift, spin: float = 0.0) -> list[Array]:
         """Pixels of each layer's markers under a pose, (M, 2) each."""
-        camera = self.sensor.view.camera
         count = len(self.layers)
-        return [seen_by(pose, camera, self.designed(k, shift, spin)) for k in range(count)]
+        return [seen_by(pose, self.camera, self.designed(k, shift, spin)) for k in range(count)]
 
     def inside(self, pixels: Array) -> Mask:
         """Whether markers at pixels (…, 2) are surely in the image."""
@@ -150,7 +155,7 @@ def rest_markers(sensor: SensorDesign, rest: Tracks) -> RestMarkers:
         sensor=sensor,
         layers=tuple(layers),
         pitch=spacing(designed),
-        symmetry=_symmetry(layers[0].points),
+        turns=_symmetric_turns(layers[0].points),
         lattice=_lattice(designed),
     )
 
@@ -160,14 +165,17 @@ def spacing(points: Array) -> float:
     return float(np.median(np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]))
 
 
-def _symmetry(points: Array) -> int:
-    """Largest order of turns about the axis that bring most points (M, 3) onto points."""
+def _symmetric_turns(points: Array) -> tuple[float, ...]:
+    """Turns about the axis that bring many points (M, 3) onto points [rad]."""
     tree, limit = KDTree(points), _SELF * spacing(points)
-    for order in range(_ORDER, 1, -1):
+    turns: set[Fraction] = set()
+    for order in range(2, _ORDER + 1):
         turned = Rotation.from_rotvec([0.0, 0.0, 2 * math.pi / order]).apply(points)
-        if (np.asarray(tree.query(turned)[0]) < limit).mean() > _SYMMETRIC:
-            return order
-    return 1
+        # Half as near counts half: an order that is nearly right is no symmetry.
+        near = np.clip(1.0 - np.asarray(tree.query(turned)[0]) / limit, 0.0, None)
+        if near.mean() > _SYMMETRIC:
+            turns |= {Fraction(k, order) for k in range(1, order)}
+    return tuple(2 * math.pi * float(turn) for turn in sorted(turns))
 
 
 def _lattice(pixels: Array) -> bool:
@@ -183,9 +191,7 @@ def _lattice(pixels: Array) -> bool:
     return max(shares) > _LATTICE
 
 
-def agreement(
-    markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float = 0.0
-) -> Agreement:
+def agreement(markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float = 0.0) -> Agreement:
     """How well a pose explains the rest frame, with the layout turned by `spin` [rad]."""
     limit = SAME * markers.pitch * pose.scale
     near = seen = met = expected = 0

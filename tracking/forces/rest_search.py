@@ -32,7 +32,9 @@ _LIKELY = 0.7
 _MOST = 300
 #: Distances up to which markers are matched in turn [pitches].
 _RADII = (0.5, 0.4, 0.3)
-#: Number of poses that are returned.
+#: Poses that meet at least this share of the most markers are returned.
+_CLOSE = 0.8
+#: Number of them at most.
 _RETURNED = 8
 
 
@@ -62,12 +64,11 @@ def likely_poses(markers: RestMarkers) -> list[CameraPose]:
         if not any(_alike(refined, other, markers.pitch) for _, other in found):
             found.append((hits, refined))
     found.sort(key=lambda both: -both[0])
-    return [_pose(similarity) for _, similarity in found[:_RETURNED]]
+    least = _CLOSE * max((hits for hits, _ in found), default=0)
+    return [_pose(similarity) for hits, similarity in found[:_RETURNED] if hits >= least]
 
 
-def _voted(
-    markers: RestMarkers, voters: Complex, seen: Complex, ratio: float
-) -> list[_Similarity]:
+def _voted(markers: RestMarkers, voters: Complex, seen: Complex, ratio: float) -> list[_Similarity]:
     """Similarities that many pairs of markers agree on, most votes first."""
     view = markers.sensor.view
     reach = (SHIFT + 0.03) * min(view.width, view.height)

@@ -15,12 +15,15 @@ from ..tracking.forces.chain import (
     odd_statistic,
     smooth_functions,
 )
-from .networks import NOISE, Basis
+from .networks import NOISE, USUAL_NOISE, Basis
+from .variations import log_uniform
 
 Array = NDArray[np.float64]
 
 #: Measurements of a pair.
 _MEASURED = 6
+#: Share of the snapshots that have the usual noise.
+_USUAL = 0.75
 #: Share of the snapshots in which pairs are lost.
 _LOSING = 0.3
 #: Largest number of pairs that are lost at once.
@@ -67,7 +70,9 @@ class Learner:
         count, pairs = shifts.shape[:2]
         basis, codes = self.basis, len(self.basis.amounts) - 1
         white = ((limited(shifts) - self.mean) / basis.noise).reshape(count, -1).astype(np.float32)
-        level = np.exp(rng.uniform(*np.log(NOISE), count))
+        usual = rng.random(count) < _USUAL
+        levels = [log_uniform(rng, limits, count) for limits in (USUAL_NOISE, NOISE)]
+        level = np.where(usual, *levels)
         noise = self._noise(rng, level, shifts.shape)
         used = np.ones((count, pairs), dtype=bool)
         information = (self.rows.T @ self.rows).astype(float)

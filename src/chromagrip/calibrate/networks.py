@@ -1,39 +1,58 @@
 """Training of a read-out: codes of the markers' shifts, and networks that read forces off them."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..extras import need
 from ..tracking import Z90, SensorCalibration
-from ..tracking.forces.chain import BEND, Layers, ReadOut, at_places, forward
+from ..tracking.forces.chain import (
+    BEND,
+    Layers,
+    ReadOut,
+    at_places,
+    forward,
+    network_inputs,
+)
+from .descent import Examples, fit_network
 from .histories import Snapshots
 
 Array = NDArray[np.float64]
 #: In single or double precision.
 Numbers = NDArray[np.floating]
 
-#: Number of even codes, which forces are read from.
-CODES = 110
-#: Number of odd ones: motion across the load's plane, and turns.
+#: Number of even codes of specimens that are exactly as designed …
+CODES = 100
+#: … and of those that variations add. Forces are read from both.
+VARIED_CODES = 40
+#: Number of odd codes: motion across the load's plane, and turns.
 ODD_CODES = 30
 #: Modes of the chain.
 MODES = 60
 #: Modes of the distribution of either force.
 SHAPES = 12
-#: Noise trained with, in units of a single frame's: from averages of many frames to a poor camera.
+#: Noise trained with, in units of a single frame's: from averages of many frames to compressed
+#: pictures …
 NOISE = (0.3, 4.0)
+#: … and that of most snapshots.
+USUAL_NOISE = (0.7, 1.3)
 #: One in this many histories is held out from the networks' training; their errors are learned
 #: from these.
 HELD_OUT = 5
-#: Snapshots per step of the training.
-_BATCH = 512
-#: Learning rate at the start.
-_RATE = 1.5e-3
+#: Units of the totals among which the network shares its effort.
+_UNIT = np.array([0.5, 0.43, 0.63], dtype=np.float32)
+#: Units of the layers of the network that reads them: products of codes need depth.
+_HIDDEN = (256, 256, 256)
+#: Passes over the held-out lessons for each pass over the others: they are fewer.
+_ERROR_EPOCHS = 3
+#: Passes over the lessons by which distributions of force are learned, at most.
+_SHAPE_EPOCHS = 10
+#: Values of a basis that a read-out keeps.
+_FIELDS = ("mean", "fields", "left", "strength", "modes", "amounts")
+#: Share of the lessons that lie within what counts as trained.
+_HIGHEST = 0.9995
 #: Mean of the logarithm of a squared normal deviate.
 _LOG_SQUARE_MEAN = -1.27
 #: Its standard deviation.
@@ -105,61 +124,75 @@ class Lessons:
 
 
 def make_basis(
-    instants: Snapshots, parts: tuple[Array, Array], places: Array, noise: Array, frame: Array
+    instants: Snapshots,
+    designed: Array,
+    varied: tuple[Array, Array],
+    places: Array,
+    noise: Array,
+    frame: Array,
 ) -> Basis:
     """Basis of some thousand snapshots.
 
     Parameters
     ----------
     instants: the snapshots
-    parts: even and odd fields of their shifts, each (S, 2, 3, T, H)
+    designed: fields of their shifts in a specimen that is exactly as designed, (S, 2, 3, T, H)
+    varied: even and odd fields of their shifts under variations, each (S, 2, 3, T, H)
     places: of the design's pairs, shape (P, 2)
     noise, frame: standard deviations of their shifts, with the floor and without, shape (P, 6)
     """
-    mean = parts[0].mean(axis=0)
-    fields, strengths, left = [], [], np.zeros(parts[0].shape[1:4])
-    for part, count, odd in ((parts[0] - mean, CODES, False), (parts[1], ODD_CODES, True)):
-        white = np.stack([_at_design(one, odd, places) for one in part]) / noise
-        white = white.reshape(len(part), -1).astype(np.float32)
-        square, rows = np.linalg.eigh((white.T @ white).astype(float))
-        square, rows = square[: -count - 1 : -1], rows[:, : -count - 1 : -1]
-        codes = white @ rows
-        # Where all markers are at the design's places unit codes are principal components.
-        unit = (codes / square).T @ part.reshape(len(part), -1)
-        fields.append(unit.reshape(count, *part.shape[1:]))
-        strengths.append(square / len(part))
-        missed = part - (codes @ unit).reshape(part.shape)
-        # Mean over φ of a square: half of each harmonic's but the zeroth.
-        share = np.full(part.shape[-1], 0.5)
-        share[0] = 1.0
-        left += (missed**2 @ share).mean(axis=0)
-        if not odd:
-            even_codes = codes
+    mean = designed.mean(axis=0)
+    nominal, even, odd = (
+        _whitened(part, is_odd, places, noise)
+        for part, is_odd in ((designed - mean, False), (varied[0] - mean, False), (varied[1], True))
+    )
+    own = _components(nominal, CODES)
+    axes = np.concatenate([own, _components(even - (even @ own.T) @ own, VARIED_CODES)])
+    odd_axes = _components(odd, ODD_CODES)
+    # Where all markers are at the design's places the axes are orthonormal.
+    fields = [
+        np.linalg.lstsq(white @ rows.T, part.reshape(len(part), -1), rcond=None)[0]
+        for white, rows, part in ((even, axes, varied[0] - mean), (odd, odd_axes, varied[1]))
+    ]
+    codes = nominal @ axes.T
+    missed = designed - mean - (codes @ fields[0]).reshape(designed.shape)
+    # Mean over φ of a square: half of each harmonic's but the zeroth.
+    share = np.where(np.arange(mean.shape[-1]) == 0, 1.0, 0.5)
     chain = instants.displacement.reshape(len(instants.displacement), -1).astype(float)
-    modes = _modes(chain, MODES)
-    inputs = np.column_stack([even_codes, np.ones(len(even_codes))])
-    shapes = []
-    for forces in (instants.normal, instants.friction):
-        shares = forces / instants.totals[:, :1]
-        middle = shares.mean(axis=0)
-        shapes.append(np.vstack([middle, _modes(shares - middle, SHAPES)]))
+    modes = _components(chain, MODES)
+    inputs = np.column_stack([codes, np.ones(len(codes))])
     return Basis(
         noise=noise,
         frame=frame,
         mean=mean,
-        fields=np.concatenate(fields),
-        left=left,
-        strength=np.concatenate(strengths),
+        fields=np.concatenate(fields).reshape(-1, *mean.shape),
+        left=(missed**2 @ share).mean(axis=0),
+        strength=np.concatenate(
+            [((white @ r.T) ** 2).mean(axis=0) for white, r in ((even, axes), (odd, odd_axes))]
+        ),
         modes=modes.reshape(MODES, *instants.displacement.shape[1:]),
         amounts=np.linalg.lstsq(inputs, chain @ modes.T, rcond=None)[0],
-        normal=shapes[0],
-        friction=shapes[1],
+        normal=_distribution(instants, instants.normal),
+        friction=_distribution(instants, instants.friction),
     )
 
 
-def _modes(values: Array, count: int) -> Array:
+def _distribution(instants: Snapshots, forces: Numbers) -> Array:
+    """Mean and modes of forces (S, N) over ΣFn, shape (Q + 1, N)."""
+    shares = forces / instants.totals[:, :1]
+    middle = shares.mean(axis=0)
+    return np.vstack([middle, _components(shares - middle, SHAPES)])
+
+
+def _whitened(part: Array, odd: bool, places: Array, noise: Array) -> Array:
+    """Shifts of the design's pairs over their noise (S, 6P), by fields (S, …)."""
+    shifts = np.stack([_at_design(one, odd, places) for one in part]) / noise
+    return shifts.reshape(len(part), -1)
+
+
+def _components(values: Numbers, count: int) -> Array:
     """Principal components (count, D) of values (S, D)."""
-    rows = np.linalg.eigh(values.T @ values)[1]
+    rows = np.linalg.eigh((values.T @ values).astype(float))[1]
     return np.asarray(rows[:, : -count - 1 : -1].T)
 
 
@@ -188,96 +221,108 @@ def fit_readout(
     epochs: passes over all of them
     tell: called with the current step, for a progress line
     """
-    count = lessons.codes.shape[1]
-    scale = np.sqrt(basis.strength[:count] + 1.0)
-    middle, spread = lessons.context.mean(axis=0), lessons.context.std(axis=0) + 1e-3
-    make = partial(_inputs, np.random.default_rng(7), scale, (lessons.context - middle) / spread)
-    learn = partial(_train, epochs, tell)
-    totals, held = lessons.totals, lessons.history % HELD_OUT == 0
-    target = np.column_stack([np.arcsinh(totals[:, 0] / BEND), totals[:, 1:]]).astype(np.float32)
-    linear, network = _fit_totals(partial(make, lessons, ~held), learn, target[~held])
+    codes, context = lessons.codes, lessons.context
+    scale = np.sqrt(basis.strength[: codes.shape[1]] + 1.0)
+    middle, spread = context.mean(axis=0), context.std(axis=0) + 1e-3
+    make = partial(
+        _inputs,
+        np.random.default_rng(7),
+        scale.astype(np.float32),
+        replace(lessons, context=(context - middle) / spread),
+    )
+    target, held = _targets(lessons.totals), lessons.history % HELD_OUT == 0
+    mean = target.mean(axis=0)
 
-    def errors() -> tuple[Numbers, Numbers]:
-        x = make(lessons, held)
-        read = _with_one(x) @ linear + forward(network, x)
-        wrong = _margins(read) - _margins(target[held])
-        return x, np.column_stack([target[held] - read, wrong])
+    def learn(
+        name: str,
+        which: NDArray[np.int64],
+        passes: int,
+        examples: Examples,
+        sizes: tuple[int, ...],
+    ) -> Layers:
+        """Network of these lessons."""
+        return fit_network(
+            np.random.default_rng(7),
+            len(which),
+            lambda some: examples(which[some]),
+            sizes,
+            passes,
+            lambda share: tell(f"training {name}, {100 * share:.0f} %"),
+        )
 
-    def shapes() -> tuple[Numbers, Numbers]:
-        return make(lessons, ~held), lessons.shapes[~held]
+    def sums(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
+        return make(some), (target[some] - mean) / _UNIT
 
-    deviations, error, normalised = _fit_deviations(learn, errors)
+    network = learn("sums and friction", np.flatnonzero(~held), epochs, sums, _HIDDEN)
+
+    def errors(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
+        x = make(some)
+        read = mean + _UNIT * forward(network, x)
+        wrong = _margins(target[some]) - _margins(read)
+        return x, np.column_stack([target[some] - read, wrong])
+
+    def shapes(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
+        return make(some), lessons.shapes[some]
+
+    unseen = np.flatnonzero(held)
+    learn_errors = partial(learn, "errors", unseen, _ERROR_EPOCHS * epochs)
+    deviations, error, normalised = _fit_deviations(learn_errors, errors, unseen)
+    reach = np.sqrt(((codes / scale) ** 2).mean(axis=1))
     readout = ReadOut(
         tissue_stiffness=calibration.fingertip.tissue_stiffness,
         design=calibration.sensor,
         ranges=dict(ranges),
-        mean=basis.mean,
-        fields=basis.fields,
-        left=basis.left,
-        strength=basis.strength,
-        modes=basis.modes,
-        amounts=basis.amounts,
-        context=np.stack([middle, spread]),
-        linear=linear.astype(float),
+        context=np.stack([middle, spread, np.quantile(context, _HIGHEST, axis=0)]),
+        reach=float(np.quantile(reach, _HIGHEST)),
+        targets=np.stack([mean, _UNIT]),
         totals=network,
         deviations=deviations,
-        shapes=learn("training shapes", (96,), shapes, min(epochs, 15)),
+        shapes=learn("shapes", np.flatnonzero(~held), min(epochs, _SHAPE_EPOCHS), shapes, (96,)),
         normal_shapes=basis.normal,
         friction_shapes=basis.friction,
-        correlation=np.corrcoef(np.clip(normalised[:, :3], -5.0, 5.0).T),
+        correlation=np.asarray(np.corrcoef(np.clip(normalised[:, :3], -5.0, 5.0).T)),
         prior=float(target[:, 2].std()),
+        **{name: getattr(basis, name) for name in _FIELDS},
     )
     rms = np.sqrt((error**2).mean(axis=0))
-    return readout, dict(zip(("normal", "friction_n", "mu", "margin"), rms.tolist(), strict=True))
+    return readout, dict(zip(("normal", "friction", "mu", "margin"), rms.tolist(), strict=True))
+
+
+def _targets(totals: Array) -> Numbers:
+    """Asinh of ΣFn and ΣFf over BEND, and log µ, (S, 3): relative errors count."""
+    sums = np.arcsinh(totals[:, :2] / BEND)
+    return np.column_stack([sums, np.log(totals[:, 2])]).astype(np.float32)
 
 
 def _inputs(
-    rng: np.random.Generator,
-    scale: Array,
-    context: Array,
-    lessons: Lessons,
-    which: NDArray[np.bool_],
+    rng: np.random.Generator, scale: NDArray[np.float32], lessons: Lessons, which: NDArray[np.int64]
 ) -> Numbers:
-    """Inputs of the networks (S, K + 1 + C): codes with new noise, over their scale, and context."""
+    """Inputs of the networks for some lessons: codes with new noise, and context."""
     codes, level = lessons.codes[which], lessons.level[which, None]
     noisy = codes + level * rng.standard_normal(codes.shape, dtype=np.float32)
-    inputs = [noisy / scale, np.log(level), context[which]]
-    return np.concatenate(inputs, axis=1, dtype=np.float32)
-
-
-def _fit_totals(
-    make: Callable[[], Numbers], learn: Callable[..., Layers], target: Numbers
-) -> tuple[Numbers, Layers]:
-    """Best linear read-out of the totals (I + 1, 3), and a network of the error that it leaves."""
-    x = _with_one(make())
-    linear = np.linalg.lstsq(x.T @ x, x.T @ target, rcond=None)[0]
-    unit = (target - x @ linear).std(axis=0)
-
-    def examples() -> tuple[Numbers, Numbers]:
-        x = make()
-        return x, (target - _with_one(x) @ linear) / unit
-
-    return linear, _scaled(learn("training sums and friction", (320, 320), examples), unit)
+    return network_inputs(scale, noisy, level, lessons.context[which])
 
 
 def _fit_deviations(
-    learn: Callable[..., Layers], errors: Callable[[], tuple[Numbers, Numbers]]
+    learn: Callable[..., Layers],
+    errors: Callable[[NDArray[np.int64]], tuple[Numbers, Numbers]],
+    unseen: NDArray[np.int64],
 ) -> tuple[Layers, Numbers, Numbers]:
     """Network of the logarithm of the errors' variances, errors, and errors over deviations.
 
     Parameters
     ----------
-    learn: trains a network
-    errors: inputs and errors of the totals on histories held out, with new noise
+    learn: fits a network to examples
+    errors: inputs, and errors of the totals and of Γ, with new noise
+    unseen: numbers of lessons of histories held out
     """
 
-    def examples() -> tuple[Numbers, Numbers]:
-        x, error = errors()
+    def examples(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
+        x, error = errors(some)
         return x, (np.log(error**2 + 1e-12) - _LOG_SQUARE_MEAN) / _LOG_SQUARE_DEVIATION
 
-    unit = np.full(4, _LOG_SQUARE_DEVIATION)
-    network = _scaled(learn("training errors", (64, 64), examples), unit)
-    x, error = errors()
+    network = _scaled(learn(examples, (64, 64)), np.full(4, _LOG_SQUARE_DEVIATION, np.float32))
+    x, error = errors(unseen)
     deviation = np.exp(0.5 * forward(network, x))
     # So that nine in ten errors lie within Z90 deviations.
     widen = np.quantile(abs(error / deviation), 0.9, axis=0) / Z90
@@ -286,49 +331,13 @@ def _fit_deviations(
     return network, error, error / (deviation * widen)
 
 
-def _margins(target: Numbers) -> Numbers:
-    """Γ of (asinh(ΣFn/BEND), ΣFf, µ), shape (S, 3) to (S,), between −1 and 1."""
-    normal = BEND * np.sinh(np.clip(target[:, 0], 0.02, 5.0))
-    return np.clip(1.0 - abs(target[:, 1]) / (np.maximum(target[:, 2], 0.05) * normal), -1.0, 1.0)
-
-
-def _with_one(x: Numbers) -> Numbers:
-    return np.concatenate([x, np.ones((len(x), 1), dtype=x.dtype)], axis=1)
-
-
 def _scaled(layers: Layers, unit: Numbers) -> Layers:
     """Network whose outputs are multiplied by `unit`."""
     weights, bias = layers[-1]
     return (*layers[:-1], (weights * unit, bias * unit))
 
 
-def _train(
-    epochs: int,
-    tell: Callable[[str], None],
-    name: str,
-    sizes: tuple[int, ...],
-    examples: Callable[[], tuple[Numbers, Numbers]],
-    most: int | None = None,
-) -> Layers:
-    """Network of rectified linear units; inputs and targets are made anew, with new noise."""
-    network: Any = None
-    epochs = min(epochs, most or epochs)
-    for epoch in range(epochs):
-        x, y = examples()
-        network = network or need("sklearn.neural_network", "learn").MLPRegressor(
-            hidden_layer_sizes=sizes,
-            batch_size=min(_BATCH, len(x)),
-            learning_rate_init=_RATE,
-            alpha=1e-7,
-            random_state=7,
-        )
-        network.partial_fit(x, y.astype(np.float32))
-        # The steps shrink along a cosine.
-        share = (epoch + 1) / epochs
-        step = 0.5 * _RATE * (1.0 + np.cos(np.pi * share)) + 1e-6
-        network._optimizer.learning_rate_init = step
-        tell(f"{name}, {100 * share:.0f} %")
-    return tuple(
-        (weights.astype(np.float32), bias.astype(np.float32))
-        for weights, bias in zip(network.coefs_, network.intercepts_, strict=True)
-    )
+def _margins(target: Numbers) -> Numbers:
+    """Γ of (asinh(ΣFn/BEND), asinh(ΣFf/BEND), log µ), shape (S, 3) to (S,), between −1 and 1."""
+    normal, friction = np.sinh(np.clip(target[:, 0], 0.02, 5.0)), np.sinh(target[:, 1])
+    return np.clip(1.0 - abs(friction) / (np.exp(target[:, 2]) * normal), -1.0, 1.0)

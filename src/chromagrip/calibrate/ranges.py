@@ -41,8 +41,10 @@ class Ranges:
     slides_at_mm_per_s: speed of the object at which it slides for long, in logarithm
     grip_step: factor by which a controller grips harder at once, in logarithm
     tremble: standard deviation of a grip that trembles over its mean, in logarithm
-    membrane: stiffness of membrane over tissue, over nominal
-    coupling: Poisson factors over nominal
+    membrane: stiffness of membrane over tissue, over nominal; most specimens are near the middle
+    coupling: Poisson factors over nominal; most specimens are near the middle
+    damping: dampers of the nodes over nominal, in logarithm. Forces of fast motion are in no single
+        image, and grips of half a second move faster than those of use
     """
 
     friction: Range = (0.1, 1.5)
@@ -64,8 +66,9 @@ class Ranges:
     slides_at_mm_per_s: Range = (0.2, 10.0)
     grip_step: Range = (1.3, 6.0)
     tremble: Range = (0.003, 0.4)
-    membrane: Range = (0.88, 1.12)
-    coupling: Range = (0.85, 1.15)
+    membrane: Range = (0.85, 1.15)
+    coupling: Range = (0.8, 1.2)
+    damping: Range = (0.01, 0.2)
 
 
 #: Of every training.
@@ -118,13 +121,21 @@ def random_specimen(rng: np.random.Generator, nominal: Fingertip) -> Fingertip:
     One whose membrane and tissue are stiffer by the same factor shows the same pictures under
     forces larger by it, so that it needs no histories of its own.
     """
-    coupling = evenly(rng, RANGES.coupling)
+    coupling = _near_middle(rng, RANGES.coupling)
     return replace(
         nominal,
-        membrane_stiffness=nominal.membrane_stiffness * evenly(rng, RANGES.membrane),
+        membrane_stiffness=nominal.membrane_stiffness * _near_middle(rng, RANGES.membrane),
+        damping_node=nominal.damping_node * by_factor(rng, RANGES.damping),
         poisson_tissue=min(nominal.poisson_tissue * coupling, 0.5),
         poisson_membrane=min(nominal.poisson_membrane * coupling, 0.5),
     )
+
+
+def _near_middle(rng: np.random.Generator, limits: Range) -> float:
+    """Normal deviate whose third standard deviation lies at the limits, within these."""
+    low, high = limits
+    value = rng.normal((low + high) / 2.0, (high - low) / 6.0)
+    return float(np.clip(value, low, high))
 
 
 def random_contact(rng: np.random.Generator, fingertip: Fingertip) -> Contact:

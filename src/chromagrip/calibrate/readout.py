@@ -1,12 +1,12 @@
 """From a sensor's calibration to its read-out: histories, shifts in pictures, codes, networks."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -20,11 +20,12 @@ from ..output.folder import filling, whole_file
 from ..output.processes import map_processes
 from ..render import SensorDesign, open_renderer
 from ..tracking import MarkerTracker, Palette, SensorCalibration
-from ..tracking.forces import check_markers
+from ..tracking.forces import check_markers, training_key
 from ..tracking.forces.chain import circle_places, fields_on_circles, limited, save_readout
 from .histories import Snapshots, snapshots
 from .learner import Learner
 from .networks import Basis, Lessons, fit_readout, make_basis
+from .spanned import spanned_ranges
 from .variations import VariationRanges, random_variations, varied_shifts
 
 Array = NDArray[np.float64]
@@ -81,8 +82,7 @@ def train(
         holds parts of another training.
     """
     require("learn")
-    tip, sensor = calibration.fingertip, calibration.sensor
-    check_markers(sensor)
+    check_markers(calibration.sensor)
     folder = out.with_name(out.name + ".parts")
     folder.mkdir(exist_ok=True)
     with filling(folder):
@@ -98,31 +98,25 @@ def train(
         ]
         missing = [part for part in parts if not part.file.exists()]
         done = histories - sum(len(part.numbers) for part in missing)
-        simulate = partial(_simulate_part, tip, sensor, basis)
+        simulate = partial(_simulate_part, calibration.fingertip, calibration.sensor, basis)
         with closing(map_processes(simulate, missing, workers)) as counts:
             for count in counts:
                 done += count
                 tell(f"histories, {done} of {histories}")
         tables = [_read(part.file) for part in parts]
         lessons = Lessons(**{key: np.concatenate([t[key] for t in tables]) for key in tables[0]})
-        readout, errors = fit_readout(calibration, basis, lessons, _ranges(), epochs, tell)
+        ranges = spanned_ranges(VARIATIONS, noise, histories, epochs)
+        readout, errors = fit_readout(calibration, basis, lessons, ranges, epochs, tell)
         with whole_file(out) as file:
             save_readout(readout, file)
     shutil.rmtree(folder)
     return errors
 
 
-def _ranges() -> dict[str, object]:
-    """Ranges of the training, by what they are of."""
-    return {"specimen and picture": vars(VARIATIONS)}
-
-
 def _claim(folder: Path, calibration: SensorCalibration, noise: float) -> None:
     """Note in a folder of parts what they are of; refuse parts of another training."""
-    settings = msgspec.json.encode(
-        {"sensor": calibration.sensor, "fingertip": vars(calibration.fingertip), "noise": noise},
-        order="deterministic",
-    )
+    key = training_key(calibration.sensor, calibration.fingertip)
+    settings = msgspec.json.encode({"of": msgspec.Raw(key), "noise": noise})
     file = folder / _SETTINGS
     if not any(folder.iterdir()):
         with whole_file(file) as part:
@@ -150,13 +144,17 @@ def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     distance[:, ~tracks.visible.all(axis=0)] = np.inf
     variance = np.diagonal(tracks.covariance[distance.argmin(axis=1)], axis1=1, axis2=2)
     instants = _flipped(np.random.default_rng([76, 0]), snapshots(tip, range(BASIS)))
-    parts = [
-        fields_on_circles(limited(shifts))
-        for shifts in _shifts(np.random.default_rng([76, 1]), sensor, tip, circle_places(), instants)
-    ]
-    even, odd = (np.concatenate(both) for both in zip(*parts, strict=True))
+    fields = []
+    for ranges in (VariationRanges(nominal_share=1.0, azimuth_noise_deg=0.0), VARIATIONS):
+        shifts = _shifts(
+            np.random.default_rng([76, 1]), sensor, tip, circle_places(), instants, ranges
+        )
+        parts = [fields_on_circles(limited(some)) for some in shifts]
+        fields.append([np.concatenate(both) for both in zip(*parts, strict=True)])
+    (designed, _), (even, odd) = fields
     return make_basis(
         instants,
+        designed,
         (even, odd),
         sensor.places,
         np.sqrt(variance + np.square(floor)),
@@ -170,11 +168,12 @@ def _shifts(
     tip: Fingertip,
     places: Array,
     instants: Snapshots,
+    ranges: VariationRanges,
 ) -> Iterator[Array]:
     """Shifts of snapshots under random variations, without noise, some (S, P, 6) at a time."""
     for k in range(0, len(instants.totals), _AT_ONCE):
         chain = instants.displacement[k : k + _AT_ONCE].astype(float)
-        variations = random_variations(rng, chain, VARIATIONS)
+        variations = random_variations(rng, chain, ranges)
         yield varied_shifts(sensor, places, tip, chain, variations)
 
 
@@ -203,7 +202,8 @@ def _simulate_part(tip: Fingertip, sensor: SensorDesign, basis: Basis, part: _Pa
     places = sensor.places - [0.0, rng.uniform(0.0, 2.0 * np.pi)]
     learner = Learner.of(basis, places)
     parts = [
-        learner.read(rng, shifts) for shifts in _shifts(rng, sensor, tip, places, instants)
+        learner.read(rng, shifts)
+        for shifts in _shifts(rng, sensor, tip, places, instants, VARIATIONS)
     ]
     codes, level, context = (np.concatenate(values) for values in zip(*parts, strict=True))
     values = {
@@ -213,12 +213,12 @@ def _simulate_part(tip: Fingertip, sensor: SensorDesign, basis: Basis, part: _Pa
         "shapes": basis.shapes(instants),
         "totals": instants.totals,
     }
-    lessons = {name: value.astype(np.float32) for name, value in values.items()}
+    lessons: dict[str, NDArray[Any]] = {k: v.astype(np.float32) for k, v in values.items()}
     _write(part.file, {**lessons, "history": instants.history})
     return len(part.numbers)
 
 
-def _write(path: Path, values: dict[str, Array]) -> None:
+def _write(path: Path, values: Mapping[str, NDArray[Any]]) -> None:
     with whole_file(path) as part, part.open("wb") as file:
         np.savez(file, **values)  # type: ignore[arg-type]
 

@@ -21,9 +21,12 @@ from ..tracking.forces import (
     CameraPose,
     FitReport,
     MarkerShifts,
+    aligned,
+    alignment,
     calibration_table,
     fit_gains,
     nominal_calibration,
+    rest_pose,
 )
 from .press_fit import predict, solve, unknowns_of, whitening
 from .presses import LIST, Press, Pressed, read_list, track_presses
@@ -152,7 +155,11 @@ def _fit_displacement(
     depth = np.array([press.normal for press in pressed.presses])
     shear = np.array([press.lateral for press in pressed.presses])
     with located(f"the presses of {where}"):
-        gains = fit_gains(pressed.rest, pressed.tracks, depth, shear)
+        # Gains are those of the design's camera, as estimates are read.
+        pose = rest_pose(nominal.sensor, pressed.rest)
+        align = alignment(pose, nominal.sensor.view.camera, pressed.rest.position)
+        tracks = [aligned(align, one) for one in pressed.tracks]
+        gains = fit_gains(aligned(align, pressed.rest), tracks, depth, shear)
     report = FitReport(
         presses=tuple(press.name for press in pressed.presses),
         noise_levels=pressed.noise,

@@ -5,6 +5,7 @@ law; layers follow the skin as a design says, but for what was poured. A read-ou
 map only takes every other one for a force. Each variation is drawn for a snapshot; many have none.
 """
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -31,7 +32,8 @@ class VariationRanges:
     ----------
     nominal_share: of the snapshots that have no variation at all
     each_share: of the others that have one kind of variation
-    azimuth_deg: standard deviation of the error of the load's azimuth [°]
+    azimuth_noise_deg: standard deviation of the error of every estimate of the load's azimuth [°]
+    azimuth_deg: standard deviation of a further error of the azimuth [°]
     off_plane_share: largest change of each part of the map off the chain's plane
     contraction: largest lateral contraction, as a share of the shear
     twist_deg: standard deviation of a twist about the grip's axis [°]
@@ -41,16 +43,17 @@ class VariationRanges:
     unknown_share: motion that no map describes, as a share of the skin's, smallest and largest
     """
 
-    nominal_share: float = 0.4
+    nominal_share: float = 0.5
     each_share: float = 0.35
+    azimuth_noise_deg: float = 0.15
     azimuth_deg: float = 2.0
-    off_plane_share: float = 0.2
+    off_plane_share: float = 0.16
     contraction: float = 0.3
     twist_deg: float = 5.0
     twist_reach_deg: tuple[float, float] = (15.0, 70.0)
-    follow_share: float = 0.15
-    depth_share: float = 0.2
-    unknown_share: tuple[float, float] = (0.003, 0.15)
+    follow_share: float = 0.14
+    depth_share: float = 0.18
+    unknown_share: tuple[float, float] = (0.002, 0.04)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +117,7 @@ def random_variations(
         return most * rng.uniform(-1.0, 1.0, (count, *shape))
 
     moved = np.sqrt((chain**2).sum(axis=2).mean(axis=1))
-    amount = moved * np.exp(rng.uniform(*np.log(ranges.unknown_share), count))
+    amount = moved * log_uniform(rng, ranges.unknown_share, count)
     unknown = amount[:, None, None, None] * rng.standard_normal((count, 2, _TERMS, 3))
     # Motion of the skin moves both layers, that of a layer one.
     unknown[:, 1] = np.where(rng.random((count, 1, 1)) < 0.5, unknown[:, 0], unknown[:, 1])
@@ -127,10 +130,11 @@ def random_variations(
         ],
         axis=-1,
     )
-    form[:, 1] = np.where((unknown[:, 1] == unknown[:, 0]).all(axis=(1, 2))[:, None, None],
-                          form[:, 0], form[:, 1])
+    form[:, 1] = np.where(
+        (unknown[:, 1] == unknown[:, 0]).all(axis=(1, 2))[:, None, None], form[:, 0], form[:, 1]
+    )
     # The estimate of the azimuth is never exact.
-    azimuth = np.deg2rad(0.15 * rng.standard_normal(count))
+    azimuth = np.deg2rad(ranges.azimuth_noise_deg * rng.standard_normal(count))
     azimuth += some(np.deg2rad(ranges.azimuth_deg) * rng.standard_normal(count))
     return Variations(
         azimuth=azimuth,
@@ -143,6 +147,12 @@ def random_variations(
         unknown=some(unknown),
         unknown_form=form,
     )
+
+
+def log_uniform(rng: np.random.Generator, limits: tuple[float, float], count: int) -> Array:
+    """Numbers between limits, each factor as likely."""
+    low, high = (math.log(limit) for limit in limits)
+    return np.exp(rng.uniform(low, high, count))
 
 
 def varied_shifts(
@@ -228,7 +238,9 @@ class _Markers:
         metric = (skin.radius - depth)[..., None, None]
         tangents = np.stack(skin.tangents(self._places), axis=-1)
         slope = np.stack([along, around], axis=-1)
-        axes = sensor.half_sizes[layer] * outline_axes(tangents + follow[..., None] / metric * slope, 0.0)
+        axes = sensor.half_sizes[layer] * outline_axes(
+            tangents + follow[..., None] / metric * slope, 0.0
+        )
         image = outlines(Membrane(centres=rest + follow * moved, axes=axes), sensor.view)
         log_size = 0.5 * np.log(areas(image, False))
         return np.concatenate([centroids(image, False), log_size[..., None]], axis=-1)

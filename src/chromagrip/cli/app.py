@@ -22,7 +22,7 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from ..errors import UserError
-from . import calibrate, dataset, grasp, limit, lists, measure, pictures, render
+from . import calibrate, dataset, grasp, limit, lists, measure, pictures, readouts, render
 from .options import signal_exit_code, take_signals
 
 NAME = "chromagrip"
@@ -45,6 +45,7 @@ COMMANDS: dict[str, Command] = {
     "calibrate": calibrate.calibrate,
     "calibrate sensor": calibrate.calibrate_sensor,
     "train": calibrate.train,
+    "readout": readouts.readout,
     "dataset make": dataset.make,
     "dataset check": dataset.check,
     "dataset info": dataset.info,

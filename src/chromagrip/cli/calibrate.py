@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ..calibrate.first_use import EPOCHS, HISTORIES, NOISE, as_designed, place_to_keep
 from ..errors import UserError, located
 from ..extras import require
 from .options import (
@@ -255,17 +256,27 @@ def train(
         option("sensor as designed, or the .toml file of its calibration", "SENSOR|FILE.toml"),
     ],
     *,
-    out: Annotated[Path, option("file of the read-out", "FILE.npz")],
-    noise: Annotated[float, option("of the camera", "LEVELS")] = 2.0,
-    histories: Annotated[int, option("random grips to learn from", "N")] = 12000,
-    epochs: Annotated[int, option("passes over them", "N")] = 60,
+    out: Annotated[
+        Path | None,
+        option(
+            "file of the read-out, to be named in a calibration; by default it is kept in the "
+            "user's cache folder, where every command finds it by the sensor's design",
+            "FILE.npz",
+        ),
+    ] = None,
+    noise: Annotated[float, option("of the camera", "LEVELS")] = NOISE,
+    histories: Annotated[
+        int, option("random grips to learn from, as many at a sensor's first use", "N")
+    ] = HISTORIES,
+    epochs: Annotated[int, option("passes over them, as many at a first use", "N")] = EPOCHS,
     workers: Workers = CORES,
     overwrite: Annotated[Flag, option("write over an earlier file")] = False,
     json_only: Json = False,
 ) -> int:
     """Train a read-out of forces and friction on random grips of a sensor's own model.
 
-    An interrupted run continues when it is called again. It needs the extra `learn`.
+    Commands that need a read-out train it by themselves. An interrupted run continues when it is
+    called again. It needs the extra `learn`.
 
     Example: chromagrip train mine.toml --out mine.npz
     """
@@ -273,24 +284,42 @@ def train(
     check_least(histories=(histories, 500), epochs=(epochs, 1), workers=(workers, 1))
     if not 0.1 <= noise <= 50.0:
         raise UserError(f"--noise {noise:g}: expected 0.1 to 50 levels")
-    check_file(out, {".npz"}, overwrite)
-    require("learn")
+    if out is not None:
+        check_file(out, {".npz"}, overwrite)
 
     from ..calibrate.readout import train as learn
     from ..tracking import load_calibration
+    from ..tracking.forces import check_trainable
 
-    with located(f"{calibration}"):
-        known = load_calibration(calibration)
-        if known.sensor.shape.flat:
-            raise UserError(f"{calibration} is a flat pad, which the node model does not describe")
-        with status() as report:
-            errors = learn(known, noise, histories, epochs, out, workers, report)
+    known, file = load_calibration(calibration), out
+    check_trainable(known)
+    if file is None:
+        file = _free_place(known, overwrite)
+        known = as_designed(known)
+    with located(f"sensor {calibration}"), status() as report:
+        errors = learn(known, noise, histories, epochs, file, workers, report)
     if json_only:
-        print(json.dumps({"readout": str(out), "histories": histories, "errors": errors}))
+        print(json.dumps({"readout": str(file), "histories": histories, "errors": errors}))
         return 0
     print(
         f"error on histories outside the training: {errors['friction_n']:.3f} N of friction and "
         f"{errors['mu']:.3f} of µ, RMS over all noise levels"
     )
-    print(f"read-out {out}, name it in a calibration as readout = {out.name!r}")
+    if out is None:
+        print(f"read-out {file}, kept for every use of this design")
+    else:
+        print(f"read-out {out}, name it in a calibration as readout = {out.name!r}")
     return 0
+
+
+def _free_place(known: "SensorCalibration", overwrite: bool) -> Path:
+    """Where the read-out of a design is kept, if it is looked for there and may be written."""
+    path = place_to_keep(known)
+    if known.readout not in (None, path):
+        raise UserError(
+            f"a kept read-out would not be used: there is {known.readout}, which comes first; give "
+            "--out FILE.npz"
+        )
+    if path.exists() and not overwrite:
+        raise UserError(f"a read-out of this design is kept in {path}; give --overwrite")
+    return path

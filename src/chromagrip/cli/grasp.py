@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ..errors import UserError
+from ..errors import UserError, located
 from ..scene import load_scene
 from ..scene.scene import DEFAULT_SCENE, PathName, grasp_command, parse_change
 from .options import (
@@ -21,6 +21,7 @@ from .options import (
     print_table,
     value_table,
 )
+from .readouts import train_if_missing
 
 if TYPE_CHECKING:
     from ..loop.trace import Summary
@@ -86,8 +87,12 @@ def grasp(
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
-    from ..loop.run_folder import run  # OpenCV loads only when something is run
+    from ..loop.grasp import known_sensor  # OpenCV loads only when something is run
+    from ..loop.run_folder import run
 
+    if resolved.path == "camera" and not resolved.build_sensor().shape.flat:
+        with located(f"sensor {resolved.sensor}"):
+            train_if_missing(known_sensor(resolved), resolved.reconstructor)
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
         result = run(resolved, out, overwrite=overwrite, progress=progress)
     if json_only:
@@ -98,6 +103,8 @@ def grasp(
 
 
 def _print_summary(summary: "Summary", folder: Path | None) -> None:
+    from ..tracking.forces import pose_words
+
     def number(value: float | None, digits: int = 3) -> str:
         return "–" if value is None else f"{value:.{digits}f}"
 
@@ -109,6 +116,8 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
         f"{number(summary['final_margin_estimated'])} observed",
     )
     table.add_row("error of the margin, RMS", number(summary["margin_rmse"]))
+    if summary["camera_pose"] and summary["camera_pose"]["notable"]:
+        table.add_row("camera", pose_words(summary["camera_pose"]))
     table.add_row(
         "lateral displacement",
         f"{number(summary['lateral_displacement_mm'])} mm, "

@@ -38,6 +38,15 @@ Controllers = Annotated[
     tyro.conf.UseAppendAction,
     option("of control: only this one; may be repeated", "NAME|MODULE:CLASS", "controller"),
 ]
+World = Annotated[
+    Literal["", "matched", "mismatched", "beyond"],
+    option("of force: only this world, without the speed", "matched|mismatched|beyond"),
+]
+Groups = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("of force --world beyond: only this group; may be repeated", "NAME", "group"),
+]
 BenchPart = Literal["control", "dataset", "force", "loop", "model", "render", "track"]
 StabilityPart = Literal["loop", "model", "track"]
 ChartPart = Literal["all", "force", "loop", "model", "render", "track"]
@@ -66,6 +75,8 @@ def bench(
     trackers: Trackers = (),
     reconstructors: Reconstructors = (),
     controllers: Controllers = (),
+    world: World = "",
+    groups: Groups = (),
     quick: Quick = False,
     json_only: Json = False,
 ) -> int:
@@ -76,7 +87,7 @@ def bench(
     from ..measure.bench.parts import bench as measure
 
     with status() as report:
-        result = measure(part, quick, report, trackers, reconstructors, controllers)
+        result = measure(part, quick, report, trackers, reconstructors, controllers, world, groups)
     return _print(result, None, json_only)
 
 

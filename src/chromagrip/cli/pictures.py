@@ -31,6 +31,7 @@ from .options import (
     print_table,
     value_table,
 )
+from .readouts import train_if_missing
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.estimate import EstimateSummary
@@ -212,7 +213,11 @@ def estimate(
         out = new_folder(f"estimate-{Path(source).stem.replace(':', '-')}")
 
     from ..pictures.estimate import estimate_source
+    from ..tracking import load_calibration
 
+    known = load_calibration(calibration)
+    if not known.sensor.shape.flat:
+        train_if_missing(known, reconstructor)
     with _frames("estimating") as (tell, progress):
         outcome = estimate_source(
             rest,
@@ -241,11 +246,14 @@ def estimate(
 
 def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     from ..output.parquet import VALUES
+    from ..tracking.forces import pose_words
 
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()
     table.add_row("frames", f"{frames}, {summary['ended']}")
     table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
+    if summary["camera_pose"]["notable"]:
+        table.add_row("camera", pose_words(summary["camera_pose"]))
     table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
     for name, (words, unit) in VALUES.items():
         values = summary["estimates"].get(name)

@@ -12,8 +12,7 @@ from ..tracking import (
     SensorCalibration,
     Tracks,
     load_calibration,
-    nominal_calibration,
-    shipped_readout,
+    sensor_as_designed,
 )
 from .camera import SimulatedCamera
 from .latency import DelayedController, arrivals
@@ -206,5 +205,4 @@ def known_sensor(scene: Scene) -> SensorCalibration:
     """Calibration of a scene's sensor: from its file, or that of a sensor as designed."""
     if scene.calibration:
         return load_calibration(scene.calibration)
-    known = nominal_calibration(scene.build_sensor(), scene.fingertip.model)
-    return replace(known, name=scene.sensor, readout=shipped_readout(scene.sensor))
+    return sensor_as_designed(scene.sensor, scene.fingertip.model)

@@ -192,7 +192,22 @@ def _observation(
         margin_interval=(margin - spread, margin + spread),
         lateral_displacement=lateral_displacement,
         no_estimate=no_estimate,
+        **_direction(field),
     )
+
+
+def _direction(field: ForceField) -> dict[str, float]:
+    """Azimuth of the friction on the sensor [rad], and what lies outside its plane."""
+    plane = field.plane
+    if plane is None or not field.contact.any():
+        return {}
+    backwards = field.friction[field.contact].sum() < 0.0
+    azimuth = plane.azimuth + (math.pi if backwards else 0.0)
+    return {
+        "direction": math.remainder(azimuth, 2.0 * math.pi),
+        "out_of_plane": plane.out_of_plane,
+        "twist": plane.twist,
+    }
 
 
 def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float:

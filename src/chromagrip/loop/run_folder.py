@@ -21,7 +21,9 @@ from ..output.folder import prepare
 from ..output.processes import one_thread
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
-from ..tracking import SensorCalibration, check_reconstructor
+from ..tracking import SensorCalibration, Tracks, check_reconstructor
+from ..tracking.forces import CameraPose, rest_pose
+from ..tracking.forces.chain import Used, used
 from .camera import SimulatedCamera
 from .grasp import Sample, grasp, known_sensor, open_camera
 from .methods import Methods, choose
@@ -96,18 +98,19 @@ def run(
         renderer=renderer,
     )
     methods.build_controller(scene)  # a controller that cannot be made leaves no folder
-    known = None
+    known = read_with = None
     if scene.path == "camera" and not scene.build_sensor().shape.flat:
         with located(f"sensor {scene.sensor}"):
             known = known_sensor(scene)
             check_reconstructor(methods.reconstructor, known)
+            read_with = used(methods.reconstructor, known)
     if out is not None:
         require("data", "video", purpose="writing a run folder")
     with closing(open_camera(scene, methods)) as camera, one_thread():
         if out is None:
-            return _record(scene, methods, camera, known, None, progress)
+            return _record(scene, methods, camera, known, read_with, None, progress)
         with RunFiles(Path(out), overwrite, scene) as files:
-            return _record(scene, methods, camera, known, files, progress)
+            return _record(scene, methods, camera, known, read_with, files, progress)
 
 
 def _record(
@@ -115,6 +118,7 @@ def _record(
     methods: Methods,
     camera: SimulatedCamera,
     known: SensorCalibration | None,
+    read_with: Used | None,
     files: "RunFiles | None",
     progress: Progress | None,
 ) -> Result:
@@ -122,6 +126,7 @@ def _record(
     rows = array("d")
     samples = grasp(scene, camera, known=known, methods=methods)
     seconds = 0.0
+    rest: Tracks | None = None
     try:
         while True:
             begin = time.perf_counter()
@@ -130,6 +135,7 @@ def _record(
                 seconds += time.perf_counter() - begin
             if sample is None:
                 break
+            rest = sample.rest
             rows.extend(row(sample))
             if files is not None:
                 files.show(sample, camera)
@@ -137,11 +143,19 @@ def _record(
                 progress(len(rows) // len(COLUMNS), scene.frames)
     finally:
         trace = make_trace(rows)
-        summary = summarise(scene, trace, seconds)
+        summary = summarise(scene, trace, seconds, read_with, _pose(known, rest))
         if files is not None and rows:
             files.write(trace, summary)
     folder = None if files is None else files.folder
     return Result(scene=scene, summary=summary, trace=trace, folder=folder)
+
+
+def _pose(known: SensorCalibration | None, rest: Tracks | None) -> CameraPose | None:
+    """Pose of the camera; None on the truth path, and where a plug-in's tracks do not tell it."""
+    if known is not None and rest is not None:
+        with suppress(UserError):
+            return rest_pose(known.sensor, rest)
+    return None
 
 
 class RunFiles:

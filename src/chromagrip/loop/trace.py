@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ..control import GripObservation
 from ..model import GROSS_SLIP
 from ..scene.scene import Scene
+from ..tracking.forces import CameraPose
+from ..tracking.forces.chain import Used
 from .grasp import Sample
 
 Array = NDArray[np.float64]
@@ -112,7 +114,13 @@ def make_trace(rows: Sequence[float] | Sequence[tuple[float, ...]]) -> Trace:
 Summary = dict[str, Any]
 
 
-def summarise(scene: Scene, trace: Trace, seconds: float) -> Summary:
+def summarise(
+    scene: Scene,
+    trace: Trace,
+    seconds: float,
+    used: Used | None = None,
+    pose: CameraPose | None = None,
+) -> Summary:
     """Summary of a run; every key is a promise.
 
     Parameters
@@ -120,6 +128,8 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> Summary:
     scene: that was run
     trace: of the frames up to the end or an interruption
     seconds: wall-clock time of the loop from the second frame on, without writing anything
+    used: what forces were read with; None on the truth path
+    pose: of the camera against the sensor's design; None where no rest frame tells it
     """
     both = np.isfinite(trace["margin_true"]) & np.isfinite(trace["margin_estimated"])
     error = (trace["margin_estimated"] - trace["margin_true"])[both]
@@ -131,7 +141,8 @@ def summarise(scene: Scene, trace: Trace, seconds: float) -> Summary:
         "path": scene.path,
         "renderer": scene.renderer,
         "sensor": scene.sensor,
-        "reconstructor": scene.reconstructor if scene.path == "camera" else None,
+        **(used or dict.fromkeys(Used.__annotations__)),
+        "camera_pose": None if pose is None else pose.table(),
         "seed": scene.seed,
         "complete": len(trace) == scene.frames,
         "frames": len(trace),

@@ -46,7 +46,7 @@ class Row:
     value: of the quantity; None where it could not be measured
     unit: of the value; empty for a ratio
     target: bounds that are asked for; None for a figure that is only reported
-    note: the reason why there is no value
+    note: the reason why there is no value, or what its target does not tell
     """
 
     subject: tuple[str, ...]
@@ -151,7 +151,7 @@ def measured(
     value: of the figure; a number that is not finite counts as not measured
     unit: of the value; empty for a ratio
     target: bounds that are asked for; bounds that are all infinite ask for nothing
-    note: the reason why there is no value
+    note: see `Row`
     """
     *subject, score = (name,) if isinstance(name, str) else name
     finite = float(value) if value is not None and math.isfinite(value) else None

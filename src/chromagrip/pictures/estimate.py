@@ -12,7 +12,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from ..by_name import Choice, name_of
+from ..by_name import Choice
 from ..errors import UserError, located
 from ..extras import require
 from ..loop.observers import ForceObserver
@@ -30,7 +30,8 @@ from ..tracking import (
     check_reconstructor,
     load_calibration,
 )
-from ..tracking.forces import rest_pose
+from ..tracking.forces import PoseTable, rest_pose
+from ..tracking.forces.chain import UsedReadOut, used
 from .figure import draw_figure
 from .following import Add, Course, Outcome, Progress, follow, open_folder
 from .opening import Opened, Setup, open_tracking
@@ -67,8 +68,11 @@ class Method(TypedDict):
     format: str
     calibration: str
     reconstructor: str | None
+    readout: UsedReadOut | None
+    stiffness_deviation: float | None
     friction: str | None
     rest_misfit_px: float
+    camera_pose: PoseTable
     friction_window_s: float
 
 
@@ -115,9 +119,10 @@ def estimate_source(
         When there is nothing to estimate, or the calibration is another sensor's.
     """
     known, rule = load_calibration(calibration), _friction_rule(friction)
-    gains = _displacement_gains(known, calibration)
+    gains, read_with = _displacement_gains(known, calibration), None
     if gains is None:
         check_reconstructor(reconstructor, known)  # before the work
+        read_with = used(reconstructor, known)
     if out is not None:
         require("data", "video", purpose="a folder of estimates")
     palette = Palette.of_sensor(known.sensor)
@@ -128,17 +133,20 @@ def estimate_source(
         pose = rest_pose(known.sensor, opened.resting)
         if gains is None:
             observer = ForceObserver(known, opened.resting, reconstructor, window, rule)
-            read = force_reading(observer, rule, opened, known.sensor.view)
+            read = force_reading(observer, rule, opened, known.sensor.view, pose)
         else:
-            read = displacement_reading(gains, opened)
+            read = displacement_reading(gains, opened, known.sensor.view, pose)
     if out is not None:
         open_folder(out, overwrite, FILES)
     method: Method = {
         "format": FORMAT,
         "calibration": calibration,
-        "reconstructor": name_of(reconstructor) if gains is None else None,
+        "reconstructor": read_with and read_with["reconstructor"],
+        "readout": read_with and read_with["readout"],
+        "stiffness_deviation": read_with and read_with["stiffness_deviation"],
         "friction": friction,
         "rest_misfit_px": pose.error,
+        "camera_pose": pose.table(),
         "friction_window_s": window,
     }
     rows = _Rows(read, opened, out, flat=gains is not None)

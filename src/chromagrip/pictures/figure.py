@@ -1,6 +1,7 @@
 """Figures of estimates: their course over time, and each frame with its forces."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -16,11 +17,11 @@ from ..loop.tactile_video import ARROW, MAGNIFY
 from ..model import REFERENCE_NODES
 from ..output.folder import whole_file
 from ..output.parquet import Row
-from ..render import View
 from ..tracking import Tracks
 from .overlay import Canvas
 
 Image = NDArray[np.uint8]
+Place = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 #: Colours, RGB.
 _TEXT = (20, 20, 20)
@@ -92,9 +93,17 @@ def _curve(
 
 
 def draw_forces(
-    image: Image, view: View, tracks: Tracks, rest: Tracks, observation: GripObservation
+    image: Image, place: Place, tracks: Tracks, rest: Tracks, observation: GripObservation
 ) -> Image:
-    """Picture with the outer markers' motion, the force on every third node, and Γ as a bar."""
+    """Picture with the outer markers' motion, the force on every third node, and Γ as a bar.
+
+    Parameters
+    ----------
+    image: of the frame
+    place: gives the pixels (…, 2) of points (…, 3) of the sensor frame [m]
+    tracks, rest: of the markers in the frame and at rest
+    observation: of the frame
+    """
     canvas = Canvas(image, lines=3)
     both = tracks.visible[0] & rest.visible[0]
     start = rest.position[0, both]
@@ -103,7 +112,7 @@ def draw_forces(
     canvas.crosses(rest.position[0, missing], 3.0, _LOST)
     field = observation.field
     x, z = field.position[field.contact][::3].T
-    base = view.project(np.stack([x, np.zeros_like(x), z], axis=-1))
+    base = place(np.stack([x, np.zeros_like(x), z], axis=-1))
     force = np.stack([field.friction, -field.normal], axis=-1)[field.contact][::3]
     tip = base + ARROW * len(field.normal) / REFERENCE_NODES * force
     canvas.lines(base, tip, _FORCE)

@@ -13,7 +13,7 @@ from ..loop.observers import ForceObserver
 from ..output.parquet import Row
 from ..render import Frame, View
 from ..tracking import DEFAULT_TRACKER, Z90, DisplacementGains, FrictionRule, Tracks
-from ..tracking.forces import skin_displacement
+from ..tracking.forces import CameraPose, aligned, alignment, seen_by, skin_displacement
 from .figure import draw_forces
 from .opening import Opened
 from .overlay import draw_tracks
@@ -33,7 +33,9 @@ class Reading(NamedTuple):
 Read = Callable[[Frame, Tracks], Reading]
 
 
-def force_reading(observer: ForceObserver, rule: FrictionRule, opened: Opened, view: View) -> Read:
+def force_reading(
+    observer: ForceObserver, rule: FrictionRule, opened: Opened, view: View, pose: CameraPose
+) -> Read:
     """Reading of forces, µ and Γ.
 
     Parameters
@@ -41,7 +43,8 @@ def force_reading(observer: ForceObserver, rule: FrictionRule, opened: Opened, v
     observer: of the sensor
     rule: how µ is read off the forces
     opened: tracker and frames
-    view: of the sensor's camera
+    view: of the design's camera
+    pose: of the camera that took the frames
 
     Raises
     ------
@@ -56,11 +59,14 @@ def force_reading(observer: ForceObserver, rule: FrictionRule, opened: Opened, v
             f"sizes, which forces are read from; wanted: {DEFAULT_TRACKER}"
         )
 
+    def place(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return seen_by(pose, view.camera, view.project(points))
+
     def read(frame: Frame, tracks: Tracks) -> Reading:
         observation = observer.observe(frame.time, tracks)
         row = _force_row(observation, rule)
         row["markers_seen"] = _visible_pairs(tracks)
-        return Reading(row, lambda: draw_forces(frame.image, view, tracks, rest, observation))
+        return Reading(row, lambda: draw_forces(frame.image, place, tracks, rest, observation))
 
     return read
 
@@ -94,11 +100,23 @@ def _force_row(observation: GripObservation, rule: FrictionRule) -> Row:
     return row
 
 
-def displacement_reading(gains: DisplacementGains, opened: Opened) -> Read:
-    """Reading of a flat pad's displacements, with its gains."""
+def displacement_reading(
+    gains: DisplacementGains, opened: Opened, view: View, pose: CameraPose
+) -> Read:
+    """Reading of a flat pad's displacements, with its gains.
+
+    Parameters
+    ----------
+    gains: from the image of the design's camera to displacements
+    opened: tracker and frames
+    view: of the design's camera
+    pose: of the camera that took the frames
+    """
+    align = alignment(pose, view.camera, opened.resting.position)
+    rest = aligned(align, opened.resting)
 
     def read(frame: Frame, tracks: Tracks) -> Reading:
-        row = _displacement_row(gains, opened.resting, tracks)
+        row = _displacement_row(gains, rest, aligned(align, tracks))
         radius = opened.start.radius
         return Reading(
             row, lambda: draw_tracks(frame.image, opened.palette, tracks, opened.resting, radius)

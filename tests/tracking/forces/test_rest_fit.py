@@ -1,6 +1,7 @@
 """The pose of a camera comes out of its rest frame, or is refused."""
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import cv2
@@ -122,6 +123,21 @@ def test_a_camera_as_designed_stays() -> None:
     check(found, CameraPose(), degrees=0.01, pixels=0.03)
     assert not found.notable
     assert found.error < 0.2
+    assert found.roll_deviation < 0.01 * DEGREE
+
+
+def test_a_pose_is_told_in_words_and_numbers() -> None:
+    pose = CameraPose(
+        roll=-1.2 * DEGREE, tilt=(0.3 * DEGREE, -0.4 * DEGREE), shift=(1.26, -7.0), scale=0.98
+    )
+    assert str(pose) == (
+        "rolled by -1.20°, shifted by (1.3, -7.0) px, scaled by 0.980, tilted by 0.50°"
+    )
+    assert "symmetry of the layout" in str(replace(pose, ambiguous=True))
+    table = pose.table()
+    assert table["tilt_deg"] == pytest.approx([0.3, -0.4])
+    assert table["notable"]
+    assert not CameraPose(roll=0.2 * DEGREE, shift=(1.0, 2.0), scale=1.005).notable
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,9 @@ def test_shifts_are_in_the_pixels_of_the_designs_camera() -> None:
     read, certain = shifts(of_posed(pressed, POSE), 0)
     wanted = np.concatenate([pressed.position, pressed.log_size[..., None]], axis=-1)
     wanted -= np.concatenate([rest.position, rest.log_size[..., None]], axis=-1)
-    np.testing.assert_allclose(read, np.concatenate(list(wanted[:, shifts.pairs]), axis=1), atol=1e-3)
+    np.testing.assert_allclose(
+        read, np.concatenate(list(wanted[:, shifts.pairs]), axis=1), atol=1e-3
+    )
     assert certain.all()
     # A hundredth of a pixel; without the pose the rim would be 5 mm off.
     points = SENSOR.shape.points(shifts.places[0], SENSOR.depths[0])

@@ -9,10 +9,20 @@ from .contact_reading import ForcePrior
 from .fields import at_places, circle_places, fields_on_circles
 from .gaussian_process import MIN_MARKERS, GaussianProcess
 from .learned import Learned
-from .readout import BEND, Layers, ReadOut, forward, limited, load_readout, save_readout
+from .readout import (
+    BEND,
+    Layers,
+    ReadOut,
+    forward,
+    limited,
+    load_readout,
+    network_inputs,
+    save_readout,
+)
 from .residual import Smooth, smooth_functions
 from .sensitivity import MarkerResponse
 from .specimen import FOCUS, SIZES
+from .used import Used, UsedReadOut, histories_of, readout_digest, readout_origin, used
 
 __all__ = [
     "BEND",
@@ -26,13 +36,20 @@ __all__ = [
     "MarkerResponse",
     "ReadOut",
     "Smooth",
+    "Used",
+    "UsedReadOut",
     "at_places",
     "circle_places",
     "fields_on_circles",
     "forward",
+    "histories_of",
     "limited",
     "load_readout",
+    "network_inputs",
     "odd_statistic",
+    "readout_digest",
+    "readout_origin",
     "save_readout",
     "smooth_functions",
+    "used",
 ]

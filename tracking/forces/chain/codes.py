@@ -1,8 +1,8 @@
 """Codes of a frame: the few numbers that the marker pairs of one specimen determine.
 
-Shifts are y = m(ψ) + U(ψ)·a + noise. The codes a, and one change of all log sizes in each layer, are
-the mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left out.
-The azimuth ψ of the load's plane is the one across which the least shear is left.
+Shifts are y = m(ψ) + U(ψ)·a + noise. The codes a, and one change of all log sizes in each layer,
+are the mean of their Gaussian posterior given all pairs; a pair that contradicts the others is left
+out. The azimuth ψ of the load's plane is the one across which the least shear is left.
 """
 
 import math
@@ -19,6 +19,16 @@ from .readout import limited
 from .specimen import SIZES, Aligned, Specimen, aligned
 
 Array = NDArray[np.float64]
+#: Names of the numbers that describe what the even codes leave of a frame.
+CONTEXT = (
+    *(
+        f"{part} residual of the {layer} {component}"
+        for part in ("the smooth", "the rough")
+        for layer in ("magenta", "yellow")
+        for component in ("places along the load", "places across the load", "sizes")
+    ),
+    "motion across the load's plane",
+)
 #: Of what is multiplied in every frame: half the memory to read, and far finer than the noise.
 Short = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -41,6 +51,8 @@ _LEAST_TURN = np.deg2rad(0.7)
 _CERTAIN_TURN = 3.0
 #: Changes of the azimuth in one frame.
 _TURNS = 6
+#: Lost measurements over unknowns below which a covariance is updated, not computed anew.
+_FEW = 0.5
 #: Part of the noise's variance that is added before a logarithm: less says nothing.
 _LEAST = 0.01
 #: Weights are computed anew when the noise has changed by more than this share …
@@ -60,11 +72,13 @@ class Weights:
     whiten: of each pair's shifts, shape (P, 6, 6)
     rows: change of each whitened shift with the unknowns, shape (6P, U)
     information: of all pairs and of the prior, shape (U, U)
+    covariance: its inverse, shape (U, U)
     """
 
     whiten: Short
     rows: Short
     information: Array
+    covariance: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +92,6 @@ class NoiseLevel:
     sizes: variances of a pair's log sizes in a frame, shape (P, 2)
     constant: covariance of the errors that are the same in every frame, shape (P, 6, 6)
     weights: of the pairs
-    covariance: of the unknowns as the prior shrinks them, shape (U, U)
     unshrink: factor of each unknown that undoes the prior: the read-out was trained on codes with
         noise, not on codes drawn towards their mean; shape (U,)
     variance: of each code, shape (K,)
@@ -91,7 +104,6 @@ class NoiseLevel:
     sizes: Array
     constant: Array
     weights: Weights
-    covariance: Array
     unshrink: Array
     variance: Array
     constant_variance: Array
@@ -238,7 +250,7 @@ def _turn(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> tuple[float, float
     """Angle from the plane to the shear's own azimuth, and its standard deviation [rad]."""
     along, across = _shear(specimen, fit)
     codes = specimen.codes
-    odd = noise.covariance[codes : -len(SIZES), codes : -len(SIZES)]
+    odd = noise.weights.covariance[codes : -len(SIZES), codes : -len(SIZES)]
     each = specimen.direction.across
     uncertain = float(np.einsum("ri,ij,rj->", each, odd, each))
     size = float(along @ along + across @ across)
@@ -263,12 +275,13 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
             f"{_UNLIKE:g} at most is allowed"
         )
     excess = noise.excess
-    if fit.posterior.covariance is not noise.covariance:
-        change = fit.posterior.covariance - noise.covariance
+    whole = noise.weights.covariance
+    if fit.posterior.covariance is not whole:
+        change = fit.posterior.covariance - whole
         excess = excess + (noise.unshrink[:, None] * change * noise.unshrink)[:count, :count]
     odd = fit.unknowns[count : -len(SIZES)]
-    unit = np.sqrt(np.diag(noise.covariance)[count : -len(SIZES)])
-    residual = fit.missed * fit.pairs[:, None]
+    unit = np.sqrt(np.diag(whole)[count : -len(SIZES)])
+    residual = _turned(fit.missed * fit.pairs[:, None], -noise.aligned.azimuth)
     along, across = _shear(specimen, fit)
     return Codes(
         value=fit.unknowns[:count],
@@ -286,9 +299,21 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
     )
 
 
+def _turned(residual: Short, angle: float) -> Short:
+    """Residual (P, 6) in axes along and across the load: its places turned by an angle [rad]."""
+    if angle == 0.0:
+        return residual
+    turned, c, s = residual.copy(), math.cos(angle), math.sin(angle)
+    for k in (0, 3):
+        turned[:, k] = c * residual[:, k] - s * residual[:, k + 1]
+        turned[:, k + 1] = s * residual[:, k] + c * residual[:, k + 1]
+    return turned
+
+
 def _share(across: Array, along: Array) -> float:
     """Share of the first vector in the size of both; 0 where neither has any."""
-    return float(np.linalg.norm(across) / max(np.linalg.norm(np.append(along, across)), 1e-12))
+    whole = float(np.linalg.norm(np.append(along, across)))
+    return float(np.linalg.norm(across)) / max(whole, 1e-12)
 
 
 def odd_statistic(odd: Array, axis: int) -> Array:
@@ -331,8 +356,8 @@ def _noise_level(
             whiten=whiten.astype(np.float32),
             rows=rows.astype(np.float32),
             information=information,
+            covariance=covariance,
         ),
-        covariance=covariance,
         unshrink=unshrink,
         variance=variance,
         constant_variance=np.einsum("kpi,pij,kpj->k", operator, whitened, operator, optimize=True),
@@ -361,10 +386,12 @@ def _vague_sizes(
     own = np.linalg.inv(np.linalg.cholesky(covariance + noise.constant[pairs]))
     vague = (own @ noise.aligned.loadings[pairs]).reshape(sure.shape)
     whiten[pairs], rows[pairs] = own, vague.reshape(-1, MEASURED, unknowns)
+    information = noise.weights.information - sure.T @ sure + vague.T @ vague
     weights = Weights(
         whiten=whiten,
         rows=rows.reshape(-1, unknowns),
-        information=noise.weights.information - sure.T @ sure + vague.T @ vague,
+        information=information,
+        covariance=np.asarray(np.linalg.inv(information)),
     )
     return VagueSizes(pairs=pairs, variances=variances, weights=weights)
 
@@ -425,11 +452,17 @@ class _Solver:
 
     def _posterior(self, pairs: Mask) -> Posterior:
         weights, before = self.weights, self.before
-        if weights is self.noise.weights and pairs.all():
-            return Posterior(weights=weights, pairs=pairs, covariance=self.noise.covariance)
+        if pairs.all():
+            return Posterior(weights=weights, pairs=pairs, covariance=weights.covariance)
         if before is not None and before.weights is weights and np.array_equal(before.pairs, pairs):
             return before
         rows = weights.rows.reshape(len(pairs), MEASURED, -1)[~pairs]
         lost = rows.reshape(-1, rows.shape[2]).astype(float)
-        covariance = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
+        if len(lost) < _FEW * len(weights.covariance):
+            # What the lost pairs told is taken back.
+            gain = lost @ weights.covariance
+            left = np.eye(len(lost)) - gain @ lost.T
+            covariance = weights.covariance + gain.T @ np.linalg.solve(left, gain)
+        else:
+            covariance = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
         return Posterior(weights=weights, pairs=pairs, covariance=covariance)

@@ -91,9 +91,7 @@ def at_angles(values: Numbers, theta: Array, axis: int) -> Array:
 
 def circle_places() -> Array:
     """Places (T·C, 2) on whose shifts `fields_on_circles` rests."""
-    theta, phi = np.meshgrid(
-        STATIONS, 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE, indexing="ij"
-    )
+    theta, phi = np.meshgrid(STATIONS, 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE, indexing="ij")
     return np.stack([theta.ravel(), phi.ravel()], axis=-1)
 
 

@@ -13,7 +13,7 @@ from ..calibration import SensorCalibration, required_readout
 from ..friction import OBSERVABLE_MARGIN
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
-from .codes import Codes, Kept, fit_codes, trained_codes
+from .codes import CONTEXT, Codes, Kept, fit_codes, trained_codes
 from .readout import BEND, ReadOut, forward, linearised, load_readout
 from .specimen import read_specimen
 
@@ -27,6 +27,10 @@ _VAGUE = 0.1
 _OBSERVABLE = 0.4
 #: Largest |asinh(ΣFn/BEND)| that is read, some 30 N.
 _LARGEST = 5.0
+#: What the context of a frame may exceed that of the training by: in logarithms.
+_SLACK = 0.2
+#: Largest factor by which compression may enlarge the errors of markers: that of H.264 at crf 16.
+_COMPRESSED = 7.0
 #: No µ is read below this.
 _SMALLEST_FRICTION = 0.05
 #: Less than this is no contact [N].
@@ -120,9 +124,9 @@ class Learned:
         self._fingertip, self._readout, self._averaged = tip, readout, averaged
         self._specimen = read_specimen(readout, MarkerShifts(calibration, rest, np.pi))
         #: Displacement of the chain for each code and 1 [m], shape (K + 1, 2N).
-        self._displacement = (readout.amounts @ readout.modes.reshape(len(readout.modes), -1)).astype(
-            np.float32
-        )
+        self._displacement = (
+            readout.amounts @ readout.modes.reshape(len(readout.modes), -1)
+        ).astype(np.float32)
         self._at_rest = tip.rest_positions()
         self._memory = Memory()
 
@@ -142,6 +146,12 @@ class Learned:
         """
         before = self._memory
         self.reset()
+        if tracks.compression > _COMPRESSED:
+            raise NoEstimateError(
+                f"compressed too much to read forces: markers are {tracks.compression:.1f} times "
+                f"less certain than noise makes them, {_COMPRESSED:g} times at most is allowed; "
+                "record H.264 at crf <= 12, or pictures without loss"
+            )
         fit, kept = fit_codes(self._specimen, before.kept, tracks)
         self._memory = Memory(kept=kept)
         codes = trained_codes(self._specimen, fit, kept.noise)
@@ -153,7 +163,11 @@ class Learned:
             self._memory = Memory(kept=kept, average=average)
             variance = average.variance + codes.constant_variance
             codes = replace(codes, value=average.codes, variance=variance)
-        x = _network_input(self._readout, codes)
+        _check_trained(self._readout, codes)
+        # Noise matters in the weak codes, which are the last.
+        weak = codes.variance[len(codes.variance) // 2 :]
+        level = math.exp(0.5 * float(np.log(weak).mean()))
+        x = self._readout.inputs(codes.value, level, codes.context)
         # Forces are those of the fingertip trained on, stiffer or softer in all its springs.
         stiffness = self._fingertip.tissue_stiffness / self._readout.tissue_stiffness
         totals = _read_totals(self._readout, codes, x, stiffness)
@@ -168,12 +182,26 @@ def sequential(calibration: SensorCalibration, rest: Tracks) -> Learned:
     return Learned(calibration, rest, averaged=True)
 
 
-def _network_input(readout: ReadOut, codes: Codes) -> Array:
-    """Codes in units of their deviations, the logarithm of their noise, and context, (K + 1 + C,)."""
-    # Noise matters in the weak codes, which are the last.
-    weak = codes.variance[len(codes.variance) // 2 :]
-    context = (codes.context - readout.context[0]) / readout.context[1]
-    return np.concatenate([codes.value / readout.scale, [0.5 * np.log(weak).mean()], context])
+def _check_trained(readout: ReadOut, codes: Codes) -> None:
+    """Refuse a frame outside what was trained: no network is to be believed there.
+
+    Raises
+    ------
+    NoEstimateError
+        With the number that is too large.
+    """
+    over = codes.context - readout.context[2]
+    worst = int(over.argmax())
+    if over[worst] > _SLACK:
+        raise NoEstimateError(
+            f"the markers move as no trained press moves them: {CONTEXT[worst]} is "
+            f"{math.exp(0.5 * over[worst]):.1f} times what it was in training"
+        )
+    reach = float(readout.size_of(codes.value)) / readout.reach
+    if reach > 1.0 + _SLACK:
+        raise NoEstimateError(
+            f"the skin has moved {reach:.1f} times as far as in the hardest trained press"
+        )
 
 
 def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> Totals:
@@ -183,7 +211,7 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
     ----------
     readout: to read with
     codes: of the frame
-    x: input of the networks, see `_network_input`
+    x: input of the networks, see `network_inputs`
     stiffness: of the fingertip over that trained on
 
     Raises
@@ -192,20 +220,22 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
         When they leave ΣFn open.
     """
     short = x.astype(np.float32)
-    correction, slope = linearised(readout.totals, short)
-    totals = np.append(x, 1.0) @ readout.linear + correction
+    output, by_input = linearised(readout.totals, short)
+    middle, scale = readout.targets
+    totals = middle + scale * output
     deviations = np.exp(0.5 * forward(readout.deviations, short).astype(float))
     covariance = np.outer(deviations[:3], deviations[:3]) * readout.correlation
-    count = readout.codes
-    slope = (readout.linear[:count].T + slope[:, :count]) / readout.scale
+    slope = scale[:, None] * readout.slope(codes.value, by_input)
     covariance += slope @ codes.excess @ slope.T
-    normal = BEND * math.sinh(min(max(float(totals[0]), -_LARGEST), _LARGEST))
-    friction = float(totals[1])
+    normal, friction = (
+        BEND * math.sinh(min(max(float(value), -_LARGEST), _LARGEST)) for value in totals[:2]
+    )
+    mu = max(math.exp(min(float(totals[2]), 1.0)), _SMALLEST_FRICTION)
     # To newtons, and to |ΣFf|.
     side = 1.0 if friction >= 0.0 else -1.0
-    unit = np.array([stiffness * math.hypot(normal, BEND), stiffness * side, 1.0])
+    unit = stiffness * np.array([math.hypot(normal, BEND), side * math.hypot(friction, BEND), 0.0])
     # An image leaves µ no less certain than it is without any.
-    unit[2] /= math.hypot(1.0, math.sqrt(covariance[2, 2]) / readout.prior)
+    unit[2] = mu / math.hypot(1.0, math.sqrt(covariance[2, 2]) / readout.prior)
     covariance *= np.outer(unit, unit)
     deviation = math.sqrt(covariance[0, 0])
     if deviation > _VAGUE_SHARE * abs(normal) + _VAGUE:
@@ -215,7 +245,7 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Array, stiffness: float) -> 
     return Totals(
         normal=stiffness * normal,
         friction=stiffness * friction,
-        mu=max(float(totals[2]), _SMALLEST_FRICTION),
+        mu=mu,
         covariance=covariance,
         margin_deviation=float(deviations[3]),
     )
@@ -253,7 +283,7 @@ def _force_field(
         friction_reading=FrictionReading(
             value=mu,
             deviation=deviation,
-            observable=slips and deviation < _OBSERVABLE * readout.prior,
+            observable=slips and deviation < _OBSERVABLE * readout.prior * mu,
             totals_covariance=(float(totals.covariance[0, 2]), float(totals.covariance[1, 2])),
             margin_deviation=totals.margin_deviation,
         ),

@@ -27,6 +27,8 @@ Layers = tuple[tuple[Numbers, Numbers], ...]
 
 #: ΣFn at which its scale turns from linear to logarithmic [N].
 BEND = 0.4
+#: Codes above this many of their scales are not told apart.
+LARGEST_CODE = 6.0
 #: Largest change of a marker's log size that is read.
 _SIZE_CHANGE = 0.1
 #: Arrays of more numbers than this are written in half precision.
@@ -52,14 +54,15 @@ class ReadOut:
     strength: variance of each code in units of its noise, shape (K + O,)
     modes: displacements of the chain [m], shape (Q, N, 2)
     amounts: of the modes with each even code and 1, shape (K + 1, Q)
-    context: mean and deviation of each number that describes a frame's residual, shape (2, C)
-    linear: codes, noise, context and 1 to totals, the best linear read-out, shape (K + C + 2, 3)
-    totals: network of what is missing from that
+    context: mean, deviation and highest of each number that describes a frame's residual, (3, C)
+    reach: largest size of the codes, see `size_of`
+    targets: mean and unit of asinh of both sums over BEND, and of log µ, shape (2, 3)
+    totals: network of those, in that unit
     deviations: network of the logarithm of the variances of the totals and of Γ
     shapes: network of the distributions of force
     normal_shapes, friction_shapes: modes of those, the mean first, shape (Q + 1, N)
     correlation: of the totals' errors, shape (3, 3)
-    prior: standard deviation of µ before any image
+    prior: standard deviation of log µ before any image
     """
 
     tissue_stiffness: float
@@ -72,7 +75,8 @@ class ReadOut:
     modes: Array
     amounts: Array
     context: Array
-    linear: Array
+    reach: float
+    targets: Array
     totals: Layers
     deviations: Layers
     shapes: Layers
@@ -96,10 +100,58 @@ class ReadOut:
         """Standard deviation of each even code with unit noise, shape (K,)."""
         return np.sqrt(self.strength[: self.codes] + 1.0)
 
+    def size_of(self, codes: Numbers) -> Numbers:
+        """Root mean square of even codes (…, K) over their scale: how far the skin has moved."""
+        return np.sqrt(((codes / self.scale) ** 2).mean(axis=-1))
+
+    def inputs(self, codes: Array, level: float, context: Array) -> Numbers:
+        """Inputs of the networks for a frame, see `network_inputs`.
+
+        Parameters
+        ----------
+        codes: even codes, shape (K,)
+        level: noise of the weak codes
+        context: of the frame's residual, shape (C,)
+        """
+        middle, spread = self.context[:2]
+        return network_inputs(self.scale, codes, level, (context - middle) / spread)
+
+    def slope(self, codes: Array, by_input: Numbers) -> Array:
+        """Derivative by the codes (O, K) of outputs whose derivative by the inputs is (O, I)."""
+        count = self.codes
+        straight = by_input[:, :count] * (abs(codes) < LARGEST_CODE * self.scale) / self.scale
+        bent = by_input[:, count : 2 * count] / (np.hypot(codes, 2.0) * bent_scale(self.scale))
+        return np.asarray(straight + bent)
+
     @cached_property
     def rates(self) -> Array:
         """How fast even codes change, relative to each other, shape (K,)."""
         return self.strength[: self.codes] + 1.0
+
+
+def bent_scale(scale: Numbers) -> Numbers:
+    """What the second form of each code is divided by."""
+    return np.maximum(np.arcsinh(scale / 2.0), 1.0)
+
+
+def network_inputs(
+    scale: Numbers, codes: Numbers, level: Numbers | float, context: Numbers
+) -> Numbers:
+    """Inputs of the networks (…, 2K + 1 + C).
+
+    Forces span three decades: each code is given in units of its scale, and again where noise is
+    linear and everything above it is logarithmic.
+
+    Parameters
+    ----------
+    scale: standard deviation of each code, shape (K,)
+    codes: shape (…, K)
+    level: noise of the weak codes, shape (…, 1) or a number
+    context: in units of its deviation, shape (…, C)
+    """
+    straight = np.clip(codes / scale, -LARGEST_CODE, LARGEST_CODE)
+    bent = np.arcsinh(codes / 2.0) / bent_scale(scale)
+    return np.concatenate([straight, bent, np.atleast_1d(np.log(level)), context], axis=-1)
 
 
 def limited(shifts: Array) -> Array:
@@ -176,7 +228,7 @@ def load_readout(path: Path) -> ReadOut:
     except (zipfile.BadZipFile, msgspec.DecodeError) as error:
         raise UserError(f"{path} is not a trained read-out: {error}") from None
     networks = {name: _network(stored, name) for name in _NETWORKS}
-    numbers = {name: float(stored.pop(name)) for name in ("tissue_stiffness", "prior")}
+    numbers = {name: float(stored.pop(name)) for name in ("tissue_stiffness", "reach", "prior")}
     arrays = {name: value.astype(float) for name, value in stored.items()}
     return ReadOut(design=design, ranges=ranges, **arrays, **networks, **numbers)  # type: ignore[arg-type]
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import UserError
+from ....render import SensorDesign
 from ..shifts import MEASURED, MarkerShifts
 from .fields import STATIONS, Azimuths, at_angles, at_places
 from .readout import ReadOut
@@ -91,16 +92,28 @@ def read_specimen(readout: ReadOut, shifts: MarkerShifts) -> Specimen:
         raise UserError("the tracker finds no marker pair at rest; is the noise too large?")
     left = np.stack([at_angles(readout.left[k], places[k, :, 0], axis=1) for k in range(2)])
     pairs = places.shape[1]
+    gains = _gains(readout.design, shifts.sensor)
     return Specimen(
         shifts=shifts,
-        means=at_places(readout.mean[None], np.array([False]), places),
-        loadings=at_places(readout.fields, readout.odd, places),
+        means=at_places(gains * readout.mean[None], np.array([False]), places),
+        loadings=at_places(gains * readout.fields, readout.odd, places),
         unexplained=np.moveaxis(left, 2, 0).reshape(pairs, MEASURED),
         strength=np.append(readout.strength, [FOCUS**2] * len(SIZES)),
         codes=readout.codes,
         smooth=smooth_functions(places[0]),
         direction=_direction(readout),
     )
+
+
+def _gains(design: SensorDesign, sensor: SensorDesign) -> Array:
+    """Motion of each layer in the image over that of the design, to first order, (2, 1, 1, 1).
+
+    A calibration may state another `follow` and depth of a layer than the design.
+    """
+    if design.shape.flat:
+        return np.ones((2, 1, 1, 1))
+    near, far = (one.follow / (one.shape.radius - one.depths) for one in (sensor, design))
+    return np.asarray(near / far).reshape(2, 1, 1, 1)
 
 
 def aligned(specimen: Specimen, azimuth: float) -> Aligned:
@@ -135,9 +148,7 @@ def _direction(readout: ReadOut) -> Direction:
     radius = at - on_axis
     near = np.where(STATIONS < _NEAR, np.sin(STATIONS), 0.0)
     return Direction(
-        along=np.concatenate(
-            [first_harmonic(even), first_harmonic(readout.mean[None])], axis=1
-        ),
+        along=np.concatenate([first_harmonic(even), first_harmonic(readout.mean[None])], axis=1),
         across=first_harmonic(odd),
         twist=(near * radius) @ circling / (near @ radius**2),
     )

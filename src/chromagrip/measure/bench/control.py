@@ -3,7 +3,8 @@
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from ...output.report import Bounds, Report, Row, Table, at_most, measured, numb
 from ...scene.controllers import CONTROLLERS
 from ...scene.scene import Scene, load_scene
 from ...thesis import OBJECTS
+from ..worlds.coverage import BEYOND, count_frames, coverage_rows, slip_rows
 from ..worlds.grasps import WORLDS, calibration, object_changes, seed_of
 from ..worlds.scorecard import NOTES, SCORES, scores, together, worst
 
@@ -38,7 +40,7 @@ _QUICK = ("jerk-1", "worn-1")
 WORST = "worst"
 
 #: Changes of a scene by dotted key.
-Change = Mapping[str, float | str]
+Change = Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,12 +73,16 @@ class ObjectSet:
     changes: of the scene, for each object
     seeds: of the camera's noise, for each object
     mismatched: each object is gripped with a sensor of its own of the mismatched world
+    scenes: for controllers that have another one
+    truth: each object is gripped on the truth path too, once
     """
 
     scene: str
     changes: Sequence[Change]
     seeds: int = 1
     mismatched: bool = False
+    scenes: Mapping[str, str] = field(default_factory=dict)
+    truth: bool = False
 
 
 #: The 27 objects of the thesis.
@@ -99,7 +105,16 @@ OBJECT_SETS = {
         changes=[changes for changes in _OBJECTS if changes["object.friction"] == 0.5],
         seeds=SEEDS,
     ),
+    "beyond": ObjectSet(
+        scene="margin-60hz",
+        changes=BEYOND,
+        seeds=SEEDS,
+        scenes={"safety-margin": "camera-100hz"},
+        truth=True,
+    ),
 }
+#: Controllers that are judged beyond the thesis's objects: those that change the grip.
+JUDGED_BEYOND = ("safety-margin", "margin-inversion", "react-to-slip")
 #: Targets through the camera, by controller, set and score.
 TARGETS: dict[tuple[str, str, str], Bounds] = {
     ("safety-margin", "objects-100hz", "gross"): Bounds(0.0, 2.0),
@@ -145,8 +160,11 @@ def bench_control(
     todo = tasks(quick, choose(controllers), bool(controllers))
     runs: dict[tuple[str, str, str], list[dict[str, float] | str]] = {}
     results = map_processes(score_run, todo, os.cpu_count() or 1, ordered=True)
+    beyond: list[tuple[Task, dict[str, float]]] = []
     for done, (task, result) in enumerate(zip(todo, results, strict=True), 1):
         runs.setdefault((task.group, task.path, task.controller), []).append(result)
+        if task.group == "beyond" and not isinstance(result, str):
+            beyond.append((task, result))
         progress(f"{task.group}: run {done} of {len(todo)}")
     rows: list[Row] = []
     for case, parts in runs.items():
@@ -154,6 +172,7 @@ def bench_control(
     for path, controller in dict.fromkeys(case[1:] for case in runs):
         parts = [part for scene in SCENES for part in runs.get((scene, path, controller), [])]
         rows += _rows((WORST, path, controller), parts, worst)
+    rows += beyond_rows(beyond)
     return Report(rows=tuple(rows), tables=(matrix(rows),), notes=NOTES, quick=quick)
 
 
@@ -187,17 +206,19 @@ def tasks(quick: bool, names: Sequence[str], everything: bool) -> list[Task]:
     ]
     if not quick:
         runs += [
-            (name, "camera", each.scene, changes, each.seeds, k if each.mismatched else None)
+            (name, path, each.scene, changes, seeds, k if each.mismatched else None)
             for name, each in OBJECT_SETS.items()
+            for path, seeds in (("truth", 1 if each.truth else 0), ("camera", each.seeds))
             for k, changes in enumerate(each.changes)
         ]
     judged = {(name, group) for name, group, _ in TARGETS}
+    judged |= {(name, "beyond") for name in JUDGED_BEYOND}
     return [
         Task(
             group=group,
             path=path,
             controller=name,
-            scene=scene,
+            scene=OBJECT_SETS[group].scenes.get(name, scene) if group in OBJECT_SETS else scene,
             changes={
                 "controller": name,
                 "path": path,
@@ -218,7 +239,8 @@ def score_run(task: Task) -> dict[str, float] | str:
     """Scores of a run, or the reason why there are none."""
     try:
         scene = load_scene(task.scene, dict(task.changes))
-        return scores(run(scene) if task.specimen is None else _run_with(task.specimen, scene))
+        result = run(scene) if task.specimen is None else _run_with(task.specimen, scene)
+        return scores(result) | count_frames(result.trace)
     except UserError as error:
         return str(error)
 
@@ -230,6 +252,26 @@ def _run_with(index: int, scene: Scene) -> Result:
     with closing(specimen.camera(int(rng.integers(2**32)))) as camera:
         samples = [row(sample) for sample in grasp(scene, camera, specimen.fingertip, known)]
     return Result(scene=scene, summary={}, trace=make_trace(samples), folder=None)
+
+
+def beyond_rows(runs: Sequence[tuple[Task, Mapping[str, float]]]) -> list[Row]:
+    """Slip by camera against that of the truth path, and the intervals of Γ over time."""
+    held = {_case(task): run["displacement"] for task, run in runs if task.path == "truth"}
+    slips: dict[str, list[tuple[float, float]]] = {}
+    counted: dict[str, list[Mapping[str, float]]] = {}
+    for task, run_scores in runs:
+        if task.path == "camera":
+            counted.setdefault(task.controller, []).append(run_scores)
+            if _case(task) in held:
+                pair = (held[_case(task)], run_scores["displacement"])
+                slips.setdefault(task.controller, []).append(pair)
+    return slip_rows(slips) + coverage_rows(counted) if counted else []
+
+
+def _case(task: Task) -> str:
+    """Changes of a task but for its path and seed."""
+    changes = {key: value for key, value in task.changes.items() if key not in ("path", "seed")}
+    return repr(sorted(changes.items()))
 
 
 def _rows(

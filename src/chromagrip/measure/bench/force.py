@@ -1,15 +1,13 @@
-"""Figures of force and friction estimates: all reconstructors on the same tracks, in two worlds."""
+"""Figures of force and friction estimates: all reconstructors on the same tracks, in each world."""
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...by_name import Choice
-from ...output.processes import map_processes
+from ...errors import UserError
 from ...output.report import (
     Bounds,
     Report,
@@ -23,25 +21,29 @@ from ...output.report import (
     values,
 )
 from ...render.drawing import gl_problem
-from ...thesis import OBJECTS
-from ...tracking import FRICTION, METHODS, load_reconstructor
+from ...tracking import FRICTION
+from ..beyond.groups import BEYOND, GROUPS, NEED_GL
 from ..worlds.force_scenes import ForceScene
 from ..worlds.force_scores import (
     CONSTANT,
     QUANTITIES,
     READ,
     UNITS,
-    Answers,
-    answers,
     constant,
-    limits,
     reading_name,
     scores,
     times,
-    truth,
 )
 from ..worlds.grasps import KNOWN, LIBRARY, WORLDS, scenes
-from .methods import named
+from .force_beyond import (
+    BEYOND_NOTES,
+    beyond_counts,
+    beyond_rows,
+    beyond_tables,
+    law_table,
+    told_by_constant,
+)
+from .force_sets import Measured, choose, measure
 
 Array = NDArray[np.float64]
 
@@ -59,9 +61,6 @@ QUICK = {
     ("mismatched", LIBRARY): 3,
     ("matched", "conservative"): 2,
 }
-#: Step from one object to the next. It has no divisor in common with 27: a few objects vary as all
-#: do, and 27 steps reach all of them.
-_STRIDE = 10
 #: Grasps of the matched library whose information limit is computed, which takes a second each.
 _LIMITED = 48
 #: Grasps whose limit is computed in a quick run.
@@ -116,42 +115,12 @@ _BOUNDS: dict[tuple[str, str, str], tuple[float, float]] = {
 TARGETS = {case: Bounds(*bounds) for case, bounds in _BOUNDS.items()}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Task:
-    """One grasp to make, and the reconstructors that read it.
-
-    Attributes
-    ----------
-    world, kind, index: see `grasps.scenes`
-    reconstructors: by name
-    limited: whether its limits are computed
-    """
-
-    world: str
-    kind: str
-    index: int
-    reconstructors: Mapping[str, Choice]
-    limited: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class Measured:
-    """Results of the S scenes of one or more grasps.
-
-    Attributes
-    ----------
-    true: (ΣFn [N], ΣFf [N], µ, Γ), shape (S, 4)
-    answers: estimates of them by reconstructor or reading, and by the frames that are read
-    limit: smallest standard deviations of them by the frames that are read, shape (S, 4)
-    """
-
-    true: Array
-    answers: dict[tuple[str, str], Answers]
-    limit: dict[str, Array]
-
-
 def bench_force(
-    quick: bool, progress: Callable[[str], None], reconstructors: Sequence[Choice] = ()
+    quick: bool,
+    progress: Callable[[str], None],
+    reconstructors: Sequence[Choice] = (),
+    world: str = "",
+    groups: Sequence[str] = (),
 ) -> Report:
     """Report of reconstructors: rows `set/read/reconstructor/score`, and the speed of each.
 
@@ -160,125 +129,75 @@ def bench_force(
     quick: few grasps; unless chosen only the reconstructors that have targets
     progress: called with the name of each measurement
     reconstructors: names, module:Class or classes; none are all of ours, beside a constant answer
+    world: only this one, without the speed; empty is all of them
+    groups: of the world `beyond`: only these; none are all
 
     Raises
     ------
     UserError
-        When there is no such reconstructor.
+        When there is no such reconstructor, world or group.
     """
     chosen = choose(reconstructors or (tuple(BEST.values()) if quick else ()))
-    counts = dict(QUICK if quick else COUNTS)
     rows: list[Row] = []
+    counts = _counts(quick, world, groups)
     if (problem := gl_problem()) is not None:
         rows.append(reported(("mismatched", "not_measured"), None, "", problem))
-        counts = {(world, kind): n for (world, kind), n in counts.items() if world == "matched"}
+        counts = {(w, kind): n for (w, kind), n in counts.items() if not _needs_gl(w, kind)}
     sets = measure(counts, chosen, _QUICK_LIMITED if quick else _LIMITED, progress)
+    beyond = {name: found for name, found in sets.items() if name.startswith(BEYOND)}
     for name, results in sets.items():
-        rows += _rows(name, results, chosen)
-    progress("speed")
-    rows += _speed(chosen)
+        if name not in beyond:
+            rows += _rows(name, results, chosen)
+    rows += beyond_rows(beyond, chosen, BEST["0.1s"])
+    if not world:
+        progress("speed")
+        rows += _speed(chosen)
     names = (CONSTANT, *chosen)
     details = [
         score_table(mine, lambda row: row.subject[-1], f"Every score, {world}, {read}")
         for world, read in product(WORLDS, READ)
         if (mine := [row for row in rows if row.subject in [(world, read, n) for n in names]])
     ]
+    tables: list[Table] = []
+    notes: list[str] = []
+    if len(sets) > len(beyond):
+        tables += [matrix(rows, names), readings(rows, list(chosen))]
+        notes += _NOTES
+    if beyond:
+        first, *others = beyond_tables(rows, list(beyond), names, BEST["0.1s"])
+        tables += [first, law_table(rows, names)]
+        details += others
+        notes += BEYOND_NOTES
     return Report(
         rows=tuple(rows),
-        tables=(matrix(rows, names), readings(rows, list(chosen))),
-        notes=_NOTES,
+        tables=tuple(tables),
+        notes=tuple(notes),
         details=tuple(details),
         quick=quick,
     )
 
 
-def set_name(world: str, kind: str) -> str:
-    """Name of a set in rows."""
-    return world if kind == LIBRARY else f"{world}-{kind}"
+def _counts(quick: bool, world: str, groups: Sequence[str]) -> dict[tuple[str, str], int]:
+    """Number of grasps of each set that is asked for, by world and kind."""
+    worlds = (*WORLDS, BEYOND)
+    if world and world not in worlds:
+        raise UserError(f"no world {world!r}; there is {', '.join(worlds)}")
+    if groups and world != BEYOND:
+        raise UserError(f"groups go with the world {BEYOND}, got {groups[0]!r} without it")
+    unknown = [group for group in groups if group not in GROUPS]
+    if unknown:
+        raise UserError(f"no group {unknown[0]!r}; there is {', '.join(GROUPS)}")
+    counts = dict(QUICK if quick else COUNTS) | beyond_counts(quick, world == BEYOND, groups)
+    return {(w, kind): n for (w, kind), n in counts.items() if world in ("", w)}
 
 
-def choose(reconstructors: Sequence[Choice]) -> dict[str, Choice]:
-    """Reconstructors by name; none are all of ours.
-
-    Raises
-    ------
-    UserError
-        When there is no such reconstructor.
-    """
-    return named(reconstructors or list(METHODS), load_reconstructor)
-
-
-def measure(
-    counts: Mapping[tuple[str, str], int],
-    reconstructors: Mapping[str, Choice],
-    limited: int,
-    progress: Callable[[str], None],
-) -> dict[str, Measured]:
-    """Let reconstructors read the grasps of some sets, in one process for each core.
-
-    Parameters
-    ----------
-    counts: of grasps by world and kind
-    reconstructors: by name
-    limited: number of grasps of the matched library whose limits are computed, the first ones
-    progress: called after each grasp
-
-    Returns
-    -------
-    By `set_name`.
-    """
-    tasks = [
-        Task(
-            world=world,
-            kind=kind,
-            index=k if kind == LIBRARY else k * _STRIDE % len(OBJECTS),
-            reconstructors=reconstructors,
-            limited=(world, kind) == ("matched", LIBRARY) and k < limited,
-        )
-        for (world, kind), count in counts.items()
-        for k in range(count)
-    ]
-    sets: dict[str, list[Measured]] = {}
-    results = map_processes(measure_grasp, tasks, os.cpu_count() or 1, ordered=True)
-    for done, (task, result) in enumerate(zip(tasks, results, strict=True), 1):
-        name = set_name(task.world, task.kind)
-        sets.setdefault(name, []).append(result)
-        progress(f"{name}: grasp {done} of {len(tasks)}")
-    return {name: _joined(parts) for name, parts in sets.items()}
-
-
-def _joined(parts: Sequence[Measured]) -> Measured:
-    return Measured(
-        true=np.concatenate([part.true for part in parts]),
-        answers={
-            key: Answers.joined([part.answers[key] for part in parts]) for key in parts[0].answers
-        },
-        limit={read: np.concatenate([part.limit[read] for part in parts]) for read in READ},
-    )
-
-
-def measure_grasp(task: Task) -> Measured:
-    """Make a grasp and let every reconstructor read it."""
-    return _joined([_measure_scene(task, s) for s in scenes(task.world, task.kind, task.index)])
-
-
-def _measure_scene(task: Task, scene: ForceScene) -> Measured:
-    estimates: dict[tuple[str, str], Answers] = {}
-    for name, choice in task.reconstructors.items():
-        estimates |= answers(name, choice, scene)
-    unknown = np.full(4, np.nan)
-    return Measured(
-        true=truth(scene)[None],
-        answers=estimates,
-        limit={
-            read: (limits(scene, frames) if task.limited else unknown)[None]
-            for read, frames in READ.items()
-        },
-    )
+def _needs_gl(world: str, kind: str) -> bool:
+    return world == "mismatched" or (world == BEYOND and kind in NEED_GL)
 
 
 def _rows(name: str, results: Measured, reconstructors: Mapping[str, Choice]) -> Iterator[Row]:
     fixed = {(CONSTANT, read): constant(results.true) for read in READ}
+    guessed = scores(constant(results.true), results.true)
     for (method, read), estimate in (fixed | results.answers).items():
         reading = method not in (CONSTANT, *reconstructors)
         if reading and estimate.flagged.all():
@@ -288,7 +207,8 @@ def _rows(name: str, results: Measured, reconstructors: Mapping[str, Choice]) ->
         for score, value in scores(estimate, results.true, known).items():
             if score in _OF_FRICTION or not reading:
                 target = TARGETS.get((name, read, score)) if method == BEST[read] else None
-                yield measured((name, read, method, score), value, UNITS[score], target)
+                note = told_by_constant(target, guessed.get(score))
+                yield measured((name, read, method, score), value, UNITS[score], target, note)
 
 
 def timed_scenes() -> list[ForceScene]:

@@ -31,6 +31,8 @@ def bench(
     trackers: Sequence[Choice] = (),
     reconstructors: Sequence[Choice] = (),
     controllers: Sequence[str] = (),
+    world: str = "",
+    groups: Sequence[str] = (),
 ) -> Report:
     """Measure a part.
 
@@ -42,6 +44,7 @@ def bench(
     trackers: of `track`: names, module:Class or classes; none are all
     reconstructors: of `force`: names, module:Class or classes; none are all
     controllers: of `control`: names or module:Class; none are all
+    world, groups: of `force`: only this world, and only these groups of `beyond`
 
     Raises
     ------
@@ -56,4 +59,8 @@ def bench(
     for its_part, (option, choices) in methods.items():
         if choices and part != its_part:
             raise UserError(f"{option} goes with bench {its_part}, not with bench {part}")
+    if part == "force":
+        return bench_force(quick, progress, reconstructors, world, groups)
+    if world or groups:
+        raise UserError(f"--world and --group go with bench force, not with bench {part}")
     return PARTS[part](quick, progress, *(methods[part][1:] if part in methods else ()))

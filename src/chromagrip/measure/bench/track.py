@@ -7,6 +7,7 @@ import numpy as np
 
 from ...by_name import Choice
 from ...errors import UserError
+from ...extras import missing
 from ...output.processes import one_thread
 from ...output.report import (
     Bounds,
@@ -22,6 +23,8 @@ from ...output.report import (
 )
 from ...render import LAYERS
 from ...tracking import DEFAULT_TRACKER, tracker_names
+from ..worlds.track_compressed import CODECS, compressed, stated_errors
+from ..worlds.track_compressed import UNITS as CODEC_UNITS
 from ..worlds.track_motion import ROUND
 from ..worlds.track_scenes import PERIOD, SCENES, noisy, sequence
 from ..worlds.track_scores import (
@@ -60,9 +63,17 @@ TARGETS: dict[tuple[str, str], Bounds] = {
     ("jump", "swaps"): Bounds(0.0, 0.0),
     ("jump", "false"): Bounds(0.0, 0.0),
 }
+#: Codecs in a quick run.
+_QUICK_CODECS = ("h264-crf12", "jpeg-q90")
+#: Codecs whose tracks are meant for use, which have targets.
+_USABLE = ("h264-crf0", "h264-crf12", "h264-crf20", "h264-444-crf12", "h265-crf12", "mjpeg-q2",
+           "jpeg-q95", "jpeg-q90", "jpeg-q80")  # fmt: skip
+#: Errors over the stated deviation, of places of the worse layer.
+_STATED = Bounds(0.7, 1.4)
 _RATIOS = [f"{layer}_ratio" for layer in LAYERS]
 #: Marks of a tracker in a scene, each with the score that gives it.
 _MARKS = {"s": "swaps", "l": "lost", "f": "false"}
+_CODEC_NOTE = "errors of places that moved over their stated deviations"
 _NOTE = (
     "Numbers are the RMS error of the worse layer over the Cramér–Rao bound of single frames. "
     "Marks: s, two markers were taken for each other; l, a visible marker was not reported; "
@@ -94,6 +105,8 @@ def bench_track(
             few = quick and not trackers and scene not in _QUICK_ALL
             some = {n: c for n, c in chosen.items() if not few or n in (CONSTANT, DEFAULT_TRACKER)}
             rows += _scene_rows(scene, QUICK_FRAMES if quick else FRAMES, some, progress)
+        if not trackers:
+            rows += _codec_rows(_QUICK_CODECS if quick else tuple(CODECS), progress)
         moving = named(trackers or (DEFAULT_TRACKER,), tracker_class)
         rows += _drifts(moving, QUICK_LONG if quick else LONG, progress)
         if not quick:
@@ -104,6 +117,7 @@ def bench_track(
                     rows.append(reported(("clean", name, "memory"), peak_memory(choice), "MB"))
     rows += [*_speed(rows, chosen), *_lowest(rows)]
     clean = [row for row in rows if row.subject[0] == "clean" and row.score != "refused"]
+    coded = [row for row in rows if row.subject[0] == "codec" and row.score != "refused"]
     texts = tuple((f"`{name}`", scene.text) for name, scene in SCENES.items())
     return Report(
         rows=tuple(rows),
@@ -112,6 +126,7 @@ def bench_track(
         details=(
             Table(("scene", "conditions"), texts, "Scenes"),
             score_table(clean, lambda row: row.subject[1], "Every score in the scene `clean`"),
+            score_table(coded, lambda row: row.subject[1], f"`clean` after codecs, {_CODEC_NOTE}"),
         ),
         quick=quick,
     )
@@ -144,6 +159,24 @@ def _scene_rows(
         for score, value in found.items():
             target = TARGETS.get((scene, score)) if name == DEFAULT_TRACKER else None
             yield measured((scene, name, score), value, UNITS[score], target)
+
+
+def _codec_rows(names: Sequence[str], progress: Callable[[str], None]) -> Iterator[Row]:
+    """Errors of the default tracker over what it states, in the scene `clean` after codecs."""
+    progress("codecs: frames")
+    scene = sequence(SCENES["clean"], FRAMES, limits=False)
+    reason = missing("video")
+    for name in names:
+        if reason is not None and not name.startswith("jpeg"):
+            yield reported(("codec", name, "refused"), None, "", reason)
+            continue
+        progress(f"codecs: {name}")
+        after = compressed(scene, CODECS[name])
+        found = stated_errors(follow(DEFAULT_TRACKER, after), after)
+        found["places"] = max(found[f"{layer}_places"] for layer in LAYERS)
+        for score, value in found.items():
+            target = _STATED if score == "places" and name in _USABLE else None
+            yield measured(("codec", name, score), value, CODEC_UNITS[score], target)
 
 
 def _drifts(

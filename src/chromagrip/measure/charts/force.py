@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..bench.force import BEST, Measured, choose, measure, timed_scenes
+from ..bench.force import BEST, timed_scenes
+from ..bench.force_sets import Measured, choose, measure
 from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores, times
 from ..worlds.grasps import LIBRARY
 from .chart import Axis, Chart, Point

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import UserError
 from ...loop.camera import SimulatedCamera
 from ...model import (
     ContactObject,
@@ -38,6 +39,17 @@ REST_FRAMES = 16
 NOISE = 2.0
 #: Step of the node model [s].
 _STEP = 2e-3
+#: What is known of markers in frames that the tracker refused.
+_NO_TRACKS = Tracks(
+    time=0.0,
+    position=np.empty((2, 0, 2)),
+    log_size=np.empty((2, 0)),
+    hue=np.empty(0),
+    visible=np.empty((2, 0), dtype=np.bool_),
+    ambiguous=np.empty((2, 0), dtype=np.bool_),
+    last_seen=np.empty((2, 0)),
+    covariance=np.empty((0, 6, 6)),
+)
 #: Before the scored frames the tracker is given a frame after each such motion of the skin [m].
 _SHOWN = 0.15e-3
 
@@ -98,6 +110,7 @@ class ForceScene:
     state: of the node model
     field: true contact forces
     labels: names of the parts of its set that are scored on their own too
+    refused: why the tracker refused the frames, which leaves no tracks; empty where it did not
     """
 
     known: SensorCalibration
@@ -108,6 +121,7 @@ class ForceScene:
     state: State
     field: ForceField
     labels: tuple[str, ...] = ()
+    refused: str = ""
 
     @property
     def friction(self) -> float:
@@ -144,6 +158,7 @@ def watch(
     pictures: Pictures | None = None,
     film: bool = False,
     labels: tuple[str, ...] = (),
+    may_refuse: bool = False,
 ) -> list[ForceScene]:
     """Take pictures of a run and track the markers in them, in one thread.
 
@@ -157,21 +172,25 @@ def watch(
     pictures: what becomes of the frames before the tracker is given them; None leaves them
     film: take every frame of the run, though the tracker is given only some
     labels: of every scene
+    may_refuse: whether the tracker may refuse the frames
+
+    Raises
+    ------
+    UserError
+        When the tracker refuses the frames, and may not.
     """
     tip = specimen.fingertip
     ends = [round(end / PERIOD) for end in grasped.ends]
     scored = {k for end in ends for k in range(end - HELD_FRAMES + 1, end + 1)}
-    with one_thread(), closing(specimen.camera(seed)) as camera:
-        rest = camera.expose_rest(rest_state(tip), REST_FRAMES)
-        shown = _shown(run, scored)
-        taken = list(range(len(run))) if film else shown
-        frames = [camera.expose(run.state(k), k) for k in taken]
-        if pictures is not None:
-            rest, frames = pictures(rest, frames)
-        by_index = dict(zip(taken, frames, strict=True))
-        tracker = MarkerTracker(Palette.of_sensor(known.sensor), noise)
-        at_rest = tracker.reset(rest)
-        tracks = {k: tracker.update(by_index[k]) for k in shown}
+    shown, refused = _shown(run, scored), ""
+    with one_thread():
+        rest, frames = _taken(specimen, run, seed, shown, pictures, film)
+        try:
+            at_rest, tracks = _tracked(known, noise, rest, frames)
+        except UserError as error:
+            if not may_refuse:
+                raise
+            at_rest, tracks, refused = _NO_TRACKS, dict.fromkeys(shown, _NO_TRACKS), str(error)
     return [
         ForceScene(
             known=known,
@@ -182,9 +201,38 @@ def watch(
             state=run.state(end),
             field=contact_forces(tip, grasped.obj, run.state(end)),
             labels=(*labels, *name),
+            refused=refused,
         )
         for end, name in zip(ends, _names(grasped), strict=True)
     ]
+
+
+def _taken(
+    specimen: Specimen,
+    run: History,
+    seed: int,
+    shown: list[int],
+    pictures: Pictures | None,
+    film: bool,
+) -> tuple[list[Frame], dict[int, Frame]]:
+    """Frames at rest, and those of the run that are shown, by their number."""
+    taken = list(range(len(run))) if film else shown
+    with closing(specimen.camera(seed)) as camera:
+        rest = camera.expose_rest(rest_state(specimen.fingertip), REST_FRAMES)
+        frames = [camera.expose(run.state(k), k) for k in taken]
+    if pictures is not None:
+        rest, frames = pictures(rest, frames)
+    by_number = dict(zip(taken, frames, strict=True))
+    return rest, {k: by_number[k] for k in shown}
+
+
+def _tracked(
+    known: SensorCalibration, noise: float, rest: list[Frame], frames: dict[int, Frame]
+) -> tuple[Tracks, dict[int, Tracks]]:
+    """Tracks of the frames at rest, and of frames of the run by their number."""
+    tracker = MarkerTracker(Palette.of_sensor(known.sensor), noise)
+    at_rest = tracker.reset(rest)
+    return at_rest, {k: tracker.update(frame) for k, frame in frames.items()}
 
 
 def _names(grasped: Grasp) -> list[tuple[str, ...]]:

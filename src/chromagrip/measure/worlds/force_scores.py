@@ -64,7 +64,7 @@ class Answers:
     Attributes
     ----------
     value: shape (S, 4)
-    interval: 90 % intervals, NaN where there is none, shape (S, 4, 2)
+    interval: 90 % intervals, NaN where there is none and infinite where it has no end, (S, 4, 2)
     flagged: whether the reconstructor reported that it has no estimate, shape (S,)
     """
 
@@ -100,6 +100,8 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
     reconstructor: see `load_reconstructor`
     scene: whose last frame is estimated
     """
+    if scene.refused:
+        return refused(name)
     fresh = ForceObserver(scene.known, scene.rest, reconstructor, HELD_FRAMES * PERIOD)
     result = {}
     for read, frames in READ.items():
@@ -120,7 +122,7 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
 
 
 def refused(name: str) -> dict[tuple[str, str], Answers]:
-    """Answers to a scene of a reconstructor that refuses its rest frames, as of `answers`."""
+    """Answers of a reconstructor, or of its tracker, that refuses the frames, as of `answers`."""
     nothing = Answers(
         value=_NOTHING[None], interval=np.full((1, 4, 2), np.nan), flagged=np.array([True])
     )
@@ -153,7 +155,7 @@ def _answer(
     interval = np.concatenate([sums, intervals])
     return Answers(
         value=np.where(np.isfinite(value), value, _NOTHING)[None],
-        interval=np.where(np.isfinite(interval), interval, np.nan)[None],
+        interval=np.where(flagged, np.nan, interval)[None],
         flagged=np.array([flagged]),
     )
 
@@ -204,30 +206,31 @@ def scores(estimate: Answers, true: Array, limit: Array | None = None) -> dict[s
     scored[:, 2] = margin < OBSERVABLE
     near = (margin >= NEAR[0]) & (margin <= NEAR[1])
     result = {
-        "normal_rms": 100.0 * _rms(error[:, 0] / normal),
-        "normal_bias": 100.0 * _mean(error[:, 0] / normal),
-        "friction_rms": _rms(error[:, 1]),
-        "friction_share": 100.0 * _rms(error[:, 1]) / _rms(friction),
-        "mu_rms": _rms(error[scored[:, 2], 2]),
-        "mu_bias": _mean(error[scored[:, 2], 2]),
-        "margin_rms": _rms(error[:, 3]),
-        "margin_bias": _mean(error[:, 3]),
-        "margin_near_rms": _rms(error[near, 3]),
+        "normal_rms": 100.0 * rms(error[:, 0] / normal),
+        "normal_bias": 100.0 * average(error[:, 0] / normal),
+        "friction_rms": rms(error[:, 1]),
+        "friction_share": 100.0 * rms(error[:, 1]) / rms(friction),
+        "mu_rms": rms(error[scored[:, 2], 2]),
+        "mu_bias": average(error[scored[:, 2], 2]),
+        "margin_rms": rms(error[:, 3]),
+        "margin_bias": average(error[:, 3]),
+        "margin_near_rms": rms(error[near, 3]),
     }
     low, high = np.moveaxis(estimate.interval, -1, 0)
-    covers = (low <= true) & (true <= high)  # no interval covers nothing
+    # No interval covers nothing, nor does one without an end.
+    covers = (low <= true) & (true <= high) & np.isfinite(high - low)
     for k, name in enumerate(QUANTITIES):
         known = ~estimate.flagged & scored[:, k]
-        result[f"{name}_coverage"] = 100.0 * _mean(covers[known, k])
-        half, rms = 0.5 * _mean((high - low)[known, k]), _rms(error[known, k])
-        result[f"{name}_width"] = half / rms if rms > 0.0 else float("nan")
+        result[f"{name}_coverage"] = 100.0 * average(covers[known, k])
+        half, size = 0.5 * average((high - low)[known, k]), rms(error[known, k])
+        result[f"{name}_width"] = half / size if size > 0.0 else float("nan")
         if limit is not None:
             there = scored[:, k] & np.isfinite(limit[:, k])
-            result[f"{name}_limit"] = _rms(error[there, k] / limit[there, k])
-    result["flagged"] = 100.0 * _mean(estimate.flagged)
+            result[f"{name}_limit"] = rms(error[there, k] / limit[there, k])
+    result["flagged"] = 100.0 * average(estimate.flagged)
     far = (abs(error[:, 0]) > 0.5 * normal) | (abs(error[:, 3]) > 0.5)
     far |= scored[:, 2] & (abs(error[:, 2]) > 0.5 * mu)
-    result["wrong"] = 100.0 * _mean(far & ~estimate.flagged)
+    result["wrong"] = 100.0 * average(far & ~estimate.flagged)
     result["scenes"] = float(len(true))
     return result
 
@@ -258,11 +261,12 @@ def times(
     return {name: all_turns[1:] for name, all_turns in spent.items()}
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(_mean(values**2)))
+def rms(values: Array) -> float:
+    """Root of the mean square of the finite values; NaN if there are none."""
+    return float(np.sqrt(average(values**2)))
 
 
-def _mean(values: Array | Mask) -> float:
-    """Mean of the finite values."""
+def average(values: Array | Mask) -> float:
+    """Mean of the finite values; NaN if there are none."""
     there = values[np.isfinite(values)]
     return float(there.mean()) if len(there) else float("nan")

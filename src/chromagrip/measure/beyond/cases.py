@@ -10,11 +10,11 @@ import numpy as np
 from ...model import ForceField
 from ...render import Defects, Frame, SensorDesign
 from ...tracking import SensorCalibration, load_calibration
+from ..worlds.compressed import Codec
+from ..worlds.force_scenes import NOISE, Pictures, Specimen
+from ..worlds.grasps import STIFFNESS_ERROR, WORLDS, calibration, random_grasp
 from .carried_skin import CarriedSkin, Motion
-from .compressed import Codec
 from .finished_pictures import each, gradient, lit, of_run, rolled, shifted, tilted
-from .force_scenes import NOISE, Pictures, Specimen
-from .grasps import STIFFNESS_ERROR, calibration, random_grasp
 from .unlike_grasps import Draw, with_law
 
 Random = np.random.Generator
@@ -88,8 +88,8 @@ Group = Callable[[Random, int], Case]
 
 @lru_cache(maxsize=1)
 def _as_told() -> Case:
-    """A specimen that is as its shipped calibration says."""
-    known = load_calibration("thesis")
+    """A specimen that is as its shipped calibration says, of a stiffness that is known."""
+    known = replace(load_calibration("thesis"), stiffness_deviation=0.0)
     specimen = Specimen(
         fingertip=known.fingertip, sensor=known.sensor, defects=Defects(), renderer="painter"
     )
@@ -230,18 +230,21 @@ def poisson(rng: Random, index: int) -> Case:
 
 
 def stiffness(told: bool) -> Group:
-    """Both stiffnesses off by up to a tenth each, as in `mismatched`; or both by a tenth."""
+    """Both stiffnesses off by up to a tenth each, as in `mismatched`; or both by a tenth.
+
+    Where the spread is not told, that of the sensor's design is taken for it.
+    """
 
     def group(rng: Random, index: int) -> Case:
         tissue, membrane = 1.0 + STIFFNESS_ERROR * rng.uniform(-1.0, 1.0, 2)
-        known, label = _as_told().known, "up-to-10%"
+        known, label = load_calibration("thesis"), "up-to-a-tenth"
         if told:
             known = replace(
                 known, stiffness_deviation=calibration("mismatched").stiffness_deviation
             )
         elif index % 2:
             tissue = membrane = 1.0 + STIFFNESS_ERROR * _sign(rng)
-            label = "10%"
+            label = "a-tenth"
         return _fingertip((label,), known, tissue_stiffness=tissue, membrane_stiffness=membrane)
 
     return group
@@ -266,7 +269,8 @@ def friction_law(rng: Random, index: int) -> Case:
     kinds = len(SIGMAS) * len(EXPONENTS)
     at = index % (kinds + 8)
     sigma, exponent = SIGMAS[at // 4 % 4], EXPONENTS[at % 4]
-    drag, labels = _DRAG, (f"sigma0-{sigma:g}", f"n-{exponent:g}")
+    drag = _DRAG
+    labels: tuple[str, ...] = (f"sigma0-{sigma:.0f}", f"n-{exponent:g}")
     if at >= kinds + 4:
         drag = _DRAGS[at % 2]
         labels = (f"drag-{drag:g}",)
@@ -275,6 +279,16 @@ def friction_law(rng: Random, index: int) -> Case:
         sigma, labels = _NO_BRISTLE, ("no-bristle",)
     draw = with_law(sigma, exponent, drag)
     return replace(_as_told(), draw=draw, fits=loosely, labels=labels)
+
+
+def mismatched(group: Group) -> Group:
+    """A group with the sensors of the world `mismatched`, and what is told of them."""
+
+    def drawn(rng: Random, index: int) -> Case:
+        specimen = WORLDS["mismatched"](rng)
+        return replace(group(rng, index), specimen=specimen, known=calibration("mismatched"))
+
+    return drawn
 
 
 # ---- light and camera ----

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...render import Camera, Frame, decoding_table, encode_srgb
-from .force_scenes import Pictures
+from ..worlds.force_scenes import Pictures
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

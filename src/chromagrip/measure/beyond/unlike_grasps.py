@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...model import ContactObject, Drive
-from .force_scenes import Grasp
-from .grasps import LIBRARY_RANGES, NORMALS, Ranges, random_grasp
+from ..worlds.force_scenes import Grasp
+from ..worlds.grasps import LIBRARY_RANGES, NORMALS, Ranges, random_grasp
 
 Array = NDArray[np.float64]
 

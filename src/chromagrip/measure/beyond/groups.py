@@ -13,7 +13,10 @@ import numpy as np
 
 from ...errors import UserError
 from ...model import History, ModelError, contact_forces, whole_friction
-from .beyond_cases import (
+from ..worlds.compressed import h264, h265, jpeg, mjpeg
+from ..worlds.force_scenes import PERIOD, ForceScene, Grasp, run_of, watch
+from ..worlds.grasps import MARGINS, SEED, Ranges
+from .cases import (
     Case,
     Group,
     azimuth,
@@ -27,6 +30,7 @@ from .beyond_cases import (
     friction_law,
     in_turn,
     layers,
+    mismatched,
     out_of_plane,
     poisson,
     redrawn,
@@ -39,9 +43,6 @@ from .beyond_cases import (
     uneven,
     wrong_noise,
 )
-from .compressed import h264, h265, jpeg, mjpeg
-from .force_scenes import PERIOD, ForceScene, Grasp, run_of, watch
-from .grasps import MARGINS, SEED, Ranges
 from .unlike_grasps import (
     bump,
     drawn_from,
@@ -74,6 +75,7 @@ GROUPS: Mapping[str, Group] = {
     "stiffness-told": stiffness(told=True),
     "stiffness-untold": stiffness(told=False),
     "friction-law": friction_law,
+    "friction-law-mismatched": mismatched(friction_law),
     "friction": in_turn(
         drawing(drawn_from(Ranges(frictions=(0.1, 0.2))), label="mu-0.1-0.2"),
         drawing(drawn_from(Ranges(frictions=(1.0, 1.5))), label="mu-1-1.5"),
@@ -99,11 +101,28 @@ GROUPS: Mapping[str, Group] = {
     "jpeg": compressed({f"quality-{quality}": jpeg(quality) for quality in (95, 90, 80, 60)}),
 }
 #: Groups whose pictures need OpenGL.
-NEED_GL = ("renderer",)
+NEED_GL = ("renderer", "friction-law-mismatched")
 
 
 def beyond_scenes(group: str, index: int) -> list[ForceScene]:
     """Scenes of a grasp of a group of GROUPS; the same arguments give the same bytes."""
+    case, grasped, run, seed = beyond_grasp(group, index)
+    return watch(
+        case.known,
+        case.specimen,
+        grasped,
+        run,
+        seed,
+        noise=case.noise,
+        pictures=case.pictures,
+        film=case.film,
+        labels=case.labels,
+        may_refuse=True,
+    )
+
+
+def beyond_grasp(group: str, index: int) -> tuple[Case, Grasp, History, int]:
+    """A grasp of a group before any picture is taken: what is unlike, its run, a camera's seed."""
     rng = np.random.default_rng([SEED, _UNLIKE, list(GROUPS).index(group), index, 1])
     case = GROUPS[group](rng, index)
     # Γ is evenly spread over bins that take turns, in another order each turn.
@@ -117,18 +136,7 @@ def beyond_scenes(group: str, index: int) -> list[ForceScene]:
         except ModelError:  # lost, pierced, or no equilibrium: no such grasp
             continue
         if _belongs(case, grasped, run, low, low + width):
-            seed = int(rng.integers(2**32))
-            return watch(
-                case.known,
-                case.specimen,
-                grasped,
-                run,
-                seed,
-                noise=case.noise,
-                pictures=case.pictures,
-                film=case.film,
-                labels=case.labels,
-            )
+            return case, grasped, run, int(rng.integers(2**32))
     raise UserError(f"no grasp of the group {group} in {_DRAWS} draws")
 
 

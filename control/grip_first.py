@@ -1,0 +1,145 @@
+"""The least grip in doubt: where a frame does not exclude that the object slides, grip first.
+
+Γ has an interval. Where its lower end is near 0, the object may slide, whatever the middle says.
+More grip settles the doubt: friction that holds stays as it is, and Γ rises.
+"""
+
+import math
+
+from .settings import GripFirstSettings
+from .sliding import FollowingFriction
+from .values import GripObservation
+
+#: The rise is the fastest where the lower end of Γ is by this much below the sliding margin.
+FULL_DOUBT = 0.05
+#: Growth of the grip there, beside what the lower end asks for: at first, and added after a while …
+GROWTH = (0.35, 0.65)
+#: … which it reaches after so long, so that a slip that one rise ends is not answered with two [s].
+GROWTH_S = 0.1
+#: Γ that is kept at least against friction at which the object was seen to slide.
+SLID_MARGIN = 0.15
+#: Lower end of Γ below which friction that follows the grip is taken for sliding.
+NEAR_MARGIN = 0.2
+#: The rise in a frame is that of such a period at most, however long none came [s].
+LONGEST_PERIOD_S = 0.1
+#: Time constant with which the least grip falls [s].
+RELEASE_S = 0.1
+
+
+class GripFirst:
+    """Follows the frames of a grasp, and says between which grip forces the next command may lie.
+
+    Where the lateral displacement is known, sliding is seen, and there is no doubt.
+
+    Attributes
+    ----------
+    doubt: whether the last frame left sliding open
+    least, most: lowest and highest grip force to command after it [N]; in doubt `least` is never
+        below the last command
+    """
+
+    def __init__(self, settings: GripFirstSettings) -> None:
+        self.settings = settings
+        self._friction = FollowingFriction()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self.doubt = False
+        self.least, self.most = 0.0, math.inf
+        self._time = math.nan
+        self._blind_since = math.nan
+        self._doubt_since = math.nan
+        self._friction.reset()
+
+    def see(self, observation: GripObservation, force: float) -> None:
+        """Follow a frame.
+
+        Parameters
+        ----------
+        observation: of the frame
+        force: that was commanded last [N]
+        """
+        if not math.isnan(observation.lateral_displacement):
+            return
+        period = 0.0 if math.isnan(self._time) else observation.time - self._time
+        self._time = observation.time
+        rise = self.settings.rise_n_per_s * min(period, LONGEST_PERIOD_S)
+        if observation.no_estimate:
+            self._see_nothing(observation.time, force, rise)
+        else:
+            self._blind_since = math.nan
+            self._see_margin(observation, force, rise, period)
+        self.most = max(self.settings.ceiling_n, force) if self.doubt else math.inf
+        self.least = min(self.least, self.most)
+
+    def _see_nothing(self, time: float, force: float, rise: float) -> None:
+        """Hold the grip for a moment, then raise it."""
+        if math.isnan(self._blind_since):
+            self._blind_since = time
+        # Frame times are products of a period: allow for their rounding.
+        self.doubt = time - self._blind_since > self.settings.blind_s + 1e-9
+        self.least = force + rise if self.doubt else force
+
+    def _see_margin(
+        self, observation: GripObservation, force: float, rise: float, period: float
+    ) -> None:
+        """Raise the least grip to what the interval of Γ asks for at once, and lower it slowly."""
+        lower = lower_margin(observation)
+        if math.isnan(lower):  # nothing touches
+            self._friction.reset()
+            self.doubt, self.least = False, 0.0
+            return
+        field, time = observation.field, observation.time
+        # An exact Γ needs no second opinion.
+        near = lower < min(NEAR_MARGIN, observation.margin)
+        self._friction.see(time, field.total_normal, field.total_friction, near)
+        if self._friction.follows:
+            lower = 0.0
+        missing = self.settings.sliding_margin - lower
+        self.doubt = missing >= 0.0
+        if not self.doubt:
+            self._doubt_since = math.nan
+        elif math.isnan(self._doubt_since):
+            self._doubt_since = observation.time
+        need = self._need(observation, lower)
+        if self.doubt:
+            need = max(need, force + _share_of_doubt(missing) * rise)
+        fall = 1.0 - math.exp(-period / RELEASE_S)
+        self.least += (need - self.least) * (1.0 if need > self.least else fall)
+
+    def _need(self, observation: GripObservation, lower: float) -> float:
+        """Grip force at which the lower end of Γ is the sliding margin [N].
+
+        It is solved like Γ itself, with the friction and the relative errors of this frame. A
+        sliding object shows no more friction than there is, so that the answer is too low there.
+        """
+        margin = self.settings.sliding_margin
+        need = observation.field.total_normal * (1.0 - lower) / (1.0 - margin)
+        if self.doubt:
+            at_first, later = GROWTH
+            growth = at_first + later * grown(observation.time - self._doubt_since)
+            need *= 1.0 + growth * _share_of_doubt(margin - lower)
+        if math.isnan(self._friction.slid_ratio):
+            return need
+        slid = observation.field.total_friction / self._friction.slid_ratio
+        return max(need, slid / (1.0 - SLID_MARGIN))
+
+
+def grown(time: float) -> float:
+    """Share of the growth that is reached when an object may have slid for this time [s]."""
+    return min(time / GROWTH_S, 1.0)
+
+
+def lower_margin(observation: GripObservation) -> float:
+    """Lower end of the interval of Γ, or Γ itself where it has none; NaN without contact.
+
+    It is at least 0, the Γ of an object that slides.
+    """
+    lower = observation.margin_interval[0]
+    return max(observation.margin if math.isnan(lower) else lower, 0.0)
+
+
+def _share_of_doubt(missing: float) -> float:
+    """From 0, where sliding is excluded, to 1 where that much is missing or more."""
+    return min(max(missing / FULL_DOUBT, 0.0), 1.0)

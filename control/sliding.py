@@ -1,0 +1,96 @@
+"""What forces show of sliding beside Γ: friction that follows the grip.
+
+Friction of an object that is held is the load, whatever the grip is. Friction of an object that
+slides is µ times the grip. So a grip that changes tells them apart, without a value of µ. While the
+grip stays the same, they look alike.
+"""
+
+import math
+from collections import deque
+
+#: Time over which friction and grip are compared [s].
+COMPARED_S = 0.15
+#: Time for which the largest ratio of friction to grip is remembered [s].
+REMEMBERED_S = 0.5
+#: Shortest time between frames that are compared [s]; faster cameras are thinned out.
+SPACING_S = 0.009
+#: Fewest frames that are compared.
+FEWEST = 4
+#: Smallest change of the grip that shows something, in its logarithm.
+LEAST_CHANGE = 0.1
+#: The slope of ln ΣFf over ln ΣFn is 1 where an object slides, and 0 where a load is held.
+SLOPE_ERROR = 0.3
+#: A ratio below this share of the largest remembered one is held.
+HELD_SHARE = 0.92
+#: A ratio that stays above this share while the grip rises has slid.
+SLID_SHARE = 0.95
+#: Time for which that ratio is remembered [s].
+SLID_S = 1.0
+
+
+class FollowingFriction:
+    """Compares friction with the grip, frame after frame.
+
+    Attributes
+    ----------
+    follows: whether friction followed the grip, or rose to a share of it that was not seen before,
+        since it last fell short of what it was
+    slid_ratio: ΣFf/ΣFn at which it kept following a grip that rose; NaN where none is known
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self.follows = False
+        self.slid_ratio = math.nan
+        self._frames: deque[tuple[float, float, float]] = deque()
+        self._began = (math.nan, math.nan)
+        self._slid_at = math.nan
+
+    def see(self, time: float, normal: float, friction: float, near: bool) -> None:
+        """Follow a frame.
+
+        Parameters
+        ----------
+        time: of the frame [s]
+        normal, friction: ΣFn and ΣFf [N]; without either, all frames are forgotten
+        near: whether Γ is so low that sliding may begin to be believed
+        """
+        if not (normal > 0.0 and friction > 0.0):
+            self.reset()
+            return
+        if self._frames and time - self._frames[-1][0] < SPACING_S:
+            return
+        self._frames.append((time, math.log(normal), math.log(friction)))
+        while self._frames[0][0] < time - REMEMBERED_S:
+            self._frames.popleft()
+        ratio = friction / normal
+        largest = math.exp(max(f - n for _, n, f in self._frames))
+        # More is held than it slid at, or that was long ago.
+        if ratio > self.slid_ratio / SLID_SHARE or time - self._slid_at > SLID_S:
+            self.slid_ratio = math.nan
+        if ratio < HELD_SHARE * largest:
+            self.follows = False
+        elif not self.follows:
+            self.follows = near and self._looks_like_sliding(time - COMPARED_S)
+            self._began = (normal, ratio)
+        elif normal > math.exp(LEAST_CHANGE) * self._began[0]:
+            if ratio > SLID_SHARE * self._began[1]:
+                self.slid_ratio, self._slid_at = ratio, time
+            self._began = (normal, ratio)
+
+    def _looks_like_sliding(self, start: float) -> bool:
+        """Whether since then friction changed as the grip did, or rose while the grip did not."""
+        frames = [(n, f) for time, n, f in self._frames if time >= start - 1e-9]
+        normals, frictions = [n for n, _ in frames], [f for _, f in frames]
+        ratios = [f - n for n, f in frames]
+        if min(ratios[-1] - min(ratios), frictions[-1] - min(frictions)) > LEAST_CHANGE:
+            return True
+        if len(frames) < FEWEST or max(normals) - min(normals) < LEAST_CHANGE:
+            return False
+        middle, other = sum(normals) / len(frames), sum(frictions) / len(frames)
+        slope = sum((n - middle) * (f - other) for n, f in frames)
+        slope /= sum((n - middle) ** 2 for n in normals)
+        return abs(slope - 1.0) <= SLOPE_ERROR

@@ -1,0 +1,77 @@
+"""The command `readout`, and the training of a read-out that a command needs and a sensor lacks."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.table import Table
+
+from .options import CORES, Json, option, print_table, status, value_table
+
+if TYPE_CHECKING:  # OpenCV loads only when something is run
+    from ..tracking import SensorCalibration
+
+
+def train_if_missing(known: "SensorCalibration", reconstructor: str) -> None:
+    """Train the read-out that a reconstructor needs, where the sensor has none yet.
+
+    Raises
+    ------
+    UserError
+        When it cannot be trained or kept.
+    """
+    from ..tracking.forces import needs_readout
+
+    if known.readout is not None or not needs_readout(reconstructor):
+        return
+
+    from ..calibrate.first_use import ensure_readout, training_notice
+
+    print(f"chromagrip: {training_notice(known)}", file=sys.stderr, flush=True)
+    with status() as report:
+        ensure_readout(known, report, CORES)
+
+
+def readout(
+    sensor: Annotated[
+        str,
+        tyro.conf.Positional,
+        option("sensor, its design, its calibration, or a read-out", "SENSOR|FILE.toml|FILE.npz"),
+    ],
+    *,
+    json_only: Json = False,
+) -> int:
+    """Show a sensor's trained read-out and the ranges that its training spanned.
+
+    Example: chromagrip readout thesis
+    """
+    from ..calibrate.spanned import range_lines
+    from ..tracking import load_calibration
+    from ..tracking.forces import required_readout
+    from ..tracking.forces.chain import load_readout, readout_digest, readout_origin
+
+    if sensor.endswith(".npz"):
+        path, origin = Path(sensor), Path(sensor).name
+    else:
+        known = load_calibration(sensor)
+        path = required_readout(known)
+        origin = readout_origin(path, known)
+    ranges = load_readout(path).ranges
+    about = {"readout": str(path), "origin": origin, "digest": readout_digest(path)}
+    if json_only:
+        print(json.dumps({**about, "ranges": ranges}, ensure_ascii=False))
+        return 0
+    table = value_table()
+    for name, value in about.items():
+        table.add_row(name, value)
+    training = ranges.get("training")
+    for name, value in (training if isinstance(training, dict) else {}).items():
+        table.add_row(name.replace("_", " "), json.dumps(value).strip("[]{}").replace('"', ""))
+    print_table(table)
+    lines = Table("range", "unit", "from", "to", "", box=None, padding=(0, 2))
+    for line in range_lines(ranges):
+        lines.add_row(*line)
+    print_table(lines)
+    return 0

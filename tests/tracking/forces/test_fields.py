@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+
+from chromagrip.calibrate.variations import Variations, varied_shifts
+from chromagrip.model import ContactObject, Fingertip, equilibrium
+from chromagrip.render import load_sensor
+from chromagrip.tracking.forces.chain.fields import at_places, circle_places, fields_on_circles
+from chromagrip.tracking.forces.chain.residual import smooth_functions
+from chromagrip.tracking.forces.chain.sensitivity import MarkerResponse
+
+SENSOR = load_sensor("thesis")
+TIP = Fingertip()
+#: A ball pressed and sheared: nothing about it is symmetric but its plane.
+BALL = equilibrium(TIP, ContactObject(curvature=60.0, friction=0.8), 2.0, 0.7).deformation.seen
+EVEN, ODD = np.array([False]), np.array([True])
+
+
+def turned(shifts: np.ndarray, angle: float) -> np.ndarray:
+    """Shifts (P, 6) of which the places are turned."""
+    c, s = np.cos(angle), np.sin(angle)
+    done = shifts.copy()
+    for k in (0, 3):
+        done[:, k] = c * shifts[:, k] - s * shifts[:, k + 1]
+        done[:, k + 1] = s * shifts[:, k] + c * shifts[:, k + 1]
+    return done
+
+
+def by_fields(variations: Variations, places: np.ndarray, azimuth: float = 0.0) -> np.ndarray:
+    """Shifts (P, 6) of the ball by its fields on circles."""
+    on_circles = varied_shifts(SENSOR, circle_places(), TIP, BALL[None], variations)
+    even, odd = fields_on_circles(on_circles)
+    both = np.stack([places] * 2)
+    return sum(
+        at_places(part, sign, both).at(azimuth)[..., 0] for part, sign in ((even, EVEN), (odd, ODD))
+    )
+
+
+def test_without_variations_markers_move_as_the_chain_carries_them() -> None:
+    """Two ways to the same shifts: the estimators' response, and the training's own map."""
+    response = MarkerResponse(SENSOR, np.stack([SENSOR.places] * 2), TIP.angles())
+    expected = response.measured(BALL) - response.measured(np.zeros_like(BALL))
+    shifts = varied_shifts(SENSOR, SENSOR.places, TIP, BALL[None], Variations.none(1))[0]
+    assert shifts == pytest.approx(expected, abs=1e-8)
+
+
+def test_fields_give_the_shifts_at_any_place() -> None:
+    rng = np.random.default_rng(0)
+    places = np.column_stack([rng.uniform(0.05, 1.3, 200), rng.uniform(-3.0, 3.0, 200)])
+    variations = Variations.none(1)
+    variations.twist[:] = 0.05
+    variations.off_plane[:] = 0.1
+    expected = varied_shifts(SENSOR, places, TIP, BALL[None], variations)[0]
+    found = by_fields(variations, places)
+    assert np.sqrt(((found - expected)[:, [0, 1, 3, 4]] ** 2).mean()) < 0.02
+    assert np.sqrt((expected[:, [0, 1, 3, 4]] ** 2).mean()) > 2.0
+
+
+@pytest.mark.parametrize("azimuth", [0.3, 1.7, -2.5])
+def test_a_turned_load_moves_a_turned_layout_alike(azimuth: float) -> None:
+    """The picture of a load turned by ψ is that of the load in a layout turned back by ψ."""
+    turned_back = SENSOR.places - [0.0, azimuth]
+    none = Variations.none(1)
+    expected = turned(by_fields(none, turned_back), azimuth)
+    assert by_fields(none, SENSOR.places, azimuth) == pytest.approx(expected, abs=1e-3)
+
+
+def test_a_mirrored_picture_has_no_odd_part_and_a_twist_has() -> None:
+    none, twist = Variations.none(1), Variations.none(1)
+    twist.twist[:] = np.deg2rad(3.0)
+    parts = [
+        fields_on_circles(varied_shifts(SENSOR, circle_places(), TIP, 0.0 * BALL[None], v))
+        for v in (none, twist)
+    ]
+    assert abs(parts[0][1]).max() < 1e-9
+    even, odd = parts[1]
+    assert abs(odd[:, :, 1, :, 0]).max() > 1.0  # along the circles, the same at each azimuth
+    assert abs(even).max() < 0.1 * abs(odd).max()
+
+
+def test_noise_is_rough_and_an_unknown_motion_smooth() -> None:
+    smooth = smooth_functions(SENSOR.places)
+    used = np.ones(len(SENSOR.places), dtype=bool)
+    rng = np.random.default_rng(4)
+    noise = rng.standard_normal((len(used), 6))
+    quiet = smooth.statistics(noise, used)
+    # Mean squares of unit noise are 1 in either part, whatever the number of functions.
+    assert quiet == pytest.approx(0.0, abs=0.5)
+    wave = np.cos(SENSOR.places[:, 1]) * np.exp(-((SENSOR.places[:, 0] / 0.6) ** 2))
+    moved = smooth.statistics(noise + 3.0 * wave[:, None], used)
+    assert (moved[:6] > quiet[:6] + 0.7).all()
+    assert moved[6:] == pytest.approx(quiet[6:], abs=0.15)
