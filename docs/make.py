@@ -3,7 +3,8 @@
 Parts: images, loop, dataset, control, model, render, track, force, ranges, charts, limit,
 stability, stability-track, stability-loop, appendix-b, reproduction. Without arguments all of them
 are made, which takes some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md,
-docs/training-ranges.md and docs/reproduction.md is written by hand.
+docs/training-ranges.md and docs/reproduction.md is written by hand, nor what other pages have
+between two marks of `fill`.
 """
 
 import os
@@ -25,6 +26,7 @@ from chromagrip.calibrate.spanned import range_lines, spanned_ranges
 from chromagrip.measure.bench.parts import bench
 from chromagrip.measure.reproduce.parts import PARTS as THESIS
 from chromagrip.measure.reproduce.parts import Plan, reproduce
+from chromagrip.measure.reproduce.statements import Section
 from chromagrip.output.report import Table, machine, markdown, report_markdown
 
 DOCS = Path(__file__).parent
@@ -77,6 +79,15 @@ def write(page: str, title: str, command: str, lines: Iterable[str]) -> None:
     printed = f"Printed by `docs/make.py` from `{command}` on: {system}."
     text = "\n".join([f"# {title}", "", printed, "", *lines])
     (DOCS / f"{page}.md").write_text(text.rstrip() + "\n", encoding="utf-8")
+
+
+def fill(page: str, name: str, lines: Iterable[str]) -> None:
+    """Write what a page has between `<!-- NAME -->` and `<!-- end of NAME -->`."""
+    path, marks = DOCS / f"{page}.md", (f"<!-- {name} -->", f"<!-- end of {name} -->")
+    before, rest = path.read_text(encoding="utf-8").split(marks[0])
+    _, after = rest.split(marks[1])
+    inner = "\n".join([marks[0], "", *lines, "", marks[1]])
+    path.write_text(before + inner + after, encoding="utf-8")
 
 
 def table(part: str) -> None:
@@ -179,6 +190,13 @@ def reproduction(plan: Plan = REPRODUCED) -> None:
             lines += ["", *markdown(each)]
         lines += ["", *(f"- {note}" for note in section.notes)]
     write("reproduction", "The thesis, reproduced", command, lines)
+    surfaces_of_table_2(sections)
+
+
+def surfaces_of_table_2(sections: Iterable[Section]) -> None:
+    """Table 2 as printed, and here with surfaces that stay and that travel."""
+    found = next(section for section in sections if section.part == "table-2").extra_tables[0]
+    fill("node-models", "table 2", markdown(Table(found.header, found.lines[:3])))
 
 
 PARTS: dict[str, Callable[[], None]] = {

@@ -33,7 +33,7 @@ from .force_field import (
     touching,
     whole_friction,
 )
-from .objects import ContactObject, stiffness_from_young
+from .objects import ContactObject, Surface, stiffness_from_young
 
 __all__ = [
     "GROSS_SLIP",
@@ -59,6 +59,7 @@ __all__ = [
     "SlipRecord",
     "SpringLaw",
     "State",
+    "Surface",
     "chain_compliance",
     "chain_forces",
     "check_fit",

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from .checks import finite, within
 
 #: Above this a penalty stiffness loses the contact force in the rounding of a position [N/m].
 STIFFEST = 1e9
+
+#: What the surface does when its object slides.
+Surface = Literal["travels", "stays"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +33,9 @@ class ContactObject:
     profile: surface as points (x, z), x increasing, z from the fingertip into the object [m]; a
         smooth curve goes through them and on straight beyond the ends. Only its shape counts: it is
         moved along z until it touches. None is flat or round
+    surface: `travels` moves it with the object, as a rigid body is; `stays` leaves it where it was
+        and only friction follows the object, so that no normal force changes because the object
+        slides (thesis Eq. 4 read with x the depth at a place). The same for a flat object
     dahl_stiffness: bristle stiffness σ0 per node (E8) [N/m]
     dahl_exponent: exponent n of the Dahl law (E8)
     drag: lateral damper from the object to ground (E9) [N·s/m]
@@ -39,6 +46,7 @@ class ContactObject:
     patches: tuple[tuple[float, float], ...] = ()
     curvature: float = 0.0
     profile: tuple[tuple[float, float], ...] | None = None
+    surface: Surface = "travels"
     dahl_stiffness: float = 5000.0
     dahl_exponent: float = 0.7
     drag: float = 120.0
@@ -50,6 +58,9 @@ class ContactObject:
         finite("object drag", self.drag, "N·s/m", above=0.0)
         within("object curvature", self.curvature, "1/m", -1000.0, 1000.0)
         within("Dahl exponent", self.dahl_exponent, "", 0.1, 2.0)
+        if self.surface not in get_args(Surface):
+            allowed = ", ".join(get_args(Surface))
+            raise UserError(f"object surface must be one of {allowed}, got {self.surface!r}")
         if self.profile is not None:
             _check_profile(self.profile, self.curvature)
         if self.patches:

@@ -97,6 +97,7 @@ def contact(fingertip: Fingertip, obj: ContactObject) -> Contact:
         drag=float(obj.drag),
         curvature=float(obj.curvature),
         lift=_lift(fingertip, obj, knots, pieces),
+        travel=1.0 if obj.surface == "travels" else 0.0,
         knots=knots,
         pieces=pieces,
         places=places,

@@ -130,14 +130,16 @@ def equations(ch: Chain, ct: Contact, drive: Drive) -> Rates:
         f_f = np.clip(held_friction, -limit, limit)
         on_node = f_n[:, None] * normal + f_f[:, None] * tangent
         v = (on_node - forces[:-1]) / damping
+        on_object = (ct.travel * f_n * normal[:, 0] + f_f * tangent[:, 0]).sum()
         # The outer nodes are held to the rigid part, which feels what pulls on them.
         pull = goal[0] - forces[-1, 1] - forces[0, 1] - forces[n - 1, 1]
         v_rigid = slope[0] if drive.held[0] else pull / ch.damping_rigid
-        v_object = slope[1] if drive.held[1] else (goal[1] - on_node[:, 0].sum()) / ct.drag
+        v_object = slope[1] if drive.held[1] else (goal[1] - on_object) / ct.drag
         v[0] = v[-1] = 0.0, v_rigid
         relative = np.array([v_object, 0.0]) - v
         speed = (relative * tangent).sum(axis=1)
-        closing = ct.stiffness * ch.share * (relative * normal).sum(axis=1) * (gap < 0.0)
+        approach = np.array([ct.travel * v_object, 0.0]) - v
+        closing = ct.stiffness * ch.share * (approach * normal).sum(axis=1) * (gap < 0.0)
         friction = _dahl_rate(held_friction, speed, limit, mu * closing, ch, ct)
         return np.concatenate([v[:, 0], v[:, 1], [v_rigid, v_object], friction])
 

@@ -128,7 +128,7 @@ def step_many(
     if any(obj.patches for obj in objects):
         raise UserError("an ensemble takes objects of one friction each, not patches")
     ch = chain(fingertip)
-    contacts = np.array([contact(fingertip, obj)[:7] for obj in objects])
+    contacts = np.array([contact(fingertip, obj)[:8] for obj in objects])
     y = tuple(
         part.copy()
         for part in (
@@ -193,7 +193,7 @@ def _advance_many(
     for b in range(begin, stop):
         c = contacts[b]
         ct = Contact(
-            c[0], c[1], c[2], c[3], c[4], c[5], c[6], no_knots, no_pieces, no_knots, no_knots
+            c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], no_knots, no_pieces, no_knots, no_knots
         )
         start = done if b == begin else 0
         last = before if start == 0 else dt

@@ -20,6 +20,7 @@ class Contact(NamedTuple):
     drag: float
     curvature: float
     lift: float  # z of the object's own origin when it just touches the fingertip at rest
+    travel: float  # 1 where the surface travels with the object, 0 where it stays
     knots: Array  # (M,) x of the profile; empty for flat and round objects
     pieces: Array  # (M + 1, 4) cubic of each piece in x − its knot, the two straight ends included
     places: Array  # (P,) x on the object where a factor of µ is given; empty where µ is one
@@ -108,6 +109,6 @@ def contact_frames(contact: Any, points: Array, object_x: float) -> tuple[Array,
     normal = np.empty(points.shape)
     knots, pieces, curvature = contact.knots, contact.pieces, contact.curvature
     for i in range(points.shape[0]):
-        x, z = points[i, 0] - object_x, points[i, 1] - contact.lift
+        x, z = points[i, 0] - contact.travel * object_x, points[i, 1] - contact.lift
         gap[i], normal[i, 0], normal[i, 1] = contact_frame(knots, pieces, curvature, x, z)
     return gap, normal

@@ -47,11 +47,13 @@ class Rule(NamedTuple):
 def _contact_terms(
     gap: float, gap_before: float, n_x: float, n_z: float, e_x: float, e_z: float, stiff: float,
     mu: float, bristle: float, exponent: float, before: float, slip: float, slip_before: float,
-    lagged: bool,
-) -> tuple[float, float, float, float, float, float]:  # fmt: skip
-    """Friction, force at δ = 0 of the linearised contact, and its stiffness A (xx, xz, zz).
+    lagged: bool, travel: float, d_object: float,
+) -> tuple[float, float, float, float, float, float, float, float, float]:  # fmt: skip
+    """Friction, forces at δ = 0 of the linearised contact, and its stiffness.
 
-    e is the node's increment relative to the object; ∂F/∂u = −A and ∂F/∂(object) = A·e_x.
+    e is the node's increment relative to the object. The forces are those on the node and, reversed
+    and along x, on the object. The stiffness is A (xx, xz, zz) with ∂F/∂u = −A, and C (xx, xz) with
+    ∂F/∂(object) = C: a surface that stays takes no part in the object's motion but by friction.
     """
     normal = -stiff * gap
     if lagged:
@@ -63,9 +65,14 @@ def _contact_terms(
     a_xx = stiff * n_x * n_x + secant * t_x * t_x
     a_xz = stiff * n_x * n_z + secant * t_x * t_z
     a_zz = stiff * n_z * n_z + secant * t_z * t_z
-    f_x = n_x * normal + t_x * force + a_xx * e_x + a_xz * e_z
-    f_z = n_z * normal + t_z * force + a_xz * e_x + a_zz * e_z
-    return force, f_x, f_z, a_xx, a_xz, a_zz
+    moving = travel * stiff
+    c_xx = moving * n_x * n_x + secant * t_x * t_x
+    c_xz = moving * n_x * n_z + secant * t_x * t_z
+    # In e the object's motion counts as a change of the gap.
+    f_x = n_x * normal + t_x * force + a_xx * e_x + a_xz * e_z + (a_xx - c_xx) * d_object
+    f_z = n_z * normal + t_z * force + a_xz * e_x + a_zz * e_z + (a_xz - c_xz) * d_object
+    f_object = travel * n_x * normal + t_x * force + c_xx * e_x + c_xz * e_z
+    return force, f_x, f_z, f_object, a_xx, a_xz, a_zz, c_xx, c_xz
 
 
 @njit(nogil=True)
@@ -82,6 +89,7 @@ def _iterate(
     inverse, solved, into, out_of = w.inverse, w.solved, w.into, w.out_of
     now, moved, gap_before, half = w.force, w.slip, w.gap, ch.half
     stiffness, mu, bristle, exponent = ct.stiffness, w.mu, ct.bristle, ct.exponent
+    travel = ct.travel
     knots, pieces, curvature, lift = ct.knots, ct.pieces, ct.curvature, ct.lift
     d_object = w.border[1]
     # Border: s_b the right-hand sides, s_rr … s_oo the stiffness of rigid part and object.
@@ -92,26 +100,29 @@ def _iterate(
     for i in range(a, b + 1):
         d_x, d_z = delta[i, 0], delta[i, 1]
         x, z = rest[i, 0] + u[i, 0] + d_x, rest[i, 1] + u[i, 1] + d_z
-        gap, n_x, n_z = contact_frame(knots, pieces, curvature, x - (object_x + d_object), z - lift)
+        gap, n_x, n_z = contact_frame(
+            knots, pieces, curvature, x - travel * (object_x + d_object), z - lift
+        )
         e_x, e_z = d_x - d_object, d_z
         slip = n_z * e_x - n_x * e_z
         moved[i] = slip
-        force = f_x = f_z = a_xx = a_xz = a_zz = 0.0
+        force = f_x = f_z = a_xx = a_xz = a_zz = c_xx = c_xz = 0.0
         if gap < 0.0:
-            force, f_x, f_z, a_xx, a_xz, a_zz = _contact_terms(
+            force, f_x, f_z, f_object, a_xx, a_xz, a_zz, c_xx, c_xz = _contact_terms(
                 gap, gap_before[i], n_x, n_z, e_x, e_z, stiffness * share[i], mu[i],
-                bristle * share[i], exponent, friction[i], slip, slip_before[i], lagged,
+                bristle * share[i], exponent, friction[i], slip, slip_before[i], lagged, travel,
+                d_object,
             )  # fmt: skip
-            s_ob -= f_x
-            s_oo += a_xx
+            s_ob -= f_object
+            s_oo += c_xx
         now[i] = force
         d0, d1 = diagonal[i, 0] + a_xx - p0, diagonal[i, 1] + a_xz - p1
         d2, d3 = diagonal[i, 2] + a_xz - p2, diagonal[i, 3] + a_zz - p3
         b0, b1 = rhs[i, 0] + f_x - pb0, rhs[i, 1] + f_z - pb1
         c0, c1 = column[i, 0] - pc0, column[i, 1] - pc1
-        o0, o1 = -a_xx - po0, -a_xz - po1
+        o0, o1 = -c_xx - po0, -c_xz - po1
         r0, r1 = row[i, 0] - pr0, row[i, 1] - pr1
-        q0, q1 = -a_xx - pq0, -a_xz - pq1
+        q0, q1 = -c_xx - pq0, -c_xz - pq1
         if half and i == 0:
             d0, d1, d2 = 1.0, 0.0, 0.0
             b0 = c0 = o0 = r0 = q0 = 0.0
@@ -179,11 +190,12 @@ def _scan(
     left, right, low, high = a, b, n, -1
     smallest = np.inf
     knots, pieces, curvature, lift = ct.knots, ct.pieces, ct.curvature, ct.lift
+    surface = ct.travel * (object_x + w.border[1])
     for i in range(first, n - 1):
         # Summed as the next step will: a run that is cut here goes on bit for bit.
         x = ch.rest[i, 0] + (u[i, 0] + w.delta[i, 0])
         z = ch.rest[i, 1] + (u[i, 1] + w.delta[i, 1])
-        gap, _, _ = contact_frame(knots, pieces, curvature, x - (object_x + w.border[1]), z - lift)
+        gap, _, _ = contact_frame(knots, pieces, curvature, x - surface, z - lift)
         w.gap_after[i] = gap
         smallest = min(smallest, gap)
         if gap < REACH:
@@ -286,12 +298,11 @@ def _return_map(
 ) -> None:
     """Friction of a lagged step, after it: the map that cannot leave the cone."""
     knots, pieces, curvature, lift = ct.knots, ct.pieces, ct.curvature, ct.lift
+    surface = ct.travel * (object_x + w.border[1])
     for i in range(a, b + 1):
         d_x, d_z = w.delta[i, 0], w.delta[i, 1]
         x, z = ch.rest[i, 0] + u[i, 0] + d_x, ch.rest[i, 1] + u[i, 1] + d_z
-        gap, n_x, n_z = contact_frame(
-            knots, pieces, curvature, x - (object_x + w.border[1]), z - lift
-        )
+        gap, n_x, n_z = contact_frame(knots, pieces, curvature, x - surface, z - lift)
         w.slip[i] = n_z * (d_x - w.border[1]) - n_x * d_z
         normal = ct.stiffness * ch.share[i] * max(0.0, -gap)
         before = -ct.stiffness * ch.share[i] * w.gap[i]

@@ -69,7 +69,7 @@ def touch(
     knots, pieces, curvature = ct.knots, ct.pieces, ct.curvature
     for k in range(nodes.shape[0]):
         for i in range(share.size):
-            x = rest[i, 0] + nodes[k, i, 0] - place[k]
+            x = rest[i, 0] + nodes[k, i, 0] - ct.travel * place[k]
             z = rest[i, 1] + nodes[k, i, 1] - ct.lift
             gap, _, _ = contact_frame(knots, pieces, curvature, x, z)
             # As the forces are compared, in this order, so that both say the same of every node.

@@ -263,6 +263,18 @@ def test_physics_that_does_not_hold_is_named(
         check(folder)
 
 
+def test_forces_on_a_surface_that_stays_balance(tmp_path: Path) -> None:
+    draw = {
+        **TINY.draw,
+        "motion": {"choice": ["slip"]},
+        "object.radius_mm": {"choice": [8.0]},
+    }
+    scene = {**TINY.scene, "object": {"surface": "stays"}, "duration_s": 0.5}
+    folder = tmp_path / "stays"
+    make(replace(TINY, sequences=1, draw=draw, scene=scene), folder)
+    assert check(folder) == 1
+
+
 def test_parts_share_no_object(made: Path) -> None:
     parts = split(made, {"train": 0.6, "test": 0.4})
     every = sorted(name for names in parts.values() for name in names)

@@ -18,13 +18,13 @@ from chromagrip.loop.trace import COLUMNS, Trace
 from chromagrip.measure.reproduce import runs as reproduce_runs
 from chromagrip.measure.reproduce import statements as reproduce_checks
 from chromagrip.measure.reproduce.figure_16_table_2 import (
+    OURS,
     _not_rising,
     _printed_p,
     _static_pressure,
     figure_16,
     object_job,
     object_jobs,
-    still_job,
     table_2,
 )
 from chromagrip.measure.reproduce.figure_17 import figure_17, margin_job, setting_jobs, step_job
@@ -95,8 +95,8 @@ def as_printed(scale: float = 1.0) -> Runs:
             job = object_job(name, obj)
             slip = 1.3 if name == "react-to-slip" else 0.0
             cells[job] = cell(job, scale * value, slip)
-            if name == "react-to-slip":
-                cells[still_job(obj)] = cell(still_job(obj), scale * value)
+            ours = object_job(name, obj, OURS)
+            cells[ours] = cell(ours, 2.0 * scale * value, 2.0 * slip)
     return Runs(cells)
 
 
@@ -156,13 +156,19 @@ def test_gains_past_their_boundary_do_not_pass_for_the_thesis(validation: Runs) 
 
 
 def test_react_to_slip_always_slips_its_threshold() -> None:
-    """Whatever the object, also where the contact wanders along a round one."""
-    objects = [(0.3, 200.0, math.inf), (0.7, 16.0, 5.0), (0.5, 200.0, 20.0)]
+    """Whatever the object, where its surface stays."""
+    objects = [(0.3, 200.0, math.inf), (0.7, 16.0, 5.0), (0.3, 32.0, 5.0)]
     jobs = [object_job("react-to-slip", obj) for obj in objects]
     for found in run_jobs(jobs, [], None, 1, silent).cells.values():
-        assert found.displacement == pytest.approx(1.3, abs=0.05)
+        assert 1.3 < found.displacement < 1.325
         assert found.rigid_slip == pytest.approx(1.3, abs=0.1)
         assert found.reactions == 1
+
+
+def test_a_surface_that_travels_slides_past_the_threshold() -> None:
+    job = object_job("react-to-slip", (0.3, 32.0, 5.0), OURS)
+    (found,) = run_jobs([job], [], None, 1, silent).cells.values()
+    assert found.displacement > 1.5
 
 
 def test_a_static_press_carries_the_grip_over_a_hertzian_width() -> None:
@@ -190,6 +196,31 @@ def test_cells_as_printed_reproduce_and_others_differ_by_how_much() -> None:
     assert section.sentence.count("+10.0 %") == 6
     # All alike 10 % up: order, p and share stay.
     assert sum(not check.agrees for check in section.checks) == 6
+    # Surfaces that travel have a line and rows of their own.
+    (line,) = (line for line in section.extra_tables[0].lines if line[0] == OURS.text)
+    assert line[3].startswith("1102 ± 229 (+120.0")
+    found = {(*row.subject, row.score): row.value for row in section.rows}
+    assert found["table-2", "travels", "react-to-slip", "mean"] == pytest.approx(2.2 * 501.0)
+    assert found["table-2", "travels", "react-to-slip", "largest_displacement"] == 2.6
+
+
+@pytest.mark.parametrize(("scale", "slips", "met"), [(1.05, 1, True), (1.1, 2, False)])
+def test_the_camera_is_compared_with_the_truth_path(scale: float, slips: int, met: bool) -> None:
+    runs = as_printed()
+    cells = dict(runs.cells)
+    for name, slip in (("safety-margin", 0.1), ("react-to-slip", 1.45)):
+        for k, obj in enumerate(OBJECTS):
+            job = object_job(name, obj, camera="thesis")
+            truth = runs.cells[object_job(name, obj)].pressure
+            cells[job] = cell(job, scale * truth, 2.0 * slip + 0.1 if k < slips else slip)
+    section = table_2(Runs(cells), "thesis", [])
+    found = {row.subject[-1]: row for row in section.rows if row.score == "pressure_over_truth"}
+    held = {row.subject[-1]: row for row in section.rows if row.score == "held"}
+    for name in ("safety-margin", "react-to-slip"):
+        assert found[name].value == pytest.approx(scale)
+        assert held[name].value == 27 - slips
+        assert found[name].met is held[name].met is met
+    assert any("shakes the grip" in note for note in section.notes) is not met
 
 
 def test_an_object_out_of_order_is_counted() -> None:
@@ -392,7 +423,8 @@ def test_processes_say_what_one_says(tmp_path: Path) -> None:
 
 def test_the_camera_adds_its_own_runs_and_no_others() -> None:
     truth, both = set(object_jobs(None, [])), set(object_jobs("camera-100hz", []))
-    assert len(truth) == 81 + 27
+    assert len(truth) == 81
+    assert {job.values["object.surface"] for job in both} == {"stays"}
     assert truth < both
     more = both - truth
     assert len(more) == 54

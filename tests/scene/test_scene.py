@@ -62,6 +62,7 @@ def test_scenes_of_the_thesis_object() -> None:
         ("object.radius_mm", -0.5, "radius_mm = -0.5 must be at least 1, hollow at most -1"),
         ("object.radius_mm", -5.0, "is a hollow of 0.005 m radius, too narrow"),
         ("object.profile_mm", [[0.0, 0.0]], "profile must be at least 3 points"),
+        ("object.surface", "rolls", "object.surface = 'rolls': allowed: travels, stays"),
         ("fingertip.model", "rubber", "allowed"),
         ("fingertip.nodes", 250, "fingertip.nodes = 250 must be odd"),
         ("sensor", "gelsight", "no sensor design 'gelsight'; there is .*thesis"),

@@ -136,7 +136,8 @@ def _unbalanced(
 
     Grip, load, contact and dampers to ground act on them; there is no inertia. The force of a
     damper follows from the motion between two frames, so that impulses over each interval are
-    compared. The object's shape turns contact forces into x and z.
+    compared. The object's shape turns contact forces into x and z; of a surface that stays the
+    object feels friction alone.
     """
     if scene.frames < 3:
         return
@@ -149,10 +150,13 @@ def _unbalanced(
         obj = scene.build_object(time)
         seen = 1e-3 * np.column_stack([column["node_x_mm"][k], column["node_z_mm"][k]])
         ground = seen + np.array([0.0, rigid[k]])
-        _, normal = contact_frames(contact(tip, obj), ground, moved[k])
+        ct = contact(tip, obj)
+        _, normal = contact_frames(ct, ground, moved[k])
         tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-        force = column["node_normal_n"][k] @ normal + column["node_friction_n"][k] @ tangent
-        on[k] = frames["load_n"][k] - force[0], frames["grip_n"][k] + force[1]
+        pressed = column["node_normal_n"][k] @ normal
+        rubbed = column["node_friction_n"][k] @ tangent
+        on[k, 0] = frames["load_n"][k] - ct.travel * pressed[0] - rubbed[0]
+        on[k, 1] = frames["grip_n"][k] + pressed[1] + rubbed[1]
         # The outer nodes are held by the rigid part.
         inner = ch.damping[1:-1] @ (ground - rest)[1:-1, 1]
         at[k] = obj.drag * moved[k], inner + ch.damping_rigid * rigid[k]

@@ -177,6 +177,7 @@ class Scene(Table, frozen=True):
             patches=tuple((1e-3 * x, factor) for x, factor in places),
             curvature=0.0 if settings.profile_mm else 1e3 / settings.radius_mm,
             profile=tuple((1e-3 * x, 1e-3 * z) for x, z in settings.profile_mm) or None,
+            surface=settings.surface,
             dahl_stiffness=settings.dahl_stiffness_n_per_m,
             dahl_exponent=settings.dahl_exponent,
             drag=settings.drag_n_s_per_m,

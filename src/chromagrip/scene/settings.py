@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Meta
 
 from ..errors import UserError
-from ..model import SpringLaw
+from ..model import SpringLaw, Surface
 from ..strict_toml import NotNegative, Positive, Table
 from ..thesis import LOAD_TIMES_S, LOADS_N
 
@@ -29,6 +29,8 @@ class ObjectSettings(Table, frozen=True):
     creeps, creep_s: the object's compliance rises by this share, with this time constant [s]
     radius_mm: of the surface [mm]; inf is flat, negative is hollow
     profile_mm: points (x, z) of the surface [mm], z into the object; empty is flat or round
+    surface: when the object slides, its surface `travels` with it; or it `stays` and only friction
+        follows the object
     dahl_stiffness_n_per_m, dahl_exponent: bristle stiffness of a node [N/m], and exponent, of the
         Dahl law
     drag_n_s_per_m: damper from the object to ground [N·s/m]
@@ -44,6 +46,7 @@ class ObjectSettings(Table, frozen=True):
     creep_s: Positive = 1.0
     radius_mm: float = math.inf
     profile_mm: tuple[tuple[float, float], ...] = ()
+    surface: Surface = "travels"
     dahl_stiffness_n_per_m: Positive = 5000.0
     dahl_exponent: Annotated[float, Meta(ge=0.1, le=2.0)] = 0.7
     drag_n_s_per_m: Positive = 120.0

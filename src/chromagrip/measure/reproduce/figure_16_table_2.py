@@ -1,6 +1,10 @@
-"""Fig. 16 and Table 2 of the thesis: 27 objects and three controllers."""
+"""Fig. 16 and Table 2 of the thesis: 27 objects and three controllers.
 
-import json
+They are run with surfaces that stay where they are (`ContactObject.surface`): with them React To
+Slip is displaced by 1.3 mm whatever the object, which is what the thesis says. Table 2 also has a
+line with surfaces that travel, as everywhere else in this package. Flat objects know no difference.
+"""
+
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -38,17 +42,21 @@ _PROPERTIES = (FRICTIONS, STIFFNESSES_KPA, RADII_MM)
 _SCORES = ("mean", "std")
 #: Level of significance.
 _LEVEL = 0.05
-#: Reason for differences of React To Slip.
-_TILTS = (
-    "a round object that slides here takes its surface along: the contact tilts, presses harder "
-    "and at µ 0.3 slides on; Table 2 has a line with the same 2.5 N and nothing that slides"
-)
+#: The thesis's reading of a sliding object, and ours.
+STAYS, TRAVELS = "stays", "travels"
+#: The objects with surfaces that travel.
+OURS = Variant("as above, the objects' surfaces travel with them", {"object.surface": TRAVELS})
 #: Measured with `grasp --scene thesis --set safety_margin.proportional_n=0.3`.
 _TREMBLES = (
     "With the printed gains noise of the image shakes the grip, by a tenth from frame to frame "
     "(Fig. 13). A contact that is shaken reads µ low, and is gripped harder. With Kp 0.3 N "
     "instead of 2.5 N the validation run trembles by a thousandth, reads µ 0.50 and ends at Γ 0.30."
 )
+#: Largest difference of a mean through the camera from that of the truth path, as a share.
+_CAMERA = 0.07
+#: Displacement up to which an object counts as held through the camera [mm]; React To Slip lets it
+#: slide 1.3 mm by design.
+_HELD = {"safety-margin": 1e3 * GROSS_SLIP, "react-to-slip": 1.5}
 #: Grip force at the end according to statics [N]; that of Safety Margin Control is over 1/µ.
 _STATIC = {"safety-margin": LOADS_N[1] / 0.7, "conservative": 5.0, "react-to-slip": 2.5}
 
@@ -62,23 +70,17 @@ def object_job(name: str, obj: Object, variant: Variant = PLAIN, camera: str | N
         "object.friction": friction,
         "object.stiffness_kpa": kpa,
         "object.radius_mm": variant.radii.get(radius, radius),
+        "object.surface": STAYS,
         **variant.changes,
     }
     return make_job(name, changes, camera)
 
 
-def still_job(obj: Object) -> Job:
-    """Job with the final grip of React To Slip from the start: nothing slides."""
-    job = object_job("conservative", obj)
-    changes = {"conservative.force_n": _STATIC["react-to-slip"]}
-    return Job(job.scene, json.dumps(job.values | changes))
-
-
-def object_jobs(camera: str | None, sweep: list[Variant]) -> list[Job]:
+def object_jobs(camera: str | None, variants: list[Variant]) -> list[Job]:
     """Every object with every controller."""
-    worlds: list[tuple[Variant, str | None]] = [(variant, None) for variant in (PLAIN, *sweep)]
+    worlds: list[tuple[Variant, str | None]] = [(variant, None) for variant in (PLAIN, *variants)]
     worlds += [(PLAIN, camera)] if camera else []
-    return [still_job(obj) for obj in OBJECTS] + [
+    return [
         object_job(name, obj, variant, scene)
         for (variant, scene), name, obj in product(worlds, CONTROLLERS, OBJECTS)
     ]
@@ -129,21 +131,15 @@ def figure_16(runs: Runs) -> Section:
             ("figure-16", "friction", "others"),
             float(np.max([_influence(each) for each in others])),
             _INFLUENCE,
-            _TILTS,
         ),
         near(("figure-16", "displacement", "react-to-slip", "least"), float(slid.min()), NONE),
-        near(
-            ("figure-16", "displacement", "react-to-slip", "most"),
-            float(slid.max()),
-            NONE,
-            _TILTS,
-        ),
+        near(("figure-16", "displacement", "react-to-slip", "most"), float(slid.max()), NONE),
         near(("figure-16", "displacement", "others"), float(np.max(rest)), NONE),
     ]
     notes = [
         "Single pressures are not printed: their order is compared.",
         f"Not influenced by µ: changes by less than {_INFLUENCE:g} % from 0.3 to 0.7.",
-        "Radii of flat, 20 and 5 mm are inferred (E5).",
+        "Radii of flat, 20 and 5 mm are inferred (E5). The objects' surfaces stay, as in Table 2.",
     ]
     return judged("figure-16", "Largest pressure of 27 objects", figure, checks, notes=notes)
 
@@ -168,27 +164,27 @@ def _influence(pressures: Array) -> float:
 def table_2(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
     """Mean and standard deviation of the largest pressure, and the t-tests."""
     pitch = {name: _values(runs, name) for name in CONTROLLERS}
-    still = np.array([runs.cells[still_job(obj)].pressure_pitch for obj in OBJECTS])
+    ours = {name: _values(runs, name, OURS) for name in CONTROLLERS}
     wide = {name: _values(runs, name, what="pressure") for name in CONTROLLERS}
     lines = [
         ("thesis", *(f"{mean:.0f} ± {std:.0f}" for mean, std in map(_printed, CONTROLLERS))),
-        _line("width + one node pitch", pitch),
-        _line(
-            "the same, React To Slip with its 2.5 N from the start",
-            pitch | {"react-to-slip": still},
-        ),
+        _line("width + one node pitch, the objects' surfaces stay", pitch),
+        _line(OURS.text, ours),
         _line("outermost nodes in contact, as printed", wide),
         _line("statics without friction, all nodes that touch", _statics()),
     ]
-    rows = _rows_of_means(pitch, still)
+    rows = _rows_of_means(pitch) + _rows_of_ours(runs, ours)
     for variant in sweep:
         changed = {name: _values(runs, name, variant) for name in CONTROLLERS}
         lines.append(_line(variant.text, changed))
         for name, pressures in changed.items():
             for score, value in zip(_SCORES, _mean_and_deviation(pressures), strict=True):
                 rows.append(reported(("table-2", variant.text, name, score), value, "N/m"))
+    shaken = False
     if camera:
         through_camera = {name: _values(runs, name, camera=camera) for name in CONTROLLERS}
+        means = [np.nanmean(p["safety-margin"]) for p in (through_camera, pitch)]
+        shaken = camera == "thesis" and bool(means[0] > (1.0 + _CAMERA) * means[1])
         lines.append(_line(f"through the camera, scene {camera}", through_camera))
         rows += _camera_rows(runs, camera, through_camera, pitch)
     notes = [
@@ -196,9 +192,13 @@ def table_2(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
         "those, the printed means and deviations give the printed p.",
         "The thesis says that Conservative Control is 44 % higher; it is 81 % higher by its own "
         "table, and Safety Margin Control 44 % lower (E10).",
+        "Where an object's surface stays, the depth of a node is counted at its place, and only "
+        "friction follows the object: React To Slip is displaced by 1.3 mm whatever the object, as "
+        "the thesis says (Fig. 16). Where it travels, as everywhere else here, a round object that "
+        "slides tilts the contact, which presses harder and at µ 0.3 slides on.",
         "The other lines of the table: one unprinted parameter changed, width + one pitch. Let go: "
         "the object slides until nothing touches it; it is left out of the mean.",
-        *([_TREMBLES] if camera == "thesis" else []),
+        *([_TREMBLES] if shaken else []),
     ]
     header = ("", *(label for label, _ in CONTROLLERS.values()))
     return judged(
@@ -215,34 +215,40 @@ def table_2(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
 def _checks_of_means(pressures: dict[str, Array]) -> list[Check]:
     checks = []
     for name, values in pressures.items():
-        reason = _TILTS if name == "react-to-slip" else ""
         # An object that is let go makes both NaN.
         for score, value in (("mean", values.mean()), ("std", values.std(ddof=1))):
-            checks.append(near_share(("table-2", name, score), float(value), 0.05, reason))
+            checks.append(near_share(("table-2", name, score), float(value), 0.05))
     safe, conservative = pressures["safety-margin"], pressures["conservative"]
     p_react = float(ttest_ind(safe, pressures["react-to-slip"]).pvalue)
     p_conservative = float(ttest_ind(safe, conservative).pvalue)
     reduction = 100.0 * (1.0 - float(safe.mean() / conservative.mean()))
     return [
         *checks,
-        over(("table-2", "p", "react-to-slip"), p_react, _LEVEL, _TILTS),
+        over(("table-2", "p", "react-to-slip"), p_react, _LEVEL),
         under(("table-2", "p", "conservative"), p_conservative, _LEVEL),
         near(("table-2", "reduction"), reduction, 2.0),
     ]
 
 
-def _rows_of_means(pressures: dict[str, Array], still: Array) -> list[Row]:
-    """Order of the means, p of the printed table, and React To Slip without sliding."""
+def _rows_of_means(pressures: dict[str, Array]) -> list[Row]:
+    """Order of the means, and p of the printed table."""
     means = [pressures[name].mean() for name in ("safety-margin", "react-to-slip", "conservative")]
     gap = float(np.diff(means).min())
     rows = [at_least(("table-2", "least_gap_in_printed_order"), gap, "N/m", 0.0)]
     for name in ("conservative", "react-to-slip"):
         rows.append(reported(("table-2", "p_of_the_printed_table", name), _printed_p(name), ""))
-    for score, value in zip(_SCORES, _mean_and_deviation(still), strict=True):
-        expected = number("table-2", "react-to-slip", score)
-        subject = ("table-2", "react-to-slip", "without_sliding")
-        rows.append(within((*subject, score), value, "N/m", 0.95 * expected, 1.05 * expected))
     return rows
+
+
+def _rows_of_ours(runs: Runs, pressures: dict[str, Array]) -> list[Row]:
+    """Means and deviations where surfaces travel, and how far React To Slip is displaced then."""
+    rows = []
+    for name, values in pressures.items():
+        for score, value in zip(_SCORES, _mean_and_deviation(values), strict=True):
+            rows.append(reported(("table-2", TRAVELS, name, score), value, "N/m"))
+    slid = _values(runs, "react-to-slip", OURS, what="displacement")
+    subject = ("table-2", TRAVELS, "react-to-slip", "largest_displacement")
+    return [*rows, reported(subject, float(np.nanmax(slid)), "mm")]
 
 
 def _values(
@@ -293,12 +299,11 @@ def _camera_rows(
         subject = ("table-2", "camera", camera, name)
         results = list(cells(runs, name, camera=camera).values())
         share = _mean_and_deviation(through_camera[name])[0] / float(truth[name].mean())
-        if name == "safety-margin":
-            held = sum(cell.displacement <= 1e3 * GROSS_SLIP for cell in results)
-            rows.append(within((*subject, "pressure_over_truth"), share, "×", 0.93, 1.07))
-            rows.append(at_least((*subject, "held"), held, "of 27", 25))
-        else:
-            rows.append(reported((*subject, "pressure_over_truth"), share, "×"))
+        far = _HELD[name]
+        held = sum(cell.displacement <= far for cell in results)
+        around = (1.0 - _CAMERA, 1.0 + _CAMERA)
+        rows.append(within((*subject, "pressure_over_truth"), share, "×", *around))
+        rows.append(at_least((*subject, "held"), held, "of 27", 26))
         ended = [cell for cell in results if not cell.stopped]
         slid = float(np.max([cell.displacement for cell in ended]))
         error = np.array([cell.margin_rmse for cell in ended])

@@ -13,7 +13,7 @@ from ...output.figure import png
 from ...output.page import write_page
 from ...output.report import Report, Table, row_as_json
 from .appendix_b import appendix_b
-from .figure_16_table_2 import figure_16, object_jobs, table_2
+from .figure_16_table_2 import OURS, figure_16, object_jobs, table_2
 from .figure_17 import figure_17, setting_jobs
 from .figures_9_to_11 import figure_9, figure_10, figure_11
 from .figures_13_to_15 import figure_13, figure_14, figure_15, validation_jobs
@@ -66,7 +66,7 @@ _TRACED: dict[str, Callable[[Plan], list[Job]]] = dict.fromkeys(
 #: Runs of the parts that need their results only.
 _SUMMED: dict[str, Callable[[Plan], list[Job]]] = {
     "figure-16": lambda plan: object_jobs(None, []),
-    "table-2": lambda plan: object_jobs(plan.camera, plan.sweep_of_objects),
+    "table-2": lambda plan: object_jobs(plan.camera, [OURS, *plan.sweep_of_objects]),
     "figure-17": lambda plan: setting_jobs(plan.quick, plan.sweep),
 }
 

@@ -46,7 +46,7 @@ class Variant:
     """
 
     text: str
-    changes: dict[str, float] = field(default_factory=dict)
+    changes: dict[str, float | str] = field(default_factory=dict)
     radii: dict[float, float] = field(default_factory=dict)
 
 
