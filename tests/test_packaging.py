@@ -206,9 +206,6 @@ def test_what_needs_an_extra_is_refused_before_anything_runs(tmp_path: Path) -> 
         ("grasp", "--renderer", "pyrender", "--json"): (
             "the renderer pyrender needs the extra `gl`: pip install 'chromagrip[gl]'"
         ),
-        ("train", "thesis", "--out", "new.npz"): (
-            "training read-outs needs the extra `learn`: pip install 'chromagrip[learn]'"
-        ),
     }.items():
         done = without_extras(tmp_path, *words)
         assert (done.returncode, done.stderr.strip()) == (2, f"chromagrip: {sentence}")

@@ -32,7 +32,6 @@ EXTRAS = {
     "data": Extra("pyarrow", "reading and writing Parquet tables"),
     "video": Extra("av", "reading and writing videos"),
     "mesh": Extra("trimesh", "reading triangle meshes of objects"),
-    "learn": Extra("sklearn", "training read-outs"),
     "dask": Extra("distributed", "making datasets on a Dask cluster"),
     "ray": Extra("ray", "making datasets on a Ray cluster"),
     "reference": Extra("mitsuba", "path tracing the reference pictures"),

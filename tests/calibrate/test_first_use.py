@@ -56,7 +56,6 @@ class Trainer:
 @pytest.fixture
 def trainer(monkeypatch: pytest.MonkeyPatch, no_kept: Path) -> Trainer:
     """Stands in for the training, with no read-out kept yet."""
-    pytest.importorskip("sklearn", reason="training needs the extra `learn`")
     found = Trainer()
     monkeypatch.setattr(training, "train", found)
     return found
@@ -173,15 +172,6 @@ def test_a_cache_that_cannot_be_written_is_one_sentence(
     with pytest.raises(UserError, match="cannot be kept: there is no cache folder relative"):
         ensure_readout(load_calibration("fovea"))
     assert trainer.known == []
-
-
-def test_without_scikit_learn_it_says_what_to_install(
-    trainer: Trainer, monkeypatch: pytest.MonkeyPatch, no_kept: Path
-) -> None:
-    monkeypatch.setattr("chromagrip.extras.find_spec", lambda name: None)
-    with pytest.raises(UserError, match=r"fovea: training read-outs needs the extra `learn`: pip"):
-        ensure_readout(load_calibration("fovea"))
-    assert not list(no_kept.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -307,7 +297,6 @@ def test_a_small_training_is_kept_used_and_named(
     typed: Typed, no_kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From a sensor that nobody trained to a run whose summary names what was learned."""
-    pytest.importorskip("sklearn", reason="training needs the extra `learn`")
     monkeypatch.setattr(training, "PART", 25)
     monkeypatch.setattr(training, "BASIS", 50)
     monkeypatch.setattr(first_use, "HISTORIES", 50)

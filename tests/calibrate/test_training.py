@@ -21,7 +21,6 @@ class StoppedError(Exception):
 def test_an_interrupted_training_goes_on_and_comes_to_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("sklearn", reason="training needs the extra `learn`")
     monkeypatch.setattr(training, "PART", 10)
     monkeypatch.setattr(training, "BASIS", 25)
 
@@ -50,19 +49,7 @@ def test_an_interrupted_training_goes_on_and_comes_to_the_same(
     assert np.isfinite(list(errors.values())).all()
 
 
-def test_scikit_learn_is_asked_for_before_any_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    steps: list[str] = []
-    monkeypatch.setattr("chromagrip.extras.find_spec", lambda name: None)
-    with pytest.raises(UserError, match="training read-outs needs the extra `learn`: pip install"):
-        training.train(KNOWN, 2.0, 20, 3, tmp_path / "x.npz", 1, steps.append)
-    assert not steps
-    assert not list(tmp_path.iterdir())
-
-
 def test_parts_of_another_training_are_not_taken_for_ones_own(tmp_path: Path) -> None:
-    pytest.importorskip("sklearn", reason="training needs the extra `learn`")
     parts = tmp_path / "x.npz.parts"
     parts.mkdir()
     training._claim(parts, KNOWN, 3.0)

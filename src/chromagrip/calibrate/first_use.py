@@ -41,8 +41,7 @@ def ensure_readout(
     Raises
     ------
     UserError
-        When the extra `learn` is missing, no read-out can be trained for the sensor, or none can be
-        kept.
+        When no read-out can be trained for the sensor, or none can be kept.
     """
     if calibration.readout is not None:
         return calibration
@@ -86,8 +85,7 @@ def place_to_keep(calibration: "SensorCalibration") -> Path:
     Raises
     ------
     UserError
-        When the extra `learn` is missing, no read-out can be trained for the sensor, or none can be
-        kept.
+        When no read-out can be trained for the sensor, or none can be kept.
     """
     from ..tracking.forces import check_trainable, kept_path
 

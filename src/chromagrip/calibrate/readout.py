@@ -77,8 +77,8 @@ def train(
     Raises
     ------
     UserError
-        When scikit-learn is missing, the sensor's markers do not determine forces, or the folder
-        holds parts of another training.
+        When the sensor's markers do not determine forces, or the folder holds parts of another
+        training.
     """
     check_markers(calibration.sensor)
     folder = out.with_name(out.name + ".parts")

@@ -275,7 +275,7 @@ def train(
     """Train a read-out of forces and friction on random grips of a sensor's own model.
 
     Commands that need a read-out train it by themselves. An interrupted run continues when it is
-    called again. It needs the extra `learn`.
+    called again.
 
     Example: chromagrip train mine.toml --out mine.npz
     """
