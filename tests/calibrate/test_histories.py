@@ -89,7 +89,14 @@ def test_specimens_vary_about_the_nominal_one() -> None:
         ("poisson_tissue", RANGES.coupling),
         ("poisson_membrane", RANGES.coupling),
     ):
-        assert fills([getattr(one, name) / getattr(TIP, name) for one in specimens], limits)
+        shares = np.array([getattr(one, name) / getattr(TIP, name) for one in specimens])
+        low, high = limits
+        assert ((shares > low - 1e-9) & (shares < high + 1e-9)).all()
+        # Most are near the middle: a third of the half-width is a standard deviation.
+        assert shares.mean() == pytest.approx(1.0, abs=0.015)
+        assert shares.std() == pytest.approx((high - low) / 6.0, rel=0.15)
+    damping = [one.damping_node / TIP.damping_node for one in specimens]
+    assert fills(np.log(damping), tuple(np.log(RANGES.damping)))
     assert {one.tissue_stiffness for one in specimens} == {TIP.tissue_stiffness}
 
 
@@ -322,5 +329,5 @@ def test_a_mirrored_press_is_the_press_of_the_mirrored_load() -> None:
 def test_numbers_of_one_block_are_of_one_specimen() -> None:
     tips = [random_plan(TIP, number).fingertip for number in (64, 95, 96)]
     assert tips[0] == tips[1] != tips[2]
-    assert replace(tips[2], **{name: getattr(TIP, name) for name in (
-        "membrane_stiffness", "poisson_tissue", "poisson_membrane")}) == TIP  # fmt: skip
+    varied = ("membrane_stiffness", "poisson_tissue", "poisson_membrane", "damping_node")
+    assert replace(tips[2], **{name: getattr(TIP, name) for name in varied}) == TIP

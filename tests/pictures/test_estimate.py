@@ -246,7 +246,7 @@ def mirrored(image: np.ndarray) -> np.ndarray:
         ),
         ({"calibration": "thesis"}, mirrored, r"lie \d+\.\d px RMS from the places"),
         ({"calibration": "dome-2020", **GP}, None, "image has shape|the sensor has 77 of each"),
-        ({"calibration": "fovea"}, None, "sensor fovea has no trained read-out"),
+        ({"calibration": "fovea", **GP}, None, "the sensor has 300 of each"),
         ({"calibration": "dome-2020"}, None, "sensor dome-2020: forces are read from stiff discs"),
         ({"calibration": "flat-2019"}, None, "a flat pad, which has no force model"),
         ({"calibration": "nobody"}, None, "no calibration 'nobody'"),

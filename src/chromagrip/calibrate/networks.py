@@ -22,6 +22,8 @@ from .histories import Snapshots
 Array = NDArray[np.float64]
 #: In single or double precision.
 Numbers = NDArray[np.floating]
+Numbered = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 #: Number of even codes of specimens that are exactly as designed …
 CODES = 100
@@ -47,8 +49,8 @@ _LIGHT = 0.1
 _UNIT = np.array([0.25, 0.15, 0.6], dtype=np.float32)
 #: Units of the layers of the network that reads them: products of codes need depth.
 _HIDDEN = (256, 256, 256)
-#: Passes over the held-out lessons for each pass over the others: they are fewer.
-_ERROR_EPOCHS = 2
+#: Passes over the held-out lessons for each pass over the others.
+_ERROR_EPOCHS = 1
 #: Passes over the lessons by which distributions of force are learned, at most.
 _SHAPE_EPOCHS = 10
 #: Values of a basis that a read-out keeps.
@@ -223,73 +225,37 @@ def fit_readout(
     epochs: passes over all of them
     tell: called with the current step, for a progress line
     """
-    codes, context = lessons.codes, lessons.context
-    scale = np.sqrt(basis.strength[: codes.shape[1]] + 1.0)
+    context = lessons.context
     middle, spread = context.mean(axis=0), context.std(axis=0) + 1e-3
+    scale = np.sqrt(basis.strength[: lessons.codes.shape[1]] + 1.0)
     held = lessons.history % HELD_OUT == 0
-    linear = _linear_sums(lessons, ~held)
-    make = partial(
-        _inputs,
-        np.random.default_rng(7),
-        scale.astype(np.float32),
-        linear,
-        replace(lessons, context=(context - middle) / spread),
-    )
     target = _targets(lessons.totals)
-    mean = np.array([0.0, 0.0, target[:, 2].mean()], dtype=np.float32)
-    read_off = slice(2 * codes.shape[1], 2 * codes.shape[1] + 2)
+    course = _Course(
+        lessons=replace(lessons, context=(context - middle) / spread),
+        scale=scale.astype(np.float32),
+        linear=_linear_sums(lessons, ~held),
+        target=target,
+        mean=np.array([0.0, 0.0, target[:, 2].mean()], dtype=np.float32),
+        rng=np.random.default_rng(7),
+    )
 
-    def base(x: Numbers) -> Numbers:
-        """What the network adds to, of its inputs."""
-        return mean + np.pad(x[:, read_off], ((0, 0), (0, 1)))
-
-    def learn(
-        name: str,
-        which: NDArray[np.int64],
-        passes: int,
-        examples: Examples,
-        sizes: tuple[int, ...],
-    ) -> Layers:
-        """Network of these lessons."""
-        return fit_network(
-            np.random.default_rng(7),
-            len(which),
-            lambda some: examples(which[some]),
-            sizes,
-            passes,
-            lambda share: tell(f"training {name}, {100 * share:.0f} %"),
-        )
-
-    def sums(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
-        x = make(some)
-        return x, (target[some] - base(x)) / _UNIT
-
-    network = learn("sums and friction", np.flatnonzero(~held), epochs, sums, _HIDDEN)
-
-    def errors(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
-        x = make(some)
-        read = base(x) + _UNIT * forward(network, x)
-        wrong = _margins(target[some]) - _margins(read)
-        return x, np.column_stack([target[some] - read, wrong])
-
-    def shapes(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
-        return make(some), lessons.shapes[some]
-
-    unseen = np.flatnonzero(held)
-    learn_errors = partial(learn, "errors", unseen, _ERROR_EPOCHS * epochs)
-    deviations, error, normalised = _fit_deviations(learn_errors, errors, unseen)
-    reach = np.sqrt(((codes / scale) ** 2).mean(axis=1))
+    learn = partial(_learn, tell)
+    network = learn("sums and friction", ~held, epochs, course.sums, *_HIDDEN)
+    learn_errors = partial(learn, "errors", held, _ERROR_EPOCHS * epochs)
+    errors = partial(course.errors, network)
+    deviations, error, normalised = _fit_deviations(learn_errors, errors, np.flatnonzero(held))
+    reach = np.sqrt(((lessons.codes / scale) ** 2).mean(axis=1))
     readout = ReadOut(
         tissue_stiffness=calibration.fingertip.tissue_stiffness,
         design=calibration.sensor,
         ranges=dict(ranges),
         context=np.stack([middle, spread, np.quantile(context, _HIGHEST, axis=0)]),
         reach=float(np.quantile(reach, _HIGHEST)),
-        sums=linear.astype(float),
-        targets=np.stack([mean, _UNIT]),
+        sums=course.linear.astype(float),
+        targets=np.stack([course.mean, _UNIT]),
         totals=network,
         deviations=deviations,
-        shapes=learn("shapes", np.flatnonzero(~held), min(epochs, _SHAPE_EPOCHS), shapes, (96,)),
+        shapes=learn("shapes", ~held, min(epochs, _SHAPE_EPOCHS), course.shapes, 96),
         normal_shapes=basis.normal,
         friction_shapes=basis.friction,
         correlation=np.asarray(np.corrcoef(np.clip(normalised[:, :3], -5.0, 5.0).T)),
@@ -298,6 +264,75 @@ def fit_readout(
     )
     rms = np.sqrt((error**2).mean(axis=0))
     return readout, dict(zip(("normal", "friction", "mu", "margin"), rms.tolist(), strict=True))
+
+
+def _learn(
+    tell: Callable[[str], None],
+    name: str,
+    which: Mask,
+    passes: int,
+    examples: Examples,
+    *sizes: int,
+) -> Layers:
+    """Network of these lessons, with hidden layers of these sizes."""
+    numbers = np.flatnonzero(which)
+    return fit_network(
+        np.random.default_rng(7),
+        len(numbers),
+        lambda some: examples(numbers[some]),
+        sizes,
+        passes,
+        lambda share: tell(f"training {name}, {100 * share:.0f} %"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Course:
+    """Examples of every network.
+
+    Attributes
+    ----------
+    lessons: their context in units of its deviation
+    scale: standard deviation of each code with unit noise, shape (K,)
+    linear: best linear read-out of both sums, shape (K + 1, 2)
+    target: of each lesson, shape (S, 3)
+    mean: of what the linear read-out does not read, shape (3,)
+    rng: of the noise
+    """
+
+    lessons: Lessons
+    scale: NDArray[np.float32]
+    linear: NDArray[np.float32]
+    target: Numbers
+    mean: Numbers
+    rng: np.random.Generator
+
+    def inputs(self, some: Numbered) -> Numbers:
+        """Inputs of some lessons: codes with new noise, and context."""
+        lessons = self.lessons
+        codes, level = lessons.codes[some], lessons.level[some, None]
+        noisy = codes + level * self.rng.standard_normal(codes.shape, dtype=np.float32)
+        return network_inputs(self.scale, self.linear, noisy, level, lessons.context[some])
+
+    def base(self, x: Numbers) -> Numbers:
+        """What the network adds to, of its inputs."""
+        count = 2 * len(self.scale)
+        return self.mean + np.pad(x[:, count : count + 2], ((0, 0), (0, 1)))
+
+    def sums(self, some: Numbered) -> tuple[Numbers, Numbers]:
+        """Examples of the totals."""
+        x = self.inputs(some)
+        return x, (self.target[some] - self.base(x)) / _UNIT
+
+    def errors(self, network: Layers, some: Numbered) -> tuple[Numbers, Numbers]:
+        """Inputs, and errors of the totals and of Γ, (S, 4)."""
+        x, target = self.inputs(some), self.target[some]
+        read = self.base(x) + _UNIT * forward(network, x)
+        return x, np.column_stack([target - read, _margins(target) - _margins(read)])
+
+    def shapes(self, some: Numbered) -> tuple[Numbers, Numbers]:
+        """Examples of the distributions of force."""
+        return self.inputs(some), self.lessons.shapes[some]
 
 
 def _linear_sums(lessons: Lessons, which: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -318,19 +353,6 @@ def _targets(totals: Array) -> Numbers:
     return np.column_stack([sums, np.log(totals[:, 2])]).astype(np.float32)
 
 
-def _inputs(
-    rng: np.random.Generator,
-    scale: NDArray[np.float32],
-    sums: NDArray[np.float32],
-    lessons: Lessons,
-    which: NDArray[np.int64],
-) -> Numbers:
-    """Inputs of the networks for some lessons: codes with new noise, and context."""
-    codes, level = lessons.codes[which], lessons.level[which, None]
-    noisy = codes + level * rng.standard_normal(codes.shape, dtype=np.float32)
-    return network_inputs(scale, sums, noisy, level, lessons.context[which])
-
-
 def _fit_deviations(
     learn: Callable[..., Layers],
     errors: Callable[[NDArray[np.int64]], tuple[Numbers, Numbers]],
@@ -349,7 +371,7 @@ def _fit_deviations(
         x, error = errors(some)
         return x, (np.log(error**2 + 1e-12) - _LOG_SQUARE_MEAN) / _LOG_SQUARE_DEVIATION
 
-    network = _scaled(learn(examples, (64, 64)), np.full(4, _LOG_SQUARE_DEVIATION, np.float32))
+    network = _scaled(learn(examples, 64, 64), np.full(4, _LOG_SQUARE_DEVIATION, np.float32))
     x, error = errors(unseen)
     deviation = np.exp(0.5 * forward(network, x))
     # So that nine in ten errors lie within Z90 deviations.

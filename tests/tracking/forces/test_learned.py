@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from chromagrip.calibrate.histories import Snapshots, snapshots
+from chromagrip.calibrate.histories import Snapshots, kind_names, snapshots
 from chromagrip.errors import UserError
 from chromagrip.model import ContactObject, Fingertip, ForceField, equilibrium
 from chromagrip.render import load_sensor
@@ -57,10 +57,14 @@ class Specimen:
 @pytest.fixture(scope="module")
 def unseen() -> Snapshots:
     """Of histories that no training has seen, those that a gripper meets."""
-    found = snapshots(TIP, range(900_000, 900_040))
+    found = snapshots(TIP, range(900_000, 900_160))
     normal, friction, mu = found.totals.T
     margin = 1.0 - abs(friction) / (mu * normal)
     usual = (normal > 0.4) & (normal < 6.0) & (margin > 0.05) & (margin < 0.85)
+    shape = np.array([kind_names(kind)[0] for kind in found.kind])
+    bristle, exponent, stiffness = found.material.T
+    usual &= np.isin(shape, ["flat", "round"]) & (mu > 0.15) & (mu < 1.0) & (stiffness > 70.0)
+    usual &= (bristle > 2000.0) & (bristle < 2e4) & (exponent < 1.0)
     return Snapshots(**{name: value[usual] for name, value in vars(found).items()})
 
 
@@ -209,18 +213,16 @@ def test_what_no_press_does_is_refused(learned: Learned, specimen: Specimen) -> 
         learned.update(replace(tracks, position=turned))
 
 
-def test_forces_scale_with_the_calibrated_stiffness(
-    learned: Learned, specimen: Specimen, unseen: Snapshots
-) -> None:
+def test_forces_scale_with_the_calibrated_stiffness(specimen: Specimen, unseen: Snapshots) -> None:
     """Springs 10 % stiffer, the same picture: forces 10 % higher, µ untouched."""
     stiff = replace(
         TIP,
         tissue_stiffness=1.1 * TIP.tissue_stiffness,
         membrane_stiffness=1.1 * TIP.membrane_stiffness,
     )
-    other = Learned(replace(KNOWN, fingertip=stiff), specimen.rest)
+    readers = [Learned(replace(KNOWN, fingertip=tip), specimen.rest) for tip in (TIP, stiff)]
     tracks = specimen.tracks(unseen.displacement[3], 1.0, 2)
-    a, b = learned.update(tracks), other.update(tracks)
+    a, b = (reader.update(tracks) for reader in readers)
     assert b.total_normal == pytest.approx(1.1 * a.total_normal, rel=1e-6)
     assert b.total_friction == pytest.approx(1.1 * a.total_friction, rel=1e-6)
     assert a.friction_reading is not None

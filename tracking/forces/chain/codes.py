@@ -51,6 +51,8 @@ _LEAST_TURN = np.deg2rad(0.7)
 _CERTAIN_TURN = 3.0
 #: Changes of the azimuth in one frame.
 _TURNS = 6
+#: Smallest share of a code that pairs must determine for the prior to be undone.
+_DETERMINED = 0.7
 #: Lost measurements over unknowns below which a covariance is updated, not computed anew.
 _FEW = 0.5
 #: Part of the noise's variance that is added before a logarithm: less says nothing.
@@ -336,7 +338,8 @@ def _noise_level(
     # The prior keeps unknowns that no visible pair determines near their mean.
     information = rows.T @ rows + np.diag(1.0 / specimen.strength)
     covariance = np.asarray(np.linalg.inv(information))
-    unshrink = 1.0 / (1.0 - np.diag(covariance) / specimen.strength)
+    # A code that the visible pairs hardly determine stays near its mean.
+    unshrink = 1.0 / np.maximum(1.0 - np.diag(covariance) / specimen.strength, _DETERMINED)
     codes = specimen.codes
     unshrink[-len(SIZES) :] = 1.0
     variance = (unshrink * np.diag(covariance))[:codes]

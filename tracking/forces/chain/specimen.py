@@ -137,7 +137,7 @@ def _direction(readout: ReadOut) -> Direction:
         return np.asarray((fields[:, :, :2, :, 1] * weight).reshape(len(fields), -1).T)
 
     even, odd = readout.fields[: readout.codes], readout.fields[readout.codes :].copy()
-    circling = odd[:, 0, 1, :, 0].T
+    circling = odd[:, 0, 1, :, 0].T.copy()
     # sin(φ − ψ) = sin φ·cos ψ − cos φ·sin ψ, but cos(φ − ψ) = cos φ·cos ψ + sin φ·sin ψ.
     odd[:, :, 1] *= -1.0
     skin, view = readout.design.shape, readout.design.view
