@@ -57,13 +57,13 @@ class Specimen:
 @pytest.fixture(scope="module")
 def unseen() -> Snapshots:
     """Of histories that no training has seen, those that a gripper meets."""
-    found = snapshots(TIP, range(900_000, 900_160))
+    found = snapshots(TIP, range(900_000, 900_320))
     normal, friction, mu = found.totals.T
     margin = 1.0 - abs(friction) / (mu * normal)
     usual = (normal > 0.4) & (normal < 6.0) & (margin > 0.05) & (margin < 0.85)
     shape = np.array([kind_names(kind)[0] for kind in found.kind])
     bristle, exponent, stiffness = found.material.T
-    usual &= np.isin(shape, ["flat", "round"]) & (mu > 0.15) & (mu < 1.0) & (stiffness > 70.0)
+    usual &= np.isin(shape, ["flat", "round"]) & (mu > 0.12) & (mu < 1.2) & (stiffness > 70.0)
     usual &= (bristle > 2000.0) & (bristle < 2e4) & (exponent < 1.0)
     return Snapshots(**{name: value[usual] for name, value in vars(found).items()})
 
@@ -99,7 +99,7 @@ def test_forces_of_unseen_presses_on_a_specimen_of_its_own(
     normal, friction, mu = np.sqrt((error**2).mean(axis=0))
     assert normal < 0.08 * unseen.totals[:, 0].mean()
     assert friction < 0.05
-    assert mu < 0.08 < 0.4 * unseen.totals[:, 2].std()
+    assert mu < min(0.08, 0.4 * unseen.totals[:, 2].std())
     covered = (abs(error) < 1.645 * stated).mean(axis=0)
     assert ((covered > 0.8) & (covered < 0.98)).all()
     signs = [np.sign(f.friction[f.contact].sum()) for f in fields]
@@ -163,7 +163,7 @@ def test_sizes_that_tell_less_are_read_for_less(
     learned: Learned, specimen: Specimen, unseen: Snapshots
 ) -> None:
     """As if all had been so vague from the start; what is wrong with them then bends little."""
-    tracks = specimen.tracks(unseen.displacement[8], 1.0, 4)
+    tracks = specimen.tracks(unseen.displacement[12], 1.0, 4)
     moved = np.linalg.norm(tracks.position[0] - specimen.rest.position[0], axis=-1)
     covariance = tracks.covariance.copy()
     covariance[np.argsort(moved)[-12:][:, None], [2, 5], [2, 5]] += 0.05**2
