@@ -99,7 +99,8 @@ def test_forces_of_unseen_presses_on_a_specimen_of_its_own(
     normal, friction, mu = np.sqrt((error**2).mean(axis=0))
     assert normal < 0.08 * unseen.totals[:, 0].mean()
     assert friction < 0.05
-    assert mu < min(0.08, 0.4 * unseen.totals[:, 2].std())
+    # The friction law is one of many: µ is read less sharply than with a law that is known.
+    assert mu < min(0.08, 0.45 * unseen.totals[:, 2].std())
     covered = (abs(error) < 1.645 * stated).mean(axis=0)
     assert ((covered > 0.8) & (covered < 0.98)).all()
     signs = [np.sign(f.friction[f.contact].sum()) for f in fields]
