@@ -103,7 +103,7 @@ def test_forces_of_unseen_presses_on_a_specimen_of_its_own(
     assert mu < min(0.08, 0.45 * unseen.totals[:, 2].std())
     covered = (abs(error) < 1.645 * stated).mean(axis=0)
     assert (covered > 0.8).all()
-    # The interval of ΣFn is too wide on a specimen that is as designed: it spans those that are not.
+    # The interval of ΣFn is too wide on a specimen as designed: it spans those that are not.
     assert (covered[1:] < 0.98).all()
     signs = [np.sign(f.friction[f.contact].sum()) for f in fields]
     loaded = abs(unseen.totals[:, 1]) > 0.2
