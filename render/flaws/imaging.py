@@ -61,7 +61,11 @@ class Imaging:
         self._linear = bool(static or d.defocus_px or self._gains or self._noise or d.bayer)
 
     def __call__(self, exposures: Image | Sequence[Image], index: int) -> Image:
-        """Camera's image of frame `index`; the ideal image itself where no defect is set.
+        """Camera's image of frame `index`, compressed; see `measured`."""
+        return self.compressed(self.measured(exposures, index))
+
+    def measured(self, exposures: Image | Sequence[Image], index: int) -> Image:
+        """Image that the sensor reads out; the ideal image itself where no defect is set.
 
         Parameters
         ----------
@@ -72,6 +76,10 @@ class Imaging:
         image = images[0]
         if self._linear or len(images) > 1:
             image = self._measure(self._light(images), index)
+        return image
+
+    def compressed(self, image: Image) -> Image:
+        """Image as the camera sends it, its noise included; itself where nothing compresses it."""
         if self._defects.jpeg_quality:
             image = through_jpeg(image, self._defects.jpeg_quality)
         if self._defects.h264_crf:

@@ -65,11 +65,11 @@ def test_objects_fill_their_ranges() -> None:
     dahl = [bristle for bristle in bristles if bristle != RANGES.coulomb_stiffness_n_per_m]
     assert 0.01 < 1.0 - len(dahl) / len(bristles) < 0.1
     assert fills(np.log(dahl).tolist(), tuple(np.log(RANGES.dahl_stiffness_n_per_m)))
-    # A profile is as sharp as the sharpest round object at most, wherever the fingertip can be.
+    # As sharp as a ridge at most, wherever the fingertip can be.
     for obj in objects:
         if obj.profile is not None and len(obj.profile) > 3:
             x, z = np.array(obj.profile).T
-            assert np.gradient(np.gradient(z, x), x).max() <= 1.05 * RANGES.curvature_per_m[1]
+            assert np.gradient(np.gradient(z, x), x).max() <= 1.05 * RANGES.bump_curvature_per_m
     shapes = Counter(contact.shape for contact in contacts)
     assert set(shapes) == set(SHAPES)
     assert sum(SHAPES.values()) == pytest.approx(1.0)

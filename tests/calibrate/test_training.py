@@ -5,7 +5,7 @@ import pytest
 
 from chromagrip.calibrate import readout as training
 from chromagrip.calibrate.learner import Learner
-from chromagrip.calibrate.networks import NOISE, Basis
+from chromagrip.calibrate.networks import NOISE, Basis, Errors
 from chromagrip.cli.calibrate import train
 from chromagrip.errors import UserError
 from chromagrip.tracking import load_calibration
@@ -28,7 +28,7 @@ def test_an_interrupted_training_goes_on_and_comes_to_the_same(
         if text == "histories, 10 of 20":
             raise StoppedError
 
-    def learn(out: Path, tell: object = lambda text: None) -> dict[str, float]:
+    def learn(out: Path, tell: object = lambda text: None) -> Errors:
         return training.train(KNOWN, 2.0, 20, 3, out, 1, tell)  # type: ignore[arg-type]
 
     broken, whole = tmp_path / "broken.npz", tmp_path / "whole.npz"

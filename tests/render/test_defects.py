@@ -1,3 +1,4 @@
+from contextlib import closing
 from dataclasses import replace
 from functools import cache
 
@@ -7,6 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from chromagrip.loop.camera import SimulatedCamera
+from chromagrip.model import Fingertip, rest_state
 from chromagrip.render import Membrane, MembraneMap, SensorDesign, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.design.sensor import Seams
@@ -288,6 +291,22 @@ def test_jpeg_gets_better_with_quality() -> None:
     errors = [deviation(imaged(picture(), jpeg_quality=q), picture()) for q in (10, 50, 80, 95)]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 3.0 < errors[0]
+
+
+@pytest.mark.parametrize("lossy", [{"jpeg_quality": 60}, {"h264_crf": 30}])
+def test_a_cameras_noise_is_compressed_with_the_picture(lossy: dict[str, int]) -> None:
+    """Else no pixel would show that anything was lost."""
+
+    def shot(**defects: int) -> np.ndarray:
+        renderer = open_renderer("painter", SENSOR)
+        camera = SimulatedCamera(SENSOR, renderer, 251, 2.0, 4, Defects(**defects))
+        with closing(camera):
+            return camera.expose_rest(rest_state(Fingertip()), 1)[0].image
+
+    plain, sent = shot(), shot(**lossy)
+    whole = through_jpeg(plain, 60) if "jpeg_quality" in lossy else through_h264([plain], 30)[0]
+    np.testing.assert_array_equal(sent, whole)
+    assert (sent != plain).any()
 
 
 def test_h264_gets_worse_with_crf_and_loses_chroma() -> None:

@@ -124,20 +124,21 @@ def test_what_is_worn_off_is_not_tracked() -> None:
     assert (abs(error) < 2.0 * 1.645 * trace["friction_deviation_n"][read]).all()
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="with the apex worn off, the wide training leaves ΣFn of light presses open",
-)
-def test_a_light_press_is_read_in_spite_of_wear() -> None:
-    trace = held("worn-1", 1.5, path="camera", duration_s=0.3).trace
+@pytest.mark.parametrize("share", [0.03, 0.2])
+def test_a_light_press_is_read_in_spite_of_wear(share: float) -> None:
+    """Of a pair that has lost its outer marker the inner one is read."""
+    changes = {"defects__worn_markers": share}
+    trace = held("worn-1", 1.5, path="camera", duration_s=0.3, **changes).trace
     read = (trace["time_s"] > 0.15) & np.isfinite(trace["friction_deviation_n"])
     assert read.sum() >= 5
     error = trace["friction_estimated_n"][read] - trace["friction_true_n"][read]
     assert abs(error).max() < 0.05
+    press = trace["normal_estimated_n"][read][-1]
+    assert press == pytest.approx(trace["normal_true_n"][read][-1], rel=0.15)
 
 
-def test_too_much_worn_off_is_said_not_guessed() -> None:
-    trace = run(load_scene("worn-1", {"duration_s": 0.2, "defects.worn_markers": 0.125})).trace
+def test_too_much_compression_is_said_not_guessed() -> None:
+    trace = run(load_scene("worn-1", {"duration_s": 0.2, "defects.jpeg_quality": 35})).trace
     assert np.isinf(trace["friction_deviation_n"]).all()
     assert np.isnan(trace["margin_estimated"]).all()
     # Without an estimate a load is not excluded: the grip is held, then it rises.

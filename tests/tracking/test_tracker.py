@@ -1,6 +1,8 @@
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -336,6 +338,26 @@ def test_light_and_contrast_drop_out(change: Callable[[Image, int], Image], wors
             assert tracks.visible.all()
         rms[name] = np.sqrt(np.mean(np.square(errors)))
     assert rms["changed"] < worse * rms["plain"]
+
+
+def displaced(image: Image, shift: float) -> Image:
+    """Picture shifted by linear interpolation, which blurs it."""
+    matrix = np.array([[1.0, 0.0, shift], [0.0, 1.0, 0.6 * shift]])
+    size = image.shape[1::-1]
+    return np.asarray(cv2.warpAffine(image, matrix, size, borderMode=cv2.BORDER_REPLICATE))
+
+
+@pytest.mark.parametrize("shift", [0.2, 0.25, 0.3, 0.5])
+def test_a_picture_that_was_blurred_before_shows_no_change_at_rest(shift: float) -> None:
+    """Light is fitted at rest where it would be fitted later: sizes would change by 2 %."""
+    frames = [shoot(REST, 2**31 + k) for k in range(8)] + [shoot(REST, k) for k in range(8)]
+    blurred = [replace(frame, image=displaced(frame.image, shift)) for frame in frames]
+    tracker = MarkerTracker(PALETTE, NOISE)
+    tracker.reset(blurred[:8])
+    for frame in blurred[8:]:
+        tracks = tracker.update(frame)
+        assert abs(np.nanmean(tracks.log_size, axis=1)).max() < 1e-3
+        assert np.nanmedian(abs(tracks.position - tracker.rest.position)) < 0.02
 
 
 def test_a_yellow_that_the_palette_does_not_know_is_learned() -> None:

@@ -24,6 +24,8 @@ STEPS = 6
 _REST_STEPS = 24
 #: A median misfit above this has the colours and the blur fitted as well.
 WORSE = 1.1
+#: The same at rest: so far below that no noise lifts a later frame from one to the other.
+_WORSE_AT_REST = 1.04
 #: Share of the rest frame's pairs that must look like markers.
 _AT_REST = 0.7
 #: A pair whose misfit is this many times the typical one is not a marker.
@@ -98,7 +100,9 @@ def fit_rest(
     mean = np.rint(rest.image).astype(np.uint8)
     fit, start = prepare_fit(rest, palette, noise)
     first = fit.fit(mean, start, _REST_STEPS)
-    if first.typical > WORSE:
+    # A later frame in which the light is fitted must not differ from rest by that alone.
+    alone = fit.fit(frames[0].image, first.state, STEPS)
+    if max(first.typical, alone.typical) > _WORSE_AT_REST:
         first = tune(fit, mean, first, first.state.fits, STEPS)
     good = np.asarray(visible_markers(first).any(axis=1))
     if good.sum() < _AT_REST * len(good):

@@ -45,7 +45,7 @@ from .reconstructors import (
     needs_readout,
 )
 from .rest_fit import rest_pose
-from .shifts import MEASURED, MarkerShifts
+from .shifts import MEASURED, MarkerShifts, floor_variances
 
 __all__ = [
     "AUTOMATIC",
@@ -78,6 +78,7 @@ __all__ = [
     "check_trainable",
     "core_quantile",
     "fit_gains",
+    "floor_variances",
     "kept_path",
     "kept_readout",
     "load_calibration",

@@ -71,7 +71,7 @@ class SensorCalibration:
 
     sensor: SensorDesign
     fingertip: Fingertip
-    position_floor: float = 0.02
+    position_floor: float = 0.01
     size_floor: float = 6e-4
     stiffness_deviation: float = 0.0
     readout: Path | None = None

@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..tracking.forces import MEASURED
 from ..tracking.forces.chain import (
     FOCUS,
     SIZES,
@@ -20,8 +21,6 @@ from .variations import log_uniform
 
 Array = NDArray[np.float64]
 
-#: Measurements of a pair.
-_MEASURED = 6
 #: Share of the snapshots that have the usual noise.
 _USUAL = 0.75
 #: Share of the snapshots in which pairs are lost.
@@ -54,7 +53,7 @@ class Learner:
         """For pairs of the design at places (P, 2), turned by any angle."""
         both, pairs = np.stack([places] * 2), len(places)
         loadings = at_places(basis.fields, basis.odd, both).at(0.0)
-        focus = np.broadcast_to(np.eye(_MEASURED)[:, SIZES], (pairs, _MEASURED, len(SIZES)))
+        focus = np.broadcast_to(np.eye(MEASURED)[:, SIZES], (pairs, MEASURED, len(SIZES)))
         white = np.concatenate([loadings, focus], axis=2) / basis.noise[..., None]
         mean = at_places(basis.mean[None], np.array([False]), both).at(0.0)[..., 0]
         return cls(
@@ -83,9 +82,9 @@ class Learner:
         clean = (white @ self.rows) @ operator
         for k in np.flatnonzero(rng.random(count) < _LOSING):
             used[k] = ~_lost(rng, shifts[k])
-            kept = self.rows[np.repeat(used[k], _MEASURED)]
+            kept = self.rows[np.repeat(used[k], MEASURED)]
             within = (kept.T @ kept).astype(float) + np.diag(1.0 / self.strength)
-            moment = kept.T @ white[k, np.repeat(used[k], _MEASURED)]
+            moment = kept.T @ white[k, np.repeat(used[k], MEASURED)]
             clean[k] = np.linalg.solve(within, moment) * unshrink
         # Of the noise the codes take up what is in their rows; the rest stays in the residual.
         taken = (noise.reshape(count, -1) @ self.rows) @ operator

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +93,7 @@ class Basis:
     friction: Array
 
     @property
-    def odd(self) -> NDArray[np.bool_]:
+    def odd(self) -> Mask:
         """Whether each field is odd."""
         return np.arange(len(self.fields)) >= len(self.amounts) - 1
 
@@ -124,7 +125,19 @@ class Lessons:
     context: Array
     shapes: Array
     totals: Array
-    history: NDArray[np.int64]
+    history: Numbered
+
+
+class Errors(TypedDict):
+    """RMS errors of a read-out on histories held out, over all noise levels.
+
+    Sums are asinh(force/BEND), relative where forces are large; µ is in logarithm, Γ is not.
+    """
+
+    normal: float
+    friction: float
+    mu: float
+    margin: float
 
 
 def make_basis(
@@ -213,7 +226,7 @@ def fit_readout(
     ranges: Mapping[str, object],
     epochs: int,
     tell: Callable[[str], None],
-) -> tuple[ReadOut, dict[str, float]]:
+) -> tuple[ReadOut, Errors]:
     """Read-out of lessons, and its RMS errors on histories held out.
 
     Parameters
@@ -262,8 +275,8 @@ def fit_readout(
         prior=float(target[:, 2].std()),
         **{name: getattr(basis, name) for name in _FIELDS},
     )
-    rms = np.sqrt((error**2).mean(axis=0))
-    return readout, dict(zip(("normal", "friction", "mu", "margin"), rms.tolist(), strict=True))
+    normal, friction, mu, margin = np.sqrt((error**2).mean(axis=0)).tolist()
+    return readout, Errors(normal=normal, friction=friction, mu=mu, margin=margin)
 
 
 def _learn(
@@ -335,7 +348,7 @@ class _Course:
         return self.inputs(some), self.lessons.shapes[some]
 
 
-def _linear_sums(lessons: Lessons, which: NDArray[np.bool_]) -> NDArray[np.float32]:
+def _linear_sums(lessons: Lessons, which: Mask) -> NDArray[np.float32]:
     """Linear read-out of ΣFn and ΣFf with the least relative error, shape (K + 1, 2)."""
     inputs = np.column_stack([lessons.codes[which], np.ones(which.sum(), dtype=np.float32)])
     weight = 1.0 / (lessons.totals[which, :1] + _LIGHT)
@@ -355,8 +368,8 @@ def _targets(totals: Array) -> Numbers:
 
 def _fit_deviations(
     learn: Callable[..., Layers],
-    errors: Callable[[NDArray[np.int64]], tuple[Numbers, Numbers]],
-    unseen: NDArray[np.int64],
+    errors: Callable[[Numbered], tuple[Numbers, Numbers]],
+    unseen: Numbered,
 ) -> tuple[Layers, Numbers, Numbers]:
     """Network of the logarithm of the errors' variances, errors, and errors over deviations.
 
@@ -367,7 +380,7 @@ def _fit_deviations(
     unseen: numbers of lessons of histories held out
     """
 
-    def examples(some: NDArray[np.int64]) -> tuple[Numbers, Numbers]:
+    def examples(some: Numbered) -> tuple[Numbers, Numbers]:
         x, error = errors(some)
         return x, (np.log(error**2 + 1e-12) - _LOG_SQUARE_MEAN) / _LOG_SQUARE_DEVIATION
 

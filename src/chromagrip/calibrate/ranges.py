@@ -29,7 +29,9 @@ class Ranges:
     curvature_per_m: 1/radius of hollow (below 0) and round objects
     tilt_deg: slope of objects that have one
     height_mm, width_mm: of bumps and grooves, standard deviation along x, in logarithm
-    contacts_apart_mm: distance of the tops of two bumps
+    contacts_apart_mm: distance of the tops of two ridges
+    ridges_mm: their height, in logarithm
+    bump_curvature_per_m: largest curvature of the top of a bump or ridge
     dahl_stiffness_n_per_m: σ0 per node, in logarithm
     coulomb_stiffness_n_per_m: σ0 of the few objects without a Dahl law: their bristles move by less
         than a micrometre
@@ -55,7 +57,9 @@ class Ranges:
     tilt_deg: Range = (-12.0, 12.0)
     height_mm: Range = (0.1, 1.2)
     width_mm: Range = (0.5, 3.0)
-    contacts_apart_mm: Range = (1.5, 6.0)
+    contacts_apart_mm: Range = (1.5, 6.5)
+    ridges_mm: Range = (0.2, 1.6)
+    bump_curvature_per_m: float = 2500.0
     dahl_stiffness_n_per_m: Range = (300.0, 1e4)
     coulomb_stiffness_n_per_m: float = 1e5
     dahl_exponent: Range = (0.5, 2.0)
@@ -76,19 +80,24 @@ RANGES = Ranges()
 #: Shapes of objects, each with its share.
 SHAPES = {
     "flat": 0.16,
-    "round": 0.52,
+    "round": 0.47,
     "hollow": 0.05,
     "tilted": 0.09,
     "bump": 0.06,
     "groove": 0.05,
-    "two": 0.07,
+    "two": 0.12,
 }
 #: Share of the objects whose µ, and whose k_c, is within the usual range.
 _USUAL = (0.75, 0.85)
 #: Share of the objects without a Dahl law.
 _COULOMB = 0.04
+#: Width of two ridges, one standard deviation, over their distance.
+_RIDGES = (0.12, 0.35)
+#: Share of such objects that are touched at two places only, and least depth to which they are
+#: pressed [m].
+_APART_STILL, _LEAST_ROOM = 0.7, 0.15e-3
 #: Half width of a profile and distance of its points [m].
-_HALF, _APART = 14e-3, 0.4e-3
+_HALF, _APART = 14e-3, 0.2e-3
 #: Largest depth, of fingertip and object together, as a share of the radius of a round object:
 #: soft ones are pierced at .58, stiff ones later …
 _DEEPEST = 0.45
@@ -152,53 +161,70 @@ def random_contact(rng: np.random.Generator, fingertip: Fingertip) -> Contact:
         dahl_exponent=by_factor(rng, r.dahl_exponent),
         drag=by_factor(rng, r.drag_n_s_per_m),
     )
+    room = _INDENTED
     if shape in ("flat", "round", "hollow"):
         low, high = r.curvature_per_m
         limits = {"flat": (0.0, 0.0), "round": (0.0, high), "hollow": (low, 0.0)}[shape]
         curvature, tilt = evenly(rng, limits), 0.0
         obj = replace(material, curvature=curvature)
     else:
-        surface, tilt, curvature = _surface(rng, shape)
+        surface, tilt, curvature, room = _surface(rng, shape, fingertip.radius)
         x = np.linspace(-_HALF, _HALF, 1 + round(2 * _HALF / _APART))
         if shape == "tilted":
             x = np.array([-_HALF, 0.0, _HALF])
         obj = replace(material, profile=tuple(zip(x.tolist(), surface(x).tolist(), strict=True)))
-    return Contact(obj, shape, tilt, largest_grip(fingertip, obj.stiffness, curvature))
+    return Contact(obj, shape, tilt, largest_grip(fingertip, obj.stiffness, curvature, room))
 
 
-def _surface(rng: np.random.Generator, shape: str) -> tuple[Callable[[Array], Array], float, float]:
-    """Height of a surface at x [m], its tilt [rad] and its largest curvature [1/m]."""
+class _Surface(NamedTuple):
+    """Height at x [m], tilt [rad], largest curvature [1/m], and largest depth of a press [m]."""
+
+    height: Callable[[Array], Array]
+    tilt: float
+    curvature: float
+    room: float = _INDENTED
+
+
+def _surface(rng: np.random.Generator, shape: str, radius: float) -> _Surface:
+    """Surface of an object that is not round, for a fingertip of that radius [m]."""
     r = RANGES
     tilt = np.deg2rad(evenly(rng, r.tilt_deg))
     if shape == "tilted":
-        return lambda x: np.tan(tilt) * x, tilt, 0.0
+        return _Surface(lambda x: np.tan(tilt) * x, tilt, 0.0)
     tilt *= rng.random() < 0.3  # else a bump is on a level surface
-    height, width = 1e-3 * by_factor(rng, r.height_mm), 1e-3 * by_factor(rng, r.width_mm)
-    middle = rng.normal(0.0, 1e-3)
+    two = shape == "two"
+    height = 1e-3 * by_factor(rng, r.ridges_mm if two else r.height_mm)
+    width = 1e-3 * by_factor(rng, r.width_mm)
+    middle, room = rng.normal(0.0, 0.3e-3 if two else 1e-3), _INDENTED
     tops = [middle]
-    if shape == "two":
+    if two:
         apart = 1e-3 * evenly(rng, r.contacts_apart_mm)
         tops = [middle - apart / 2, middle + apart / 2]
-        width = apart * rng.uniform(0.2, 0.4)
-    # The sharpest bump has the curvature of the sharpest round object.
-    height = min(height, 0.9 * r.curvature_per_m[1] * width**2)
-    heights = height * (rng.uniform(0.8, 1.0, len(tops)) if shape == "two" else np.ones(1))
+        width = apart * evenly(rng, _RIDGES)
+    height = min(height, r.bump_curvature_per_m * width**2)
+    if two and rng.random() < _APART_STILL:  # what is between the ridges is not reached
+        room = max(height - (apart / 2) ** 2 / (2.0 * radius), _LEAST_ROOM)
+    heights = height * (rng.uniform(0.85, 1.0, len(tops)) if two else np.ones(1))
     side = 1.0 if shape == "groove" else -1.0
 
     def surface(x: Array) -> Array:
         hills: Array = np.exp(-0.5 * ((x[:, None] - tops) / width) ** 2) @ heights
         return np.tan(tilt) * x + side * hills
 
-    return surface, tilt, 0.0 if shape == "groove" else height / width**2
+    # What is sharper than any round object is lower than the skin gives way.
+    curvature = 0.0 if shape == "groove" else min(height / width**2, r.curvature_per_m[1])
+    return _Surface(surface, tilt, curvature, room)
 
 
-def largest_grip(fingertip: Fingertip, stiffness: float, curvature: float) -> float:
+def largest_grip(
+    fingertip: Fingertip, stiffness: float, curvature: float, room: float = _INDENTED
+) -> float:
     """Grip that an object carries before the fingertip is through it, or half indented [N].
 
     Object and tissue are springs in series, over the width in which the two circles overlap.
     """
     tissue = fingertip.tissue_stiffness
-    depth = min(_INDENTED, _DEEPEST / curvature) if curvature > 0.0 else _INDENTED
+    depth = min(room, _DEEPEST / curvature) if curvature > 0.0 else room
     half_width = np.sqrt(2.0 * depth / (1.0 / fingertip.radius + curvature))
     nodes = 2.0 * half_width * (REFERENCE_NODES - 1) / fingertip.arc_lengths()[-1]
     in_series = tissue * stiffness / (tissue + stiffness)

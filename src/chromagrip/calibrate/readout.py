@@ -19,11 +19,17 @@ from ..output.folder import filling, whole_file
 from ..output.processes import map_processes
 from ..render import SensorDesign, open_renderer
 from ..tracking import MarkerTracker, Palette, SensorCalibration
-from ..tracking.forces import check_markers, training_key
-from ..tracking.forces.chain import circle_places, fields_on_circles, limited, save_readout
+from ..tracking.forces import check_markers, floor_variances, training_key
+from ..tracking.forces.chain import (
+    believed,
+    circle_places,
+    fields_on_circles,
+    limited,
+    save_readout,
+)
 from .histories import Snapshots, snapshots
 from .learner import Learner
-from .networks import Basis, Lessons, fit_readout, make_basis
+from .networks import Basis, Errors, Lessons, fit_readout, make_basis
 from .spanned import spanned_ranges
 from .variations import VariationRanges, random_variations, varied_shifts
 
@@ -58,7 +64,7 @@ def train(
     out: Path,
     workers: int,
     tell: Callable[[str], None],
-) -> dict[str, float]:
+) -> Errors:
     """Train a read-out and write it; the RMS errors on histories held out.
 
     Finished parts stay in the folder `out`.parts until the read-out is written: an interrupted
@@ -135,7 +141,6 @@ def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     with closing(camera):
         tracker.reset(camera.expose_rest(state, _FRAMES))
         tracks = tracker.update(camera.expose(state, 0))
-    floor = [calibration.position_floor, calibration.position_floor, calibration.size_floor] * 2
     # Variances of the design's pairs, each that of the pair that was found nearest to it.
     places = sensor.view.project(sensor.shape.points(sensor.places, sensor.depths[0]))
     distance = np.linalg.norm(places[:, None] - tracks.position[0], axis=-1)
@@ -155,7 +160,7 @@ def _basis(calibration: SensorCalibration, noise: float) -> Basis:
         designed,
         (even, odd),
         sensor.places,
-        np.sqrt(variance + np.square(floor)),
+        np.sqrt(variance + believed(floor_variances(calibration))),
         np.sqrt(variance),
     )
 

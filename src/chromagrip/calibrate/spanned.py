@@ -48,6 +48,8 @@ _WORDS = {
     "height_mm": "height of bumps and grooves",
     "width_mm": "width of bumps and grooves, one standard deviation",
     "contacts_apart_mm": "distance of two contacts",
+    "ridges_mm": "height of two contacts",
+    "bump_curvature_per_m": "curvature of bumps and of two contacts",
     "dahl_stiffness_n_per_m": "σ0 per node",
     "coulomb_stiffness_n_per_m": "σ0 per node of objects without a Dahl law",
     "dahl_exponent": "Dahl exponent n",
@@ -65,10 +67,12 @@ _WORDS = {
     "off_plane_share": "change of the motion off the chain's plane",
     "contraction": "lateral contraction over shear",
     "twist_deg": "twist about the grip's axis",
-    "twist_reach_deg": "angle from the apex at which a twist has fallen off",
+    "twist_reach_deg": "angle from the apex at which a twist begins to fall off",
+    "twist_decay": "power of the distance with which it falls off",
     "follow_share": "change of a layer's `follow`",
     "depth_share": "change of a layer's depth",
     "unknown_share": "motion that no map describes, over the skin's",
+    "size_share": "change of log sizes by blur and light",
 }
 
 

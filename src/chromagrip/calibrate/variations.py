@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 _TERMS = 4
 #: Step of derivatives by differences [rad].
 _NUDGE = 1e-4
+#: Motion of the skin at which blur and light have changed sizes by half of what they do [m].
+_MOVED = 1e-4
 #: Snapshots at a time: all of them would need much memory.
 _AT_ONCE = 50
 
@@ -37,10 +39,12 @@ class VariationRanges:
     off_plane_share: largest change of each part of the map off the chain's plane
     contraction: largest lateral contraction, as a share of the shear
     twist_deg: standard deviation of a twist about the grip's axis [°]
-    twist_reach_deg: angle from the apex at which it has fallen off, smallest and largest [°]
+    twist_reach_deg: angle from the apex at which it begins to fall off, smallest and largest [°]
+    twist_decay: power of the distance with which it falls off, smallest and largest
     follow_share: largest change of a layer's `follow`
     depth_share: largest change of a layer's depth
     unknown_share: motion that no map describes, as a share of the skin's, smallest and largest
+    size_share: change of log sizes by blur and light where the skin has moved, smallest and largest
     """
 
     nominal_share: float = 0.5
@@ -50,10 +54,12 @@ class VariationRanges:
     off_plane_share: float = 0.16
     contraction: float = 0.3
     twist_deg: float = 5.0
-    twist_reach_deg: tuple[float, float] = (15.0, 70.0)
+    twist_reach_deg: tuple[float, float] = (5.0, 45.0)
+    twist_decay: tuple[float, float] = (1.5, 6.0)
     follow_share: float = 0.14
     depth_share: float = 0.18
     unknown_share: tuple[float, float] = (0.002, 0.04)
+    size_share: tuple[float, float] = (0.0005, 0.006)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,10 +72,12 @@ class Variations:
     off_plane: change of (radial, shear, axial, tilt) at φ = 90°, shape (S, 4)
     contraction: lateral, over the shear, shape (S,)
     twist: about the grip's axis [rad], shape (S,)
-    twist_reach: angle from the apex at which it has fallen off [rad], shape (S,)
+    twist_reach: angle from the apex at which it begins to fall off [rad], shape (S,)
+    twist_decay: power of the distance with which it falls off, shape (S,)
     follow, depth: factors of each layer's, shape (S, 2)
     unknown: amounts (S, 2, Q, 3) of smooth motions of each layer along (r, θ, φ)
     unknown_form: (m, phase, θ, width) of each, shape (S, 2, Q, 4)
+    sizes: amounts of smooth changes of log sizes of each layer, in the same forms, shape (S, 2, Q)
     """
 
     azimuth: Array
@@ -77,10 +85,12 @@ class Variations:
     contraction: Array
     twist: Array
     twist_reach: Array
+    twist_decay: Array
     follow: Array
     depth: Array
     unknown: Array
     unknown_form: Array
+    sizes: Array
 
     def part(self, which: slice | NDArray[np.bool_]) -> "Variations":
         """Those of some snapshots."""
@@ -95,10 +105,12 @@ class Variations:
             contraction=np.zeros(count),
             twist=np.zeros(count),
             twist_reach=np.ones(count),
+            twist_decay=np.ones(count),
             follow=np.ones((count, 2)),
             depth=np.ones((count, 2)),
             unknown=np.zeros((count, 2, _TERMS, 3)),
             unknown_form=np.ones((count, 2, _TERMS, 4)),
+            sizes=np.zeros((count, 2, _TERMS)),
         )
 
 
@@ -133,6 +145,7 @@ def random_variations(
     form[:, 1] = np.where(
         (unknown[:, 1] == unknown[:, 0]).all(axis=(1, 2))[:, None, None], form[:, 0], form[:, 1]
     )
+    sizes = log_uniform(rng, ranges.size_share, count) * moved / (moved + _MOVED)
     # The estimate of the azimuth is never exact.
     azimuth = np.deg2rad(ranges.azimuth_noise_deg * rng.standard_normal(count))
     azimuth += some(np.deg2rad(ranges.azimuth_deg) * rng.standard_normal(count))
@@ -142,10 +155,12 @@ def random_variations(
         contraction=some(uniform(ranges.contraction)),
         twist=some(np.deg2rad(ranges.twist_deg) * rng.standard_normal(count)),
         twist_reach=np.deg2rad(rng.uniform(*ranges.twist_reach_deg, count)),
+        twist_decay=rng.uniform(*ranges.twist_decay, count),
         follow=some(1.0 + uniform(ranges.follow_share, 2), 1.0),
         depth=some(1.0 + uniform(ranges.depth_share, 2), 1.0),
         unknown=some(unknown),
         unknown_form=form,
+        sizes=some(sizes[:, None, None] * rng.standard_normal((count, 2, _TERMS))),
     )
 
 
@@ -204,14 +219,19 @@ class _Markers:
             ahead, back = (
                 _displacement(theta, phi + h, value, variations, layer) for h in (_NUDGE, -_NUDGE)
             )
+            # What the chain carries is held still here: its slope comes after.
             up, down = (
-                _displacement(theta + h, phi, None, variations, layer) for h in (_NUDGE, -_NUDGE)
+                _displacement(theta + h, phi, value, variations, layer) for h in (_NUDGE, -_NUDGE)
             )
-            along = _displacement(theta, phi, slope, variations, layer, smooth=False)
+            along = _displacement(theta, phi, slope, variations, layer, derivative=True)
             along = along + (up - down) / (2.0 * _NUDGE)
             around = (ahead - back) / (2.0 * _NUDGE) / carry.ring[:, None]
             here = self._measured(layer, variations, moved, along, around)
-            parts.append(here - self._at_rest(layer, variations))
+            here = here - self._at_rest(layer, variations)
+            turned = phi - variations.azimuth[:, None]
+            waves = _waves(theta, turned, variations.unknown_form[:, layer])
+            here[..., 2] += np.einsum("sqp,sq->sp", waves, variations.sizes[:, layer])
+            parts.append(here)
         return np.concatenate(parts, axis=-1)
 
     def _at_rest(self, layer: int, variations: Variations) -> Array:
@@ -259,44 +279,71 @@ def _harmonics(right: Array, left: Array) -> tuple[Array, Array, Array, Array]:
 def _displacement(
     theta: Array,
     phi: Array,
-    parts: tuple[Array, Array, Array, Array] | None,
+    parts: tuple[Array, Array, Array, Array],
     v: Variations,
     layer: int,
     *,
-    smooth: bool = True,
+    derivative: bool = False,
 ) -> Array:
-    """Displacement (S, P, 3) at places, of the chain's parts and of what no chain describes."""
+    """Displacement (S, P, 3) at places, of the chain's parts and of what no chain describes.
+
+    With `derivative` the parts are those of the chain's derivative along θ, of which only the
+    turning is left to do.
+    """
     turned = phi - v.azimuth[:, None]
     cos, sin = np.cos(turned), np.sin(turned)
-    total = np.zeros((*turned.shape, 3))
-    if parts is not None:
-        aside = sin**2
-        radial, shear, axial, tilt = (
-            part * (1.0 + v.off_plane[:, k, None] * aside) for k, part in enumerate(parts)
-        )
-        total[..., 0] = radial * cos + shear
-        total[..., 1] = radial * sin - v.contraction[:, None] * parts[1] * sin * cos
-        total[..., 2] = axial + tilt * cos
-    if smooth:
-        some = (v.twist != 0.0) | v.unknown[:, layer].any(axis=(1, 2))
-        total[some] += _smooth(theta, turned[some], v.part(some), layer)
+    aside = sin**2
+    radial, shear, axial, tilt = (
+        part * (1.0 + v.off_plane[:, k, None] * aside) for k, part in enumerate(parts)
+    )
+    drawn_in = v.contraction[:, None] * parts[1] * sin * cos
+    total = np.stack([radial * cos + shear, radial * sin - drawn_in, axial + tilt * cos], axis=-1)
+    if not derivative:
+        moves = np.asarray(v.unknown[:, layer].any(axis=(1, 2)))
+        total[moves] += _unknown(theta, turned[moves], v.part(moves), layer)
+    some = np.asarray(v.twist != 0.0)
+    at_rest = 0.0 if derivative else _RADIUS * np.sin(theta)
+    total[some] += _twist(theta, turned[some], v.part(some), total[some], at_rest)
     c, s = np.cos(v.azimuth)[:, None], np.sin(v.azimuth)[:, None]
     x, y = total[..., 0].copy(), total[..., 1].copy()
     total[..., 0], total[..., 1] = c * x - s * y, s * x + c * y
     return total
 
 
-#: Distance at which a twist is measured [m]; only its share of the radius matters.
+#: Distance of the skin from the centre [m].
 _RADIUS = 8e-3
 
 
-def _smooth(theta: Array, phi: Array, v: Variations, layer: int) -> Array:
-    """Twist and unknown motion (S, P, 3) [m]."""
-    m, phase, middle, width = np.moveaxis(v.unknown_form[:, layer], -1, 0)[..., None]
-    wave = np.cos(m * phi[:, None] + phase) * np.exp(-(((theta - middle) / width) ** 2))
-    radial, along, around = np.einsum("sqp,sqk->ksp", wave, v.unknown[:, layer])
-    turn = v.twist[:, None] * np.exp(-((theta / v.twist_reach[:, None]) ** 2))
-    around = around + turn * np.sin(theta) * _RADIUS
+def _twist(theta: Array, phi: Array, v: Variations, moved: Array, at_rest: Array | float) -> Array:
+    """Further displacement (S, P, 3) by a turn about the axis of points that have moved.
+
+    Parameters
+    ----------
+    theta, phi: places, shapes (P,) and (S, P)
+    v: variations
+    moved: displacement without the twist [m], shape (S, P, 3)
+    at_rest: distance of the places from the axis [m], shape (P,)
+    """
+    # As far outside the contact as that of a half space under a turned disc, or otherwise.
+    reach = v.twist_reach[:, None]
+    share = (1.0 + (theta / reach) ** 4) ** (-0.25 * v.twist_decay[:, None])
+    angle = v.twist[:, None] * share
+    cos, sin = np.cos(angle) - 1.0, np.sin(angle)
+    x, y = at_rest * np.cos(phi) + moved[..., 0], at_rest * np.sin(phi) + moved[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y, np.zeros_like(x)], axis=-1)
+
+
+def _waves(theta: Array, phi: Array, form: Array) -> Array:
+    """Smooth functions of the place (S, Q, P) of forms (S, Q, 4), see `Variations`."""
+    m, phase, middle, width = np.moveaxis(form, -1, 0)[..., None]
+    wave: Array = np.cos(m * phi[:, None] + phase) * np.exp(-(((theta - middle) / width) ** 2))
+    return wave
+
+
+def _unknown(theta: Array, phi: Array, v: Variations, layer: int) -> Array:
+    """Motion that no map describes (S, P, 3) [m]."""
+    waves = _waves(theta, phi, v.unknown_form[:, layer])
+    radial, along, around = np.einsum("sqp,sqk->ksp", waves, v.unknown[:, layer])
     cos, sin = np.cos(phi), np.sin(phi)
     up, out = np.cos(theta), np.sin(theta)
     outwards = radial * out + along * up

@@ -300,8 +300,8 @@ def train(
         print(json.dumps({"readout": str(file), "histories": histories, "errors": errors}))
         return 0
     print(
-        f"error on histories outside the training: {errors['friction_n']:.3f} N of friction and "
-        f"{errors['mu']:.3f} of µ, RMS over all noise levels"
+        f"error on histories outside the training: {errors['margin']:.3f} of Γ and "
+        f"{100 * errors['mu']:.0f} % of µ, RMS over all noise levels"
     )
     if out is None:
         print(f"read-out {file}, kept for every use of this design")

@@ -107,8 +107,9 @@ class SimulatedCamera:
             return self._renderer.render(membrane)
 
     def _finish(self, images: list[Image], time: float, index: int) -> Frame:
-        image = self._imaging(images, index)
+        image = self._imaging.measured(images, index)
         add_noise(image, self._noise, self._seed, index)
+        image = self._imaging.compressed(image)
         if self._picture is not None:
             image = self._picture(image)
         return Frame(image=image, time=time)

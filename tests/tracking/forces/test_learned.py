@@ -57,7 +57,7 @@ class Specimen:
 @pytest.fixture(scope="module")
 def unseen() -> Snapshots:
     """Of histories that no training has seen, those that a gripper meets."""
-    found = snapshots(TIP, range(900_000, 900_320))
+    found = snapshots(TIP, range(900_000, 900_640))
     normal, friction, mu = found.totals.T
     margin = 1.0 - abs(friction) / (mu * normal)
     usual = (normal > 0.4) & (normal < 6.0) & (margin > 0.05) & (margin < 0.85)
@@ -100,7 +100,7 @@ def test_forces_of_unseen_presses_on_a_specimen_of_its_own(
     assert normal < 0.08 * unseen.totals[:, 0].mean()
     assert friction < 0.05
     # The friction law is one of many: µ is read less sharply than with a law that is known.
-    assert mu < min(0.08, 0.45 * unseen.totals[:, 2].std())
+    assert mu < min(0.09, 0.45 * unseen.totals[:, 2].std())
     covered = (abs(error) < 1.645 * stated).mean(axis=0)
     assert (covered > 0.8).all()
     # The interval of ΣFn is too wide on a specimen as designed: it spans those that are not.

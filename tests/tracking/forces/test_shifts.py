@@ -128,3 +128,42 @@ def test_covariances_are_carried_to_the_designs_pixels() -> None:
     np.testing.assert_allclose(
         (noise - np.diag(shifts.floor)) / scale, 3.0 * wanted / scale, atol=6e-3
     )
+
+
+def test_the_marker_that_is_left_of_a_pair_is_read() -> None:
+    """What is there is as with both; what is not says nothing, and a pair does not wait for it."""
+    rest, pressed = of_posed(of_design(0.0), POSE), of_posed(of_design(0.3e-3), POSE)
+    calibration = nominal_calibration(SENSOR)
+    both = MarkerShifts(calibration, rest, np.inf, POSE)
+    wanted, _ = both(pressed, 0)
+    worn = np.zeros((2, COUNT), dtype=bool)
+    worn[0, :15] = worn[1, 10:20] = True
+
+    def without(seen: Tracks) -> Tracks:
+        gone = worn.repeat(3, axis=0).T
+        return replace(
+            seen,
+            position=np.where(worn[..., None], np.nan, seen.position),
+            log_size=np.where(worn, np.nan, seen.log_size),
+            covariance=np.where(gone[:, :, None] | gone[:, None], np.nan, seen.covariance),
+            visible=seen.visible & ~worn,
+        )
+
+    whole = MarkerShifts(calibration, without(rest), np.inf, POSE)
+    assert not np.intersect1d(whole.pairs, np.arange(20)).size
+    halves = MarkerShifts(calibration, without(rest), np.inf, POSE, halves=True)
+    assert np.array_equal(
+        np.arange(COUNT)[halves.pairs], np.delete(np.arange(COUNT), range(10, 15))
+    )
+    read, certain = halves(without(pressed), 0)
+    assert certain.all()
+    measured = ~worn.repeat(3, axis=0).T[halves.pairs]
+    assert np.array_equal(halves.measured, measured)
+    np.testing.assert_allclose(read, np.where(measured, wanted[halves.pairs], 0.0), atol=1e-3)
+    covariance = halves.covariance(without(pressed))
+    of_both = both.covariance(pressed)[halves.pairs]
+    together = measured[:, :, None] & measured[:, None]
+    np.testing.assert_allclose(covariance[together], of_both[together])
+    assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+    assert not covariance[measured[:, :, None] & ~measured[:, None]].any()
+    np.testing.assert_allclose(halves.places[0, :10], halves.places[1, :10])

@@ -9,6 +9,7 @@ from .contact_reading import ForcePrior
 from .fields import at_places, circle_places, fields_on_circles
 from .gaussian_process import MIN_MARKERS, GaussianProcess
 from .learned import Learned
+from .noise_level import believed
 from .readout import (
     BEND,
     Layers,
@@ -40,6 +41,7 @@ __all__ = [
     "Used",
     "UsedReadOut",
     "at_places",
+    "believed",
     "circle_places",
     "fields_on_circles",
     "forward",

@@ -15,8 +15,9 @@ from ....model import LoadPlane
 from ...tracks import Tracks
 from ..reconstructors import NoEstimateError
 from ..shifts import MEASURED
+from .noise_level import NOISE_CHANGE, NoiseLevel, VagueSizes, Weights, noise_level, vague_sizes
 from .readout import limited
-from .specimen import SIZES, Aligned, Specimen, aligned
+from .specimen import SIZES, Specimen, aligned
 
 Array = NDArray[np.float64]
 #: Names of the numbers that describe what the even codes leave of a frame.
@@ -51,81 +52,10 @@ _LEAST_TURN = np.deg2rad(0.7)
 _CERTAIN_TURN = 3.0
 #: Changes of the azimuth in one frame.
 _TURNS = 6
-#: Smallest share of a code that pairs must determine for the prior to be undone.
-_DETERMINED = 0.7
 #: Lost measurements over unknowns below which a covariance is updated, not computed anew.
 _FEW = 0.5
 #: Part of the noise's variance that is added before a logarithm: less says nothing.
 _LEAST = 0.01
-#: Weights are computed anew when the noise has changed by more than this share …
-_NOISE_CHANGE = 0.25
-#: … and those of single pairs where the variance of a log size is more than this many times theirs.
-_VAGUER = 4.0
-#: Directions of codes whose variance is more than this many times the median's widen the interval.
-_NOISIER = 2.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Weights:
-    """What P pairs say of U unknowns, in units of their noise.
-
-    Attributes
-    ----------
-    whiten: of each pair's shifts, shape (P, 6, 6)
-    rows: change of each whitened shift with the unknowns, shape (6P, U)
-    information: of all pairs and of the prior, shape (U, U)
-    covariance: its inverse, shape (U, U)
-    """
-
-    whiten: Short
-    rows: Short
-    information: Array
-    covariance: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoiseLevel:
-    """Weights for frames of one noise level, and what follows from them where no pair is missing.
-
-    Attributes
-    ----------
-    aligned: mean and loadings for the azimuth of the load
-    level: median variance of a pair's x [px²]
-    sizes: variances of a pair's log sizes in a frame, shape (P, 2)
-    constant: covariance of the errors that are the same in every frame, shape (P, 6, 6)
-    weights: of the pairs
-    unshrink: factor of each unknown that undoes the prior: the read-out was trained on codes with
-        noise, not on codes drawn towards their mean; shape (U,)
-    variance: of each code, shape (K,)
-    constant_variance: share of it that is the same in every frame, shape (K,)
-    excess: covariance of the codes beyond that of training, shape (K, K)
-    """
-
-    aligned: Aligned
-    level: float
-    sizes: Array
-    constant: Array
-    weights: Weights
-    unshrink: Array
-    variance: Array
-    constant_variance: Array
-    excess: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class VagueSizes:
-    """Weights where the log sizes of some pairs are vaguer than at the noise level.
-
-    Attributes
-    ----------
-    pairs: which, shape (P,)
-    variances: of their measurements, shape (V, 6)
-    weights: of all pairs
-    """
-
-    pairs: Mask
-    variances: Array
-    weights: Weights
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,28 +133,28 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
         When fewer than MIN_PAIRS pairs are visible.
     """
     shifts, certain = specimen.shifts(tracks, MIN_PAIRS)
-    visible = np.asarray(tracks.visible[:, specimen.shifts.pairs].all(axis=0))
-    level = float(np.median(tracks.covariance[specimen.shifts.pairs[visible], 0, 0]))
-    if kept is None or abs(level - kept.noise.level) >= _NOISE_CHANGE * kept.noise.level:
+    visible = specimen.shifts.whole(tracks.visible)
+    shifts = limited(np.where(visible[:, None], shifts, 0.0))
+    level = float(np.nanmedian(tracks.covariance[specimen.shifts.pairs[visible], 0, 0]))
+    if kept is None or abs(level - kept.noise.level) >= NOISE_CHANGE * kept.noise.level:
         plane = aligned(specimen, 0.0) if kept is None else kept.noise.aligned
-        kept = Kept(noise=_noise_level(specimen, plane, level, tracks, visible))
+        kept = Kept(noise=noise_level(specimen, plane, level, tracks, visible))
     for turns in range(_TURNS):
-        fit, after = _fit_aligned(specimen, kept, tracks, limited(shifts), certain)
+        fit, after = _fit_aligned(specimen, kept, tracks, shifts, visible, certain)
         turn, deviation = _turn(specimen, fit, after.noise)
         if turns == _TURNS - 1 or abs(turn) < max(_LEAST_TURN, _CERTAIN_TURN * deviation):
             break
         plane = aligned(specimen, kept.noise.aligned.azimuth + turn)
-        kept = Kept(noise=_noise_level(specimen, plane, level, tracks, visible))
+        kept = Kept(noise=noise_level(specimen, plane, level, tracks, visible))
     return fit, after
 
 
 def _fit_aligned(
-    specimen: Specimen, kept: Kept, tracks: Tracks, shifts: Array, certain: Mask
+    specimen: Specimen, kept: Kept, tracks: Tracks, shifts: Array, visible: Mask, certain: Mask
 ) -> tuple[Fit, Kept]:
-    """Unknowns of a frame for the kept azimuth."""
-    visible = np.asarray(tracks.visible[:, specimen.shifts.pairs].all(axis=0))
+    """Unknowns of a frame for the kept azimuth, from shifts (P, 6) of the visible pairs (P,)."""
     noise = kept.noise
-    vague = _vague_sizes(specimen, kept, tracks, visible)
+    vague = vague_sizes(specimen, noise, kept.vague, tracks, visible)
     weights = noise.weights if vague is None else vague.weights
     centred = (shifts - noise.aligned.mean).astype(np.float32)
     centred[~visible] = 0.0
@@ -269,7 +199,7 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
         When the pairs move as no trained press moves them.
     """
     count = len(noise.variance)
-    freedom = MEASURED * fit.pairs.sum() - len(fit.unknowns)
+    freedom = specimen.shifts.measured[fit.pairs].sum() - len(fit.unknowns)
     misfit = float((fit.missed[fit.pairs] ** 2).sum() / freedom)
     if misfit > _UNLIKE:
         raise NoEstimateError(
@@ -321,82 +251,6 @@ def _share(across: Array, along: Array) -> float:
 def odd_statistic(odd: Array, axis: int) -> Array:
     """Logarithm of the mean square of odd codes, over their noise."""
     return np.asarray(np.log((odd**2).mean(axis=axis) + _LEAST))
-
-
-def _noise_level(
-    specimen: Specimen, plane: Aligned, level: float, tracks: Tracks, visible: Mask
-) -> NoiseLevel:
-    """Weights for frames as noisy as this one, of a load in that plane."""
-    frame = specimen.shifts.covariance(tracks)
-    # A pair that is not visible now may be visible in a later frame.
-    frame[~visible] = np.median(frame[visible], axis=0)
-    constant = specimen.shifts.rest_covariance + np.diag(specimen.shifts.floor)
-    constant = constant + specimen.unexplained[:, :, None] * np.eye(MEASURED)
-    whiten = np.linalg.inv(np.linalg.cholesky(frame + constant))
-    pairs, _, unknowns = plane.loadings.shape
-    rows = (whiten @ plane.loadings).reshape(-1, unknowns)
-    # The prior keeps unknowns that no visible pair determines near their mean.
-    information = rows.T @ rows + np.diag(1.0 / specimen.strength)
-    covariance = np.asarray(np.linalg.inv(information))
-    # A code that the visible pairs hardly determine stays near its mean.
-    unshrink = 1.0 / np.maximum(1.0 - np.diag(covariance) / specimen.strength, _DETERMINED)
-    codes = specimen.codes
-    unshrink[-len(SIZES) :] = 1.0
-    variance = (unshrink * np.diag(covariance))[:codes]
-    # Where markers were missing at rest, some directions are noisier than all were in training.
-    typical = float(np.median(variance))
-    raised = (unshrink[:, None] * covariance * unshrink)[:codes, :codes]
-    spreads, directions = np.linalg.eigh(raised)
-    excess = np.where(spreads > _NOISIER * typical, spreads - typical, 0.0)
-    operator = (unshrink[:, None] * (covariance @ rows.T))[:codes].reshape(codes, pairs, MEASURED)
-    whitened = whiten @ constant @ np.swapaxes(whiten, 1, 2)
-    return NoiseLevel(
-        aligned=plane,
-        level=level,
-        sizes=frame[:, SIZES, SIZES],
-        constant=constant,
-        weights=Weights(
-            whiten=whiten.astype(np.float32),
-            rows=rows.astype(np.float32),
-            information=information,
-            covariance=covariance,
-        ),
-        unshrink=unshrink,
-        variance=variance,
-        constant_variance=np.einsum("kpi,pij,kpj->k", operator, whitened, operator, optimize=True),
-        excess=(directions * excess) @ directions.T,
-    )
-
-
-def _vague_sizes(
-    specimen: Specimen, kept: Kept, tracks: Tracks, visible: Mask
-) -> VagueSizes | None:
-    """Weights of a frame in which log sizes of some pairs, which touch others, are vaguer."""
-    noise, before = kept.noise, kept.vague
-    sizes = tracks.covariance[specimen.shifts.pairs[:, None], SIZES, SIZES]
-    pairs = visible & (sizes > _VAGUER * noise.sizes).any(axis=1)
-    if not pairs.any():
-        return None
-    covariance = specimen.shifts.covariance(tracks)[pairs]
-    variances = covariance.diagonal(axis1=1, axis2=2)
-    if before is not None and np.array_equal(pairs, before.pairs):
-        change = abs(variances - before.variances)
-        if (change < _NOISE_CHANGE * before.variances).all():
-            return before
-    whiten, unknowns = noise.weights.whiten.copy(), noise.aligned.loadings.shape[2]
-    rows = noise.weights.rows.reshape(len(pairs), MEASURED, unknowns).copy()
-    sure = rows[pairs].reshape(-1, unknowns).astype(float)
-    own = np.linalg.inv(np.linalg.cholesky(covariance + noise.constant[pairs]))
-    vague = (own @ noise.aligned.loadings[pairs]).reshape(sure.shape)
-    whiten[pairs], rows[pairs] = own, vague.reshape(-1, MEASURED, unknowns)
-    information = noise.weights.information - sure.T @ sure + vague.T @ vague
-    weights = Weights(
-        whiten=whiten,
-        rows=rows.reshape(-1, unknowns),
-        information=information,
-        covariance=np.asarray(np.linalg.inv(information)),
-    )
-    return VagueSizes(pairs=pairs, variances=variances, weights=weights)
 
 
 @dataclass(frozen=True, kw_only=True)

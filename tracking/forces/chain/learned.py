@@ -31,8 +31,8 @@ _OBSERVABLE = 0.4
 _LARGEST = 5.0
 #: What the context of a frame may exceed that of the training by: in logarithms.
 _SLACK = 0.2
-#: Largest factor by which compression may enlarge the errors of markers: that of H.264 at crf 16.
-_COMPRESSED = 7.0
+#: Largest factor by which compression may enlarge the errors of markers: that of H.264 at crf 18.
+_COMPRESSED = 7.5
 #: No µ is read below this.
 _SMALLEST_FRICTION = 0.05
 #: Less than this is no contact [N].
@@ -124,7 +124,7 @@ class Learned:
                 f"{tip.law} one of {tip.nodes}"
             )
         self._fingertip, self._readout, self._averaged = tip, readout, averaged
-        self._specimen = read_specimen(readout, MarkerShifts(calibration, rest, np.pi))
+        self._specimen = read_specimen(readout, MarkerShifts(calibration, rest, np.pi, halves=True))
         #: Displacement of the chain for each code and 1 [m], shape (K + 1, 2N).
         self._displacement = (
             readout.amounts @ readout.modes.reshape(len(readout.modes), -1)

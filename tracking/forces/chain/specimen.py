@@ -118,13 +118,15 @@ def _gains(design: SensorDesign, sensor: SensorDesign) -> Array:
 
 def aligned(specimen: Specimen, azimuth: float) -> Aligned:
     """Mean and loadings for a load of that azimuth [rad]."""
-    pairs = specimen.loadings.phi.shape[1]
+    measured = specimen.shifts.measured
+    pairs = len(measured)
     # A change of all sizes is the camera's, not a press.
     focus = np.broadcast_to(np.eye(MEASURED)[:, SIZES], (pairs, MEASURED, len(SIZES)))
     return Aligned(
         azimuth=azimuth,
-        mean=specimen.means.at(azimuth)[..., 0],
-        loadings=np.concatenate([specimen.loadings.at(azimuth), focus], axis=2),
+        mean=measured * specimen.means.at(azimuth)[..., 0],
+        loadings=measured[..., None]
+        * np.concatenate([specimen.loadings.at(azimuth), focus], axis=2),
     )
 
 

@@ -206,7 +206,7 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
     flaws = Flaws(sensor, c.defects, _SEED)
     absent = flaws.missing  # absent markers have a place too
     rest = rest_membrane(sensor, flaws.places)
-    at_rest = imaging(painter.render(_without(rest, absent)), 0)
+    at_rest = imaging.measured(painter.render(_without(rest, absent)), 0)
     gone = absent | _vanished(absent, c.vanishing)
     shots = []
     path = motion(
@@ -227,12 +227,12 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
         centre = _centres(sensor, moved)
         covered, partly = _behind(centre, _radius(sensor), patch)
         limit = _limits(c, k, sensor, membrane, light) if limits else np.full_like(centre, np.nan)
-        image = imaging(clean, k)
+        image = imaging.measured(clean, k)
         hue = _hues(image, outlines(membrane, sensor.view)[0])
         add_noise(image, c.noise, _SEED, k)
         shots.append(
             Shot(
-                frame=Frame(image=image, time=PERIOD * (k + 1)),
+                frame=Frame(image=imaging.compressed(image), time=PERIOD * (k + 1)),
                 centre=centre,
                 visible=~(gone | partly | covered),
                 hidden=gone | covered,
@@ -244,7 +244,7 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
     return Sequence(
         palette=Palette.of_sensor(stated),
         noise=c.noise,
-        rest=[noisy(at_rest, c.noise, 2**31 + k, 0.0) for k in range(REST_FRAMES)],
+        rest=_rest_frames(imaging, at_rest, c.noise),
         centre=_centres(sensor, rest),
         there=~absent,
         distance=_distance(rest),
@@ -259,6 +259,12 @@ def _limits(c: Conditions, k: int, sensor: SensorDesign, membrane: Membrane, lig
     return position_limits(
         sensor, membrane, ground, c.noise, defocus=c.defocus_px, contrast=c.contrast
     )
+
+
+def _rest_frames(imaging: Imaging, measured: Image, noise: float) -> list[Frame]:
+    """Frames of the unloaded sensor, each with noise of its own."""
+    noises = (noisy(measured, noise, 2**31 + k, 0.0) for k in range(REST_FRAMES))
+    return [Frame(image=imaging.compressed(frame.image), time=frame.time) for frame in noises]
 
 
 def noisy(clean: Image, noise: float, index: int, time: float) -> Frame:

@@ -1,0 +1,70 @@
+"""Variations of the training against a skin that is moved with points in space."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from chromagrip.calibrate.variations import (
+    VariationRanges,
+    Variations,
+    random_variations,
+    varied_shifts,
+)
+from chromagrip.measure.beyond.carried_skin import CarriedSkin, Motion
+from chromagrip.model import ContactObject, Fingertip, equilibrium
+from chromagrip.render import areas, centroids, load_sensor, outlines
+
+SENSOR = load_sensor("thesis")
+TIP = Fingertip()
+CHAIN = equilibrium(TIP, ContactObject(curvature=60.0, friction=0.8), 2.0, 0.7).deformation.seen
+REACH, DECAY = 0.4, 3.0
+
+
+class Turned(CarriedSkin):
+    """A skin whose twist falls off as the training's does."""
+
+    def _turning(self, rest: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+        theta = np.arccos(np.clip(rest[:, 2], -1.0, 1.0))
+        return (1.0 + (theta / REACH) ** 4) ** (-DECAY / 4.0)
+
+
+def seen(skin: CarriedSkin, chain: np.ndarray) -> np.ndarray:
+    """Places and log sizes (P, 6) of the markers."""
+    image = outlines(skin(chain), SENSOR.view)
+    values = np.concatenate(
+        [centroids(image, False), 0.5 * np.log(areas(image, False))[..., None]], axis=-1
+    )
+    return np.concatenate(list(values), axis=-1)
+
+
+@pytest.mark.parametrize("degrees", [-3.0, 8.0])
+def test_a_twist_turns_the_skin_about_the_axis_where_it_has_moved_to(degrees: float) -> None:
+    twist = np.deg2rad(degrees)
+    variations = replace(
+        Variations.none(1),
+        twist=np.array([twist]),
+        twist_reach=np.array([REACH]),
+        twist_decay=np.array([DECAY]),
+    )
+    found = varied_shifts(SENSOR, SENSOR.places, TIP, CHAIN[None], variations)[0]
+    expected = seen(Turned(SENSOR, TIP.nodes, Motion(twist=twist)), CHAIN)
+    expected -= seen(CarriedSkin(SENSOR, TIP.nodes, Motion()), np.zeros_like(CHAIN))
+    places, sizes = [0, 1, 3, 4], [2, 5]
+    np.testing.assert_allclose(found[:, places], expected[:, places], atol=2e-3)
+    np.testing.assert_allclose(found[:, sizes], expected[:, sizes], atol=3e-3)
+    assert abs(expected[:, places]).max() > 5.0
+
+
+def test_sizes_change_where_the_skin_moves_and_nothing_else_does() -> None:
+    ranges = VariationRanges(nominal_share=0.0, each_share=1.0, size_share=(0.01, 0.01))
+    chain = np.stack([CHAIN, np.zeros_like(CHAIN)])
+    drawn = random_variations(np.random.default_rng(3), chain, ranges)
+    none = Variations.none(2)
+    only = replace(none, sizes=drawn.sizes, unknown_form=drawn.unknown_form)
+    shifts, without = (varied_shifts(SENSOR, SENSOR.places, TIP, chain, v) for v in (only, none))
+    change = shifts - without
+    assert not change[..., [0, 1, 3, 4]].any()
+    assert not change[1].any()
+    size = np.sqrt((change[0][:, [2, 5]] ** 2).mean(axis=0))
+    assert ((size > 1e-3) & (size < 0.03)).all()

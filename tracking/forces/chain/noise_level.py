@@ -1,0 +1,178 @@
+"""Weights of the marker pairs at a frame's noise level: what their shifts say of the codes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...tracks import Tracks
+from ..shifts import MEASURED
+from .specimen import SIZES, Aligned, Specimen
+
+Array = NDArray[np.float64]
+#: Of what is multiplied in every frame: half the memory to read, and far finer than the noise.
+Short = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+#: Least model error of log sizes: light and lens change them by more than a calibration tells, and
+#: by other amounts where the skin has moved.
+_SIZE_FLOOR = 2e-3
+#: Smallest share of a code that pairs must determine for the prior to be undone.
+_DETERMINED = 0.7
+#: Weights are computed anew when the noise has changed by more than this share …
+NOISE_CHANGE = 0.25
+#: … and those of single pairs where the variance of a log size is more than this many times theirs.
+_VAGUER = 4.0
+#: Directions of codes whose variance is more than this many times the median's widen the interval.
+_NOISIER = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """What P pairs say of U unknowns, in units of their noise.
+
+    Attributes
+    ----------
+    whiten: of each pair's shifts, shape (P, 6, 6)
+    rows: change of each whitened shift with the unknowns, shape (6P, U)
+    information: of all pairs and of the prior, shape (U, U)
+    covariance: its inverse, shape (U, U)
+    """
+
+    whiten: Short
+    rows: Short
+    information: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseLevel:
+    """Weights for frames of one noise level, and what follows from them where no pair is missing.
+
+    Attributes
+    ----------
+    aligned: mean and loadings for the azimuth of the load
+    level: median variance of a pair's x [px²]
+    sizes: variances of a pair's log sizes in a frame, shape (P, 2)
+    constant: covariance of the errors that are the same in every frame, shape (P, 6, 6)
+    weights: of the pairs
+    unshrink: factor of each unknown that undoes the prior: the read-out was trained on codes with
+        noise, not on codes drawn towards their mean; shape (U,)
+    variance: of each code, shape (K,)
+    constant_variance: share of it that is the same in every frame, shape (K,)
+    excess: covariance of the codes beyond that of training, shape (K, K)
+    """
+
+    aligned: Aligned
+    level: float
+    sizes: Array
+    constant: Array
+    weights: Weights
+    unshrink: Array
+    variance: Array
+    constant_variance: Array
+    excess: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class VagueSizes:
+    """Weights where the log sizes of some pairs are vaguer than at the noise level.
+
+    Attributes
+    ----------
+    pairs: which, shape (P,)
+    variances: of their measurements, shape (V, 6)
+    weights: of all pairs
+    """
+
+    pairs: Mask
+    variances: Array
+    weights: Weights
+
+
+def believed(floor: Array) -> Array:
+    """Variances of a pair's model errors (6,), in which sizes are no better than they can be."""
+    least = np.zeros(MEASURED)
+    least[SIZES] = _SIZE_FLOOR**2
+    return np.maximum(floor, least)
+
+
+def noise_level(
+    specimen: Specimen, plane: Aligned, level: float, tracks: Tracks, visible: Mask
+) -> NoiseLevel:
+    """Weights for frames as noisy as this one, of a load in that plane."""
+    frame = specimen.shifts.covariance(tracks)
+    # A pair that is not visible now may be visible in a later frame.
+    frame[~visible] = np.median(frame[visible], axis=0)
+    frame = specimen.shifts.separated(frame)
+    floor = believed(specimen.shifts.floor)
+    constant = specimen.shifts.rest_covariance + np.diag(floor)
+    constant = constant + specimen.unexplained[:, :, None] * np.eye(MEASURED)
+    whiten = np.linalg.inv(np.linalg.cholesky(frame + constant))
+    pairs, _, unknowns = plane.loadings.shape
+    rows = (whiten @ plane.loadings).reshape(-1, unknowns)
+    # The prior keeps unknowns that no visible pair determines near their mean.
+    information = rows.T @ rows + np.diag(1.0 / specimen.strength)
+    covariance = np.asarray(np.linalg.inv(information))
+    # A code that the visible pairs hardly determine stays near its mean.
+    unshrink = 1.0 / np.maximum(1.0 - np.diag(covariance) / specimen.strength, _DETERMINED)
+    codes = specimen.codes
+    unshrink[-len(SIZES) :] = 1.0
+    variance = (unshrink * np.diag(covariance))[:codes]
+    # Where markers were missing at rest, some directions are noisier than all were in training.
+    typical = float(np.median(variance))
+    raised = (unshrink[:, None] * covariance * unshrink)[:codes, :codes]
+    spreads, directions = np.linalg.eigh(raised)
+    excess = np.where(spreads > _NOISIER * typical, spreads - typical, 0.0)
+    operator = (unshrink[:, None] * (covariance @ rows.T))[:codes].reshape(codes, pairs, MEASURED)
+    whitened = whiten @ constant @ np.swapaxes(whiten, 1, 2)
+    return NoiseLevel(
+        aligned=plane,
+        level=level,
+        sizes=frame[:, SIZES, SIZES],
+        constant=constant,
+        weights=Weights(
+            whiten=whiten.astype(np.float32),
+            rows=rows.astype(np.float32),
+            information=information,
+            covariance=covariance,
+        ),
+        unshrink=unshrink,
+        variance=variance,
+        constant_variance=np.einsum("kpi,pij,kpj->k", operator, whitened, operator, optimize=True),
+        excess=(directions * excess) @ directions.T,
+    )
+
+
+def vague_sizes(
+    specimen: Specimen,
+    noise: NoiseLevel,
+    before: VagueSizes | None,
+    tracks: Tracks,
+    visible: Mask,
+) -> VagueSizes | None:
+    """Weights of a frame in which log sizes of some pairs, which touch others, are vaguer."""
+    sizes = tracks.covariance[specimen.shifts.pairs[:, None], SIZES, SIZES]
+    pairs = visible & (sizes > _VAGUER * noise.sizes).any(axis=1)
+    if not pairs.any():
+        return None
+    covariance = specimen.shifts.covariance(tracks)[pairs]
+    variances = covariance.diagonal(axis1=1, axis2=2)
+    if before is not None and np.array_equal(pairs, before.pairs):
+        change = abs(variances - before.variances)
+        if (change < NOISE_CHANGE * before.variances).all():
+            return before
+    whiten, unknowns = noise.weights.whiten.copy(), noise.aligned.loadings.shape[2]
+    rows = noise.weights.rows.reshape(len(pairs), MEASURED, unknowns).copy()
+    sure = rows[pairs].reshape(-1, unknowns).astype(float)
+    own = np.linalg.inv(np.linalg.cholesky(covariance + noise.constant[pairs]))
+    vague = (own @ noise.aligned.loadings[pairs]).reshape(sure.shape)
+    whiten[pairs], rows[pairs] = own, vague.reshape(-1, MEASURED, unknowns)
+    information = noise.weights.information - sure.T @ sure + vague.T @ vague
+    weights = Weights(
+        whiten=whiten,
+        rows=rows.reshape(-1, unknowns),
+        information=information,
+        covariance=np.asarray(np.linalg.inv(information)),
+    )
+    return VagueSizes(pairs=pairs, variances=variances, weights=weights)
