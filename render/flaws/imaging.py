@@ -38,7 +38,7 @@ _ENCODE = np.rint(encode_srgb(np.linspace(0.0, 1.0, _WHITE + 1))).astype(np.uint
 
 
 class Imaging:
-    """Optics and sensor of one camera, made once and called for every frame.
+    """Optics, sensor and compression of one camera, made once and used for every frame.
 
     Parameters
     ----------
@@ -59,10 +59,6 @@ class Imaging:
         self._noise = bool(self._shot or self._read)
         static = self._map is not None or self._glare is not None
         self._linear = bool(static or d.defocus_px or self._gains or self._noise or d.bayer)
-
-    def __call__(self, exposures: Image | Sequence[Image], index: int) -> Image:
-        """Camera's image of frame `index`, compressed; see `measured`."""
-        return self.compressed(self.measured(exposures, index))
 
     def measured(self, exposures: Image | Sequence[Image], index: int) -> Image:
         """Image that the sensor reads out; the ideal image itself where no defect is set.

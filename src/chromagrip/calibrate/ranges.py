@@ -80,15 +80,15 @@ RANGES = Ranges()
 #: Shapes of objects, each with its share.
 SHAPES = {
     "flat": 0.16,
-    "round": 0.47,
+    "round": 0.49,
     "hollow": 0.05,
     "tilted": 0.09,
-    "bump": 0.06,
+    "bump": 0.08,
     "groove": 0.05,
-    "two": 0.12,
+    "two": 0.08,
 }
 #: Share of the objects whose µ, and whose k_c, is within the usual range.
-_USUAL = (0.75, 0.85)
+_USUAL = (0.65, 0.75)
 #: Share of the objects without a Dahl law.
 _COULOMB = 0.04
 #: Width of two ridges, one standard deviation, over their distance.

@@ -28,7 +28,7 @@ _UNITS = {
     "_n": "N",
 }
 #: Fields of standard deviations: the table goes to twice as much.
-_DEVIATIONS = ("azimuth_noise_deg", "azimuth_deg", "twist_deg")
+_DEVIATIONS = ("azimuth_noise_deg", "azimuth_deg", "azimuth_by_twist", "twist_deg")
 #: Fields of largest changes to either side.
 _EITHER_SIDE = ("off_plane_share", "contraction", "follow_share", "depth_share")
 #: Fields that are one value in a few cases.
@@ -64,6 +64,7 @@ _WORDS = {
     "damping": "dampers of the nodes, over nominal",
     "azimuth_noise_deg": "azimuth of the load, in all snapshots",
     "azimuth_deg": "azimuth of the load, further error",
+    "azimuth_by_twist": "azimuth of the load, error with a twist, over the twist",
     "off_plane_share": "change of the motion off the chain's plane",
     "contraction": "lateral contraction over shear",
     "twist_deg": "twist about the grip's axis",

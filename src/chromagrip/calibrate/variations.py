@@ -36,6 +36,8 @@ class VariationRanges:
     each_share: of the others that have one kind of variation
     azimuth_noise_deg: standard deviation of the error of every estimate of the load's azimuth [°]
     azimuth_deg: standard deviation of a further error of the azimuth [°]
+    azimuth_by_twist: standard deviation of a further error of the azimuth, as a share of the twist,
+        which turns the shear's pattern too
     off_plane_share: largest change of each part of the map off the chain's plane
     contraction: largest lateral contraction, as a share of the shear
     twist_deg: standard deviation of a twist about the grip's axis [°]
@@ -51,6 +53,7 @@ class VariationRanges:
     each_share: float = 0.35
     azimuth_noise_deg: float = 0.15
     azimuth_deg: float = 2.0
+    azimuth_by_twist: float = 1.5
     off_plane_share: float = 0.16
     contraction: float = 0.3
     twist_deg: float = 5.0
@@ -149,11 +152,13 @@ def random_variations(
     # The estimate of the azimuth is never exact.
     azimuth = np.deg2rad(ranges.azimuth_noise_deg * rng.standard_normal(count))
     azimuth += some(np.deg2rad(ranges.azimuth_deg) * rng.standard_normal(count))
+    twist = some(np.deg2rad(ranges.twist_deg) * rng.standard_normal(count))
+    azimuth += ranges.azimuth_by_twist * twist * rng.standard_normal(count)
     return Variations(
         azimuth=azimuth,
         off_plane=some(uniform(ranges.off_plane_share, 4)),
         contraction=some(uniform(ranges.contraction)),
-        twist=some(np.deg2rad(ranges.twist_deg) * rng.standard_normal(count)),
+        twist=twist,
         twist_reach=np.deg2rad(rng.uniform(*ranges.twist_reach_deg, count)),
         twist_decay=rng.uniform(*ranges.twist_decay, count),
         follow=some(1.0 + uniform(ranges.follow_share, 2), 1.0),

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from chromagrip.calibrate.histories import Snapshots, kind_names, snapshots
+from chromagrip.calibrate.histories import Plan, Snapshots, random_plan, snapshots
 from chromagrip.errors import UserError
 from chromagrip.model import ContactObject, Fingertip, ForceField, equilibrium
 from chromagrip.render import load_sensor
@@ -57,15 +57,27 @@ class Specimen:
 @pytest.fixture(scope="module")
 def unseen() -> Snapshots:
     """Of histories that no training has seen, those that a gripper meets."""
-    found = snapshots(TIP, range(900_000, 900_640))
+    plans = {number: random_plan(TIP, number) for number in range(900_000, 900_640)}
+    numbers = [number for number, plan in plans.items() if _is_usual(plan)]
+    parts = [vars(snapshots(TIP, range(number, number + 1))) for number in numbers]
+    found = Snapshots(**{k: np.concatenate([part[k] for part in parts]) for k in parts[0]})
     normal, friction, mu = found.totals.T
     margin = 1.0 - abs(friction) / (mu * normal)
     usual = (normal > 0.4) & (normal < 6.0) & (margin > 0.05) & (margin < 0.85)
-    shape = np.array([kind_names(kind)[0] for kind in found.kind])
-    bristle, exponent, stiffness = found.material.T
-    usual &= np.isin(shape, ["flat", "round"]) & (mu > 0.12) & (mu < 1.2) & (stiffness > 70.0)
-    usual &= (bristle > 2000.0) & (bristle < 2e4) & (exponent < 1.0)
     return Snapshots(**{name: value[usual] for name, value in vars(found).items()})
+
+
+def _is_usual(plan: Plan) -> bool:
+    shape, obj = plan.contact.shape, plan.contact.obj
+    stiff = obj.stiffness > 70.0 and 2000.0 < obj.dahl_stiffness < 2e4
+    rough = 0.12 < obj.friction < 1.2 and obj.dahl_exponent < 1.0
+    return shape in ("flat", "round") and stiff and rough
+
+
+def press_of(unseen: Snapshots, newtons: float) -> np.ndarray:
+    """Displacements of the press whose ΣFn is nearest to that."""
+    nearest: np.ndarray = unseen.displacement[abs(unseen.totals[:, 0] - newtons).argmin()]
+    return nearest
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +133,9 @@ def test_nodal_forces_lie_where_the_contact_is(
         width = np.sqrt(np.average((x - middle) ** 2, weights=true))
         found = np.average(x, weights=field.normal)
         assert found == pytest.approx(middle, abs=0.3e-3)
+        # No place is told more finely than the middle.
         assert np.sqrt(np.average((x - found) ** 2, weights=field.normal)) == pytest.approx(
-            width, rel=0.25
+            width, rel=0.25, abs=0.3e-3
         )
         assert (field.normal >= 0.0).all()
 
@@ -166,7 +179,7 @@ def test_sizes_that_tell_less_are_read_for_less(
     learned: Learned, specimen: Specimen, unseen: Snapshots
 ) -> None:
     """As if all had been so vague from the start; what is wrong with them then bends little."""
-    tracks = specimen.tracks(unseen.displacement[12], 1.0, 4)
+    tracks = specimen.tracks(press_of(unseen, 2.0), 1.0, 4)
     moved = np.linalg.norm(tracks.position[0] - specimen.rest.position[0], axis=-1)
     covariance = tracks.covariance.copy()
     covariance[np.argsort(moved)[-12:][:, None], [2, 5], [2, 5]] += 0.05**2
@@ -237,7 +250,7 @@ def test_standing_still_steadies_the_reading_and_a_change_is_followed_at_once(
     specimen: Specimen, unseen: Snapshots
 ) -> None:
     alone, steady = Learned(KNOWN, specimen.rest), sequential(KNOWN, specimen.rest)
-    first, second = unseen.displacement[2], unseen.displacement[-3]
+    first, second = press_of(unseen, 2.0), press_of(unseen, 4.0)
     still = [specimen.tracks(first, 1.0, k) for k in range(30)]
     single = np.array([alone.update(t).total_normal for t in still])
     fields = [steady.update(t) for t in still]

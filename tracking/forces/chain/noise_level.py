@@ -16,7 +16,7 @@ Mask = NDArray[np.bool_]
 
 #: Least model error of log sizes: light and lens change them by more than a calibration tells, and
 #: by other amounts where the skin has moved.
-_SIZE_FLOOR = 2e-3
+_SIZE_FLOOR = 1e-3
 #: Smallest share of a code that pairs must determine for the prior to be undone.
 _DETERMINED = 0.7
 #: Weights are computed anew when the noise has changed by more than this share …
