@@ -16,8 +16,11 @@ from chromagrip.errors import UserError
 from chromagrip.output.processes import exit_on_sigterm, map_processes, one_thread
 
 SCRIPT = """
-import os, time
+import os, signal, time
 from chromagrip.output.processes import map_processes
+
+# Where the tests run in the background of a shell, it is ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 def work(task):
     print(os.getpid(), flush=True)
