@@ -1,4 +1,3 @@
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -40,11 +39,6 @@ def test_an_interrupted_training_goes_on_and_comes_to_the_same(
         file.name: file.stat().st_mtime_ns for file in (tmp_path / "broken.npz.parts").iterdir()
     }
     assert "0-10.npz" in kept
-    # The same basis is made of the same histories; that takes longer than all the rest.
-    parts = tmp_path / "whole.npz.parts"
-    parts.mkdir()
-    for name in ("settings.json", "basis.npz"):
-        shutil.copy(tmp_path / "broken.npz.parts" / name, parts)
     errors = learn(broken)
     assert not (tmp_path / "broken.npz.parts").exists()
     assert learn(whole) == errors

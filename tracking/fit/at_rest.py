@@ -101,8 +101,10 @@ def fit_rest(
     fit, start = prepare_fit(rest, palette, noise)
     first = fit.fit(mean, start, _REST_STEPS)
     # A later frame in which the light is fitted must not differ from rest by that alone.
-    alone = fit.fit(frames[0].image, first.state, STEPS)
-    if max(first.typical, alone.typical) > _WORSE_AT_REST:
+    if (
+        first.typical > _WORSE_AT_REST
+        or fit.fit(frames[0].image, first.state, STEPS).typical > _WORSE_AT_REST
+    ):
         first = tune(fit, mean, first, first.state.fits, STEPS)
     good = np.asarray(visible_markers(first).any(axis=1))
     if good.sum() < _AT_REST * len(good):

@@ -17,7 +17,7 @@ from ...render import SensorDesign
 
 #: Version of the training: raise it with its ranges, its method and the content of a read-out's
 #: file, so that no read-out of an earlier training is found.
-TRAINING = 2
+TRAINING = 3
 #: Folder of the kept read-outs in that of our caches.
 _FOLDER = "readouts"
 #: Digits to which markers of a file are told apart, in their unit on the skin.

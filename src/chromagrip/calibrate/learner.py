@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from ..tracking.forces import MEASURED
 from ..tracking.forces.chain import (
-    FOCUS,
     SIZES,
     Smooth,
     at_places,
     limited,
     odd_statistic,
     smooth_functions,
+    with_focus,
+    with_focus_variances,
 )
 from .networks import NOISE, USUAL_NOISE, Basis
 from .variations import log_uniform
@@ -51,16 +52,15 @@ class Learner:
     @classmethod
     def of(cls, basis: Basis, places: Array) -> Self:
         """For pairs of the design at places (P, 2), turned by any angle."""
-        both, pairs = np.stack([places] * 2), len(places)
-        loadings = at_places(basis.fields, basis.odd, both).at(0.0)
-        focus = np.broadcast_to(np.eye(MEASURED)[:, SIZES], (pairs, MEASURED, len(SIZES)))
-        white = np.concatenate([loadings, focus], axis=2) / basis.noise[..., None]
+        both = np.stack([places] * 2)
+        loadings = with_focus(at_places(basis.fields, basis.odd, both).at(0.0))
+        white = loadings / basis.noise[..., None]
         mean = at_places(basis.mean[None], np.array([False]), both).at(0.0)[..., 0]
         return cls(
             basis=basis,
             mean=mean,
             rows=white.reshape(-1, white.shape[2]).astype(np.float32),
-            strength=np.append(basis.strength, [FOCUS**2] * len(SIZES)),
+            strength=with_focus_variances(basis.strength),
             smooth=smooth_functions(places),
         )
 

@@ -7,6 +7,7 @@ map only takes every other one for a force. Each variation is drawn for a snapsh
 
 import math
 from dataclasses import dataclass, fields
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -218,17 +219,18 @@ class _Markers:
         value = _harmonics(at(carry.right), at(carry.left))
         slope = _harmonics(at(carry.right_slope), at(carry.left_slope))
         theta, phi = self._places.T
+        displaced = partial(_displacement, self._sensor.shape.radius)
         parts = []
         for layer in range(2):
-            moved = _displacement(theta, phi, value, variations, layer)
+            moved = displaced(theta, phi, value, variations, layer)
             ahead, back = (
-                _displacement(theta, phi + h, value, variations, layer) for h in (_NUDGE, -_NUDGE)
+                displaced(theta, phi + h, value, variations, layer) for h in (_NUDGE, -_NUDGE)
             )
             # What the chain carries is held still here: its slope comes after.
             up, down = (
-                _displacement(theta + h, phi, value, variations, layer) for h in (_NUDGE, -_NUDGE)
+                displaced(theta + h, phi, value, variations, layer) for h in (_NUDGE, -_NUDGE)
             )
-            along = _displacement(theta, phi, slope, variations, layer, derivative=True)
+            along = displaced(theta, phi, slope, variations, layer, derivative=True)
             along = along + (up - down) / (2.0 * _NUDGE)
             around = (ahead - back) / (2.0 * _NUDGE) / carry.ring[:, None]
             here = self._measured(layer, variations, moved, along, around)
@@ -282,6 +284,7 @@ def _harmonics(right: Array, left: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _displacement(
+    radius: float,
     theta: Array,
     phi: Array,
     parts: tuple[Array, Array, Array, Array],
@@ -290,7 +293,7 @@ def _displacement(
     *,
     derivative: bool = False,
 ) -> Array:
-    """Displacement (S, P, 3) at places, of the chain's parts and of what no chain describes.
+    """Displacement (S, P, 3) at places of a dome, by the chain and by what no chain describes.
 
     With `derivative` the parts are those of the chain's derivative along θ, of which only the
     turning is left to do.
@@ -307,16 +310,12 @@ def _displacement(
         moves = np.asarray(v.unknown[:, layer].any(axis=(1, 2)))
         total[moves] += _unknown(theta, turned[moves], v.part(moves), layer)
     some = np.asarray(v.twist != 0.0)
-    at_rest = 0.0 if derivative else _RADIUS * np.sin(theta)
+    at_rest = 0.0 if derivative else radius * np.sin(theta)
     total[some] += _twist(theta, turned[some], v.part(some), total[some], at_rest)
     c, s = np.cos(v.azimuth)[:, None], np.sin(v.azimuth)[:, None]
     x, y = total[..., 0].copy(), total[..., 1].copy()
     total[..., 0], total[..., 1] = c * x - s * y, s * x + c * y
     return total
-
-
-#: Distance of the skin from the centre [m].
-_RADIUS = 8e-3
 
 
 def _twist(theta: Array, phi: Array, v: Variations, moved: Array, at_rest: Array | float) -> Array:

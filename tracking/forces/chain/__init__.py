@@ -23,12 +23,11 @@ from .readout import (
 )
 from .residual import Smooth, smooth_functions
 from .sensitivity import MarkerResponse
-from .specimen import FOCUS, SIZES
+from .specimen import SIZES, with_focus, with_focus_variances
 from .used import Used, UsedReadOut, histories_of, readout_digest, readout_origin, used
 
 __all__ = [
     "BEND",
-    "FOCUS",
     "MIN_MARKERS",
     "SIZES",
     "ForcePrior",
@@ -56,4 +55,6 @@ __all__ = [
     "save_readout",
     "smooth_functions",
     "used",
+    "with_focus",
+    "with_focus_variances",
 ]

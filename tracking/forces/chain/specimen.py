@@ -98,7 +98,7 @@ def read_specimen(readout: ReadOut, shifts: MarkerShifts) -> Specimen:
         means=at_places(gains * readout.mean[None], np.array([False]), places),
         loadings=at_places(gains * readout.fields, readout.odd, places),
         unexplained=np.moveaxis(left, 2, 0).reshape(pairs, MEASURED),
-        strength=np.append(readout.strength, [FOCUS**2] * len(SIZES)),
+        strength=with_focus_variances(readout.strength),
         codes=readout.codes,
         smooth=smooth_functions(places[0]),
         direction=_direction(readout),
@@ -116,17 +116,28 @@ def _gains(design: SensorDesign, sensor: SensorDesign) -> Array:
     return np.asarray(near / far).reshape(2, 1, 1, 1)
 
 
+def with_focus(loadings: Array) -> Array:
+    """Loadings (P, 6, U) of codes, and of a change of all log sizes of each layer, (P, 6, U + 2).
+
+    A change of all sizes is the camera's, not a press.
+    """
+    pairs = len(loadings)
+    focus = np.broadcast_to(np.eye(MEASURED)[:, SIZES], (pairs, MEASURED, len(SIZES)))
+    return np.concatenate([loadings, focus], axis=2)
+
+
+def with_focus_variances(strength: Array) -> Array:
+    """Prior variances of codes (U,), and of a change of all log sizes of each layer, (U + 2,)."""
+    return np.append(strength, [FOCUS**2] * len(SIZES))
+
+
 def aligned(specimen: Specimen, azimuth: float) -> Aligned:
     """Mean and loadings for a load of that azimuth [rad]."""
     measured = specimen.shifts.measured
-    pairs = len(measured)
-    # A change of all sizes is the camera's, not a press.
-    focus = np.broadcast_to(np.eye(MEASURED)[:, SIZES], (pairs, MEASURED, len(SIZES)))
     return Aligned(
         azimuth=azimuth,
         mean=measured * specimen.means.at(azimuth)[..., 0],
-        loadings=measured[..., None]
-        * np.concatenate([specimen.loadings.at(azimuth), focus], axis=2),
+        loadings=measured[..., None] * with_focus(specimen.loadings.at(azimuth)),
     )
 
 
