@@ -41,13 +41,16 @@ from .forces import (
     shipped_readout,
 )
 from .forces.chain import MIN_MARKERS, ForcePrior, GaussianProcess
-from .palette import DEFAULT_PALETTE, Palette, load_palette, palette_names
+from .learned_palette import learn_palette
+from .palette import AUTO_PALETTE, DEFAULT_PALETTE, Palette, load_palette, palette_names
+from .sighting import Sighting, sight
 from .trackers import DEFAULT_TRACKER, Tracker, load_tracker, tracker_names
 from .tracks import Tracks
 from .unmixing import dye_densities, unmixing_matrix
 
 __all__ = [
     "AUTOMATIC",
+    "AUTO_PALETTE",
     "CAMERA_RULE",
     "DEFAULT_PALETTE",
     "DEFAULT_RECONSTRUCTOR",
@@ -71,6 +74,7 @@ __all__ = [
     "Reconstructor",
     "RestFrame",
     "SensorCalibration",
+    "Sighting",
     "Tracker",
     "Tracks",
     "check_reconstructor",
@@ -78,6 +82,7 @@ __all__ = [
     "detect_markers",
     "dye_densities",
     "join_layers",
+    "learn_palette",
     "load_calibration",
     "load_palette",
     "load_reconstructor",
@@ -89,6 +94,7 @@ __all__ = [
     "resting_ground",
     "sensor_as_designed",
     "shipped_readout",
+    "sight",
     "tracker_names",
     "unmixing_matrix",
 ]

@@ -1,7 +1,7 @@
 """Markers of a single picture, and those of a rest frame, from which all trackers start."""
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -13,6 +13,8 @@ from ..render import Frame, SensorDesign, decode_srgb, inside_rim, pixel_places
 from .palette import Palette
 from .spots import Spots, find_spots, surroundings, typical_area, weigh
 from .unmixing import (
+    AROUND,
+    DARKEST,
     dye_coverages,
     dye_densities,
     estimate_ground,
@@ -30,6 +32,8 @@ Levels = NDArray[np.uint8] | Array
 _COLOURED = 12.0
 #: Share of the pixels of any sensor that certainly shows ground.
 _GROUND_SHARE = 0.3
+#: Linear light of the ground inside the field, at least: 0 stands for what is outside it.
+_LEAST_GROUND = 1e-5
 #: Shorter side of an image, at least: a smaller one has no room for markers and ground [px].
 _SMALLEST_IMAGE = 16
 
@@ -42,11 +46,13 @@ class Markers:
     ----------
     position: centroid of what the marker covers [px], shape (n, 2)
     area: [px²], shape (n,)
+    shape: matrix that makes the unit circle the marker's ellipse [px], shape (n, 2, 2)
     hue: of the mean colour inside [°], −180…180; NaN for a grey, shape (n,)
     """
 
     position: Array
     area: Array
+    shape: Array
     hue: Array
 
 
@@ -61,14 +67,19 @@ class RestFrame:
     position: of markers, those of one number lie on each other [px], shape (L, M, 2); NaN where a
         layer has none
     radius: of a typical marker of each layer [px], shape (L,)
+    shapes: matrices that make the unit circle each marker's ellipse [px], shape (L, M, 2, 2)
     pitch: typical distance to the nearest other marker [px]
+    doubt: where layers are out of register as under a load; empty where they are not. In a sensor
+        that is not known a layer may be misplaced there
     """
 
     image: Array
     ground: Array
     position: Array
     radius: Array
+    shapes: Array
     pitch: float
+    doubt: str = ""
 
 
 def detect_markers(image: Levels, palette: Palette) -> list[Markers]:
@@ -138,6 +149,9 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
             raise UserError(f"rest frame shows {counts} markers; the sensor has {expected} of each")
     if not all(len(layer.area) for layer in layers):
         raise UserError(f"rest frame shows {counts} markers; wanted: some of each")
+    if palette.bright:
+        # How bright the dark between markers is says nothing of their light.
+        ground = np.broadcast_to(np.median(ground[field], axis=0), ground.shape)
     radius = np.array([np.sqrt(np.median(layer.area) / np.pi) for layer in layers])
     position = join_layers([layer.position for layer in layers], reach=float(radius.max()))
     first = layers[0].position
@@ -145,13 +159,25 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
     pitch = float(np.median(np.asarray(near)[:, 1])) if len(first) > 1 else float(4 * radius[0])
     frame = RestFrame(
         image=mean,
-        ground=np.where(field[..., None], ground, 0.0).astype(float),
+        ground=np.where(field[..., None], np.maximum(ground, _LEAST_GROUND), 0.0).astype(float),
         position=position,
         radius=radius,
+        shapes=_shapes(layers, position),
         pitch=pitch,
     )
-    _refuse_load(frame)
-    return frame
+    doubt = _loaded(frame)
+    if doubt and palette.seen is None:
+        raise UserError(f"rest frame looks loaded: {doubt}; give a frame of the untouched sensor")
+    return replace(frame, doubt=doubt)
+
+
+def _shapes(layers: list[Markers], position: Array) -> Array:
+    """Shapes of the markers in the order of their places (L, M, 2); NaN where there is none."""
+    shapes = np.full((*position.shape, 2), np.nan)
+    for own, layer, at in zip(shapes, layers, position, strict=True):
+        known = np.isfinite(at[:, 0])
+        own[known] = layer.shape[np.asarray(KDTree(layer.position).query(at[known])[1])]
+    return shapes
 
 
 def neighbours(points: Array, count: int) -> NDArray[np.int64]:
@@ -193,12 +219,17 @@ def _detect(image: Levels, palette: Palette) -> tuple[list[Markers], Single, NDA
     _check_image(levels, palette)
     linear = decode_srgb(levels).astype(np.float32)
     # The median takes out noise, whose extremes the rough ground would find.
+    if palette.bright:
+        # Of a ground that is black in a channel no share can be told.
+        linear += np.float32(DARKEST)
     smooth = np.asarray(cv2.medianBlur(linear, 5), dtype=np.float32)
     matrix = unmixing_matrix(palette.transmittance)
-    sizes, skin = _first_sizes(levels.shape, palette.sensor)
+    sizes, skin = _first_sizes(levels.shape, palette)
+    anywhere = np.ones(skin.shape, dtype=bool)
+    seen = anywhere if palette.seen is None else palette.seen.field
     # A larger size is tried where the markers prove larger than the smaller one allows.
     for size in sizes:
-        ground, lit = rough_ground(smooth, size, palette.bright)
+        ground, lit = rough_ground(smooth, size, seen, palette.bright)
         field = skin & lit
         densities = dye_densities(linear, ground, matrix)
         areas = np.concatenate([find_spots(d, field, parted=False).area for d in densities])
@@ -232,11 +263,13 @@ def _markers(spots: list[Spots], levels: Array, ratio: Single, palette: Palette)
     for layer, coverage in zip(spots, dye_coverages(ratio, dyes), strict=True):
         count = len(layer.area)
         pixels, number = surroundings(layer)
-        position, area = weigh(coverage, pixels, number, count)
+        position, area, shape = weigh(coverage, pixels, number, count)
         inside = layer.labels > 0
         label = layer.labels[inside]
         colour = [np.bincount(label, c, count + 1)[1:] / layer.area for c in levels[inside].T]
-        markers.append(Markers(position=position, area=area, hue=_hue(np.stack(colour))))
+        markers.append(
+            Markers(position=position, area=area, shape=shape, hue=_hue(np.stack(colour)))
+        )
     return markers
 
 
@@ -263,12 +296,12 @@ def _check_image(levels: Array, palette: Palette) -> None:
         )
 
 
-def _first_sizes(
-    shape: tuple[int, ...], sensor: SensorDesign | None
-) -> tuple[list[int], NDArray[np.bool_]]:
+def _first_sizes(shape: tuple[int, ...], palette: Palette) -> tuple[list[int], NDArray[np.bool_]]:
     """Sizes larger than a marker to look for ground with [px], and a mask of the skin, if known."""
-    if sensor is not None:
-        size, skin = _resting_skin(sensor)
+    if palette.seen is not None:
+        return [int(AROUND * palette.seen.pitch)], palette.seen.field
+    if palette.sensor is not None:
+        size, skin = _resting_skin(palette.sensor)
         return [size], skin
     sizes = [max(5, int(share * shape[0])) for share in (0.06, 0.12, 0.24)]
     return sizes, np.ones(shape[:2], dtype=np.bool_)
@@ -291,27 +324,25 @@ def _hue(colour: Array) -> Array:
     return np.where(np.ptp(colour, axis=0) > 3.0, hue, np.nan)
 
 
-def _refuse_load(rest: RestFrame) -> None:
-    """Refuse a rest frame whose layers are locally out of register, which shows a load.
+def _loaded(rest: RestFrame) -> str:
+    """Where layers are locally out of register, which a load does; empty where they are not.
 
     A misplaced layer is out of register smoothly over the whole image; a load is so only where it
     acts.
     """
     position = rest.position
     if len(position) < 2:
-        return
+        return ""
     both = np.isfinite(position).all(axis=(0, 2))
     at, apart = position[0, both], (position[0] - position[1])[both]
     if len(at) < 12:
-        return
+        return ""
     x, y = ((at - at.mean(axis=0)) / at.std()).T
     smooth = np.column_stack([np.ones(len(at)), x, y, x * x, x * y, y * y])
     local = apart - smooth @ np.linalg.lstsq(smooth, apart, rcond=None)[0]
     near = np.asarray(KDTree(at).query(at, k=7)[1])
     shift = np.linalg.norm(local[near].mean(axis=1), axis=-1)
-    if shift.max() > 0.25 * rest.radius.max():
-        x, y = at[int(shift.argmax())]
-        raise UserError(
-            f"rest frame looks loaded: around ({x:.0f}, {y:.0f}) the layers are "
-            f"{shift.max():.1f} px out of register; give a frame of the untouched sensor"
-        )
+    if shift.max() <= 0.25 * rest.radius.max():
+        return ""
+    x, y = at[int(shift.argmax())]
+    return f"around ({x:.0f}, {y:.0f}) the layers are {shift.max():.1f} px out of register"

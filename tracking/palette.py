@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..render import LAYERS, SensorDesign, load_sensor, sensor_names
 from ..strict_toml import Table, convert, parse_toml, read_toml
+from .sighting import Sighting
 
 Array = NDArray[np.float64]
 #: Share of the ground's linear light; above 1 for markers that are brighter than the ground.
 Transmittance = Annotated[float, Meta(gt=0.0, le=100.0)]
 Name = Annotated[str, Meta(min_length=1, max_length=40)]
 DEFAULT_PALETTE = "chromatouch"
+#: Name that stands for a palette that is learned from the picture.
+AUTO_PALETTE = "auto"
 
 
 class Dye(Table, frozen=True):
@@ -59,11 +62,14 @@ class Palette:
     names: of the layers, from the skin inwards, L of them
     transmittance: share of the ground's linear light that a marker leaves, shape (L, 3)
     sensor: design of the sensor, if it is known; forces can be read only with it
+    seen: where the sensor is in its pictures, if that was looked for; by default markers are
+        looked for in the whole picture, or within the rim of a known sensor
     """
 
     names: tuple[str, ...]
     transmittance: Array
     sensor: SensorDesign | None = None
+    seen: Sighting | None = None
 
     @classmethod
     def of_sensor(cls, sensor: SensorDesign) -> "Palette":

@@ -128,8 +128,13 @@ def surroundings(spots: Spots) -> tuple[Indices, Indices]:
     return pixels, number[nearest.ravel()[pixels]]
 
 
-def weigh(coverage: Single, pixels: Indices, number: Indices, count: int) -> tuple[Array, Array]:
-    """Centroids (n, 2) [px] and areas (n,) [px²] of what markers cover of each pixel.
+def weigh(
+    coverage: Single, pixels: Indices, number: Indices, count: int
+) -> tuple[Array, Array, Array]:
+    """Centroids (n, 2) [px], areas (n,) [px²] and shapes of what markers cover of each pixel.
+
+    A shape is the symmetric matrix that makes the unit circle the ellipse of that area with the
+    marker's moments of inertia, (n, 2, 2) [px].
 
     Parameters
     ----------
@@ -137,11 +142,21 @@ def weigh(coverage: Single, pixels: Indices, number: Indices, count: int) -> tup
     pixels, number: of `surroundings`
     count: of markers, n
     """
-    y, x = np.divmod(pixels, coverage.shape[1])
+    y, x = (v.astype(float) for v in np.divmod(pixels, coverage.shape[1]))
     share = coverage.ravel()[pixels].astype(float)
     # The sum of the weights must never be zero.
     weight = np.clip((share - _SOFT) / (1.0 - 2.0 * _SOFT), 1e-9, 1.0)
     total = np.bincount(number, weight, count)
-    at = [np.bincount(number, weight * v, count) / total for v in (x, y)]
+
+    def mean(values: Array) -> Array:
+        return np.bincount(number, weight * values, count) / total
+
+    at = np.stack([mean(x), mean(y)], axis=-1)
     area = np.asarray(np.bincount(number, share, count), dtype=float)
-    return np.stack(at, axis=-1), area
+    x, y = x - at[number, 0], y - at[number, 1]
+    xx, yy, xy = mean(x * x), mean(y * y), mean(x * y)
+    # The root of a symmetric matrix C is (C + r·1)/√(tr C + 2 r), with r the root of det C.
+    root = np.sqrt(np.maximum(xx * yy - xy * xy, 1e-12))
+    shape = np.stack([xx + root, xy, xy, yy + root], axis=-1).reshape(-1, 2, 2)
+    size = np.sqrt(np.maximum(area, 0.0) / np.pi / np.maximum(np.linalg.det(shape), 1e-12))
+    return at, area, shape * size[:, None, None]

@@ -62,6 +62,31 @@ class Tracks:
     covariance: Array
     compression: float = 1.0
 
+    @classmethod
+    def of_positions(cls, time: float, position: Array, before: "Tracks | None" = None) -> "Tracks":
+        """Tracks of a tracker that measures places alone.
+
+        Parameters
+        ----------
+        time: of the frame [s]
+        position: of each marker [px], shape (L, M, 2); NaN where it is not visible
+        before: of the frame before, which knows when markers were seen last
+        """
+        position = np.asarray(position, dtype=float)
+        layers, count, _ = position.shape
+        visible = np.asarray(np.isfinite(position).all(axis=2))
+        never = np.full((layers, count), np.nan) if before is None else before.last_seen
+        return cls(
+            time=time,
+            position=np.where(visible[..., None], position, np.nan),
+            log_size=np.full((layers, count), np.nan),
+            hue=np.full(count, np.nan),
+            visible=visible,
+            ambiguous=np.zeros_like(visible),
+            last_seen=np.where(visible, time, never),
+            covariance=np.full((count, 3 * layers, 3 * layers), np.nan),
+        )
+
     def __getstate__(self) -> dict[str, Any]:
         """Values to copy or pickle: the hue is measured, the image stays behind."""
         return {**vars(self), "hue": self.hue}

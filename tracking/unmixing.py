@@ -19,6 +19,10 @@ Light = NDArray[np.floating[Any]]
 
 #: Least linear light, so that its logarithm is finite.
 _BLACK = 1e-4
+#: Ground is looked for within this many of the markers' typical distance.
+AROUND = 2.2
+#: Linear light that is told from black for certain: three grey levels make 1e-3.
+DARKEST = 3e-3
 #: Lowest light of the sensor's field that is considered, over the brightest ground.
 _DARKEST_EDGE = 0.1
 #: Highest one.
@@ -112,7 +116,9 @@ def _solve(lost: Single, absorbed: Array, weight: Array) -> Single:
     return np.moveaxis(coverages.reshape(*lost.shape[:2], -1), 2, 0)
 
 
-def rough_ground(smooth: Single, size: int, bright: bool) -> tuple[Single, NDArray[np.bool_]]:
+def rough_ground(
+    smooth: Single, size: int, seen: NDArray[np.bool_], bright: bool
+) -> tuple[Single, NDArray[np.bool_]]:
     """Brightest light near each pixel, as an estimate of the ground, and a mask of the lit field.
 
     For markers that are brighter than the ground it is the darkest light.
@@ -121,6 +127,7 @@ def rough_ground(smooth: Single, size: int, bright: bool) -> tuple[Single, NDArr
     ----------
     smooth: linear light, smoothed because extremes of noise would be taken, shape (H, W, 3)
     size: larger than a marker [px]
+    seen: pixels that may show the sensor, shape (H, W)
     bright: whether markers are brighter than the ground
     """
     small = min(8, max(1, size // 12))
@@ -134,7 +141,10 @@ def rough_ground(smooth: Single, size: int, bright: bool) -> tuple[Single, NDArr
     around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (pad | 1, pad | 1))
     padded = cv2.morphologyEx(padded, cv2.MORPH_OPEN if bright else cv2.MORPH_CLOSE, around)
     reduced = padded[pad:-pad, pad:-pad]
-    lit = _lit(reduced)
+    known: Any = cv2.resize(
+        seen.astype(np.float32), (width // small, height // small), interpolation=cv2.INTER_AREA
+    )
+    lit = _lit(reduced, known > 0.5)
     # Smoothed within the lit field, so that the housing does not darken the rim.
     parts: Any = np.dstack([reduced * lit[..., None], lit])
     parts = cv2.GaussianBlur(parts, (0, 0), 0.15 * size / small)
@@ -146,15 +156,16 @@ def rough_ground(smooth: Single, size: int, bright: bool) -> tuple[Single, NDArr
     return ground, field.astype(bool)
 
 
-def _lit(ground: Single) -> Single:
+def _lit(ground: Single, seen: NDArray[np.bool_]) -> Single:
     """1 in the largest region that is about as bright as the brightest, 0 elsewhere, (H, W).
 
-    The surroundings of a sensor are darker, and few pixels have a light in between.
+    Nothing is where `seen` is False. The surroundings of a sensor are darker, and few pixels have
+    a light in between.
     """
     light = np.maximum(ground.max(axis=2), _BLACK)
-    share = light / np.percentile(light, 95)
+    share = np.where(seen, light / np.percentile(light[seen], 95), 0.0)
     edges = np.geomspace(_DARKEST_EDGE, _BRIGHTEST_EDGE, 9)
-    pixels = np.histogram(share, edges)[0] / share.size
+    pixels = np.histogram(share[seen], edges)[0] / seen.sum()
     gap = np.flatnonzero(pixels <= max(_GAP, pixels.min()))[-1]
     bright = (share > edges[gap]).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(bright, connectivity=4)

@@ -170,8 +170,24 @@ def test_detect_shows_what_it_counts(
 ) -> None:
     picture = write(tmp_path / "dots.png", dots())
     assert chromagrip(monkeypatch, "detect", picture, "--palette", "dark-dots") == 0
-    layer, count = capsys.readouterr().out.splitlines()[1].split()[:2]
+    layer, count = capsys.readouterr().out.splitlines()[-2].split()[:2]
     assert (layer, int(count)) == ("dark", len(DOTS))
+
+
+def test_the_palette_that_was_found_finds_the_same_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture, saved = write(tmp_path / "dots.png", dots()), tmp_path / "mine.toml"
+    assert chromagrip(monkeypatch, "detect", picture, "--save-palette", saved, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert chromagrip(monkeypatch, "detect", picture, "--palette", saved, "--json") == 0
+    again = json.loads(capsys.readouterr().out)
+    assert (found["palette"], again["palette"]) == ("auto", str(saved))
+    assert found["dyes"]["dark"] == pytest.approx(again["dyes"]["dark"], rel=1e-3)
+    assert found["dyes"]["dark"] == pytest.approx([0.15] * 3, abs=0.04)
+    places = [[(m["x_px"], m["y_px"]) for m in one["markers"]] for one in (found, again)]
+    assert np.max(KDTree(places[0]).query(DOTS)[0]) < 0.3
+    np.testing.assert_allclose(places[0], places[1], atol=0.02)
 
 
 def test_tracks_are_where_the_markers_are(
@@ -456,12 +472,13 @@ def test_auto_finds_the_frame_at_rest(
 
 @pytest.mark.parametrize("sigma", [0.0, 0.5, 2.0, 6.0])
 def test_noise_is_estimated(sigma: float) -> None:
-    """From four frames and from one, with 800 markers' edges in it."""
+    """From four frames and from one, with 800 markers' edges in it; never less than .3."""
     frames = []
     for k in range(4):
         image = PAINTER.render(REST)
         add_noise(image, sigma, 9, k)
         frames.append(Frame(image=image, time=0.0))
+    sigma = max(sigma, 0.3)
     assert noise_level(frames, False)[0] == pytest.approx(sigma, rel=0.03)
     assert noise_level(frames[:1], False)[0] == pytest.approx(sigma, rel=0.1, abs=0.15)
 
@@ -537,10 +554,17 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("detect empty.png", "picture empty.png is empty"),
         ("detect deep.png", "picture deep.png has uint16 values; wanted: 8 bits"),
         ("detect clear.png", "picture clear.png has transparent pixels"),
-        ("detect dots.png", "image is grey .* need a colour image"),
-        ("detect grey.png --palette dark-dots", "picture grey.png: no markers found"),
+        ("detect dots.png --palette chromatouch", "image is grey .* need a colour image"),
+        ("detect grey.png", "picture grey.png: nothing here repeats like markers"),
+        ("detect grey.png --palette dark-dots", "picture grey.png: nothing here repeats"),
+        ("detect dots.png --crop 1,2,3", "--crop 1,2,3: expected left,top,width,height"),
+        ("detect dots.png --crop 9,9,300,90", "does not lie in the picture of 240×180 pixels"),
+        ("detect dots.png --crop 0,0,240,20", "nothing here repeats like markers"),
+        ("detect dots.png --mask small.png", "mask small.png is 200×180 pixels, the picture 240"),
+        ("detect dots.png --mask none.png", "picture none.png cannot be read"),
+        ("detect dots.png --save-palette a.txt", "must end in .toml"),
         ("detect dots.png --palette nosuch", "no palette 'nosuch'; there is"),
-        ("detect dots.png --palette thesis", "image has shape .* the sensor's camera gives"),
+        ("detect dots.png --palette thesis", "image is grey .* need a colour image"),
         ("detect dots.png --palette dark-dots --out dots.png", "exists; choose another or give"),
         ("detect dots.png --palette dark-dots --out a.jpg", "must end in .png"),
         ("track first nowhere DARK", "there is no nowhere; give a picture, a folder"),
@@ -554,9 +578,9 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("track none.png frames DARK", "there is no none.png"),
         ("track small.png frames DARK", "frame 0 of frames is 240×180 pixels, .* 200×180"),
         ("track dome.png frames", "frame 0 of frames is 240×180 pixels, .* 640×480"),
-        ("track grey.png frames DARK", "no markers found"),
-        ("track loaded.png dome.png", "rest frame looks loaded: around"),
-        ("track first frames", "image is grey"),
+        ("track grey.png frames DARK", "nothing here repeats like markers"),
+        ("track loaded.png dome.png --palette thesis", "rest frame looks loaded: around"),
+        ("track first frames --palette chromatouch", "image is grey"),
         ("track auto frames DARK", "rest auto needs two layers to compare; .* dark alone"),
         ("track auto camera:9", "rest auto looks at every frame twice"),
         ("track camera:9 frames DARK", "rest camera:9 is a camera; give a picture"),

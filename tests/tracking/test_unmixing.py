@@ -38,7 +38,7 @@ def test_ground_is_found_between_the_markers() -> None:
             image[dot] *= DYES[(cx + cy) // 20 % 2]
     image = image + rng.normal(0, 0.01, image.shape)
     everywhere = np.ones((160, 200), dtype=bool)
-    rough, field = rough_ground(image.astype(np.float32), 25, bright=False)
+    rough, field = rough_ground(image.astype(np.float32), 25, everywhere, bright=False)
     assert field.all()
     plain = plain_pixels(dye_densities(image, rough, unmixing_matrix(DYES)), everywhere, 2)
     assert 0.3 < plain.mean() < 0.75
@@ -86,7 +86,7 @@ def test_a_housing_is_not_lit() -> None:
     skin = np.hypot(x - 160, y - 120) < 100
     light = np.where(skin, 0.8 - 0.5 * x / 320, 0.06 + 0.04 * (x // 9 % 2))
     image = np.repeat(light[..., None], 3, axis=2).astype(np.float32)
-    ground, field = rough_ground(image, 28, bright=False)
+    ground, field = rough_ground(image, 28, np.ones((240, 320), dtype=bool), bright=False)
     distance = np.hypot(x - 160, y - 120)
     assert field[distance < 92].all()
     assert not field[distance > 101].any()

@@ -17,6 +17,7 @@ from .tuning import tune
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Image = NDArray[np.uint8]
 
 #: Steps of a fit to a frame, at most.
 STEPS = 6
@@ -26,6 +27,16 @@ _REST_STEPS = 24
 WORSE = 1.1
 #: The same at rest: so far below that no noise lifts a later frame from one to the other.
 _WORSE_AT_REST = 1.04
+#: A typical misfit above this at rest says that the shapes are no discs, or the noise is larger.
+_UNEXPLAINED = 4.0
+#: Noise that is believed then, at most [grey levels].
+_NOISIEST = 16.0
+#: Standard deviation of rounding [grey levels].
+_ROUNDING = 0.29
+#: A pair that no fit is found for is no marker where its light is below this share of the typical,
+_NO_LIGHT = 0.2
+#: … or where the logarithm of its size over the typical is larger than this.
+_ODD_SIZE = 0.4
 #: Share of the rest frame's pairs that must look like markers.
 _AT_REST = 0.7
 #: A pair whose misfit is this many times the typical one is not a marker.
@@ -98,14 +109,16 @@ def fit_rest(
     """
     rest = read_rest(frames, palette)
     mean = np.rint(rest.image).astype(np.uint8)
-    fit, start = prepare_fit(rest, palette, noise)
-    first = fit.fit(mean, start, _REST_STEPS)
-    # A later frame in which the light is fitted must not differ from rest by that alone.
-    if (
-        first.typical > _WORSE_AT_REST
-        or fit.fit(frames[0].image, first.state, STEPS).typical > _WORSE_AT_REST
-    ):
-        first = tune(fit, mean, first, first.state.fits, STEPS)
+    fit, first = _first_fit(rest, mean, frames[0].image, palette, noise)
+    stray = _stray(first)
+    if stray.any() and not stray.all():
+        # Their light would be carried over to the pairs beside them.
+        rest = replace(rest, position=rest.position[:, ~stray])
+        fit, first = _first_fit(rest, mean, frames[0].image, palette, noise)
+    # What discs do not explain of these markers is noise too.
+    while first.typical > _UNEXPLAINED and noise < _NOISIEST:
+        noise = min(_NOISIEST, float(np.hypot(noise, _ROUNDING) * np.sqrt(first.typical)))
+        fit, first = _first_fit(rest, mean, frames[0].image, palette, noise)
     good = np.asarray(visible_markers(first).any(axis=1))
     if good.sum() < _AT_REST * len(good):
         raise UserError(
@@ -123,6 +136,29 @@ def fit_rest(
     covariance = np.mean([each.covariance for each in fits], axis=0) / len(frames)
     known = _at_rest(rest, palette, settings, fit, state, flat_blocks(frames))
     return known, PairFits(state, misfit, covariance)
+
+
+def _stray(fits: PairFits) -> Mask:
+    """Pairs (M,) that are specks or glare: without light of their own, or of another size."""
+    gains, size = fits.state.gains, fits.state.fits[:, :, 2]
+    dark = (gains < _NO_LIGHT * np.median(gains, axis=0)).any(axis=1)
+    odd = (abs(size) > _ODD_SIZE) & fits.state.present
+    return np.asarray(~np.isfinite(fits.misfit) & (dark | odd.any(axis=1)))
+
+
+def _first_fit(
+    rest: RestFrame, mean: Image, frame: Image, palette: Palette, noise: float
+) -> tuple[PairFit, PairFits]:
+    """Fit of shapes, colours and light to the mean of the rest frames, one of which is `frame`."""
+    fit, start = prepare_fit(rest, palette, noise)
+    first = fit.fit(mean, start, _REST_STEPS)
+    # A later frame in which the light is fitted must not differ from rest by that alone.
+    if (
+        first.typical > _WORSE_AT_REST
+        or fit.fit(frame, first.state, STEPS).typical > _WORSE_AT_REST
+    ):
+        first = tune(fit, mean, first, first.state.fits, STEPS)
+    return fit, first
 
 
 def _at_rest(

@@ -22,7 +22,7 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from ..errors import UserError
-from . import calibrate, dataset, grasp, limit, lists, measure, pictures, readouts, render
+from . import calibrate, dataset, grasp, limit, lists, measure, pictures, readouts, render, score
 from .options import signal_exit_code, take_signals
 
 NAME = "chromagrip"
@@ -42,6 +42,7 @@ COMMANDS: dict[str, Command] = {
     "detect": pictures.detect,
     "track": pictures.track,
     "estimate": pictures.estimate,
+    "score": score.score,
     "calibrate": calibrate.calibrate,
     "calibrate sensor": calibrate.calibrate_sensor,
     "train": calibrate.train,

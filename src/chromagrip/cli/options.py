@@ -71,6 +71,14 @@ Noise = Annotated[
     float | None,
     option("of the camera, one standard deviation; by default estimated at rest", "LEVELS"),
 ]
+Crop = Annotated[
+    str | None,
+    option("part of the picture that the sensor is in, by default found", "LEFT,TOP,WIDTH,HEIGHT"),
+]
+Mask = Annotated[
+    Path | None,
+    option("picture that is white where the sensor is and black elsewhere", "IMAGE"),
+]
 Fps = Annotated[
     float | None,
     option("frame rate of pictures (by default 30), or instead of a video's own", "HZ"),

@@ -13,10 +13,12 @@ from rich.table import Table
 
 from ..errors import UserError
 from .options import (
+    Crop,
     Flag,
     Fps,
     Frames,
     JsonOnly,
+    Mask,
     Noise,
     Out,
     Overwrite,
@@ -35,16 +37,21 @@ from .readouts import train_if_missing
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.estimate import EstimateSummary
+    from ..pictures.find_sensor import Assumed, Within
     from ..pictures.marker_list import Picture
     from ..pictures.track import TrackSummary
 
 #: Defaults of `chromagrip.tracking`, which is not imported before it is used.
-_PALETTE = "chromatouch"
+_PALETTE = "auto"
 _TRACKER = "fit"
 _RECONSTRUCTOR = "auto"
 PaletteName = Annotated[
     str,
-    option("palette or sensor, see `chromagrip palettes`, or a .toml file of either", "NAME|FILE"),
+    option(
+        "auto to learn it from the picture, a name of `chromagrip palettes`, a sensor, or a .toml "
+        "file of either",
+        "auto|NAME|FILE",
+    ),
 ]
 
 
@@ -52,7 +59,12 @@ def detect(
     image: Annotated[Path, tyro.conf.Positional, option("picture of the sensor", "IMAGE")],
     *,
     palette: PaletteName = _PALETTE,
+    crop: Crop = None,
+    mask: Mask = None,
     out: Annotated[Path | None, option("picture with the markers drawn in", "FILE.png")] = None,
+    save_palette: Annotated[
+        Path | None, option("palette that was found, for --palette", "FILE.toml")
+    ] = None,
     overwrite: Annotated[Flag, option("write over an earlier picture")] = False,
     json_only: Annotated[Flag, option("one JSON object with every marker", name="json")] = False,
 ) -> int:
@@ -62,17 +74,25 @@ def detect(
     """
     if out is not None:
         check_file(out, {".png"}, overwrite)
+    if save_palette is not None:
+        check_file(save_palette, {".toml"}, overwrite)
 
+    from ..pictures.find_sensor import save_palette as save_palette_file
     from ..pictures.marker_list import list_markers
 
-    found = list_markers(image, palette)
+    found = list_markers(image, palette, _within(crop, mask))
     if out is not None:
         _save_picture(found, out)
+    if save_palette is not None:
+        save_palette_file(save_palette, found.palette, image.name)
     if json_only:
         height, width = found.image.shape[:2]
-        report = {"image": str(image), "palette": palette, "width_px": width, "height_px": height}
+        report = {"image": str(image), "width_px": width, "height_px": height, **found.assumed}
         print(json.dumps({**report, "markers": found.rows}))
         return 0
+    about = value_table()
+    _add_assumed(about, found.assumed)
+    print_table(about)
     table = Table(box=None, padding=(0, 2, 0, 0))
     for column in ("layer", "markers", "on the other layer's", "typical area", "typical hue"):
         table.add_column(column, justify="left" if column == "layer" else "right")
@@ -92,14 +112,24 @@ def detect(
     return 0
 
 
+def _within(crop: str | None, mask: Path | None) -> "Within":
+    from ..pictures.find_sensor import Within
+
+    if crop is None:
+        return Within(mask=mask)
+    parts = crop.split(",")
+    if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
+        raise UserError(f"--crop {crop}: expected left,top,width,height in pixels")
+    left, top, width, height = map(int, parts)
+    return Within(crop=(left, top, width, height), mask=mask)
+
+
 def _save_picture(found: "Picture", path: Path) -> None:
     import cv2
 
     from ..pictures.overlay import draw_markers
 
-    places = [markers.position for markers in found.layers]
-    areas = [markers.area for markers in found.layers]
-    drawn = draw_markers(found.image, found.palette, places, areas)
+    drawn = draw_markers(found.image, found.palette, found.layers)
     try:
         path.write_bytes(cv2.imencode(".png", drawn[..., ::-1])[1].tobytes())
     except OSError as error:
@@ -111,6 +141,8 @@ def track(
     source: SourceName,
     *,
     palette: PaletteName = _PALETTE,
+    crop: Crop = None,
+    mask: Mask = None,
     tracker: TrackerName = _TRACKER,
     noise: Noise = None,
     fps: Fps = None,
@@ -136,6 +168,7 @@ def track(
             rest,
             source,
             palette=palette,
+            within=_within(crop, mask),
             tracker=tracker,
             noise=noise,
             fps=fps,
@@ -158,18 +191,41 @@ def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
     table = value_table()
     table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
     table.add_row("rest frame", summary["rest"])
+    if summary["rest_doubt"]:
+        table.add_row("", f"{summary['rest_doubt']}: is it loaded, or a layer misplaced?")
+    _add_assumed(table, summary)
     table.add_row("noise", f"{summary['noise_levels']:.2f} levels, {summary['noise_from']}")
     table.add_row("frame rate", f"{summary['fps']:g} Hz")
     for name, layer in summary["layers"].items():
         share = layer["visible_share"]
         visible = "" if share is None else f", seen in {100 * share:.2f} % of the frames"
         table.add_row(name, f"{layer['markers']} markers{visible}")
+    if summary["not_followed"]:
+        table.add_row("seen at rest, not followed", str(len(summary["not_followed"])))
     table.add_row("lost at the end", str(len(summary["lost"])))
     table.add_row("ambiguous", f"{summary['ambiguous']} times")
     if summary["ms_per_frame"] is not None:
         table.add_row("speed", f"{summary['ms_per_frame']:.1f} ms a frame, {summary['tracker']}")
     print_table(table)
     print(f"folder {folder}, see overlay.mp4")
+
+
+def _add_assumed(table: Table, found: "Assumed") -> None:
+    """Rows of what a picture was taken to show."""
+    if found["field_px"] is not None:
+        left, top, width, height = found["field_px"]
+        words = f"{width}×{height} px at ({left}, {top})"
+        given = found["field_given"]
+        table.add_row("sensor", f"{words}, as given" if given else f"{words}, found")
+        table.add_row(
+            "markers",
+            f"radius {found['marker_radius_px']:.1f} px, {found['marker_distance_px']:.1f} px "
+            f"apart, {'brighter' if found['bright'] else 'darker'} than the ground",
+        )
+    for name, dye in found["dyes"].items():
+        shares = " ".join(f"{share:.2f}" for share in dye)
+        source = "learned from the picture" if found["palette"] == _PALETTE else found["palette"]
+        table.add_row(f"colour of {name}", f"{shares} of the ground's red, green, blue; {source}")
 
 
 def estimate(

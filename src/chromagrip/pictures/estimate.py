@@ -127,7 +127,7 @@ def estimate_source(
         require("data", "video", purpose="a folder of estimates")
     palette = Palette.of_sensor(known.sensor)
     opened = open_tracking(
-        rest, source, palette=palette, tracker=tracker, noise=noise, fps=fps, tell=tell
+        rest, source, find=lambda _: palette, tracker=tracker, noise=noise, fps=fps, tell=tell
     )
     with located(f"calibration {calibration}"):
         pose = rest_pose(known.sensor, opened.resting)

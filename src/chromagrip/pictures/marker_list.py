@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..output.pictures import Image, read_picture
-from ..tracking import Markers, Palette, detect_markers, join_layers, load_palette
+from ..tracking import AUTO_PALETTE, Markers, Palette, detect_markers, join_layers
+from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 
 
 class MarkerRow(TypedDict):
@@ -31,18 +32,20 @@ class Picture:
     ----------
     image: sRGB, shape (H, W, 3)
     palette: of the markers
+    assumed: what the picture was taken to show
     layers: L of them
     rows: one a marker, for JSON
     """
 
     image: Image
     palette: Palette
+    assumed: Assumed
     layers: list[Markers]
     rows: list[MarkerRow]
 
 
-def list_markers(path: Path, palette: str) -> Picture:
-    """Markers of the picture in a file, for a palette by name.
+def list_markers(path: Path, palette: str = AUTO_PALETTE, within: Within = ANYWHERE) -> Picture:
+    """Markers of the picture in a file, for a palette by name, within a part of it if given.
 
     Raises
     ------
@@ -50,12 +53,15 @@ def list_markers(path: Path, palette: str) -> Picture:
         When there is no such picture or palette, or no markers in it.
     """
     image = read_picture(path)
-    colours = load_palette(palette)
+    find = finder(palette, within)
     with located(f"picture {path}"):
+        colours = find(image)
         layers = detect_markers(image, colours)
     if not any(len(markers.area) for markers in layers):
         raise UserError(f"picture {path}: no markers found in {' or '.join(colours.names)}")
-    return Picture(image=image, palette=colours, layers=layers, rows=_rows(layers, colours))
+    told = assumed(palette, colours, within)
+    rows = _rows(layers, colours)
+    return Picture(image=image, palette=colours, assumed=told, layers=layers, rows=rows)
 
 
 def _rows(layers: list[Markers], palette: Palette) -> list[MarkerRow]:

@@ -26,6 +26,9 @@ _ROUNDING = 1.0 / 12.0
 _DARKEST = 4
 #: Highest such level [grey levels].
 _LIGHTEST = 251
+#: Noise of any camera, at least [grey levels]. A smooth fill, or light between two levels, shows
+#: less than there is.
+_LEAST = 0.3
 #: Noise of compressed pictures, at least [grey levels]. Compression hides the noise and leaves
 #: errors at the edges of markers, the same in every frame: this much at good qualities, two or
 #: three times as much at usual ones.
@@ -57,6 +60,8 @@ def noise_level(still: list[Frame], lossy: bool) -> tuple[float, str]:
     noise = float(np.sqrt(max(variance, 0.0)))
     if lossy and noise < _COMPRESSED:
         return _COMPRESSED, "that of compression"
+    if noise < _LEAST:
+        return _LEAST, f"no less is believed of {source}"
     return noise, source
 
 

@@ -5,12 +5,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypedDict
 
+import numpy as np
+
 from ..by_name import Choice, blaming, name_of
 from ..errors import UserError
 from ..output.pictures import Source, open_source
 from ..output.processes import one_thread
 from ..render import Frame
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
+from .find_sensor import Find
 from .noise_level import noise_level
 from .rest_frames import rest_frames
 
@@ -22,6 +25,7 @@ class Setup(TypedDict):
 
     source: str
     rest: str
+    rest_doubt: str | None
     tracker: str
     noise_levels: float
     noise_from: str
@@ -72,7 +76,7 @@ def open_tracking(
     rest: str,
     source: str,
     *,
-    palette: Palette,
+    find: Find,
     tracker: Choice,
     noise: float | None,
     fps: float | None,
@@ -89,7 +93,7 @@ def open_tracking(
     opened = open_source(source, fps)
     tell("rest frame")
     with one_thread():
-        still, rest_words, frames = rest_frames(rest, opened, palette, tell)
+        still, rest_words, frames = rest_frames(rest, opened, find, tell)
         _check_alike(still)
         if noise is None:
             tell("noise")
@@ -97,6 +101,7 @@ def open_tracking(
         else:
             noise_words = _GIVEN
         tell("markers at rest")
+        palette = find(np.rint(np.mean([f.image for f in still], axis=0)).astype(np.uint8))
         start = read_rest(still, palette)
         with blaming(f"tracker {name!r} failed", SystemExit):
             made = make(palette, noise)
@@ -109,6 +114,7 @@ def open_tracking(
     setup = Setup(
         source=opened.name,
         rest=rest_words,
+        rest_doubt=start.doubt or None,
         tracker=name,
         noise_levels=noise,
         noise_from=noise_words,

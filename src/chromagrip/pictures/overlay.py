@@ -7,10 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from ..output.video import VideoFile
-from ..render import encode_srgb
-from ..tracking import Palette, Tracks
+from ..tracking import Markers, Palette, RestFrame, Tracks
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -20,41 +20,32 @@ _LONG_SIDE = 1280
 #: Highest rate of a video [Hz]: sources above it play in slow motion.
 _FASTEST = 60.0
 #: Rate factor of x264.
-_QUALITY = 23
-#: Share of the picture's contrast that remains under the drawing.
-_CONTRAST = 0.5
-#: Largest luminance of a layer's colour, so that it stands out of the paled picture.
-_LUMINANCE = 0.22
+_QUALITY = 20
+#: Factor by which motion since rest is drawn longer than it is.
+MAGNIFY = 5.0
+#: Points of an ellipse.
+_POINTS = 32
 
 _Colour = tuple[int, int, int]
 _TEXT: _Colour = (20, 20, 20)
-_GREY_LAYER: _Colour = (20, 90, 170)
+_HALO: _Colour = (255, 255, 255)
+#: Of the skin's layer, drawn as a full line, and of the one below it, drawn as dashes.
+_LAYERS: tuple[_Colour, _Colour] = ((0, 70, 200), (20, 20, 20))
+_MOTION: _Colour = (0, 130, 60)
 _LOST: _Colour = (215, 25, 30)
 _AMBIGUOUS: _Colour = (240, 130, 0)
+_DROPPED: _Colour = (110, 110, 110)
+_FIELD: _Colour = (150, 60, 160)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _FONT_SCALE = 0.6
 #: Height of a line of text [px].
 _LINE = 30
 
 
-def layer_colours(palette: Palette) -> list[_Colour]:
-    """Colour to draw each layer in: the dye's own, darkened; blue for a grey one."""
-    colours = []
-    for light in palette.transmittance:
-        colour = light / light.max()
-        if np.ptp(colour) < 0.1:
-            colours.append(_GREY_LAYER)
-            continue
-        # More saturated than the dye: otherwise darkened yellow is brown, and magenta grey.
-        colour = (colour - 0.8 * colour.min()) / (1.0 - 0.8 * colour.min())
-        luminance = float(colour @ (0.2126, 0.7152, 0.0722))
-        red, green, blue = encode_srgb(colour * min(1.0, _LUMINANCE / luminance))
-        colours.append((round(float(red)), round(float(green)), round(float(blue))))
-    return colours
-
-
 class Canvas:
-    """Paled and enlarged copy of a picture, drawn on in the coordinates of the picture.
+    """Enlarged copy of a picture, drawn on in the coordinates of the picture.
+
+    Lines have a white halo, so that they stand out of any colour.
 
     Parameters
     ----------
@@ -65,28 +56,59 @@ class Canvas:
     def __init__(self, image: Image, lines: int) -> None:
         height, width = image.shape[:2]
         self._scale = _LONG_SIDE / max(height, width)
-        size = (round(self._scale * width), round(self._scale * height))
+        size = (max(1, round(self._scale * width)), max(1, round(self._scale * height)))
         way = cv2.INTER_LINEAR if self._scale > 1.0 else cv2.INTER_AREA
         self._top = _LINE * lines + 10
         self.pixels: Image = np.full((self._top + size[1], size[0], 3), 255, np.uint8)
-        paled = cv2.convertScaleAbs(image, alpha=_CONTRAST, beta=255.0 * (1.0 - _CONTRAST))
-        self.pixels[self._top :] = cv2.resize(paled, size, interpolation=way)
+        self.pixels[self._top :] = cv2.resize(image, size, interpolation=way)
 
     def circles(self, places: Array, radii: Array, colour: _Colour) -> None:
         """Outlines of circles around places (n, 2) with radii (n,), both in picture pixels."""
-        for (x, y), r in zip(self._at(places), np.rint(16 * self._scale * radii), strict=True):
-            cv2.circle(self.pixels, (int(x), int(y)), int(r), colour, 1, cv2.LINE_AA, shift=4)
+        self.ellipses(places, radii[:, None, None] * np.eye(2), colour)
+
+    def ellipses(
+        self, places: Array, shapes: Array, colour: _Colour, *, dashed: bool = False
+    ) -> None:
+        """Outlines that shapes (n, 2, 2) make of the unit circle, around places (n, 2)."""
+        angle = np.linspace(0.0, 2.0 * np.pi, _POINTS, endpoint=False)
+        circle = np.stack([np.cos(angle), np.sin(angle)])
+        outlines = self._at(places[:, None] + np.swapaxes(shapes @ circle, 1, 2)).astype(np.int32)
+        dashes = outlines.reshape(-1, _POINTS // 4, 4, 2)[:, :, :3].reshape(-1, 3, 2)
+        parts, closed = (list(dashes), False) if dashed else (list(outlines), True)
+        for stroke, width in ((_HALO, 3), (colour, 1)):
+            cv2.polylines(self.pixels, parts, closed, stroke, width, cv2.LINE_AA, shift=4)
 
     def lines(self, starts: Array, ends: Array, colour: _Colour) -> None:
         """Lines between places (n, 2)."""
-        for a, b in zip(self._at(starts), self._at(ends), strict=True):
-            first, second = (int(a[0]), int(a[1])), (int(b[0]), int(b[1]))
-            cv2.line(self.pixels, first, second, colour, 2, cv2.LINE_AA, shift=4)
+        both = np.stack([self._at(starts), self._at(ends)], axis=1).astype(np.int32)
+        for stroke, width in ((_HALO, 4), (colour, 2)):
+            cv2.polylines(self.pixels, list(both), False, stroke, width, cv2.LINE_AA, shift=4)
 
     def crosses(self, places: Array, half: float, colour: _Colour) -> None:
         """Diagonal crosses of that half side at places (n, 2)."""
         for way in (np.array([half, half]), np.array([half, -half])):
             self.lines(places - way, places + way, colour)
+
+    def border(self, field: NDArray[np.bool_], colour: _Colour) -> None:
+        """Outline of a mask (H, W) of the picture."""
+        found = cv2.findContours(field.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        parts = [self._at(part[:, 0].astype(float)).astype(np.int32) for part in found[0]]
+        cv2.polylines(self.pixels, parts, True, colour, 1, cv2.LINE_AA, shift=4)
+
+    def scale_bar(self, line: int) -> None:
+        """Bar of a round number of picture pixels, at the right end of a line of text."""
+        width = 0.15 * self.pixels.shape[1] / self._scale
+        power = 10.0 ** np.floor(np.log10(width))
+        pixels = power * max(step for step in (1, 2, 5) if step * power <= width)
+        words = f"{pixels:g} px"
+        right, y = self.pixels.shape[1] - 12, _LINE * line + 20
+        left = right - round(pixels * self._scale)
+        cv2.line(self.pixels, (left, y), (right, y), _TEXT, 2)
+        for x in (left, right):
+            cv2.line(self.pixels, (x, y - 5), (x, y + 5), _TEXT, 2)
+        size = cv2.getTextSize(words, _FONT, _FONT_SCALE, 1)[0][0]
+        place = (left - size - 10, y + 6)
+        cv2.putText(self.pixels, words, place, _FONT, _FONT_SCALE, _TEXT, 1, cv2.LINE_AA)
 
     def text(self, words: Sequence[tuple[str, _Colour]], line: int) -> None:
         """Words one after another on a line above the picture."""
@@ -101,66 +123,104 @@ class Canvas:
         return np.rint(16 * at).astype(np.intp)
 
 
-def draw_markers(
-    image: Image, palette: Palette, positions: Sequence[Array], areas: Sequence[Array]
-) -> Image:
-    """Picture with the markers of each layer, positions (n, 2) [px] and areas (n,) [px²]."""
+def draw_markers(image: Image, palette: Palette, layers: Sequence[Markers]) -> Image:
+    """Picture with the outlines of the markers of each layer, and of the sensor."""
     canvas = Canvas(image, lines=1)
-    colours = layer_colours(palette)
-    for at, area, colour in zip(positions, areas, colours, strict=True):
-        canvas.circles(at, np.sqrt(area / np.pi), colour)
-        tick = np.array([0.15, 0.0]) * np.sqrt(area / np.pi)[:, None]
-        canvas.lines(at - tick, at + tick, colour)
-    counts = [f"{name} {len(at)}" for name, at in zip(palette.names, positions, strict=True)]
-    canvas.text(list(zip(counts, colours, strict=True)), 0)
+    if palette.seen is not None:
+        canvas.border(palette.seen.field, _FIELD)
+    words = []
+    for k in reversed(range(len(layers))):
+        canvas.ellipses(layers[k].position, layers[k].shape, _LAYERS[k], dashed=k > 0)
+        line = "dashed" if k else "full line"
+        words.append((f"{palette.names[k]} {len(layers[k].area)} ({line})", _LAYERS[k]))
+    seen = [] if palette.seen is None else [("sensor", _FIELD)]
+    canvas.text([*words[::-1], *seen], 0)
+    canvas.scale_bar(0)
     return canvas.pixels
 
 
-def draw_tracks(
-    image: Image, palette: Palette, tracks: Tracks, rest: Tracks, radius: Array
-) -> Image:
-    """Picture with outlines where markers are, and lines from where they were at rest.
+def dropped(start: RestFrame, resting: Tracks) -> list[Array]:
+    """Places of the markers of each layer that were seen at rest and are not followed, (n, 2)."""
+    places = []
+    for at, followed, radius in zip(start.position, resting.position, start.radius, strict=True):
+        own, there = at[np.isfinite(at[:, 0])], followed[np.isfinite(followed[:, 0])]
+        away = KDTree(there).query(own)[0] if len(there) else np.full(len(own), np.inf)
+        places.append(own[np.asarray(away) > radius])
+    return places
 
-    Lost ones have a cross at their place at rest, ambiguous ones a ring.
+
+class TrackDrawing:
+    """Draws frames with the markers that are followed, from what they were at rest.
+
+    Outlines are ellipses as at rest, as large as they are now; motion is drawn MAGNIFY times as
+    long. Lost ones have a cross at their place at rest, ambiguous ones a ring; those that were seen
+    at rest and are not followed have a grey cross.
 
     Parameters
     ----------
-    image: sRGB, shape (H, W, 3)
     palette: of the markers
-    tracks, rest: in this frame, and at rest
-    radius: of a marker of each layer at rest [px], shape (L,)
+    start: the unloaded sensor as it was detected
+    resting: the tracks at rest
     """
-    canvas = Canvas(image, lines=2)
-    colours = layer_colours(palette)
-    words = [(f"{tracks.time:.3f} s", _TEXT)]
-    known: NDArray[np.bool_] = np.isfinite(rest.position[..., 0])
-    for k in reversed(range(len(colours))):  # the skin's layer on top
-        visible, start = tracks.visible[k], rest.position[k]
-        moved = visible & known[k]
-        at, size = tracks.position[k, visible], np.nan_to_num(tracks.log_size[k, visible])
-        canvas.circles(at, radius[k] * np.exp(size), colours[k])
-        canvas.lines(start[moved], tracks.position[k, moved], colours[k])
-        canvas.crosses(start[known[k] & ~visible], 0.6 * radius[k], _LOST)
-        canvas.circles(
-            tracks.position[k, tracks.ambiguous[k] & visible],
-            np.full(int((tracks.ambiguous[k] & visible).sum()), 1.5 * radius.max()),
-            _AMBIGUOUS,
+
+    def __init__(self, palette: Palette, start: RestFrame, resting: Tracks) -> None:
+        self._palette, self._start, self._rest = palette, start, resting
+        self._known: NDArray[np.bool_] = np.isfinite(resting.position[..., 0])
+        self._dropped = dropped(start, resting)
+        self._shapes = [
+            _nearest_shapes(at, shapes, own, radius)
+            for at, shapes, own, radius in zip(
+                start.position, start.shapes, resting.position, start.radius, strict=True
+            )
+        ]
+
+    def __call__(self, image: Image, tracks: Tracks) -> Image:
+        """Picture (H, W, 3) with what is followed."""
+        canvas = Canvas(image, lines=2)
+        if self._palette.seen is not None:
+            canvas.border(self._palette.seen.field, _FIELD)
+        words = [(f"{tracks.time:.3f} s", _TEXT)]
+        for k in reversed(range(len(self._shapes))):  # the skin's layer on top
+            visible, start = tracks.visible[k], self._rest.position[k]
+            at, size = tracks.position[k], np.exp(np.nan_to_num(tracks.log_size[k]))
+            shapes = self._shapes[k] * size[:, None, None]
+            canvas.ellipses(at[visible], shapes[visible], _LAYERS[k], dashed=k > 0)
+            moved = visible & self._known[k]
+            canvas.lines(start[moved], start[moved] + MAGNIFY * (at - start)[moved], _MOTION)
+            radius = float(self._start.radius[k])
+            canvas.crosses(self._dropped[k], 0.5 * radius, _DROPPED)
+            canvas.crosses(start[self._known[k] & ~visible], 0.6 * radius, _LOST)
+            doubtful = tracks.ambiguous[k] & visible
+            canvas.circles(at[doubtful], np.full(doubtful.sum(), 1.5 * radius), _AMBIGUOUS)
+        for k, name in enumerate(self._palette.names):
+            count = f"{tracks.visible[k].sum()} of {self._known[k].sum()}"
+            line = "dashed" if k else "full line"
+            words.append((f"{name} {count} ({line})", _LAYERS[k]))
+        canvas.text(words, 0)
+        canvas.scale_bar(0)
+        lost, doubtful_count = (self._known & ~tracks.visible).sum(), tracks.ambiguous.sum()
+        canvas.text(
+            [
+                (f"motion since rest x{MAGNIFY:g}", _MOTION),
+                (f"x lost {lost}", _LOST),
+                (f"o ambiguous {doubtful_count}", _AMBIGUOUS),
+                (f"x not followed {sum(map(len, self._dropped))}", _DROPPED),
+                *([] if self._palette.seen is None else [("sensor", _FIELD)]),
+            ],
+            1,
         )
-    for name, visible, present, colour in zip(
-        palette.names, tracks.visible, known, colours, strict=True
-    ):
-        words.append((f"{name} {visible.sum()} of {present.sum()}", colour))
-    canvas.text(words, 0)
-    lost, doubtful = int((known & ~tracks.visible).sum()), int(tracks.ambiguous.sum())
-    canvas.text(
-        [
-            ("outline: where it is; line: from where it was at rest", _TEXT),
-            (f"x lost {lost}", _LOST),
-            (f"o ambiguous {doubtful}", _AMBIGUOUS),
-        ],
-        1,
-    )
-    return canvas.pixels
+        return canvas.pixels
+
+
+def _nearest_shapes(at: Array, shapes: Array, own: Array, radius: float) -> Array:
+    """Shapes (M, 2, 2) of markers at their own places (M, 2), of those that were detected there."""
+    result = np.tile(radius * np.eye(2), (len(own), 1, 1))
+    known, there = np.isfinite(at[:, 0]), np.isfinite(own[:, 0])
+    if known.any() and there.any():
+        away, number = KDTree(at[known]).query(own[there])
+        near = np.asarray(away) < radius
+        result[np.flatnonzero(there)[near]] = shapes[known][np.asarray(number)[near]]
+    return result
 
 
 class OverlayVideo(VideoFile):

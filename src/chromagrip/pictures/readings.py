@@ -16,7 +16,7 @@ from ..tracking import DEFAULT_TRACKER, Z90, DisplacementGains, FrictionRule, Tr
 from ..tracking.forces import CameraPose, aligned, alignment, seen_by, skin_displacement
 from .figure import draw_forces
 from .opening import Opened
-from .overlay import draw_tracks
+from .overlay import TrackDrawing
 
 #: Quantile of the markers' depths that stands for the pad: a single marker's error does not count.
 _DEEPEST = 0.95
@@ -114,13 +114,11 @@ def displacement_reading(
     """
     align = alignment(pose, view.camera, opened.resting.position)
     rest = aligned(align, opened.resting)
+    draw = TrackDrawing(opened.palette, opened.start, opened.resting)
 
     def read(frame: Frame, tracks: Tracks) -> Reading:
         row = _displacement_row(gains, rest, aligned(align, tracks))
-        radius = opened.start.radius
-        return Reading(
-            row, lambda: draw_tracks(frame.image, opened.palette, tracks, opened.resting, radius)
-        )
+        return Reading(row, lambda: draw(frame.image, tracks))
 
     return read
 

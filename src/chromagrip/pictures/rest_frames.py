@@ -10,7 +10,8 @@ import numpy as np
 from ..errors import UserError
 from ..output.pictures import Source, open_source
 from ..render import Frame
-from ..tracking import Palette, detect_markers, join_layers
+from ..tracking import detect_markers, join_layers
+from .find_sensor import Find
 
 #: Frames of a folder or a video of the sensor at rest that are averaged, at most.
 MEAN_OF = 8
@@ -19,7 +20,7 @@ _TRIED = 200
 
 
 def rest_frames(
-    rest: str, source: Source, palette: Palette, tell: Callable[[str], None]
+    rest: str, source: Source, find: Find, tell: Callable[[str], None]
 ) -> tuple[list[Frame], str, Iterator[Frame]]:
     """Frames of the sensor at rest, a description of them, and the frames to track.
 
@@ -28,7 +29,7 @@ def rest_frames(
     rest: a source of its own, of which the first `MEAN_OF` are taken; `first` or `first:N` of the
         source; or `auto`, the frame of the source whose layers lie most exactly on each other
     source: of the frames to track
-    palette: of the markers
+    find: palette of a picture's markers
     tell: called with the current step
 
     Raises
@@ -37,7 +38,7 @@ def rest_frames(
         When there are no such frames.
     """
     if rest == "auto":
-        index, frame = _most_exact(source, palette, tell)
+        index, frame = _most_exact(source, find, tell)
         return [frame], f"frame {index} of the source, found", source.frames()
     first = re.fullmatch(r"first(?::(\d+))?", rest)
     if first is None:
@@ -58,14 +59,10 @@ def rest_frames(
     return still, words, itertools.chain(still, frames)
 
 
-def _most_exact(source: Source, palette: Palette, tell: Callable[[str], None]) -> tuple[int, Frame]:
+def _most_exact(source: Source, find: Find, tell: Callable[[str], None]) -> tuple[int, Frame]:
     """Number and frame whose markers of two layers are nearest to each other."""
     if source.live:
         raise UserError("rest auto looks at every frame twice, which is not possible with a camera")
-    if len(palette.names) < 2:
-        raise UserError(
-            f"rest auto needs two layers to compare; the palette has {palette.names[0]} alone"
-        )
     step = math.ceil((source.count or _TRIED) / _TRIED)
     best: tuple[float, int, Frame] | None = None
     refusal = "there is no frame"
@@ -74,6 +71,11 @@ def _most_exact(source: Source, palette: Palette, tell: Callable[[str], None]) -
         if index % step:
             continue
         try:
+            palette = find(frame.image)
+            if len(palette.names) < 2:
+                raise UserError(
+                    f"rest auto needs two layers to compare; there is {palette.names[0]} alone"
+                )
             layers = detect_markers(frame.image, palette)
         except UserError as error:
             refusal = str(error)

@@ -4,27 +4,37 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import TypedDict
 
 from ..by_name import Choice
 from ..extras import require
 from ..output.parquet import TrackTable
 from ..output.versions import versions
 from ..render import Frame
-from ..tracking import Tracks, load_palette
+from ..tracking import AUTO_PALETTE, Tracks
+from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 from .following import Add, Course, Outcome, Progress, follow, open_folder
 from .opening import Opened, Setup, open_tracking
-from .overlay import OverlayVideo, draw_tracks
+from .overlay import OverlayVideo, TrackDrawing, dropped
 
 FORMAT = "chromagrip track 1"
 #: Files of a folder of tracks; the summary is written last.
 FILES = ("summary.json", "tracks.parquet", "overlay.mp4")
 
 
-class TrackSummary(Setup, Course):
+class NotFollowed(TypedDict):
+    """A marker that was seen at rest and is not followed."""
+
+    layer: str
+    x_px: float
+    y_px: float
+
+
+class TrackSummary(Assumed, Setup, Course):
     """Content of `summary.json`."""
 
     format: str
-    palette: str
+    not_followed: list[NotFollowed]
     versions: dict[str, str]
 
 
@@ -32,7 +42,8 @@ def track_source(
     rest: str,
     source: str,
     *,
-    palette: str,
+    palette: str = AUTO_PALETTE,
+    within: Within = ANYWHERE,
     tracker: Choice,
     noise: float | None = None,
     fps: float | None = None,
@@ -52,7 +63,8 @@ def track_source(
     ----------
     rest: see `rest_frames`
     source: folder of pictures, video file, picture or camera:0
-    palette: name or file, see `load_palette`
+    palette: `auto`, or a name or file, see `load_palette`
+    within: where the sensor is, by default found
     tracker: name, `module:Class`, or a class or other factory, see `load_tracker`
     noise: of the camera [grey levels]; by default it is estimated
     fps: frame rate [Hz], for pictures and instead of a video's own
@@ -69,37 +81,48 @@ def track_source(
     """
     if out is not None:
         require("data", "video", purpose="writing tracks")
-    colours = load_palette(palette)
-    if out is not None:
-        require("data", "video", purpose="a folder of tracks")
+    find = finder(palette, within)
     opened = open_tracking(
-        rest, source, palette=colours, tracker=tracker, noise=noise, fps=fps, tell=tell
+        rest, source, find=find, tracker=tracker, noise=noise, fps=fps, tell=tell
     )
     if out is not None:
         open_folder(out, overwrite, FILES)
 
-    def summarise(course: Course) -> TrackSummary:
-        return {
-            "format": FORMAT,
-            "palette": palette,
-            **opened.setup,
-            **course,
-            "versions": versions(),
-        }
-
+    known = assumed(palette, opened.palette, within)
+    summarise = partial(_summary, opened, known)
     return follow(opened, partial(_open_files, opened, out), summarise, frames, out, progress)
+
+
+def _summary(opened: Opened, known: Assumed, course: Course) -> TrackSummary:
+    return {
+        "format": FORMAT,
+        "not_followed": _not_followed(opened),
+        **known,
+        **opened.setup,
+        **course,
+        "versions": versions(),
+    }
+
+
+def _not_followed(opened: Opened) -> list[NotFollowed]:
+    places = zip(opened.palette.names, dropped(opened.start, opened.resting), strict=True)
+    return [
+        {"layer": name, "x_px": round(x, 2), "y_px": round(y, 2)}
+        for name, at in places
+        for x, y in at.tolist()
+    ]
 
 
 def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
     """Open table and overlay; returns what adds a frame to them."""
     if out is None:
         return lambda index, frame, tracks: None
-    palette, resting = opened.palette, opened.resting
-    table = files.enter_context(TrackTable(out / "tracks.parquet", palette.names))
+    draw = TrackDrawing(opened.palette, opened.start, opened.resting)
+    table = files.enter_context(TrackTable(out / "tracks.parquet", opened.palette.names))
     video = files.enter_context(OverlayVideo(out / "overlay.mp4", opened.source.fps))
 
     def add(index: int, frame: Frame, tracks: Tracks) -> None:
         table.add(index, tracks)
-        video.append(draw_tracks(frame.image, palette, tracks, resting, opened.start.radius))
+        video.append(draw(frame.image, tracks))
 
     return add

@@ -77,18 +77,7 @@ class Constant:
     def reset(self, rest: list[Frame]) -> Tracks:
         """Find the markers."""
         position = read_rest(rest, self._palette).position
-        visible = np.asarray(np.isfinite(position).all(axis=-1))
-        layers, count = visible.shape
-        self._tracks = Tracks(
-            time=rest[-1].time,
-            position=position,
-            log_size=np.full((layers, count), np.nan),
-            hue=np.full(count, np.nan),
-            visible=visible,
-            ambiguous=np.zeros_like(visible),
-            last_seen=np.where(visible, rest[-1].time, np.nan),
-            covariance=np.full((count, 3 * layers, 3 * layers), np.nan),
-        )
+        self._tracks = Tracks.of_positions(rest[-1].time, position)
         return self._tracks
 
     def update(self, frame: Frame) -> Tracks:

@@ -1,0 +1,51 @@
+"""The command that scores anybody's tracks: `score`."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from ..errors import UserError
+from .options import JsonOnly, Out, Overwrite, new_folder, option, status
+
+
+def score(
+    files: Annotated[
+        tuple[Path, ...],
+        tyro.conf.Positional,
+        option(
+            "tracks of one maker or several, then the truth. Tracks are a file (Parquet, CSV, or "
+            "TAP-Vid's .npz) or a folder with one for each sequence; the truth is a dataset, one "
+            "of its sequences, or such a file",
+            "TRACKS... TRUTH",
+        ),
+    ],
+    *,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    json_only: JsonOnly = False,
+) -> int:
+    """Score tracks of any tracker against the truth of a dataset or of a file.
+
+    Leaves leaderboard.html, scores.json and pictures of the worst frames.
+
+    Example: chromagrip score mine.csv theirs.parquet data/tracking
+    """
+    if len(files) < 2:
+        raise UserError("score wants tracks and a truth: chromagrip score TRACKS... TRUTH")
+    *tracks, truth = files
+    if out is None and not json_only:
+        out = new_folder(f"score-{truth.stem}")
+
+    from ..measure.scored.score import as_json, score_table, score_tracks
+    from ..output.report import table_lines
+
+    with status() as report:
+        outcomes = score_tracks(tracks, truth, out, overwrite, report)
+    if json_only:
+        print(json.dumps(as_json(outcomes, truth)))
+        return 0
+    print("\n".join(table_lines(score_table(outcomes))))
+    print(f"folder {out}, see leaderboard.html")
+    return 0

@@ -1,0 +1,1 @@
+"""Anybody's tracks scored against the truth of a dataset or of a file."""

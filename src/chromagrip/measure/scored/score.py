@@ -1,0 +1,213 @@
+"""The command's work: tracks of one maker or several, against one truth, in tables and pictures."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from ...errors import located
+from ...output.folder import prepare, whole_file, write_whole
+from ...output.page import PageSection, inline_png, write_page
+from ...output.pictures import read_picture
+from ...output.report import Table
+from .points import read_points
+from .scores import MEANING, UNITS, Scored, score
+from .truths import Named, truths
+
+Image = NDArray[np.uint8]
+
+#: Frames whose errors are drawn.
+_WORST = 4
+#: Factors by which errors may be drawn longer than they are, and length of a typical one [px].
+_FACTORS, _DRAWN = (1000.0, 300.0, 100.0, 30.0, 10.0, 3.0), 12.0
+#: Longest side of a drawn frame [px].
+_SIDE = 640
+_MISSED, _ERROR, _RIGHT = (215, 25, 30), (240, 130, 0), (0, 110, 200)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """Scores of one maker's tracks.
+
+    Attributes
+    ----------
+    name: of the tracks
+    scores: mean over the sequences, by the names of UNITS
+    sequences: scores of each sequence
+    worst: picture of the worst frames; None where the truth has no pictures
+    """
+
+    name: str
+    scores: dict[str, float]
+    sequences: dict[str, dict[str, float]]
+    worst: Image | None
+
+
+def score_tracks(
+    tracks: Sequence[Path],
+    truth: Path,
+    out: Path | None,
+    overwrite: bool,
+    tell: Callable[[str], None] = lambda _: None,
+) -> list[Outcome]:
+    """Score files or folders of tracks against one truth, the best first.
+
+    With `out` it leaves `scores.json`, `leaderboard.html` and, where the truth has pictures, one of
+    the worst frames of each.
+
+    Raises
+    ------
+    UserError
+        When tracks or truth cannot be read, or are not of each other.
+    """
+    if out is not None:
+        prepare(out, overwrite)
+    outcomes = [_outcome(path, truth, tell) for path in tracks]
+    outcomes.sort(key=lambda outcome: -outcome.scores["jaccard"])
+    if out is not None:
+        _write(outcomes, truth, out)
+    return outcomes
+
+
+def _outcome(tracks: Path, truth: Path, tell: Callable[[str], None]) -> Outcome:
+    name = tracks.stem if tracks.is_file() else tracks.name
+    found: dict[str, dict[str, float]] = {}
+    frames: list[tuple[float, Named, Scored, int]] = []
+    for named in truths(tracks, truth):
+        tell(f"{name}, {named.name}")
+        with located(f"tracks {named.tracks}"):
+            scored = score(read_points(named.tracks), named.truth)
+        found[named.name] = scored.scores
+        frames += [(bad, named, scored, k) for k, bad in enumerate(_badness(named, scored))]
+        frames = sorted(frames, key=lambda entry: -entry[0])[:_WORST]
+    mean = {name: float(np.mean([scores[name] for scores in found.values()])) for name in UNITS}
+    drawn = [_draw(named, scored, k) for _, named, scored, k in frames if named.pictures]
+    return Outcome(name=name, scores=mean, sequences=found, worst=_tiled(drawn) if drawn else None)
+
+
+def _badness(named: Named, scored: Scored) -> NDArray[np.float64]:
+    """How bad each frame is: what is lost counts like an error of 8 px, shape (F,)."""
+    visible = named.truth.points.visible
+    length = np.linalg.norm(scored.error, axis=2)
+    off = np.where(visible, np.where(np.isfinite(length), np.minimum(length, 8.0), 8.0), 0.0)
+    return np.asarray(off.sum(axis=1) / np.maximum(visible.sum(axis=1), 1))
+
+
+def _draw(named: Named, scored: Scored, k: int) -> Image:
+    """A frame with its errors, in the picture's own colours."""
+    picture = read_picture(named.pictures[k])
+    scale = _SIDE / max(picture.shape[:2])
+    size = (round(scale * picture.shape[1]), round(scale * picture.shape[0]))
+    drawn: Image = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+    typical = scale * np.nanmedian(np.append(np.linalg.norm(scored.error[k], axis=1), np.inf))
+    longer = next((f for f in _FACTORS if f * typical < _DRAWN), 1.0)
+    true, visible = named.truth.points.position[k], named.truth.points.visible[k]
+    for at, error, seen in zip(true, scored.error[k], visible, strict=True):
+        if not seen:
+            continue
+        start = scale * (at + 0.5) - 0.5
+        if np.isfinite(error).all():
+            end = start + scale * longer * error
+            first, last = ([int(16 * v) for v in point] for point in (start, end))
+            cv2.line(drawn, first, last, _ERROR, 2, cv2.LINE_AA, shift=4)
+            cv2.circle(drawn, first, 24, _RIGHT, -1, cv2.LINE_AA, shift=4)
+        else:
+            x, y = round(start[0]), round(start[1])
+            cv2.drawMarker(drawn, (x, y), _MISSED, cv2.MARKER_TILTED_CROSS, 10, 2, cv2.LINE_AA)
+    lost = int((visible & ~np.isfinite(scored.error[k]).all(axis=1)).sum())
+    top = np.full((58, drawn.shape[1], 3), 255, np.uint8)
+    for row, words in enumerate(
+        (
+            f"{named.name}, frame {k}: {lost} of {visible.sum()} lost (red crosses)",
+            f"blue: true place; orange: error, {longer:g} times as long",
+        )
+    ):
+        place = (8, 22 + 25 * row)
+        cv2.putText(top, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (20, 20, 20), 1, cv2.LINE_AA)
+    return np.vstack([top, drawn])
+
+
+def _tiled(pictures: list[Image]) -> Image:
+    """Pictures in two columns."""
+    height, width = (max(p.shape[k] for p in pictures) for k in (0, 1))
+    cells = [
+        cv2.copyMakeBorder(
+            p, 0, height - p.shape[0], 0, width - p.shape[1], cv2.BORDER_CONSTANT, value=(255,) * 3
+        )
+        for p in pictures
+    ]
+    if len(cells) == 1:
+        return np.asarray(cells[0])
+    if len(cells) % 2:
+        cells.append(np.full_like(cells[0], 255))
+    rows = [np.hstack(cells[k : k + 2]) for k in range(0, len(cells), 2)]
+    return np.vstack(rows)
+
+
+def score_table(outcomes: Sequence[Outcome]) -> Table:
+    """A line for each score, with what it means, and a column for each maker's tracks."""
+    header = ("score", *(outcome.name for outcome in outcomes), "")
+    lines = tuple(
+        (f"{name} {unit}".strip(), *(words(o.scores[name]) for o in outcomes), MEANING[name])
+        for name, unit in UNITS.items()
+    )
+    return Table(header, lines)
+
+
+def as_json(outcomes: Sequence[Outcome], truth: Path) -> dict[str, object]:
+    """Plain values of `scores.json`; null for what is not known."""
+    tracks = [
+        {
+            "tracks": outcome.name,
+            "scores": _plain(outcome.scores),
+            "sequences": {name: _plain(scores) for name, scores in outcome.sequences.items()},
+        }
+        for outcome in outcomes
+    ]
+    return {"truth": str(truth), "units": UNITS, "tracks": tracks}
+
+
+def words(value: float) -> str:
+    """A score in text."""
+    return "–" if not np.isfinite(value) else f"{value:.3g}"
+
+
+def _write(outcomes: Sequence[Outcome], truth: Path, out: Path) -> None:
+    text = json.dumps(as_json(outcomes, truth), indent=2) + "\n"
+    notes = tuple(f"{name}: {text}." for name, text in MEANING.items())
+    sections = []
+    for k, outcome in enumerate(outcomes):
+        picture = Markup()
+        if outcome.worst is not None:
+            data = cv2.imencode(".png", outcome.worst[..., ::-1])[1].tobytes()
+            write_whole(out / f"worst-{outcome.name}.png", data)
+            picture = inline_png(data, f"worst frames of {outcome.name}")
+        lines = tuple(
+            (name, *(words(scores[key]) for key in UNITS))
+            for name, scores in outcome.sequences.items()
+        )
+        header = ("sequence", *(f"{name} {unit}".strip() for name, unit in UNITS.items()))
+        sections.append(
+            PageSection(
+                anchor=f"tracks-{k}",
+                name=outcome.name,
+                title=f"{k + 1}. {outcome.name}",
+                picture=picture,
+                sentence=f"Average Jaccard {words(outcome.scores['jaccard'])} %.",
+                tables=(Table(header, lines),),
+                notes=notes if k == 0 else (),
+            )
+        )
+    with whole_file(out / "leaderboard.html") as part:
+        title = f"Tracks scored against {truth.name}"
+        write_page(part, title, ("The best average Jaccard comes first.",), sections)
+    write_whole(out / "scores.json", text.encode())
+
+
+def _plain(scores: dict[str, float]) -> dict[str, float | None]:
+    return {name: value if np.isfinite(value) else None for name, value in scores.items()}

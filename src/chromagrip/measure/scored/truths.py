@@ -1,0 +1,119 @@
+"""Truths that tracks are scored against: sequences of a dataset, or a file of points."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...dataset.folder import FILES, sequence_name
+from ...dataset.read import Loaded, load_sequences
+from ...errors import UserError
+from ...render import LAYERS, SensorDesign, ground_image, load_sensor, rest_membrane
+from ..limits.positions import position_limits
+from .points import SUFFIXES, Points, read_points
+from .scores import Truth
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Named:
+    """A truth, the file of the tracks that are scored against it, and its pictures if it has any.
+
+    Attributes
+    ----------
+    name: of the sequence, or of the file
+    truth: true places
+    tracks: file of the tracks
+    pictures: of the frames; empty where there are none
+    """
+
+    name: str
+    truth: Truth
+    tracks: Path
+    pictures: list[Path]
+
+
+def truths(tracks: Path, truth: Path) -> Iterator[Named]:
+    """Truths that a file or folder of tracks has something of.
+
+    A folder of tracks has a file, or a folder with `tracks.parquet`, for each sequence of a
+    dataset, named like it. A single file is of the dataset's first sequence, or of the sequence
+    whose folder is given as the truth.
+
+    Raises
+    ------
+    UserError
+        When truth or tracks cannot be read, or no sequence has tracks.
+    """
+    if truth.is_file():
+        yield Named(
+            name=truth.name, truth=Truth(points=read_points(truth)), tracks=tracks, pictures=[]
+        )
+        return
+    if not truth.is_dir():
+        raise UserError(
+            f"there is no truth {truth}; wanted: a dataset, one of its sequences, or a file that "
+            f"ends in {', '.join(SUFFIXES)}"
+        )
+    sequence = (truth / FILES).is_file()
+    dataset = truth.parent if sequence else truth
+    found = False
+    for loaded in load_sequences(dataset):
+        name = sequence_name(loaded.number)
+        if sequence and name != truth.name:
+            continue
+        file = tracks if tracks.is_file() else _tracks_of(tracks, name)
+        if file is None:
+            continue
+        found = True
+        yield Named(name=name, truth=_truth(loaded), tracks=file, pictures=loaded.pictures)
+        if tracks.is_file():
+            return
+    if not found:
+        raise UserError(
+            f"{tracks} has no tracks of a sequence of {dataset}; wanted: "
+            f"{sequence_name(0)}.parquet or {sequence_name(0)}/tracks.parquet, and so on"
+        )
+
+
+def _tracks_of(folder: Path, name: str) -> Path | None:
+    """File of a sequence's tracks in a folder."""
+    if not folder.is_dir():
+        raise UserError(f"there is no {folder}; wanted: a file or a folder of tracks")
+    choices = [folder / f"{name}{suffix}" for suffix in SUFFIXES]
+    choices += [folder / name / "tracks.parquet"]
+    return next((path for path in choices if path.is_file()), None)
+
+
+def _truth(loaded: Loaded) -> Truth:
+    """Truth of a sequence of a dataset."""
+    sensor = load_sensor(loaded.scene.sensor)
+    frames, _, count, _ = loaded.places.shape
+    position = loaded.places.reshape(frames, -1, 2).astype(float)
+    visible = loaded.visible.reshape(frames, -1) & np.isfinite(position).all(axis=2)
+    names = [(layer, k) for layer in LAYERS for k in range(count)]
+    scale, bound = _at_rest(sensor, loaded.scene.camera.noise_levels)
+    return Truth(
+        points=Points(names=names, position=position, visible=visible),
+        mm_per_px=scale,
+        bound=bound,
+    )
+
+
+@lru_cache(maxsize=8)
+def _at_rest(sensor: SensorDesign, noise: float) -> tuple[Array, Array]:
+    """Millimetres per pixel on the skin, and Cramér–Rao bounds [px], of each marker, (2M,)."""
+    membrane = rest_membrane(sensor)
+    areas = []
+    for layer in membrane.centres:
+        jacobian = sensor.view.jacobian(layer)
+        # Of the pixels that a step along the skin moves an image by; depth hardly moves it.
+        areas.append(np.linalg.svd(jacobian, compute_uv=False)[:, :2].prod(axis=1))
+    ground = ground_image(sensor).astype(float)
+    limits = position_limits(sensor, membrane, ground, max(noise, np.sqrt(1.0 / 12.0)))
+    bound = np.sqrt((limits**2).mean(axis=2))
+    return 1e3 / np.sqrt(np.concatenate(areas)), bound.reshape(-1)

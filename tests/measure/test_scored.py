@@ -1,0 +1,230 @@
+"""Scores of anybody's tracks, against truths that are known in closed form."""
+
+import csv
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from chromagrip.cli.app import main
+from chromagrip.errors import UserError
+from chromagrip.measure.scored.points import Points, read_points
+from chromagrip.measure.scored.scores import Truth, score
+
+FRAMES, COUNT = 6, 30
+
+
+def moving(seed: int = 0) -> Points:
+    """Points on a grid of 20 px that move by 2 px a frame."""
+    x, y = np.meshgrid(np.arange(6) * 20.0, np.arange(5) * 20.0)
+    start = np.stack([x.ravel(), y.ravel()], axis=-1)
+    position = start + 2.0 * np.arange(FRAMES)[:, None, None]
+    visible = np.ones((FRAMES, COUNT), dtype=bool)
+    return Points(names=[("", k) for k in range(COUNT)], position=position, visible=visible)
+
+
+def seen(points: Points, visible: np.ndarray) -> Points:
+    position = np.where(visible[..., None], points.position, np.nan)
+    return Points(names=points.names, position=position, visible=visible)
+
+
+def test_the_truth_itself_has_no_error_under_any_numbers() -> None:
+    true = moving()
+    order = np.random.default_rng(1).permutation(COUNT)
+    shuffled = Points(
+        names=[("", 7 * k) for k in range(COUNT)],
+        position=true.position[:, order],
+        visible=true.visible[:, order],
+    )
+    scores = score(shuffled, Truth(points=true)).scores
+    assert scores["rms"] == scores["bias"] == scores["lost"] == scores["swaps"] == 0.0
+    assert scores["jaccard"] == scores["within"] == scores["occlusion"] == 100.0
+    assert np.isnan(scores["rms_mm"])
+    assert np.isnan(scores["bound"])
+
+
+@given(deviation=st.floats(0.01, 0.4), dx=st.floats(-0.5, 0.5))
+def test_noise_and_offset_are_found_as_large_as_they_are(deviation: float, dx: float) -> None:
+    true = moving()
+    noise = deviation * np.random.default_rng(2).standard_normal(true.position.shape)
+    found = Points(
+        names=true.names, position=true.position + noise + np.array([dx, 0.0]), visible=true.visible
+    )
+    bound, scale = np.full(COUNT, 0.5 * deviation), np.full(COUNT, 0.1)
+    scores = score(found, Truth(points=true, mm_per_px=scale, bound=bound)).scores
+    expected = np.sqrt(deviation**2 + dx**2 / 2.0)
+    assert scores["rms"] == pytest.approx(expected, rel=0.15)
+    assert scores["bias"] == pytest.approx(abs(dx), abs=0.3 * deviation)
+    assert scores["rms_mm"] == pytest.approx(0.1 * scores["rms"])
+    assert scores["bound"] == pytest.approx(2.0 * scores["rms"] / deviation)
+
+
+def test_lost_false_and_swapped_points_are_counted() -> None:
+    true = moving()
+    hidden = true.visible.copy()
+    hidden[3, :6] = False  # six points of a frame are not visible
+    reported = true.visible.copy()
+    reported[4, :3] = False  # three others are lost
+    position = true.position.copy()
+    position[5, [0, 1]] = position[5, [1, 0]]  # two are exchanged
+    found = seen(Points(names=true.names, position=position, visible=true.visible), reported)
+    scores = score(found, Truth(points=seen(true, hidden))).scores
+    visible = FRAMES * COUNT - 6
+    assert scores["lost"] == pytest.approx(100.0 * 3 / visible)
+    assert scores["false"] == pytest.approx(100.0 * 6 / (visible - 3 + 6))
+    assert scores["swaps"] == 2
+    assert scores["occlusion"] == pytest.approx(100.0 * (1.0 - 9 / (FRAMES * COUNT)))
+
+
+def test_tap_vids_scores_are_those_of_its_definition() -> None:
+    """All points off by 3 px: two of the five distances are missed."""
+    true = moving()
+    found = Points(
+        names=true.names, position=true.position + np.array([3.0, 0.0]), visible=true.visible
+    )
+    scores = score(found, Truth(points=true)).scores
+    assert scores["within"] == pytest.approx(100.0 * 3 / 5)
+    assert scores["jaccard"] == pytest.approx(100.0 * 3 / 5)
+
+
+def test_a_constant_answer_is_bad() -> None:
+    true = moving()
+    still = np.repeat(true.position[:1], FRAMES, axis=0)
+    constant = Points(names=true.names, position=still, visible=true.visible)
+    scores = score(constant, Truth(points=true)).scores
+    assert scores["p95"] > 5.0
+    assert scores["jaccard"] < 80.0
+
+
+def test_points_of_another_scene_are_refused() -> None:
+    true = moving()
+    other = Points(
+        names=true.names, position=true.position + np.array([500.0, 0.0]), visible=true.visible
+    )
+    with pytest.raises(UserError, match="none of the tracked points is where"):
+        score(other, Truth(points=true))
+
+
+def write_csv(path: Path, points: Points, words: tuple[str, ...]) -> Path:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(words)
+        for k, (places, visible) in enumerate(zip(points.position, points.visible, strict=True)):
+            for (_, number), (x, y), there in zip(points.names, places, visible, strict=True):
+                if there:
+                    writer.writerow([k, number, x, y])
+    return path
+
+
+def write_parquet(path: Path, points: Points) -> Path:
+    frame, point = np.divmod(np.arange(points.visible.size), len(points.names))
+    x, y = points.position.reshape(-1, 2).T
+    numbers = np.array([number for _, number in points.names])[point]
+    columns = {"frame": frame, "marker": numbers, "x_px": x, "y_px": y}
+    pq.write_table(pa.table({**columns, "visible": points.visible.ravel()}), path)
+    return path
+
+
+def write_tap(path: Path, points: Points) -> Path:
+    tracks = np.nan_to_num(np.swapaxes(points.position, 0, 1))
+    np.savez(path, tracks=tracks, visibles=points.visible.T)
+    return path
+
+
+def test_every_format_says_the_same(tmp_path: Path) -> None:
+    visible = np.random.default_rng(5).random((FRAMES, COUNT)) > 0.1
+    points = seen(moving(), visible)
+    files = [
+        write_csv(tmp_path / "a.csv", points, ("frame", "track", "x", "y")),
+        write_csv(tmp_path / "b.csv", points, ("frame", "marker", "x_px", "y_px")),
+        write_parquet(tmp_path / "c.parquet", points),
+        write_tap(tmp_path / "d.npz", points),
+    ]
+    for file in files:
+        found = read_points(file)
+        assert (found.visible == points.visible).all()
+        np.testing.assert_allclose(found.position, points.position)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("a.txt", "", "expected a file that ends in .parquet, .csv, .npz"),
+        ("a.csv", "frame,x,y\n0,1,2\n", "has no column marker or point or track or id"),
+        ("a.csv", "frame,id,x,y\n", "has no row"),
+        ("a.csv", "frame,id,x,y\n0,1,far,2\n", "cannot be read: could not convert"),
+        ("a.csv", "frame,id,x,y\n-1,1,2,2\n", "a frame before 0"),
+        ("a.parquet", "nothing", "cannot be read"),
+        ("a.npz", "nothing", "cannot be read"),
+        ("none.csv", None, "cannot be read: No such file"),
+    ],
+)
+def test_what_are_no_tracks_is_refused(
+    tmp_path: Path, name: str, text: str | None, told: str
+) -> None:
+    path = tmp_path / name
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(UserError, match=re.escape(told)):
+        read_points(path)
+
+
+def chromagrip(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["chromagrip", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def test_the_command_ranks_trackers_on_a_dataset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Our own tracker near the bound, beside one that says that nothing moves."""
+    data = tmp_path / "data"
+    assert chromagrip(monkeypatch, "dataset", "make", "tiny", "--n", 1, "--out", data) == 0
+    sequence = data / "sequence-000000"
+    for tracker in ("fit", "lk"):
+        words = ("track", sequence / "rest.png", sequence, "--palette", "thesis")
+        out = tmp_path / tracker
+        assert chromagrip(monkeypatch, *words, "--tracker", tracker, "--out", out) == 0
+    capsys.readouterr()
+    files = [tmp_path / tracker / "tracks.parquet" for tracker in ("lk", "fit")]
+    for file, name in zip(files, ("lk", "fit"), strict=True):
+        file.rename(tmp_path / f"{name}.parquet")
+    files = [tmp_path / "lk.parquet", tmp_path / "fit.parquet"]
+    out = tmp_path / "scores"
+    assert chromagrip(monkeypatch, "score", *files, sequence, "--out", out, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == json.loads((out / "scores.json").read_text(encoding="utf-8"))
+    found = {entry["tracks"]: entry["scores"] for entry in told["tracks"]}
+    assert 0.8 < found["fit"]["bound"] < 1.6
+    assert found["fit"]["rms"] < found["lk"]["rms"]
+    assert found["fit"]["rms_mm"] == pytest.approx(found["fit"]["rms"] * 0.044, rel=0.3)
+    page = (out / "leaderboard.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png") == 2
+    assert {file.name for file in out.iterdir()} == {
+        "scores.json", "leaderboard.html", "worst-fit.png", "worst-lk.png",
+    }  # fmt: skip
+
+
+def test_a_truth_that_is_none_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = write_parquet(tmp_path / "a.parquet", moving())
+    for words, told in (
+        ((file,), "score wants tracks and a truth"),
+        ((file, "nowhere"), "there is no truth nowhere"),
+        ((file, tmp_path), "is no dataset"),
+    ):
+        assert chromagrip(monkeypatch, "score", *words) == 2
+        errors = capfd.readouterr().err
+        assert told in errors
+        assert len(errors.strip().splitlines()) == 1

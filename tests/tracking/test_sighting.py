@@ -1,0 +1,260 @@
+"""Where the sensor is in a picture, and the colours of its markers, from the picture alone."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import KDTree
+
+from chromagrip.errors import UserError
+from chromagrip.render import add_noise, load_sensor, open_renderer
+from chromagrip.render.colour import encode_srgb
+from chromagrip.render.membrane import rest_membrane
+from chromagrip.tracking import detect_markers, learn_palette, sight
+
+WIDTH, HEIGHT = 400, 300
+
+
+def grid(pitch: float, jitter: float = 0.08, reach: float = 125.0) -> np.ndarray:
+    """Places on a disturbed grid in a disc around the middle [px], shape (n, 2)."""
+    x, y = np.meshgrid(np.arange(pitch, WIDTH, pitch), np.arange(pitch, HEIGHT, pitch))
+    places = np.stack([x.ravel(), y.ravel()], axis=-1)
+    places = places + np.random.default_rng(3).uniform(-jitter, jitter, places.shape) * pitch
+    middle = np.array([WIDTH / 2, HEIGHT / 2])
+    return places[np.linalg.norm(places - middle, axis=1) < reach - pitch / 2]
+
+
+def covered(places: np.ndarray, radii: np.ndarray | float, blur: float = 0.8) -> np.ndarray:
+    """Share of each pixel that discs cover, (H, W)."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    away, number = KDTree(places).query(np.stack([x, y], axis=-1))
+    radius = np.broadcast_to(radii, len(places))[number]
+    return np.asarray(0.5 - 0.5 * np.tanh((away - radius) / blur))
+
+
+def pictured(linear: np.ndarray, noise: float = 1.5) -> np.ndarray:
+    levels = encode_srgb(np.clip(linear, 0.0, 1.0))
+    levels = levels + np.random.default_rng(8).normal(0.0, noise, linear.shape)
+    return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+
+
+def dotted(
+    places: np.ndarray,
+    radii: np.ndarray | float = 6.0,
+    ground: tuple[float, float, float] = (0.6, 0.6, 0.6),
+    marker: tuple[float, float, float] = (0.1, 0.1, 0.1),
+    around: tuple[float, float, float] | None = None,
+) -> np.ndarray:
+    """Discs on shaded ground within a disc of 135 px; outside it the surround, if there is one."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    shade = 1.0 - 0.4 * np.hypot(x - 150, y - 100) / 300
+    cover = covered(places, radii)[..., None]
+    linear = shade[..., None] * (np.array(ground) * (1 - cover) + np.array(marker) * cover)
+    if around is not None:
+        linear[np.hypot(x - WIDTH / 2, y - HEIGHT / 2) > 135] = around
+    return pictured(linear)
+
+
+@pytest.mark.parametrize("around", [None, (0.0, 0.0, 0.0), (0.95, 0.95, 0.95), (0.3, 0.05, 0.05)])
+@pytest.mark.parametrize(
+    ("ground", "marker"),
+    [
+        ((0.6, 0.6, 0.6), (0.1, 0.1, 0.1)),
+        ((0.04, 0.04, 0.04), (0.5, 0.5, 0.5)),
+        ((0.0, 0.0, 0.08), (0.7, 0.8, 0.9)),  # a channel without any light between markers
+        ((1.0, 0.7, 0.5), (1.0, 0.1, 0.4)),  # a channel at its highest level
+        ((0.5, 0.3, 0.1), (0.05, 0.03, 0.01)),
+    ],
+)
+def test_markers_of_any_colour_on_any_ground_in_any_surround_are_found(
+    ground: tuple[float, float, float],
+    marker: tuple[float, float, float],
+    around: tuple[float, float, float] | None,
+) -> None:
+    places = grid(24.0)
+    image = dotted(places, ground=ground, marker=marker, around=around)
+    seen = sight(image)
+    assert seen.bright == (sum(marker) > sum(ground))
+    assert seen.pitch == pytest.approx(23.0, rel=0.1)
+    assert seen.radius == pytest.approx(6.0, rel=0.15)
+    x, y = np.rint(places).astype(int).T
+    assert seen.field[y, x].all()
+    corner = np.s_[:20, :20]
+    assert not seen.field[corner].any()
+    (found,) = detect_markers(image, learn_palette(image, seen))
+    away, number = KDTree(places).query(found.position)
+    assert sorted(number) == list(range(len(places)))
+    assert np.max(away) < 0.6
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    pitch=st.floats(14.0, 60.0),
+    share=st.floats(0.17, 0.28),
+    scatter=st.floats(0.0, 0.34),
+    seed=st.integers(0, 1000),
+)
+def test_sizes_may_scatter_by_a_factor_of_two(
+    pitch: float, share: float, scatter: float, seed: int
+) -> None:
+    places = grid(pitch, reach=145.0)
+    spread = np.random.default_rng(seed).uniform(-scatter, scatter, len(places))
+    radii = np.maximum(pitch * share * np.exp(spread), 2.5)
+    seen = sight(dotted(places, radii))
+    missed = KDTree(seen.position).query(places)[0] > 0.2 * pitch
+    assert missed.sum() <= max(1.0, 0.02 * len(places))
+    assert len(seen.position) < 1.02 * len(places)
+    x, y = np.rint(places[~missed]).astype(int).T
+    assert seen.field[y, x].all()
+
+
+def test_lamps_specks_and_a_label_beside_the_markers_are_none() -> None:
+    """Lamps as round as markers, but larger, at the rim; specks; writing."""
+    places = grid(24.0, reach=110.0)
+    image = dotted(places, ground=(0.03, 0.03, 0.03), marker=(0.4, 0.4, 0.4))
+    for angle in np.arange(0.0, 6.2, 1.05):
+        at = (round(200 + 135 * np.cos(angle)), round(150 + 135 * np.sin(angle)))
+        cv2.circle(image, at, 15, (255, 255, 255), -1, cv2.LINE_AA)
+    cv2.putText(image, "No. 17", (5, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 2)
+    for x, y in np.random.default_rng(2).integers(20, 280, (15, 2)):
+        image[y, x] = 255
+    seen = sight(image)
+    number = KDTree(places).query(seen.position)[1]
+    assert sorted(number) == list(range(len(places)))
+    assert not seen.field[:20, :70].any()
+
+
+def flat(level: int) -> np.ndarray:
+    return np.full((HEIGHT, WIDTH, 3), level, np.uint8)
+
+
+def grainy(blur: float) -> np.ndarray:
+    noise = np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
+    return np.asarray(cv2.GaussianBlur(noise, (0, 0), blur)) if blur else noise
+
+
+def written() -> np.ndarray:
+    image = flat(255)
+    for row in range(9):
+        words = "the quick brown fox jumps over"
+        place = (5, 30 + 30 * row)
+        cv2.putText(image, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 2, cv2.LINE_AA)
+    return image
+
+
+def sloped() -> np.ndarray:
+    slope = np.linspace(0.0, 255.0, WIDTH)[None, :, None] * np.ones((HEIGHT, 1, 3))
+    return slope.astype(np.uint8)
+
+
+def few() -> np.ndarray:
+    return dotted(np.array([[100.0, 100.0], [140.0, 100.0], [100.0, 140.0]]))
+
+
+def anywhere() -> np.ndarray:
+    """Spots of any size at any place, as leaves or lights are."""
+    rng = np.random.default_rng(4)
+    image = flat(200)
+    for _ in range(40):
+        at = (int(rng.integers(0, WIDTH)), int(rng.integers(0, HEIGHT)))
+        cv2.circle(image, at, int(np.exp(rng.uniform(1.0, 4.0))), int(rng.integers(0, 180)), -1)
+    return image
+
+
+NOTHING = {
+    "black": flat(0),
+    "grey": flat(128),
+    "white": flat(255),
+    "noise": grainy(0.0),
+    "noise of 1 px": grainy(1.0),
+    "noise of 3 px": grainy(3.0),
+    "noise of 8 px": grainy(8.0),
+    "text": written(),
+    "slope": sloped(),
+    "few": few(),
+    "anywhere": anywhere(),
+}
+
+
+@pytest.mark.parametrize("image", NOTHING.values(), ids=NOTHING.keys())
+def test_what_does_not_repeat_like_markers_is_refused(image: np.ndarray) -> None:
+    with pytest.raises(UserError, match="nothing here repeats like markers"):
+        sight(image)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 500), (15, 400), (3, 3)])
+def test_a_picture_without_room_for_markers_is_refused(shape: tuple[int, int]) -> None:
+    with pytest.raises(UserError, match="wanted: 16 or more a side"):
+        sight(np.zeros((*shape, 3), np.uint8))
+
+
+def test_markers_are_looked_for_only_where_that_is_asked() -> None:
+    places = grid(24.0)
+    half = np.zeros((HEIGHT, WIDTH), dtype=bool)
+    half[:, : WIDTH // 2] = True
+    seen = sight(dotted(places), half)
+    assert not seen.field[:, WIDTH // 2 :].any()
+    assert seen.position[:, 0].max() < WIDTH / 2 + 1
+    with pytest.raises(UserError, match="nothing here"):
+        sight(dotted(places), ~np.ones_like(half))
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ((0.6, 0.15, 0.25), (0.97, 0.8, 0.12)),
+        ((0.2, 0.6, 0.8), (0.9, 0.3, 0.5)),
+        ((0.3, 0.8, 0.4), (0.8, 0.3, 0.9)),
+    ],
+)
+def test_dyes_of_two_layers_are_learned(
+    first: tuple[float, float, float], second: tuple[float, float, float]
+) -> None:
+    """Layers that lie aside by a third of a radius to all sides; dyes true to a tenth in light."""
+    places = grid(26.0)
+    turn = np.random.default_rng(5).uniform(0.0, 2.0 * np.pi, len(places))
+    aside = 2.5 * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    linear = np.full((HEIGHT, WIDTH, 3), 0.75) * np.linspace(1.0, 0.6, WIDTH)[:, None]
+    for at, dye in ((places + aside, first), (places - aside, second)):
+        linear = linear * (1.0 - covered(at, 7.0)[..., None] * (1.0 - np.array(dye)))
+    image = pictured(linear)
+    seen = sight(image)
+    palette = learn_palette(image, seen)
+    assert len(palette.names) == 2
+    dyes = np.array([first, second])
+    if abs(palette.transmittance[0] - first).sum() > abs(palette.transmittance[1] - first).sum():
+        dyes = dyes[::-1]
+    np.testing.assert_allclose(palette.transmittance, dyes, atol=0.1)
+    counts = [len(layer.area) for layer in detect_markers(image, palette)]
+    assert counts == [len(places)] * 2
+
+
+@pytest.mark.parametrize("tint", [(1.0, 1.0, 1.0), (1.0, 0.5, 0.2)])
+def test_light_of_two_colours_does_not_make_two_dyes(tint: tuple[float, float, float]) -> None:
+    """Dark dots under light that is red on one side and blue on the other, and stray light."""
+    share = np.linspace(0.0, 1.0, WIDTH)[None, :, None]
+    light = (1.0 - share) * np.array([0.7, 0.4, 0.1]) + share * np.array([0.1, 0.4, 0.7])
+    cover = covered(grid(24.0), 6.0)[..., None]
+    image = pictured(light * np.array(tint) * (1.0 - 0.9 * cover) + 0.01)
+    palette = learn_palette(image, sight(image))
+    assert palette.names == ("dark",)
+
+
+@pytest.mark.parametrize("name", ["thesis", "dome-2022", "flat-2019"])
+@pytest.mark.parametrize("scale", [0.6, 1.0, 1.7])
+def test_our_designs_are_found_without_knowing_them_at_any_size(name: str, scale: float) -> None:
+    sensor = load_sensor(name)
+    image = open_renderer("painter", sensor).render(rest_membrane(sensor))
+    add_noise(image, 2.0, 3, 0)
+    way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
+    image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=way))
+    palette = learn_palette(image, sight(image))
+    assert palette.names == ("magenta", "yellow")
+    counts = [len(layer.area) for layer in detect_markers(image, palette)]
+    assert min(counts) > 0.95 * len(sensor.places)
+    assert max(counts) <= len(sensor.places)
+    alone = detect_markers(image, replace(palette, seen=None)) if scale == 1.0 else None
+    assert alone is None or abs(len(alone[0].area) - counts[0]) < 5

@@ -1,0 +1,183 @@
+"""Colours of a specimen's markers, learned from a picture of it at rest.
+
+By Beer and Lambert's law the logarithm of the light that a dye takes away is a ray in the space of
+the three channels. Where two layers lie on each other their rays add up: every marked pixel lies
+between the rays of the single dyes, which are sought at both ends.
+"""
+
+import itertools
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..render import decode_srgb
+from .palette import Palette, load_palette
+from .sighting import Sighting
+from .spots import find_spots
+from .unmixing import AROUND, DARKEST, dye_densities, rough_ground, unmixing_matrix
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+#: Channels of a colour image differ by more than this somewhere [grey levels].
+COLOURED = 12.0
+#: At edges, where light is mixed, it changes by more than this share of the contrast from pixel to
+#: pixel.
+_EDGE = 0.12
+#: Marked pixels lose this share of what the strongest lose, at least.
+_MARKED = 0.35
+#: Light of one dye is within this share of the ground's on a line over the ground's light …
+_OTHER = 0.15
+#: … but for this share of the pixels.
+_FEW = 0.05
+#: Quantiles of the angle at which the ray of a single dye may lie.
+_OUTERMOST = (0.01, 0.03, 0.08, 0.16, 0.25)
+#: Pixels of one dye are within this share of the angle between the rays.
+_NEAR = 0.1
+#: Rays of dyes are those of the known sensor where the cosine of their angle is larger.
+_KNOWN = 0.85
+#: The colour of both its dyes together is within this share of what they take away.
+_KNOWN_SUM = 0.2
+#: Dyes whose channels differ by less than this share are grey.
+_GREY = 0.4
+#: Smallest and largest transmittance that is told.
+_TOLD = (1e-3, 100.0)
+#: Names of hues from 0° on, 60° each.
+_HUES = ("red", "yellow", "green", "cyan", "blue", "magenta")
+
+
+def learn_palette(image: NDArray[np.uint8], seen: Sighting) -> Palette:
+    """Palette of the markers in a picture, of one layer or two.
+
+    Markers that are brighter than the ground are taken to be of one layer.
+
+    Parameters
+    ----------
+    image: sRGB, shape (H, W, 3)
+    seen: where its markers are
+    """
+    linear = decode_srgb(image.astype(float)).astype(np.float32)
+    smooth = np.maximum(np.asarray(cv2.medianBlur(linear, 3)), np.float32(DARKEST))
+    ground, lit = rough_ground(smooth, int(AROUND * seen.pitch), seen.field, seen.bright)
+    marked = seen.spots & lit & _even(smooth, ground)
+    light, around = smooth[marked], np.maximum(ground, np.float32(DARKEST))[marked]
+    share = np.maximum(1.0 - (around / light if seen.bright else light / around), 0.0)
+    size = np.linalg.norm(share, axis=1)
+    strong = size > _MARKED * np.percentile(size, 98.0)
+    light, around, share = light[strong], around[strong], share[strong]
+    spread = np.percentile(np.ptp(image[seen.field].astype(np.int16), axis=1), 99.5)
+    if seen.bright or spread < COLOURED or not _two_dyes(light, around):
+        dye = _one_dye(light, around, seen.bright)
+        return _both_known(dye, seen) or _named(dye[None], seen)
+    lost = np.log(around / light)
+    found = [
+        _named(np.maximum(np.exp(-_rays(lost, share, *quantiles)), _TOLD[0]), seen)
+        for quantiles in itertools.product(_OUTERMOST, repeat=2)
+    ]
+    field = seen.field & lit
+    return max(found, key=lambda palette: _score(palette, linear, ground, field))
+
+
+def _even(light: Single, ground: Single) -> Mask:
+    """Pixels clear of edges, where light is mixed, shape (H, W)."""
+    slopes = [abs(cv2.Sobel(light, cv2.CV_32F, *way, scale=0.25)) for way in ((1, 0), (0, 1))]
+    contrast = abs(ground - light).max(axis=2)
+    return np.asarray(np.max(slopes, axis=(0, 3)) < _EDGE * contrast)
+
+
+def _two_dyes(light: Array, around: Array) -> bool:
+    """Whether the light of spots (n, 3) is not that of one dye, on ground of any colour."""
+    apart = np.zeros(len(light))
+    for own, ground in zip(light.T, around.T, strict=True):
+        near = np.ones(len(own), dtype=bool)
+        for _ in range(6):
+            # Fog and stray light lift the dark of a channel, but never lower it.
+            slope, lift = np.polyfit(ground[near], own[near], 1)
+            if lift < 0.0:
+                slope, lift = float(own[near] @ ground[near] / (ground[near] @ ground[near])), 0.0
+            left = abs(own - slope * ground - lift)
+            near = left <= 2.5 * np.median(left) + 1e-4
+        apart = np.maximum(apart, left / (ground + 0.1 * ground.max()))
+    return bool((apart > _OTHER).mean() > _FEW)
+
+
+def _one_dye(light: Array, around: Array, bright: bool) -> Array:
+    """Transmittance of a single dye (3,), of pixels (n, 3) where the light is best."""
+    best = light if bright else around
+    lit = best > 0.5 * np.percentile(best, 95, axis=0)
+    pairs = zip((light / around).T, lit.T, strict=True)
+    found = np.array([np.median(ratio[some]) for ratio, some in pairs])
+    return np.clip(found, *_TOLD)
+
+
+def _both_known(dye: Array, seen: Sighting) -> Palette | None:
+    """The known sensor's palette if that colour is its two dyes on each other; else None.
+
+    Where layers lie exactly on each other, as at rest, a picture shows neither dye alone.
+    """
+    usual = load_palette()
+    both, own = -np.log(usual.transmittance).sum(axis=0), -np.log(dye)
+    alike = np.linalg.norm(own - both) < _KNOWN_SUM * np.linalg.norm(both)
+    return replace(usual, seen=seen) if alike else None
+
+
+def _rays(lost: Array, share: Array, first: float, last: float) -> Array:
+    """Logarithm of what each of two dyes takes away (2, 3), of marked pixels (n, 3).
+
+    Parameters
+    ----------
+    lost: logarithm of what a pixel lost
+    share: that it lost, in which noise is even
+    first, last: share of the pixels that lie outside the two rays
+    """
+    axes = np.linalg.svd(share, full_matrices=False)[2][:2]
+    axes[0] *= np.sign(axes[0].sum())
+    along, across = axes @ share.T
+    angle = np.arctan2(across, along)
+    low, high = np.quantile(angle, [first, 1.0 - last])
+    turn = _NEAR * (high - low)
+    of = (angle < low + turn, angle > high - turn)
+    return np.maximum([np.median(lost[some], axis=0) for some in of], 0.0)
+
+
+def _score(palette: Palette, linear: Single, ground: Single, field: Mask) -> float:
+    """How many markers a palette finds; those of the layer with fewer count more."""
+    densities = dye_densities(linear, ground, unmixing_matrix(palette.transmittance))
+    counts = sorted(len(find_spots(density, field, parted=True).area) for density in densities)
+    # Of two that find as many the paler one is right: two dyes together take away more than each.
+    return counts[0] + 0.5 * counts[1] + 0.01 * float(palette.transmittance.mean())
+
+
+def _named(transmittance: Array, seen: Sighting) -> Palette:
+    """Palette named after its colours; two dyes of the known sensor have its names and order."""
+    if len(transmittance) == 2:
+        usual = load_palette()
+        own, known = (_units(np.log(rows)) for rows in (transmittance, usual.transmittance))
+        match = own @ known.T
+        if match[0, 0] + match[1, 1] < match[0, 1] + match[1, 0]:
+            transmittance, match = transmittance[::-1], match[::-1]
+        if min(match[0, 0], match[1, 1]) > _KNOWN:
+            return Palette(names=usual.names, transmittance=transmittance, seen=seen)
+    names = [_name(row) for row in transmittance]
+    if len(set(names)) < len(names):
+        names = [f"{name} {k + 1}" for k, name in enumerate(names)]
+    return Palette(names=tuple(names), transmittance=transmittance, seen=seen)
+
+
+def _units(rows: Array) -> Array:
+    return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
+
+
+def _name(transmittance: Array) -> str:
+    """Colour of a dye, or that it is darker or brighter than the ground."""
+    colour = transmittance / transmittance.max()
+    if transmittance.mean() > 1.0:
+        return "bright"
+    if transmittance.max() < _GREY or colour.min() > 1.0 - _GREY:
+        return "dark"
+    red, green, blue = colour
+    hue = np.degrees(np.arctan2(np.sqrt(3.0) * (green - blue), 2.0 * red - green - blue))
+    return _HUES[round(hue / 60.0) % 6]

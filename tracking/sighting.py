@@ -1,0 +1,304 @@
+"""Where markers are in a picture of any sensor: found by what all markers have in common.
+
+Markers are round spots of one sign of contrast, as large as their neighbours, on ground that is
+smoother than they are strong, and they keep their distances. Colours, sizes and the sensor's place
+in the picture need not be known. A surround, a frame, lamps or a label do not repeat like that.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from ..errors import UserError
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+#: Larger pictures are reduced to this many pixels on the longer side to look for markers.
+_LOOKED_AT = 1280
+#: Shorter side of a picture that has room for markers and ground, at least [px].
+_SMALLEST_SIDE = 16
+#: Blur before regions are sought, so that noise does not tear them [px].
+_CALM = 0.7
+#: Grey levels over which a region must be stable.
+_STABLE = 6
+#: Pixels of a marker, at least, and share of the picture that it covers, at most.
+_SMALLEST, _LARGEST = 9, 1.0 / 25.0
+#: Least area of a region over that of its ellipse of inertia, and largest ratio of its axes.
+_FILLED, _LONGEST = 0.87, 2.5
+#: Regions whose centres are within this many radii, and whose areas differ by no more than this
+#: factor, are one spot at several thresholds.
+_SAME_CENTRE, _SAME_AREA = 0.6, 2.5
+#: Least contrast of a spot [grey levels].
+_FAINTEST = 8.0
+#: Neighbours differ in area and in contrast by no more than these factors …
+_AS_LARGE, _AS_STRONG = 4.5, 2.5
+#: … and are no further apart than this many radii of the larger.
+_FURTHEST = 8.0
+#: Neighbours that are looked at.
+_NEIGHBOURS = 8
+#: Markers that make a pattern, at least.
+_FEWEST = 9
+#: Least contrast over the deviation of the light inside and around a spot, in the median.
+_CLEAR = 3.0
+#: Largest standard deviation of the distance to the nearest neighbour, over its mean. That of
+#: points anywhere is 0.52.
+_UNEVEN = 0.35
+#: Largest standard deviation of the logarithm of their areas. That of radii anywhere within a
+#: factor of two is 0.4.
+_UNLIKE = 0.65
+#: Least standard deviation of their places across the longest way, over that distance.
+_ROW = 0.6
+#: The field ends at this share of the typical distance from the outermost markers.
+_MARGIN = 0.75
+
+
+class Spots(NamedTuple):
+    """Spots of one channel that repeat like markers, n of them.
+
+    Attributes
+    ----------
+    channel: number of the channel
+    bright: whether they are brighter than the ground
+    position: centres [px], shape (n, 2)
+    area: [px²], shape (n,)
+    clear: contrast over the deviation of the light inside and around them
+    pitch: typical distance to the nearest other [px]
+    """
+
+    channel: int
+    bright: bool
+    position: Array
+    area: Array
+    clear: float
+    pitch: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sighting:
+    """The field of view of a sensor, and how its markers stand out.
+
+    Attributes
+    ----------
+    field: pixels that show the sensor's markers and the ground around them, shape (H, W)
+    bright: whether the markers are brighter than the ground
+    spots: pixels of the spots that were found, shape (H, W)
+    position: centres of those of the clearest channel [px], shape (n, 2)
+    radius: of a typical spot [px]
+    pitch: typical distance to the nearest other spot [px]
+    """
+
+    field: Mask
+    spots: Mask
+    bright: bool
+    position: Array
+    radius: float
+    pitch: float
+
+
+def sight(image: Image, within: Mask | None = None) -> Sighting:
+    """Find the markers of any sensor in a picture.
+
+    Parameters
+    ----------
+    image: sRGB, shape (H, W, 3)
+    within: where to look, by default everywhere, shape (H, W)
+
+    Raises
+    ------
+    UserError
+        When nothing in it repeats like markers.
+    """
+    if min(image.shape[:2]) < _SMALLEST_SIDE:
+        raise UserError(
+            f"the picture has {image.shape[1]}×{image.shape[0]} pixels; wanted: "
+            f"{_SMALLEST_SIDE} or more a side"
+        )
+    scale = max(1.0, max(image.shape[:2]) / _LOOKED_AT)
+    size = tuple(round(side / scale) for side in image.shape[1::-1])
+    small = image
+    if scale > 1.0:
+        reduced = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        small = np.asarray(reduced, dtype=np.uint8)
+    found = [spots for channel in _channels(small) for spots in _patterns(small, channel)]
+    if within is not None:
+        found = [_inside(spots, within, scale) for spots in found]
+    found = [s for s in found if _is_pattern(s)]
+    if not found:
+        raise UserError("nothing here repeats like markers")
+    best = max(found, key=lambda s: len(s.area) * s.clear)
+    alike = [s for s in found if s.bright == best.bright]
+    middle, half = (scale - 1.0) / 2.0, _MARGIN * best.pitch * scale
+    places = np.concatenate([s.position * scale + middle for s in alike])
+    radius = scale * np.sqrt(np.concatenate([s.area for s in alike]) / np.pi)
+    field = _around(places, half, image.shape[:2])
+    return Sighting(
+        field=field if within is None else field & within,
+        spots=_discs(places, radius, image.shape[:2]),
+        bright=best.bright,
+        position=best.position * scale + middle,
+        radius=scale * float(np.sqrt(np.median(best.area) / np.pi)),
+        pitch=scale * best.pitch,
+    )
+
+
+def _channels(image: Image) -> list[int]:
+    """Channels that differ: all three, or one of a grey picture."""
+    spread = np.percentile(np.ptp(image[::2, ::2].astype(np.int16), axis=2), 99.5)
+    return [1] if spread < _FAINTEST else [0, 1, 2]
+
+
+def _patterns(image: Image, channel: int) -> list[Spots]:
+    """The largest group of alike spots of each sign in a channel."""
+    light = np.ascontiguousarray(image[..., channel])
+    position, area = _regions(light)
+    contrast, rough = _contrasts(light, position, area)
+    found = []
+    for bright in (False, True):
+        some = contrast > _FAINTEST if bright else contrast < -_FAINTEST
+        some[some] = _alike(position[some], area[some], abs(contrast[some]))
+        if some.sum() < _FEWEST:
+            continue
+        clear = float(np.median(abs(contrast[some]) / rough[some]))
+        found.append(Spots(channel, bright, position[some], area[some], clear, 0.0))
+    return [spots._replace(pitch=_pitch(spots.position)) for spots in found]
+
+
+def _pitch(position: Array) -> float:
+    return float(np.median(_nearest(position)))
+
+
+def _nearest(position: Array) -> Array:
+    """Distance to the nearest other point (n,) of points (n, 2)."""
+    return np.asarray(KDTree(position).query(position, k=2)[0])[:, 1]
+
+
+def _is_pattern(spots: Spots) -> bool:
+    """Whether spots stand out clearly, keep their distances and are of one kind of size."""
+    if len(spots.area) < _FEWEST or spots.clear < _CLEAR:
+        return False
+    apart = _nearest(spots.position)
+    # Markers cover a surface; letters of a kind stand in a row.
+    narrow = np.sqrt(np.linalg.eigvalsh(np.cov(spots.position.T))[0])
+    even = apart.std() < _UNEVEN * apart.mean() and np.log(spots.area).std() < _UNLIKE
+    return bool(even and narrow > _ROW * spots.pitch)
+
+
+def _inside(spots: Spots, within: Mask, scale: float) -> Spots:
+    """Spots within a mask of the unreduced picture."""
+    x, y = np.rint(spots.position * scale).astype(int).T
+    some = within[np.clip(y, 0, len(within) - 1), np.clip(x, 0, within.shape[1] - 1)]
+    if some.sum() < 2:
+        return spots._replace(position=np.empty((0, 2)), area=np.empty(0))
+    position = spots.position[some]
+    return spots._replace(position=position, area=spots.area[some], pitch=_pitch(position))
+
+
+def _regions(light: Image) -> tuple[Array, Array]:
+    """Centres (n, 2) and areas (n,) of round regions that are stable over thresholds."""
+    calm = np.asarray(cv2.GaussianBlur(light, (0, 0), _CALM))
+    mser = cv2.MSER.create(_STABLE, _SMALLEST, int(_LARGEST * light.size), 0.5, 0.2)
+    regions: Any = mser.detectRegions(calm)[0]
+    if len(regions) == 0:
+        return np.empty((0, 2)), np.empty(0)
+    area = np.array([len(region) for region in regions], dtype=float)
+    number = np.repeat(np.arange(len(area)), area.astype(int))
+    x, y = np.concatenate(regions).T.astype(float)
+
+    def mean(values: Array) -> Array:
+        return np.bincount(number, values) / area
+
+    centre = np.stack([mean(x), mean(y)], axis=-1)
+    x, y = x - centre[number, 0], y - centre[number, 1]
+    # The inertia of a pixel itself, a square, is 1/12.
+    xx, yy, xy = mean(x * x) + 1.0 / 12.0, mean(y * y) + 1.0 / 12.0, mean(x * y)
+    middle, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    long, short = middle + apart, np.maximum(middle - apart, 1e-9)
+    round_ = (area > _FILLED * 4.0 * np.pi * np.sqrt(long * short)) & (long < _LONGEST**2 * short)
+    centre, area = centre[round_], area[round_]
+    kept = _unnested(centre, area)
+    return centre[kept], area[kept]
+
+
+def _unnested(centre: Array, area: Array) -> list[int]:
+    """Numbers of regions, one of each spot: the middle one of those that lie in each other."""
+    if len(area) == 0:
+        return []
+    tree, radius = KDTree(centre), np.sqrt(area / np.pi)
+    around = tree.query_ball_point(centre, _SAME_CENTRE * radius)
+    used, kept = np.zeros(len(area), dtype=bool), []
+    for i in np.argsort([-len(near) for near in around], kind="stable"):
+        if used[i]:
+            continue
+        near = np.array([j for j in around[i] if not used[j]])
+        same = near[abs(np.log(area[near] / area[i])) < np.log(_SAME_AREA)]
+        used[near] = True
+        kept.append(int(same[np.argsort(area[same], kind="stable")[len(same) // 2]]))
+    return kept
+
+
+def _contrasts(light: Image, position: Array, area: Array) -> tuple[Array, Array]:
+    """Light inside spots over that around them, and its deviation, both (n,) [grey levels]."""
+    contrast, rough = np.zeros(len(area)), np.ones(len(area))
+    height, width = light.shape
+    for k, ((x, y), radius) in enumerate(zip(position, np.sqrt(area / np.pi), strict=True)):
+        reach = int(1.8 * radius + 3.0)
+        top, left = max(0, int(y) - reach), max(0, int(x) - reach)
+        part = light[top : min(height, int(y) + reach + 1), left : min(width, int(x) + reach + 1)]
+        rows, cols = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
+        apart = np.hypot(cols - x, rows - y)
+        inside = part[apart < 0.7 * radius + 0.5].astype(float)
+        beside = part[(apart > 1.35 * radius + 1.0) & (apart < 1.8 * radius + 2.0)].astype(float)
+        if len(beside):
+            contrast[k] = inside.mean() - np.median(beside)
+            # Rounding is noise too.
+            rough[k] = np.sqrt(0.5 * (inside.var() + beside.var()) + 1.0)
+    return contrast, rough
+
+
+def _alike(position: Array, area: Array, contrast: Array) -> Mask:
+    """The largest group of spots whose neighbours are like them, of n, shape (n,)."""
+    count = len(area)
+    if count < _FEWEST:
+        return np.zeros(count, dtype=bool)
+    apart, other = (
+        np.asarray(v)[:, 1:]
+        for v in KDTree(position).query(position, k=min(_NEIGHBOURS + 1, count))
+    )
+    radius = np.sqrt(area / np.pi)
+    near = apart < _FURTHEST * np.maximum(radius[:, None], radius[other])
+    for value, factor in ((area, _AS_LARGE), (contrast, _AS_STRONG)):
+        near &= abs(np.log(value[:, None] / value[other])) < np.log(factor)
+    one = np.broadcast_to(np.arange(count)[:, None], other.shape)
+    links = csr_matrix((np.ones(near.sum()), (one[near], other[near])), shape=(count, count))
+    _, group = connected_components(links, directed=False)
+    largest: Mask = group == np.bincount(group).argmax()
+    return largest
+
+
+def _discs(position: Array, radius: Array, shape: tuple[int, ...]) -> Mask:
+    """Pixels of discs, shape (H, W)."""
+    drawn = np.zeros((shape[0], shape[1]), dtype=np.uint8)
+    for (x, y), r in zip(position, radius, strict=True):
+        cv2.circle(drawn, (round(x), round(y)), max(1, round(1.4 * r)), 1, -1)
+    return drawn > 0
+
+
+def _around(position: Array, reach: float, shape: tuple[int, ...]) -> Mask:
+    """Pixels within reach of points, and gaps between them filled, shape (H, W)."""
+    away = np.ones((shape[0], shape[1]), dtype=np.uint8)
+    x, y = np.rint(position).astype(int).T
+    away[np.clip(y, 0, shape[0] - 1), np.clip(x, 0, shape[1] - 1)] = 0
+    # Filled by growing and shrinking, with room beside the picture.
+    pad = int(2.0 * reach) + 2
+    away = np.pad(away, pad, constant_values=1)
+    near = np.asarray(cv2.distanceTransform(away, cv2.DIST_L2, 5)) < 2.0 * reach
+    grown = np.asarray(cv2.distanceTransform(near.astype(np.uint8), cv2.DIST_L2, 5)) > reach
+    return np.asarray(grown[pad:-pad, pad:-pad])
