@@ -40,21 +40,6 @@ TITLES = {
     "force": "Forces and friction, measured",
     "dataset": "Datasets, measured",
 }
-#: Defects that make a frame look like a frame of the real dome.
-REAL = {
-    "defects.misalignment_mm": 0.7,
-    "defects.misplacement_mm": 0.12,
-    "defects.seam_tint": 0.7,
-    "defects.dust": 25,
-    "defects.specular": 4,
-    "defects.uneven_leds": 0.15,
-    "defects.vignette": 0.3,
-    "defects.defocus_px": 0.6,
-    "defects.shot_noise_electrons": 8000,
-    "defects.read_noise_electrons": 12,
-    "defects.bayer": "true",
-    "defects.jpeg_quality": 85,
-}
 
 
 @contextmanager
@@ -130,17 +115,27 @@ def ranges() -> None:
 
 
 def render() -> None:
-    """The renderers' report and chart, a pose's preview, a real-looking frame beside an ideal."""
+    """The renderers' report and chart, a pose's preview, and domes as printed and as built."""
     table("render")
     draw_chart("render")
     keep("render --grip 2 --load 0.6", {"preview-000.png": IMAGES / "render-preview.png"})
+    keep_domes()
+
+
+def keep_domes() -> None:
+    """The dome of 2020 as printed, and two specimens of it as built."""
     pictures = []
-    for defects in ({}, REAL):
-        changes = [f"--set={key}={value}" for key, value in defects.items()]
-        pose = ["render", "--sensor", "dome-2020", "--seed", "3", "--grip", "15", "--load", "4"]
-        with made_by(*pose, *changes) as folder:
+    for sensor, seed, grip in (
+        ("dome-2020-printed", 3, 15),
+        ("dome-2020", 3, 0),
+        ("dome-2020", 4, 15),
+    ):
+        pose = ["render", "--sensor", sensor, f"--seed={seed}", f"--grip={grip}", "--load=0"]
+        with made_by(*pose) as folder:
             picture: Any = cv2.imread(str(folder / "image-000.png"))
-            pictures.append(picture[30:450, 110:530])
+        if sensor == "dome-2020-printed":
+            picture = picture[36:444, 116:524]
+        pictures.append(cv2.resize(picture, (420, 420), interpolation=cv2.INTER_AREA))
     cv2.imwrite(str(IMAGES / "dome-2020.png"), cv2.hconcat(pictures))
 
 

@@ -12,6 +12,7 @@ ideal image into a real camera's.
 """
 
 from .colour import decode_srgb, decoding_table, encode_srgb, encoding_table
+from .design.dials import Defects
 from .design.sensor import (
     FILES_NAMED,
     LAYERS,
@@ -26,7 +27,7 @@ from .drawing.gl import gl_problem
 from .drawing.painter import Painter
 from .drawing.renderers import RENDERERS, Renderer, open_renderer
 from .drawing.truth import GroundTruth, MarkerTruth, TruthMap, marker_truth
-from .flaws.defects import Defects, Flaws
+from .flaws.defects import Flaws
 from .flaws.imaging import Imaging, shutter_times
 from .flaws.noise import add_noise
 from .frame import Frame

@@ -32,7 +32,7 @@ def inside_rim(sensor: SensorDesign, places: Array) -> Array:
 def ground_image(sensor: SensorDesign) -> NDArray[np.float32]:
     """Linear light of the sensor without markers, shape (H, W, 3)."""
     places = pixel_places(sensor)
-    share = np.nan_to_num(np.clip(places[..., 0] / sensor.shape.half, 0.0, 1.0), nan=1.0)
+    share = np.nan_to_num(np.clip(places[..., 0] / sensor.shape.rim, 0.0, 1.0), nan=1.0)
     apex, rim, housing = (
         decode_srgb(np.array(level, dtype=float))
         for level in (sensor.ground.apex, sensor.ground.rim, sensor.ground.housing)

@@ -6,6 +6,7 @@ between the rays of the single dyes, which are sought at both ends.
 """
 
 import itertools
+import math
 from dataclasses import replace
 
 import cv2
@@ -95,13 +96,21 @@ def _two_dyes(light: Array, around: Array) -> bool:
         near = np.ones(len(own), dtype=bool)
         for _ in range(6):
             # Fog and stray light lift the dark of a channel, but never lower it.
-            slope, lift = np.polyfit(ground[near], own[near], 1)
-            if lift < 0.0:
-                slope, lift = float(own[near] @ ground[near] / (ground[near] @ ground[near])), 0.0
+            slope, lift = _line(ground[near], own[near])
             left = abs(own - slope * ground - lift)
             near = left <= 2.5 * np.median(left) + 1e-4
         apart = np.maximum(apart, left / (ground + 0.1 * ground.max()))
     return bool((apart > _OTHER).mean() > _FEW)
+
+
+def _line(x: Array, y: Array) -> tuple[float, float]:
+    """Slope and lift of the line through points, or through 0 where it would lie below."""
+    across, up = x - x.mean(), y - y.mean()
+    spread = float(across @ across)
+    # Ground of one level, as that of a saturated channel, has no slope.
+    slope = float(across @ up) / spread if spread > 1e-6 * float(x @ x) else math.inf
+    lift = float(y.mean()) - slope * float(x.mean())
+    return (slope, lift) if lift > 0.0 else (float(x @ y) / float(x @ x), 0.0)
 
 
 def _one_dye(light: Array, around: Array, bright: bool) -> Array:

@@ -67,6 +67,11 @@ def geodesic(count: int, coverage: float, pitch: float) -> Array:
     raise UserError(f"no room for {count} markers beside a meridian row of {len(row)}")
 
 
+def spiral(count: int, coverage: float) -> Array:
+    """Markers in a golden-angle spiral to an angle from the apex [rad], even in area."""
+    return _spiral(count, coverage)
+
+
 def rings(counts: tuple[int, ...], pitch: float, turn: float) -> Array:
     """Rings of evenly spaced markers around the apex, one marker in the middle if counts[0] is 1.
 

@@ -16,12 +16,12 @@ from ..optics.camera import Camera, FisheyeCamera, PinholeCamera
 from ..optics.view import View
 from . import layout as layouts
 from .design_checks import check_markers
+from .dials import Defects, Share
 from .skin import DomeSkin, PadSkin, Skin
 
 Array = NDArray[np.float64]
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Level = Annotated[int, Meta(ge=0, le=255)]
 Many = Annotated[int, Meta(ge=1, le=5000)]
 Coverage = Annotated[float, Meta(ge=10.0, le=89.0)]
@@ -40,13 +40,15 @@ class Dome(Table, frozen=True, tag_field="shape", tag="dome"):
     """A dome of soft, clear silicone around a hollow with the camera in it.
 
     `stiffness_deviation` is the standard deviation of a specimen's stiffness from the design's, as
-    a share, which no picture of the unloaded sensor tells.
+    a share, which no picture of the unloaded sensor tells. `rim_deg` is the angle from the apex at
+    which the housing begins, which hides the skin and the markers beyond.
     """
 
     radius_mm: Positive
     hollow_mm: Positive
     index: Annotated[float, Meta(ge=1.0, le=3.0)] = 1.41
     stiffness_deviation: Share = STIFFNESS_DEVIATION
+    rim_deg: Annotated[float, Meta(ge=20.0, le=90.0)] = 90.0
 
 
 class Pad(Table, frozen=True, tag_field="shape", tag="pad"):
@@ -63,6 +65,13 @@ class Geodesic(Table, frozen=True, tag_field="kind", tag="geodesic"):
     count: Annotated[int, Meta(ge=40, le=5000)]
     coverage_deg: Coverage
     meridian_pitch_mm: Positive
+
+
+class Spiral(Table, frozen=True, tag_field="kind", tag="spiral"):
+    """Evenly over the dome, from the apex to an angle from it."""
+
+    count: Many
+    coverage_deg: Coverage
 
 
 class Meridian(Table, frozen=True, tag_field="kind", tag="meridian"):
@@ -178,11 +187,14 @@ class Ground(Table, frozen=True):
     housing: Colour
 
 
-Layout = Geodesic | Meridian | Grid | Ring | FromFile
+Layout = Geodesic | Spiral | Meridian | Grid | Ring | FromFile
 
 
 class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
-    """A whole sensor. What an estimator may know of it is its calibration."""
+    """A whole sensor. What an estimator may know of it is its calibration.
+
+    `defects` are those of its specimens; a scene's own replace them one by one.
+    """
 
     description: str
     skin: Dome | Pad
@@ -193,6 +205,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
     camera: CameraSettings
     ground: Ground
     seams: Seams | None = None
+    defects: Defects = Defects()
 
     def __post_init__(self) -> None:
         if not self.magenta.follow > 0.0:
@@ -208,8 +221,8 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
                 raise UserError(
                     f"{name}.depth_mm = {layer.depth_mm} must be less than the silicone's {room:g}"
                 )
-        if isinstance(skin, Pad) and isinstance(self.layout, Geodesic | Meridian):
-            raise UserError("layout.kind geodesic and meridian need a dome")
+        if isinstance(skin, Pad) and isinstance(self.layout, Geodesic | Spiral | Meridian):
+            raise UserError("layout.kind geodesic, spiral and meridian need a dome")
         inside = (
             abs(self.camera.position_mm) < skin.hollow_mm
             if isinstance(skin, Dome)
@@ -262,7 +275,9 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
     def shape(self) -> Skin:
         """The skin at rest."""
         if isinstance(self.skin, Dome):
-            return DomeSkin(radius=self.skin.radius_mm * 1e-3)
+            return DomeSkin(
+                radius=self.skin.radius_mm * 1e-3, rim=float(np.deg2rad(self.skin.rim_deg))
+            )
         return PadSkin(radius=self.skin.side_mm * 0.5e-3)
 
     @cached_property
@@ -279,6 +294,8 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
             case Geodesic():
                 coverage = np.deg2rad(plan.coverage_deg)
                 return layouts.geodesic(plan.count, coverage, plan.meridian_pitch_mm * unit)
+            case Spiral():
+                return layouts.spiral(plan.count, np.deg2rad(plan.coverage_deg))
             case Meridian():
                 return layouts.meridians(
                     plan.meridians,

@@ -21,14 +21,16 @@ class DomeSkin:
     Attributes
     ----------
     radius: of the outer skin [m]
+    rim: angle from the apex at which the housing begins [rad]
     """
 
     radius: float
+    rim: float = np.pi / 2
     flat = False
 
     @property
     def half(self) -> float:
-        """Place of the rim [rad]."""
+        """Place of the equator, where the skin ends [rad]."""
         return np.pi / 2
 
     def points(self, places: Array, depth: float) -> Array:
@@ -67,7 +69,7 @@ class DomeSkin:
 
     def rim_distance(self, places: Array) -> Array:
         """Distance from the edge of the skin along it, positive inside [m], (…)."""
-        return (np.pi / 2 - places[..., 0]) * self.radius
+        return (self.rim - places[..., 0]) * self.radius
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +87,11 @@ class PadSkin:
     @property
     def half(self) -> float:
         """Place of the edge's middle [m]."""
+        return self.radius
+
+    @property
+    def rim(self) -> float:
+        """The same: no housing covers the pad [m]."""
         return self.radius
 
     def points(self, places: Array, depth: float) -> Array:

@@ -1,23 +1,15 @@
-"""Defects of a real sensor as dials, and those of its markers."""
+"""Defects of a specimen's markers."""
 
 from dataclasses import replace
-from typing import Annotated
 
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
-from ...strict_toml import Table
-from ..design.sensor import SensorDesign, Share
+from ..design.dials import Defects
+from ..design.sensor import SensorDesign
 from ..membrane import Membrane
 
 Array = NDArray[np.float64]
-
-Electrons = Annotated[float, Meta(ge=0.0, le=1e6)]
-Blur = Annotated[float, Meta(ge=0.0, le=20.0)]
-Half = Annotated[float, Meta(ge=0.0, le=0.5)]
-Frames = Annotated[int, Meta(ge=1, le=10**6)]
-Offset = Annotated[float, Meta(ge=0.0, le=2.0)]
 
 # Numbers of random streams, one for each defect, so that no dial changes another one's draws. They
 # stand last in a seed and start at 1: NumPy ignores trailing zeros of a seed.
@@ -31,62 +23,22 @@ MISSING = 7
 MISALIGNMENT = 8
 MISPLACEMENT = 9
 WORN = 10
+CROOKEDNESS = 11
+GORES = 12
+RUBBED = 13
+SEAMS = 14
+BLOTCHES = 15
+GRAIN = 16
+THREADS = 17
 
-
-class Defects(Table, frozen=True):
-    """Defects of a real sensor's images, each with a dial; all are off by default.
-
-    There is no dial for faded markers, because a renderer has one dye per layer.
-
-    Attributes
-    ----------
-    shot_noise_electrons: full well, the electrons of linear light 1; fewer are noisier, 0 is off
-    read_noise_electrons: standard deviation, of the full well above or of 10 000 [electrons]
-    vignette: share of light lost in the image's farthest corner; grows with the square of distance
-    uneven_leds: largest deviation of the skin's illumination from its mean
-    defocus_px: standard deviation of a blur on top of the lens' own [px]
-    motion_blur: share of the frame's period that the shutter is open
-    white_balance_drift: largest deviation of red over blue from its mean
-    drift_frames: in which the white balance wanders from one value to the next [frames]
-    gain_step: relative size of exposure jumps, up and down in turn around the nominal exposure
-    gain_step_frames: mean time between jumps [frames]
-    bayer: whether each pixel measures one colour, RGGB, and the others are interpolated
-    jpeg_quality: 1…100 as in libjpeg, in 4:2:2 as cameras send it; 0 is off
-    h264_crf: 1…51 as in x264, in 4:2:0, each frame by itself; 0 is off
-    dust: number of specks on the skin's image
-    specular: number of LEDs that the silicone mirrors
-    missing_markers: share of each layer's markers that are not there
-    worn_markers: share of the outer layer's markers that are rubbed off, around the middle, where
-        the sensor touches: a patch with a ragged edge
-    seam_tint: strength of the gores' tinted seams, the design's or else four
-    misalignment_mm: shift of the yellow layer along the skin, and a turn of up to that at the rim
-    misplacement_mm: standard deviation of each marker's place, along each direction of the skin
-    """
-
-    shot_noise_electrons: Electrons = 0.0
-    read_noise_electrons: Electrons = 0.0
-    vignette: Share = 0.0
-    uneven_leds: Share = 0.0
-    defocus_px: Blur = 0.0
-    motion_blur: Share = 0.0
-    white_balance_drift: Half = 0.0
-    drift_frames: Frames = 500
-    gain_step: Share = 0.0
-    gain_step_frames: Frames = 200
-    bayer: bool = False
-    jpeg_quality: Annotated[int, Meta(ge=0, le=100)] = 0
-    h264_crf: Annotated[int, Meta(ge=0, le=51)] = 0
-    dust: Annotated[int, Meta(ge=0, le=1000)] = 0
-    specular: Annotated[int, Meta(ge=0, le=100)] = 0
-    missing_markers: Share = 0.0
-    worn_markers: Share = 0.0
-    seam_tint: Share = 0.0
-    misalignment_mm: Offset = 0.0
-    misplacement_mm: Offset = 0.0
+#: Shares of a rubbed marker's width that may be left.
+_KEPT_OF_RUBBED = (0.35, 0.8)
+#: Gores of a skin whose design has no seams.
+GORE_COUNT = 4
 
 
 class Flaws:
-    """Defects of the markers of one specimen: misplaced along the skin, or missing.
+    """Defects of the markers of one specimen: misplaced along the skin, rubbed off, or missing.
 
     Parameters
     ----------
@@ -100,10 +52,14 @@ class Flaws:
     missing: whether a marker is missing, shape (2, M)
     """
 
+    _kept: Array | None = None
+    _towards: NDArray[np.intp]
+
     def __init__(self, sensor: SensorDesign, defects: Defects, seed: int) -> None:
         count = len(sensor.places)
         self.places: Array | None = None
-        if defects.misplacement_mm or defects.misalignment_mm:
+        d = defects
+        if d.misplacement_mm or d.misalignment_mm or d.crookedness_mm or d.gore_misalignment_mm:
             self.places = _misplaced(sensor, defects, seed)
         self.missing = np.zeros((2, count), dtype=np.bool_)
         absent = round(defects.missing_markers * count)
@@ -115,14 +71,33 @@ class Flaws:
         nearest = np.argsort(sensor.places[:, 0] * ragged, kind="stable")
         outer = int(np.argmin(sensor.depths))
         self.missing[outer, nearest[: round(defects.worn_markers * count)]] = True
+        if defects.rubbed_markers:
+            rng = np.random.default_rng([seed, RUBBED])
+            kept = rng.uniform(*_KEPT_OF_RUBBED, (2, count))
+            self._kept = np.where(rng.random((2, count)) < defects.rubbed_markers, kept, 1.0)
+            self._towards = rng.integers(0, 4, (2, count))
 
     def __call__(self, membrane: Membrane) -> Membrane:
-        """Membrane without the missing markers, whose centres are NaN."""
+        """Membrane with what is left of rubbed markers, without the missing: centres are NaN."""
+        if self._kept is not None:
+            membrane = _rubbed(membrane, self._kept, self._towards)
         if not self.missing.any():
             return membrane
         centres = membrane.centres.copy()
         centres[self.missing] = np.nan
         return replace(membrane, centres=centres)
+
+
+def _rubbed(membrane: Membrane, kept: Array, towards: NDArray[np.intp]) -> Membrane:
+    """Membrane of whose markers a share (2, M) is left, at one end of one of their axes."""
+    centres, axes = membrane.centres.copy(), membrane.axes.copy()
+    for axis in range(2):
+        along = towards // 2 == axis
+        side = np.where(towards % 2 == 0, 1.0, -1.0)
+        gone = np.where(along, 1.0 - kept, 0.0)[..., None]
+        centres += gone * side[..., None] * axes[..., axis]
+        axes[..., axis] *= 1.0 - gone
+    return Membrane(centres=centres, axes=axes)
 
 
 def _misplaced(sensor: SensorDesign, defects: Defects, seed: int) -> Array:
@@ -133,8 +108,32 @@ def _misplaced(sensor: SensorDesign, defects: Defects, seed: int) -> Array:
     scatter = np.random.default_rng([seed, MISPLACEMENT]).standard_normal((2, count, 2))
     along = np.stack(skin.tangents(sensor.places), axis=-1)
     moved += 1e-3 * defects.misplacement_mm * np.einsum("mki,lmi->lmk", along, scatter)
+    if defects.crookedness_mm:
+        both = np.random.default_rng([seed, CROOKEDNESS]).standard_normal((count, 2))
+        moved += 1e-3 * defects.crookedness_mm * np.einsum("mki,mi->mk", along, both)
+    if defects.gore_misalignment_mm:
+        moved[1] += _by_gore(sensor, points[1], 1e-3 * defects.gore_misalignment_mm, seed)
     moved[1] += misalignment(sensor, points[1], defects.misalignment_mm * 1e-3, seed)
     return np.stack([skin.places_of(p) for p in points + moved])
+
+
+def gores(sensor: SensorDesign, places: Array) -> NDArray[np.intp]:
+    """Number of the gore in which places (…, 2) lie."""
+    count = sensor.seams.count if sensor.seams else GORE_COUNT
+    return np.floor(np.mod(places[..., 1], 2 * np.pi) / (2 * np.pi) * count).astype(int)
+
+
+def _by_gore(sensor: SensorDesign, points: Array, size: float, seed: int) -> Array:
+    """Displacement of a layer's points (M, 3), by up to `size` in the worst gore [m]."""
+    rng = np.random.default_rng([seed, GORES])
+    of = gores(sensor, sensor.places)
+    count = int(of.max()) + 1
+    share = rng.permutation((np.arange(1, count + 1) / count) ** 2.5)
+    streams = rng.integers(1, 2**31, count)
+    each = [
+        misalignment(sensor, points, size * s, int(k)) for s, k in zip(share, streams, strict=True)
+    ]
+    return np.asarray(np.stack(each)[of, np.arange(len(points))])
 
 
 def misalignment(sensor: SensorDesign, points: Array, size: float, seed: int) -> Array:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from ...extras import need
 from ..colour import decoding_table, encode_srgb
+from ..design.dials import Defects
 from ..design.sensor import SensorDesign
-from .defects import GAIN, NOISE, WHITE_BALANCE, Defects
+from .defects import GAIN, NOISE, WHITE_BALANCE
 from .lighting import glare_map, light_map
 
 Array = NDArray[np.float64]

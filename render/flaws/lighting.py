@@ -3,11 +3,14 @@
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from ..colour import decode_srgb
+from ..design.dials import Defects
 from ..design.sensor import Seams, SensorDesign
 from ..ground import inside_rim, pixel_grid, pixel_places, seam_cover
-from .defects import DUST, LEDS, SPECULAR, Defects
+from .defects import DUST, GORE_COUNT, LEDS, SEAMS, SPECULAR
+from .texture import blotches, grain, threads
 
 Array = NDArray[np.float64]
 Image32 = NDArray[np.float32]
@@ -19,7 +22,11 @@ LED_WIDTH = 0.5
 #: Radius of the ring of LEDs, in radii of the skin's image.
 LED_RING = 1.1
 #: Seams of a skin that is glued from four gores (of designs without seams of their own).
-GORES = Seams(count=4, width_mm=0.9, colour=(226, 196, 201))
+GORES = Seams(count=GORE_COUNT, width_mm=0.9, colour=(226, 196, 201))
+#: Radius of the middle that is too bright, in radii of the skin's image.
+GLOW_WIDTH = 0.7
+#: Colour of broad seams: there is glue in them.
+GLUED = (205, 163, 158)
 #: Brightness of reflections, in units of white: they saturate.
 GLARE = 4.0
 
@@ -27,24 +34,71 @@ GLARE = 4.0
 def light_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | None:
     """Factor on each pixel's linear light, shape (H, W, 3); None if it is 1 everywhere."""
     d = defects
-    if not (d.vignette or d.uneven_leds or d.seam_tint or d.dust):
+    textured = d.glow or d.blotches or d.grain or d.threads
+    if not (d.vignette or d.uneven_leds or d.seam_tint or d.dust or textured):
         return None
     pixels, places, skin = _skin(sensor)
     factor = np.ones((*skin.shape, 3))
     if d.seam_tint:
         tinted = sensor if sensor.seams else msgspec.structs.replace(sensor, seams=GORES)
         assert tinted.seams is not None
-        tint = decode_srgb(np.array(tinted.seams.colour, dtype=float))
+        tint = decode_srgb(np.array(GLUED if d.seam_width_mm else tinted.seams.colour, dtype=float))
         dye = tint / decode_srgb(np.array(sensor.ground.apex, dtype=float))
-        cover = np.where(skin, seam_cover(tinted, places), 0.0)
+        cover = np.where(skin, _seams(tinted, d, places, seed), 0.0)
         factor *= np.maximum(1.0 - d.seam_tint * cover[..., None] * (1.0 - dye), 0.0)
     if d.uneven_leds:
         factor *= 1.0 + d.uneven_leds * _led_pattern(sensor, pixels, skin, seed)[..., None]
     if d.dust:
         factor *= _dust(sensor, pixels, skin, d.dust, seed)[..., None]
+    if textured:
+        away = (pixels - _middle(sensor)) / _radius(skin)
+        factor *= 1.0 + d.glow * np.exp(-0.5 * (away**2).sum(axis=-1) / GLOW_WIDTH**2)[..., None]
+        radius = _radius(skin)
+        texture = np.ones_like(factor)
+        if d.blotches:
+            texture *= blotches(away, radius, d.blotches, seed)
+        if d.grain:
+            texture *= grain(away, radius, d.grain, seed)
+        if d.threads:
+            texture *= threads(away, radius, d.threads, seed)
+        factor *= np.where(skin[..., None], texture, 1.0)
     if d.vignette:
         factor *= _vignette(sensor, pixels, d.vignette)[..., None]
     return factor.astype(np.float32)
+
+
+def _seams(sensor: SensorDesign, defects: Defects, places: Array, seed: int) -> Array:
+    """Share of each pixel covered by a seam (H, W): the design's, or as wide and crooked as set."""
+    assert sensor.seams is not None
+    width, wander, gaps = defects.seam_width_mm, defects.seam_wander_mm, defects.seam_gaps
+    if not (width or wander or gaps):
+        return seam_cover(sensor, places)
+    first, phi = np.nan_to_num(places[..., 0]), np.nan_to_num(places[..., 1])
+    metric = 1e3 * sensor.shape.metric(0.0)
+    along = first * metric  # [mm]
+    ring = sensor.shape.ring(first) * metric
+    rng = np.random.default_rng([seed, SEAMS])
+    cover = np.zeros(first.shape)
+    for number in range(sensor.seams.count):
+        turn = phi - 2 * np.pi * number / sensor.seams.count
+        bend, wide, there = (_wavy(along, rng) for _ in range(3))
+        aside = np.sin(turn) * ring - wander * (rng.uniform(-0.5, 0.5) + 0.5 * bend)
+        half = 0.5 * (width or sensor.seams.width_mm) * (0.65 + 0.35 * wide)
+        # As often as not one edge is sharper than the other.
+        edge = expit((half - abs(aside)) / (0.15 * half))
+        present = np.clip(0.5 + 3.0 * (there + 1.0 - 2.0 * gaps), 0.0, 1.0)
+        behind = np.clip(0.5 + np.cos(turn) * ring / half, 0.0, 1.0)
+        cover = np.maximum(cover, edge * present * behind * (0.8 + 0.2 * wide))
+    return cover
+
+
+def _wavy(along: Array, rng: np.random.Generator) -> Array:
+    """Slow variation along a seam, within ±1."""
+    waves = [
+        np.sin(along / length + rng.uniform(0.0, 2 * np.pi))
+        for length in rng.uniform([3.0, 1.2], [6.0, 2.2])
+    ]
+    return np.asarray(0.65 * waves[0] + 0.35 * waves[1])
 
 
 def glare_map(sensor: SensorDesign, defects: Defects, seed: int) -> Image32 | None:

@@ -205,7 +205,10 @@ def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
     ("command", "words"),
     [
         ("scenes", ["thesis", "camera-100hz", "margin-30hz", "margin-60hz", *SCENES]),
-        ("sensors", ["dome-2020", "dome-2022", "flat-2019", "fovea", "thesis"]),
+        (
+            "sensors",
+            ["dome-2020", "dome-2020-printed", "dome-2022", "flat-2019", "fovea", "thesis"],
+        ),
         ("controllers", ["safety-margin", "margin-inversion", "react-to-slip", "conservative"]),
         ("renderers", ["painter", "pyrender"]),
     ],

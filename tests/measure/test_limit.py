@@ -314,7 +314,7 @@ def test_command_prints_limits_and_needs(
     ("asked", "words"),
     [
         ({"sensor": ("flat-2019",)}, "flat pad"),
-        ({"sensor": ("dome-2020",)}, "stiff discs only"),
+        ({"sensor": ("dome-2020-printed",)}, "stiff discs only"),
         ({"sensor": ("nothing",)}, "no sensor design"),
         ({"noise": 0.0}, "--noise must be finite and above 0"),
         ({"margin_error": -0.1}, "--margin-error must be finite and above 0"),

@@ -12,8 +12,9 @@ from chromagrip.loop.camera import SimulatedCamera
 from chromagrip.model import Fingertip, rest_state
 from chromagrip.render import Membrane, MembraneMap, SensorDesign, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
+from chromagrip.render.design.dials import Defects
 from chromagrip.render.design.sensor import Seams
-from chromagrip.render.flaws.defects import Defects, Flaws
+from chromagrip.render.flaws.defects import Flaws
 from chromagrip.render.flaws.imaging import (
     Imaging,
     exposure,
@@ -51,6 +52,16 @@ EVERYTHING = Defects(
     seam_tint=0.7,
     misalignment_mm=0.12,
     misplacement_mm=0.05,
+    crookedness_mm=0.05,
+    gore_misalignment_mm=0.2,
+    rubbed_markers=0.05,
+    seam_width_mm=1.0,
+    seam_wander_mm=0.5,
+    seam_gaps=0.2,
+    glow=0.2,
+    blotches=0.2,
+    grain=0.03,
+    threads=3,
 )
 
 
@@ -589,6 +600,16 @@ SHARE = st.one_of(st.just(0.0), st.floats(0.0, 1.0))
         seam_tint=SHARE,
         misalignment_mm=st.floats(0.0, 2.0),
         misplacement_mm=st.floats(0.0, 2.0),
+        crookedness_mm=st.floats(0.0, 2.0),
+        gore_misalignment_mm=st.floats(0.0, 2.0),
+        rubbed_markers=SHARE,
+        seam_width_mm=st.floats(0.0, 10.0),
+        seam_wander_mm=st.floats(0.0, 10.0),
+        seam_gaps=SHARE,
+        glow=SHARE,
+        blotches=st.floats(0.0, 0.5),
+        grain=st.floats(0.0, 0.5),
+        threads=st.integers(0, 5),
     ),
     seed=st.integers(0, 2**63),
     index=st.integers(0, 2**32 - 1),

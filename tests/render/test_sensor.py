@@ -38,7 +38,7 @@ def changed(tmp_path: Path, changes: dict[str, Any], base: str = "thesis") -> st
 
 @pytest.mark.parametrize(
     ("name", "count", "radius"),
-    [("thesis", 400, 8e-3), ("dome-2020", 77, 20e-3), ("dome-2022", 400, 21e-3)],
+    [("thesis", 400, 8e-3), ("dome-2020-printed", 77, 20e-3), ("dome-2022", 400, 21e-3)],
 )
 def test_domes_have_the_published_size_and_number_of_markers(
     name: str, count: int, radius: float
@@ -88,7 +88,7 @@ def test_thesis_is_frozen() -> None:
 
 def test_layouts_of_rings_and_from_a_file(tmp_path: Path) -> None:
     ring = {"kind": "ring", "counts": [1, 4, 8, 12, 16, 16, 20], "pitch_mm": 3.9}
-    assert len(load_sensor(changed(tmp_path, {"layout": ring}, "dome-2020")).places) == 77
+    assert len(load_sensor(changed(tmp_path, {"layout": ring}, "dome-2020-printed")).places) == 77
     (tmp_path / "places.csv").write_text("theta_deg,phi_deg\n0,0\n20,30\n40,200\n")
     listed = load_sensor(changed(tmp_path, {"layout": {"kind": "file", "path": "places.csv"}}))
     np.testing.assert_allclose(np.rad2deg(listed.places[1:]), [[20, 30], [40, 200]])
@@ -127,7 +127,10 @@ def test_camera_from_a_calibration_file(tmp_path: Path) -> None:
         ({"skin.hollow_mm": 9.0}, "hollow_mm must be less than skin.radius_mm"),
         ({"yellow.depth_mm": 3.0}, r"yellow.depth_mm = 3.0 must be less than the silicone's 2"),
         ({"magenta.follow": 0.0}, "magenta.follow = 0 must be above 0"),
-        ({"layout.kind": "hexagonal"}, "kind must be one of geodesic, meridian, grid, ring, file"),
+        (
+            {"layout.kind": "hexagonal"},
+            "kind must be one of geodesic, spiral, meridian, grid, ring, file",
+        ),
         ({"layout.pitch": 3.0}, "unknown key layout.pitch; allowed here: kind, count"),
         ({"layout": {"kind": "file", "path": "none.csv"}}, "layout file .*none.csv cannot be read"),
         (
@@ -151,7 +154,8 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     [
         (
             "gelsight",
-            "no sensor design 'gelsight'; there is dome-2020, dome-2022, flat-2019, fovea, thesis",
+            "no sensor design 'gelsight'; there is dome-2020, dome-2020-printed, dome-2022, "
+            "flat-2019, fovea, thesis",
         ),
         ("none.toml", "sensor file none.toml cannot be read: No such file"),
     ],

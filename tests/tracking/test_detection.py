@@ -54,7 +54,7 @@ def matched(found: Markers, truth: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize(
     ("name", "rms"),
-    [("thesis", 0.02), ("dome-2022", 0.02), ("flat-2019", 0.06), ("dome-2020", 0.2)],
+    [("thesis", 0.02), ("dome-2022", 0.02), ("flat-2019", 0.06), ("dome-2020-printed", 0.2)],
 )
 def test_every_sensors_markers_are_found_where_and_as_large_as_they_are(
     name: str, rms: float, known: bool
@@ -257,7 +257,10 @@ def test_a_loaded_sensor_is_refused(name: str) -> None:
         ("thesis", Defects(missing_markers=0.4)),
         ("thesis", Defects(misplacement_mm=0.02)),
         ("thesis", Defects(misalignment_mm=0.1, missing_markers=0.2, misplacement_mm=0.02)),
-        ("dome-2020", Defects(misalignment_mm=0.1, missing_markers=0.2, misplacement_mm=0.02)),
+        (
+            "dome-2020-printed",
+            Defects(misalignment_mm=0.1, missing_markers=0.2, misplacement_mm=0.02),
+        ),
         ("flat-2019", Defects(misalignment_mm=0.1, missing_markers=0.2, misplacement_mm=0.02)),
     ],
 )

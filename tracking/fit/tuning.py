@@ -122,9 +122,9 @@ def _fit_colours(sums: Array, known: Array) -> tuple[Array, Array, Array]:
     # Only what differs from the mean over the pair depends on the colours.
     mean = sums[:, :, 0, 1:4] / sums[:, :, :1, 0]
     inner = sums[:, :, 1:4, 1:4] - sums[:, :, :1, 1:4] * mean[..., None]
-    pull = (sums[:, :, 1:4, 4] - mean * sums[:, :, :1, 4]) / gain[..., None]
-    weight = _OWN_ERRORS * gain**2
-    matrix = np.einsum("nc,ncij->cij", weight, inner) + np.eye(3) / _KNOWN**2
+    pull = sums[:, :, 1:4, 4] - mean * sums[:, :, :1, 4]
+    weight = _OWN_ERRORS * gain  # a channel without light has no gain, and no weight
+    matrix = np.einsum("nc,ncij->cij", weight * gain, inner) + np.eye(3) / _KNOWN**2
     right = np.einsum("nc,nci->ci", weight, pull) + (_SIGNS[:, None] * known).T / _KNOWN**2
     absorbed = _SIGNS[:, None] * np.linalg.solve(matrix, right[..., None])[..., 0].T
     model, product = _explained(sums, absorbed)

@@ -251,8 +251,16 @@ def _locate_files(values: Values, folder: Path) -> None:
 
 
 def parse_scene(values: Values, name: str) -> Scene:
-    """Scene from plain values; `name` is used in messages."""
-    return convert(values, Scene, f"scene {name}")
+    """Scene from plain values; `name` is used in messages.
+
+    Defects that the values do not set are those of the sensor's specimens.
+    """
+    scene = convert(values, Scene, f"scene {name}")
+    built = scene.build_sensor().defects
+    if built == Defects():
+        return scene
+    defects = msgspec.to_builtins(built) | values.get("defects", {})
+    return convert({**values, "defects": defects}, Scene, f"scene {name}")
 
 
 def dump_scene(scene: Scene, folder: Path | None = None) -> str:

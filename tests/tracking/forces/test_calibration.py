@@ -69,8 +69,8 @@ def tracks(
 
 def test_a_sensor_as_designed_has_the_thesis_materials() -> None:
     assert load_calibration("thesis").fingertip == Fingertip()
-    large = load_calibration("dome-2020")
-    assert large.sensor == load_sensor("dome-2020")
+    large = load_calibration("dome-2020-printed")
+    assert large.sensor == load_sensor("dome-2020-printed")
     assert large.fingertip.tissue_stiffness == pytest.approx(25e3 * math.pi * 20e-3 / 2)
 
 

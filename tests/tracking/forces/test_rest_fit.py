@@ -178,7 +178,7 @@ def test_markers_that_are_missing_do_not_hide_the_pose(defects: Defects, roll: f
     check(rest_pose(SENSOR, projected(SENSOR, pose, defects)), pose)
 
 
-@pytest.mark.parametrize("name", ["dome-2020", "dome-2022", "fovea", "flat-2019"])
+@pytest.mark.parametrize("name", ["dome-2020-printed", "dome-2022", "fovea", "flat-2019"])
 def test_every_design_tells_a_small_pose(name: str) -> None:
     sensor = load_sensor(name)
     pose = CameraPose(roll=DEGREE, shift=(4.0, -3.0), scale=1.03)
@@ -188,7 +188,7 @@ def test_every_design_tells_a_small_pose(name: str) -> None:
 
 
 def test_a_symmetric_layout_is_taken_as_it_lies_nearest_to_the_design() -> None:
-    sensor = load_sensor("dome-2020")
+    sensor = load_sensor("dome-2020-printed")
     found = rest_pose(sensor, projected(sensor, CameraPose(roll=87.0 * DEGREE)))
     check(found, CameraPose(roll=-3.0 * DEGREE), pixels=0.7)
     assert found.ambiguous
@@ -203,7 +203,7 @@ def test_a_grid_is_not_taken_for_itself_a_pitch_further() -> None:
     check(rest_pose(sensor, projected(sensor, pose)), pose)
 
 
-@pytest.mark.parametrize("shown", ["dome-2020", "dome-2022", "fovea"])
+@pytest.mark.parametrize("shown", ["dome-2020-printed", "dome-2022", "fovea"])
 def test_another_sensor_is_refused(shown: str) -> None:
     """Even that whose layout is the same spiral but for 45 markers on the meridian."""
     with pytest.raises(UserError, match=r"Is it another sensor\?"):
