@@ -20,6 +20,8 @@ GROWTH_S = 0.1
 SLID_MARGIN = 0.15
 #: Lower end of Γ below which friction that follows the grip is taken for sliding.
 NEAR_MARGIN = 0.2
+#: Friction is compared with the grip where it is more than so many of its standard deviations.
+CERTAIN = 3.0
 #: The rise in a frame is that of such a period at most, however long none came [s].
 LONGEST_PERIOD_S = 0.1
 #: Time constant with which the least grip falls [s].
@@ -93,8 +95,15 @@ class GripFirst:
         field, time = observation.field, observation.time
         # An exact Γ needs no second opinion.
         near = lower < min(NEAR_MARGIN, observation.margin)
-        self._friction.see(time, field.total_normal, field.total_friction, near)
+        certain = field.total_friction > CERTAIN * math.sqrt(
+            max(field.totals_covariance[1, 1], 0.0)
+        )
+        friction = field.total_friction if certain else 0.0
+        compared = self._friction.see(time, field.total_normal, friction, near)
         if self._friction.follows:
+            if not compared:  # what the last rise did is not known yet
+                self.doubt, self.least = True, max(self.least, force)
+                return
             lower = 0.0
         missing = self.settings.sliding_margin - lower
         self.doubt = missing >= 0.0

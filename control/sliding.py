@@ -18,8 +18,9 @@ SPACING_S = 0.009
 FEWEST = 4
 #: Smallest change of the grip that shows something, in its logarithm.
 LEAST_CHANGE = 0.1
-#: The slope of ln ΣFf over ln ΣFn is 1 where an object slides, and 0 where a load is held.
-SLOPE_ERROR = 0.3
+#: The ratio of friction to grip of an object that slides changes by no more than this share of the
+#: grip's change. Friction that a controller follows with the grip leads it, and changes more.
+RATIO_CHANGE = 0.3
 #: A ratio below this share of the largest remembered one is held.
 HELD_SHARE = 0.92
 #: A ratio that stays above this share while the grip rises has slid.
@@ -49,8 +50,8 @@ class FollowingFriction:
         self._began = (math.nan, math.nan)
         self._slid_at = math.nan
 
-    def see(self, time: float, normal: float, friction: float, near: bool) -> None:
-        """Follow a frame.
+    def see(self, time: float, normal: float, friction: float, near: bool) -> bool:
+        """Follow a frame; returns whether it was compared, or came too soon after another.
 
         Parameters
         ----------
@@ -60,9 +61,9 @@ class FollowingFriction:
         """
         if not (normal > 0.0 and friction > 0.0):
             self.reset()
-            return
+            return False
         if self._frames and time - self._frames[-1][0] < SPACING_S:
-            return
+            return False
         self._frames.append((time, math.log(normal), math.log(friction)))
         while self._frames[0][0] < time - REMEMBERED_S:
             self._frames.popleft()
@@ -80,17 +81,16 @@ class FollowingFriction:
             if ratio > SLID_SHARE * self._began[1]:
                 self.slid_ratio, self._slid_at = ratio, time
             self._began = (normal, ratio)
+        return True
 
     def _looks_like_sliding(self, start: float) -> bool:
         """Whether since then friction changed as the grip did, or rose while the grip did not."""
         frames = [(n, f) for time, n, f in self._frames if time >= start - 1e-9]
         normals, frictions = [n for n, _ in frames], [f for _, f in frames]
         ratios = [f - n for n, f in frames]
-        if min(ratios[-1] - min(ratios), frictions[-1] - min(frictions)) > LEAST_CHANGE:
+        risen = min(ratios[-1] - min(ratios), frictions[-1] - min(frictions)) > LEAST_CHANGE
+        if risen:
             return True
         if len(frames) < FEWEST or max(normals) - min(normals) < LEAST_CHANGE:
             return False
-        middle, other = sum(normals) / len(frames), sum(frictions) / len(frames)
-        slope = sum((n - middle) * (f - other) for n, f in frames)
-        slope /= sum((n - middle) ** 2 for n in normals)
-        return abs(slope - 1.0) <= SLOPE_ERROR
+        return max(ratios) - min(ratios) <= RATIO_CHANGE * (max(normals) - min(normals))

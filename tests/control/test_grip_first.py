@@ -131,6 +131,38 @@ def test_the_ratio_at_which_it_slid_is_known_after_the_grip_rose_in_vain() -> No
     assert follows.slid_ratio == pytest.approx(0.316)
 
 
+def held(time: float, grip: float, load: float, deviation: float) -> Any:
+    """Observation of a held load whose Γ leaves little: µ is read as .4 ± .1."""
+    margin = 1.0 - load / (0.4 * grip)
+    told = seen(0, margin - 0.15, half=0.15, normal=grip, time=time)
+    covariance = np.diag([1e-6, deviation**2])
+    forces = replace(told.field, friction=np.array([load]), totals_covariance=covariance)
+    return replace(told, field=forces)
+
+
+def alarmed(rate: float, deviation: float = 1e-3) -> float:
+    """Largest grip in 20 ms after a load that jumped by a fifth looked like sliding."""
+    first, highest, force = GripFirst(SETTINGS), 0.0, 1.0
+    for time in np.arange(0.0, 0.12, 1.0 / rate):
+        load = 0.25 if time < 0.1 else 0.3
+        first.see(held(float(time), force, load, deviation), force)
+        # Once in doubt the grip follows what it asks for, and the load stays.
+        force = max(force, first.least)
+        highest = max(highest, force)
+    return highest
+
+
+def test_a_false_alarm_costs_one_rise_at_any_rate() -> None:
+    """At 1000 frames/s the next rise waits until friction can tell what the last one did."""
+    slow, fast = alarmed(100.0), alarmed(1000.0)
+    assert 1.2 < slow < 2.0
+    assert fast < 1.1 * slow
+
+
+def test_friction_that_may_be_none_is_not_compared() -> None:
+    assert alarmed(100.0, deviation=0.12) < alarmed(100.0)
+
+
 #: µ that stands in until the skin has slipped, and its deviation.
 PRIOR = (0.5, 0.4)
 #: True Γ below which friction has been seen.
