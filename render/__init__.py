@@ -33,7 +33,7 @@ from .flaws.noise import add_noise
 from .frame import Frame
 from .ground import ground_image, inside_rim, pixel_places
 from .harmonics import harmonic_map
-from .membrane import Membrane, MembraneMap, outline_axes, rest_membrane
+from .membrane import Membrane, MembraneMap, outline_axes, rest_membrane, swelling
 from .optics.board import Board, board_picture
 from .optics.calibration import camera_text, load_camera, save_camera
 from .optics.camera import Camera, FisheyeCamera, PinholeCamera
@@ -89,4 +89,5 @@ __all__ = [
     "save_camera",
     "sensor_names",
     "shutter_times",
+    "swelling",
 ]

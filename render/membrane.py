@@ -8,7 +8,7 @@ from scipy.sparse import vstack
 
 from .design.sensor import SensorDesign
 from .harmonics import harmonic_map
-from .place_kernels import carry_markers, unit_axes_each
+from .place_kernels import THICKEST, THINNEST, carry_markers, unit_axes_each
 
 Array = NDArray[np.float64]
 
@@ -80,6 +80,17 @@ class MembraneMap:
 def rest_membrane(sensor: SensorDesign, places: Array | None = None) -> Membrane:
     """Markers of the unloaded sensor, at their own places or as designed."""
     return MembraneMap(sensor, 11, places)(np.zeros((11, 2)))
+
+
+def swelling(raised: Array, thickness: float) -> Array:
+    """Growth of outlines where incompressible silicone gets thinner, of any shape.
+
+    Parameters
+    ----------
+    raised: displacement of the skin outwards [m]
+    thickness: of the silicone that takes up a press [m]
+    """
+    return np.asarray(1.0 / np.sqrt(np.clip(1.0 + raised / thickness, THINNEST, THICKEST)))
 
 
 def outline_axes(carried: Array, stretch: float) -> Array:

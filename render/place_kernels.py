@@ -11,7 +11,7 @@ from .optics.projection_kernels import Lens, Port, apparent, pixel
 Array = NDArray[np.float64]
 
 #: Least and largest thickness of pressed silicone, as a share of that at rest.
-_THINNEST, _THICKEST = 0.2, 5.0
+THINNEST, THICKEST = 0.2, 5.0
 
 
 @njit()
@@ -92,7 +92,7 @@ def _swelling(moved: Array, along: Array, swell: float) -> float:
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         thinning += moved[i] * (along[j, 0] * along[k, 1] - along[k, 0] * along[j, 1])
-    return 1.0 / math.sqrt(min(max(1.0 + thinning / swell, _THINNEST), _THICKEST))
+    return 1.0 / math.sqrt(min(max(1.0 + thinning / swell, THINNEST), THICKEST))
 
 
 @njit()

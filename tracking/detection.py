@@ -153,7 +153,9 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
         # How bright the dark between markers is says nothing of their light.
         ground = np.broadcast_to(np.median(ground[field], axis=0), ground.shape)
     radius = np.array([np.sqrt(np.median(layer.area) / np.pi) for layer in layers])
-    position = join_layers([layer.position for layer in layers], reach=float(radius.max()))
+    position = join_layers(
+        [layer.position for layer in layers], reach=float(radius.max()) + _own_offset(palette)
+    )
     first = layers[0].position
     near, _ = KDTree(first).query(first, k=2)
     pitch = float(np.median(np.asarray(near)[:, 1])) if len(first) > 1 else float(4 * radius[0])
@@ -166,9 +168,20 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
         pitch=pitch,
     )
     doubt = _loaded(frame)
-    if doubt and palette.seen is None:
+    # The gores of some sensors are out of register untouched.
+    aligned = palette.sensor is None or not palette.sensor.defects.gore_misalignment_mm
+    if doubt and palette.seen is None and aligned:
         raise UserError(f"rest frame looks loaded: {doubt}; give a frame of the untouched sensor")
     return replace(frame, doubt=doubt)
+
+
+def _own_offset(palette: Palette) -> float:
+    """Distance of the layers of a known sensor whose gores are out of register, at most [px]."""
+    sensor = palette.sensor
+    if sensor is None or not sensor.defects.gore_misalignment_mm:
+        return 0.0
+    scale = sensor.view.jacobian(sensor.shape.points(np.zeros(2), sensor.depths[1]))
+    return 1e-3 * sensor.defects.gore_misalignment_mm * float(np.linalg.norm(scale[0]))
 
 
 def _shapes(layers: list[Markers], position: Array) -> Array:

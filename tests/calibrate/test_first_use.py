@@ -27,7 +27,14 @@ from chromagrip.calibrate.spanned import range_lines, spanned_ranges
 from chromagrip.errors import UserError
 from chromagrip.render import load_sensor
 from chromagrip.tracking import check_reconstructor, load_calibration, sensor_as_designed
-from chromagrip.tracking.forces import chain, kept_path, kept_readout, values_of, with_values
+from chromagrip.tracking.forces import (
+    chain,
+    check_trainable,
+    kept_path,
+    kept_readout,
+    values_of,
+    with_values,
+)
 
 DOCS = Path(__file__).parents[2] / "docs"
 DESIGNS = Path(__file__).parents[2] / "render" / "designs"
@@ -174,11 +181,15 @@ def test_a_cache_that_cannot_be_written_is_one_sentence(
     assert trainer.known == []
 
 
+@pytest.mark.parametrize("sensor", ["dome-2020", "dome-2020-printed", "dome-2022", "fovea"])
+def test_every_dome_can_be_trained(sensor: str) -> None:
+    check_trainable(sensor_as_designed(sensor))
+
+
 @pytest.mark.parametrize(
     ("sensor", "law", "words"),
     [
         ("flat-2019", "split", "a flat pad has no force model: calibrate its displacements"),
-        ("dome-2022", "split", "forces are read from stiff discs only"),
         ("fovea", "axial", "spring law split, the fingertip has axial: choose fingertip.model"),
     ],
 )

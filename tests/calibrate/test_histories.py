@@ -106,7 +106,7 @@ def test_the_largest_grip_is_held_and_not_far_from_the_end(
     stiffness: float, curvature: float
 ) -> None:
     obj = ContactObject(stiffness=stiffness, curvature=curvature)
-    most = largest_grip(TIP, stiffness, curvature)
+    most = largest_grip(TIP, stiffness, curvature, 0.5 * TIP.radius)
     assert most <= RANGES.grip_n[1]
 
     def press(grip: float) -> float:

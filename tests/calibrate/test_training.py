@@ -108,7 +108,6 @@ def test_a_motion_that_no_code_describes_shows_in_the_context(learner: Learner) 
         ({"calibration": "flat-2019"}, "sensor flat-2019: a flat pad has no force model"),
         ({"calibration": "thesis", "histories": 10}, "--histories 10: expected 500 or more"),
         ({"calibration": "thesis", "noise": 0.0}, "--noise 0: expected 0.1 to 50 levels"),
-        ({"calibration": "dome-2022"}, "forces are read from stiff discs only"),
     ],
 )
 def test_what_cannot_be_trained_is_said_before_the_work(

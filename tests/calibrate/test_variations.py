@@ -1,7 +1,9 @@
 """Variations of the training against a skin that is moved with points in space."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -13,7 +15,14 @@ from chromagrip.calibrate.variations import (
 )
 from chromagrip.measure.beyond.carried_skin import CarriedSkin, Motion
 from chromagrip.model import ContactObject, Fingertip, equilibrium
-from chromagrip.render import areas, centroids, load_sensor, outlines
+from chromagrip.render import (
+    MembraneMap,
+    SensorDesign,
+    areas,
+    centroids,
+    load_sensor,
+    outlines,
+)
 
 SENSOR = load_sensor("thesis")
 TIP = Fingertip()
@@ -54,6 +63,33 @@ def test_a_twist_turns_the_skin_about_the_axis_where_it_has_moved_to(degrees: fl
     np.testing.assert_allclose(found[:, places], expected[:, places], atol=2e-3)
     np.testing.assert_allclose(found[:, sizes], expected[:, sizes], atol=3e-3)
     assert abs(expected[:, places]).max() > 5.0
+
+
+def designs() -> Iterator[SensorDesign]:
+    """Domes whose markers swell, stretch, or do neither; layers that follow, and that do not."""
+    yield from map(load_sensor, ("thesis", "dome-2020", "dome-2022"))
+    ink = msgspec.structs.replace(SENSOR.markers, stretch=0.6, swell_mm=1.5)
+    yield msgspec.structs.replace(SENSOR, markers=ink)
+
+
+@pytest.mark.parametrize("sensor", list(designs()), ids=["thesis", "2020", "2022", "ink"])
+def test_without_variations_markers_move_as_they_are_drawn(sensor: SensorDesign) -> None:
+    """The training's formulas are vectors, the renderer's a kernel of its own."""
+    tip = Fingertip.of_radius(sensor.shape.radius, nodes=251, law="split")
+    state = equilibrium(tip, ContactObject(curvature=60.0, friction=0.8), 4.0, 1.4)
+    chain = state.deformation.seen
+    drawn = MembraneMap(sensor, tip.nodes)
+    images = [outlines(drawn(move), sensor.view) for move in (chain, np.zeros_like(chain))]
+    expected, rest = (
+        np.concatenate(
+            [centroids(image, False), 0.5 * np.log(areas(image, False))[..., None]], axis=-1
+        )
+        for image in images
+    )
+    found = varied_shifts(sensor, sensor.places, tip, chain[None], Variations.none(1))[0]
+    np.testing.assert_allclose(found, np.concatenate(list(expected - rest), axis=-1), atol=2e-4)
+    assert abs(found[:, [0, 1]]).max() > 1.0
+    assert abs(found[:, 2]).max() > 0.02
 
 
 def test_sizes_change_where_the_skin_moves_and_nothing_else_does() -> None:

@@ -154,7 +154,6 @@ def test_from_the_command_line(tmp_path: Path) -> None:
         (["render", "--set", "defects.jpeg_quality=200"], "defects.jpeg_quality = 200: expected"),
         (["render", "--set", "defects.dirt=2"], "unknown key defects.dirt; allowed here"),
         (["grasp", "--set", "sensor=flat-2019", "--json"], "is a flat pad; the node model"),
-        (["grasp", "--set", "sensor=dome-2022", "--json"], "forces are read from stiff discs only"),
         (["grasp", "--set", "defects.missing_markers=0.6", "--json"], "the sensor has 400"),
         (["calibrate", "nowhere"], "image nowhere cannot be read"),
     ],

@@ -251,11 +251,6 @@ def mirrored(image: np.ndarray) -> np.ndarray:
             "image has shape|the sensor has 77 of each",
         ),
         ({"calibration": "fovea", **GP}, None, "the sensor has 300 of each"),
-        (
-            {"calibration": "dome-2020-printed"},
-            None,
-            "sensor dome-2020-printed: forces are read from stiff discs",
-        ),
         ({"calibration": "flat-2019"}, None, "a flat pad, which has no force model"),
         ({"calibration": "nobody"}, None, "no calibration 'nobody'"),
         ({"calibration": "thesis", "reconstructor": "wish"}, None, "no reconstructor 'wish'"),

@@ -311,7 +311,9 @@ def _tracks(
     fits = np.where(visible[..., None], fit.state.fits, np.nan)
     log_size, hue = np.full(shape[:2], np.nan), partial(np.full, shape[0], np.nan)
     if known.settings.free == 5:
-        light = np.log(fit.state.gains / known.state.gains)
+        gained = fit.state.gains / known.state.gains
+        # A pair that is not visible may have no light at all.
+        light = np.log(gained, out=np.full_like(gained, np.nan), where=gained > 0.0)
         tie_light(light, visible.any(axis=1), known.fit.near, covariance, fits)
         p, q = fits[..., 3], fits[..., 4]
         log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)

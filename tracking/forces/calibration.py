@@ -166,8 +166,8 @@ def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibra
     )
 
 
-def check_markers(sensor: SensorDesign) -> None:
-    """Refuse markers whose motion does not determine forces.
+def check_stiff(sensor: SensorDesign) -> None:
+    """Refuse markers of which no formula tells how they change with a force.
 
     Raises
     ------
@@ -177,8 +177,8 @@ def check_markers(sensor: SensorDesign) -> None:
     markers = sensor.markers
     if markers.stretch or markers.swell_mm or markers.form != "disc":
         raise UserError(
-            "forces are read from stiff discs only: markers.form = 'disc', markers.stretch = 0 "
-            "and markers.swell_mm = 0"
+            "this reads forces from stiff discs only: markers.form = 'disc', markers.stretch = 0 "
+            "and markers.swell_mm = 0; a trained read-out reads other discs too"
         )
 
 
@@ -232,8 +232,7 @@ def check_trainable(calibration: SensorCalibration) -> None:
     Raises
     ------
     UserError
-        When it is a flat pad, its markers are not stiff discs, or its fingertip has another spring
-        law.
+        When it is a flat pad, its markers are not discs, or its fingertip has another spring law.
     """
     with located(f"sensor {calibration.name}".rstrip()):
         if calibration.sensor.shape.flat:
@@ -241,7 +240,8 @@ def check_trainable(calibration: SensorCalibration) -> None:
                 "a flat pad has no force model: calibrate its displacements with `chromagrip "
                 "calibrate sensor`"
             )
-        check_markers(calibration.sensor)
+        if calibration.sensor.markers.form != "disc":
+            raise UserError("forces are read from discs only: markers.form = 'disc'")
         law = calibration.fingertip.law
         if law != "split":
             raise UserError(

@@ -18,7 +18,7 @@ from ...errors import UserError
 from ...render import SensorDesign
 from ..tracks import Tracks
 from .pose import CameraPose, seen_by
-from .rest_match import Agreement, RestMarkers, Shift, agreement, rest_markers, spun
+from .rest_match import SAME, Agreement, RestMarkers, Shift, agreement, rest_markers, spun
 from .rest_search import SCALES, SHIFT, likely_poses
 
 Array = NDArray[np.float64]
@@ -87,7 +87,8 @@ def rest_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
     if not _sure(markers, fits[0].match):
         for start in likely_poses(markers):
             fits.append(_fitted(markers, start, _FROM_SEARCH))
-            if not markers.lattice and _sure(markers, fits[-1].match):
+            # Crooked markers leave several poses likely, of which the best is sought.
+            if not markers.lattice and markers.same == SAME and _sure(markers, fits[-1].match):
                 break
     found = max(fits, key=lambda one: one.match.overlap)
     rivals = [(one.pose, one.match) for one in fits]

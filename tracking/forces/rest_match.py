@@ -19,8 +19,9 @@ Mask = NDArray[np.bool_]
 
 #: Smallest number of markers in each layer that tell a pose.
 LEAST = 20
-#: Distance up to which a marker and a place of the design are the same [pitches].
-SAME = 0.25
+#: Distance up to which a marker and a place of the design are the same [pitches], beside what a
+#: design says of its specimens: so many standard deviations of their places.
+SAME, _SCATTERED = 0.25, 1.0
 #: Distance up to which places that change under a turn of the layout are the same [pitches].
 _SELF = 0.1
 #: Share of the places that fall on places when a layout is turned by a symmetry.
@@ -74,6 +75,7 @@ class RestMarkers:
     pitch: typical distance of neighbouring markers in the design's image [px]
     turns: about the axis that bring much of the layout onto itself [rad]
     lattice: whether a shift to a neighbour brings most of the layout onto itself
+    same: distance up to which a marker and a place of the design are the same [pitches]
     """
 
     sensor: SensorDesign
@@ -81,6 +83,7 @@ class RestMarkers:
     pitch: float
     turns: tuple[float, ...]
     lattice: bool
+    same: float
 
     @property
     def camera(self) -> Camera:
@@ -150,13 +153,18 @@ def rest_markers(sensor: SensorDesign, rest: Tracks) -> RestMarkers:
             )
         points = sensor.shape.points(sensor.places, depth)
         layers.append(RestLayer(points=points, pixels=pixels, tree=KDTree(pixels)))
+    if sensor.defects.gore_misalignment_mm:
+        # Each gore of the inner layer lies elsewhere: it tells nothing of the camera.
+        layers = layers[:1]
     designed = sensor.view.project(layers[0].points)
+    scatter = math.hypot(sensor.defects.crookedness_mm, sensor.defects.misplacement_mm)
     return RestMarkers(
         sensor=sensor,
         layers=tuple(layers),
         pitch=spacing(designed),
         turns=_symmetric_turns(layers[0].points),
         lattice=_lattice(designed),
+        same=SAME + _SCATTERED * 1e-3 * scatter / spacing(layers[0].points),
     )
 
 
@@ -193,7 +201,7 @@ def _lattice(pixels: Array) -> bool:
 
 def agreement(markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float = 0.0) -> Agreement:
     """How well a pose explains the rest frame, with the layout turned by `spin` [rad]."""
-    limit = SAME * markers.pitch * pose.scale
+    limit = markers.same * markers.pitch * pose.scale
     near = seen = met = expected = 0
     squares: list[Array] = []
     moved: list[Array] = []

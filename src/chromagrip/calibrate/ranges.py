@@ -96,13 +96,15 @@ _RIDGES = (0.12, 0.35)
 #: Share of such objects that are touched at two places only, and least depth to which they are
 #: pressed [m].
 _APART_STILL, _LEAST_ROOM = 0.7, 0.15e-3
-#: Half width of a profile and distance of its points [m].
-_HALF, _APART = 14e-3, 0.2e-3
+#: Half width of a profile, in radii of the fingertip, and distance of its points [m].
+_HALF, _APART = 1.75, 0.2e-3
+#: Largest curvature of hollow objects, over that of the fingertip.
+_HOLLOWEST = 0.5
 #: Largest depth, of fingertip and object together, as a share of the radius of a round object:
 #: soft ones are pierced at .58, stiff ones later …
 _DEEPEST = 0.45
-#: … and of any other object [m], at half of the fingertip's radius.
-_INDENTED = 4e-3
+#: … and of any other object, as a share of the fingertip's radius.
+_INDENTED = 0.5
 
 
 class Contact(NamedTuple):
@@ -161,17 +163,19 @@ def random_contact(rng: np.random.Generator, fingertip: Fingertip) -> Contact:
         dahl_exponent=by_factor(rng, r.dahl_exponent),
         drag=by_factor(rng, r.drag_n_s_per_m),
     )
-    room = _INDENTED
+    room = _INDENTED * fingertip.radius
     if shape in ("flat", "round", "hollow"):
         low, high = r.curvature_per_m
+        low = max(low, -_HOLLOWEST / fingertip.radius)
         limits = {"flat": (0.0, 0.0), "round": (0.0, high), "hollow": (low, 0.0)}[shape]
         curvature, tilt = evenly(rng, limits), 0.0
         obj = replace(material, curvature=curvature)
     else:
         surface, tilt, curvature, room = _surface(rng, shape, fingertip.radius)
-        x = np.linspace(-_HALF, _HALF, 1 + round(2 * _HALF / _APART))
+        half = _HALF * fingertip.radius
+        x = np.linspace(-half, half, 1 + round(2 * half / _APART))
         if shape == "tilted":
-            x = np.array([-_HALF, 0.0, _HALF])
+            x = np.array([-half, 0.0, half])
         obj = replace(material, profile=tuple(zip(x.tolist(), surface(x).tolist(), strict=True)))
     return Contact(obj, shape, tilt, largest_grip(fingertip, obj.stiffness, curvature, room))
 
@@ -182,7 +186,7 @@ class _Surface(NamedTuple):
     height: Callable[[Array], Array]
     tilt: float
     curvature: float
-    room: float = _INDENTED
+    room: float
 
 
 def _surface(rng: np.random.Generator, shape: str, radius: float) -> _Surface:
@@ -190,12 +194,12 @@ def _surface(rng: np.random.Generator, shape: str, radius: float) -> _Surface:
     r = RANGES
     tilt = np.deg2rad(evenly(rng, r.tilt_deg))
     if shape == "tilted":
-        return _Surface(lambda x: np.tan(tilt) * x, tilt, 0.0)
+        return _Surface(lambda x: np.tan(tilt) * x, tilt, 0.0, _INDENTED * radius)
     tilt *= rng.random() < 0.3  # else a bump is on a level surface
     two = shape == "two"
     height = 1e-3 * by_factor(rng, r.ridges_mm if two else r.height_mm)
     width = 1e-3 * by_factor(rng, r.width_mm)
-    middle, room = rng.normal(0.0, 0.3e-3 if two else 1e-3), _INDENTED
+    middle, room = rng.normal(0.0, 0.3e-3 if two else 1e-3), _INDENTED * radius
     tops = [middle]
     if two:
         apart = 1e-3 * evenly(rng, r.contacts_apart_mm)
@@ -216,9 +220,7 @@ def _surface(rng: np.random.Generator, shape: str, radius: float) -> _Surface:
     return _Surface(surface, tilt, curvature, room)
 
 
-def largest_grip(
-    fingertip: Fingertip, stiffness: float, curvature: float, room: float = _INDENTED
-) -> float:
+def largest_grip(fingertip: Fingertip, stiffness: float, curvature: float, room: float) -> float:
     """Grip that an object carries before the fingertip is through it, or half indented [N].
 
     Object and tissue are springs in series, over the width in which the two circles overlap.

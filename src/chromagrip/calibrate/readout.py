@@ -19,7 +19,7 @@ from ..output.folder import filling, whole_file
 from ..output.processes import map_processes
 from ..render import SensorDesign, open_renderer
 from ..tracking import MarkerTracker, Palette, SensorCalibration
-from ..tracking.forces import check_markers, floor_variances, training_key
+from ..tracking.forces import check_trainable, floor_variances, training_key
 from ..tracking.forces.chain import (
     believed,
     circle_places,
@@ -83,10 +83,10 @@ def train(
     Raises
     ------
     UserError
-        When the sensor's markers do not determine forces, or the folder holds parts of another
+        When no read-out can be trained for the sensor, or the folder holds parts of another
         training.
     """
-    check_markers(calibration.sensor)
+    check_trainable(calibration)
     folder = out.with_name(out.name + ".parts")
     folder.mkdir(exist_ok=True)
     with filling(folder):

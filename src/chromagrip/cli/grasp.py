@@ -49,6 +49,10 @@ def grasp(
         str | None,
         option("instead of the scene's; see `chromagrip renderers`", "NAME|MODULE:CLASS"),
     ] = None,
+    sensor: Annotated[
+        str | None,
+        option("instead of the scene's; see `chromagrip sensors`, or a .toml file", "NAME|FILE"),
+    ] = None,
     fps: Annotated[float | None, option("camera rate, short for camera.rate_hz", "HZ")] = None,
     latency: Annotated[
         int | None, option("frames between an image and the command from it", "FRAMES")
@@ -72,6 +76,7 @@ def grasp(
         "controller": controller,
         "path": path,
         "renderer": renderer,
+        "sensor": sensor,
         "camera.rate_hz": fps,
         "camera.latency_frames": latency,
         "seed": seed,
@@ -103,6 +108,7 @@ def grasp(
 
 
 def _print_summary(summary: "Summary", folder: Path | None) -> None:
+    from ..render import load_sensor
     from ..tracking.forces import pose_words
 
     def number(value: float | None, digits: int = 3) -> str:
@@ -128,6 +134,9 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
             "reacted to slip at",
             f"{event['time_s']:.3f} s, {event['lateral_displacement_mm']:.3f} mm",
         )
+    markers = load_sensor(summary["sensor"]).markers
+    if markers.swell_mm or markers.stretch:
+        table.add_row("mechanics", "those of the chain, not of this dome's silicone")
     table.add_row("largest grip force", f"{number(summary['max_grip_n'])} N")
     table.add_row("largest pressure", f"{number(summary['max_pressure_n_per_m'], 0)} N/m")
     table.add_row("speed", f"{number(summary['frames_per_second'], 1)} frames/s")

@@ -110,6 +110,8 @@ def make_trace(rows: Sequence[float] | Sequence[tuple[float, ...]]) -> Trace:
     return Trace(dict(zip(COLUMNS, values.T, strict=True)))
 
 
+#: What the fingertip is, whatever the design: the thesis's chain of nodes.
+MECHANICS = "chain"
 #: Results of a run by name; None where a value is unknown.
 Summary = dict[str, Any]
 
@@ -134,14 +136,13 @@ def summarise(
     both = np.isfinite(trace["margin_true"]) & np.isfinite(trace["margin_estimated"])
     error = (trace["margin_estimated"] - trace["margin_true"])[both]
     late = trace["margin_true"][trace["time_s"] > scene.duration_s - 0.3 - 1e-9]
-    steps = np.flatnonzero(np.diff(trace["grip_n"]) > 0.9 * scene.react_to_slip.step_n)
-    reacted = scene.controller == "react-to-slip"
     values: Summary = {
         "controller": scene.controller,
         "path": scene.path,
         "renderer": scene.renderer,
         "sensor": scene.sensor,
         **(used or dict.fromkeys(Used.__annotations__)),
+        "mechanics": MECHANICS,
         "camera_pose": None if pose is None else pose.table(),
         "seed": scene.seed,
         "complete": len(trace) == scene.frames,
@@ -162,18 +163,21 @@ def summarise(
         "gross_slip": bool(_last(trace["lateral_displacement_mm"]) > GROSS_SLIP * 1e3),
         "max_grip_n": _largest(trace["grip_n"]),
         "final_grip_n": _last(trace["grip_n"]),
-        "slip_reactions": [
-            {
-                "time_s": float(trace["time_s"][k + 1]),
-                "lateral_displacement_mm": float(trace["lateral_displacement_mm"][k + 1]),
-            }
-            for k in (steps if reacted else [])
-        ],
+        "slip_reactions": _reactions(scene, trace),
     }
     # JSON has no NaN: an unknown value is null.
     return {
         k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
     }
+
+
+def _reactions(scene: Scene, trace: Trace) -> list[dict[str, float]]:
+    """Steps of the grip with which React To Slip answered a slip."""
+    if scene.controller != "react-to-slip":
+        return []
+    steps = np.flatnonzero(np.diff(trace["grip_n"]) > 0.9 * scene.react_to_slip.step_n)
+    names = ("time_s", "lateral_displacement_mm")
+    return [{name: float(trace[name][k + 1]) for name in names} for k in steps]
 
 
 def _last(column: Array) -> float:

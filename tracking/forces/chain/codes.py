@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....model import LoadPlane
+from ....render import SensorDesign
 from ...tracks import Tracks
 from ..reconstructors import NoEstimateError
 from ..shifts import MEASURED
@@ -34,8 +35,10 @@ CONTEXT = (
 Short = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-#: Fewer visible pairs than this do not determine the codes.
-MIN_PAIRS = 60
+#: A smaller share of the design's pairs does not determine the codes …
+_LEAST_SHARE = 0.15
+#: … nor do fewer than these.
+_FEWEST = 12
 #: A pair whose χ² (of 6) given the others is above this is not where its track is.
 STRAY = 50.0
 #: A stray pair draws the others with it: pairs below this share of the worst χ² are judged again
@@ -118,6 +121,11 @@ class Codes:
     plane: LoadPlane
 
 
+def least_pairs(sensor: SensorDesign) -> int:
+    """Pairs that have to be visible, at least."""
+    return max(_FEWEST, round(_LEAST_SHARE * len(sensor.places)))
+
+
 def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fit, Kept]:
     """Unknowns of a frame, and what to keep for the next one.
 
@@ -130,9 +138,9 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
     Raises
     ------
     NoEstimateError
-        When fewer than MIN_PAIRS pairs are visible.
+        When too few pairs of the design are visible.
     """
-    shifts, certain = specimen.shifts(tracks, MIN_PAIRS)
+    shifts, certain = specimen.shifts(tracks, least_pairs(specimen.shifts.sensor))
     visible = specimen.shifts.whole(tracks.visible)
     shifts = limited(np.where(visible[:, None], shifts, 0.0))
     level = float(np.nanmedian(tracks.covariance[specimen.shifts.pairs[visible], 0, 0]))

@@ -142,7 +142,7 @@ class Learned:
         Raises
         ------
         NoEstimateError
-            When fewer than MIN_PAIRS pairs are visible.
+            When too few pairs of the design are visible.
         NoEstimateError
             When no trained press explains them, or many do.
         """

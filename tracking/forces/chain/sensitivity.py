@@ -14,7 +14,7 @@ from ....render import (
     outline_axes,
     outlines,
 )
-from ..calibration import check_markers
+from ..calibration import check_stiff
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class MarkerResponse:
     """
 
     def __init__(self, sensor: SensorDesign, places: Array, nodes: int | Array) -> None:
-        check_markers(sensor)
+        check_stiff(sensor)
         self._view, skin = sensor.view, sensor.shape
         self._half_sizes = sensor.half_sizes
         self._layers = [

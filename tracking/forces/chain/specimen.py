@@ -113,7 +113,9 @@ def _gains(design: SensorDesign, sensor: SensorDesign) -> Array:
     if design.shape.flat:
         return np.ones((2, 1, 1, 1))
     near, far = (one.follow / (one.shape.radius - one.depths) for one in (sensor, design))
-    return np.asarray(near / far).reshape(2, 1, 1, 1)
+    # A layer that does not move at all has no other size of motion.
+    gains = np.divide(near, far, out=np.ones(2), where=far > 0.0)
+    return gains.reshape(2, 1, 1, 1)
 
 
 def with_focus(loadings: Array) -> Array:
