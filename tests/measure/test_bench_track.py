@@ -345,7 +345,11 @@ def test_rows_of_a_bench_and_their_table(theirs: Path, monkeypatch: pytest.Monke
     assert rows[f"long/{refusing}/drift"].value is None
     assert rows[f"long/{refusing}/drift"].met is False
     assert report.notes[-1] == f"{refusing} refused sway: this tracker does not like the frame"
-    (table,) = report.tables
+    table, pixels, lost, rate = report.tables
+    assert [one.header for one in (pixels, lost, rate)] == [table.header] * 3
+    ((_, of_constant, of_refusing),) = pixels.lines
+    assert float(of_constant) == pytest.approx(rows["sway/constant/magenta_rms"].value, rel=0.5)
+    assert of_refusing == "–"
     assert table.header == ("scene", "constant", refusing)
     ((scene, constant, refusal),) = table.lines
     assert (scene, refusal) == ("sway", "refused")
@@ -368,3 +372,15 @@ def test_impossible_wishes_are_one_sentence() -> None:
         bench("track", True, lambda _: None, ("nobody",))
     with pytest.raises(UserError, match="--tracker goes with bench track"):
         bench("model", True, lambda _: None, ("fit",))
+    with pytest.raises(UserError, match="no scene 'sea' for trackers; there is clean, "):
+        bench("track", True, lambda _: None, scenes=("sea",))
+    with pytest.raises(UserError, match="--scene goes with bench track"):
+        bench("model", True, lambda _: None, scenes=("sway",))
+
+
+def test_a_scene_that_was_chosen_is_all_that_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_track, "QUICK_FRAMES", 2)
+    told: list[str] = []
+    report = bench("track", True, told.append, ("constant",), scenes=("sway",))
+    assert {row.subject[0] for row in report.rows} <= {"sway", "speed", "limit"}
+    assert all(text.startswith("scene 1 of 1, sway") for text in told)

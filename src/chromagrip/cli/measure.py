@@ -47,6 +47,11 @@ Groups = Annotated[
     tyro.conf.UseAppendAction,
     option("of force --world beyond: only this group; may be repeated", "NAME", "group"),
 ]
+TrackScenes = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("of track: only this scene; may be repeated", "NAME", "scene"),
+]
 BenchPart = Literal["control", "dataset", "force", "loop", "model", "render", "track"]
 StabilityPart = Literal["loop", "model", "track"]
 ChartPart = Literal["all", "force", "loop", "model", "render", "track"]
@@ -77,6 +82,7 @@ def bench(
     controllers: Controllers = (),
     world: World = "",
     groups: Groups = (),
+    scenes: TrackScenes = (),
     quick: Quick = False,
     json_only: Json = False,
 ) -> int:
@@ -87,7 +93,9 @@ def bench(
     from ..measure.bench.parts import bench as measure
 
     with status() as report:
-        result = measure(part, quick, report, trackers, reconstructors, controllers, world, groups)
+        result = measure(
+            part, quick, report, trackers, reconstructors, controllers, world, groups, scenes
+        )
     return _print(result, None, json_only)
 
 

@@ -33,6 +33,7 @@ def bench(
     controllers: Sequence[str] = (),
     world: str = "",
     groups: Sequence[str] = (),
+    scenes: Sequence[str] = (),
 ) -> Report:
     """Measure a part.
 
@@ -45,6 +46,7 @@ def bench(
     reconstructors: of `force`: names, module:Class or classes; none are all
     controllers: of `control`: names or module:Class; none are all
     world, groups: of `force`: only this world, and only these groups of `beyond`
+    scenes: of `track`: only these
 
     Raises
     ------
@@ -59,6 +61,10 @@ def bench(
     for its_part, (option, choices) in methods.items():
         if choices and part != its_part:
             raise UserError(f"{option} goes with bench {its_part}, not with bench {part}")
+    if part == "track":
+        return bench_track(quick, progress, trackers, scenes)
+    if scenes:
+        raise UserError(f"--scene goes with bench track, not with bench {part}")
     if part == "force":
         return bench_force(quick, progress, reconstructors, world, groups)
     if world or groups:

@@ -82,7 +82,10 @@ _NOTE = (
 
 
 def bench_track(
-    quick: bool, progress: Callable[[str], None], trackers: Sequence[Choice] = ()
+    quick: bool,
+    progress: Callable[[str], None],
+    trackers: Sequence[Choice] = (),
+    scenes: Sequence[str] = (),
 ) -> Report:
     """Report of trackers: rows `scene/tracker/score`, targets of the default, speed and the bound.
 
@@ -91,25 +94,32 @@ def bench_track(
     quick: fewer frames, only scenes with a target, and in most of them only the default
     progress: called with the name of each measurement
     trackers: names, module:Class or classes; none are all that there are, beside a constant answer
+    scenes: only these; none are all, codecs and the long scene
 
     Raises
     ------
     UserError
-        When there is no such tracker.
+        When there is no such tracker or scene.
     """
     chosen = choose(trackers)
-    scenes = [scene for scene, _ in TARGETS] if quick else list(SCENES)
+    for scene in scenes:
+        if scene not in SCENES:
+            raise UserError(f"no scene {scene!r} for trackers; there is {', '.join(SCENES)}")
+    wanted = scenes or ([scene for scene, _ in TARGETS] if quick else list(SCENES))
+    wanted = list(dict.fromkeys(wanted))
     rows: list[Row] = []
     with one_thread():
-        for scene in dict.fromkeys(scenes):
+        for k, scene in enumerate(wanted, 1):
             few = quick and not trackers and scene not in _QUICK_ALL
             some = {n: c for n, c in chosen.items() if not few or n in (CONSTANT, DEFAULT_TRACKER)}
-            rows += _scene_rows(scene, QUICK_FRAMES if quick else FRAMES, some, progress)
-        if not trackers:
+            place = f"scene {k} of {len(wanted)}, {scene}"
+            rows += _scene_rows(scene, QUICK_FRAMES if quick else FRAMES, some, progress, place)
+        if not trackers and not scenes:
             rows += _codec_rows(_QUICK_CODECS if quick else tuple(CODECS), progress)
-        moving = named(trackers or (DEFAULT_TRACKER,), tracker_class)
-        rows += _drifts(moving, QUICK_LONG if quick else LONG, progress)
-        if not quick:
+        moving = {} if scenes else named(trackers or (DEFAULT_TRACKER,), tracker_class)
+        if moving:
+            rows += _drifts(moving, QUICK_LONG if quick else LONG, progress)
+        if not quick and not scenes:
             able = values(rows)
             for name, choice in chosen.items():
                 if ("clean", name, "time") in able:
@@ -121,7 +131,7 @@ def bench_track(
     texts = tuple((f"`{name}`", scene.text) for name, scene in SCENES.items())
     return Report(
         rows=tuple(rows),
-        tables=(matrix(rows),),
+        tables=(matrix(rows), *plain(rows)),
         notes=(_NOTE, *refusals(rows)),
         details=(
             Table(("scene", "conditions"), texts, "Scenes"),
@@ -144,13 +154,17 @@ def choose(trackers: Sequence[Choice]) -> dict[str, Choice]:
 
 
 def _scene_rows(
-    scene: str, count: int, trackers: Mapping[str, Choice], progress: Callable[[str], None]
+    scene: str,
+    count: int,
+    trackers: Mapping[str, Choice],
+    progress: Callable[[str], None],
+    place: str,
 ) -> Iterator[Row]:
     """Every score of trackers in a scene, or the reason why a tracker refused its frames."""
-    progress(f"{scene}: frames and their limit")
+    progress(f"{place}: frames and their limit")
     frames = sequence(SCENES[scene], count)
     for name, choice in trackers.items():
-        progress(f"{scene}: {name}")
+        progress(f"{place}: {name}")
         try:
             found = scores(follow(choice, frames), frames)
         except UserError as error:
@@ -259,6 +273,36 @@ def matrix(rows: Sequence[Row]) -> Table:
             for scene in dict.fromkeys(scene for scene, _ in cases)
         ),
     )
+
+
+def plain(rows: Sequence[Row]) -> Iterator[Table]:
+    """The same in pixels, what was lost, and the speed: tables of scenes over trackers."""
+    found = values(rows)
+    cases = [row.subject for row in rows if row.subject[0] in SCENES]
+    trackers = dict.fromkeys(tracker for _, tracker in cases)
+
+    def table(title: str, cell: Callable[[str, str], float | None], digits: int) -> Table:
+        lines = []
+        for scene in dict.fromkeys(scene for scene, _ in cases):
+            told = (cell(scene, tracker) for tracker in trackers)
+            lines.append((scene, *("–" if v is None else f"{v:.{digits}f}" for v in told)))
+        return Table(("scene", *trackers), tuple(lines), title)
+
+    def pixels(scene: str, tracker: str) -> float | None:
+        each = [found.get((scene, tracker, f"{layer}_rms")) for layer in LAYERS]
+        return max((one for one in each if one is not None), default=None)
+
+    def rate(scene: str, tracker: str) -> float | None:
+        time = found.get((scene, tracker, "time"))
+        return None if not time else 1e3 / time
+
+    yield table("RMS error of the worse layer [px]", pixels, 3)
+    yield table(
+        "Visible markers that were not reported, in frames",
+        lambda scene, tracker: found.get((scene, tracker, "lost")),
+        0,
+    )
+    yield table("Frames a second, one core", rate, 0)
 
 
 def _cell(found: Values, scene: str, tracker: str) -> str:
