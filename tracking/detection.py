@@ -113,7 +113,8 @@ def detect_again(image: NDArray[np.uint8], rest: RestFrame, palette: Palette) ->
     matrix = unmixing_matrix(palette.transmittance)
     plain = plain_pixels(dye_densities(linear, ground, matrix) * field, field, 2)
     if plain.any():
-        ground *= np.median(linear[plain] / ground[plain], axis=0)
+        # A channel may have no light at all.
+        ground *= np.median(linear[plain] / np.maximum(ground[plain], 1e-4), axis=0)
     densities = dye_densities(linear, ground, matrix)
     spots = [find_spots(density, field, parted=True) for density in densities]
     ratio = np.where(field[..., None], linear / np.maximum(ground, 1e-4), np.float32(1.0))

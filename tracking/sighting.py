@@ -45,12 +45,12 @@ _FURTHEST = 8.0
 #: Neighbours that are looked at.
 _NEIGHBOURS = 8
 #: Markers that make a pattern, at least.
-_FEWEST = 9
+_FEWEST = 11
 #: Least contrast over the deviation of the light inside and around a spot, in the median.
-_CLEAR = 3.0
+_CLEAR = 4.0
 #: Largest standard deviation of the distance to the nearest neighbour, over its mean. That of
 #: points anywhere is 0.52.
-_UNEVEN = 0.35
+_UNEVEN = 0.3
 #: Largest standard deviation of the logarithm of their areas. That of radii anywhere within a
 #: factor of two is 0.4.
 _UNLIKE = 0.65

@@ -50,8 +50,10 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 @cache
 def _sources() -> str:
-    """Digest of every file that holds a kernel."""
+    """Digest of every file that holds a kernel, and of what changes their machine code."""
     digest = hashlib.sha256(numba.__version__.encode())
+    if numba.config.BOUNDSCHECK:  # NUMBA_BOUNDSCHECK=1 makes other machine code
+        digest.update(b"bounds are checked")
     package = Path(__file__).parent
     for folder, inner, names in os.walk(package, followlinks=True):
         inner[:] = sorted(name for name in inner if name != "__pycache__")
