@@ -126,6 +126,53 @@ def column(out: Path, name: str) -> np.ndarray:
     return np.array([np.nan if v is None else v for v in values], dtype=float)
 
 
+@pytest.mark.parametrize("scale", [0.6, 1.5])
+def test_pictures_of_another_size_are_scaled_to_the_sensors(scale: float, tmp_path: Path) -> None:
+    """The same lens on a chip with larger or smaller pixels, each with the same noise."""
+    nominal = NOMINAL.sensor
+    width, height = round(scale * 640), round(scale * 480)
+    camera = replace(
+        nominal.camera,
+        width_px=width,
+        height_px=height,
+        focal_px=tuple(scale * f for f in nominal.camera.focal_px or ()),
+        blur_px=max(scale * nominal.camera.blur_px, 0.3),
+    )
+    own = replace(nominal, camera=camera)
+    painter, carried = open_renderer("painter", own), MembraneMap(own, NOMINAL.fingertip.nodes)
+    sums = []
+    for k, (grip, load) in enumerate([(0.0, 0.0), (2.0, 0.3), (2.0, 0.6), (2.0, 0.8)]):
+        state = equilibrium(NOMINAL.fingertip, BERRY, max(grip, 1e-3), load)
+        image = painter.render(carried(state.deformation.seen * float(grip > 0.0)))
+        add_noise(image, NOISE, 8, k)
+        save(tmp_path / "frames" / f"{k}.png", image)
+        field = contact_forces(NOMINAL.fingertip, BERRY, state)
+        sums.append((field.total_normal, field.total_friction))
+    out = tmp_path / "out"
+    words = {"calibration": "thesis", "out": out, "json_only": True}
+    assert estimate("first", str(tmp_path / "frames"), **words) == 0
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert (summary["width_px"], summary["height_px"]) == (width, height)
+    assert summary["scaled_by"] == pytest.approx(1.0 / scale)
+    assert summary["noise_levels"] == pytest.approx(NOISE / scale, rel=0.3)
+    pose = summary["camera_pose"]
+    assert pose["scale"] == pytest.approx(1.0, abs=2e-3)
+    normal, friction = np.array(sums[1:]).T
+    # As exact as at the design's own size, or as its interval says.
+    for name, true in (("normal", normal), ("friction", friction)):
+        low, high = (column(out, f"{name}_{end}_n")[1:] for end in ("low", "high"))
+        reach = np.maximum(0.1 * true, 0.8 * (high - low))
+        assert (abs(column(out, f"{name}_n")[1:] - true) < reach).all()
+
+
+def test_a_picture_of_another_shape_is_refused(tmp_path: Path) -> None:
+    save(tmp_path / "rest.png", np.zeros((480, 500, 3), np.uint8))
+    with pytest.raises(
+        UserError, match="500×480 pixels, the sensor's camera gives 640×480; wanted"
+    ):
+        estimate(str(tmp_path / "rest.png"), str(tmp_path / "rest.png"), calibration="thesis")
+
+
 def test_the_perturbed_sensor_comes_back_from_its_presses(folders: Folders) -> None:
     found = asdict(values_of(load_calibration(folders.calibration)))
     fit = tomllib.loads(Path(folders.calibration).read_text(encoding="utf-8"))["fit"]

@@ -126,8 +126,16 @@ def estimate_source(
     if out is not None:
         require("data", "video", purpose="a folder of estimates")
     palette = Palette.of_sensor(known.sensor)
+    view = known.sensor.view
     opened = open_tracking(
-        rest, source, find=lambda _: palette, tracker=tracker, noise=noise, fps=fps, tell=tell
+        rest,
+        source,
+        find=lambda _: palette,
+        tracker=tracker,
+        noise=noise,
+        fps=fps,
+        tell=tell,
+        size=(view.width, view.height),
     )
     with located(f"calibration {calibration}"):
         pose = rest_pose(known.sensor, opened.resting)

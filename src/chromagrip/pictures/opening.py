@@ -2,17 +2,19 @@
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypedDict
 
 import numpy as np
 
 from ..by_name import Choice, blaming, name_of
 from ..errors import UserError
-from ..output.pictures import Source, open_source
+from ..output.pictures import Image, Source, open_source
 from ..output.processes import one_thread
 from ..render import Frame
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
+from .any_size import at_size
 from .find_sensor import Find
 from .noise_level import noise_level
 from .rest_frames import rest_frames
@@ -31,6 +33,7 @@ class Setup(TypedDict):
     noise_from: str
     width_px: int
     height_px: int
+    scaled_by: float
     fps: float
 
 
@@ -81,8 +84,11 @@ def open_tracking(
     noise: float | None,
     fps: float | None,
     tell: Callable[[str], None],
+    size: tuple[int, int] | None = None,
 ) -> Opened:
     """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
+
+    With `size`, pictures are scaled to that width and height [px], and so is their noise.
 
     Raises
     ------
@@ -91,15 +97,15 @@ def open_tracking(
     """
     make, name = load_tracker(tracker), name_of(tracker)
     opened = open_source(source, fps)
+    fitted = _fitter(size)
     tell("rest frame")
     with one_thread():
-        still, rest_words, frames = rest_frames(rest, opened, find, tell)
-        _check_alike(still)
-        if noise is None:
-            tell("noise")
-            noise, noise_words = noise_level(still, opened.lossy)
-        else:
-            noise_words = _GIVEN
+        still, rest_words, frames = rest_frames(rest, opened, find, tell, fitted)
+        shape = _check_alike(still)
+        scale = 1.0 if size is None else size[0] / shape[1]
+        noise, noise_words = _noise(still, opened, noise, tell)
+        noise *= scale  # a larger pixel knows as much as those it is made of
+        still = [replace(frame, image=fitted(frame.image)) for frame in still]
         tell("markers at rest")
         palette = find(np.rint(np.mean([f.image for f in still], axis=0)).astype(np.uint8))
         start = read_rest(still, palette)
@@ -107,10 +113,7 @@ def open_tracking(
             made = make(palette, noise)
             resting = _reset(made, still, noise, noise_words)
         _check_rest(resting, palette, name)
-        first = next(frames, None)
-    if first is None:
-        raise UserError(f"{opened.name} has no frames")
-    _check_size(first, 0, opened, start)
+        frames = _begun(frames, opened, shape)
     setup = Setup(
         source=opened.name,
         rest=rest_words,
@@ -118,8 +121,9 @@ def open_tracking(
         tracker=name,
         noise_levels=noise,
         noise_from=noise_words,
-        width_px=first.image.shape[1],
-        height_px=first.image.shape[0],
+        width_px=shape[1],
+        height_px=shape[0],
+        scaled_by=scale,
         fps=opened.fps,
     )
     return Opened(
@@ -128,9 +132,24 @@ def open_tracking(
         start=start,
         resting=resting,
         source=opened,
-        frames=itertools.chain([first], _checked(frames, opened, start)),
+        frames=(replace(frame, image=fitted(frame.image)) for frame in frames),
         setup=setup,
     )
+
+
+def _fitter(size: tuple[int, int] | None) -> Callable[[Image], Image]:
+    """What makes pictures as large as wanted, if that is."""
+    return (lambda image: image) if size is None else partial(at_size, size=size)
+
+
+def _noise(
+    still: list[Frame], source: Source, given: float | None, tell: Callable[[str], None]
+) -> tuple[float, str]:
+    """Noise of the camera [grey levels], and its source in words."""
+    if given is not None:
+        return given, _GIVEN
+    tell("noise")
+    return noise_level(still, source.lossy)
 
 
 def _reset(tracker: Tracker, still: list[Frame], noise: float, noise_words: str) -> Tracks:
@@ -170,20 +189,32 @@ def _check_same(tracks: Tracks, resting: Tracks, name: str) -> None:
         )
 
 
-def _checked(frames: Iterator[Frame], source: Source, start: RestFrame) -> Iterator[Frame]:
+def _begun(frames: Iterator[Frame], source: Source, shape: tuple[int, int]) -> Iterator[Frame]:
+    """Frames of which the first is there, each checked to have that height and width [px]."""
+    first = next(frames, None)
+    if first is None:
+        raise UserError(f"{source.name} has no frames")
+    _check_size(first, 0, source, shape)
+    return itertools.chain([first], _checked(frames, source, shape))
+
+
+def _checked(frames: Iterator[Frame], source: Source, shape: tuple[int, int]) -> Iterator[Frame]:
     for index, frame in enumerate(frames, 1):
-        _check_size(frame, index, source, start)
+        _check_size(frame, index, source, shape)
         yield frame
 
 
-def _check_alike(still: list[Frame]) -> None:
+def _check_alike(still: list[Frame]) -> tuple[int, int]:
+    """Height and width of the rest frames, which all have the same."""
     sizes = {f"{frame.image.shape[1]}×{frame.image.shape[0]}" for frame in still}
     if len(sizes) > 1:
         raise UserError(f"the rest frames have different sizes: {', '.join(sorted(sizes))} pixels")
+    height, width = still[0].image.shape[:2]
+    return height, width
 
 
-def _check_size(frame: Frame, index: int, source: Source, start: RestFrame) -> None:
-    (height, width), (rest_height, rest_width) = frame.image.shape[:2], start.image.shape[:2]
+def _check_size(frame: Frame, index: int, source: Source, shape: tuple[int, int]) -> None:
+    (height, width), (rest_height, rest_width) = frame.image.shape[:2], shape
     if (height, width) != (rest_height, rest_width):
         raise UserError(
             f"frame {index} of {source.name} is {width}×{height} pixels, the rest frame "

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ..errors import UserError
-from ..output.pictures import Source, open_source
+from ..output.pictures import Image, Source, open_source
 from ..render import Frame
 from ..tracking import detect_markers, join_layers
 from .find_sensor import Find
@@ -20,7 +20,11 @@ _TRIED = 200
 
 
 def rest_frames(
-    rest: str, source: Source, find: Find, tell: Callable[[str], None]
+    rest: str,
+    source: Source,
+    find: Find,
+    tell: Callable[[str], None],
+    fitted: Callable[[Image], Image] = lambda image: image,
 ) -> tuple[list[Frame], str, Iterator[Frame]]:
     """Frames of the sensor at rest, a description of them, and the frames to track.
 
@@ -31,6 +35,7 @@ def rest_frames(
     source: of the frames to track
     find: palette of a picture's markers
     tell: called with the current step
+    fitted: picture as large as the sensor's camera gives it, in which markers are looked for
 
     Raises
     ------
@@ -38,7 +43,7 @@ def rest_frames(
         When there are no such frames.
     """
     if rest == "auto":
-        index, frame = _most_exact(source, find, tell)
+        index, frame = _most_exact(source, find, tell, fitted)
         return [frame], f"frame {index} of the source, found", source.frames()
     first = re.fullmatch(r"first(?::(\d+))?", rest)
     if first is None:
@@ -59,7 +64,9 @@ def rest_frames(
     return still, words, itertools.chain(still, frames)
 
 
-def _most_exact(source: Source, find: Find, tell: Callable[[str], None]) -> tuple[int, Frame]:
+def _most_exact(
+    source: Source, find: Find, tell: Callable[[str], None], fitted: Callable[[Image], Image]
+) -> tuple[int, Frame]:
     """Number and frame whose markers of two layers are nearest to each other."""
     if source.live:
         raise UserError("rest auto looks at every frame twice, which is not possible with a camera")
@@ -71,12 +78,13 @@ def _most_exact(source: Source, find: Find, tell: Callable[[str], None]) -> tupl
         if index % step:
             continue
         try:
-            palette = find(frame.image)
+            image = fitted(frame.image)
+            palette = find(image)
             if len(palette.names) < 2:
                 raise UserError(
                     f"rest auto needs two layers to compare; there is {palette.names[0]} alone"
                 )
-            layers = detect_markers(frame.image, palette)
+            layers = detect_markers(image, palette)
         except UserError as error:
             refusal = str(error)
             continue
