@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from chromagrip import UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
+from chromagrip.loop.trace import counted_kinds
 from chromagrip.render import Membrane, SensorDesign, open_renderer
 from chromagrip.tracking import MarkerTracker, load_reconstructor
 
@@ -149,6 +150,19 @@ def test_summary_and_scene_name_the_reconstructor_that_auto_is(tmp_path: Path) -
     assert result.summary["camera_pose"]["roll_deg"] == pytest.approx(0.0, abs=0.05)
     truth = run(load_scene("camera-100hz", QUICK)).summary
     assert truth["reconstructor"] is truth["camera_pose"] is None
+
+
+def test_the_summary_counts_frames_without_an_estimate_by_their_reasons() -> None:
+    """Reasons that differ by their numbers alone are one kind."""
+    reasons = ["1.2 N of 3 N", "0.9 N of 4 N", "no pair"]
+    assert counted_kinds(reasons) == {"… N of … N": 2, "no pair": 1}
+    hidden = {**SEEN, "defects.jpeg_quality": 15, "safety_margin.grip_first.ceiling_n": 3.0}
+    summary = run(load_scene("camera-100hz", hidden)).summary
+    assert summary["without_estimate"] == sum(summary["without_estimate_because"].values())
+    assert 0 < summary["without_estimate"] <= summary["frames"]
+    assert "compressed too much" in next(iter(summary["without_estimate_because"]))
+    truth = run(load_scene("camera-100hz", QUICK)).summary
+    assert (truth["without_estimate"], truth["without_estimate_because"]) == (0, {})
 
 
 SWEEP = """

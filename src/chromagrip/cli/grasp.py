@@ -121,6 +121,10 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
         f"{number(summary['final_margin_true'])} true, "
         f"{number(summary['final_margin_estimated'])} observed",
     )
+    if summary["without_estimate"]:
+        because = next(iter(summary["without_estimate_because"]))
+        frames = f"{summary['without_estimate']} of {summary['frames']} frames"
+        table.add_row("no estimate in", f"{frames}, mostly: {because}")
     table.add_row("error of the margin, RMS", number(summary["margin_rmse"]))
     if summary["camera_pose"] and summary["camera_pose"]["notable"]:
         table.add_row("camera", pose_words(summary["camera_pose"]))

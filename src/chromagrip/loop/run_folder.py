@@ -127,6 +127,7 @@ def _record(
     samples = grasp(scene, camera, known=known, methods=methods)
     seconds = 0.0
     rest: Tracks | None = None
+    reasons: list[str] = []
     try:
         while True:
             begin = time.perf_counter()
@@ -136,6 +137,8 @@ def _record(
             if sample is None:
                 break
             rest = sample.rest
+            if sample.observation is not None and sample.observation.no_estimate:
+                reasons.append(sample.observation.no_estimate)
             rows.extend(row(sample))
             if files is not None:
                 files.show(sample, camera)
@@ -143,7 +146,7 @@ def _record(
                 progress(len(rows) // len(COLUMNS), scene.frames)
     finally:
         trace = make_trace(rows)
-        summary = summarise(scene, trace, seconds, read_with, _pose(known, rest))
+        summary = summarise(scene, trace, seconds, read_with, _pose(known, rest), reasons)
         if files is not None and rows:
             files.write(trace, summary)
     folder = None if files is None else files.folder

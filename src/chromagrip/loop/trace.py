@@ -1,7 +1,9 @@
 """Time series of a run, truth beside estimate, and its summary."""
 
 import math
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -122,6 +124,7 @@ def summarise(
     seconds: float,
     used: Used | None = None,
     pose: CameraPose | None = None,
+    reasons: Sequence[str] = (),
 ) -> Summary:
     """Summary of a run; every key is a promise.
 
@@ -132,6 +135,7 @@ def summarise(
     seconds: wall-clock time of the loop from the second frame on, without writing anything
     used: what forces were read with; None on the truth path
     pose: of the camera against the sensor's design; None where no rest frame tells it
+    reasons: why a frame has no estimate, one for each such frame
     """
     both = np.isfinite(trace["margin_true"]) & np.isfinite(trace["margin_estimated"])
     error = (trace["margin_estimated"] - trace["margin_true"])[both]
@@ -144,6 +148,8 @@ def summarise(
         **(used or dict.fromkeys(Used.__annotations__)),
         "mechanics": MECHANICS,
         "camera_pose": None if pose is None else pose.table(),
+        "without_estimate": len(reasons),
+        "without_estimate_because": counted_kinds(reasons),
         "seed": scene.seed,
         "complete": len(trace) == scene.frames,
         "frames": len(trace),
@@ -169,6 +175,12 @@ def summarise(
     return {
         k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
     }
+
+
+def counted_kinds(reasons: Iterable[str]) -> dict[str, int]:
+    """How often sentences occur that differ by numbers alone, the most frequent first."""
+    kinds = Counter(re.sub(r"\d[\d.]*", "…", reason) for reason in reasons)
+    return dict(kinds.most_common())
 
 
 def _reactions(scene: Scene, trace: Trace) -> list[dict[str, float]]:

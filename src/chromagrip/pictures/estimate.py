@@ -1,8 +1,6 @@
 """Forces, friction and margin in one's own pictures, in a folder."""
 
-import re
 import time
-from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
@@ -16,6 +14,7 @@ from ..by_name import Choice
 from ..errors import UserError, located
 from ..extras import require
 from ..loop.observers import ForceObserver
+from ..loop.trace import counted_kinds
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
 from ..render import Frame
@@ -243,11 +242,10 @@ class _Rows:
             if values:
                 last = column[-1] if isinstance(column[-1], float) else None
                 columns[name] = {"last": last, "median": float(np.median(values))}
-        kinds = Counter(re.sub(r"\d[\d.]*", "…", reason) for reason in reasons)
         count = len(self._rows)
         return {
             "without_estimate": len(reasons),
-            "without_estimate_because": dict(kinds.most_common()),
+            "without_estimate_because": counted_kinds(reasons),
             "estimates": columns,
             "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in estimated),
             "ms_per_estimate": 1e3 * self._seconds / count if count else None,
