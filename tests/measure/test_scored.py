@@ -188,7 +188,7 @@ def test_the_command_ranks_trackers_on_a_dataset(
 ) -> None:
     """Our own tracker near the bound, beside one that says that nothing moves."""
     data = tmp_path / "data"
-    assert chromagrip(monkeypatch, "dataset", "make", "tiny", "--n", 1, "--out", data) == 0
+    assert chromagrip(monkeypatch, "dataset", "make", "tiny", "--n", 2, "--out", data) == 0
     sequence = data / "sequence-000000"
     for tracker in ("fit", "lk"):
         words = ("track", sequence / "rest.png", sequence, "--palette", "thesis")
@@ -212,6 +212,16 @@ def test_the_command_ranks_trackers_on_a_dataset(
     assert {file.name for file in out.iterdir()} == {
         "scores.json", "leaderboard.html", "worst-fit.png", "worst-lk.png",
     }  # fmt: skip
+    # Which of two sequences is not guessed, and none is left out in silence.
+    own = tmp_path / "own"
+    own.mkdir()
+    (tmp_path / "fit.parquet").rename(own / "tracks.parquet")
+    assert chromagrip(monkeypatch, "score", own, sequence, "--out", out, "--overwrite") == 0
+    capsys.readouterr()
+    for tracks, told_ in ((files[0], "has 2 sequences; give the one"), (own, "2 of 2 sequences")):
+        assert chromagrip(monkeypatch, "score", tracks, data, "--out", tmp_path / "none") == 2
+        assert told_ in capsys.readouterr().err.replace("\n", " ")
+        assert not (tmp_path / "none").exists()
 
 
 def test_a_truth_that_is_none_is_one_sentence(

@@ -126,9 +126,9 @@ def column(out: Path, name: str) -> np.ndarray:
     return np.array([np.nan if v is None else v for v in values], dtype=float)
 
 
-@pytest.mark.parametrize("scale", [0.6, 1.5])
+@pytest.mark.parametrize("scale", [1.5, 2.0])
 def test_pictures_of_another_size_are_scaled_to_the_sensors(scale: float, tmp_path: Path) -> None:
-    """The same lens on a chip with larger or smaller pixels, each with the same noise."""
+    """The same lens on a chip with smaller pixels, each with the same noise."""
     nominal = NOMINAL.sensor
     width, height = round(scale * 640), round(scale * 480)
     camera = replace(
@@ -165,11 +165,13 @@ def test_pictures_of_another_size_are_scaled_to_the_sensors(scale: float, tmp_pa
         assert (abs(column(out, f"{name}_n")[1:] - true) < reach).all()
 
 
-def test_a_picture_of_another_shape_is_refused(tmp_path: Path) -> None:
-    save(tmp_path / "rest.png", np.zeros((480, 500, 3), np.uint8))
-    with pytest.raises(
-        UserError, match="500×480 pixels, the sensor's camera gives 640×480; wanted"
-    ):
+@pytest.mark.parametrize("shape", [(480, 500), (288, 384), (1440, 1920)])
+def test_pictures_of_another_shape_or_too_small_are_refused(
+    shape: tuple[int, int], tmp_path: Path
+) -> None:
+    save(tmp_path / "rest.png", np.zeros((*shape, 3), np.uint8))
+    said = f"{shape[1]}×{shape[0]} pixels, the sensor's camera gives 640×480; wanted"
+    with pytest.raises(UserError, match=said):
         estimate(str(tmp_path / "rest.png"), str(tmp_path / "rest.png"), calibration="thesis")
 
 

@@ -6,8 +6,9 @@ import numpy as np
 from ..errors import UserError
 from ..output.pictures import Image
 
-#: Smallest and largest size of a picture over that of the design.
-SIZES = (0.4, 2.5)
+#: Smallest and largest size of a picture over that of the design. Smaller ones, magnified, are
+#: smoother than any camera's: forces would be read too low in silence.
+SIZES = (0.9, 2.5)
 #: Largest difference of width and height in that, as a share.
 _ASPECT = 0.01
 

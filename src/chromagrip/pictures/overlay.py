@@ -143,10 +143,16 @@ def dropped(start: RestFrame, resting: Tracks) -> list[Array]:
     """Places of the markers of each layer that were seen at rest and are not followed, (n, 2)."""
     places = []
     for at, followed, radius in zip(start.position, resting.position, start.radius, strict=True):
-        own, there = at[np.isfinite(at[:, 0])], followed[np.isfinite(followed[:, 0])]
-        away = KDTree(there).query(own)[0] if len(there) else np.full(len(own), np.inf)
-        places.append(own[np.asarray(away) > radius])
+        places.append(_away_from(at[np.isfinite(at[:, 0])], followed, float(radius)))
     return places
+
+
+def _away_from(places: Array, others: Array, radius: float) -> Array:
+    """Those of some places (n, 2) that are further than a radius from all others, NaN ignored."""
+    there = others[np.isfinite(others[:, 0])]
+    if not len(there) or not len(places):
+        return places
+    return places[np.asarray(KDTree(there).query(places)[0]) > radius]
 
 
 class TrackDrawing:
@@ -180,6 +186,7 @@ class TrackDrawing:
         if self._palette.seen is not None:
             canvas.border(self._palette.seen.field, _FIELD)
         words = [(f"{tracks.time:.3f} s", _TEXT)]
+        left = 0
         for k in reversed(range(len(self._shapes))):  # the skin's layer on top
             visible, start = tracks.visible[k], self._rest.position[k]
             at, size = tracks.position[k], np.exp(np.nan_to_num(tracks.log_size[k]))
@@ -188,12 +195,14 @@ class TrackDrawing:
             moved = visible & self._known[k]
             canvas.lines(start[moved], start[moved] + MAGNIFY * (at - start)[moved], _MOTION)
             radius = float(self._start.radius[k])
-            canvas.crosses(self._dropped[k], 0.5 * radius, _DROPPED)
+            dropped_here = _away_from(self._dropped[k], at[visible], radius)
+            left += len(dropped_here)
+            canvas.crosses(dropped_here, 0.5 * radius, _DROPPED)
             canvas.crosses(start[self._known[k] & ~visible], 0.6 * radius, _LOST)
             doubtful = tracks.ambiguous[k] & visible
             canvas.circles(at[doubtful], np.full(doubtful.sum(), 1.5 * radius), _AMBIGUOUS)
         for k, name in enumerate(self._palette.names):
-            count = f"{tracks.visible[k].sum()} of {self._known[k].sum()}"
+            count = f"{(tracks.visible[k] & self._known[k]).sum()} of {self._known[k].sum()}"
             line = "dashed" if k else "full line"
             words.append((f"{name} {count} ({line})", _LAYERS[k]))
         canvas.text(words, 0)
@@ -204,7 +213,7 @@ class TrackDrawing:
                 (f"motion since rest x{MAGNIFY:g}", _MOTION),
                 (f"x lost {lost}", _LOST),
                 (f"o ambiguous {doubtful_count}", _AMBIGUOUS),
-                (f"x not followed {sum(map(len, self._dropped))}", _DROPPED),
+                (f"x not followed {left}", _DROPPED),
                 *([] if self._palette.seen is None else [("sensor", _FIELD)]),
             ],
             1,

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,7 +68,13 @@ def score_tracks(
     """
     if out is not None:
         prepare(out, overwrite)
-    outcomes = [_outcome(path, truth, tell) for path in tracks]
+    try:
+        outcomes = [_outcome(path, truth, tell) for path in tracks]
+    except BaseException:
+        if out is not None:
+            with suppress(OSError):  # it is not empty: an earlier result stays
+                out.rmdir()
+        raise
     outcomes.sort(key=lambda outcome: -outcome.scores["jaccard"])
     if out is not None:
         _write(outcomes, truth, out)

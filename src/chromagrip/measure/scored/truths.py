@@ -41,8 +41,8 @@ def truths(tracks: Path, truth: Path) -> Iterator[Named]:
     """Truths that a file or folder of tracks has something of.
 
     A folder of tracks has a file, or a folder with `tracks.parquet`, for each sequence of a
-    dataset, named like it. A single file is of the dataset's first sequence, or of the sequence
-    whose folder is given as the truth.
+    dataset, named like it. A single file is of the sequence whose folder is given as the truth, or
+    of the one that it is named after, or of a dataset's only one.
 
     Raises
     ------
@@ -61,23 +61,32 @@ def truths(tracks: Path, truth: Path) -> Iterator[Named]:
         )
     sequence = (truth / FILES).is_file()
     dataset = truth.parent if sequence else truth
-    found = False
-    for loaded in load_sequences(dataset):
-        name = sequence_name(loaded.number)
-        if sequence and name != truth.name:
-            continue
-        file = tracks if tracks.is_file() else _tracks_of(tracks, name)
-        if file is None:
-            continue
-        found = True
-        yield Named(name=name, truth=_truth(loaded), tracks=file, pictures=loaded.pictures)
-        if tracks.is_file():
-            return
-    if not found:
+    everything = {sequence_name(loaded.number): loaded for loaded in load_sequences(dataset)}
+    if sequence:
+        wanted = [truth.name]
+    elif tracks.is_file() and tracks.stem in everything:
+        wanted = [tracks.stem]
+    else:
+        wanted = list(everything)
+    if tracks.is_file() and len(wanted) > 1:
         raise UserError(
-            f"{tracks} has no tracks of a sequence of {dataset}; wanted: "
-            f"{sequence_name(0)}.parquet or {sequence_name(0)}/tracks.parquet, and so on"
+            f"{truth} has {len(wanted)} sequences; give the one that {tracks} is of, such as "
+            f"{truth / wanted[0]}"
         )
+    alone = tracks / "tracks.parquet"  # of `chromagrip track`
+    files = {name: tracks if tracks.is_file() else _tracks_of(tracks, name) for name in wanted}
+    if sequence and files[truth.name] is None and alone.is_file():
+        files[truth.name] = alone
+    missing = [name for name, file in files.items() if file is None]
+    if missing:
+        raise UserError(
+            f"{tracks} has no tracks of {missing[0]}, {len(missing)} of {len(wanted)} sequences "
+            f"are missing; wanted: {missing[0]}.parquet or {missing[0]}/tracks.parquet"
+        )
+    for name, file in files.items():
+        loaded = everything[name]
+        assert file is not None
+        yield Named(name=name, truth=_truth(loaded), tracks=file, pictures=loaded.pictures)
 
 
 def _tracks_of(folder: Path, name: str) -> Path | None:
