@@ -14,6 +14,7 @@ from .palette import Palette
 from .spots import Spots, find_spots, surroundings, typical_area, weigh
 from .unmixing import (
     AROUND,
+    COLOURED,
     DARKEST,
     dye_coverages,
     dye_densities,
@@ -28,8 +29,6 @@ Single = NDArray[np.float32]
 #: sRGB levels: of one picture, or the mean of many.
 Levels = NDArray[np.uint8] | Array
 
-#: Channels of a colour image differ by more than this somewhere [grey levels].
-_COLOURED = 12.0
 #: Share of the pixels of any sensor that certainly shows ground.
 _GROUND_SHARE = 0.3
 #: Linear light of the ground inside the field, at least: 0 stands for what is outside it.
@@ -303,7 +302,7 @@ def _check_image(levels: Array, palette: Palette) -> None:
     log = np.log(palette.transmittance)
     coloured = (np.ptp(log, axis=1) > 0.3).any()
     spread = np.percentile(np.ptp(levels[::2, ::2], axis=2), 99.5)
-    if coloured and spread < _COLOURED:
+    if coloured and spread < COLOURED:
         raise UserError(
             f"image is grey (channels differ by at most {spread:.0f} levels), the palette's "
             f"{' and '.join(palette.names)} need a colour image"

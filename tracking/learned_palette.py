@@ -17,14 +17,12 @@ from ..render import decode_srgb
 from .palette import Palette, load_palette
 from .sighting import Sighting
 from .spots import find_spots
-from .unmixing import AROUND, DARKEST, dye_densities, rough_ground, unmixing_matrix
+from .unmixing import AROUND, COLOURED, DARKEST, dye_densities, rough_ground, unmixing_matrix
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-#: Channels of a colour image differ by more than this somewhere [grey levels].
-COLOURED = 12.0
 #: At edges, where light is mixed, it changes by more than this share of the contrast from pixel to
 #: pixel.
 _EDGE = 0.12

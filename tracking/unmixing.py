@@ -21,6 +21,8 @@ Light = NDArray[np.floating[Any]]
 _BLACK = 1e-4
 #: Ground is looked for within this many of the markers' typical distance.
 AROUND = 2.2
+#: Channels of a colour image differ by more than this somewhere [grey levels].
+COLOURED = 12.0
 #: Linear light that is told from black for certain: three grey levels make 1e-3.
 DARKEST = 3e-3
 #: Lowest light of the sensor's field that is considered, over the brightest ground.

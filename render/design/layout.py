@@ -25,7 +25,8 @@ def unit_vectors(directions: Array) -> Array:
     )
 
 
-def _spiral(count: int, coverage: float) -> Array:
+def spiral(count: int, coverage: float) -> Array:
+    """Markers in a golden-angle spiral to an angle from the apex [rad], even in area."""
     index = np.arange(count)
     height = 1.0 - (1.0 - np.cos(coverage)) * (index + 0.5) / count
     return np.column_stack([np.arccos(height), np.mod(index * GOLDEN_ANGLE, 2 * np.pi)])
@@ -57,19 +58,14 @@ def geodesic(count: int, coverage: float, pitch: float) -> Array:
         raise UserError(f"{count} markers are too few for a meridian row of {len(row)}")
     row_vectors = unit_vectors(row)
     for total in range(count - len(row), 4 * count):
-        spiral = _spiral(total, coverage)
-        nearest = (unit_vectors(spiral) @ row_vectors.T).max(axis=1)
-        kept = spiral[np.arccos(np.clip(nearest, -1.0, 1.0)) > 0.95 * pitch]
+        turns = spiral(total, coverage)
+        nearest = (unit_vectors(turns) @ row_vectors.T).max(axis=1)
+        kept = turns[np.arccos(np.clip(nearest, -1.0, 1.0)) > 0.95 * pitch]
         if len(kept) + len(row) >= count:
             layout = np.concatenate([row, kept[: count - len(row)]])
             layout.setflags(write=False)
             return layout
     raise UserError(f"no room for {count} markers beside a meridian row of {len(row)}")
-
-
-def spiral(count: int, coverage: float) -> Array:
-    """Markers in a golden-angle spiral to an angle from the apex [rad], even in area."""
-    return _spiral(count, coverage)
 
 
 def rings(counts: tuple[int, ...], pitch: float, turn: float) -> Array:

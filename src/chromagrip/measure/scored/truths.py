@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...dataset.folder import FILES, sequence_name
+from ...dataset.folder import FILES, read_manifest, sequence_name
 from ...dataset.read import Loaded, load_sequences
 from ...errors import UserError
 from ...render import LAYERS, SensorDesign, ground_image, load_sensor, rest_membrane
@@ -61,13 +61,13 @@ def truths(tracks: Path, truth: Path) -> Iterator[Named]:
         )
     sequence = (truth / FILES).is_file()
     dataset = truth.parent if sequence else truth
-    everything = {sequence_name(loaded.number): loaded for loaded in load_sequences(dataset)}
+    everything = list(read_manifest(dataset)["sequences"])
     if sequence:
         wanted = [truth.name]
     elif tracks.is_file() and tracks.stem in everything:
         wanted = [tracks.stem]
     else:
-        wanted = list(everything)
+        wanted = everything
     if tracks.is_file() and len(wanted) > 1:
         raise UserError(
             f"{truth} has {len(wanted)} sequences; give the one that {tracks} is of, such as "
@@ -83,10 +83,11 @@ def truths(tracks: Path, truth: Path) -> Iterator[Named]:
             f"{tracks} has no tracks of {missing[0]}, {len(missing)} of {len(wanted)} sequences "
             f"are missing; wanted: {missing[0]}.parquet or {missing[0]}/tracks.parquet"
         )
-    for name, file in files.items():
-        loaded = everything[name]
-        assert file is not None
-        yield Named(name=name, truth=_truth(loaded), tracks=file, pictures=loaded.pictures)
+    for loaded in load_sequences(dataset):  # one after another, as a dataset may be large
+        name = sequence_name(loaded.number)
+        file = files.get(name)
+        if file is not None:
+            yield Named(name=name, truth=_truth(loaded), tracks=file, pictures=loaded.pictures)
 
 
 def _tracks_of(folder: Path, name: str) -> Path | None:
