@@ -31,6 +31,7 @@ from .friction import (
     max_ratio,
 )
 from .kept_readouts import TRAINING, kept_path, kept_readout, training_key
+from .placement import Placement, placement
 from .pose import Alignment, CameraPose, PoseTable, aligned, alignment, pose_words, seen_by
 from .reconstructors import (
     AUTOMATIC,
@@ -66,6 +67,7 @@ __all__ = [
     "FrictionRule",
     "MarkerShifts",
     "NoEstimateError",
+    "Placement",
     "PoseTable",
     "Reconstructor",
     "SensorCalibration",
@@ -87,6 +89,7 @@ __all__ = [
     "name_used",
     "needs_readout",
     "nominal_calibration",
+    "placement",
     "pose_words",
     "required_readout",
     "rest_pose",

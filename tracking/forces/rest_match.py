@@ -1,6 +1,7 @@
 """The markers of a rest frame beside those of the design: which is which under a pose."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -143,9 +144,20 @@ def rest_markers(sensor: SensorDesign, rest: Tracks) -> RestMarkers:
         raise UserError(
             f"the tracks have {len(rest.position)} layers of markers; wanted: {len(sensor.depths)}"
         )
+    seen = [at[visible] for at, visible in zip(rest.position, rest.visible, strict=True)]
+    return markers_beside(sensor, seen)
+
+
+def markers_beside(sensor: SensorDesign, seen: Sequence[Array]) -> RestMarkers:
+    """Markers that were seen at pixels (Q, 2), layer by layer, beside their design.
+
+    Raises
+    ------
+    UserError
+        When there are too few of them.
+    """
     layers = []
-    for depth, position, visible in zip(sensor.depths, rest.position, rest.visible, strict=True):
-        pixels = position[visible]
+    for depth, pixels in zip(sensor.depths, seen, strict=True):
         if len(pixels) < LEAST:
             raise UserError(
                 f"the rest frame shows {len(pixels)} markers of a layer, too few to tell the "

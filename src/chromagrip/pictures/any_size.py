@@ -1,36 +1,202 @@
-"""Pictures of a known sensor in another size than its design's camera gives."""
+"""Pictures of a known sensor, scaled, cropped or padded, as the camera of its design gives them.
+
+The design is fitted to the markers of a picture. Its roll, and what is left of scale and shift, are
+told by the tracked markers at rest later, see `rest_pose`.
+"""
+
+import math
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from ..errors import UserError
 from ..output.pictures import Image
+from ..render import SensorDesign
+from ..tracking import Palette, Sighting, detect_markers, sight
+from ..tracking.forces import placement
 
-#: Smallest and largest size of a picture over that of the design. Smaller ones, magnified, are
-#: smoother than any camera's: forces would be read too low in silence.
+#: Left, top, right and bottom of a part of a picture [px].
+Box = tuple[int, int, int, int]
+
+#: Smallest and largest size of the sensor in a picture over that in the design's. Smaller ones,
+#: magnified, are smoother than any camera's: forces would be read too low in silence.
 SIZES = (0.9, 2.5)
-#: Largest difference of width and height in that, as a share.
+#: Largest difference of width and height in that, as a share, of a whole picture.
 _ASPECT = 0.01
+#: A picture of the whole shape is a whole one unless the markers say otherwise by more than this:
+#: a share of the scale, and of the picture's smaller side. A mount shifts a camera by less.
+_WHOLE_SCALE, _WHOLE_SHIFT = 0.03, 0.05
+#: Scales this near to 1 leave the pixels as they are.
+_SAME_SCALE = 0.005
+#: Rows and columns along the edge belong to a border where no channel spreads more [grey levels].
+_PLAIN = 12
+#: Markers are looked for again, in the sensor alone, where it is less than this share of a picture.
+_SMALL_SHARE = 0.5
 
 
-def at_size(image: Image, size: tuple[int, int]) -> Image:
-    """Picture scaled to a width and height [px]; itself where it has them.
+@dataclass(frozen=True, kw_only=True)
+class Fitting:
+    """What makes a picture into one of the design's camera.
+
+    Attributes
+    ----------
+    size: width and height of the design's picture [px]
+    box: part of the picture that is used
+    scale: pixels of the design's picture over those of the picture
+    corner: where the upper left corner of the scaled part lies in the design's picture, x and y
+        [px]
+    whole: whether the picture is a whole one
+    """
+
+    size: tuple[int, int]
+    box: Box
+    scale: float = 1.0
+    corner: tuple[int, int] = (0, 0)
+    whole: bool = True
+
+    @property
+    def taken(self) -> list[float]:
+        """Left, top, width and height of the design's picture in the picture [px]."""
+        left, top = (
+            edge - at / self.scale for edge, at in zip(self.box[:2], self.corner, strict=True)
+        )
+        return [left, top, self.size[0] / self.scale, self.size[1] / self.scale]
+
+    def part(self, image: Image) -> Image:
+        """Part of the picture that is used, pixel by pixel."""
+        left, top, right, bottom = self.box
+        return image[top:bottom, left:right]
+
+    def __call__(self, image: Image) -> Image:
+        """Picture of the design's size; black where the picture shows nothing."""
+        part, (width, height) = self.part(image), self.size
+        if self.whole:
+            return part if part.shape[1::-1] == self.size else _resized(part, self.scale, self.size)
+        if self.scale != 1.0:
+            part = _resized(part, self.scale, None)
+        fitted = np.zeros((height, width, 3), dtype=np.uint8)
+        x, y = self.corner
+        here = fitted[max(y, 0) : y + part.shape[0], max(x, 0) : x + part.shape[1]]
+        from_x, from_y = max(-x, 0), max(-y, 0)
+        here[:] = part[from_y : from_y + here.shape[0], from_x : from_x + here.shape[1]]
+        return fitted
+
+
+def _resized(image: Image, scale: float, size: tuple[int, int] | None) -> Image:
+    """Picture scaled by exactly a factor, or to a width and height [px]."""
+    how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
+    image = np.ascontiguousarray(image)
+    return np.asarray(cv2.resize(image, size, fx=scale, fy=scale, interpolation=how), np.uint8)
+
+
+class Fitter:
+    """Fits pictures that all show a sensor at one place, which the first one tells.
+
+    Parameters
+    ----------
+    sensor: None leaves pictures as they are
+    """
+
+    def __init__(self, sensor: SensorDesign | None) -> None:
+        self._sensor = sensor
+        self._fitting: Fitting | None = None
+
+    def __call__(self, image: Image) -> Image:
+        """Picture as the sensor's camera gives it."""
+        if self._fitting is None:
+            self._fitting = fitting(image, self._sensor)
+        return self._fitting(image)
+
+
+def fitting(image: Image, sensor: SensorDesign | None) -> Fitting:
+    """What makes pictures like that of an unloaded sensor into those of its design's camera.
+
+    Without a sensor, and in the size that its camera gives, pictures stay as they are.
 
     Raises
     ------
     UserError
-        When it is no whole picture of that shape, or too much smaller or larger.
+        When it does not show the sensor, or in a size that forces cannot be read in.
     """
-    (height, width), (wanted_width, wanted_height) = image.shape[:2], size
-    across, down = width / wanted_width, height / wanted_height
+    height, width = image.shape[:2]
+    everything = (0, 0, width, height)
+    if sensor is None or (width, height) == (sensor.view.width, sensor.view.height):
+        return Fitting(size=(width, height), box=everything)
+    size = (sensor.view.width, sensor.view.height)
+    across, down = width / size[0], height / size[1]
     low, high = SIZES
-    if abs(across / down - 1.0) > _ASPECT or not low <= across <= high:
+    shaped = abs(across / down - 1.0) <= _ASPECT and low <= across <= high
+    as_whole = Fitting(size=size, box=everything, scale=1.0 / across)
+    try:
+        found = _found(image, sensor)
+    except UserError as error:
+        if shaped:
+            return as_whole
         raise UserError(
             f"the pictures are {width}×{height} pixels, the sensor's camera gives "
-            f"{wanted_width}×{wanted_height}; wanted: whole pictures of that shape, "
-            f"{low:g} to {high:g} times as large"
+            f"{size[0]}×{size[1]}, and the sensor is not found in them: {error}"
+        ) from None
+    times = 1.0 / found.scale
+    if not low <= times <= high:
+        raise UserError(
+            f"the pictures of {width}×{height} pixels show the sensor {times:.2f} times as large "
+            f"as its camera does in {size[0]}×{size[1]}; allowed: {low:g} to {high:g} times"
         )
-    if (width, height) == size:
-        return image
-    how = cv2.INTER_AREA if across > 1.0 else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(image, size, interpolation=how), dtype=np.uint8)
+    left, top, _, _ = found.taken
+    near = max(abs(left), abs(top)) < _WHOLE_SHIFT * min(width, height)
+    if shaped and near and abs(across / times - 1.0) < _WHOLE_SCALE:
+        return as_whole
+    return found
+
+
+def _found(image: Image, sensor: SensorDesign) -> Fitting:
+    """Where the markers of the unloaded sensor lie in a picture."""
+    edges = _without_border(image)
+    (left, top, right, bottom), seen = _sighted(image, edges)
+    inner = np.ascontiguousarray(image[top:bottom, left:right])
+    palette = replace(Palette.of_sensor(sensor), sensor=None, seen=seen)
+    markers = [layer.position for layer in detect_markers(inner, palette)]
+    place = placement(sensor, markers, (right - left, bottom - top))
+    scale = 1.0 if abs(place.scale - 1.0) < _SAME_SCALE else 1.0 / place.scale
+    # Pictures are scaled about the outer edge of their first pixel, not about its centre.
+    half = 0.5 * (1.0 - place.scale)
+    x, y = left + place.corner[0] + half, top + place.corner[1] + half
+    size = (sensor.view.width, sensor.view.height)
+    box = (
+        max(edges[0], round(x)),
+        max(edges[1], round(y)),
+        min(edges[2], round(x + size[0] / scale)),
+        min(edges[3], round(y + size[1] / scale)),
+    )
+    corner = (round(scale * (box[0] - x)), round(scale * (box[1] - y)))
+    return Fitting(size=size, box=box, scale=scale, corner=corner, whole=False)
+
+
+def _sighted(image: Image, box: Box) -> tuple[Box, Sighting]:
+    """Part of a picture that shows a sensor, and where in it; the part given, or one around it."""
+    left, top, right, bottom = box
+    seen = sight(np.ascontiguousarray(image[top:bottom, left:right]))
+    y, x = np.nonzero(seen.field)
+    if np.ptp(x) * np.ptp(y) > _SMALL_SHARE * seen.field.size:
+        return box, seen
+    around = math.ceil(2.0 * seen.pitch)
+    box = (
+        max(left, left + int(x.min()) - around),
+        max(top, top + int(y.min()) - around),
+        min(right, left + int(x.max()) + around),
+        min(bottom, top + int(y.max()) + around),
+    )
+    left, top, right, bottom = box
+    return box, sight(np.ascontiguousarray(image[top:bottom, left:right]))
+
+
+def _without_border(image: Image) -> Box:
+    """A picture without the even rows and columns along its edges."""
+    ends = []
+    for axis in (0, 1):  # of each column, then of each row
+        uneven = np.flatnonzero(np.ptp(image, axis=axis).max(axis=-1) > _PLAIN)
+        whole = (0, image.shape[1 - axis])
+        ends.append((int(uneven[0]), int(uneven[-1]) + 1) if len(uneven) else whole)
+    (left, right), (top, bottom) = ends
+    return left, top, right, bottom

@@ -125,7 +125,6 @@ def estimate_source(
     if out is not None:
         require("data", "video", purpose="a folder of estimates")
     palette = Palette.of_sensor(known.sensor)
-    view = known.sensor.view
     opened = open_tracking(
         rest,
         source,
@@ -134,7 +133,7 @@ def estimate_source(
         noise=noise,
         fps=fps,
         tell=tell,
-        size=(view.width, view.height),
+        sensor=known.sensor,
     )
     with located(f"calibration {calibration}"):
         pose = rest_pose(known.sensor, opened.resting)

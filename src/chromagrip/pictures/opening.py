@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypedDict
 
 import numpy as np
@@ -12,9 +11,9 @@ from ..by_name import Choice, blaming, name_of
 from ..errors import UserError
 from ..output.pictures import Image, Source, open_source
 from ..output.processes import one_thread
-from ..render import Frame
+from ..render import Frame, SensorDesign
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
-from .any_size import at_size
+from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
 from .noise_level import noise_level
 from .rest_frames import rest_frames
@@ -34,6 +33,7 @@ class Setup(TypedDict):
     width_px: int
     height_px: int
     scaled_by: float
+    view_px: list[float]
     fps: float
 
 
@@ -84,11 +84,12 @@ def open_tracking(
     noise: float | None,
     fps: float | None,
     tell: Callable[[str], None],
-    size: tuple[int, int] | None = None,
+    sensor: SensorDesign | None = None,
 ) -> Opened:
     """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
 
-    With `size`, pictures are scaled to that width and height [px], and so is their noise.
+    With a `sensor`, pictures are scaled and cut to those of its camera, see `fitting`, and so is
+    their noise.
 
     Raises
     ------
@@ -97,17 +98,15 @@ def open_tracking(
     """
     make, name = load_tracker(tracker), name_of(tracker)
     opened = open_source(source, fps)
-    fitted = _fitter(size)
     tell("rest frame")
     with one_thread():
-        still, rest_words, frames = rest_frames(rest, opened, find, tell, fitted)
+        still, rest_words, frames = rest_frames(rest, opened, find, tell, Fitter(sensor))
         shape = _check_alike(still)
-        scale = 1.0 if size is None else size[0] / shape[1]
-        noise, noise_words = _noise(still, opened, noise, tell)
-        noise *= scale  # a larger pixel knows as much as those it is made of
+        fitted = fitting(_mean(still), sensor)
+        noise, noise_words = _noise(still, fitted, opened, noise, tell)
         still = [replace(frame, image=fitted(frame.image)) for frame in still]
         tell("markers at rest")
-        palette = find(np.rint(np.mean([f.image for f in still], axis=0)).astype(np.uint8))
+        palette = find(_mean(still))
         start = read_rest(still, palette)
         with blaming(f"tracker {name!r} failed", SystemExit):
             made = make(palette, noise)
@@ -123,7 +122,8 @@ def open_tracking(
         noise_from=noise_words,
         width_px=shape[1],
         height_px=shape[0],
-        scaled_by=scale,
+        scaled_by=fitted.scale,
+        view_px=[round(value, 1) for value in fitted.taken],
         fps=opened.fps,
     )
     return Opened(
@@ -137,19 +137,25 @@ def open_tracking(
     )
 
 
-def _fitter(size: tuple[int, int] | None) -> Callable[[Image], Image]:
-    """What makes pictures as large as wanted, if that is."""
-    return (lambda image: image) if size is None else partial(at_size, size=size)
+def _mean(still: list[Frame]) -> Image:
+    """Mean of the rest frames."""
+    return np.rint(np.mean([f.image for f in still], axis=0)).astype(np.uint8)
 
 
 def _noise(
-    still: list[Frame], source: Source, given: float | None, tell: Callable[[str], None]
+    still: list[Frame],
+    fitted: Fitting,
+    source: Source,
+    given: float | None,
+    tell: Callable[[str], None],
 ) -> tuple[float, str]:
-    """Noise of the camera [grey levels], and its source in words."""
-    if given is not None:
-        return given, _GIVEN
-    tell("noise")
-    return noise_level(still, source.lossy)
+    """Noise of fitted pictures [grey levels], and its source in words."""
+    noise, words = given, _GIVEN
+    if noise is None:
+        tell("noise")
+        parts = [replace(frame, image=fitted.part(frame.image)) for frame in still]
+        noise, words = noise_level(parts, source.lossy)
+    return noise * fitted.scale, words  # a larger pixel knows as much as those it is made of
 
 
 def _reset(tracker: Tracker, still: list[Frame], noise: float, noise_words: str) -> Tracks:

@@ -1,0 +1,121 @@
+"""Where the design's image lies in a picture that was scaled, cropped or padded."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ...errors import UserError
+from ...render import SensorDesign
+from .pose import CameraPose
+from .rest_match import RestMarkers, Shift, markers_beside, spacing
+from .rest_search import likely_poses
+
+Array = NDArray[np.float64]
+
+#: Smallest share of the markers in a picture that lie at places of the design. Specks, and markers
+#: that the edge cuts, lie elsewhere. Of another dome's spiral up to 0.88 lie at places too.
+_SHARE = 0.9
+#: Where the middle of the markers may be beside that of the design's [share of their reach]. First
+#: none is cut off, then those of any side.
+_MIDDLES = ((0.0, 0.0), (0.35, 0.0), (-0.35, 0.0), (0.0, 0.35), (0.0, -0.35))
+#: Loss of overlap over 1/√markers up to which two placements are equally good.
+_EQUAL = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """The design's image in a picture, whose pixels' centres have whole coordinates.
+
+    A roll is left to the pose of the camera. It turns the design about its optical axis, whose
+    pixel is told here.
+
+    Attributes
+    ----------
+    scale: pixels of the picture over those of the design's image
+    corner: of the design's image, the centre of its upper left pixel [px of the picture]
+    share: of the markers in the picture that lie at places of the design
+    """
+
+    scale: float
+    corner: tuple[float, float]
+    share: float
+
+
+def placement(sensor: SensorDesign, seen: list[Array], size: tuple[int, int]) -> Placement:
+    """Where the design's image lies in a picture of the unloaded sensor.
+
+    Parameters
+    ----------
+    sensor: whose markers they are
+    seen: their pixels in each layer, (n, 2)
+    size: width and height of the picture [px]
+
+    Raises
+    ------
+    UserError
+        When too few of the markers lie at places of the design, however it is placed.
+    """
+    lens = sensor.view.camera.lens
+    axis = np.array([lens.centre_x, lens.centre_y])
+    outer = sensor.view.project(sensor.shape.points(sensor.places, sensor.depths[0]))
+    scale, here, there = spacing(seen[0]) / spacing(outer), seen[0].mean(axis=0), outer.mean(axis=0)
+    reach = float(np.median(np.linalg.norm(outer - there, axis=-1)))
+    best = None
+    for middle in _MIDDLES:
+        # The search knows small shifts and scales only, so that the picture is brought near first.
+        start = there + reach * np.array(middle)
+        markers = markers_beside(sensor, [start + (pixels - here) / scale for pixels in seen])
+        edges = start + (np.array([[0.0, 0.0], size]) - 0.5 - here) / scale
+        found = _best(markers, edges)
+        if found is not None and (best is None or found[1] > best.share):
+            pose, share = found
+            zoom = scale * pose.scale
+            on_axis = here + scale * (axis + np.asarray(pose.shift) - start)
+            left, top = map(float, on_axis - zoom * axis)
+            best = Placement(scale=zoom, corner=(left, top), share=share)
+        if best is not None and best.share >= _SHARE:
+            return best
+    raise UserError(
+        f"{100 * (0.0 if best is None else best.share):.0f} % of the "
+        f"{sum(len(pixels) for pixels in seen)} markers in the picture lie at places of the "
+        f"calibrated sensor, however it is scaled, turned and shifted; allowed: at least "
+        f"{100 * _SHARE:.0f} %. Is it another sensor, or is much of it cut off?"
+    )
+
+
+def _best(markers: RestMarkers, edges: Array) -> tuple[CameraPose, float] | None:
+    """The pose that explains the markers best, and the share of them that it explains.
+
+    Parameters
+    ----------
+    markers: in the scale of the design
+    edges: of the picture, upper left and lower right, shape (2, 2) [px]
+    """
+    scored = []
+    for pose in likely_poses(markers):
+        share, overlap, moved = _scores(markers, pose, edges)
+        scored.append((overlap, moved, share, pose))
+    if not scored:
+        return None
+    least = max(scored)[0] - _EQUAL / np.sqrt(len(markers.sensor.places))
+    _, _, share, pose = min((one for one in scored if one[0] >= least), key=lambda one: one[1])
+    return pose, share
+
+
+def _scores(markers: RestMarkers, pose: CameraPose, edges: Array) -> tuple[float, float, float]:
+    """Share of the markers at places, that with the places at markers, and the motion [px]."""
+    limit, edge = markers.same * markers.pitch * pose.scale, 0.5 * markers.pitch
+    near = seen = met = expected = 0
+    moved = 0.0
+    for k, (layer, places) in enumerate(
+        zip(markers.layers, markers.seen(pose, Shift()), strict=True)
+    ):
+        distance = np.asarray(KDTree(places).query(layer.pixels)[0])
+        near, seen = near + int((distance < limit).sum()), seen + len(distance)
+        there = ((places > edges[0] + edge) & (places < edges[1] - edge)).all(axis=-1)
+        reached = np.asarray(layer.tree.query(places[there])[0]) < limit
+        met, expected = met + int(reached.sum()), expected + len(reached)
+        moved += float(np.linalg.norm(places - markers.designed(k), axis=-1).mean())
+    return near / seen, (near + met) / (seen + expected), moved
