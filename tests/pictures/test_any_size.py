@@ -57,7 +57,7 @@ def test_a_crop_is_put_back_to_its_pixels(
     np.testing.assert_array_equal(fit(crop), wanted)
 
 
-@pytest.mark.parametrize("level", [0, 255])
+@pytest.mark.parametrize("level", [0, pytest.param(255, marks=pytest.mark.slow)])
 def test_a_border_is_taken_off(rest: Image, level: int) -> None:
     padded = around(rest, 107, 20, 106, 0, level)
     fit = fitting(padded, SENSOR)
@@ -128,7 +128,9 @@ def refusal(image: Image) -> str:
     return str(refused.value)
 
 
-@pytest.mark.parametrize(("by", "said"), [(0.8, "0.80"), (2.6, "2.60")])
+@pytest.mark.parametrize(
+    ("by", "said"), [(0.8, "0.80"), pytest.param(2.6, "2.60", marks=pytest.mark.slow)]
+)
 def test_too_small_and_too_large_a_sensor_is_refused(rest: Image, by: float, said: str) -> None:
     words = f"show the sensor {said} times as large as its camera does in 640×480; allowed: 0.9 to"
     assert words in refusal(around(scaled(rest, by), 70, 60, 80, 60, 0))
@@ -141,6 +143,7 @@ def test_pictures_without_markers_are_refused(shape: tuple[int, int]) -> None:
     assert "the sensor is not found in them: nothing here repeats like markers" in said
 
 
+@pytest.mark.slow
 def test_half_a_dome_and_another_sensor_are_refused(rest: Image) -> None:
     words = "% of the 388 markers in the picture lie at places of the calibrated sensor"
     assert words in refusal(rest[:, 80:320])

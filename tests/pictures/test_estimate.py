@@ -197,10 +197,10 @@ def bordered(image: np.ndarray, around: int, level: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("change", "placed", "reach"),
     [
-        (lambda image: image[:, 80:560], [-80, 0], 0.1),
+        pytest.param(lambda image: image[:, 80:560], [-80, 0], 0.1, marks=pytest.mark.slow),
         (lambda image: bordered(image[5:475, 84:550], 30, 255), [-54, 25], 0.1),
         # A fifth of the dome is cut off, where nothing touches it.
-        (lambda image: image[:, 80:464], [-80, 0], 0.5),
+        pytest.param(lambda image: image[:, 80:464], [-80, 0], 0.5, marks=pytest.mark.slow),
         (lambda image: bordered(image[20:, 150:520], 40, 0), [-110, 20], 0.5),
     ],
 )

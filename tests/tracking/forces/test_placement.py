@@ -56,6 +56,7 @@ def test_scale_and_corner_come_back(
     np.testing.assert_allclose(found.corner, moved, atol=0.005 * scale * view.width)
 
 
+@pytest.mark.slow
 def test_markers_of_another_layout_have_no_place() -> None:
     sensor = load_sensor("thesis")
     random = np.random.default_rng(3)
