@@ -192,7 +192,7 @@ def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
         assert brought <= wanted
 
 
-@pytest.mark.parametrize("path", ["truth", "camera"])
+@pytest.mark.parametrize("path", [pytest.param("truth", marks=pytest.mark.slow), "camera"])
 def test_a_grasp_in_memory_needs_no_extra(path: str, tmp_path: Path) -> None:
     done = without_extras(tmp_path, "grasp", "--path", path, "--set", "duration_s=0.05", "--json")
     assert done.returncode == 0, done.stderr

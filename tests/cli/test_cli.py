@@ -26,18 +26,9 @@ PROMISED = {
 }  # fmt: skip
 
 
-def chromagrip(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "chromagrip", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 def test_a_run_leaves_its_folder(tmp_path: Path, typed: Typed) -> None:
     out = tmp_path / "grip"
-    done = chromagrip("grasp", *QUICK, "--out", str(out))
+    done = typed("grasp", *QUICK, "--out", str(out))
     assert done.returncode == 0, done.stderr
     assert "safety margin at the end" in done.stdout
     names = {"summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml"}

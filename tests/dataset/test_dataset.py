@@ -130,6 +130,7 @@ def test_sigterm_ends_the_workers_too(tmp_path: Path) -> None:
     assert not (out / MANIFEST).exists()
 
 
+@pytest.mark.slow
 def test_a_dask_worker_that_is_killed_loses_nothing(
     made: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:

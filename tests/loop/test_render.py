@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,16 +13,6 @@ from chromagrip import UserError, load_scene
 from chromagrip.loop.pose_folder import ARRAYS, render_poses
 from chromagrip.loop.poses import Pose, settle
 from chromagrip.render import load_camera, load_sensor
-
-
-def chromagrip(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "chromagrip", *words],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -133,14 +122,14 @@ def test_poses_that_cannot_be_are_refused(sensor: str, pose: Pose, words: str) -
         settle(load_scene("camera-100hz", {"sensor": sensor}), pose)
 
 
-def test_from_the_command_line(tmp_path: Path) -> None:
+def test_from_the_command_line(
+    tmp_path: Path, typed: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
     out = tmp_path / "pad"
-    done = chromagrip(
-        "render", "--sensor", "flat-2019", "--press-mm", "0.5", "1", "--out", str(out)
-    )
+    done = typed("render", "--sensor", "flat-2019", "--press-mm", "0.5", "1", "--out", out)
     assert done.returncode == 0, done.stderr
     assert len(list(out.glob("image-*.png"))) == 2
-    again = chromagrip("render", "--out", str(out))
+    again = typed("render", "--out", out)
     assert again.returncode == 2
     assert "is not empty; choose another or give --overwrite" in again.stderr
 

@@ -1,8 +1,7 @@
 """The scorecard: scores against analysis, runs that stop, and the command."""
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterator, Sequence
+from subprocess import CompletedProcess
 from typing import Any
 
 import numpy as np
@@ -215,6 +214,7 @@ def test_slip_is_judged_where_the_truth_path_holds() -> None:
 def test_a_sensor_that_is_not_what_is_told_grasps() -> None:
     """Its chain has twice the nodes, and its stiffnesses are off: so is the pressure."""
     changes = {"duration_s": 0.06, "controller": "conservative", "path": "camera"}
+    changes["camera.rest_frames"] = 2
     found = []
     for specimen in (None, 1, 2):
         task = Task(group="", path="camera", controller="conservative", scene="margin-60hz",
@@ -231,10 +231,7 @@ def test_a_controller_that_is_not_there_is_refused_before_the_work() -> None:
         bench_control.bench_control(True, print, ("pid",))
 
 
-def test_the_option_goes_with_its_part() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "chromagrip", "bench", "model", "--controller", "conservative"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+def test_the_option_goes_with_its_part(typed: Callable[..., CompletedProcess[str]]) -> None:
+    done = typed("bench", "model", "--controller", "conservative")
     assert done.returncode == 2
     assert "--controller goes with bench control, not with bench model" in done.stderr

@@ -187,7 +187,7 @@ def test_a_chart_has_errors_beside_the_constant_and_the_limit(
     assert rows["force/limit/0.1s/margin_rms"] == pytest.approx(0.005)
 
 
-@pytest.mark.parametrize("part", ["model", "track"])
+@pytest.mark.parametrize("part", ["model", pytest.param("track", marks=pytest.mark.slow)])
 def test_a_stage_yields_its_points(part: str, tmp_path: Path) -> None:
     """More work is never drawn as less wrong than the truth it is measured against."""
     report = charts([part], True, tmp_path / "new", False, lambda _: None)

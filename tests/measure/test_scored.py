@@ -159,7 +159,11 @@ def test_every_format_says_the_same(tmp_path: Path) -> None:
         ("a.txt", "", "expected a file that ends in .parquet, .csv, .npz"),
         ("a.csv", "frame,x,y\n0,1,2\n", "has no column marker or point or track or id"),
         ("a.csv", "frame,id,x,y\n", "has no row"),
-        ("a.csv", "frame,id,x,y\n0,1,far,2\n", "cannot be read: could not convert"),
+        ("a.csv", "frame,id,x,y\n0,1,2,2\n0,2,far,2\n", "a.csv: row 2, column x: 'far' is no num"),
+        ("a.csv", "frame,id,x,y\n0,1.5,2,2\n", "row 1, column id: '1.5' is no whole number"),
+        ("a.csv", "frame,id,x,y,visible\n0,1,2,2,perhaps\n", "'perhaps' is no true or false"),
+        ("a.csv", "frame,id,x,y\n0,1,2\n", "row 1 has not 4 values"),
+        ("a.csv", "frame,id,x,y\n3,1,2,2\n3,1,2,2\n", "1 rows repeat another one, first of marker"),
         ("a.csv", "frame,id,x,y\n-1,1,2,2\n", "a frame before 0"),
         ("a.parquet", "nothing", "cannot be read"),
         ("a.npz", "nothing", "cannot be read"),
@@ -172,8 +176,40 @@ def test_what_are_no_tracks_is_refused(
     path = tmp_path / name
     if text is not None:
         path.write_text(text, encoding="utf-8")
-    with pytest.raises(UserError, match=re.escape(told)):
-        read_points(path)
+    for kind in ("tracks", "truth"):
+        with pytest.raises(UserError, match=re.escape(told)) as refused:
+            read_points(path, kind)
+        assert str(refused.value).startswith(f"{kind} {path}: ")
+        assert str(refused.value).count(str(path)) == 1
+
+
+def layered(points: Points, names: tuple[str, ...]) -> Points:
+    """The same points once for each layer, as markers that lie on each other."""
+    return Points(
+        names=[(name, k) for name in names for _, k in points.names],
+        position=np.concatenate([points.position] * len(names), axis=1),
+        visible=np.concatenate([points.visible] * len(names), axis=1),
+    )
+
+
+def test_layers_that_are_not_told_are_asked_for() -> None:
+    """Points of one place cannot be given to layers by chance: half of them would be lost."""
+    truth = Truth(points=layered(moving(), ("magenta", "yellow")))
+    for found, words in ((moving(), "no layer"), (layered(moving(), ("a", "b")), "layer a and b")):
+        with pytest.raises(UserError, match=rf"have (the )?{words}.* magenta and yellow"):
+            score(found, truth)
+    assert score(layered(moving(), ("magenta",)), truth).scores["lost"] == 50.0
+    assert score(truth.points, truth).scores["lost"] == 0.0
+
+
+def test_arrays_may_name_their_layers(tmp_path: Path) -> None:
+    points = layered(moving(), ("magenta", "yellow"))
+    tracks, visibles = np.swapaxes(points.position, 0, 1), points.visible.T
+    np.savez(tmp_path / "a.npz", tracks=tracks, visibles=visibles, layer=points.layers.astype(str))
+    assert (read_points(tmp_path / "a.npz").layers == points.layers).all()
+    np.savez(tmp_path / "b.npz", tracks=tracks, visibles=visibles, layer=["magenta"])
+    with pytest.raises(UserError, match=r"b.npz: its array layer names 1 of 60 points"):
+        read_points(tmp_path / "b.npz")
 
 
 def chromagrip(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:

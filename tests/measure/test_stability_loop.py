@@ -151,11 +151,11 @@ def test_printed_gains_at_a_camera_s_rate_never_rest_on_any_object() -> None:
         panel for panel in maps(False)["objects"].panels if panel.title.startswith("printed, 100")
     ]
     assert sum(len(panel.x) * len(panel.y) for panel in kinds) == 27
-    for panel in kinds:
-        for kpa, radius in ((16.0, 5.0), (32.0, np.inf), (200.0, 20.0)):  # of the nine, for time
-            setting = replace(panel.base, stiffness_kpa=kpa, radius_mm=radius)
-            scene = msgspec.structs.replace(setting.scene(), duration_s=0.5)
-            assert swing(run(scene).trace, 0.5) > SWING, setting  # under the first load already
+    objects = ((16.0, 5.0), (32.0, np.inf), (200.0, 20.0))  # of the nine, for time
+    for panel, (kpa, radius) in zip(kinds, objects, strict=True):
+        setting = replace(panel.base, stiffness_kpa=kpa, radius_mm=radius)
+        scene = msgspec.structs.replace(setting.scene(), duration_s=0.5)
+        assert swing(run(scene).trace, 0.5) > SWING, setting  # under the first load already
     found = cell(replace(SLOW, friction=0.3, stiffness_kpa=32.0, radius_mm=20.0))
     assert found.swings
     assert found.displacement_mm > 1e3 * GROSS_SLIP

@@ -470,6 +470,59 @@ def test_auto_finds_the_frame_at_rest(
     assert read(tmp_path / "out")[0]["rest"] == "frame 1 of the source, found"
 
 
+def test_a_rest_picture_beside_the_frames_is_not_one_of_them(
+    nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One with a frame's name is both."""
+    for name in ("0.png", "1.png", "rest.png"):
+        write(tmp_path / "frames" / name, dots())
+    words = ("--palette", "dark-dots", "--tracker", nearest)
+    for rest, count in (("rest.png", 2), ("0.png", 3)):
+        out = tmp_path / rest
+        picture = tmp_path / "frames" / rest
+        assert chromagrip(monkeypatch, "track", picture, picture.parent, *words, "--out", out) == 0
+        summary = read(out)[0]
+        assert summary["frames"] == count
+        assert summary["rest"].endswith("not counted as a frame of the source") == (count == 2)
+
+
+def test_another_sensor_s_pictures_are_doubted(
+    nearest: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Not a finger that covers most of the sensor later."""
+    covered = dots().copy()
+    covered[:, 80:] = 200
+    for k, image in enumerate((covered, dots(index=1), covered, covered, covered)):
+        write(tmp_path / "frames" / f"{k}.png", image)
+    for k in range(2):
+        write(tmp_path / "other" / f"{k}.png", covered)
+    write(tmp_path / "dots.png", dots())
+    words = ("--palette", "dark-dots", "--tracker", nearest)
+    for folder, doubted in (("frames", False), ("other", True)):
+        source, out = tmp_path / folder, tmp_path / f"out-{folder}"
+        call = ("track", tmp_path / "dots.png", source, *words, "--out", out)
+        assert chromagrip(monkeypatch, *call) == 0
+        told = "not in the first frames of" in " ".join(capsys.readouterr().out.split())
+        doubt = read(out)[0]["source_doubt"]
+        assert (told, doubt is not None) == (doubted, doubted)
+
+
+def test_folders_keep_what_follows_a_dot(
+    film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "run.1" / "0.png", dots())
+    write(tmp_path / "a.b.png", dots())
+    for source in ("run.1", "a.b.png", "./run.1/."):
+        words = ("--palette", "dark-dots", "--tracker", nearest)
+        assert chromagrip(monkeypatch, "track", "first", source, *words) == 0
+    names = {path.name for path in (tmp_path / "runs").iterdir()}
+    assert names == {"track-run.1-001", "track-a.b-001", "track-run.1-002"}
+
+
 @pytest.mark.parametrize("sigma", [0.0, 0.5, 2.0, 6.0])
 def test_noise_is_estimated(sigma: float) -> None:
     """From four frames and from one, with 800 markers' edges in it; never less than .3."""
@@ -550,6 +603,11 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("detect none.png", "picture none.png cannot be read: No such file"),
         ("detect cut.png", "picture cut.png cannot be read: it is cut off, or not a png file"),
+        (
+            "detect text.mp4",
+            "text.mp4 is no picture; detect takes one .* `chromagrip track` reads v",
+        ),
+        ("detect frames", "frames is no picture; detect takes one"),
         ("detect cut.jpg", "picture cut.jpg cannot be read: it is cut off, or not a jpg file"),
         ("detect empty.png", "picture empty.png is empty"),
         ("detect deep.png", "picture deep.png has uint16 values; wanted: 8 bits"),
@@ -576,12 +634,14 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("track first:3 frames DARK", "rest first:3 wants 3 frames; frames has 1"),
         ("track first:0 frames DARK", "rest first:0 is no frame"),
         ("track none.png frames DARK", "there is no none.png"),
-        ("track small.png frames DARK", "frame 0 of frames is 240×180 pixels, .* 200×180"),
-        ("track dome.png frames", "frame 0 of frames is 240×180 pixels, .* 640×480"),
-        ("track grey.png frames DARK", "nothing here repeats like markers"),
+        ("track small.png frames DARK", r"frame 0 of frames \(0.png\) is 240×180 .* 200×180"),
+        ("track dome.png frames", r"frame 0 of frames \(0.png\) is 240×180 pixels, .* 640×480"),
+        ("track grey.png frames DARK", "rest grey.png: nothing here repeats like markers"),
+        ("track first grey.png DARK", "rest frame 0 of grey.png: nothing here repeats like"),
+        ("track auto grey.png DARK", "auto can use no frame of grey.png; .* nothing here repeats"),
         ("track loaded.png dome.png --palette thesis", "rest frame looks loaded: around"),
-        ("track first frames --palette chromatouch", "image is grey"),
-        ("track auto frames DARK", "rest auto needs two layers to compare; .* dark alone"),
+        ("track first frames --palette chromatouch", r"frame 0 of frames \(0.png\): image is grey"),
+        ("track auto frames DARK", "chromagrip: rest auto needs two layers .* shows dark alone"),
         ("track auto camera:9", "rest auto looks at every frame twice"),
         ("track camera:9 frames DARK", "rest camera:9 is a camera; give a picture"),
         ("track first camera:99 DARK", "camera 99 cannot be opened"),

@@ -58,17 +58,27 @@ def dotted(
     return pictured(linear)
 
 
-@pytest.mark.parametrize("around", [None, (0.0, 0.0, 0.0), (0.95, 0.95, 0.95), (0.3, 0.05, 0.05)])
-@pytest.mark.parametrize(
-    ("ground", "marker"),
-    [
-        ((0.6, 0.6, 0.6), (0.1, 0.1, 0.1)),
-        ((0.04, 0.04, 0.04), (0.5, 0.5, 0.5)),
-        ((0.0, 0.0, 0.08), (0.7, 0.8, 0.9)),  # a channel without any light between markers
-        ((1.0, 0.7, 0.5), (1.0, 0.1, 0.4)),  # a channel at its highest level
-        ((0.5, 0.3, 0.1), (0.05, 0.03, 0.01)),
-    ],
+Light = tuple[float, float, float]
+AROUND: tuple[Light | None, ...] = (
+    None, (0.0, 0.0, 0.0), (0.95, 0.95, 0.95), (0.3, 0.05, 0.05),
+)  # fmt: skip
+#: Light of the ground and of the markers.
+COLOURS: tuple[tuple[Light, Light], ...] = (
+    ((0.6, 0.6, 0.6), (0.1, 0.1, 0.1)),
+    ((0.04, 0.04, 0.04), (0.5, 0.5, 0.5)),
+    ((0.0, 0.0, 0.08), (0.7, 0.8, 0.9)),  # a channel without any light between markers
+    ((1.0, 0.7, 0.5), (1.0, 0.1, 0.4)),  # a channel at its highest level
+    ((0.5, 0.3, 0.1), (0.05, 0.03, 0.01)),
 )
+#: Every colour in two surrounds, and every surround with two colours or more; the others are slow.
+PICTURED = [
+    pytest.param(*colours, around, marks=() if (k + n) % 4 in (0, 1) else pytest.mark.slow)
+    for k, colours in enumerate(COLOURS)
+    for n, around in enumerate(AROUND)
+]
+
+
+@pytest.mark.parametrize(("ground", "marker", "around"), PICTURED)
 def test_markers_of_any_colour_on_any_ground_in_any_surround_are_found(
     ground: tuple[float, float, float],
     marker: tuple[float, float, float],
@@ -90,7 +100,7 @@ def test_markers_of_any_colour_on_any_ground_in_any_surround_are_found(
     assert np.max(away) < 0.6
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     pitch=st.floats(14.0, 60.0),
     share=st.floats(0.17, 0.28),
@@ -243,8 +253,17 @@ def test_light_of_two_colours_does_not_make_two_dyes(tint: tuple[float, float, f
     assert palette.names == ("dark",)
 
 
-@pytest.mark.parametrize("name", ["thesis", "dome-2022", "flat-2019"])
-@pytest.mark.parametrize("scale", [0.6, 1.0, 1.7])
+@pytest.mark.parametrize(
+    ("name", "scale"),
+    [
+        *(("thesis", 0.6), ("thesis", 1.0), ("dome-2022", 0.6), ("dome-2022", 1.0)),
+        *(("flat-2019", 0.6), ("flat-2019", 1.7)),
+        *(
+            pytest.param(name, scale, marks=pytest.mark.slow)
+            for name, scale in (("thesis", 1.7), ("dome-2022", 1.7), ("flat-2019", 1.0))
+        ),
+    ],
+)
 def test_our_designs_are_found_without_knowing_them_at_any_size(name: str, scale: float) -> None:
     sensor = load_sensor(name)
     image = open_renderer("painter", sensor).render(rest_membrane(sensor))

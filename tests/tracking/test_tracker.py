@@ -1,6 +1,8 @@
+import copy
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -44,10 +46,16 @@ def pressing(grip: float, load: float, frames: int) -> list[State]:
     return states
 
 
-def fresh(noise: float = NOISE, settings: FitSettings = FULL) -> MarkerTracker:
+@cache
+def at_rest(noise: float, settings: FitSettings) -> MarkerTracker:
     tracker = MarkerTracker(PALETTE, NOISE, settings)
     tracker.reset([shoot(REST, 2**31 + k, noise) for k in range(8)])
     return tracker
+
+
+def fresh(noise: float = NOISE, settings: FitSettings = FULL) -> MarkerTracker:
+    """A tracker of its own, reset to the rest frames."""
+    return copy.deepcopy(at_rest(noise, settings))
 
 
 def image_centres(membrane: Membrane) -> np.ndarray:
@@ -323,21 +331,27 @@ def dimmed(image: Image, light: float | np.ndarray) -> Image:
 @pytest.mark.parametrize(("change", "worse"), [(ramp, 2.0), (shadow, 2.0), (halved, 4.0)])
 def test_light_and_contrast_drop_out(change: Callable[[Image, int], Image], worse: float) -> None:
     """Nothing is lost; errors grow as the contrast falls, no more than twice beyond that."""
-    tracker, plain = fresh(), fresh()
+    assert error_under(change) < worse * error_under(unchanged)
+
+
+def unchanged(image: Image, k: int) -> Image:
+    return image
+
+
+@cache
+def error_under(change: Callable[[Image, int], Image]) -> float:
+    """Error of places in a press whose pictures are changed, none of them lost [px]."""
+    tracker = fresh()
     order = numbers(tracker.rest)
-    rms = {}
-    for name, each in (("changed", tracker), ("plain", plain)):
-        errors = []
-        for k, state in enumerate(pressing(2.0, 0.5, 20)):
-            membrane = MAP(state.deformation.seen)
-            image = PAINTER.render(membrane)
-            image = change(image, k) if name == "changed" else image
-            add_noise(image, NOISE, 11, k)
-            tracks = each.update(Frame(image=image, time=0.01 * k))
-            errors.append(tracks.position - image_centres(membrane)[:, order])
-            assert tracks.visible.all()
-        rms[name] = np.sqrt(np.mean(np.square(errors)))
-    assert rms["changed"] < worse * rms["plain"]
+    errors = []
+    for k, state in enumerate(pressing(2.0, 0.5, 20)):
+        membrane = MAP(state.deformation.seen)
+        image = change(PAINTER.render(membrane), k)
+        add_noise(image, NOISE, 11, k)
+        tracks = tracker.update(Frame(image=image, time=0.01 * k))
+        errors.append(tracks.position - image_centres(membrane)[:, order])
+        assert tracks.visible.all()
+    return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def displaced(image: Image, shift: float) -> Image:
@@ -347,7 +361,9 @@ def displaced(image: Image, shift: float) -> Image:
     return np.asarray(cv2.warpAffine(image, matrix, size, borderMode=cv2.BORDER_REPLICATE))
 
 
-@pytest.mark.parametrize("shift", [0.2, 0.25, 0.3, 0.5])
+@pytest.mark.parametrize(
+    "shift", [0.25, 0.5, *(pytest.param(k, marks=pytest.mark.slow) for k in (0.2, 0.3))]
+)
 def test_a_picture_that_was_blurred_before_shows_no_change_at_rest(shift: float) -> None:
     """Light is fitted at rest where it would be fitted later: sizes would change by 2 %."""
     frames = [shoot(REST, 2**31 + k) for k in range(8)] + [shoot(REST, k) for k in range(8)]
@@ -382,7 +398,7 @@ def test_errors_do_not_add_up() -> None:
     tracker = fresh()
     order = numbers(tracker.rest)
     rms = []
-    for k in range(200):
+    for k in range(120):
         membrane = MAP(sheared(0.2 * np.sin(0.2 * k)))
         error = tracker.update(shoot(membrane, k)).position - image_centres(membrane)[:, order]
         rms.append(np.sqrt(np.mean(error**2)))

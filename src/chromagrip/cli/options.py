@@ -153,6 +153,19 @@ def new_folder(stem: str) -> Path:
     raise UserError(f"runs/ holds 9999 runs named {stem}; choose a folder with --out")
 
 
+def stem_of(source: str) -> str:
+    """Name of a source for a folder: only a file's suffix is left out, what follows other dots not.
+
+    Parameters
+    ----------
+    source: path of a file or a folder, or a name such as camera:0
+    """
+    path = Path(source)
+    if not path.name.strip("."):  # . and .. are folders that have a name of their own
+        path = path.resolve()
+    return (path.name if path.is_dir() else path.stem).replace(":", "-")
+
+
 @contextmanager
 def status(text: str = "starting") -> Iterator[Callable[[str], None]]:
     """Show the current step of long work; yields the function that changes it."""

@@ -31,6 +31,7 @@ from .options import (
     new_folder,
     option,
     print_table,
+    stem_of,
     value_table,
 )
 from .readouts import train_if_missing
@@ -159,7 +160,7 @@ def track(
     """
     check_least(noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     if out is None and not json_only:
-        out = new_folder(f"track-{Path(source).stem.replace(':', '-')}")
+        out = new_folder(f"track-{stem_of(source)}")
 
     from ..pictures.track import track_source
 
@@ -190,6 +191,8 @@ def track(
 def _print_summary(summary: "TrackSummary", folder: Path | None) -> None:
     table = value_table()
     table.add_row("frames", f"{summary['frames']}, {summary['ended']}")
+    if summary["source_doubt"]:
+        table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", summary["rest"])
     if summary["rest_doubt"]:
         table.add_row("", f"{summary['rest_doubt']}: is it loaded, or a layer misplaced?")
@@ -266,7 +269,7 @@ def estimate(
     """
     check_least(window=(window, 1e-6), noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
     if out is None and not json_only:
-        out = new_folder(f"estimate-{Path(source).stem.replace(':', '-')}")
+        out = new_folder(f"estimate-{stem_of(source)}")
 
     from ..pictures.estimate import estimate_source
     from ..tracking import load_calibration
@@ -307,6 +310,8 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()
     table.add_row("frames", f"{frames}, {summary['ended']}")
+    if summary["source_doubt"]:
+        table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")
     size, (left, top, wide, high) = (summary["width_px"], summary["height_px"]), summary["view_px"]
     if summary["scaled_by"] != 1.0 or (left, top, wide, high) != (0.0, 0.0, *size):

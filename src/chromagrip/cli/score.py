@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from ..errors import UserError
-from .options import JsonOnly, Out, Overwrite, new_folder, option, status
+from .options import JsonOnly, Out, Overwrite, new_folder, option, status, stem_of
 
 
 def score(
@@ -36,7 +36,7 @@ def score(
         raise UserError("score wants tracks and a truth: chromagrip score TRACKS... TRUTH")
     *tracks, truth = files
     if out is None and not json_only:
-        out = new_folder(f"score-{truth.stem}")
+        out = new_folder(f"score-{stem_of(str(truth))}")
 
     from ..measure.scored.score import as_json, score_table, score_tracks
     from ..output.report import table_lines

@@ -42,6 +42,7 @@ class Source:
     fps: rate [Hz], nominal where frames carry their own times
     live: whether it is a camera, which gives no frame twice
     lossy: whether its compression leaves errors in the pictures
+    files: of its frames; empty where they have none of their own
     """
 
     name: str
@@ -50,10 +51,19 @@ class Source:
     fps: float
     live: bool = False
     lossy: bool = False
+    files: tuple[Path, ...] = ()
+
+    def frame_name(self, index: int) -> str:
+        """What a frame is called in a message, with its file if that is not the source itself."""
+        name = f"frame {index} of {self.name}"
+        own = self.files[index] if index < len(self.files) else Path(self.name)
+        return name if own == Path(self.name) else f"{name} ({own.name})"
 
 
-def open_source(name: str, fps: float | None = None) -> Source:
+def open_source(name: str, fps: float | None = None, without: Path | None = None) -> Source:
     """Source of that name; `fps` [Hz] sets the rate of pictures, and overrides a video's own.
+
+    A picture `without` is no frame of the folder that it lies in.
 
     Raises
     ------
@@ -74,7 +84,10 @@ def open_source(name: str, fps: float | None = None) -> Source:
         files = [p for p in path.iterdir() if is_picture(p) and not p.name.startswith(".")]
         if not files:
             raise UserError(f"folder {name} has no pictures; wanted: {', '.join(SUFFIXES)} files")
-        return _pictures(name, sorted(files, key=_natural), fps)
+        left = [p for p in files if without is None or not p.samefile(without)]
+        if not left:
+            raise UserError(f"folder {name} has no pictures but {without}")
+        return _pictures(name, sorted(left, key=_natural), fps)
     if not path.is_file():
         raise UserError(f"there is no {name}; give {_KINDS}")
     if is_picture(path):
@@ -154,7 +167,9 @@ def _pictures(name: str, files: list[Path], fps: float | None) -> Source:
             yield Frame(image=read_picture(path), time=k / rate)
 
     lossy = any(path.suffix.lower() in _LOSSY for path in files)
-    return Source(name=name, frames=frames, count=len(files), fps=rate, lossy=lossy)
+    return Source(
+        name=name, frames=frames, count=len(files), fps=rate, lossy=lossy, files=tuple(files)
+    )
 
 
 def _camera_frames(number: int) -> Iterator[Frame]:

@@ -26,6 +26,10 @@ Add = Callable[[int, Frame, Tracks], None]
 Summary = TypeVar("Summary", bound=Mapping[str, object])
 
 
+#: Frames whose markers are compared with those of the rest frame.
+_COMPARED = 3
+
+
 class LayerCount(TypedDict):
     """Markers of a layer, and the share of the frames in which they were visible."""
 
@@ -47,6 +51,7 @@ class Course(TypedDict):
     complete: bool
     ended: str
     frames: int
+    source_doubt: str | None
     layers: dict[str, LayerCount]
     lost: list[LostMarker]
     ambiguous: int
@@ -71,7 +76,8 @@ class Outcome(Generic[Summary]):
 class _Tally:
     """Counts while frames pass; its size does not grow with their number.
 
-    Arrays have the shape (L, M) of the tracks.
+    Arrays have the shape (L, M) of the tracks. `absent` is whether more than half of the markers
+    were lost in each of the first frames.
     """
 
     known: NDArray[np.bool_]
@@ -79,6 +85,7 @@ class _Tally:
     frames: int = 0
     seconds: float = 0.0
     ambiguous: int = 0
+    absent: bool = True
     last: Tracks | None = None
     broken: str | None = None
 
@@ -88,6 +95,8 @@ class _Tally:
         self.visible += tracks.visible
         self.ambiguous += int(tracks.ambiguous.sum())
         self.last = tracks
+        if self.frames <= _COMPARED:
+            self.absent &= bool(2 * tracks.visible[self.known].sum() < self.known.sum())
 
 
 def open_folder(folder: Path, overwrite: bool, files: tuple[str, ...]) -> None:
@@ -153,7 +162,7 @@ def follow(
         ended = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
         raise
     finally:
-        summary = summarise(_course(tally, opened.palette, complete, ended))
+        summary = summarise(_course(tally, opened, complete, ended))
         if out is not None:
             text = json.dumps(summary, indent=2) + "\n"
             write_whole(out / "summary.json", text.encode())
@@ -174,9 +183,10 @@ def _tracked(
         tally.broken = str(error)
 
 
-def _course(tally: _Tally, palette: Palette, complete: bool, ended: str) -> Course:
+def _course(tally: _Tally, opened: Opened, complete: bool, ended: str) -> Course:
     """Counts of the frames tracked."""
-    frames = tally.frames
+    frames, palette = tally.frames, opened.palette
+    doubt = f"most markers of the rest picture are not in the first frames of {opened.source.name}"
     layers: dict[str, LayerCount] = {}
     for name, known, visible in zip(palette.names, tally.known, tally.visible, strict=True):
         share = float(visible[known].mean() / frames) if frames and known.any() else None
@@ -185,6 +195,7 @@ def _course(tally: _Tally, palette: Palette, complete: bool, ended: str) -> Cour
         "complete": complete,
         "ended": ended,
         "frames": frames,
+        "source_doubt": f"{doubt}: is it of the same sensor?" if frames and tally.absent else None,
         "layers": layers,
         "lost": [] if tally.last is None else _lost(tally.last, tally.known, palette),
         "ambiguous": tally.ambiguous,

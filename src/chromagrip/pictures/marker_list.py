@@ -4,11 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypedDict
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError, located
-from ..output.pictures import Image, read_picture
+from ..output.pictures import SUFFIXES, Image, is_picture, read_picture
 from ..tracking import AUTO_PALETTE, Markers, Palette, detect_markers, join_layers
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 
@@ -52,6 +53,7 @@ def list_markers(path: Path, palette: str = AUTO_PALETTE, within: Within = ANYWH
     UserError
         When there is no such picture or palette, or no markers in it.
     """
+    _check_picture(path)
     image = read_picture(path)
     find = finder(palette, within)
     with located(f"picture {path}"):
@@ -62,6 +64,16 @@ def list_markers(path: Path, palette: str = AUTO_PALETTE, within: Within = ANYWH
     told = assumed(palette, colours, within)
     rows = _rows(layers, colours)
     return Picture(image=image, palette=colours, assumed=told, layers=layers, rows=rows)
+
+
+def _check_picture(path: Path) -> None:
+    """Refuse what is a source of many frames instead of one picture."""
+    other = path.is_file() and not is_picture(path) and not cv2.haveImageReader(str(path))
+    if other or path.is_dir():
+        raise UserError(
+            f"{path} is no picture; detect takes one picture ({', '.join(SUFFIXES)}), "
+            "`chromagrip track` reads videos and folders of pictures"
+        )
 
 
 def _rows(layers: list[Markers], palette: Palette) -> list[MarkerRow]:

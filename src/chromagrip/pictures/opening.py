@@ -8,7 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from ..by_name import Choice, blaming, name_of
-from ..errors import UserError
+from ..errors import UserError, located
 from ..output.pictures import Image, Source, open_source
 from ..output.processes import one_thread
 from ..render import Frame, SensorDesign
@@ -16,7 +16,7 @@ from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_r
 from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
 from .noise_level import noise_level
-from .rest_frames import rest_frames
+from .rest_frames import rest_frames, rest_picture
 
 _GIVEN = "given"
 
@@ -97,20 +97,22 @@ def open_tracking(
         When there is nothing to track.
     """
     make, name = load_tracker(tracker), name_of(tracker)
-    opened = open_source(source, fps)
+    opened = open_source(source, fps, without=rest_picture(rest, source))
     tell("rest frame")
     with one_thread():
-        still, rest_words, frames = rest_frames(rest, opened, find, tell, Fitter(sensor))
-        shape = _check_alike(still)
-        fitted = fitting(_mean(still), sensor)
+        still, rest_words, place, frames = rest_frames(rest, opened, find, tell, Fitter(sensor))
+        shape = _check_alike(still, place)
+        with located(place):
+            fitted = fitting(_mean(still), sensor)
         noise, noise_words = _noise(still, fitted, opened, noise, tell)
-        still = [replace(frame, image=fitted(frame.image)) for frame in still]
         tell("markers at rest")
-        palette = find(_mean(still))
-        start = read_rest(still, palette)
+        with located(place):
+            still = [replace(frame, image=fitted(frame.image)) for frame in still]
+            palette = find(_mean(still))
+            start = read_rest(still, palette)
         with blaming(f"tracker {name!r} failed", SystemExit):
             made = make(palette, noise)
-            resting = _reset(made, still, noise, noise_words)
+            resting = _reset(made, still, noise, noise_words, place)
         _check_rest(resting, palette, name)
         frames = _begun(frames, opened, shape)
     setup = Setup(
@@ -137,9 +139,9 @@ def open_tracking(
     )
 
 
-def _mean(still: list[Frame]) -> Image:
-    """Mean of the rest frames."""
-    return np.rint(np.mean([f.image for f in still], axis=0)).astype(np.uint8)
+def _mean(frames: list[Frame]) -> Image:
+    """Mean picture of frames of one size."""
+    return np.rint(np.mean([frame.image for frame in frames], axis=0)).astype(np.uint8)
 
 
 def _noise(
@@ -158,10 +160,13 @@ def _noise(
     return noise * fitted.scale, words  # a larger pixel knows as much as those it is made of
 
 
-def _reset(tracker: Tracker, still: list[Frame], noise: float, noise_words: str) -> Tracks:
+def _reset(
+    tracker: Tracker, still: list[Frame], noise: float, noise_words: str, place: str
+) -> Tracks:
     """Tracks at rest; a refusal says that the noise may be too low where it was estimated."""
     try:
-        return tracker.reset(still)
+        with located(place):
+            return tracker.reset(still)
     except UserError as error:
         if noise_words == _GIVEN:
             raise
@@ -210,11 +215,12 @@ def _checked(frames: Iterator[Frame], source: Source, shape: tuple[int, int]) ->
         yield frame
 
 
-def _check_alike(still: list[Frame]) -> tuple[int, int]:
+def _check_alike(still: list[Frame], place: str) -> tuple[int, int]:
     """Height and width of the rest frames, which all have the same."""
     sizes = {f"{frame.image.shape[1]}×{frame.image.shape[0]}" for frame in still}
     if len(sizes) > 1:
-        raise UserError(f"the rest frames have different sizes: {', '.join(sorted(sizes))} pixels")
+        words = ", ".join(sorted(sizes))
+        raise UserError(f"{place}: the rest frames have different sizes: {words} pixels")
     height, width = still[0].image.shape[:2]
     return height, width
 
@@ -223,6 +229,6 @@ def _check_size(frame: Frame, index: int, source: Source, shape: tuple[int, int]
     (height, width), (rest_height, rest_width) = frame.image.shape[:2], shape
     if (height, width) != (rest_height, rest_width):
         raise UserError(
-            f"frame {index} of {source.name} is {width}×{height} pixels, the rest frame "
+            f"{source.frame_name(index)} is {width}×{height} pixels, the rest frame "
             f"{rest_width}×{rest_height}"
         )

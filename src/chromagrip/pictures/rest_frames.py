@@ -4,11 +4,13 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import UserError
-from ..output.pictures import Image, Source, open_source
+from ..output.pictures import Image, Source, is_picture, open_source
 from ..render import Frame
 from ..tracking import detect_markers, join_layers
 from .find_sensor import Find
@@ -19,14 +21,42 @@ MEAN_OF = 8
 _TRIED = 200
 
 
+class Resting(NamedTuple):
+    """Frames of the sensor at rest, and those to track.
+
+    Attributes
+    ----------
+    still: of the sensor at rest
+    words: which they are
+    place: the same for a refusal, with the name of the file
+    frames: to track
+    """
+
+    still: list[Frame]
+    words: str
+    place: str
+    frames: Iterator[Frame]
+
+
+def rest_picture(rest: str, source: str) -> Path | None:
+    """The rest picture where it lies beside the frames of its folder and is called rest…; or None.
+
+    Recordings and our own datasets keep it there. A picture of another name may be a frame too.
+    """
+    path, folder = Path(rest), Path(source)
+    if not (path.is_file() and is_picture(path) and path.name.lower().startswith("rest")):
+        return None
+    return path if folder.is_dir() and path.parent.samefile(folder) else None
+
+
 def rest_frames(
     rest: str,
     source: Source,
     find: Find,
     tell: Callable[[str], None],
     fitted: Callable[[Image], Image] = lambda image: image,
-) -> tuple[list[Frame], str, Iterator[Frame]]:
-    """Frames of the sensor at rest, a description of them, and the frames to track.
+) -> Resting:
+    """Frames of the sensor at rest, which they are, and the frames to track.
 
     Parameters
     ----------
@@ -44,7 +74,8 @@ def rest_frames(
     """
     if rest == "auto":
         index, frame = _most_exact(source, find, tell, fitted)
-        return [frame], f"frame {index} of the source, found", source.frames()
+        place = f"rest {source.frame_name(index)}"
+        return Resting([frame], f"frame {index} of the source, found", place, source.frames())
     first = re.fullmatch(r"first(?::(\d+))?", rest)
     if first is None:
         own = open_source(rest)
@@ -52,7 +83,9 @@ def rest_frames(
             raise UserError(f"rest {rest} is a camera; give a picture, or first:N of the source")
         still = list(itertools.islice(own.frames(), MEAN_OF))
         words = f"{rest}, mean of {len(still)}" if len(still) > 1 else rest
-        return still, words, source.frames()
+        if rest_picture(rest, source.name) is not None:
+            words += ", not counted as a frame of the source"
+        return Resting(still, words, f"rest {rest}", source.frames())
     wanted = int(first[1] or 1)
     if wanted < 1:
         raise UserError(f"rest {rest} is no frame; wanted: first:1 or more")
@@ -60,8 +93,11 @@ def rest_frames(
     still = list(itertools.islice(frames, wanted))
     if len(still) < wanted:
         raise UserError(f"rest {rest} wants {wanted} frames; {source.name} has {len(still)}")
-    words = f"first {wanted} frames of the source" if wanted > 1 else "first frame of the source"
-    return still, words, itertools.chain(still, frames)
+    words, place = "first frame of the source", f"rest {source.frame_name(0)}"
+    if wanted > 1:
+        words = f"first {wanted} frames of the source"
+        place = f"rest first {wanted} frames of {source.name}"
+    return Resting(still, words, place, itertools.chain(still, frames))
 
 
 def _most_exact(
@@ -72,7 +108,7 @@ def _most_exact(
         raise UserError("rest auto looks at every frame twice, which is not possible with a camera")
     step = math.ceil((source.count or _TRIED) / _TRIED)
     best: tuple[float, int, Frame] | None = None
-    refusal = "there is no frame"
+    refusal, alone = "there is none", ""
     for index, frame in enumerate(source.frames()):
         tell(f"looking for the rest frame, {index + 1} of {source.count or 'many'}")
         if index % step:
@@ -81,12 +117,11 @@ def _most_exact(
             image = fitted(frame.image)
             palette = find(image)
             if len(palette.names) < 2:
-                raise UserError(
-                    f"rest auto needs two layers to compare; there is {palette.names[0]} alone"
-                )
+                alone = palette.names[0]
+                continue
             layers = detect_markers(image, palette)
         except UserError as error:
-            refusal = str(error)
+            refusal = f"{source.frame_name(index)}: {error}"
             continue
         radius = math.sqrt(max(float(np.median(layer.area)) for layer in layers) / math.pi)
         first, second = join_layers([layer.position for layer in layers], reach=radius)
@@ -95,6 +130,11 @@ def _most_exact(
         score = float(np.where(np.isfinite(apart), apart / radius, 1.0).mean())
         if best is None or score < best[0]:
             best = score, index, frame
+    if best is None and alone:
+        raise UserError(
+            f"rest auto needs two layers to compare; {source.name} shows {alone} alone: give a "
+            "picture of the unloaded sensor, or first"
+        )
     if best is None:
-        raise UserError(f"rest auto found no frame of {source.name} with markers: {refusal}")
+        raise UserError(f"rest auto can use no frame of {source.name}; the last reason: {refusal}")
     return best[1:]

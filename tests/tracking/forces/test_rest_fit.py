@@ -101,8 +101,8 @@ def check(found: CameraPose, wanted: CameraPose, degrees: float = 0.1, pixels: f
     ("roll_deg", "scale", "shift"),
     [
         (0.0, 1.0, (0.0, 0.0)),
-        (0.3, 1.0, (0.0, 0.0)),
-        (1.0, 1.0, (0.0, 0.0)),
+        pytest.param(0.3, 1.0, (0.0, 0.0), marks=pytest.mark.slow),
+        pytest.param(1.0, 1.0, (0.0, 0.0), marks=pytest.mark.slow),
         (-3.0, 1.0, (4.0, -2.5)),
         (15.0, 0.9, (0.0, 0.0)),
         (60.0, 1.0, (-20.0, 15.0)),
@@ -173,8 +173,15 @@ def test_the_deviations_are_those_of_the_errors() -> None:
     assert (spread < 1.8).all()
 
 
-@pytest.mark.parametrize("defects", [Defects(missing_markers=0.3), Defects(worn_markers=0.4)])
-@pytest.mark.parametrize("roll", [0.0, 2.0])
+@pytest.mark.parametrize(
+    ("defects", "roll"),
+    [
+        (Defects(missing_markers=0.3), 2.0),
+        (Defects(worn_markers=0.4), 0.0),
+        pytest.param(Defects(missing_markers=0.3), 0.0, marks=pytest.mark.slow),
+        pytest.param(Defects(worn_markers=0.4), 2.0, marks=pytest.mark.slow),
+    ],
+)
 def test_markers_that_are_missing_do_not_hide_the_pose(defects: Defects, roll: float) -> None:
     pose = CameraPose(roll=roll, shift=(3.0, -2.0))
     check(rest_pose(SENSOR, projected(SENSOR, pose, defects)), pose)
@@ -189,7 +196,7 @@ def test_every_design_tells_a_small_pose(name: str) -> None:
     check(found, pose, degrees=0.2, pixels=0.7)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
 def test_the_built_dome_tells_a_pose_by_its_outer_layer(seed: int) -> None:
     """Crooked markers a tenth of a pitch off, and an inner layer of which each gore lies elsewhere.
 
@@ -230,7 +237,16 @@ def test_a_grid_is_not_taken_for_itself_a_pitch_further() -> None:
     check(rest_pose(sensor, projected(sensor, pose)), pose)
 
 
-@pytest.mark.parametrize("shown", ["dome-2020-printed", "dome-2022", "fovea"])
+@pytest.mark.parametrize(
+    "shown",
+    [
+        "fovea",
+        *(
+            pytest.param(f"dome-{year}", marks=pytest.mark.slow)
+            for year in ("2020-printed", "2022")
+        ),
+    ],
+)
 def test_another_sensor_is_refused(shown: str) -> None:
     """Even that whose layout is the same spiral but for 45 markers on the meridian."""
     with pytest.raises(UserError, match=r"Is it another sensor\?"):

@@ -87,8 +87,9 @@ def _outcome(tracks: Path, truth: Path, tell: Callable[[str], None]) -> Outcome:
     frames: list[tuple[float, Named, Scored, int]] = []
     for named in truths(tracks, truth):
         tell(f"{name}, {named.name}")
+        points = read_points(named.tracks)
         with located(f"tracks {named.tracks}"):
-            scored = score(read_points(named.tracks), named.truth)
+            scored = score(points, named.truth)
         found[named.name] = scored.scores
         frames += [(bad, named, scored, k) for k, bad in enumerate(_badness(named, scored))]
         frames = sorted(frames, key=lambda entry: -entry[0])[:_WORST]

@@ -90,9 +90,11 @@ def score(tracked: Points, truth: Truth) -> Scored:
     Raises
     ------
     UserError
-        When no point of the truth is among them.
+        When no point of the truth is among them, or they do not say which of its layers they are
+        of.
     """
     true = truth.points
+    _check_layers(tracked, true)
     frames, count = true.visible.shape
     numbers = _given(tracked, true)
     if (numbers < 0).all():
@@ -116,6 +118,17 @@ def score(tracked: Points, truth: Truth) -> Scored:
     result["false"] = 100.0 * wrong / max(wrong + int((reported & true.visible).sum()), 1)
     result["swaps"] = float(_swapped(at, true).sum())
     return Scored(scores=result | _tap(error, reported, true.visible), error=error, at=at)
+
+
+def _check_layers(tracked: Points, true: Points) -> None:
+    """Refuse points without layers where those of the truth's layers lie on each other."""
+    layers, own = (sorted(set(points.layers)) for points in (true, tracked))
+    if len(layers) > 1 and not set(layers) & set(own):
+        there = f"the layer {' and '.join(own)}" if any(own) else "no layer"
+        raise UserError(
+            f"the points have {there}, those of the truth {' and '.join(layers)}, which lie on "
+            "each other; wanted: a column or array layer with these names"
+        )
 
 
 def _given(tracked: Points, true: Points) -> NDArray[np.intp]:

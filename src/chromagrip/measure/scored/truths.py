@@ -51,7 +51,10 @@ def truths(tracks: Path, truth: Path) -> Iterator[Named]:
     """
     if truth.is_file():
         yield Named(
-            name=truth.name, truth=Truth(points=read_points(truth)), tracks=tracks, pictures=[]
+            name=truth.name,
+            truth=Truth(points=read_points(truth, "truth")),
+            tracks=tracks,
+            pictures=[],
         )
         return
     if not truth.is_dir():
