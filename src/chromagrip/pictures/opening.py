@@ -37,7 +37,7 @@ class Setup(TypedDict):
     fps: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Opened:
     """A tracker that was reset, and the frames that it is to follow.
 
@@ -106,8 +106,8 @@ def open_tracking(
             fitted = fitting(_mean(still), sensor)
         noise, noise_words = _noise(still, fitted, opened, noise, tell)
         tell("markers at rest")
+        still = [replace(frame, image=fitted(frame.image)) for frame in still]
         with located(place):
-            still = [replace(frame, image=fitted(frame.image)) for frame in still]
             palette = find(_mean(still))
             start = read_rest(still, palette)
         with blaming(f"tracker {name!r} failed", SystemExit):
@@ -128,15 +128,8 @@ def open_tracking(
         view_px=[round(value, 1) for value in fitted.taken],
         fps=opened.fps,
     )
-    return Opened(
-        tracker=made,
-        palette=palette,
-        start=start,
-        resting=resting,
-        source=opened,
-        frames=(replace(frame, image=fitted(frame.image)) for frame in frames),
-        setup=setup,
-    )
+    shown = (replace(frame, image=fitted(frame.image)) for frame in frames)
+    return Opened(made, palette, start, resting, opened, shown, setup)
 
 
 def _mean(frames: list[Frame]) -> Image:
