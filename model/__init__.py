@@ -1,4 +1,7 @@
-"""The node model of fingertip and object: c·u̇ + K(u)·u = F_contact (thesis Eq. 2).
+"""What is true: the fingertip and the object that it touches, as one of two bodies.
+
+The chain is the thesis's node model, c·u̇ + K(u)·u = F_contact (thesis Eq. 2), a slice. The dome is
+silicone in three dimensions; `simulate_contact` moves any object over it.
 
 u are the displacements of the nodes, c their dampers, K the springs between rigid part, tissue and
 membrane, and F_contact the penalty and Dahl friction forces of the object. `simulate` steps it in
@@ -16,6 +19,22 @@ from .chain.plant import History, step, steps
 from .chain.state import Deformation, State, load_state, rest_state, save_state
 from .chain.statics import equilibrium, largest_grip
 from .chain.stiffness import chain_compliance, chain_forces, spring_force, spring_forces
+from .dome import (
+    Dome,
+    DomeRun,
+    DomeState,
+    Motion,
+    Solid,
+    contact_steps,
+    dome_forces,
+    dome_of,
+    limit_margin,
+    load_dome_state,
+    press_and_move,
+    save_dome_state,
+    simulate_contact,
+    solid_stiffness,
+)
 from .errors import (
     ConvergenceError,
     DivergedError,
@@ -43,6 +62,9 @@ __all__ = [
     "ConvergenceError",
     "Deformation",
     "DivergedError",
+    "Dome",
+    "DomeRun",
+    "DomeState",
     "Drive",
     "Ensemble",
     "Fingertip",
@@ -54,9 +76,11 @@ __all__ = [
     "LostContactError",
     "Method",
     "ModelError",
+    "Motion",
     "NoEquilibriumError",
     "PiercedError",
     "SlipRecord",
+    "Solid",
     "SpringLaw",
     "State",
     "Surface",
@@ -64,18 +88,27 @@ __all__ = [
     "chain_forces",
     "check_fit",
     "contact_forces",
+    "contact_steps",
+    "dome_forces",
+    "dome_of",
     "equilibrium",
     "explicit_limit",
     "follow_slip",
     "largest_grip",
+    "limit_margin",
+    "load_dome_state",
     "load_state",
     "no_slip",
     "node_friction",
+    "press_and_move",
     "pressure",
     "rest_ensemble",
     "rest_state",
+    "save_dome_state",
     "save_state",
     "simulate",
+    "simulate_contact",
+    "solid_stiffness",
     "spring_force",
     "spring_forces",
     "step",

@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..errors import UserError
 from .chain.assembly import chain, contact
 from .chain.fingertip import CONTACT_THRESHOLD, Fingertip
 from .chain.plant import History
@@ -60,15 +61,18 @@ class ForceField:
 
     Attributes
     ----------
-    position: deformed node positions (x, z) in the sensor frame [m], shape (N, 2)
+    position: deformed node positions (x, z) of a chain, or (x, y, z) of a dome, in the sensor frame
+        [m], shape (N, 2) or (N, 3)
     normal: normal force, positive in compression [N], shape (N,)
-    friction: friction on the node, signed along the object's tangent, +x on a flat one [N], (N,)
+    friction: friction on the node [N]; of a chain signed along the object's tangent, +x on a flat
+        one, shape (N,); of a dome a vector, shape (N, 3)
     contact: nodes in contact, shape (N,)
     totals_covariance: covariance of (ΣFn, ΣFf) of an estimate [N²], shape (2, 2); zero for truth
     spread: factor S of the covariance S·Sᵀ of an estimate's nodal forces, normal then friction
         [N], shape (2N, R); None where it is not known
     friction_reading: µ, where it is read off the image together with the forces
     plane: that the forces are in, where it is read off the image; None is the sensor's x–z plane
+    directions: of a dome's normal forces, away from the object, shape (N, 3); None for a chain
     """
 
     position: Array
@@ -79,6 +83,7 @@ class ForceField:
     spread: Array | None = None
     friction_reading: FrictionReading | None = None
     plane: LoadPlane | None = None
+    directions: Array | None = None
 
     @property
     def total_normal(self) -> float:
@@ -88,7 +93,33 @@ class ForceField:
     @property
     def total_friction(self) -> float:
         """ΣFf = |ΣFf,i| over the nodes in contact [N], so that a pure press has none."""
-        return float(abs(self.friction[self.contact].sum()))
+        return float(np.linalg.norm(np.atleast_1d(self.friction[self.contact].sum(axis=0))))
+
+    @property
+    def total_force(self) -> Array:
+        """Force of the object on a dome [N], shape (3,).
+
+        Raises
+        ------
+        UserError: for a chain, whose forces are along normals that it does not carry.
+        """
+        return self._vectors().sum(axis=0)
+
+    def torque(self, axis: ArrayLike, through: ArrayLike = (0.0, 0.0, 0.0)) -> float:
+        """Torque of the object on a dome about an axis through a point [N·m].
+
+        Raises
+        ------
+        UserError: for a chain.
+        """
+        direction = np.asarray(axis, float) / np.linalg.norm(axis)
+        arms = self.position - np.asarray(through, float)
+        return float(np.cross(arms, self._vectors()).sum(axis=0) @ direction)
+
+    def _vectors(self) -> Array:
+        if self.directions is None:
+            raise UserError("a chain's forces have no third dimension; take those of a dome")
+        return self.normal[:, None] * self.directions + self.friction
 
     def safety_margin(self, mu: float) -> float:
         """Γ = 1 − ΣFf/(µ ΣFn) (thesis Eq. 7); NaN with nothing in contact, and without a µ."""

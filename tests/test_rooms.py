@@ -15,7 +15,17 @@ import chromagrip
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(chromagrip.__path__[0])
-GROUND = ("by_name", "compiled", "errors", "extras", "links", "strict_toml", "thesis")
+GROUND = (
+    "by_name",
+    "compiled",
+    "errors",
+    "extras",
+    "kept_arrays",
+    "links",
+    "strict_toml",
+    "thesis",
+    "user_cache",
+)
 #: Rooms from the lowest to the highest, each with the rooms that it may import. The modules of the
 #: ground floor may be imported everywhere and import nothing of ours but each other.
 MAY_IMPORT = {

@@ -18,6 +18,8 @@ from typing import Any
 import numba
 from numba.core import event as events
 
+from .user_cache import user_cache
+
 #: Caches of sources that no longer exist are removed after this time [s].
 KEPT = 7 * 86400.0
 
@@ -70,8 +72,7 @@ def _places(folder: Path) -> list[Path]:
     name = f"kernels-{_sources()}"
     if numba.config.CACHE_DIR:  # set by NUMBA_CACHE_DIR
         return [Path(numba.config.CACHE_DIR) / "chromagrip" / name]
-    user = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
-    places = [folder / "__pycache__" / name, Path(os.path.expanduser(user)) / "chromagrip" / name]
+    places = [folder / "__pycache__" / name, user_cache() / name]
     return [place for place in places if place.is_absolute()]  # who has no home has none
 
 

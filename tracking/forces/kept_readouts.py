@@ -4,7 +4,6 @@
 """
 
 import hashlib
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import msgspec
 from ...errors import UserError
 from ...model import REFERENCE_NODES, Fingertip
 from ...render import SensorDesign
+from ...user_cache import user_cache
 
 #: Version of the training: raise it with its ranges, its method and the content of a read-out's
 #: file, so that no read-out of an earlier training is found.
@@ -50,16 +50,15 @@ def kept_path(design: SensorDesign) -> Path:
     UserError
         Where there is no cache folder.
     """
-    user = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or "~/.cache"
-    folder = Path(os.path.expanduser(user))
+    folder = user_cache()
     if not folder.is_absolute():
         raise UserError(
-            f"read-outs cannot be kept: there is no cache folder {user}; set XDG_CACHE_HOME to a "
-            "folder that can be written"
+            f"read-outs cannot be kept: there is no cache folder {folder.parent}; set "
+            "XDG_CACHE_HOME to a folder that can be written"
         )
     nominal = Fingertip.of_radius(design.shape.radius, nodes=REFERENCE_NODES, law="split")
     digest = hashlib.sha256(training_key(design, nominal)).hexdigest()[:20]
-    return folder / "chromagrip" / _FOLDER / f"{digest}.npz"
+    return folder / _FOLDER / f"{digest}.npz"
 
 
 def kept_readout(design: SensorDesign) -> Path | None:

@@ -27,6 +27,7 @@ from ...model import (
 )
 from ...output.report import Bounds, Report, Row, at_least, at_most, measured, reported
 from ..worlds.grasps import contact_object
+from .model_dome import bench_dome
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -57,6 +58,7 @@ def bench_model(quick: bool, progress: Progress) -> Report:
         *_reductions(progress),
         *_true_steps(quick, progress),
         *_ensemble(quick, progress),
+        *bench_dome(quick, progress),
     ]
     return Report(rows=tuple(rows), quick=quick)
 

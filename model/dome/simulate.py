@@ -1,0 +1,204 @@
+"""A dome and an object over a whole motion: what is recorded of it, and how it is kept."""
+
+import os
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ..checks import finite
+from ..force_field import ForceField
+from ..limit_surface import margin_within
+from .dome import Dome, lattice
+from .motion import Motion
+from .solid import Solid
+from .stepper import DomeState, StepCount, Stepper, displacements, resting
+
+Array = NDArray[np.float64]
+
+#: Normal force above which a node is in contact, over the force of all [–].
+_TOUCHING = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class DomeRun:
+    """What happened to a dome in a motion.
+
+    Attributes
+    ----------
+    dome, solid, motion: of the run
+    times: of every step [s], shape (K,)
+    places, rotations: poses of the object, shapes (K, 3) [m] and (K, 3, 3)
+    total_forces, total_torques: of the object on the dome, the torque about the sphere's centre
+        [N, N·m], shapes (K, 3)
+    rounds, touching: of each step: rounds of Newton's method, nodes that touch, shapes (K,)
+    halvings, unconverged: how often steps were halved; parts of steps that did not converge
+    states: at some of the times, the last among them
+    """
+
+    dome: Dome
+    solid: Solid
+    motion: Motion
+    times: Array
+    places: Array
+    rotations: Array
+    total_forces: Array
+    total_torques: Array
+    rounds: NDArray[np.int64]
+    touching: NDArray[np.int64]
+    halvings: int
+    unconverged: int
+    states: tuple[DomeState, ...]
+
+    @property
+    def end(self) -> DomeState:
+        """The last state."""
+        return self.states[-1]
+
+    @property
+    def positions(self) -> Array:
+        """Places of the nodes in each kept state [m], shape (S, N, 3)."""
+        points = lattice(self.dome).points
+        return np.stack([points + displacements(self.dome, state) for state in self.states])
+
+    @property
+    def forces(self) -> Array:
+        """Forces on the nodes in each kept state [N], shape (S, N, 3)."""
+        return np.stack([state.forces for state in self.states])
+
+
+def dome_forces(dome: Dome, state: DomeState) -> ForceField:
+    """Contact forces of a state: the truth that estimates are scored against."""
+    normal = np.einsum("ij,ij->i", state.forces, state.normals)
+    return ForceField(
+        position=lattice(dome).points + displacements(dome, state),
+        normal=normal,
+        friction=state.friction.copy(),
+        contact=normal > _TOUCHING * max(normal.sum(), 1e-9),
+        totals_covariance=np.zeros((2, 2)),
+        directions=state.normals.copy(),
+    )
+
+
+def limit_margin(dome: Dome, solid: Solid, state: DomeState) -> float:
+    """Margin of a state against the limit surface of force and torsion; NaN with no contact.
+
+    It is 1 − 1/λ with the largest λ by which friction and torsion could both grow at the normal
+    forces as they are. Without torsion it is Γ.
+    """
+    return margin_within(dome_forces(dome, state), solid.friction)
+
+
+def contact_steps(
+    dome: Dome, solid: Solid, motion: Motion, dt: float, start: DomeState | None = None
+) -> Iterator[tuple[Stepper, StepCount]]:
+    """Steps of a dome while an object moves; for loops that look at it as they go.
+
+    Parameters
+    ----------
+    dt: longest step [s]; every knot of the motion ends one
+    start: state to go on from; None is at rest
+
+    Yields
+    ------
+    The dome after a step, always the same one, with its `state()`; and what the step took.
+    """
+    finite("time step", dt, "s", above=0.0)
+    stepper = Stepper(dome, solid, motion, start or resting(dome, solid, motion))
+    for time in _times(motion, dt, stepper.time):
+        count = stepper.advance(time)
+        yield stepper, count
+
+
+def simulate_contact(
+    dome: Dome,
+    solid: Solid,
+    motion: Motion,
+    dt: float = 1e-3,
+    *,
+    start: DomeState | None = None,
+    keep: int = 20,
+) -> DomeRun:
+    """Press and move an object on a dome.
+
+    Parameters
+    ----------
+    dt: longest step [s]; every knot of the motion ends one
+    start: state of a run to go on from, at a time of the same motion; None is at rest
+    keep: states that are kept, at even distances of steps
+
+    Raises
+    ------
+    UserError: for an object in the dome at the start, too deep a press, a step without solution
+    """
+    finite("time step", dt, "s", above=0.0)
+    finite("states to keep", keep, "", above=0.0)
+    stepper = Stepper(dome, solid, motion, start or resting(dome, solid, motion))
+    times = _times(motion, dt, stepper.time)
+    kept = set(np.unique(np.linspace(len(times) - 1, 0, min(keep, len(times))).round()).astype(int))
+    rows, counts, states = [], [], []
+    points = lattice(dome).points
+    for k, time in enumerate(times):
+        counts.append(stepper.advance(time))
+        near = stepper.near
+        force = stepper.forces[near]
+        torque = np.cross(points[near] + stepper.displacement[near], force).sum(axis=0)
+        rows.append((stepper.place.copy(), stepper.rotation.copy(), force.sum(axis=0), torque))
+        if k in kept:
+            states.append(stepper.state())
+    places, rotations, forces, torques = (np.stack(part) for part in zip(*rows, strict=True))
+    return DomeRun(
+        dome=dome, solid=solid, motion=motion, times=times, places=places, rotations=rotations,
+        total_forces=forces, total_torques=torques,
+        rounds=np.array([count.rounds for count in counts]),
+        touching=np.array([count.touching for count in counts]),
+        halvings=sum(count.halvings for count in counts),
+        unconverged=sum(count.unconverged for count in counts),
+        states=tuple(states),
+    )  # fmt: skip
+
+
+def _times(motion: Motion, dt: float, start: float) -> Array:
+    """Ends of the steps after `start`, at most dt apart, with every knot among them.
+
+    They do not depend on where a run starts, so that one that goes on takes the same steps.
+    """
+    ends: list[float] = []
+    for before, after in zip(motion.times[:-1], motion.times[1:], strict=True):
+        count = max(1, int(np.ceil((after - before) / dt - 1e-9)))
+        ends.extend(before + (after - before) * np.arange(1, count + 1) / count)
+    times = np.array(ends)
+    times = times[times > start + 1e-12]
+    if not len(times):
+        raise UserError(f"the motion ends at {motion.duration:g} s, and the run is at {start:g} s")
+    return times
+
+
+def save_dome_state(path: str | os.PathLike[str], state: DomeState) -> None:
+    """Write a state to an .npz file, whole or not at all."""
+    target = Path(path)
+    part = target.with_name(f"{target.name}.part")
+    with open(part, "wb") as file:
+        arrays = {f.name: np.asarray(getattr(state, f.name)) for f in fields(state)}
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # of arrays only
+    os.replace(part, target)
+
+
+def load_dome_state(path: str | os.PathLike[str]) -> DomeState:
+    """State from a file of `save_dome_state`.
+
+    Raises
+    ------
+    UserError: for a file that is not one.
+    """
+    names = [f.name for f in fields(DomeState)]
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in names}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise UserError(f"{os.fspath(path)} is no state of a dome: {error}") from None
+    return DomeState(**{**arrays, "time": float(arrays["time"])})

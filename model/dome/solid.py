@@ -1,0 +1,64 @@
+"""An object that touches a dome: its shape, and stiffness and friction per area."""
+
+import math
+from dataclasses import dataclass
+
+from ..checks import finite, within
+from ..kernels.touch_kernels import Touched
+from ..shapes import Shape
+
+#: Distance between nodes of the chain at 251 nodes, π·8 mm/252 [m].
+_CHAIN_PITCH = math.pi * 8e-3 / 252
+#: Penalty stiffness above which an object is rigid to the last digit of a node's place [N/m³].
+STIFFEST = 1e14
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solid:
+    """An object in three dimensions.
+
+    Attributes
+    ----------
+    shape: its signed distance
+    stiffness: penalty stiffness k per area [N/m³]; see `solid_stiffness`
+    friction: coefficient µ
+    dahl_stiffness: bristle stiffness σ0 per area [N/m³]
+    dahl_exponent: exponent n of the Dahl law; 0 is Coulomb friction with elastic stick
+    """
+
+    shape: Shape
+    stiffness: float = 1e9
+    friction: float = 0.5
+    dahl_stiffness: float = 5e9
+    dahl_exponent: float = 0.7
+
+    def __post_init__(self) -> None:
+        finite("object stiffness", self.stiffness, "N/m³", above=0.0, below=STIFFEST)
+        finite("friction coefficient", self.friction, "", above=0.0, below=10.0)
+        finite("Dahl stiffness", self.dahl_stiffness, "N/m³", above=0.0, below=STIFFEST)
+        within("Dahl exponent", self.dahl_exponent, "", 0.0, 2.0)
+
+
+def solid_stiffness(young_modulus: float) -> float:
+    """Stiffness per area of an object of a material [N/m³]: E/(2·pitch) with the chain's pitch.
+
+    A node of the chain stands for a strip of 10 mm, and an object of Young's modulus E gives it
+    E·10 mm/2 (erratum E4). Over its area, 10 mm times the pitch of 251 nodes, that is E/(2·pitch):
+    200 kPa are 1e9 N/m³. The same object is as stiff on a dome, whatever the dome's own pitch.
+
+    Parameters
+    ----------
+    young_modulus: of the object [Pa]
+    """
+    finite("stiffness of an object", young_modulus, "Pa", above=0.0)
+    return young_modulus / (2.0 * _CHAIN_PITCH)
+
+
+def touched(solid: Solid) -> Touched:
+    """An object as the kernels take it."""
+    shape = solid.shape
+    return Touched(
+        shape.kind, shape.numbers, shape.grid, shape.origin, shape.cells,
+        float(solid.stiffness), float(solid.friction), float(solid.dahl_stiffness),
+        float(solid.dahl_exponent),
+    )  # fmt: skip

@@ -1,0 +1,431 @@
+"""One step of a dome's contact: semi-smooth Newton on the forces of the nodes that touch."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+from .krylov_kernels import System, invert, prepare, product_double, solve
+from .touch_kernels import Pose, Stiffening, Touched, touch
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Single = NDArray[np.float32]
+
+#: Residual of the linear systems, relative.
+_LOOSE, _TIGHT = 0.1, 0.02
+#: Rounds of a node's own law, and the squared relative error at which it is solved.
+_SETTLING, _SETTLED = 40, 1e-12
+#: Shortest part of a change of a node's place that is tried.
+_SHORTEST = 0.02
+#: Rounds with the secant, where the residual does not halve.
+_SECANTS = 2
+
+
+class Contact(NamedTuple):
+    """Nodes near the object at the start of a step, all of shape (n, …).
+
+    Attributes
+    ----------
+    rest: places of the undeformed nodes [m]
+    radial: unit vectors from the centre
+    areas: [m²]
+    before: places before the step [m]
+    offset: displacement that does not come from the forces of this step [m]
+    friction: before the step [N]
+    compliance: among the nodes [m/N], at least (3n, 3n)
+    """
+
+    rest: Array
+    radial: Array
+    areas: Array
+    before: Array
+    offset: Array
+    friction: Array
+    compliance: Single
+
+
+class Outcome(NamedTuple):
+    """What a step leaves, arrays of shape (n, 3) that are written to.
+
+    Attributes
+    ----------
+    linear: forces that the linear skin carries [N]: the guess on entry, the solution on return
+    true: forces of the object on the nodes [N]
+    tangential: friction, the part of `true` in the object's tangent plane [N]
+    normal: of the object at the nodes
+    displacement: of the nodes [m]
+    motion: δξ of the object's free axes, from the pose on entry [m, rad], (6,)
+    """
+
+    linear: Array
+    true: Array
+    tangential: Array
+    normal: Array
+    displacement: Array
+    motion: Array
+
+
+@njit()
+def turned(rotation: Array, vector: Array) -> Array:
+    """Rotation after a further turn by a rotation vector [rad] in the world's axes."""
+    angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+    out = rotation.copy()
+    if angle == 0.0:
+        return out
+    x, y, z = vector[0] / angle, vector[1] / angle, vector[2] / angle
+    c, s = np.cos(angle), np.sin(angle)
+    for k in range(3):
+        a, b, d = rotation[0, k], rotation[1, k], rotation[2, k]
+        along = (x * a + y * b + z * d) * (1.0 - c)
+        out[0, k] = a * c + (y * d - z * b) * s + x * along
+        out[1, k] = b * c + (z * a - x * d) * s + y * along
+        out[2, k] = d * c + (x * b - y * a) * s + z * along
+    return out
+
+
+@njit()
+def solve_contact(
+    near: Contact,
+    thing: Touched,
+    pose: Pose,
+    stiff: Stiffening,
+    share: float,
+    free: NDArray[np.bool_],
+    inertia: Array,
+    wanted: Array,
+    tolerance: float,
+    most_rounds: int,
+    system: System,
+    outcome: Outcome,
+) -> tuple[float, int, int, int]:
+    """Forces at the end of a step, and the object's pose on its free axes.
+
+    Parameters
+    ----------
+    share: of the compliance that acts within a step; viscosity makes it less than 1
+    free: axes of the pose (3 translations, 3 rotations) that are not prescribed
+    inertia: M of the free axes [N/m, N·m]: the object's reaction is `wanted` − M·ξ
+    wanted: wrench on the object about its place without the fingertip [N, N·m]
+    tolerance: relative change of the forces at which the step is solved
+
+    Returns
+    -------
+    Relative change of the last round, rounds, products with the compliance, nodes that touch.
+    """
+    n = len(near.rest)
+    size = 3 * n
+    moves = free.any()
+    forces, u = outcome.linear.reshape(-1), outcome.displacement.reshape(-1)
+    offset = near.offset.reshape(-1)
+    at = Pose(pose.old_rotation, pose.old_place, pose.rotation.copy(), pose.place.copy())
+    motion = outcome.motion
+    motion[:] = 0.0
+    turn = at.rotation @ at.old_rotation.T
+    old = np.empty((n, 3))
+    for i in range(n):
+        for a in range(3):
+            old[i, a] = (
+                turn[a, 0] * near.friction[i, 0]
+                + turn[a, 1] * near.friction[i, 1]
+                + turn[a, 2] * near.friction[i, 2]
+            )
+    active, last = np.empty(n, np.int64), np.full(n, -1, np.int64)
+    right, change = np.empty(size + 6), np.empty(size + 6)
+    linear, slope, stiffened = np.empty(3), np.empty((3, 3)), np.empty(2)
+    own, answer, now, work = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(8)
+    count_before, products, touching = -1, 0, 0
+    secants, former, error = 0, np.inf, 1.0
+    rounds, length = 0, 1.0
+    _displace(near.compliance, forces, offset, share, u, size)
+    while True:
+        count, touching, residual = 0, 0, 0.0
+        reaction = np.zeros(6)
+        for i in range(n):
+            for a in range(3):
+                now[a] = near.rest[i, a] + u[3 * i + a]
+                for b in range(3):
+                    own[a, b] = share * near.compliance[3 * i + a, 3 * i + b]
+            touches = _settle(
+                near, thing, at, stiff, i, forces, own, old[i], rounds == 0, secants > 0,
+                outcome, now, linear, slope, answer, stiffened, work,
+            )  # fmt: skip
+            held = forces[3 * i] != 0.0 or forces[3 * i + 1] != 0.0 or forces[3 * i + 2] != 0.0
+            touching += touches
+            if not (touches or held):
+                continue
+            active[count] = i
+            for a in range(3):
+                difference = linear[a] - forces[3 * i + a]
+                right[3 * count + a] = difference
+                residual += difference * difference
+                for b in range(3):
+                    system.own[count, a, b] = own[a, b]
+                    system.answer[count, a, b] = answer[a, b]
+            if moves:
+                _lever(system.arm, free, now, at.place, count)
+                _wrench(outcome.true[i], now, at.place, reaction)
+                _true_force(system, outcome.normal[i], near.radial[i], stiffened, count)
+            count += 1
+        if rounds > 0 and secants == 0 and error < tolerance and residual < 4.0 * former:
+            break
+        if (count == 0 and not moves) or rounds == most_rounds:
+            error = 0.0 if count == 0 else max(error, tolerance)
+            break
+        if rounds > 1 and residual > former and length > _SHORTEST and secants == 0:
+            length *= 0.5  # too far: back by half
+            for k in range(count_before):
+                for a in range(3):
+                    forces[3 * last[k] + a] -= length * change[3 * k + a]
+            if moves:
+                for c in range(6):
+                    motion[c] -= length * change[3 * count_before + c]
+                _carry(at, pose, motion)
+            _displace(near.compliance, forces, offset, share, u, size)
+            products += 1
+            continue
+        if secants > 0:
+            secants -= 1
+        elif rounds > 1 and residual > 0.5 * former:
+            secants = _SECANTS
+            former = residual
+            rounds += 1
+            continue  # the same forces again, with the secants
+        former = residual
+        _gather(near.compliance, share, active, last, count, count_before, system.block)
+        for k in range(count):
+            last[k] = active[k]
+        count_before = count
+        if moves:
+            _reaction(system, right, free, wanted, reaction, inertia, motion, count)
+            if not prepare(system, count, inertia, free):
+                error = 1.0
+                break
+        products += solve(system, count, right, moves, min(_LOOSE, max(_TIGHT, error)), change)
+        moved, load = 0.0, 1e-30
+        for k in range(count):
+            i = active[k]
+            for a in range(3):
+                forces[3 * i + a] += change[3 * k + a]
+                moved += change[3 * k + a] ** 2
+                load += forces[3 * i + a] ** 2
+        error = np.sqrt(moved / load)
+        if moves:
+            for c in range(6):
+                motion[c] += change[3 * count + c]
+            _carry(at, pose, motion)
+        length = 1.0
+        _displace(near.compliance, forces, offset, share, u, size)
+        products += 1
+        rounds += 1
+    for i in range(n):
+        along = 0.0
+        for a in range(3):
+            along += outcome.true[i, a] * outcome.normal[i, a]
+        for a in range(3):
+            outcome.tangential[i, a] = outcome.true[i, a] - along * outcome.normal[i, a]
+            if (
+                outcome.true[i, 0] == 0.0
+                and outcome.true[i, 1] == 0.0
+                and outcome.true[i, 2] == 0.0
+            ):
+                forces[3 * i + a] = 0.0
+    return error, rounds, products, touching
+
+
+@njit()
+def _settle(
+    near: Contact,
+    thing: Touched,
+    at: Pose,
+    stiff: Stiffening,
+    i: int,
+    forces: Array,
+    own: Array,
+    old: Array,
+    trial: bool,
+    secant: bool,
+    outcome: Outcome,
+    now: Array,
+    linear: Array,
+    slope: Array,
+    answer: Array,
+    stiffened: Array,
+    work: Array,
+) -> bool:
+    """Force on node i that its own displacement agrees with, the other forces held.
+
+    Parameters
+    ----------
+    own: A_ii [m/N], (3, 3)
+    now: place of the node [m]; changed to that which agrees
+    linear: its force [N], (3,) (output)
+    answer: B = dΦ/du*, see `krylov_kernels` [N/m], (3, 3) (output)
+    """
+    base, step = np.empty(3), np.empty(3)
+    matrix, inverse = np.empty((3, 3)), np.empty((3, 3))
+    for a in range(3):
+        base[a] = now[a]
+        for b in range(3):
+            base[a] -= own[a, b] * forces[3 * i + b]
+    touches = False
+    former, length = np.inf, 1.0
+    moved = np.zeros(3)
+    for turn in range(_SETTLING):
+        inwards = 0.0
+        for a in range(3):
+            inwards -= (now[a] - near.rest[i, a]) * near.radial[i, a]
+        touches = touch(
+            thing, at, stiff, near.areas[i], near.before[i], now, inwards, near.radial[i], old,
+            trial, secant, outcome.normal[i], work, linear, outcome.true[i], slope, stiffened,
+        )  # fmt: skip
+        off, size = 0.0, 0.0
+        for a in range(3):
+            push = 0.0
+            for b in range(3):
+                push += own[a, b] * linear[b]
+            step[a] = base[a] + push - now[a]
+            off += step[a] * step[a]
+            size += push * push
+        if off > former and length > _SHORTEST:  # too far: back by half
+            length *= 0.5
+            for a in range(3):
+                now[a] -= length * moved[a]
+            continue
+        former, length = off, 1.0
+        for a in range(3):
+            for b in range(3):
+                total = 1.0 if a == b else 0.0
+                for d in range(3):
+                    total -= own[a, d] * slope[d, b]
+                matrix[a, b] = total
+        if not invert(matrix, inverse, 3):
+            break
+        if off <= _SETTLED * size + 1e-24 or turn == _SETTLING - 1:
+            break
+        for a in range(3):
+            moved[a] = 0.0
+            for b in range(3):
+                moved[a] += inverse[a, b] * step[b]
+            now[a] += moved[a]
+    # B = T·(1 − A_ii·T)⁻¹
+    for a in range(3):
+        for b in range(3):
+            total = 0.0
+            for d in range(3):
+                total += slope[a, d] * inverse[d, b]
+            answer[a, b] = total
+    return touches
+
+
+@njit()
+def _true_force(system: System, normal: Array, radial: Array, stiffened: Array, k: int) -> None:
+    """Q and n·κ·r̂ᵀ of a node: its true force changes by Q·δf − n·κ·r̂·δu."""
+    for a in range(3):
+        for b in range(3):
+            whole = 1.0 if a == b else 0.0
+            system.true[k, a, b] = whole + (stiffened[0] - 1.0) * normal[a] * normal[b]
+            system.bend[k, a, b] = stiffened[1] * normal[a] * radial[b]
+
+
+@njit()
+def _reaction(
+    system: System,
+    right: Array,
+    free: NDArray[np.bool_],
+    wanted: Array,
+    reaction: Array,
+    inertia: Array,
+    motion: Array,
+    count: int,
+) -> None:
+    """Right-hand side of the object's free axes, after those of its nodes."""
+    for c in range(6):
+        total = 0.0
+        if free[c]:
+            total = wanted[c] - reaction[c]
+            for d in range(6):
+                total -= inertia[c, d] * motion[d]
+            for k in range(count):
+                for a in range(3):
+                    back = 0.0
+                    for b in range(3):
+                        bent = 0.0
+                        for d in range(3):
+                            bent += system.bend[k, a, d] * system.own[k, d, b]
+                        back += (system.true[k, a, b] - bent) * right[3 * k + b]
+                    total += system.arm[c, 3 * k + a] * back
+        right[3 * count + c] = total
+
+
+@njit()
+def _displace(
+    compliance: Single, forces: Array, offset: Array, share: float, out: Array, size: int
+) -> None:
+    product_double(compliance, forces, out, size)
+    for k in range(size):
+        out[k] = out[k] * share + offset[k]
+
+
+@njit()
+def _carry(at: Pose, pose: Pose, motion: Array) -> None:
+    """Put the object where its free axes have moved it from the pose at the start."""
+    for a in range(3):
+        at.place[a] = pose.place[a] + motion[a]
+    at.rotation[:] = turned(pose.rotation, motion[3:])
+
+
+@njit()
+def _gather(
+    compliance: Single,
+    share: float,
+    active: Index,
+    last: Index,
+    count: int,
+    before: int,
+    out: Single,
+) -> None:
+    """Compliance among the active nodes, unless they are those of the round before."""
+    same = count == before
+    for k in range(count):
+        if not same:
+            break
+        same = active[k] == last[k]
+    if same:
+        return
+    part = np.float32(share)
+    for k in range(count):
+        for a in range(3):
+            source, target = compliance[3 * active[k] + a], out[3 * k + a]
+            for j in range(count):
+                i = 3 * active[j]
+                target[3 * j] = part * source[i]
+                target[3 * j + 1] = part * source[i + 1]
+                target[3 * j + 2] = part * source[i + 2]
+
+
+@njit()
+def _lever(arm: Single, free: NDArray[np.bool_], now: Array, place: Array, k: int) -> None:
+    """Wrench about the object's place of unit forces on node k; zero along axes that are held."""
+    x, y, z = now[0] - place[0], now[1] - place[1], now[2] - place[2]
+    for c in range(6):
+        for a in range(3):
+            arm[c, 3 * k + a] = 1.0 if free[c] and c == a else 0.0
+    if free[3]:
+        arm[3, 3 * k + 1], arm[3, 3 * k + 2] = -z, y
+    if free[4]:
+        arm[4, 3 * k], arm[4, 3 * k + 2] = z, -x
+    if free[5]:
+        arm[5, 3 * k], arm[5, 3 * k + 1] = -y, x
+
+
+@njit()
+def _wrench(force: Array, now: Array, place: Array, out: Array) -> None:
+    """Add the wrench of a node's force about the object's place."""
+    x, y, z = now[0] - place[0], now[1] - place[1], now[2] - place[2]
+    for a in range(3):
+        out[a] += force[a]
+    out[3] += y * force[2] - z * force[1]
+    out[4] += z * force[0] - x * force[2]
+    out[5] += x * force[1] - y * force[0]

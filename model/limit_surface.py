@@ -1,0 +1,62 @@
+"""Friction and torsion together against what a contact can bear: the limit surface."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .force_field import ForceField
+
+Array = NDArray[np.float64]
+
+#: Rounds of the search for the motion that needs the least.
+_ROUNDS = 200
+
+
+def margin_within(field: ForceField, mu: float) -> float:
+    """Margin 1 − 1/λ, λ the factor by which friction and torsion may grow; NaN with no contact.
+
+    By the maximum-work inequality a friction wrench can be borne if no motion (v, ω) of the object
+    in the contact's plane takes more work from it than µ·ΣFn,i·|v_i| (Goyal 1991). λ is the least
+    ratio of the two over all motions. Each node's motion is taken in its own tangent plane.
+
+    Parameters
+    ----------
+    field: of a dome
+    mu: friction coefficient
+    """
+    on = field.contact
+    normal = field.normal[on]
+    whole = normal.sum()
+    if not (whole > 0.0 and mu > 0.0) or field.directions is None:
+        return float("nan")
+    directions, friction = field.directions[on], field.friction[on]
+    axis = (normal[:, None] * directions).sum(axis=0)
+    axis /= np.linalg.norm(axis)
+    first = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    centre = (normal[:, None] * field.position[on]).sum(axis=0) / whole
+    arms = field.position[on] - centre
+    size = np.sqrt((normal * (arms**2).sum(axis=1)).sum() / whole) + 1e-12
+    # Velocities of the nodes for unit motions: along two axes, and about the normal
+    moves = np.stack(
+        [np.broadcast_to(first, arms.shape), np.broadcast_to(second, arms.shape),
+         np.cross(axis, arms) / size], axis=1,
+    )  # fmt: skip
+    moves = moves - np.einsum("ijk,ik->ij", moves, directions)[:, :, None] * directions[:, None]
+    load = np.einsum("ijk,ik->j", moves, friction)
+    if np.linalg.norm(load) < 1e-12 * mu * whole:
+        return 1.0
+    # The least work with load·m = 1 by reweighted least squares, which lower it in every round
+    motion = load / (load @ load)
+    least = np.inf
+    for _ in range(_ROUNDS):
+        speed = np.linalg.norm(np.einsum("ijk,j->ik", moves, motion), axis=1)
+        work = mu * (normal * speed).sum()
+        if least - work < 1e-9 * work and np.isfinite(least):
+            break
+        least = min(least, work)
+        weight = normal / np.maximum(speed, 1e-9 * speed.max())
+        form = np.einsum("i,ijk,ilk->jl", weight, moves, moves)
+        answer = np.linalg.solve(form + 1e-12 * np.trace(form) * np.eye(3), load)
+        motion = answer / (load @ answer)
+    return 1.0 - 1.0 / least

@@ -1,0 +1,253 @@
+"""Triangle meshes as shapes: read, mended where that is safe, and turned into a distance grid."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import UserError, located
+from ...extras import need
+from ...kept_arrays import content_key, keep, kept
+from ..checks import finite
+from ..kernels.distance_kernels import GRID
+from .mesh_grid import spline_grid
+from .shape import Shape, make_shape
+
+Array = NDArray[np.float64]
+
+#: Folder of the user's cache; its grids are made anew when the version changes.
+KIND, VERSION = "meshes", "mesh grid 1"
+#: Metres in a unit of the file: most files are in mm.
+MILLIMETRES = 1e-3
+#: More faces are refused.
+MOST_FACES = 500_000
+#: Smallest and largest of a mesh's longest side [m].
+SMALLEST, LARGEST = 0.5e-3, 0.5
+#: Fewest and most cells along the longest side.
+FEWEST_CELLS, MOST_CELLS = 16, 256
+#: A mesh thinner than this has details that its grid does not show [cells].
+THIN = 3.0
+#: Faces on whose two sides it is tested what is inside; so large a share may be wrong.
+TESTED, WRONG = 2000, 0.02
+
+
+def mesh_shape(
+    source: str | Path | Any,
+    *,
+    scale: float = MILLIMETRES,
+    rotation: ArrayLike | None = None,
+    cells: int = 96,
+) -> Shape:
+    """Shape of a triangle mesh, centred at the middle of its box.
+
+    Its signed distance is a cubic spline on a grid, so that the normal is smooth; edges are rounded
+    by about a cell, which is the longest side over `cells`. The grid is kept in the user's cache by
+    the mesh's content. `Shape.notes` says what was mended.
+
+    Parameters
+    ----------
+    source: a file that trimesh reads (STL, OBJ, PLY, OFF …), or a `trimesh.Trimesh`
+    scale: metres in a unit of the mesh; by default it is in mm
+    rotation: (3, 3) from the mesh's axes to the shape's; by default they are the same
+    cells: of the grid along the longest side
+
+    Raises
+    ------
+    UserError
+        When the extra `mesh` is missing, the file is no mesh, or the mesh bounds no body, is far
+        too fine, or has an absurd size.
+    """
+    trimesh = need("trimesh", "mesh")
+    igl = need("igl", "mesh")
+    finite("scale of a mesh", scale, "m", above=0.0)
+    if cells != int(cells) or not FEWEST_CELLS <= cells <= MOST_CELLS:
+        text = f"an integer in {FEWEST_CELLS}…{MOST_CELLS}, got {cells!r}"
+        raise UserError(f"cells of a mesh must be {text}")
+    turn = _rotation(rotation)
+    path = Path(source) if isinstance(source, str | Path) else None
+    given: Any = source
+    with located("mesh" if path is None else f"mesh {path}"):
+        mesh = given.copy() if path is None else _read(trimesh, path)
+        vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+        _check(vertices, faces, scale)
+        pose = np.array([scale, int(cells), *turn.ravel()])
+        key = content_key(VERSION, vertices, faces, pose)
+        shape = _kept_shape(key)
+        if shape is None:
+            notes = _mend(trimesh, mesh)
+            _check_body(igl, mesh)
+            shape = _shape(igl, mesh, scale, turn, int(cells), notes)
+            _keep_shape(key, shape)
+    return replace(shape, name="mesh" if path is None else path.name)
+
+
+def _rotation(rotation: ArrayLike | None) -> Array:
+    turn = np.eye(3) if rotation is None else np.asarray(rotation, float)
+    if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6):
+        raise UserError("rotation of a mesh must be a 3 × 3 matrix of orthogonal unit vectors")
+    if np.linalg.det(turn) < 0.0:
+        raise UserError("rotation of a mesh must not mirror it; its determinant must be 1")
+    return turn
+
+
+def _read(trimesh: Any, path: Path) -> Any:
+    """Mesh of a file, several bodies of it put together."""
+    if not path.is_file():
+        raise UserError("there is no such file")
+    try:
+        return trimesh.load(path, force="mesh")
+    except Exception as error:  # each format has errors of its own
+        kinds = ", ".join(sorted(trimesh.available_formats()))
+        text = f"it cannot be read as a triangle mesh ({type(error).__name__}: {error})"
+        raise UserError(f"{text}; formats are {kinds}") from None
+
+
+def _check(vertices: Array, faces: NDArray[np.int64], scale: float) -> None:
+    """Refuse what is no mesh of a sensible fineness and size."""
+    if not len(faces):
+        raise UserError("it has no triangles")
+    if len(faces) > MOST_FACES:
+        raise UserError(
+            f"it has {len(faces)} faces, more than {MOST_FACES}; simplify it, as by "
+            "trimesh's simplify_quadric_decimation"
+        )
+    if not np.isfinite(vertices).all():
+        raise UserError("its vertices must be finite numbers")
+    sides = np.ptp(vertices[np.unique(faces)], axis=0)
+    longest = float(sides.max()) * scale
+    if not SMALLEST <= longest <= LARGEST:
+        allowed = f"{SMALLEST * 1e3:g}…{LARGEST * 1e3:g} mm"
+        raise UserError(
+            f"its longest side is {longest * 1e3:.4g} mm at the scale {scale:g}, must lie in "
+            f"{allowed}; give the scale in metres per unit of the file, as 1e-3 for mm, 1e-2 for cm"
+            " or 1 for m"
+        )
+    middled = vertices - vertices.mean(axis=0)
+    spread = np.linalg.svd(middled.T @ middled, compute_uv=False)
+    if spread[2] < 1e-12 * spread[0]:
+        raise UserError("all its points lie in a plane, so that it bounds no body")
+
+
+def _mend(trimesh: Any, mesh: Any) -> tuple[str, ...]:
+    """Mend a mesh in its place; one sentence about each thing that was wrong.
+
+    Raises
+    ------
+    UserError
+        When it stays open.
+    """
+    notes = []
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    before = len(mesh.faces)
+    mesh.update_faces(mesh.unique_faces() & mesh.nondegenerate_faces(height=0.0))
+    mesh.remove_unreferenced_vertices()
+    if len(mesh.faces) < before:
+        notes.append(f"{before - len(mesh.faces)} doubled or empty faces were left out")
+    if not mesh.is_winding_consistent:
+        trimesh.repair.fix_winding(mesh)
+        notes.append("faces that looked the other way than their neighbours were turned")
+    if not mesh.is_watertight:
+        before = len(mesh.faces)
+        trimesh.repair.fill_holes(mesh, use_fan=True)
+        if not mesh.is_watertight:
+            count = np.unique(mesh.edges_sorted, axis=0, return_counts=True)[1]
+            raise UserError(
+                f"it is not closed and could not be mended: {int((count != 2).sum())} of its "
+                f"{len(count)} edges do not have two faces; close it in a mesh editor"
+            )
+        notes.append(f"holes were closed with {len(mesh.faces) - before} flat faces")
+    if mesh.volume < 0.0:
+        mesh.invert()
+        notes.append("it was inside out and was turned")
+    return tuple(notes)
+
+
+def _check_body(igl: Any, mesh: Any) -> None:
+    """Refuse faces that have not the body behind them and nothing in front, as where parts overlap.
+
+    Raises
+    ------
+    UserError
+        When they are too many.
+    """
+    vertices, faces = _arrays(mesh)
+    sides = np.ptp(vertices, axis=0)
+    if mesh.volume <= 1e-9 * float(sides.max()) ** 3:
+        raise UserError("it encloses no volume")
+    some = np.unique(np.linspace(0, len(faces) - 1, TESTED).astype(int))
+    corners = vertices[faces[some]]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    step = 1e-3 * np.minimum(np.sqrt(length), sides.max() / 100.0) * across / length
+    middle = corners.mean(axis=1)
+    inside = igl.fast_winding_number(vertices, faces, np.ascontiguousarray(middle - step))
+    outside = igl.fast_winding_number(vertices, faces, np.ascontiguousarray(middle + step))
+    wrong = (np.abs(inside - 1.0) > 0.4) | (np.abs(outside) > 0.4)
+    if wrong.mean() > WRONG:
+        raise UserError(
+            f"{100.0 * wrong.mean():.0f} % of its faces do not bound one body: parts of it overlap "
+            "or are inside out; unite them in a mesh editor"
+        )
+
+
+def _shape(
+    igl: Any, mesh: Any, scale: float, turn: Array, cells: int, notes: tuple[str, ...]
+) -> Shape:
+    """Shape of a mended mesh; what is kept of it is in single precision, and so it is here."""
+    from scipy.spatial import ConvexHull
+
+    vertices, faces = _arrays(mesh)
+    points = vertices @ turn.T * scale
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    points -= middle
+    sides = np.ptp(points, axis=0)
+    cell = float(sides.max()) / cells
+    grid = spline_grid(igl, np.ascontiguousarray(points / cell), faces, cells) * cell
+    corners = points[np.sort(ConvexHull(points).vertices)]
+    if sides.min() < THIN * cell:
+        thick = f"{sides.min() / cell:.2g} cells of {cell * 1e3:.2g} mm"
+        notes = (*notes, f"its thinnest side is only {thick}; more cells show it better")
+    return make_shape(
+        "mesh",
+        GRID,
+        grid=grid.astype(np.float32),
+        origin=-(np.array(grid.shape) - 1) / 2.0 * cell,
+        cells=1.0 / cell,
+        bounds=[points.min(axis=0), points.max(axis=0)],
+        corners=corners,
+        notes=notes,
+    )
+
+
+def _arrays(mesh: Any) -> tuple[Array, NDArray[np.int64]]:
+    vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
+    return vertices, np.ascontiguousarray(mesh.faces, dtype=np.int64)
+
+
+def _keep_shape(key: str, shape: Shape) -> None:
+    keep(
+        KIND,
+        key,
+        {
+            "grid": shape.grid.astype(np.float32),
+            "origin": shape.origin,
+            "cells": np.array(shape.cells),
+            "bounds": shape.bounds,
+            "corners": shape.corners,
+            "notes": np.array(shape.notes, dtype=str),
+        },
+    )
+
+
+def _kept_shape(key: str) -> Shape | None:
+    found = kept(KIND, key)
+    if found is None:
+        return None
+    try:
+        notes = tuple(str(note) for note in found["notes"])
+        arrays = {name: found[name] for name in ("grid", "origin", "bounds", "corners")}
+        return make_shape("mesh", GRID, cells=float(found["cells"]), notes=notes, **arrays)
+    except (KeyError, ValueError, TypeError):  # not one of ours
+        return None

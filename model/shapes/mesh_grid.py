@@ -1,0 +1,66 @@
+"""Signed distance of a closed triangle mesh on a grid, as coefficients of a cubic B-spline.
+
+Distances and signs are libigl's. They are exact where the surface is near: every point of a coarse
+grid is asked, and of each finer grid only those that may be near. What is far is interpolated.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+Array = NDArray[np.float64]
+
+#: Cells between the mesh's box and the grid's edge.
+MARGIN = 4
+#: Steps of the grids, from coarse to fine [cells].
+STEPS = (4, 2, 1)
+#: Up to this distance every value is exact [cells].
+BAND = 3.0
+
+
+def spline_grid(igl: Any, vertices: Array, faces: NDArray[np.int64], cells: int) -> Array:
+    """Coefficients of the signed distance around a mesh whose box is centred.
+
+    Parameters
+    ----------
+    igl: the module
+    vertices: (V, 3) in cells
+    faces: (F, 3)
+    cells: along the longest side of the box
+
+    Returns
+    -------
+    (I, J, K) coefficients in cells, one a cell; the middle one is at the origin.
+    """
+    sides = np.ptp(vertices, axis=0)
+    blocks = np.ceil((np.minimum(sides, cells) + 2 * MARGIN) / STEPS[0]).astype(int)
+    blocks += blocks % 2  # so that the middle is a point
+    middle = blocks * STEPS[0] // 2
+    near = np.ones(blocks + 1, bool)
+    distance = np.zeros(blocks + 1)
+    for step in STEPS:
+        if step != STEPS[0]:
+            distance, near = _between(distance), _between(near) > 0.0
+            # What lies between coarse points is at most half their diagonal away from one of them.
+            reach = BAND + (np.sqrt(3.0) / 2.0 * step if step > 1 else 0.0)
+            near &= np.abs(distance) <= reach + np.sqrt(3.0) * step
+        places = np.argwhere(near)
+        points = np.ascontiguousarray(places * step - middle, dtype=float)
+        kind = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+        distance[near] = igl.signed_distance(points, vertices, faces, sign_type=kind)[0]
+    coefficients: Array = ndimage.spline_filter(distance, order=3, mode="mirror")
+    return coefficients
+
+
+def _between(values: NDArray[Any]) -> Array:
+    """Values on a grid twice as fine, straight between those of a grid."""
+    fine = values.astype(float)
+    for axis in range(3):
+        fine = np.moveaxis(fine, axis, 0)
+        wide = np.empty((2 * fine.shape[0] - 1, *fine.shape[1:]))
+        wide[::2] = fine
+        wide[1::2] = (fine[:-1] + fine[1:]) / 2
+        fine = np.moveaxis(wide, 0, axis)
+    return np.ascontiguousarray(fine)

@@ -1,0 +1,100 @@
+"""Compliance of the dome's skin against analysis, symmetry and finer elements."""
+
+import math
+
+import numpy as np
+import pytest
+
+from chromagrip.errors import UserError
+from chromagrip.model import Dome, Solid, dome_of, press_and_move, simulate_contact
+from chromagrip.model.dome.compliance import compliance_scale, compliance_table
+from chromagrip.model.dome.dome import lattice
+from chromagrip.model.kernels.compliance_kernels import fill_block, node_block
+from chromagrip.model.shapes import plane
+
+SMALL = Dome(pitch=0.8e-3, reach=math.radians(50.0))
+
+
+def _block(dome: Dome, nodes: np.ndarray) -> np.ndarray:
+    points = lattice(dome)
+    out = np.zeros((3 * len(nodes), 3 * len(nodes)), np.float32)
+    table = compliance_table(dome)
+    scale = compliance_scale(dome)
+    rings = len(points.angles)
+    fill_block(table, rings, points.ring, points.azimuth, scale, nodes, 0, out)
+    return out.astype(float)
+
+
+def test_forces_do_work_on_every_displacement() -> None:
+    """The compliance is symmetric, and no forces get energy out of the skin."""
+    whole = _block(SMALL, np.arange(len(lattice(SMALL).ring)))
+    assert np.array_equal(whole, whole.T)
+    assert np.linalg.eigvalsh(whole)[0] > 0.0
+
+
+def test_a_third_of_a_turn_maps_the_lattice_on_itself() -> None:
+    points = lattice(SMALL)
+    c, s = -0.5, math.sqrt(0.75)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turned = points.points @ turn.T
+    nearest = np.linalg.norm(turned[:, None] - points.points, axis=2)
+    partner = nearest.argmin(axis=1)
+    assert nearest.min(axis=1).max() < 1e-12
+    nodes = np.arange(12)
+    direct = _block(SMALL, nodes).reshape(12, 3, 12, 3)
+    there = _block(SMALL, partner[:12]).reshape(12, 3, 12, 3)
+    back = np.einsum("ba,ibjc,cd->iajd", turn, there, turn)
+    assert back == pytest.approx(direct, abs=1e-6 * abs(direct).max())
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.48])
+def test_a_thick_dome_is_a_half_space_between_its_nodes_and_its_size(poisson: float) -> None:
+    """u_z = (1 − ν²)·F/(π·E·r) of Boussinesq, but for a constant that the dome's size makes."""
+    dome = Dome(core=0.5e-3, poisson=poisson, pitch=0.2e-3, reach=math.radians(20.0))
+    points = lattice(dome)
+    table, scale, block = compliance_table(dome), compliance_scale(dome), np.empty((3, 3))
+    found, expected = 0.0, 0.0
+    for ring, sign in ((4, 1.0), (8, -1.0)):
+        node_block(table, len(points.angles), 0, 0.0, ring, 0.0, block)
+        distance = dome.radius * (points.angles[ring] - points.angles[0])
+        found += sign * scale * block[2, 2]
+        expected += sign * (1.0 - poisson**2) / (math.pi * dome.young * distance)
+    assert found == pytest.approx(expected, rel=0.05)
+
+
+def test_a_finer_lattice_gives_the_same_press() -> None:
+    """Pitches of .56 and .4 mm, pressed by .8 mm: far more than a pitch."""
+    forces = []
+    for pitch in (0.56e-3, 0.4e-3):
+        dome = Dome(pitch=pitch, reach=math.radians(50.0))
+        run = simulate_contact(dome, Solid(shape=plane()), press_and_move(0.8e-3), 10e-3)
+        forces.append(run.total_forces[-1, 2])
+    assert forces[0] == pytest.approx(forces[1], rel=0.04)
+
+
+def test_areas_are_those_of_the_sphere() -> None:
+    points = lattice(SMALL)
+    top = points.angles[-1] + 0.5 * SMALL.spacing / SMALL.radius
+    assert points.areas.sum() == pytest.approx(2 * math.pi * SMALL.radius**2 * (1 - math.cos(top)))
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"radius": -1.0}, "dome radius"),
+        ({"core": 9e-3}, "dome core"),
+        ({"poisson": 0.5}, "Poisson"),
+        ({"pitch": 5e-3}, "dome pitch"),
+        ({"reach": 3.0}, "dome reach"),
+        ({"young": math.nan}, "Young's modulus"),
+    ],
+)
+def test_impossible_domes_are_refused(values: dict[str, float], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        Dome(**values)
+
+
+def test_a_design_without_a_dome_is_refused() -> None:
+    assert dome_of("dome-2022").thickness == pytest.approx(3.4e-3)
+    with pytest.raises(UserError, match="flat-2019"):
+        dome_of("flat-2019")

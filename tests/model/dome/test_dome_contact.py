@@ -1,0 +1,309 @@
+"""Contact of a dome against analysis, conservation, symmetry and independent methods."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from chromagrip.errors import UserError
+from chromagrip.model import (
+    Dome,
+    Motion,
+    Solid,
+    contact_steps,
+    dome_forces,
+    limit_margin,
+    load_dome_state,
+    press_and_move,
+    save_dome_state,
+    simulate_contact,
+    solid_stiffness,
+)
+from chromagrip.model.dome.dome import lattice
+from chromagrip.model.kernels.dahl_vector_kernels import dahl_vector
+from chromagrip.model.kernels.friction import dahl_step
+from chromagrip.model.shapes import ball, box, plane
+
+LINEAR = Dome(stiffening=False, reach=math.radians(45.0))
+COARSE = Dome(pitch=0.7e-3, reach=math.radians(45.0))
+#: Nearly a half space under its small contact.
+THICK = Dome(
+    core=0.6e-3, young=1e6, poisson=0.49, pitch=0.14e-3, reach=math.radians(22.0), stiffening=False
+)
+
+
+def _dahl(
+    old: tuple[float, float], slip: tuple[float, float], limit: float, n: float
+) -> np.ndarray:
+    out = np.empty(8)
+    dahl_vector(*old, *slip, limit, 50.0, n, False, out)
+    return out
+
+
+@given(
+    force=st.floats(-1.5, 1.5),
+    slip=st.floats(-0.2, 0.2).filter(lambda s: abs(s) > 1e-6),
+    limit=st.floats(0.1, 2.0),
+    n=st.sampled_from([0.0, 0.5, 0.7, 1.0, 1.5]),
+    angle=st.floats(0.0, 6.28),
+)
+def test_in_one_line_friction_is_that_of_the_chain(
+    force: float, slip: float, limit: float, n: float, angle: float
+) -> None:
+    c, s = math.cos(angle), math.sin(angle)
+    expected, _ = dahl_step(force, slip, limit, 1.0, 50.0, n)
+    found = _dahl((force * c, force * s), (slip * c, slip * s), limit, n)[:2]
+    assert found == pytest.approx([expected * c, expected * s], abs=1e-9)
+
+
+@given(
+    old=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
+    slip=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
+    limit=st.floats(0.1, 2.0),
+    n=st.sampled_from([0.0, 0.7, 1.0]),
+)
+def test_friction_stays_in_the_cone(
+    old: tuple[float, float], slip: tuple[float, float], limit: float, n: float
+) -> None:
+    assert np.hypot(*_dahl(old, slip, limit, n)[:2]) <= limit * (1.0 + 1e-12)
+
+
+@settings(max_examples=50)
+@given(
+    old=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
+    slip=st.tuples(st.floats(0.002, 0.01), st.floats(-0.01, 0.01)),
+)
+def test_the_tangent_is_the_derivative(old: tuple[float, float], slip: tuple[float, float]) -> None:
+    step = 1e-7
+    out = _dahl(old, slip, 1.0, 0.7)
+    for k in range(2):
+        moved = [slip[0] + step * (k == 0), slip[1] + step * (k == 1)]
+        slope = (_dahl(old, (moved[0], moved[1]), 1.0, 0.7)[:2] - out[:2]) / step
+        assert slope == pytest.approx(out[[2 + k, 4 + k]], abs=2e-2)
+    by_limit = (_dahl(old, slip, 1.0 + step, 0.7)[:2] - out[:2]) / step
+    assert by_limit == pytest.approx(out[6:], abs=2e-3)
+
+
+@pytest.fixture(scope="module")
+def rigid_press() -> tuple[Solid, Motion]:
+    """A rigid plane without friction, 0.1 mm deep, which then twists."""
+    solid = Solid(
+        shape=plane(), stiffness=1e12, friction=1e-9, dahl_stiffness=1e12, dahl_exponent=0.0
+    )
+    return solid, press_and_move(0.1e-3, twist=0.4)
+
+
+def test_hertz(rigid_press: tuple[Solid, Motion]) -> None:
+    """F = 4/3·E*·√R·d^1.5 and a² = R·d; a finite dome is some per cent stiffer (facts: 5 to 6)."""
+    solid, _ = rigid_press
+    run = simulate_contact(THICK, solid, press_and_move(0.1e-3), 0.01, keep=10)
+    modulus = THICK.young / (1.0 - THICK.poisson**2)
+    for state in run.states[3::3]:
+        depth = 1e-3 * state.time
+        field = dome_forces(THICK, state)
+        hertz = 4.0 / 3.0 * modulus * math.sqrt(THICK.radius) * depth**1.5
+        assert 1.0 < field.total_normal / hertz < 1.11
+        touching = lattice(THICK).areas[field.contact].sum()
+        radius = math.sqrt(touching / math.pi)
+        assert radius == pytest.approx(math.sqrt(THICK.radius * depth), abs=THICK.spacing)
+
+
+def test_torsion_and_partial_slip(rigid_press: tuple[Solid, Motion]) -> None:
+    """Full slip has 3π/16·µ·P·a; under a shift, c/a = (1 − Q/µP)^⅓ sticks (Cattaneo–Mindlin)."""
+    smooth, twist = rigid_press
+    solid = Solid(
+        shape=plane(), stiffness=1e12, friction=0.5, dahl_stiffness=1e11, dahl_exponent=0.0
+    )
+    pressed = simulate_contact(THICK, smooth, twist, 0.01, keep=21).states[9]
+    assert pressed.time == pytest.approx(0.1)
+    end = simulate_contact(THICK, solid, twist, 5e-3, start=pressed, keep=1).end
+    normal = dome_forces(THICK, end).total_normal
+    modulus = THICK.young / (1.0 - THICK.poisson**2)
+    a = (0.75 * normal * THICK.radius / modulus) ** (1.0 / 3.0)
+    torque = dome_forces(THICK, end).torque((0.0, 0.0, 1.0))
+    assert torque == pytest.approx(3.0 * math.pi / 16.0 * 0.5 * normal * a, rel=0.03)
+    assert limit_margin(THICK, solid, end) == pytest.approx(0.0, abs=1e-3)
+    shift = press_and_move(0.1e-3, shift=(110e-6, 0.0))
+    run = simulate_contact(THICK, solid, shift, 2.5e-3, start=pressed, keep=40)
+    seen = 0
+    for state in run.states:
+        field = dome_forces(THICK, state)
+        share = field.total_friction / (0.5 * field.total_normal)
+        if not 0.3 < share < 0.95:
+            continue
+        seen += 1
+        friction = np.linalg.norm(field.friction, axis=1)
+        sticks = field.contact & (friction < 0.995 * 0.5 * field.normal)
+        c = math.sqrt(lattice(THICK).areas[sticks].sum() / math.pi)
+        assert c == pytest.approx(a * (1.0 - share) ** (1.0 / 3.0), abs=THICK.spacing)
+    assert seen > 5
+
+
+def test_symmetry() -> None:
+    """A press has no sideways force, a pure twist no force at all in the plane."""
+    run = simulate_contact(LINEAR, Solid(shape=plane()), press_and_move(0.5e-3, twist=0.3), 5e-3)
+    assert abs(run.total_forces[:, :2]).max() < 1e-5
+    assert abs(run.total_torques[:, :2]).max() < 1e-7
+    assert run.total_torques[-1, 2] > 1e-4
+
+
+@pytest.mark.parametrize(("angle", "error"), [(2.0 * math.pi / 3.0, 1e-5), (0.7, 0.01)])
+def test_a_turned_scene_gives_the_turned_answer(angle: float, error: float) -> None:
+    c, s = math.cos(angle), math.sin(angle)
+    straight = simulate_contact(
+        LINEAR, Solid(shape=ball(10e-3)), press_and_move(0.4e-3, shift=(0.2e-3, 0.0)), 5e-3
+    )
+    turned = simulate_contact(
+        LINEAR,
+        Solid(shape=ball(10e-3)),
+        press_and_move(0.4e-3, shift=(0.2e-3 * c, 0.2e-3 * s)),
+        5e-3,
+    )
+    x, y, z = straight.total_forces[-1]
+    size = float(np.linalg.norm(straight.total_forces[-1]))
+    assert turned.total_forces[-1] == pytest.approx(
+        [c * x - s * y, s * x + c * y, z], abs=error * size
+    )
+
+
+def test_long_steps_give_what_short_ones_do() -> None:
+    """Sliding by 5 and by 200 µm a step."""
+    motion = press_and_move(0.6e-3, shift=(1e-3, 0.0))
+    short = simulate_contact(COARSE, Solid(shape=plane()), motion, 0.5e-3, keep=1)
+    long = simulate_contact(COARSE, Solid(shape=plane()), motion, 20e-3, keep=1)
+    assert long.total_forces[-1, [0, 2]] == pytest.approx(short.total_forces[-1, [0, 2]], rel=0.015)
+
+
+def test_a_closed_loop_makes_no_energy() -> None:
+    """Work of press, shift, back and lift is not negative, by the linear law."""
+    knots = np.zeros((5, 6))
+    knots[1:4, 2] = -0.5e-3
+    knots[2, 0] = 0.3e-3
+    motion = Motion(times=np.linspace(0.0, 0.4, 5), poses=knots)
+    run = simulate_contact(
+        Dome(pitch=0.7e-3, reach=math.radians(45.0), stiffening=False),
+        Solid(shape=plane()), motion, 2e-3, keep=1,
+    )  # fmt: skip
+    moved = np.diff(run.places, axis=0)
+    mean = 0.5 * (run.total_forces[1:] + run.total_forces[:-1])
+    work = (mean * moved).sum()
+    assert work > 0.0
+    assert abs(run.total_forces[-1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("stiffness", [1e8, 1e9, 1e11, 1e13])
+def test_any_stiffness_converges(stiffness: float) -> None:
+    solid = Solid(shape=plane(), stiffness=stiffness, dahl_stiffness=min(max(stiffness, 5e9), 1e11))
+    motion = press_and_move(0.4e-3, shift=(0.4e-3, 0.0), twist=0.3)
+    run = simulate_contact(COARSE, solid, motion, 5e-3)
+    assert run.rounds.mean() < 6.0
+    assert run.unconverged == 0
+    for state in run.states:
+        field = dome_forces(COARSE, state)
+        friction = np.linalg.norm(field.friction, axis=1)
+        assert (friction <= 0.5 * field.normal * (1.0 + 1e-9)).all()
+
+
+def test_an_edge_that_comes_over_the_tip() -> None:
+    solid = Solid(shape=box(12e-3, 1.5e-3))
+    run = simulate_contact(COARSE, solid, press_and_move(0.5e-3, shift=(8e-3, 0.0)), 2e-3)
+    assert run.unconverged == 0
+    assert 0.0 <= -run.total_forces[-1, 2] < 0.5 * -run.total_forces[49, 2]
+
+
+def test_a_free_ball_comes_to_rest_with_its_weight() -> None:
+    motion = Motion(
+        times=np.array([0.0, 0.4]), poses=np.zeros((2, 6)),
+        free=("x", "y", "z", "rx", "ry", "rz"), mass=0.05, inertia=(1e-6,) * 3,
+        drag=(1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4), gravity=(0.0, 0.0, -9.81),
+    )  # fmt: skip
+    run = simulate_contact(COARSE, Solid(shape=ball(5e-3)), motion, 4e-3)
+    assert -run.total_forces[-1, 2] == pytest.approx(0.05 * 9.81, rel=1e-3)
+    steady = run.total_forces[-10:]
+    assert np.ptp(steady, axis=0).max() < 1e-4
+
+
+def test_a_force_is_reached_on_a_free_axis() -> None:
+    loads = np.zeros((3, 6))
+    loads[1:, 2] = -1.5
+    motion = Motion(
+        times=np.array([0.0, 0.1, 0.3]), poses=np.zeros((3, 6)), free=("z",), loads=loads,
+        drag=(0.0, 0.0, 5.0, 0.0, 0.0, 0.0),
+    )  # fmt: skip
+    for solid in (Solid(shape=plane()), Solid(shape=plane(), stiffness=1e12)):
+        run = simulate_contact(COARSE, solid, motion, 4e-3)
+        assert -run.total_forces[-1, 2] == pytest.approx(1.5, rel=1e-4)
+
+
+def test_viscosity_slows_the_skin_and_is_gone_at_rest() -> None:
+    """Kelvin–Voigt: more force while it is pressed, the elastic one after many time constants."""
+    motion = Motion(
+        times=np.array([0.0, 0.05, 0.4]),
+        poses=np.array([[0.0] * 6, [0, 0, -0.4e-3, 0, 0, 0], [0, 0, -0.4e-3, 0, 0, 0]]),
+    )
+    common = {"pitch": 0.7e-3, "reach": math.radians(45.0)}
+    slow = simulate_contact(Dome(relaxation=0.03, **common), Solid(shape=plane()), motion, 5e-3)
+    quick = simulate_contact(Dome(**common), Solid(shape=plane()), motion, 5e-3)
+    assert slow.total_forces[9, 2] < 1.1 * quick.total_forces[9, 2] < 0.0
+    assert slow.total_forces[-1, 2] == pytest.approx(quick.total_forces[-1, 2], rel=0.01)
+
+
+def test_a_run_goes_on_bit_for_bit(tmp_path: Path) -> None:
+    motion = press_and_move(0.4e-3, shift=(0.2e-3, 0.1e-3), twist=0.2)
+    solid = Solid(shape=ball(10e-3))
+    whole = simulate_contact(COARSE, solid, motion, 5e-3, keep=11)
+    save_dome_state(tmp_path / "state.npz", whole.states[6])
+    start = load_dome_state(tmp_path / "state.npz")
+    rest = simulate_contact(COARSE, solid, motion, 5e-3, start=start, keep=1)
+    assert np.array_equal(rest.end.forces, whole.end.forces)
+    assert np.array_equal(rest.end.displacement, whole.end.displacement)
+    *_, (last, _) = contact_steps(COARSE, solid, motion, 5e-3, start)
+    assert np.array_equal(last.state().forces, whole.end.forces)
+
+
+def test_forces_add_up_to_the_totals() -> None:
+    run = simulate_contact(
+        COARSE, Solid(shape=ball(10e-3)), press_and_move(0.4e-3, shift=(0.2e-3, 0.0)), 5e-3
+    )
+    field = dome_forces(COARSE, run.end)
+    assert field.total_force == pytest.approx(run.total_forces[-1], abs=1e-12)
+    torque = [field.torque(axis) for axis in np.eye(3)]
+    assert torque == pytest.approx(run.total_torques[-1], abs=1e-9)
+    assert 0.0 < field.safety_margin(0.5) < 1.0
+    assert limit_margin(COARSE, run.solid, run.end) <= field.safety_margin(0.5) + 1e-6
+
+
+def test_the_chain_and_the_dome_take_the_same_object() -> None:
+    assert solid_stiffness(200e3) == pytest.approx(1e9, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        (lambda: Motion(times=[0.0, 0.1], poses=np.full((2, 6), np.nan)), "finite"),
+        (lambda: Motion(times=[0.0, 0.0], poses=np.zeros((2, 6))), "increasing"),
+        (lambda: Motion(times=[0.0, 0.1], poses=np.zeros((3, 6))), "shape"),
+        (lambda: Motion(times=[0.0, 0.1], poses=np.zeros((2, 6)), free=("x",)), "mass or drag"),
+        (lambda: Motion(times=[0.0, 0.1], poses=np.zeros((2, 6)), free=("up",)), "free axes"),
+    ],
+)
+def test_impossible_motions_are_refused(motion: object, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        motion()  # type: ignore[operator]
+
+
+def test_an_object_in_the_dome_at_the_start_is_refused() -> None:
+    motion = Motion(
+        times=np.array([0.0, 0.1]), poses=np.array([[0, 0, -1e-4, 0, 0, 0], [0, 0, -2e-4, 0, 0, 0]])
+    )
+    with pytest.raises(UserError, match="inside the dome at the start"):
+        simulate_contact(COARSE, Solid(shape=plane()), motion, 5e-3)
+
+
+def test_a_press_through_the_silicone_is_refused() -> None:
+    solid = Solid(shape=plane(), stiffness=1e11)
+    with pytest.raises(UserError, match="of the silicone"):
+        simulate_contact(COARSE, solid, press_and_move(1.9e-3), 5e-3)

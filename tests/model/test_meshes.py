@@ -1,0 +1,221 @@
+"""Triangle meshes as distance grids: against formulas, what is mended and what is refused."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from chromagrip import kept_arrays
+from chromagrip.errors import UserError
+from chromagrip.model import shapes
+
+igl = pytest.importorskip("igl")
+trimesh = pytest.importorskip("trimesh")
+
+_spec = importlib.util.spec_from_file_location("meshes", Path(__file__).with_name("meshes.py"))
+assert _spec is not None
+assert _spec.loader is not None
+meshes = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(meshes)
+
+
+@pytest.fixture(autouse=True)
+def no_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Folder of kept grids, which is empty."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache/chromagrip/meshes"
+
+
+def near(mesh, spread: float, count: int = 1500) -> np.ndarray:
+    """Points around the surface of a mesh in mm, in the shape's frame [m]."""
+    places, _ = trimesh.sample.sample_surface(mesh, count, seed=1)
+    noise = np.random.default_rng(1).uniform(-spread, spread, places.shape)
+    return (places - mesh.bounds.mean(axis=0)) * 1e-3 + noise
+
+
+@pytest.mark.parametrize("name", meshes.MESHES)
+def test_distances_and_signs_of_ten_meshes(name: str) -> None:
+    mesh = meshes.MESHES[name]()
+    shape = shapes.mesh_shape(mesh, cells=48)
+    assert shape.notes == ()
+    p = near(mesh, 1.5 / shape.cells)
+    vertices = (mesh.vertices - mesh.bounds.mean(axis=0)) * shape.cells * 1e-3
+    faces = np.asarray(mesh.faces, np.int64)
+    exact = igl.signed_distance(
+        p * shape.cells, vertices, faces, sign_type=igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+    )[0]
+    gap, normal = shapes.distances(shape, p)
+    error = gap * shape.cells - exact  # in cells; edges are rounded
+    assert np.median(np.abs(error)) < 0.05
+    assert np.sqrt(np.mean(error**2)) < 0.1
+    assert np.abs(error).max() < 0.7
+    inside = igl.winding_number(vertices, faces, p[:300] * shape.cells) > 0.5
+    sure = np.abs(exact[:300]) > 0.5
+    np.testing.assert_array_equal((gap[:300] < 0.0)[sure], inside[sure])
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "same", "error", "turned"),
+    [
+        ("ball", shapes.ball(5e-3), 13e-6, 0.05),  # the faces lie up to 11 µm inside the ball
+        ("ring", shapes.torus(6e-3, 2e-3), 16e-6, 0.1),
+        ("capsule", shapes.capsule(2e-3, 10e-3), 13e-6, 0.1),
+    ],
+)
+def test_a_fine_mesh_is_the_shape_it_was_made_of(name, same, error, turned) -> None:
+    mesh = meshes.MESHES[name]()
+    p = near(mesh, 0.2e-3)
+    gap, normal = shapes.distances(shapes.mesh_shape(mesh), p)
+    exact, direction = shapes.distances(same, p)
+    assert np.abs(gap - exact).max() < error
+    assert np.linalg.norm(normal - direction, axis=1).max() < turned
+
+
+def test_the_normal_is_the_slope_and_does_not_jump() -> None:
+    shape = shapes.mesh_shape(meshes.screw(), cells=48)
+    start = np.array([2.2e-3, 0.3e-3, -5e-3])
+    line = start + np.linspace(0.0, 1.0, 20001)[:, None] * np.array([1e-3, 1e-3, 9e-3])
+    gap, normal = shapes.distances(shape, line)
+    slope = np.diff(gap) / 9.11e-3 * 20000
+    along = (normal[1:] + normal[:-1]) / 2 @ np.array([1.0, 1.0, 9.0]) / np.sqrt(83.0)
+    sure = np.abs(along) > 0.3
+    np.testing.assert_array_equal(np.sign(slope[sure]), np.sign(along[sure]))
+    assert np.linalg.norm(np.diff(normal, axis=0), axis=1).max() < 0.03  # a step is 0.5 µm
+
+
+def test_beyond_its_grid_a_mesh_tells_a_lower_bound() -> None:
+    shape = shapes.mesh_shape(meshes.ball(), cells=32)
+    p = np.random.default_rng(2).uniform(-0.1, 0.1, (2000, 3))
+    p = p[np.abs(p).max(axis=1) > 7e-3]
+    gap, normal = shapes.distances(shape, p)
+    exact = np.linalg.norm(p, axis=1) - 5e-3
+    assert (gap > 0.0).all()
+    assert (gap <= exact + 0.5 / shape.cells).all()
+    assert (gap >= 0.6 * exact).all()
+    assert ((normal * p).sum(axis=1) > 0.5 * np.linalg.norm(p, axis=1)).all()
+
+
+def test_a_mesh_reaches_down_to_its_lowest_vertex() -> None:
+    shape = shapes.mesh_shape(meshes.corner(), cells=32)
+    assert shape.reach_down() == pytest.approx(np.sqrt(3.0) * 4e-3)
+    np.testing.assert_allclose(shape.bounds[0], -shape.bounds[1])
+
+
+def test_scale_and_pose() -> None:
+    mesh = trimesh.creation.box(extents=(1.0, 2.0, 4.0))
+    mesh.apply_translation([5.0, 0.0, 0.0])
+    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    shape = shapes.mesh_shape(mesh, scale=1e-2, rotation=turn, cells=32)
+    np.testing.assert_allclose(shape.bounds[1], [0.02, 0.01, 0.005])
+    gap, _ = shapes.distances(shape, [[0.0, 0.0, -0.006], [0.019, 0.0, 0.0]])
+    np.testing.assert_allclose(gap, [1e-3, -1e-3], atol=3e-5)
+
+
+def test_a_grid_is_made_once(no_kept: Path, tmp_path: Path) -> None:
+    path = tmp_path / "gear.stl"
+    meshes.gear().export(path)
+    made = shapes.mesh_shape(path, cells=32)
+    (file,) = no_kept.iterdir()
+    content = file.read_bytes()
+    again = shapes.mesh_shape(path, cells=32)
+    assert made.name == again.name == "gear.stl"
+    for name in ("grid", "origin", "bounds", "corners"):
+        assert getattr(made, name).tobytes() == getattr(again, name).tobytes()
+    file.write_bytes(content[:1000])  # as after a full disk
+    assert shapes.mesh_shape(path, cells=32).grid.tobytes() == made.grid.tobytes()
+    shapes.mesh_shape(path, cells=24)
+    assert len([*no_kept.iterdir()]) == 2
+
+
+def test_only_the_grids_used_last_are_kept(no_kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_arrays, "MOST", 2)
+    for cells in (16, 17, 18):
+        shapes.mesh_shape(meshes.corner(), cells=cells)
+    assert len([*no_kept.iterdir()]) == 2
+
+
+def test_where_nothing_can_be_kept_a_grid_is_made_each_time(
+    no_kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_kept.parent.parent.write_text("no folder")
+    assert shapes.mesh_shape(meshes.corner(), cells=16).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "note"),
+    [
+        (lambda mesh: mesh.invert(), "inside out"),
+        (lambda mesh: mesh.update_faces(np.arange(len(mesh.faces)) > 0), "closed with 1 flat"),
+        (lambda mesh: mesh.update_faces(mesh.vertices[mesh.faces][..., 2].min(1) < 2.9), "holes"),
+        (lambda mesh: _turn_some(mesh), "were turned"),
+    ],
+)
+def test_small_flaws_are_mended_and_said(spoil, note: str) -> None:
+    whole = shapes.mesh_shape(meshes.tube().convex_hull, cells=24)
+    flawed = meshes.tube().convex_hull
+    spoil(flawed)
+    mended = shapes.mesh_shape(flawed, cells=24)
+    assert any(note in one for one in mended.notes)
+    p = np.random.default_rng(5).uniform(-4e-3, 4e-3, (2000, 3))
+    gaps = [shapes.distances(shape, p)[0] for shape in (whole, mended)]
+    np.testing.assert_allclose(*gaps, atol=0.1e-3)
+
+
+def _turn_some(mesh) -> None:
+    mesh.faces[::7] = mesh.faces[::7, ::-1]
+
+
+def _two_boxes():
+    """Boxes that share an edge."""
+    boxes = [trimesh.creation.box((4.0, 4.0, 4.0)) for _ in range(2)]
+    boxes[1].apply_translation([4.0, 4.0, 0.0])
+    return trimesh.util.concatenate(boxes)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: trimesh.Trimesh(), "it has no triangles"),
+        (lambda: _two_boxes(), "could not be mended: 1 of its 35 edges do"),
+        (lambda: trimesh.creation.box(extents=(1e3, 1, 1)), "longest side is 1000 mm"),
+        (lambda: trimesh.creation.box(extents=(0.01, 0.01, 0.01)), "1e-2 for cm"),
+        (lambda: trimesh.Trimesh([[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1, 2]]), "lie in a plane"),
+        (
+            lambda: trimesh.util.concatenate(
+                [trimesh.creation.box((8, 8, 8)), trimesh.creation.icosphere(radius=5)]
+            ),
+            "parts of it overlap",
+        ),
+    ],
+)
+def test_what_is_no_body_is_refused(make, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        shapes.mesh_shape(make())
+
+
+def test_more_faces_than_can_be_meant_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("chromagrip.model.shapes.mesh.MOST_FACES", 1000)
+    with pytest.raises(UserError, match="5120 faces, more than 1000; simplify it"):
+        shapes.mesh_shape(meshes.ball())
+
+
+def test_a_file_that_is_no_mesh_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "part.stl"
+    with pytest.raises(UserError, match=r"part\.stl: there is no such file"):
+        shapes.mesh_shape(path)
+    path.write_text("hello")
+    with pytest.raises(UserError, match=r"part\.stl: it "):
+        shapes.mesh_shape(path)
+    with pytest.raises(UserError, match="must not mirror"):
+        shapes.mesh_shape(meshes.ball(), rotation=np.diag([1.0, 1.0, -1.0]))
+    with pytest.raises(UserError, match="cells of a mesh must be an integer in"):
+        shapes.mesh_shape(meshes.ball(), cells=7)
+
+
+def test_a_thin_mesh_says_so() -> None:
+    sheet = trimesh.creation.box(extents=(20.0, 20.0, 0.5))
+    shape = shapes.mesh_shape(sheet, cells=48)
+    assert "its thinnest side is only 1.2 cells of 0.42 mm" in shape.notes[0]
+    assert shapes.distances(shape, [[0.0, 0.0, 0.0]])[0][0] < 0.0
