@@ -1,4 +1,13 @@
-"""How the skin stiffens as it is pressed towards the core, as a factor on each normal force."""
+"""How the skin stiffens as it is pressed towards the core, as a factor on each normal force.
+
+Against Neo-Hookean finite elements the linear dome has the right contact and the right stiffness in
+shear and twist, and too little force along the normal. The factor s = 1 + c·ε^p mends it, ε the
+indentation of a node over the thickness of the silicone. Its constants were fitted to presses of
+`fixtures/hyperelastic`; on domes that they were not fitted on, the force is within 4 % to ε = .4
+and 7 % to .6, for a silicone of .1 to .4 of the radius and ν from .45 to .495.
+"""
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,12 +16,6 @@ from ..kernels.touch_kernels import Stiffening
 from .dome import Dome
 
 Array = NDArray[np.float64]
-
-#: Share and power of s = 1 + share·ε^power, share = base + slope·min(a/t, widest), where the
-#: contact slips and where it sticks; a is its radius and t the thickness of the silicone.
-_SLIP = (2.26, 1.37, 1.54)
-_STICK = (0.22, 1.13, 1.31)
-_WIDEST = 2.0
 
 
 def stiffening_of(
@@ -30,11 +33,35 @@ def stiffening_of(
     whole = float(normal.sum())
     if not dome.stiffening or whole == 0.0:
         return Stiffening(0.0, 1.0, dome.thickness)
-    radius = np.sqrt(areas[normal > 0.0].sum() / np.pi)
-    wide = min(float(radius) / dome.thickness, _WIDEST)
+    radius = math.sqrt(float(areas[normal > 0.0].sum()) / math.pi)
     slips = float(np.linalg.norm(tangential, axis=1).sum()) / (friction * whole)
     share, power = 0.0, 0.0
-    for part, (base, slope, exponent) in ((slips, _SLIP), (1.0 - slips, _STICK)):
-        share += part * (base + slope * wide)
-        power += part * exponent
+    for part, (c, p) in (
+        (slips, _slipping(dome, radius)),
+        (1.0 - slips, _sticking(dome, radius)),
+    ):
+        share += part * c
+        power += part * p
     return Stiffening(share, power, dome.thickness)
+
+
+def _slipping(dome: Dome, radius: float) -> tuple[float, float]:
+    """Constants c and p of a contact without friction, of a radius [m].
+
+    A wide contact squeezes the silicone, which gives way by its bulk: more so, the less it is
+    compressible.
+    """
+    bulk = 2.0 * (1.0 + dome.poisson) / (3.0 * (1.0 - 2.0 * dome.poisson))  # over the shear modulus
+    widest = 0.402 * math.sqrt(bulk)
+    wide = widest * _levelled(radius / dome.thickness / widest, 2.0)
+    return 3.103 * wide**0.511 * (dome.thickness / dome.radius) ** -0.184, 1.536
+
+
+def _sticking(dome: Dome, radius: float) -> tuple[float, float]:
+    """Constants c and p of a contact that does not slip, of a radius [m]."""
+    return 2.556 * _levelled(radius / dome.thickness / 0.807, 4.0) ** 2.347, 1.425
+
+
+def _levelled(x: float, power: float) -> float:
+    """The value x where it is small, 1 where it is large."""
+    return x / (1.0 + x**power) ** (1.0 / power)

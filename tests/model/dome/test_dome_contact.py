@@ -1,5 +1,6 @@
 """Contact of a dome against analysis, conservation, symmetry and independent methods."""
 
+import json
 import math
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from chromagrip.model.kernels.dahl_vector_kernels import dahl_vector
 from chromagrip.model.kernels.friction import dahl_step
 from chromagrip.model.shapes import ball, box, plane
 
+FIXTURES = Path(__file__).parents[3] / "fixtures"
 LINEAR = Dome(stiffening=False, reach=math.radians(45.0))
 COARSE = Dome(pitch=0.7e-3, reach=math.radians(45.0))
 #: Nearly a half space under its small contact.
@@ -109,6 +111,28 @@ def test_hertz(rigid_press: tuple[Solid, Motion]) -> None:
         touching = lattice(THICK).areas[field.contact].sum()
         radius = math.sqrt(touching / math.pi)
         assert radius == pytest.approx(math.sqrt(THICK.radius * depth), abs=THICK.spacing)
+
+
+@pytest.mark.parametrize(
+    "case", ["8/6 nu 0.48 plane slip", "12/9 nu 0.49 plane slip", "14/9.8 nu 0.485 ball 30 slip"]
+)
+def test_force_at_depth_is_that_of_hyperelastic_elements(case: str) -> None:
+    """From .3 to .6 of the silicone; shallower contacts are a few nodes wide."""
+    found = json.loads((FIXTURES / "hyperelastic" / "presses.json").read_text(encoding="utf-8"))
+    press = found["cases"][case]
+    dome = Dome(
+        radius=1e-3 * press["radius"], core=1e-3 * press["core"], poisson=press["nu"],
+        reach=math.radians(50.0),
+    )  # fmt: skip
+    shape = plane() if press["ball"] is None else ball(1e-3 * press["ball"])
+    smooth = Solid(shape=shape, stiffness=1e12, friction=1e-6, dahl_stiffness=1e11)
+    motion = press_and_move(0.6 * dome.thickness, press_s=0.024)
+    run = simulate_contact(dome, smooth, motion, 1e-3, keep=1)
+    for share, force in zip(found["depths"], press["hyperelastic"]["force"], strict=True):
+        if share >= 0.3:
+            (step,) = np.flatnonzero(np.isclose(run.times, 0.04 * share))
+            expected = force * 1e-6 * dome.young
+            assert -run.total_forces[step, 2] == pytest.approx(expected, rel=0.05)
 
 
 def test_torsion_and_partial_slip(rigid_press: tuple[Solid, Motion]) -> None:
