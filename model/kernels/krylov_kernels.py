@@ -157,6 +157,27 @@ def invert(matrix: Array, out: Array, size: int) -> bool:
 
 
 @njit()
+def invert_three(m: Array, out: Array) -> bool:
+    """Inverse of a 3 × 3 matrix by cofactors; False if it is singular."""
+    out[0, 0] = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
+    out[0, 1] = m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]
+    out[0, 2] = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
+    out[1, 0] = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
+    out[1, 1] = m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]
+    out[1, 2] = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
+    out[2, 0] = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
+    out[2, 1] = m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]
+    out[2, 2] = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+    determinant = m[0, 0] * out[0, 0] + m[0, 1] * out[1, 0] + m[0, 2] * out[2, 0]
+    if determinant == 0.0 or not np.isfinite(determinant):
+        return False
+    for a in range(3):
+        for b in range(3):
+            out[a, b] /= determinant
+    return True
+
+
+@njit()
 def prepare(system: System, nodes: int, inertia: Array, free: Array) -> bool:
     """Fill in the preconditioner of the pose; False where it has no solution.
 

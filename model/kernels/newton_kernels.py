@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled import njit
-from .krylov_kernels import System, invert, prepare, product_double, solve
+from .krylov_kernels import System, invert_three, prepare, product_double, solve
 from .touch_kernels import Pose, Stiffening, Touched, touch
 
 Array = NDArray[np.float64]
@@ -265,10 +265,12 @@ def _settle(
     """
     base, step = np.empty(3), np.empty(3)
     matrix, inverse = np.empty((3, 3)), np.empty((3, 3))
+    carried = 0.0
     for a in range(3):
         base[a] = now[a]
         for b in range(3):
             base[a] -= own[a, b] * forces[3 * i + b]
+        carried += abs(forces[3 * i + a])
     touches = False
     former, length = np.inf, 1.0
     moved = np.zeros(3)
@@ -280,6 +282,8 @@ def _settle(
             thing, at, stiff, near.areas[i], near.before[i], now, inwards, near.radial[i], old,
             trial, secant, outcome.normal[i], work, linear, outcome.true[i], slope, stiffened,
         )  # fmt: skip
+        if not touches and carried == 0.0:
+            return False  # as before, and `answer` is not used
         off, size = 0.0, 0.0
         for a in range(3):
             push = 0.0
@@ -300,7 +304,7 @@ def _settle(
                 for d in range(3):
                     total -= own[a, d] * slope[d, b]
                 matrix[a, b] = total
-        if not invert(matrix, inverse, 3):
+        if not invert_three(matrix, inverse):
             break
         if off <= _SETTLED * size + 1e-24 or turn == _SETTLING - 1:
             break
