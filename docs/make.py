@@ -93,7 +93,9 @@ def draw_charts() -> None:
 
 
 def images() -> None:
-    """The default run's figure and one frame of its tactile video."""
+    """The default run's figure and one frame of its tactile video; the dome's traction."""
+    example = [str(DOCS.parent / "examples/dome_contact.py"), "twist"]
+    subprocess.run([sys.executable, "-P", *example, str(IMAGES / "dome-twist.png")], check=True)
     with made_by("grasp") as folder:
         shutil.copy(folder / "figure.png", IMAGES / "figure.png")
         video = cv2.VideoCapture(str(folder / "tactile.mp4"))

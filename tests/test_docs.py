@@ -155,3 +155,12 @@ def test_the_mechanics_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     (block,) = [block for language, block in blocks(text) if language == "python"]
     exec(block, {})
     assert 0.3 < float(capsys.readouterr().out) < 0.45  # 1 − 0.5/(0.4·2), a little friction to come
+
+
+def test_the_examples_of_the_dome_run(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "docs/dome.md").read_text(encoding="utf-8")
+    for block in (block for language, block in blocks(text) if language == "python"):
+        exec(block, {})
+    printed = capsys.readouterr().out
+    assert "with torsion 0." in printed
+    assert "force 1.50 N" in printed
