@@ -42,13 +42,13 @@ SCENES = {  # shape, motion, and what is drawn when [s]
 def draw(axes, what: str, field: model.ForceField, margin: float, top: float):
     """Pressure as colour, friction as arrows, the totals as title; lengths in mm."""
     at = np.column_stack([1e3 * field.position[:, :2], field.friction[:, :2] / AREAS[:, None]])
-    look = {"shading": "gouraud", "cmap": BLUES, "vmin": 0.0, "vmax": top}
-    pressure = axes.tripcolor(*at[:, :2].T, field.normal / AREAS, **look)
+    form = {"shading": "gouraud", "cmap": BLUES, "vmin": 0.0, "vmax": top}
+    pressure = axes.tripcolor(*at[:, :2].T, field.normal / AREAS, **form)
     slips = np.linalg.norm(field.friction, axis=1) > 0.999 * MU * field.normal
-    look = {"angles": "xy", "scale_units": "xy", "scale": KEY, "width": 0.005}
-    for on, name, ink in ((~slips, "skin sticks", "black"), (slips, "skin slips", "orangered")):
-        arrows = axes.quiver(*at[field.contact & on].T, color=ink, label=name, **look)
-    axes.quiverkey(arrows, 0.93, 0.03, KEY, f"{KEY:g} kPa", color="black")
+    form = {"angles": "xy", "scale_units": "xy", "scale": KEY, "width": 0.005}
+    for on, name, hue in ((~slips, "skin sticks", "black"), (slips, "skin slips", "orangered")):
+        quiver = axes.quiver(*at[field.contact & on].T, color=hue, label=name, **form)
+    axes.quiverkey(quiver, 0.93, 0.04, KEY, f"friction\n{KEY:g} kPa", color="black")
     axes.set_axis_off()
     axes.add_patch(patches.Circle((0.0, 0.0), 1e3 * DOME.radius, fill=False, color="grey"))
     axes.errorbar(-7.0, -7.7, xerr=1.0, color="black", linewidth=3)

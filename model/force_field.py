@@ -92,7 +92,7 @@ class ForceField:
 
     @property
     def total_friction(self) -> float:
-        """ΣFf = |ΣFf,i| over the nodes in contact [N], so that a pure press has none."""
+        """ΣFf = |ΣFf,i| over the nodes in contact [N]: a pure press on a flat object has none."""
         return float(np.linalg.norm(np.atleast_1d(self.friction[self.contact].sum(axis=0))))
 
     @property

@@ -88,7 +88,8 @@ def limit_margin(dome: Dome, solid: Solid, state: DomeState) -> float:
     """Margin of a state against the limit surface of force and torsion; NaN with no contact.
 
     It is 1 − 1/λ with the largest λ by which friction and torsion could both grow at the normal
-    forces as they are. Without torsion it is Γ.
+    forces as they are. Without torsion it is Γ on a flat object; on a round
+    one, friction towards the middle counts in ΣFf but not here.
     """
     return margin_within(dome_forces(dome, state), solid.friction)
 
