@@ -128,7 +128,7 @@ def press_and_move(
     tilt: about x and y, before it touches [rad]
     press_s, move_s: duration of each part [s]
     """
-    tilted = _about(tilt[0], tilt[1])
+    tilted = np.array([*tilt, 0.0])
     start = np.concatenate([np.zeros(3), tilted])
     pressed = start + np.array([0.0, 0.0, -depth, 0.0, 0.0, 0.0])
     knots = [start, pressed]
@@ -141,10 +141,6 @@ def press_and_move(
             knots.append(np.array([share * shift[0], share * shift[1], -depth, *turn]))
             times.append(press_s + share * move_s)
     return Motion(times=np.array(times), poses=np.array(knots))
-
-
-def _about(x: float, y: float) -> Array:
-    return np.array([x, y, 0.0])
 
 
 def _composed(second: ArrayLike, first: ArrayLike) -> Array:

@@ -176,7 +176,7 @@ class Stepper:
         step = until - self.time
         free = np.asarray(self.motion.moves_free, np.bool_)
         moves = bool(free.any())
-        rotation, place = self._guess(until, step)
+        rotation, place = self._guess(until)
         inertia, wanted = self._inertia(rotation, until, step)
         lag = self.dome.relaxation / step
         share = 1.0 / (1.0 + lag)
@@ -216,8 +216,7 @@ class Stepper:
             new_place, new_rotation = place + moved[:3], turned(rotation, moved[3:])
             if not moves or not self._missed(new_rotation, new_place):
                 break
-            rotation, place = rotation.copy(), place.copy()
-        self.velocity = self._velocity(step, new_rotation, new_place, moved)
+        self.velocity = self._velocity(step, new_place, moved)
         self.place, self.rotation, self.time = new_place, new_rotation, until
         self.linear[near] = outcome.linear
         self.forces[near], self.friction[near] = outcome.true, outcome.tangential
@@ -229,7 +228,7 @@ class Stepper:
             self.memory[abs(self.memory) < _FORGOTTEN] = 0.0
         return StepCount(rounds, products, touching, 0, error)
 
-    def _guess(self, until: float, step: float) -> tuple[Array, Array]:
+    def _guess(self, until: float) -> tuple[Array, Array]:
         """Pose that the step starts from on its free axes, and goes to on the others."""
         motion, free = self.motion, self.motion.moves_free
         if not free.any():
@@ -261,7 +260,7 @@ class Stepper:
         inertia = mass / step**2 + np.diag(motion.drag) / step
         return inertia, wanted
 
-    def _velocity(self, step: float, rotation: Array, place: Array, moved: Array) -> Array:
+    def _velocity(self, step: float, place: Array, moved: Array) -> Array:
         free = self.motion.moves_free
         change = np.concatenate([place - self.place, moved[3:]]) / step
         if not free.any():

@@ -73,27 +73,8 @@ def new_system(nodes: int) -> System:
 
 
 @njit()
-def product(matrix: Single, x: Single, y: Single, size: int) -> None:
-    """Product y = matrix·x for a symmetric matrix, four columns at once, single precision."""
-    for i in range(size):
-        y[i] = 0.0
-    j = 0
-    while j + 4 <= size:
-        a, b, c, d = matrix[j], matrix[j + 1], matrix[j + 2], matrix[j + 3]
-        xa, xb, xc, xd = x[j], x[j + 1], x[j + 2], x[j + 3]
-        for i in range(size):
-            y[i] += (a[i] * xa + b[i] * xb) + (c[i] * xc + d[i] * xd)
-        j += 4
-    while j < size:
-        a = matrix[j]
-        for i in range(size):
-            y[i] += a[i] * x[j]
-        j += 1
-
-
-@njit()
-def product_double(matrix: Single, x: Array, y: Array, size: int) -> None:
-    """Product y = matrix·x as `product`, summed in double precision."""
+def product(matrix: Single, x: Array | Single, y: Array | Single, size: int) -> None:
+    """Product y = matrix·x for a symmetric matrix, four columns at once, as precise as x and y."""
     for i in range(size):
         y[i] = 0.0
     j = 0

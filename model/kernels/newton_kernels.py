@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled import njit
-from .krylov_kernels import System, invert_three, prepare, product_double, solve
+from .krylov_kernels import System, invert_three, prepare, product, solve
 from .touch_kernels import Pose, Stiffening, Touched, touch
 
 Array = NDArray[np.float64]
@@ -367,7 +367,7 @@ def _reaction(
 def _displace(
     compliance: Single, forces: Array, offset: Array, share: float, out: Array, size: int
 ) -> None:
-    product_double(compliance, forces, out, size)
+    product(compliance, forces, out, size)
     for k in range(size):
         out[k] = out[k] * share + offset[k]
 
