@@ -27,7 +27,6 @@ from .dome import (
     Solid,
     contact_steps,
     dome_forces,
-    dome_of,
     limit_margin,
     load_dome_state,
     press_and_move,
@@ -52,6 +51,7 @@ from .force_field import (
     touching,
     whole_friction,
 )
+from .limit_surface import margin_within
 from .objects import ContactObject, Surface, stiffness_from_young
 
 __all__ = [
@@ -90,7 +90,6 @@ __all__ = [
     "contact_forces",
     "contact_steps",
     "dome_forces",
-    "dome_of",
     "equilibrium",
     "explicit_limit",
     "follow_slip",
@@ -98,6 +97,7 @@ __all__ = [
     "limit_margin",
     "load_dome_state",
     "load_state",
+    "margin_within",
     "no_slip",
     "node_friction",
     "press_and_move",

@@ -91,9 +91,31 @@ class ForceField:
         return float(self.normal[self.contact].sum())
 
     @property
+    def net_friction(self) -> Array:
+        """Σ Ff,i over the nodes in contact [N], shape (1,) along a chain or (3,) on a dome.
+
+        On a round object a dome's friction is inclined, and a press alone leaves a sum along the
+        mean normal. Nothing slips by it, so only the sum across that normal counts.
+        """
+        whole = np.atleast_1d(self.friction[self.contact].sum(axis=0))
+        if self.directions is not None:
+            axis = self.normal[self.contact] @ self.directions[self.contact]
+            length = np.linalg.norm(axis)
+            if length > 0.0:
+                whole = whole - axis * (whole @ axis) / length**2
+        return whole
+
+    @property
     def total_friction(self) -> float:
-        """ΣFf = |ΣFf,i| over the nodes in contact [N]: a pure press on a flat object has none."""
-        return float(np.linalg.norm(np.atleast_1d(self.friction[self.contact].sum(axis=0))))
+        """ΣFf = |ΣFf,i|, see `net_friction` [N]: a pure press has none."""
+        return float(np.linalg.norm(self.net_friction))
+
+    @property
+    def friction_sizes(self) -> Array:
+        """|Ff,i| of each node [N], shape (N,)."""
+        return (
+            abs(self.friction) if self.directions is None else np.linalg.norm(self.friction, axis=1)
+        )
 
     @property
     def total_force(self) -> Array:

@@ -6,7 +6,7 @@ moves an object over it: any signed distance, with Dahl friction, sliding and to
 """
 
 from .compliance import compliance_table, make_table
-from .dome import Dome, dome_of, lattice
+from .dome import Dome, lattice
 from .motion import AXES, Motion, press_and_move
 from .simulate import (
     DomeRun,
@@ -17,27 +17,34 @@ from .simulate import (
     save_dome_state,
     simulate_contact,
 )
-from .solid import Solid, solid_stiffness
-from .stepper import DomeState, StepCount
+from .slip import DomeSlip, follow_dome_slip, no_dome_slip
+from .solid import Solid, per_area, solid_stiffness
+from .stepper import DomeState, StepCount, Stepper, resting, touching_place
 
 __all__ = [
     "AXES",
     "Dome",
     "DomeRun",
+    "DomeSlip",
     "DomeState",
     "Motion",
     "Solid",
     "StepCount",
+    "Stepper",
     "compliance_table",
     "contact_steps",
     "dome_forces",
-    "dome_of",
+    "follow_dome_slip",
     "lattice",
     "limit_margin",
     "load_dome_state",
     "make_table",
+    "no_dome_slip",
+    "per_area",
     "press_and_move",
+    "resting",
     "save_dome_state",
     "simulate_contact",
     "solid_stiffness",
+    "touching_place",
 ]

@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import UserError
 from ..checks import finite, within
 
 Array = NDArray[np.float64]
@@ -61,29 +60,6 @@ class Dome:
     def spacing(self) -> float:
         """Distance between neighbouring nodes [m]."""
         return self.radius * PITCH if self.pitch is None else self.pitch
-
-
-#: Domes of the designs that have one. Radii: facts of the designs (2020: 20 mm with 4.4 mm of
-#: silicone; 2022: 21 mm with 3.4 mm). E of 0.4 MPa: Lin 2020; the thesis's 25 kPa is the chain's.
-_DESIGNS = {
-    "thesis": Dome(radius=8e-3, core=6e-3),
-    "fovea": Dome(radius=8e-3, core=6e-3),
-    "dome-2020": Dome(radius=20e-3, core=15.6e-3),
-    "dome-2020-printed": Dome(radius=20e-3, core=15.6e-3),
-    "dome-2022": Dome(radius=21e-3, core=17.6e-3),
-}
-
-
-def dome_of(design: str) -> Dome:
-    """Dome of a sensor design.
-
-    Raises
-    ------
-    UserError: for a design that is not a dome.
-    """
-    if design not in _DESIGNS:
-        raise UserError(f"{design!r} has no dome; those that have one: {', '.join(_DESIGNS)}")
-    return _DESIGNS[design]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,8 @@ from ..checks import finite, within
 from ..kernels.touch_kernels import Touched
 from ..shapes import Shape
 
-#: Distance between nodes of the chain at 251 nodes, π·8 mm/252 [m].
-_CHAIN_PITCH = math.pi * 8e-3 / 252
+#: Distance between nodes of the chain at 251 nodes, π·8 mm/252, and depth of its strip [m].
+_CHAIN_PITCH, _STRIP = math.pi * 8e-3 / 252, 10e-3
 #: Penalty stiffness above which an object is rigid to the last digit of a node's place [N/m³].
 STIFFEST = 1e14
 
@@ -51,7 +51,12 @@ def solid_stiffness(young_modulus: float) -> float:
     young_modulus: of the object [Pa]
     """
     finite("stiffness of an object", young_modulus, "Pa", above=0.0)
-    return young_modulus / (2.0 * _CHAIN_PITCH)
+    return per_area(young_modulus * _STRIP / 2.0)
+
+
+def per_area(stiffness: float) -> float:
+    """Stiffness per area [N/m³] of what the chain has per node at 251 nodes [N/m]."""
+    return stiffness / (_STRIP * _CHAIN_PITCH)
 
 
 def touched(solid: Solid) -> Touched:

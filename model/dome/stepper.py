@@ -108,6 +108,10 @@ class Stepper:
         self.start = touching_place(dome, solid, _rotation(motion.poses[0]))
         self.restore(state)
 
+    def touch(self, solid: Solid) -> None:
+        """Go on with another material of the same object."""
+        self.solid, self.thing = solid, touched(solid)
+
     def restore(self, state: DomeState) -> None:
         """Take over a state."""
         self.time = state.time
@@ -136,21 +140,25 @@ class Stepper:
             near=self.near.copy(),
         )
 
-    def advance(self, until: float) -> StepCount:
+    def advance(self, until: float, load: Array | None = None) -> StepCount:
         """Step to a time, in halves where it does not converge.
+
+        Parameters
+        ----------
+        load: force and torque on the free axes [N, N·m], shape (6,); None is the motion's
 
         Raises
         ------
         ConvergenceError: when the shortest part of the step does not converge
         PiercedError: when the object is pressed too deep into the silicone
         """
-        count = self._attempt(until, 0)
+        count = self._attempt(until, 0, load)
         self._check_depth()
         return count
 
-    def _attempt(self, until: float, depth: int) -> StepCount:
+    def _attempt(self, until: float, depth: int, load: Array | None) -> StepCount:
         before = self.state()
-        count = self._solve(until)
+        count = self._solve(until, load)
         if count.error < TOLERANCE:
             return count
         if depth == HALVINGS:
@@ -161,8 +169,8 @@ class Stepper:
                 f"{(until - before.time) * 1e6:.3g} µs; a softer object or smoother motion does"
             )
         self.restore(before)
-        first = self._attempt(0.5 * (before.time + until), depth + 1)
-        second = self._attempt(until, depth + 1)
+        first = self._attempt(0.5 * (before.time + until), depth + 1, load)
+        second = self._attempt(until, depth + 1, load)
         return StepCount(
             count.rounds + first.rounds + second.rounds,
             count.products + first.products + second.products,
@@ -172,12 +180,12 @@ class Stepper:
             first.unconverged + second.unconverged,
         )
 
-    def _solve(self, until: float) -> StepCount:
+    def _solve(self, until: float, load: Array | None) -> StepCount:
         step = until - self.time
         free = np.asarray(self.motion.moves_free, np.bool_)
         moves = bool(free.any())
         rotation, place = self._guess(until)
-        inertia, wanted = self._inertia(rotation, until, step)
+        inertia, wanted = self._inertia(rotation, until, step, load)
         lag = self.dome.relaxation / step
         share = 1.0 / (1.0 + lag)
         for _ in range(4):
@@ -244,10 +252,13 @@ class Stepper:
     def _pose(self, pose: Array) -> tuple[Array, Array]:
         return _rotation(pose), self.start + pose[:3]
 
-    def _inertia(self, rotation: Array, until: float, step: float) -> tuple[Array, Array]:
+    def _inertia(
+        self, rotation: Array, until: float, step: float, load: Array | None
+    ) -> tuple[Array, Array]:
         """M of the free axes over a step, and the wrench with which they would move freely."""
         motion = self.motion
-        inertia, wanted = np.zeros((6, 6)), motion.load_at(until).copy()
+        wanted = (motion.load_at(until) if load is None else load).copy()
+        inertia = np.zeros((6, 6))
         if not motion.moves_free.any():
             return inertia, wanted
         mass = np.zeros((6, 6))
@@ -350,8 +361,14 @@ def displacements(dome: Dome, state: DomeState) -> Array:
     return out
 
 
-def touching_place(dome: Dome, solid: Solid, rotation: Array) -> Array:
+def touching_place(
+    dome: Dome, solid: Solid, rotation: Array, beside: tuple[float, float] = (0.0, 0.0)
+) -> Array:
     """Place above the apex at which a turned object just touches the dome [m], shape (3,).
+
+    Parameters
+    ----------
+    beside: of the place beside the apex, along x and y [m]
 
     Raises
     ------
@@ -360,7 +377,7 @@ def touching_place(dome: Dome, solid: Solid, rotation: Array) -> Array:
     points = lattice(dome).points
     height = dome.radius + max(solid.shape.reach_down(rotation), 0.0) + dome.radius
     for _ in range(400):
-        place = np.array([0.0, 0.0, height])
+        place = np.array([*beside, height])
         gap, normal = distances(solid.shape, (points - place) @ rotation)
         nearest = int(gap.argmin())
         point, distance = points[nearest], gap[nearest]

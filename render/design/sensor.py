@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from ... import model
 from ...errors import UserError
 from ...strict_toml import Table, convert, parse_toml, read_toml
 from ..optics.calibration import load_camera
@@ -17,6 +18,7 @@ from ..optics.view import View
 from . import layout as layouts
 from .design_checks import check_markers
 from .dials import Defects, Share
+from .silicone import Silicone
 from .skin import DomeSkin, PadSkin, Skin
 
 Array = NDArray[np.float64]
@@ -193,7 +195,8 @@ Layout = Geodesic | Spiral | Meridian | Grid | Ring | FromFile
 class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
     """A whole sensor. What an estimator may know of it is its calibration.
 
-    `defects` are those of its specimens; a scene's own replace them one by one.
+    `defects` are those of its specimens; a scene's own replace them one by one. `silicone` is what
+    the body `dome` is made of.
     """
 
     description: str
@@ -205,6 +208,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
     camera: CameraSettings
     ground: Ground
     seams: Seams | None = None
+    silicone: Silicone | None = None
     defects: Defects = Defects()
 
     def __post_init__(self) -> None:
@@ -213,6 +217,10 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
                 "magenta.follow = 0 must be above 0: the outer layer moves with the skin"
             )
         skin = self.skin
+        if self.silicone is not None:
+            if isinstance(skin, Pad):
+                raise UserError("[silicone] is of a dome; a pad has skin.thickness_mm")
+            self.silicone.dome(1e-3 * skin.radius_mm)  # refuses what makes no dome
         room = skin.radius_mm - skin.hollow_mm if isinstance(skin, Dome) else skin.thickness_mm
         if not room > 0.0:
             raise UserError("skin.hollow_mm must be less than skin.radius_mm")
@@ -240,6 +248,19 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
             )
         square = self.markers.form == "square"
         check_markers(self.shape, self.view, self.places, self.depths, self.half_sizes, square)
+
+    @property
+    def dome(self) -> model.Dome:
+        """The silicone body.
+
+        Raises
+        ------
+        UserError
+            For a design that says nothing of it, or is no dome.
+        """
+        if self.silicone is None:
+            raise UserError("the design has no dome of silicone; one has a table [silicone]")
+        return self.silicone.dome(self.shape.radius)
 
     @property
     def layers(self) -> tuple[Layer, Layer]:

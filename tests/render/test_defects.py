@@ -480,7 +480,7 @@ def test_misalignment_of_a_pad_is_a_shift_and_a_turn() -> None:
     values["skin"] = {"shape": "pad", "side_mm": 16.0, "thickness_mm": 3.0}
     values["layout"] = {"kind": "grid", "rows": 11, "columns": 11, "pitch_mm": 1.2}
     values["camera"] |= {"position_mm": -12.0}
-    values["seams"] = None
+    values["seams"] = values["silicone"] = None
     pad = convert(values, SensorDesign, "a pad")
     rest = MembraneMap(pad, 11)(np.zeros((11, 2)))
     moved = made(pad, Defects(misalignment_mm=0.1), 2).centres[1] - rest.centres[1]

@@ -101,7 +101,7 @@ def _core(field: ForceField) -> NDArray[np.intp]:
 
 def _ratios(field: ForceField, nodes: NDArray[np.intp]) -> NDArray[np.float64]:
     """|Ff,i|/Fn,i of some nodes."""
-    return np.abs(field.friction[nodes]) / field.normal[nodes]
+    return field.friction_sizes[nodes] / field.normal[nodes]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,10 +28,10 @@ def training_key(sensor: SensorDesign, fingertip: Fingertip) -> bytes:
     """All that a read-out depends on beside the noise of the camera, as JSON.
 
     Files that the design names count by their content. Neither the description nor the spread of
-    the stiffness changes what is learned.
+    the stiffness changes what is learned, and a read-out is trained on the chain, not on silicone.
     """
     design: dict[str, Any] = msgspec.to_builtins(sensor)
-    del design["description"]
+    del design["description"], design["silicone"]
     design["skin"].pop("stiffness_deviation", None)
     if "path" in design["layout"]:
         design["layout"]["path"] = sensor.places.round(_DIGITS).tolist()

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 from ..control import GripObservation
 from ..errors import UserError, located
-from ..model import Fingertip, ForceField, SlipRecord, State, pressure, whole_friction
+from ..model import Fingertip, ForceField, SlipRecord, State, pressure
+from ..model.dome import DomeSlip
 from ..render import Frame, open_renderer
 from ..scene.scene import Scene
 from ..tracking import (
@@ -15,10 +16,11 @@ from ..tracking import (
     sensor_as_designed,
 )
 from .camera import SimulatedCamera
+from .dome_world import DomePlant
 from .latency import DelayedController, arrivals
 from .methods import Methods
 from .observers import CameraObserver, TruthObserver, with_friction_bias
-from .world import Plant, World
+from .world import ChainPlant, Contact, Plant, World, of_chain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +30,8 @@ class Sample:
     Attributes
     ----------
     index: of the frame
-    state, field, slip: truth
+    truth: of the contact
     load: lateral load on the object [N]
-    friction: true µ of the contact as a whole, see `whole_friction`
     grip: force commanded from now on [N]
     applied: force of the gripper's drive now [N]
     pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
@@ -41,11 +42,8 @@ class Sample:
     """
 
     index: int
-    state: State
-    field: ForceField
-    slip: SlipRecord
+    truth: Contact
     load: float
-    friction: float
     grip: float
     applied: float
     pressure: float
@@ -55,6 +53,39 @@ class Sample:
     tracks: Tracks | None
     rest: Tracks | None
 
+    @property
+    def state(self) -> State:
+        """State of the chain.
+
+        Raises
+        ------
+        UserError
+            For a dome.
+        """
+        if not isinstance(self.truth.state, State):
+            raise UserError('the scene has body = "dome"; this needs body = "chain"')
+        return self.truth.state
+
+    @property
+    def time(self) -> float:
+        """Instant of the frame [s]."""
+        return self.truth.state.time
+
+    @property
+    def field(self) -> ForceField:
+        """True forces."""
+        return self.truth.field
+
+    @property
+    def slip(self) -> SlipRecord | DomeSlip:
+        """True slip of the object so far."""
+        return self.truth.slip
+
+    @property
+    def friction(self) -> float:
+        """True µ of the contact as a whole, see `whole_friction`."""
+        return self.truth.friction
+
 
 def open_camera(scene: Scene, methods: Methods | None = None) -> SimulatedCamera:
     """Camera of a scene; close it after the run.
@@ -62,8 +93,10 @@ def open_camera(scene: Scene, methods: Methods | None = None) -> SimulatedCamera
     Raises
     ------
     UserError
-        When the renderer cannot run on this machine.
+        For a dome, and when the renderer cannot run on this machine.
     """
+    if scene.body == "dome":
+        raise UserError('body = "dome" has no pictures yet; set body = "chain"')
     sensor = scene.build_sensor()
     renderer = open_renderer(methods.renderer if methods else scene.renderer, sensor)
     return SimulatedCamera(
@@ -78,7 +111,7 @@ def open_camera(scene: Scene, methods: Methods | None = None) -> SimulatedCamera
 
 def grasp(
     scene: Scene,
-    camera: SimulatedCamera,
+    camera: SimulatedCamera | None,
     fingertip: Fingertip | None = None,
     known: SensorCalibration | None = None,
     methods: Methods | None = None,
@@ -88,8 +121,8 @@ def grasp(
     Parameters
     ----------
     scene: object, load, fingertip, camera and methods
-    camera: that takes the frames
-    fingertip, known: that grips, and the calibration that the estimator has; None are the scene's
+    camera: that takes the frames; the truth path needs none
+    fingertip, known: chain that grips, and calibration of the estimator; None are the scene's
     methods: controller, tracker and reconstructor; None are the scene's
 
     Raises
@@ -98,17 +131,14 @@ def grasp(
         For a flat sensor; when the node model cannot go on; when a controller raises, or its
         answer is not a finite force of at least 0.
     """
-    if scene.build_sensor().shape.flat:
-        raise UserError(
-            f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
-        )
     methods = methods or Methods.of_scene(scene)
-    plant = Plant(scene, scene.build_fingertip() if fingertip is None else fingertip)
+    plant = _plant(scene, fingertip)
     world, due = plant.rest(), arrivals(scene)
     controller = DelayedController(methods.build_controller(scene), scene.controller, due)
     if scene.path == "camera":
         with located(f"sensor {scene.sensor}"):
             known = known_sensor(scene) if known is None else known
+        assert camera is not None
         read = _camera_readings(scene, camera, world, known, methods)
     else:
         read = _truth_readings(scene)
@@ -118,6 +148,17 @@ def grasp(
         yield _sample(plant, world, index, grip, reading)
         if index + 1 < scene.frames:
             world = plant.next_frame(world, grip, index)
+
+
+def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant:
+    """Body of a scene, with a fingertip in place of the scene's chain."""
+    if scene.body == "dome":
+        return DomePlant(scene)
+    if scene.build_sensor().shape.flat:
+        raise UserError(
+            f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
+        )
+    return ChainPlant(scene, scene.build_fingertip() if fingertip is None else fingertip)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +198,8 @@ def _camera_readings(
     methods: Methods,
 ) -> Read:
     """Readings of the camera's frames, by an observer that was given frames at rest."""
-    rest = camera.expose_rest(world.now.state, scene.camera.rest_frames)
+    _, start, _ = of_chain(world.now)
+    rest = camera.expose_rest(start, scene.camera.rest_frames)
     with located(f"sensor {scene.sensor}"):
         observer = CameraObserver(
             known,
@@ -172,7 +214,8 @@ def _camera_readings(
         if index is None:
             return Reading(rest=observer.rest)
         # The picture is of the exposure's middle; its time is the frame's.
-        state = replace(world.exposed.state, time=world.now.state.time)
+        _, exposed, _ = of_chain(world.exposed)
+        state = replace(exposed, time=world.now.state.time)
         frame = camera.expose(state, index)
         observation, tracks = observer.observe(frame)
         observation = with_friction_bias(observation, scene.camera.friction_bias)
@@ -185,15 +228,12 @@ def _sample(plant: Plant, world: World, index: int, grip: float, reading: Readin
     now = world.now
     return Sample(
         index=index,
-        state=now.state,
-        field=now.field,
-        slip=now.slip,
+        truth=now,
         load=plant.scene.load.force(now.state.time + 1e-9),
-        friction=whole_friction(plant.fingertip, now.obj, now.state, now.field),
         grip=grip,
         applied=world.applied,
         pressure=pressure(now.field),
-        pressure_pitch=pressure(now.field, plant.fingertip.pitch),
+        pressure_pitch=pressure(now.field, plant.pitch),
         observation=reading.observation,
         frame=reading.frame,
         tracks=reading.tracks,

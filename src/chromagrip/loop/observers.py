@@ -65,9 +65,10 @@ def _with_margin_noise(
     Nodes share the error as they share ΣFn. Near Γ = 1 the sum may change its sign.
     """
     field, mu = observation.field, observation.friction
-    side = 1.0 if field.friction[field.contact].sum() >= 0.0 else -1.0
+    whole, size = field.net_friction, field.total_friction
+    side = whole / size if size > 0.0 else np.eye(len(whole))[0]
     share = np.where(field.contact, field.normal, 0.0)
-    spread = side * mu * share * deviation
+    spread = np.outer(mu * share * deviation, side).reshape(field.friction.shape)
     covariance = np.diag([0.0, (mu * field.total_normal * deviation) ** 2])
     noisy = replace(field, friction=field.friction - drawn * spread, totals_covariance=covariance)
     margin = noisy.safety_margin(mu)

@@ -1,4 +1,7 @@
-"""The tactile video: the camera's image beside the forces that were estimated from it."""
+"""The tactile video: the camera's image beside the forces that were estimated from it.
+
+Of a dome it shows the true traction, from above.
+"""
 
 from pathlib import Path
 
@@ -8,8 +11,10 @@ from numpy.typing import NDArray
 
 from ..model import REFERENCE_NODES, ForceField
 from ..output.video import VideoFile
-from ..render import SensorDesign, View
+from ..render import View
+from ..scene.scene import Scene
 from ..tracking import Tracks
+from .dome_picture import TractionPicture, write
 from .grasp import Sample
 
 Image = NDArray[np.uint8]
@@ -22,12 +27,13 @@ QUALITY = 20
 SLOWDOWN = 4
 #: Length of a force arrow at 251 nodes [px/N].
 ARROW = 1200.0
+#: Width of the text beside a dome's traction [px].
+TEXT_WIDTH = 192
 #: Factor by which displacements of markers are magnified.
 MAGNIFY = 4.0
 
 Colour = tuple[int, int, int]
-#: Colours of text, forces and markers' motion, RGB.
-TEXT_COLOUR: Colour = (20, 20, 20)
+#: Colours of forces and markers' motion, RGB.
 FORCE_COLOUR: Colour = (30, 60, 200)
 TRACK_COLOUR: Colour = (0, 130, 60)
 
@@ -38,16 +44,44 @@ class TactileVideo(VideoFile):
     Parameters
     ----------
     path: of the video
-    sensor: whose camera maps the forces onto the picture
+    scene: its sensor's camera maps the forces onto the picture
     """
 
-    def __init__(self, path: Path, sensor: SensorDesign) -> None:
+    def __init__(self, path: Path, scene: Scene) -> None:
         super().__init__(path, FPS, QUALITY)
-        self._view = sensor.view
+        self._view = scene.build_sensor().view
+        self._traction = TractionPicture(scene.build_dome()) if scene.body == "dome" else None
 
     def slot(self, time: float) -> int:
         """Number of the video's picture at a time [s]."""
         return int(time * FPS * SLOWDOWN + 1e-6)
+
+    def add_traction(self, sample: Sample) -> None:
+        """Append one sample of a dome."""
+        assert self._traction is not None
+        picture, field, mu = (
+            self._traction.draw(sample.field, sample.friction),
+            sample.field,
+            sample.friction,
+        )
+        column = np.full((picture.shape[0], TEXT_WIDTH, 3), 255, np.uint8)
+        lines = (
+            f"t {sample.time:.2f} s",
+            f"load {sample.load:.2f} N",
+            f"grip {sample.grip:.2f} N",
+            "",
+            f"normal {field.total_normal:.2f} N",
+            f"friction {field.total_friction:.2f} N",
+            f"margin {field.safety_margin(mu):.2f}",
+            "",
+            f"object x {1e3 * sample.truth.place[0]:.2f} mm",
+            f"depth {1e3 * sample.truth.indentation:.2f} mm",
+            f"turn {np.degrees(sample.truth.turn):.1f} deg",
+        )
+        for k, line in enumerate(lines):
+            write(column, line, (8, 40 + 20 * k))
+        self._traction.legend(column, (8, 320))
+        self.append(np.hstack([picture, column]))
 
     def add(self, image: Image, sample: Sample) -> None:
         """Append one sample with its image; a dropped frame adds nothing."""
@@ -56,19 +90,19 @@ class TactileVideo(VideoFile):
             return
         overlay = draw_overlay(image, observation.field, self._view, sample.tracks, sample.rest)
         source = "true" if sample.tracks is None else "estimated"
-        _write(
+        write(
             overlay,
-            f"t {sample.state.time:.2f} s  load {sample.load:.2f} N  grip {sample.grip:.2f} N",
+            f"t {sample.time:.2f} s  load {sample.load:.2f} N  grip {sample.grip:.2f} N",
             (8, 18),
         )
-        _write(
+        write(
             overlay,
             f"margin {observation.margin:.2f}  friction {observation.friction:.2f}",
             (8, 36),
         )
-        _write(overlay, f"{source} force per node", (8, overlay.shape[0] - 28), FORCE_COLOUR)
+        write(overlay, f"{source} force per node", (8, overlay.shape[0] - 28), FORCE_COLOUR)
         if sample.tracks is not None:
-            _write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), TRACK_COLOUR)
+            write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), TRACK_COLOUR)
         self.append(np.hstack([image, overlay]))
 
 
@@ -109,7 +143,3 @@ def _line(
         cv2.arrowedLine(canvas, a, b, colour, 1, cv2.LINE_AA, tipLength=0.15)
     else:
         cv2.line(canvas, a, b, colour, 1, cv2.LINE_AA, shift=4)
-
-
-def _write(canvas: Image, text: str, place: tuple[int, int], colour: Colour = TEXT_COLOUR) -> None:
-    cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)

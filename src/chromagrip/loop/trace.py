@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..control import GripObservation
-from ..model import GROSS_SLIP
+from ..model import GROSS_SLIP, margin_within
 from ..scene.scene import Scene
 from ..tracking.forces import CameraPose
 from ..tracking.forces.chain import Used
@@ -47,6 +47,9 @@ COLUMNS = {
     "rigid_part_mm": "indentation, position of the rigid part along z",
     "contact_nodes": "nodes in contact",
     "markers_visible": "marker pairs tracked; NaN on the truth path",
+    "object_y_mm": "position of the object along y; 0 on a chain",
+    "object_turn_deg": "turn of the object about z; 0 on a chain",
+    "limit_margin_true": "margin of force and torsion together; NaN on a chain",
 }
 
 
@@ -54,7 +57,7 @@ def row(sample: Sample) -> tuple[float, ...]:
     """One line of the trace."""
     visible = math.nan if sample.tracks is None else float(sample.tracks.visible.all(axis=0).sum())
     return (
-        sample.state.time,
+        sample.time,
         sample.load,
         sample.grip,
         sample.applied,
@@ -67,10 +70,13 @@ def row(sample: Sample) -> tuple[float, ...]:
         sample.pressure_pitch,
         sample.slip.lateral_displacement * 1e3,
         sample.slip.rigid_slip * 1e3,
-        sample.state.deformation.object_position * 1e3,
-        sample.state.deformation.rigid_part * 1e3,
+        sample.truth.place[0] * 1e3,
+        sample.truth.indentation * 1e3,
         float(sample.field.contact.sum()),
         visible,
+        sample.truth.place[1] * 1e3,
+        math.degrees(sample.truth.turn),
+        margin_within(sample.field, sample.friction),
     )
 
 
@@ -112,8 +118,6 @@ def make_trace(rows: Sequence[float] | Sequence[tuple[float, ...]]) -> Trace:
     return Trace(dict(zip(COLUMNS, values.T, strict=True)))
 
 
-#: What the fingertip is, whatever the design: the thesis's chain of nodes.
-MECHANICS = "chain"
 #: Results of a run by name; None where a value is unknown.
 Summary = dict[str, Any]
 
@@ -146,7 +150,7 @@ def summarise(
         "renderer": scene.renderer,
         "sensor": scene.sensor,
         **(used or dict.fromkeys(Used.__annotations__)),
-        "mechanics": MECHANICS,
+        "mechanics": scene.body,
         "camera_pose": None if pose is None else pose.table(),
         "without_estimate": len(reasons),
         "without_estimate_because": counted_kinds(reasons),

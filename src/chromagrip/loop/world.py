@@ -1,4 +1,4 @@
-"""The model's side of the loop: fingertip, object and drive between two frames.
+"""The model's side of the loop: a chain, object and drive between two frames.
 
 Three clocks run here. A *step* is a time step of the node model. A *frame* is a whole number of
 steps. The *exposure* of a frame is short or long, and its middle lies some steps before the frame.
@@ -7,7 +7,7 @@ steps. The *exposure* of a frame is short or long, and its middle lies some step
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from ..errors import located
 from ..model import (
     ContactObject,
+    DomeState,
     Fingertip,
     ForceField,
     SlipRecord,
+    Solid,
     State,
     contact_forces,
     follow_slip,
@@ -25,7 +27,9 @@ from ..model import (
     rest_state,
     steps,
     touching,
+    whole_friction,
 )
+from ..model.dome import DomeSlip
 from ..scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -70,15 +74,23 @@ class Contact:
     Attributes
     ----------
     obj: the object as it is then
-    state: of the node model
+    state: of the body
     field: contact forces
     slip: of the object so far
+    friction: µ of the contact as a whole, see `whole_friction`
+    place: of the object beside where it began, along x and y [m]
+    indentation: way of the object towards the fingertip since they touched [m]
+    turn: of the object about z since it began [rad]
     """
 
-    obj: ContactObject
-    state: State
+    obj: ContactObject | Solid
+    state: State | DomeState
     field: ForceField
-    slip: SlipRecord
+    slip: SlipRecord | DomeSlip
+    friction: float
+    place: tuple[float, float]
+    indentation: float
+    turn: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,8 +127,76 @@ class Part:
     forces: Array
 
 
-class Plant:
-    """The node model under a scene's drive and load.
+class Plant(Protocol):
+    """A body under a scene's drive and load."""
+
+    scene: Scene
+
+    @property
+    def pitch(self) -> float:
+        """Distance between neighbouring nodes [m]."""
+
+    def rest(self) -> World:
+        """World before the grip begins."""
+
+    def next_frame(self, world: World, command: float, index: int) -> World:
+        """World at the frame after frame `index`, under a commanded force [N].
+
+        Raises
+        ------
+        UserError
+            When the body cannot go on.
+        """
+
+
+def of_chain(contact: Contact) -> tuple[ContactObject, State, SlipRecord]:
+    """Object, state and slip of a contact on a chain."""
+    obj, state, slip = contact.obj, contact.state, contact.slip
+    assert isinstance(obj, ContactObject)
+    assert isinstance(state, State)
+    assert isinstance(slip, SlipRecord)
+    return obj, state, slip
+
+
+def calm(scene: Scene, world: World, forces: Array, fastest: float) -> bool:
+    """Whether a frame period can be one step, because motion and changes of force are small.
+
+    An implicit step follows slow motion whatever its length. A change of force within it acts
+    at its end.
+
+    Parameters
+    ----------
+    forces: grip and load of the steps of the period [N], shape (S, 2)
+    fastest: speed of what moves fastest now [m/s]
+    """
+    if fastest >= 1e-6 * scene.fingertip.calm_um_per_s:
+        return False
+    changes = np.ptp(np.vstack([world.forces, forces]), axis=0)
+    return bool((changes <= CALM_CHANGE * abs(forces[-1])).all())
+
+
+def drive_forces(
+    scene: Scene, clock: Clock, applied: float, command: float, times: list[float]
+) -> tuple[float, Array]:
+    """Force of the drive after steps, and grip and load of each step [N], shape (S, 2).
+
+    Parameters
+    ----------
+    applied: force of the drive before them [N]
+    command: force that it is asked for [N]
+    times: middles of the steps [s]
+    """
+    actuator, load = scene.actuator, scene.load
+    goal = actuator.rounded(command)
+    forces = np.empty((len(times), 2))
+    for k, time in enumerate(times):
+        applied = actuator.follow(applied, goal, clock.step)
+        forces[k] = applied, load.force(time)
+    return applied, forces
+
+
+class ChainPlant:
+    """The node model under a scene's drive and load; a `Plant`.
 
     Parameters
     ----------
@@ -129,6 +209,11 @@ class Plant:
         self.fingertip = fingertip
         self.clock = Clock.of_scene(scene)
 
+    @property
+    def pitch(self) -> float:
+        """Distance between neighbouring nodes [m]."""
+        return self.fingertip.pitch
+
     def rest(self) -> World:
         """World before the grip begins."""
         obj, state = self.scene.build_object(), rest_state(self.fingertip)
@@ -136,15 +221,11 @@ class Plant:
         return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
     def next_frame(self, world: World, command: float, index: int) -> World:
-        """World at the frame after frame `index`, under a commanded force [N].
-
-        Raises
-        ------
-        UserError
-            When the node model cannot go on.
-        """
+        """World at the frame after frame `index`, as `Plant` says."""
         times = index * self.clock.frame + (np.arange(self.clock.steps) + 0.5) * self.clock.step
-        applied, forces = self._forces(world.applied, command, times.tolist())
+        applied, forces = drive_forces(
+            self.scene, self.clock, world.applied, command, times.tolist()
+        )
         now, exposed = self._follow(world.now, self._parts(world, forces, times.tolist()))
         # Sums of steps round; frames are counted.
         state = replace(now.state, time=(index + 1) * self.clock.frame)
@@ -152,38 +233,17 @@ class Plant:
             now=replace(now, state=state), exposed=exposed, applied=applied, forces=forces[-1]
         )
 
-    def _forces(self, applied: float, command: float, times: list[float]) -> tuple[float, Array]:
-        """Force of the drive after the steps, and grip and load of each step [N], shape (S, 2)."""
-        actuator, load = self.scene.actuator, self.scene.load
-        goal = actuator.rounded(command)
-        forces = np.empty((len(times), 2))
-        for k, time in enumerate(times):
-            applied = actuator.follow(applied, goal, self.clock.step)
-            forces[k] = applied, load.force(time)
-        return applied, forces
-
     def _parts(self, world: World, forces: Array, times: list[float]) -> Iterator[Part]:
         """Steps of a frame period, with one object each."""
+        obj, state, _ = of_chain(world.now)
         if self.scene.object.changes:
             for k, time in enumerate(times):
                 obj = self.scene.build_object(time)
                 yield Part(obj=obj, step=self.clock.step, forces=forces[k : k + 1])
-        elif self.clock.exposure == 0 and self._calm(world, forces):
-            yield Part(obj=world.now.obj, step=self.clock.frame, forces=forces[-1:])
+        elif self.clock.exposure == 0 and calm(self.scene, world, forces, abs(state.rate).max()):
+            yield Part(obj=obj, step=self.clock.frame, forces=forces[-1:])
         else:
-            yield Part(obj=world.now.obj, step=self.clock.step, forces=forces)
-
-    def _calm(self, world: World, forces: Array) -> bool:
-        """Whether a frame period can be one step, because motion and changes of force are small.
-
-        An implicit step follows slow motion whatever its length. A change of force within it acts
-        at its end.
-        """
-        limit = 1e-6 * self.scene.fingertip.calm_um_per_s
-        if abs(world.now.state.rate).max() >= limit:
-            return False
-        changes = np.ptp(np.vstack([world.forces, forces]), axis=0)
-        return bool((changes <= CALM_CHANGE * abs(forces[-1])).all())
+            yield Part(obj=obj, step=self.clock.step, forces=forces)
 
     def _follow(self, contact: Contact, parts: Iterator[Part]) -> tuple[Contact, Contact]:
         """Contact after the parts, and at the middle of the exposure."""
@@ -191,10 +251,11 @@ class Plant:
         left = sum(len(part.forces) for part in todo) - self.clock.exposure
         exposed = contact
         for part in todo:
+            _, state, slip = of_chain(contact)
             with located("the node model gave up"):
-                run = steps(self.fingertip, part.obj, contact.state, part.step, part.forces)
+                run = steps(self.fingertip, part.obj, state, part.step, part.forces)
             touched = touching(self.fingertip, part.obj, run)
-            slips = follow_slip(contact.slip, run, touched, part.step)
+            slips = follow_slip(slip, run, touched, part.step)
             contact = self._contact(part.obj, run.state(-1), slips[-1])
             if left == len(part.forces):
                 exposed = contact
@@ -205,4 +266,12 @@ class Plant:
 
     def _contact(self, obj: ContactObject, state: State, slip: SlipRecord) -> Contact:
         field = contact_forces(self.fingertip, obj, state)
-        return Contact(obj=obj, state=state, field=field, slip=slip)
+        return Contact(
+            obj=obj,
+            state=state,
+            field=field,
+            slip=slip,
+            friction=whole_friction(self.fingertip, obj, state, field),
+            place=(state.deformation.object_position, 0.0),
+            indentation=state.deformation.rigid_part,
+        )

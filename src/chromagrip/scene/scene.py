@@ -19,18 +19,23 @@ from ..control import (
     ReactToSlipSettings,
     SafetyMarginSettings,
 )
-from ..errors import UserError
+from ..errors import UserError, located
 from ..model import (
     ContactObject,
+    Dome,
     Fingertip,
+    Solid,
     check_fit,
     largest_grip,
+    solid_stiffness,
     stiffness_from_young,
 )
+from ..model.dome import per_area
 from ..render import RENDERERS, Defects, SensorDesign, load_sensor
 from ..strict_toml import Table, Values, convert, read_toml
 from .actuator import ActuatorSettings
 from .controllers import CONTROLLERS
+from .dome import DomeSettings
 from .settings import (
     CameraSettings,
     FingertipSettings,
@@ -38,11 +43,14 @@ from .settings import (
     ObjectSettings,
     TruthSettings,
 )
+from .shapes import PROFILE_KEYS, SHAPE_KEYS, build_shape
 
 #: Settings of controllers that are grip forces.
 GRIP_KEYS = ("force_n", "start_n", "step_n", "feedforward_n", "floor_n", "ceiling_n")
 
 PathName = Literal["camera", "truth"]
+#: What the fingertip is: the thesis's chain of nodes, a slice, or silicone in three dimensions.
+Body = Literal["chain", "dome"]
 
 
 class Scene(Table, frozen=True):
@@ -55,7 +63,8 @@ class Scene(Table, frozen=True):
     seed: of all random numbers
     controller: name in `CONTROLLERS`, of an entry point, or `module:Class`
     controller_arguments: of a `module:Class`, by name; ours have a table of settings each
-    path: `camera` estimates forces from rendered frames, `truth` reads them off the node model
+    path: `camera` estimates forces from rendered frames, `truth` reads them off the body
+    body: `chain`, the thesis's node model, or `dome`, silicone in three dimensions
     renderer, sensor: by name; a sensor may be a file too
     calibration: file of the sensor's calibration; empty for a sensor as designed
     tracker, reconstructor: by name; how markers are followed and how forces are estimated
@@ -66,6 +75,7 @@ class Scene(Table, frozen=True):
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
     controller: str = "safety-margin"
     path: PathName = "camera"
+    body: Body = "chain"
     renderer: str = "painter"
     sensor: str = "thesis"
     calibration: str = ""
@@ -75,6 +85,7 @@ class Scene(Table, frozen=True):
     object: ObjectSettings = ObjectSettings()
     load: LoadSettings = LoadSettings()
     fingertip: FingertipSettings = FingertipSettings()
+    dome: DomeSettings = DomeSettings()
     camera: CameraSettings = CameraSettings()
     actuator: ActuatorSettings = ActuatorSettings()
     safety_margin: SafetyMarginSettings = SafetyMarginSettings()
@@ -97,9 +108,36 @@ class Scene(Table, frozen=True):
                 f"controller_arguments are for a module:Class; the settings of {self.controller} "
                 f"are in [{self._settings_name}]"
             )
-        if not self.build_sensor().shape.flat:  # the node model is a dome
+        self._check_body()
+        if self.body == "chain" and not self.build_sensor().shape.flat:
             check_fit(self.build_fingertip(), self.build_object())
             self._check_grip()
+
+    def _check_body(self) -> None:
+        """Refuse keys that the scene's body does not know."""
+        chain = self.body == "chain"
+        other = "dome" if chain else "chain"
+        tables: dict[str, tuple[Table, tuple[str, ...]]] = {
+            "dome": (self.dome, self.dome.__struct_fields__ if chain else ()),
+            "fingertip": (self.fingertip, () if chain else ("model", "nodes")),
+            "object": (self.object, SHAPE_KEYS if chain else PROFILE_KEYS),
+            "load": (self.load, ("sideways_n", "twists_nmm") if chain else ()),
+        }
+        for table, (settings, keys) in tables.items():
+            for key in keys:
+                value, usual = getattr(settings, key), getattr(type(settings)(), key)
+                if value != usual:
+                    raise UserError(
+                        f'{table}.{key} = {value!r} is for body = "{other}"; this scene\'s body is '
+                        f"{self.body}"
+                    )
+        if not chain:
+            if self.path == "camera":
+                raise UserError(
+                    'body = "dome" has no pictures yet; set path = "truth", or body = "chain"'
+                )
+            self.build_dome()
+            self.build_solid()
 
     def _check_times(self) -> None:
         """Refuse frames, exposures, latencies and steps that do not fit each other."""
@@ -183,6 +221,29 @@ class Scene(Table, frozen=True):
             drag=settings.drag_n_s_per_m,
         )
 
+    def build_dome(self) -> Dome:
+        """Body of the fingertip, where it is a dome.
+
+        Raises
+        ------
+        UserError
+            For a sensor without silicone, and for changes that make no dome.
+        """
+        with located(f"sensor {self.sensor}"):
+            dome = self.build_sensor().dome
+        return self.dome.changed(dome)
+
+    def build_solid(self, time: float = 0.0) -> Solid:
+        """The object on a dome, as it is at `time` [s]."""
+        settings = self.object
+        return Solid(
+            shape=build_shape(settings),
+            stiffness=solid_stiffness(settings.stiffness_kpa_at(time) * 1e3),
+            friction=settings.friction_at(time),
+            dahl_stiffness=per_area(settings.dahl_stiffness_n_per_m),
+            dahl_exponent=settings.dahl_exponent,
+        )
+
     def build_controller(self) -> Controller:
         """The controller that the scene names.
 
@@ -248,6 +309,9 @@ def _locate_files(values: Values, folder: Path) -> None:
         name = values.get(key)
         if isinstance(name, str) and name.endswith(".toml"):
             values[key] = str((folder / name).absolute())
+    held = values.get("object")
+    if isinstance(held, dict) and isinstance(held.get("mesh"), str) and held["mesh"]:
+        held["mesh"] = str((folder / held["mesh"]).absolute())
 
 
 def parse_scene(values: Values, name: str) -> Scene:

@@ -11,9 +11,22 @@ from ..model import SpringLaw, Surface
 from ..strict_toml import NotNegative, Positive, Table
 from ..thesis import LOAD_TIMES_S, LOADS_N
 
+#: Lengths of `object.size_mm` for each shape, in their order.
+SIZES = {
+    "ball": (),
+    "cylinder": ("radius", "length"),
+    "box": ("x", "y", "z"),
+    "capsule": ("radius", "length"),
+    "torus": ("radius of the ring", "radius of the tube"),
+    "cone": ("radius", "height"),
+}
+
 Part = Annotated[float, Meta(ge=0.0, lt=1.0)]
 Force = Annotated[float, Meta(ge=-100.0, le=100.0)]
 Friction = Annotated[float, Meta(gt=0.0, le=5.0)]
+Torque = Annotated[float, Meta(ge=-1e4, le=1e4)]
+Angle = Annotated[float, Meta(ge=-360.0, le=360.0)]
+Offset = Annotated[float, Meta(ge=-100.0, le=100.0)]
 
 
 class ObjectSettings(Table, frozen=True):
@@ -34,6 +47,14 @@ class ObjectSettings(Table, frozen=True):
     dahl_stiffness_n_per_m, dahl_exponent: bristle stiffness of a node [N/m], and exponent, of the
         Dahl law
     drag_n_s_per_m: damper from the object to ground [N·s/m]
+    shape: of the object on a dome; a `ball` has `radius_mm`, the others `size_mm`
+    size_mm: lengths of the shape, see `SIZES` [mm]
+    rounding_mm: radius of the shape's edges [mm]
+    mesh: file of triangles, in place of the shape
+    mesh_unit_mm: length of a unit of that file [mm]
+    mesh_cells: cells of the mesh's grid along its longest side
+    turned_deg: rotation vector of the object, in the sensor's axes [°]
+    beside_mm: place of the object's origin beside the apex, along x and y [mm]
     """
 
     stiffness_kpa: Positive = 200.0
@@ -50,6 +71,14 @@ class ObjectSettings(Table, frozen=True):
     dahl_stiffness_n_per_m: Positive = 5000.0
     dahl_exponent: Annotated[float, Meta(ge=0.1, le=2.0)] = 0.7
     drag_n_s_per_m: Positive = 120.0
+    shape: Literal["ball", "cylinder", "box", "capsule", "torus", "cone"] = "ball"
+    size_mm: tuple[Positive, ...] = ()
+    rounding_mm: NotNegative = 0.0
+    mesh: str = ""
+    mesh_unit_mm: Positive = 1.0
+    mesh_cells: Annotated[int, Meta(ge=16, le=256)] = 96
+    turned_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    beside_mm: tuple[Offset, Offset] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if not abs(self.radius_mm) >= 1.0:
@@ -59,6 +88,21 @@ class ObjectSettings(Table, frozen=True):
         _check_knots("friction_times_s", self.friction_times_s, "frictions", self.frictions)
         places, factors = self.friction_places_mm, self.friction_factors
         _check_knots("friction_places_mm", places, "friction_factors", factors)
+        self._check_shape()
+
+    def _check_shape(self) -> None:
+        """Refuse lengths that do not fit the shape, and two shapes at once."""
+        names, sizes = SIZES[self.shape], self.size_mm
+        if self.mesh and (self.shape != "ball" or sizes or self.rounding_mm):
+            raise UserError(
+                "mesh takes the place of shape, size_mm and rounding_mm; leave them out"
+            )
+        if self.radius_mm != math.inf and (self.mesh or self.shape != "ball"):
+            what = "mesh" if self.mesh else f"shape = {self.shape}"
+            raise UserError(f"radius_mm is of a ball; it must be inf beside {what}")
+        if len(sizes) != len(names):
+            wanted = f"[{', '.join(names)}]" if names else "empty, its size is radius_mm"
+            raise UserError(f"size_mm of a {self.shape} must be {wanted}, got {list(sizes)}")
 
     @property
     def changes(self) -> bool:
@@ -82,6 +126,8 @@ class LoadSettings(Table, frozen=True):
     times_s, forces_n: load [N] at each of these times [s]
     interpolation: `hold` keeps each force until the next time; `linear` goes straight to the next
     sine_n, sine_hz: amplitude [N] and frequency [Hz] of a sine that is added from the first time on
+    sideways_n: load across `forces_n`, along y, at each time [N]; empty is none
+    twists_nmm: torque about the contact's normal, z, at each time [N·mm]; empty is none
     """
 
     times_s: tuple[NotNegative, ...] = LOAD_TIMES_S
@@ -89,22 +135,36 @@ class LoadSettings(Table, frozen=True):
     interpolation: Literal["hold", "linear"] = "hold"
     sine_n: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
     sine_hz: Positive = 1.0
+    sideways_n: tuple[Force, ...] = ()
+    twists_nmm: tuple[Torque, ...] = ()
 
     def __post_init__(self) -> None:
         _check_knots("times_s", self.times_s, "forces_n", self.forces_n)
+        for name, values in (("sideways_n", self.sideways_n), ("twists_nmm", self.twists_nmm)):
+            if values:
+                _check_knots("times_s", self.times_s, name, values)
 
     def force(self, time: float) -> float:
-        """Load at `time` [N]."""
-        times, forces = self.times_s, self.forces_n
-        if not times or time < times[0]:
-            return 0.0
-        if self.interpolation == "hold":
-            force = _held(times, forces, time, 0.0)
-        else:
-            force = float(np.interp(time, times, forces))
-        if not self.sine_n:
+        """Load along x at `time` [N]."""
+        force, times = self._at(self.forces_n, time), self.times_s
+        if not self.sine_n or not times or time < times[0]:
             return force
         return force + self.sine_n * math.sin(2.0 * math.pi * self.sine_hz * (time - times[0]))
+
+    def sideways(self, time: float) -> float:
+        """Load along y at `time` [N]."""
+        return self._at(self.sideways_n, time)
+
+    def twist(self, time: float) -> float:
+        """Torque about z at `time` [N·m]."""
+        return 1e-3 * self._at(self.twists_nmm, time)
+
+    def _at(self, values: tuple[float, ...], time: float) -> float:
+        if not values or time < self.times_s[0]:
+            return 0.0
+        if self.interpolation == "hold":
+            return _held(self.times_s, values, time, 0.0)
+        return float(np.interp(time, self.times_s, values))
 
 
 def _check_knots(

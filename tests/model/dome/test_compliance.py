@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from chromagrip.errors import UserError
-from chromagrip.model import Dome, Solid, dome_of, press_and_move, simulate_contact
+from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
 from chromagrip.model.dome.compliance import compliance_scale, compliance_table
 from chromagrip.model.dome.dome import lattice
 from chromagrip.model.kernels.compliance_kernels import fill_block, node_block
@@ -92,9 +92,3 @@ def test_areas_are_those_of_the_sphere() -> None:
 def test_impossible_domes_are_refused(values: dict[str, float], words: str) -> None:
     with pytest.raises(UserError, match=words):
         Dome(**values)
-
-
-def test_a_design_without_a_dome_is_refused() -> None:
-    assert dome_of("dome-2022").thickness == pytest.approx(3.4e-3)
-    with pytest.raises(UserError, match="flat-2019"):
-        dome_of("flat-2019")

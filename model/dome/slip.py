@@ -1,0 +1,107 @@
+"""How far an object has slipped over a dome, by the words of `chain.metrics`."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..force_field import ForceField
+from .dome import Dome, lattice
+from .stepper import DomeState
+
+Array = NDArray[np.float64]
+
+#: How far a point of the skin may be from the nearest node [pitches].
+NEAREST = 0.6
+
+
+@dataclass(frozen=True, kw_only=True)
+class DomeSlip:
+    """Slip of an object over a dome up to now.
+
+    Attributes
+    ----------
+    path: of the object over each node, along the surface, since the contact began [m], shape
+        (N, 3); NaN out of contact
+    current: min over the nodes in contact of |path| [m]
+    lateral_displacement: maximum of `current` so far [m]
+    rigid_slip: sum over the steps of the least path of a node in contact [m]
+    """
+
+    path: Array
+    current: float = 0.0
+    lateral_displacement: float = 0.0
+    rigid_slip: float = 0.0
+
+
+def no_dome_slip(dome: Dome) -> DomeSlip:
+    """Record of a grasp that has not begun."""
+    return DomeSlip(path=np.full_like(lattice(dome).points, np.nan))
+
+
+def follow_dome_slip(
+    record: DomeSlip, dome: Dome, before: DomeState, after: DomeState, field: ForceField
+) -> DomeSlip:
+    """Record after a step.
+
+    A node that joins the contact starts from the slip of the contact so far, as on the chain.
+    An object that only turns about its contact has a point at rest below it, as a rule between
+    nodes, and does not slip.
+
+    Parameters
+    ----------
+    before, after: states at the ends of the step
+    field: forces of the state after it
+    """
+    touching = field.contact
+    path = np.full_like(record.path, np.nan)
+    if not touching.any():
+        return DomeSlip(
+            path=path,
+            lateral_displacement=record.lateral_displacement,
+            rigid_slip=record.rigid_slip,
+        )
+    step = _sliding(dome, before, after, touching)
+    old = record.path[touching]
+    sizes = np.linalg.norm(old, axis=1)
+    known = np.isfinite(sizes)
+    slid = old[known][np.argmin(sizes[known])] if known.any() else np.zeros(3)
+    # What touched in neither state has not moved in contact: its path begins after this step.
+    path[touching] = np.where(known[:, None], old + step, slid)
+    places = field.position[touching]
+    half = NEAREST * dome.spacing
+    least = _least(path[touching], places, after.normals[touching], half)
+    slides = _least(step[known], places[known], after.normals[touching][known], half)
+    return DomeSlip(
+        path=path,
+        current=least,
+        lateral_displacement=max(record.lateral_displacement, least),
+        rigid_slip=record.rigid_slip + slides,
+    )
+
+
+def _least(paths: Array, places: Array, normals: Array, around: float) -> float:
+    """Least path in a contact whose paths are known at some places; points around them count too.
+
+    Parameters
+    ----------
+    around: how far from a place a point of the contact may be [m]
+    """
+    if not len(paths):
+        return 0.0
+    arms = np.cross(normals, places - places.mean(axis=0))
+    size = (arms**2).sum()
+    turn = abs((arms * (paths - paths.mean(axis=0))).sum()) / size if size > 0.0 else 0.0
+    return max(0.0, float(np.linalg.norm(paths, axis=1).min()) - turn * around)
+
+
+def _sliding(dome: Dome, before: DomeState, after: DomeState, nodes: NDArray[np.bool_]) -> Array:
+    """Path of the object over some nodes in a step, in its tangent planes [m], shape (n, 3)."""
+    points = lattice(dome).points[nodes]
+    normals = after.normals[nodes]
+    then = points + before.displacement[nodes]
+    now = points + after.displacement[nodes]
+    # The object's material point that was at the node before
+    carried = (then - before.place) @ before.rotation @ after.rotation.T + after.place
+    path = carried - now
+    return path - normals * np.einsum("ij,ij->i", path, normals)[:, None]

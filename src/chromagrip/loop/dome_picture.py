@@ -1,0 +1,105 @@
+"""A dome's traction seen from above: pressure as colour, friction as arrows."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+
+from ..model import Dome, ForceField
+from ..model.dome import lattice
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+#: Side of the picture, and free border around the dome [px].
+SIZE, BORDER = 480, 8
+#: Colours of no pressure and of the largest, RGB.
+NONE, LARGEST = np.array([255.0, 255.0, 255.0]), np.array([20.0, 90.0, 190.0])
+#: Colours of friction where the skin sticks and slips, of the outline and of text, RGB.
+STICKS: Colour = (20, 20, 20)
+SLIPS: Colour = (225, 80, 20)
+OUTLINE: Colour = (150, 150, 150)
+#: Share of the friction limit above which a node slips.
+SLIPPING = 0.999
+#: Length of an arrow as large as the largest pressure [px].
+ARROW = 160.0
+
+
+class TractionPicture:
+    """Pictures of contacts on one dome, all with one scale, which grows where it must.
+
+    Parameters
+    ----------
+    dome: that is touched
+    """
+
+    def __init__(self, dome: Dome) -> None:
+        nodes = lattice(dome)
+        self._areas = nodes.areas
+        self._pixels = (SIZE / 2 - BORDER) / dome.radius
+        self._outline = round(dome.radius * self._pixels)
+        mesh = Delaunay(nodes.points[:, :2])
+        at = (np.arange(SIZE) - (SIZE - 1) / 2) / self._pixels
+        places = np.stack(np.meshgrid(at, -at), axis=-1).reshape(-1, 2)
+        found = mesh.find_simplex(places)
+        self._inside = found >= 0
+        found, places = found[self._inside], places[self._inside]
+        part = np.einsum("nij,nj->ni", mesh.transform[found, :2], places - mesh.transform[found, 2])
+        self._weights = np.column_stack([part, 1.0 - part.sum(axis=1)])
+        self._corners = mesh.simplices[found]
+        self._top = 1e3
+
+    def draw(self, field: ForceField, mu: float) -> Image:
+        """Picture of a contact with that friction coefficient, RGB, (480, 480, 3)."""
+        pressure = np.where(field.contact, field.normal, 0.0) / self._areas
+        self._top = max(self._top, _round_up(float(pressure.max())))
+        share = np.zeros(SIZE * SIZE)
+        share[self._inside] = (pressure[self._corners] * self._weights).sum(axis=1) / self._top
+        colours = NONE + np.clip(share, 0.0, 1.0)[:, None] * (LARGEST - NONE)
+        canvas: Image = np.ascontiguousarray(
+            colours.reshape(SIZE, SIZE, 3).round().astype(np.uint8)
+        )
+        middle = (SIZE // 2, SIZE // 2)
+        cv2.circle(canvas, middle, self._outline, OUTLINE, 1, cv2.LINE_AA)
+        self._arrows(canvas, field, mu)
+        return canvas
+
+    def _arrows(self, canvas: Image, field: ForceField, mu: float) -> None:
+        slips = field.friction_sizes > SLIPPING * mu * field.normal
+        traction = field.friction[:, :2] / self._areas[:, None]
+        for k in np.flatnonzero(field.contact):
+            start = self._pixel(field.position[k, :2])
+            way = ARROW / self._top * traction[k] * [1.0, -1.0]
+            if np.hypot(*way) < 1.0:
+                continue
+            a, b = (tuple(int(v) for v in np.rint(p)) for p in (start, start + way))
+            colour = SLIPS if slips[k] else STICKS
+            cv2.arrowedLine(canvas, a, b, colour, 1, cv2.LINE_AA, tipLength=0.25)
+
+    def _pixel(self, place: Array) -> Array:
+        return (SIZE - 1) / 2 + self._pixels * place * [1.0, -1.0]
+
+    def legend(self, canvas: Image, place: tuple[int, int]) -> None:
+        """Say on a picture what colours and arrows mean, from a place downwards [px]."""
+        x, y = place
+        kilopascals = self._top / 1e3
+        write(canvas, f"pressure: blue {kilopascals:g} kPa", (x, y))
+        write(canvas, f"friction: {kilopascals / 4:g} kPa", (x, y + 20))
+        end = (x + int(ARROW / 4), y + 32)
+        cv2.arrowedLine(canvas, (x, y + 32), end, STICKS, 1, cv2.LINE_AA, tipLength=0.25)
+        write(canvas, "black: skin sticks", (x, y + 52))
+        write(canvas, "orange: skin slips", (x, y + 72), SLIPS)
+
+
+def write(canvas: Image, text: str, place: tuple[int, int], colour: Colour = STICKS) -> None:
+    """Put text on a picture, its lower left corner at a place [px]."""
+    cv2.putText(canvas, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)
+
+
+def _round_up(pressure: float) -> float:
+    """The next of 1, 2, 5, 10, 20, … kPa [Pa]."""
+    if pressure <= 1e3:
+        return 1e3
+    power = 10.0 ** np.floor(np.log10(pressure))
+    return float(next(power * step for step in (1.0, 2.0, 5.0, 10.0) if power * step >= pressure))

@@ -1,0 +1,162 @@
+"""The dome's side of the loop: silicone, object and drive between two frames."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..errors import located
+from ..model import Dome, DomeState, ForceField, Motion, Solid, dome_forces
+from ..model.dome import (
+    DomeSlip,
+    Stepper,
+    follow_dome_slip,
+    no_dome_slip,
+    resting,
+    touching_place,
+)
+from ..scene.scene import Scene
+from ..scene.shapes import build_pose
+from .world import Clock, Contact, World, calm, drive_forces
+
+Array = NDArray[np.float64]
+
+#: Damper between the gripper's drive and ground [N·s/m]: that of the whole chain, 252 of 0.1.
+PRESS_DRAG = 25.2
+
+
+class DomePlant:
+    """A dome under a scene's drive and load; a `Plant`.
+
+    The grip presses the object along −z, the load pulls it along x. Where a scene has them, a
+    second load pulls along y and a torque turns it about z. Its other axes are held.
+
+    Parameters
+    ----------
+    scene: dome, object, load, drive and clock
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.dome: Dome = scene.build_dome()
+        self.clock = Clock.of_scene(scene)
+        self._solid = scene.build_solid()
+        self._motion = self._guided()
+        with located("the dome gave up"):
+            start = resting(self.dome, self._solid, self._motion)
+        self._stepper = Stepper(self.dome, self._solid, self._motion, start)
+        self._start = start
+
+    @property
+    def pitch(self) -> float:
+        """Distance between neighbouring nodes [m]."""
+        return self.dome.spacing
+
+    def rest(self) -> World:
+        """World before the grip begins."""
+        self._stepper.restore(self._start)
+        field = dome_forces(self.dome, self._start, whole=False)
+        now = self._contact(self._solid, self._start, no_dome_slip(self.dome), field)
+        return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
+
+    def next_frame(self, world: World, command: float, index: int) -> World:
+        """World at the frame after frame `index`, as `Plant` says."""
+        clock = self.clock
+        times = index * clock.frame + (np.arange(clock.steps) + 0.5) * clock.step
+        applied, forces = drive_forces(self.scene, clock, world.applied, command, times.tolist())
+        ends = times + 0.5 * clock.step
+        state = _state(world.now)
+        self._stepper.restore(state)
+        slow = calm(self.scene, world, forces, abs(state.velocity[:3]).max())
+        if slow and not clock.exposure and not self.scene.object.changes:
+            ends, times, forces = ends[-1:], times[-1:], forces[-1:]
+        contact = exposed = world.now
+        for k in range(len(ends)):
+            if len(ends) - k == clock.exposure:
+                exposed = contact
+            contact = self._step(contact, times[k], ends[k], forces[k])
+        # Sums of steps round; frames are counted.
+        time = (index + 1) * clock.frame
+        now = replace(contact, state=replace(_state(contact), time=time))
+        return World(
+            now=now,
+            exposed=exposed if clock.exposure else now,
+            applied=applied,
+            forces=forces[-1],
+        )
+
+    def _guided(self) -> Motion:
+        """Motion of the object: free along x and z, and along y and about z where it is loaded."""
+        load, drag = self.scene.load, self.scene.object.drag_n_s_per_m
+        free = ["x", "z"]
+        if any(load.sideways_n):
+            free.append("y")
+        if any(load.twists_nmm):
+            free.append("rz")
+        # A contact has half the radius at most, and is braked like a sliding one.
+        turning = drag * (0.5 * self.dome.radius) ** 2
+        pose, beside = build_pose(self.scene.object), self.scene.object.beside_mm
+        if any(beside):
+            turn = Rotation.from_rotvec(pose[3:]).as_matrix()
+            above = touching_place(self.dome, self._solid, turn)
+            pose[2] += (touching_place(self.dome, self._solid, turn, (pose[0], pose[1])) - above)[2]
+        return Motion(
+            times=np.array([0.0, max(self.scene.duration_s, self.clock.frame)]),
+            poses=np.stack([pose, pose]),
+            free=tuple(free),
+            drag=(drag, drag, PRESS_DRAG, 0.0, 0.0, turning),
+        )
+
+    def _step(self, contact: Contact, time: float, end: float, forces: Array) -> Contact:
+        """Contact after a step from the stepper's state, under grip and load [N]."""
+        solid = self._solid_at(time)
+        if solid is not self._stepper.solid:
+            self._stepper.touch(solid)
+        load = self.scene.load
+        grip, pull = forces
+        wrench = np.array([pull, load.sideways(time), -grip, 0.0, 0.0, load.twist(time)])
+        before, slip = _state(contact), contact.slip
+        assert isinstance(slip, DomeSlip)
+        with located("the dome gave up"):
+            self._stepper.advance(end, wrench)
+        after = self._stepper.state()
+        field = dome_forces(self.dome, after, whole=False)
+        return self._contact(
+            solid, after, follow_dome_slip(slip, self.dome, before, after, field), field
+        )
+
+    def _solid_at(self, time: float) -> Solid:
+        """The object at a time; always the same one where nothing of it changes."""
+        if not self.scene.object.changes:
+            return self._solid
+        settings = self.scene.object
+        return replace(
+            self._solid,
+            stiffness=self._solid.stiffness
+            * settings.stiffness_kpa_at(time)
+            / settings.stiffness_kpa,
+            friction=settings.friction_at(time),
+        )
+
+    def _contact(
+        self, solid: Solid, state: DomeState, slip: DomeSlip, field: ForceField
+    ) -> Contact:
+        moved = state.place - self._start.place
+        turned = state.rotation @ self._start.rotation.T
+        return Contact(
+            obj=solid,
+            state=state,
+            field=field,
+            slip=slip,
+            friction=solid.friction,
+            place=(float(moved[0]), float(moved[1])),
+            indentation=-float(moved[2]),
+            turn=math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]),
+        )
+
+
+def _state(contact: Contact) -> DomeState:
+    assert isinstance(contact.state, DomeState)
+    return contact.state

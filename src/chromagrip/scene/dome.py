@@ -1,0 +1,55 @@
+"""The dome of a scene: what it changes of the sensor's own silicone."""
+
+from dataclasses import replace
+from typing import Annotated, Any
+
+from msgspec import Meta
+
+from ..errors import UserError
+from ..model import Dome
+from ..strict_toml import NotNegative, Table
+
+
+class DomeSettings(Table, frozen=True):
+    """Silicone of the body `dome`; 0 is what the sensor's design says.
+
+    Attributes
+    ----------
+    pitch_mm: distance between neighbouring nodes of the skin [mm]
+    young_kpa: Young's modulus of the silicone [kPa]
+    poisson: its Poisson's ratio
+    thickness_mm: of the silicone on the rigid core [mm]
+    relaxation_ms: time constant of its viscosity [ms]; 0 is elastic
+    stiffening: whether it stiffens as it is pressed towards the core
+    """
+
+    pitch_mm: NotNegative = 0.0
+    young_kpa: NotNegative = 0.0
+    poisson: Annotated[float, Meta(ge=0.0, le=0.495)] = 0.0
+    thickness_mm: NotNegative = 0.0
+    relaxation_ms: Annotated[float, Meta(ge=0.0, le=1e4)] = 0.0
+    stiffening: bool = True
+
+    def changed(self, dome: Dome) -> Dome:
+        """A design's dome with these changes.
+
+        Raises
+        ------
+        UserError
+            When they make no dome.
+        """
+        if self.thickness_mm * 1e-3 >= dome.radius:
+            raise UserError(
+                f"dome.thickness_mm = {self.thickness_mm:g} must be below the radius of "
+                f"{1e3 * dome.radius:g} mm"
+            )
+        changes: dict[str, Any] = {
+            "pitch": 1e-3 * self.pitch_mm,
+            "young": 1e3 * self.young_kpa,
+            "poisson": self.poisson,
+            "core": dome.radius - 1e-3 * self.thickness_mm if self.thickness_mm else 0.0,
+        }
+        given = {name: value for name, value in changes.items() if value}
+        return replace(
+            dome, **given, relaxation=1e-3 * self.relaxation_ms, stiffening=self.stiffening
+        )
