@@ -21,6 +21,7 @@ def measured(fidelity: Fidelity, curvature: float, milliseconds: float, seen: fl
     """Measurement of a fidelity on an object that is flat or round."""
     return Measured(
         **dataclasses.asdict(fidelity),
+        scene_body="chain",
         rate_hz=60.0,
         noise=2.0,
         friction=0.5,
@@ -104,3 +105,49 @@ def test_the_tolerance_holds_in_a_scene_that_was_not_measured() -> None:
     held = trace["time_s"] > 0.5
     error = (trace["margin_estimated"] - trace["margin_true"])[held]
     assert np.sqrt(np.nanmean(error**2)) < 0.15
+
+
+#: A dome that is as good as a chain and takes longer.
+DOMES = [
+    Measured(
+        **dataclasses.asdict(fidelity),
+        scene_body="dome",
+        rate_hz=60.0,
+        noise=2.0,
+        friction=0.5,
+        stiffness_kpa=200.0,
+        curvature=0.0,
+        milliseconds=spent,
+        seen=0.0,
+        plant=error,
+    )
+    for fidelity, spent, error in (
+        (Fidelity(tracker="", reconstructor="", step_ms=5.0, nodes=101), 1.0, 0.02),
+        (Fidelity(tracker="", reconstructor="", nodes=0, body="dome", pitch_mm=0.8), 9.0, 0.01),
+        (Fidelity(tracker="", reconstructor="", nodes=0, body="dome", pitch_mm=0.4), 30.0, 0.001),
+    )
+    for _ in range(3)
+]
+
+
+def test_no_step_is_longer_than_a_frame() -> None:
+    scene = load_scene("thesis", {"path": "truth"})
+    chosen = Fidelity.auto(0.1, scene)
+    assert chosen.fidelity.step_ms == 1.0
+    assert load_scene("thesis", {"path": "truth"} | chosen.changes)
+
+
+def test_a_chain_stands_in_for_a_dome_where_the_scene_is_plane() -> None:
+    dome = {"path": "truth", "body": "dome"}
+    flat = choose(0.05, load_scene("margin-60hz", dome), DOMES)
+    assert flat.changes == {"body": "chain", "fingertip.step_ms": 5.0, "fingertip.nodes": 101}
+    assert load_scene("margin-60hz", dome | flat.changes).body == "chain"
+    finer = choose(0.005, load_scene("margin-60hz", dome), DOMES)
+    assert finer.changes["dome.pitch_mm"] == 0.4
+    assert "a dome with nodes every 0.4 mm" in finer.lines[0]
+    for more in ({"load.twists_nmm": [0.0, 0.5]}, {"object.beside_mm": [1.0, 0.0]}):
+        chosen = choose(0.05, load_scene("margin-60hz", dome | more), DOMES)
+        assert chosen.fidelity.pitch_mm == 0.8
+    box = {"object.shape": "box", "object.size_mm": [10.0, 10.0, 10.0]}
+    with pytest.raises(UserError, match=r"object.shape = box was not measured"):
+        choose(0.05, load_scene("margin-60hz", dome | box), DOMES)

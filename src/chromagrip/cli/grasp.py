@@ -167,7 +167,7 @@ def plan(
     choice = Fidelity.auto(tolerance, load_scene(scene, dict(map(parse_change, changes))))
     if json_only:
         report = {
-            "changes": choice.fidelity.changes,
+            "changes": choice.changes,
             "milliseconds": choice.milliseconds,
             "margin_error": choice.error,
             "why": list(choice.lines),
@@ -176,5 +176,5 @@ def plan(
         return 0
     print(*choice.lines, sep="\n")
     kept = dict(text.split("=", 1) for text in changes)
-    print(grasp_command(scene, kept | choice.fidelity.changes))
+    print(grasp_command(scene, kept | choice.changes))
     return 0

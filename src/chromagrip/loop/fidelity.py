@@ -10,7 +10,8 @@ import numpy as np
 from ..errors import UserError
 from ..output.cells import read_cells
 from ..render import Defects
-from ..scene.scene import Scene
+from ..scene.dome import DomeSettings
+from ..scene.scene import Body, Scene
 from ..strict_toml import Values
 
 #: The expected error is the largest of this many measured situations that are most like a scene …
@@ -38,19 +39,27 @@ class Fidelity:
     Attributes
     ----------
     tracker, reconstructor: names; empty on the truth path, which has neither
-    step_ms: of the node model [ms]
-    nodes: of its chain
+    step_ms: of the body [ms]
+    nodes: of a chain; 0 of a dome
+    body: what the fingertip is
+    pitch_mm: distance between the nodes of a dome [mm]; 0 of a chain
     """
 
     tracker: str = "fit"
     reconstructor: str = "sequential"
     step_ms: float = 1.0
     nodes: int = 251
+    body: Body = "chain"
+    pitch_mm: float = 0.0
 
     @property
     def changes(self) -> Values:
         """Dotted key of a scene → value."""
-        changes: Values = {"fingertip.step_ms": self.step_ms, "fingertip.nodes": self.nodes}
+        changes: Values = {"fingertip.step_ms": self.step_ms}
+        if self.body == "dome":
+            changes |= {"body": "dome", "dome.pitch_mm": self.pitch_mm}
+        else:
+            changes["fingertip.nodes"] = self.nodes
         if self.tracker:
             changes |= {"tracker": self.tracker, "reconstructor": self.reconstructor}
         return changes
@@ -58,8 +67,10 @@ class Fidelity:
     @property
     def name(self) -> str:
         """Methods and steps as text."""
-        chain = f"{self.nodes} nodes in steps of {self.step_ms:g} ms"
-        return f"{self.tracker}, {self.reconstructor}, {chain}" if self.tracker else chain
+        dome = f"a dome with nodes every {self.pitch_mm:g} mm"
+        body = dome if self.body == "dome" else f"{self.nodes} nodes"
+        steps = f"{body} in steps of {self.step_ms:g} ms"
+        return f"{self.tracker}, {self.reconstructor}, {steps}" if self.tracker else steps
 
     @staticmethod
     def auto(
@@ -75,17 +86,21 @@ class Measured:
 
     Attributes
     ----------
-    tracker, reconstructor, step_ms, nodes: the fidelity
+    tracker, reconstructor, step_ms, nodes, body, pitch_mm: the fidelity
+    scene_body: of the scene; a fidelity with another body stands in for it
     rate_hz, noise, friction, stiffness_kpa, curvature: the situation; the last in 1/m
     milliseconds: time for a frame [ms]
     seen: RMS error of the estimate of Γ; 0 on the truth path
-    plant: RMS difference of the true Γ to that of a finer chain in finer steps
+    plant: RMS difference of the true Γ to that of a finer body of the scene in finer steps
     """
 
     tracker: str
     reconstructor: str
     step_ms: float
     nodes: int
+    body: str
+    pitch_mm: float
+    scene_body: str
     rate_hz: float
     noise: float
     friction: float
@@ -108,9 +123,19 @@ class Measured:
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """A fidelity, expected milliseconds for a frame and RMS error of Γ, and reasons as text."""
+    """A choice for a scene.
+
+    Attributes
+    ----------
+    fidelity: that was chosen
+    changes: of the scene, dotted key → value
+    milliseconds: expected for a frame [ms]
+    error: expected of Γ, RMS
+    lines: reasons as text
+    """
 
     fidelity: Fidelity
+    changes: Values
     milliseconds: float
     error: float
     lines: tuple[str, ...]
@@ -160,8 +185,18 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
         )
     if scene.path == "camera" and scene.defects != Defects():
         raise UserError("a fidelity is planned for an image without [defects]: none was measured")
+    obj = scene.object
+    if obj.mesh or obj.shape != "ball":
+        raise UserError(
+            f"a fidelity is planned for flat and round objects; object.shape = {obj.shape}"
+            f"{' with a mesh' if obj.mesh else ''} was not measured"
+        )
     cells_of: dict[Fidelity, list[Measured]] = {}
     for m in measured:
+        if m.scene_body != scene.body or (m.body == "chain" and not _plane(scene)):
+            continue
+        if m.step_ms > 1e3 * scene.period * (1.0 + 1e-9):  # a frame is at least one step
+            continue
         if bool(m.tracker) == (scene.path == "camera"):
             cells_of.setdefault(m.fidelity, []).append(m)
     expected: dict[Fidelity, tuple[float, float]] = {}
@@ -182,9 +217,22 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
     spent, error = expected[chosen]
     return Choice(
         fidelity=chosen,
+        changes=({"body": chosen.body} if chosen.body != scene.body else {}) | chosen.changes,
         milliseconds=spent,
         error=error,
         lines=tuple(_lines(chosen, expected, tolerance)),
+    )
+
+
+def _plane(scene: Scene) -> bool:
+    """Whether a chain can stand in for the body: all of the scene is in one plane."""
+    load, obj = scene.load, scene.object
+    return (
+        scene.dome == DomeSettings()
+        and not any(load.sideways_n)
+        and not any(load.twists_nmm)
+        and not any(obj.turned_deg)
+        and not any(obj.beside_mm)
     )
 
 

@@ -48,6 +48,13 @@ TRUTH = tuple(
 )
 #: Fidelity of the runs that chains are compared with.
 FINE = Fidelity(tracker="", reconstructor="", step_ms=0.2, nodes=501)
+#: Fidelities of a scene with a dome, from the default to the cheapest; chains stand in for it.
+DOMES = tuple(
+    Fidelity(tracker="", reconstructor="", step_ms=step, nodes=0, body="dome", pitch_mm=pitch)
+    for step, pitch in ((1.0, 0.4), (5.0, 0.4), (5.0, 0.6), (5.0, 0.8), (15.0, 0.8))
+)
+#: Dome that those are compared with.
+FINE_DOME = Fidelity(tracker="", reconstructor="", step_ms=1.0, nodes=0, body="dome", pitch_mm=0.3)
 #: Time from which Γ is compared: the first load is held [s].
 _HELD = 0.5
 
@@ -82,6 +89,9 @@ def measure(progress: Callable[[str], None]) -> list[Measured]:
                     reconstructor=fidelity.reconstructor,
                     step_ms=fidelity.step_ms,
                     nodes=fidelity.nodes,
+                    body="chain",
+                    pitch_mm=0.0,
+                    scene_body="chain",
                     rate_hz=result.scene.camera.rate_hz,
                     noise=noise,
                     friction=friction,
@@ -95,6 +105,40 @@ def measure(progress: Callable[[str], None]) -> list[Measured]:
     return table
 
 
+def measure_domes(progress: Callable[[str], None]) -> list[Measured]:
+    """Every fidelity of a dome in every situation without a camera, one after the other."""
+    table = []
+    for friction, kpa, radius, noise in SITUATIONS:
+        if noise != SITUATIONS[0][-1]:
+            continue
+        obj = {
+            "object.friction": friction,
+            "object.stiffness_kpa": kpa,
+            "object.radius_mm": radius,
+        }
+        progress(f"dome, µ {friction}, {kpa:g} kPa, {radius:g} mm: {FINE_DOME.name}")
+        fine = held_margin(FINE_DOME, obj)
+        for fidelity in (*DOMES, *TRUTH):
+            progress(f"dome, µ {friction}, {kpa:g} kPa, {radius:g} mm: {fidelity.name}")
+            changes = {"path": "truth", "controller": "margin-inversion", **obj}
+            result = run(load_scene(SCENE, changes | fidelity.changes))
+            table.append(
+                Measured(
+                    **vars(fidelity),
+                    scene_body="dome",
+                    rate_hz=result.scene.camera.rate_hz,
+                    noise=noise,
+                    friction=friction,
+                    stiffness_kpa=kpa,
+                    curvature=1e3 / radius,
+                    milliseconds=1e3 / result.summary["frames_per_second"],
+                    seen=0.0,
+                    plant=rms(held_margin(fidelity, obj) - fine),
+                )
+            )
+    return table
+
+
 def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
     """Measure the table and write it; what was there stays until the new one is complete.
 
@@ -103,7 +147,7 @@ def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
     UserError
         When it cannot be written.
     """
-    table = measure(progress)
+    table = measure(progress) + measure_domes(progress)
     try:
         write_cells(table, path)
     except OSError as error:
@@ -123,10 +167,9 @@ def held_margin(fidelity: Fidelity, changes: dict[str, float]) -> Array:
         "path": "truth",
         "controller": "conservative",
         "conservative.force_n": grip,
-        "fingertip.step_ms": fidelity.step_ms,
-        "fingertip.nodes": fidelity.nodes,
     }
-    trace = run(load_scene(SCENE, changes | constant)).trace
+    bodily = {key: value for key, value in fidelity.changes.items() if "." in key or key == "body"}
+    trace = run(load_scene(SCENE, changes | constant | bodily)).trace
     return trace["margin_true"][_held(trace)]
 
 
