@@ -8,7 +8,7 @@ import tyro
 
 from ..errors import UserError, located
 from ..scene import load_scene
-from ..scene.scene import DEFAULT_SCENE, PathName, grasp_command, parse_change
+from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
 from .options import (
     Changes,
     Flag,
@@ -45,6 +45,10 @@ def grasp(
             "input of the controller: the camera's pictures, or the true forces", "camera|truth"
         ),
     ] = None,
+    body: Annotated[
+        Body | None,
+        option("fingertip: the thesis's slice, or silicone in three dimensions", "chain|dome"),
+    ] = None,
     renderer: Annotated[
         str | None,
         option("instead of the scene's; see `chromagrip renderers`", "NAME|MODULE:CLASS"),
@@ -75,6 +79,7 @@ def grasp(
     shortcuts = {
         "controller": controller,
         "path": path,
+        "body": body,
         "renderer": renderer,
         "sensor": sensor,
         "camera.rate_hz": fps,
@@ -94,7 +99,11 @@ def grasp(
 
     from ..loop.grasp import known_sensor  # OpenCV loads only when something is run
     from ..loop.run_folder import run
+    from ..model.dome import compliance_table
 
+    if resolved.body == "dome":
+        with counting("elasticity of the dome, once", "harmonics") as progress:
+            compliance_table(resolved.build_dome(), progress)
     if resolved.path == "camera" and not resolved.build_sensor().shape.flat:
         with located(f"sensor {resolved.sensor}"):
             train_if_missing(known_sensor(resolved), resolved.reconstructor)
