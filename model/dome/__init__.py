@@ -8,6 +8,7 @@ moves an object over it: any signed distance, with Dahl friction, sliding and to
 from .compliance import compliance_table, make_table
 from .dome import Dome, lattice
 from .motion import AXES, Motion, press_and_move
+from .placing import touching_place
 from .simulate import (
     DomeRun,
     contact_steps,
@@ -19,7 +20,8 @@ from .simulate import (
 )
 from .slip import DomeSlip, follow_dome_slip, no_dome_slip
 from .solid import Solid, per_area, solid_stiffness
-from .stepper import DomeState, StepCount, Stepper, resting, touching_place
+from .state import DomeState, StepCount, resting
+from .stepper import Stepper
 
 __all__ = [
     "AXES",

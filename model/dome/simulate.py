@@ -16,7 +16,8 @@ from ..limit_surface import margin_within
 from .dome import Dome, lattice
 from .motion import Motion
 from .solid import Solid
-from .stepper import DomeState, StepCount, Stepper, displacements, resting
+from .state import DomeState, StepCount, resting
+from .stepper import Stepper, displacements
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..force_field import ForceField
 from .dome import Dome, lattice
-from .stepper import DomeState
+from .state import DomeState
 
 Array = NDArray[np.float64]
 

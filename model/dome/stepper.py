@@ -1,23 +1,20 @@
 """A dome in contact, one step after another; the arrays that a step works in."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import UserError
 from ..errors import ConvergenceError, PiercedError
 from ..kernels.compliance_kernels import displace, fill_block
 from ..kernels.krylov_kernels import System, new_system
 from ..kernels.near_kernels import find_near
 from ..kernels.newton_kernels import Contact, Outcome, solve_contact, turned
 from ..kernels.touch_kernels import Pose
-from ..shapes import distances
 from .compliance import compliance_scale, compliance_table
 from .dome import Dome, Lattice, lattice
 from .motion import Motion
+from .placing import rotation_of, touching_place
 from .solid import Solid, touched
+from .state import DomeState, StepCount
 from .stiffening import stiffening_of
 
 Array = NDArray[np.float64]
@@ -28,65 +25,17 @@ MARGIN = 0.25
 #: … and how much further those are that come with it.
 WIDER = 2.2
 #: Relative change of the forces at which a step is solved, and the most rounds it may take.
-TOLERANCE, ROUNDS = 3e-4, 30
+TOLERANCE, ROUNDS = 3e-4, 20
 #: Times that a step is halved; the parts are taken as they are if they changed by less than this.
 HALVINGS, ENOUGH = 4, 0.05
+#: Times that it is halved before the skin is slowed down, and the most steps of that.
+_BEFORE_CREEP, _CREEPS = 1, 80
+#: Lag of a skin that is slowed down, at first, at most, and below which it is none.
+_SLOW, _SLOWEST, _QUICK = 8.0, 1e3, 0.3
 #: Part of the thickness beyond which the silicone is not described.
 DEEPEST = 0.8
 #: Forces that viscosity remembers below this are forgotten [N].
 _FORGOTTEN = 1e-9
-
-
-@dataclass(frozen=True, kw_only=True)
-class DomeState:
-    """All that a step of a dome starts from.
-
-    Attributes
-    ----------
-    time: [s]
-    place, rotation: of the object in the sensor's frame [m], shapes (3,) and (3, 3)
-    velocity: of its place, and its angular velocity [m/s, rad/s], shape (6,)
-    displacement: of the nodes [m], shape (N, 3); right for those in `near`, see `displacements`
-    linear: forces that the linear skin carries [N], shape (N, 3)
-    memory: the same, as viscosity remembers them [N], shape (N, 3)
-    forces: of the object on the nodes [N], shape (N, 3)
-    friction: the part of `forces` in the object's tangent planes [N], shape (N, 3)
-    normals: of the object at the nodes that touch it, zero elsewhere, shape (N, 3)
-    near: nodes that a step looks at, in the order of its equations, shape (n,)
-    """
-
-    time: float
-    place: Array
-    rotation: Array
-    velocity: Array
-    displacement: Array
-    linear: Array
-    memory: Array
-    forces: Array
-    friction: Array
-    normals: Array
-    near: Index
-
-
-class StepCount(NamedTuple):
-    """What a step took.
-
-    Attributes
-    ----------
-    rounds: of Newton's method
-    products: with the compliance
-    touching: nodes that touch at its end
-    halvings: how often it, or a part of it, was halved
-    error: relative change of the forces in the last round
-    unconverged: parts of the step that were taken although they did not converge
-    """
-
-    rounds: int
-    products: int
-    touching: int
-    halvings: int
-    error: float
-    unconverged: int = 0
 
 
 class Stepper:
@@ -105,7 +54,7 @@ class Stepper:
         self.near = np.zeros(0, np.int64)
         self.is_near = np.zeros(len(self.radial), np.bool_)
         self.flags = np.zeros(len(self.radial), np.bool_)
-        self.start = touching_place(dome, solid, _rotation(motion.poses[0]))
+        self.start = touching_place(dome, solid, rotation_of(motion.poses[0]))
         self.restore(state)
 
     def touch(self, solid: Solid) -> None:
@@ -158,16 +107,15 @@ class Stepper:
 
     def _attempt(self, until: float, depth: int, load: Array | None) -> StepCount:
         before = self.state()
-        count = self._solve(until, load)
+        count = self._solve(until, self.dome.relaxation / (until - self.time), load)
         if count.error < TOLERANCE:
             return count
+        creeps = not self.motion.moves_free.any() and not self.dome.relaxation
+        if creeps and depth == _BEFORE_CREEP:
+            self.restore(before)
+            return self._creep(until)
         if depth == HALVINGS:
-            if count.error < ENOUGH:
-                return count._replace(unconverged=1)
-            raise ConvergenceError(
-                f"the contact at {until:.6g} s does not converge in steps of "
-                f"{(until - before.time) * 1e6:.3g} µs; a softer object or smoother motion does"
-            )
+            return self._enough(count, until, until - before.time)
         self.restore(before)
         first = self._attempt(0.5 * (before.time + until), depth + 1, load)
         second = self._attempt(until, depth + 1, load)
@@ -180,13 +128,48 @@ class Stepper:
             first.unconverged + second.unconverged,
         )
 
-    def _solve(self, until: float, load: Array | None) -> StepCount:
+    def _enough(self, count: StepCount, until: float, step: float) -> StepCount:
+        if count.error < ENOUGH:
+            return count._replace(unconverged=1)
+        raise ConvergenceError(
+            f"the contact at {until:.6g} s does not converge in steps of "
+            f"{step * 1e6:.3g} µs; a softer object or smoother motion does"
+        )
+
+    def _creep(self, until: float) -> StepCount:
+        """Step in which the skin is slowed down, more and then less, until it is at rest.
+
+        Where a node snaps over an edge there is no equilibrium near the one before, however short
+        the step; a viscous skin has a way to the next one.
+        """
+        step = until - self.time
+        self.memory[:] = self.linear
+        lag, rounds, products = _SLOW, 0, 0
+        for _ in range(_CREEPS):
+            before = self.state()
+            count = self._solve(until, lag)
+            rounds, products = rounds + count.rounds, products + count.products
+            if count.error < TOLERANCE:
+                if lag == 0.0:
+                    break
+                lag = 0.6 * lag if lag > _QUICK else 0.0
+            else:
+                if lag >= _SLOWEST:
+                    break
+                self.restore(before)
+                lag = max(4.0 * lag, _QUICK)
+        self.memory[:] = 0.0
+        count = count._replace(rounds=rounds, products=products)
+        if count.error < TOLERANCE and lag == 0.0:
+            return count
+        return self._enough(count._replace(error=max(count.error, TOLERANCE)), until, step)
+
+    def _solve(self, until: float, lag: float, load: Array | None = None) -> StepCount:
         step = until - self.time
         free = np.asarray(self.motion.moves_free, np.bool_)
         moves = bool(free.any())
         rotation, place = self._guess(until)
         inertia, wanted = self._inertia(rotation, until, step, load)
-        lag = self.dome.relaxation / step
         share = 1.0 / (1.0 + lag)
         for _ in range(4):
             self._find(rotation, place)
@@ -224,7 +207,8 @@ class Stepper:
             new_place, new_rotation = place + moved[:3], turned(rotation, moved[3:])
             if not moves or not self._missed(new_rotation, new_place):
                 break
-        self.velocity = self._velocity(step, new_place, moved)
+        if step > 0.0:
+            self.velocity = self._velocity(step, new_place, moved)
         self.place, self.rotation, self.time = new_place, new_rotation, until
         self.linear[near] = outcome.linear
         self.forces[near], self.friction[near] = outcome.true, outcome.tangential
@@ -250,7 +234,7 @@ class Stepper:
         return rotation, np.where(free[:3], self.place, place)
 
     def _pose(self, pose: Array) -> tuple[Array, Array]:
-        return _rotation(pose), self.start + pose[:3]
+        return rotation_of(pose), self.start + pose[:3]
 
     def _inertia(
         self, rotation: Array, until: float, step: float, load: Array | None
@@ -293,10 +277,8 @@ class Stepper:
         kept = len(stay) if len(stay) == len(self.near) else 0
         self._take(np.concatenate([stay, new]), kept)
         if len(new):
-            loaded = np.flatnonzero(
-                self.memory.any(axis=1) if self.dome.relaxation else self.linear.any(axis=1)
-            )
-            source = self.memory if self.dome.relaxation else self.linear
+            source = self.memory if self.memory.any() else self.linear
+            loaded = np.flatnonzero(source.any(axis=1))
             displace(
                 self.table, len(self.lattice.angles), self.lattice.ring, self.lattice.azimuth,
                 self.scale, loaded, source, new, self.displacement,
@@ -344,10 +326,6 @@ class Stepper:
             )
 
 
-def _rotation(pose: Array) -> Array:
-    return turned(np.eye(3), np.ascontiguousarray(pose[3:]))
-
-
 def displacements(dome: Dome, state: DomeState) -> Array:
     """Displacement of every node of the skin in a state [m], shape (N, 3)."""
     nodes = lattice(dome)
@@ -359,63 +337,3 @@ def displacements(dome: Dome, state: DomeState) -> Array:
         np.arange(len(nodes.ring)), out,
     )  # fmt: skip
     return out
-
-
-def touching_place(
-    dome: Dome, solid: Solid, rotation: Array, beside: tuple[float, float] = (0.0, 0.0)
-) -> Array:
-    """Place above the apex at which a turned object just touches the dome [m], shape (3,).
-
-    Parameters
-    ----------
-    beside: of the place beside the apex, along x and y [m]
-
-    Raises
-    ------
-    UserError: when the object cannot lie on the dome
-    """
-    points = lattice(dome).points
-    height = dome.radius + max(solid.shape.reach_down(rotation), 0.0) + dome.radius
-    for _ in range(400):
-        place = np.array([*beside, height])
-        gap, normal = distances(solid.shape, (points - place) @ rotation)
-        nearest = int(gap.argmin())
-        point, distance = points[nearest], gap[nearest]
-        for _ in range(20):  # nearest point of the sphere, by projections to and fro
-            surface = point - distance * (rotation @ normal[nearest])
-            closer = dome.radius * surface / np.linalg.norm(surface)
-            (new,), (facing,) = distances(solid.shape, ((closer - place) @ rotation)[None])
-            if new >= distance - 1e-12:
-                break
-            point, distance, normal[nearest] = closer, new, facing
-        if abs(distance) < 1e-9:
-            return place
-        height -= distance
-    raise UserError(f"the object {solid.shape.name} does not come to lie on the dome from above")
-
-
-def resting(dome: Dome, solid: Solid, motion: Motion) -> DomeState:
-    """State at the start of a motion, in which nothing touches.
-
-    Raises
-    ------
-    UserError: when the object is in the dome at the start.
-    """
-    rotation = _rotation(motion.poses[0])
-    place = touching_place(dome, solid, rotation) + motion.poses[0, :3]
-    gap, _ = distances(solid.shape, (lattice(dome).points - place) @ rotation)
-    if gap.min() < -1e-9:
-        raise UserError(
-            f"the object {solid.shape.name} is {-1e3 * gap.min():.3g} mm inside the dome at the "
-            "start; the first pose must not be below the one that just touches, which is all zeros"
-        )
-    count = len(gap)
-
-    def zeros() -> Array:
-        return np.zeros((count, 3))
-
-    return DomeState(
-        time=0.0, place=place, rotation=rotation, velocity=np.zeros(6), displacement=zeros(),
-        linear=zeros(), memory=zeros(), forces=zeros(), friction=zeros(), normals=zeros(),
-        near=np.zeros(0, np.int64),
-    )  # fmt: skip

@@ -20,6 +20,7 @@ from ...compiled import njit
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Index = NDArray[np.int64]
 
 
 class System(NamedTuple):
@@ -89,6 +90,28 @@ def product(matrix: Single, x: Array | Single, y: Array | Single, size: int) -> 
         for i in range(size):
             y[i] += a[i] * x[j]
         j += 1
+
+
+@njit()
+def product_of(
+    matrix: Single, columns: Index, count: int, x: Array | Single, y: Array | Single, size: int
+) -> None:
+    """Product y = matrix·x as `product`, with the first `count` of `columns` of the matrix only."""
+    for i in range(size):
+        y[i] = 0.0
+    k = 0
+    while k + 4 <= count:
+        ja, jb, jc, jd = columns[k], columns[k + 1], columns[k + 2], columns[k + 3]
+        a, b, c, d = matrix[ja], matrix[jb], matrix[jc], matrix[jd]
+        xa, xb, xc, xd = x[ja], x[jb], x[jc], x[jd]
+        for i in range(size):
+            y[i] += (a[i] * xa + b[i] * xb) + (c[i] * xc + d[i] * xd)
+        k += 4
+    while k < count:
+        a = matrix[columns[k]]
+        for i in range(size):
+            y[i] += a[i] * x[columns[k]]
+        k += 1
 
 
 @njit()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled import njit
-from .krylov_kernels import System, invert_three, prepare, product, solve
+from .krylov_kernels import System, invert_three, prepare, product_of, solve
 from .touch_kernels import Pose, Stiffening, Touched, touch
 
 Array = NDArray[np.float64]
@@ -134,7 +134,8 @@ def solve_contact(
     active, last = np.empty(n, np.int64), np.full(n, -1, np.int64)
     right, change = np.empty(size + 6), np.empty(size + 6)
     linear, slope, stiffened = np.empty(3), np.empty((3, 3)), np.empty(2)
-    own, answer, now, work = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(8)
+    own, answer, now, work = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(11)
+    room = np.empty((3, 3, 3))
     count_before, products, touching = -1, 0, 0
     secants, former, error = 0, np.inf, 1.0
     rounds, length = 0, 1.0
@@ -149,7 +150,7 @@ def solve_contact(
                     own[a, b] = share * near.compliance[3 * i + a, 3 * i + b]
             touches = _settle(
                 near, thing, at, stiff, i, forces, own, old[i], rounds == 0, secants > 0,
-                outcome, now, linear, slope, answer, stiffened, work,
+                outcome, now, linear, slope, answer, stiffened, work, room,
             )  # fmt: skip
             held = forces[3 * i] != 0.0 or forces[3 * i + 1] != 0.0 or forces[3 * i + 2] != 0.0
             touching += touches
@@ -182,8 +183,8 @@ def solve_contact(
                 for c in range(6):
                     motion[c] -= length * change[3 * count_before + c]
                 _carry(at, pose, motion)
-            _displace(near.compliance, forces, offset, share, u, size)
-            products += 1
+            for k in range(size):
+                u[k] -= length * system.vectors[6, k]
             continue
         if secants > 0:
             secants -= 1
@@ -216,7 +217,7 @@ def solve_contact(
                 motion[c] += change[3 * count + c]
             _carry(at, pose, motion)
         length = 1.0
-        _displace(near.compliance, forces, offset, share, u, size)
+        _displace_more(near.compliance, active, count, change, share, system, u, size)
         products += 1
         rounds += 1
     for i in range(n):
@@ -253,6 +254,7 @@ def _settle(
     answer: Array,
     stiffened: Array,
     work: Array,
+    room: Array,
 ) -> bool:
     """Force on node i that its own displacement agrees with, the other forces held.
 
@@ -262,9 +264,10 @@ def _settle(
     now: place of the node [m]; changed to that which agrees
     linear: its force [N], (3,) (output)
     answer: B = dΦ/du*, see `krylov_kernels` [N/m], (3, 3) (output)
+    work, room: to work in, (11,) and (3, 3, 3)
     """
-    base, step = np.empty(3), np.empty(3)
-    matrix, inverse = np.empty((3, 3)), np.empty((3, 3))
+    base, step, moved = room[0, 0], room[0, 1], room[0, 2]
+    matrix, inverse = room[1], room[2]
     carried = 0.0
     for a in range(3):
         base[a] = now[a]
@@ -273,7 +276,6 @@ def _settle(
         carried += abs(forces[3 * i + a])
     touches = False
     former, length = np.inf, 1.0
-    moved = np.zeros(3)
     for turn in range(_SETTLING):
         inwards = 0.0
         for a in range(3):
@@ -367,9 +369,42 @@ def _reaction(
 def _displace(
     compliance: Single, forces: Array, offset: Array, share: float, out: Array, size: int
 ) -> None:
-    product(compliance, forces, out, size)
+    """Displacement by all forces, in double precision."""
+    loaded = np.empty(size, np.int64)
+    count = 0
+    for j in range(size):
+        if forces[j] != 0.0:
+            loaded[count] = j
+            count += 1
+    product_of(compliance, loaded, count, forces, out, size)
     for k in range(size):
         out[k] = out[k] * share + offset[k]
+
+
+@njit()
+def _displace_more(
+    compliance: Single,
+    active: Index,
+    count: int,
+    change: Array,
+    share: float,
+    system: System,
+    out: Array,
+    size: int,
+) -> None:
+    """Add the displacement by a change of forces, which is small: in single precision.
+
+    What is added is left in `system.vectors[6]`.
+    """
+    x, more = system.vectors[7], system.vectors[6]
+    columns = np.empty(3 * count, np.int64)
+    for k in range(count):
+        for a in range(3):
+            columns[3 * k + a] = 3 * active[k] + a
+            x[3 * active[k] + a] = share * change[3 * k + a]
+    product_of(compliance, columns, 3 * count, x, more, size)
+    for k in range(size):
+        out[k] += more[k]
 
 
 @njit()

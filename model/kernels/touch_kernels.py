@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...compiled import njit
 from .dahl_vector_kernels import dahl_vector
-from .distance_kernels import PLANE, distance
+from .distance_kernels import GRID, PLANE, distance
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ def touch(
     trial: whether a node that was not sliding that way sticks elastically
     secant: see `dahl_vector`
     normal: the object's at the node (output)
-    work: shape (8,)
+    work: shape (11,)
     linear, true: forces [N], shape (3,) (outputs)
     slope: derivative of `linear` by `now` [N/m], shape (3, 3) (output)
     stiffened: s, and Fn·(ds/s) per indentation [N/m], shape (2,) (output)
@@ -133,7 +133,7 @@ def touch(
         bend = -rise * stiff.power / (depth * factor * factor * stiff.thickness)
     stiffened[0], stiffened[1] = factor, -force * bend * factor
     n0, n1, n2 = normal
-    aside = np.empty(3)
+    aside = work[8:]
     if abs(n2) < 0.9:
         b0, b1, b2 = -n1, n0, 0.0
     else:
@@ -164,6 +164,10 @@ def touch(
             work[2], work[3], work[4], work[5] = bristle, 0.0, 0.0, bristle
             work[6], work[7] = 0.0, 0.0
     f_b, f_c = work[0], work[1]
+    steep = 1.0  # slope of the gap along the normal, which a mesh rounds off at its edges
+    if thing.kind == GRID:
+        x, y, z = now[0] + _ASIDE * n0, now[1] + _ASIDE * n1, now[2] + _ASIDE * n2
+        steep = (gap_at(thing, pose, x, y, z, aside) - gap) / _ASIDE
     for a in range(3):
         na, ba, ca = normal[a], _at(a, b0, b1, b2), _at(a, c0, c1, c2)
         tangential = f_b * ba + f_c * ca
@@ -171,22 +175,34 @@ def touch(
         linear[a] = force / factor * na + tangential
     for k in range(3):  # column: the direction in which the node moves
         nk, bk, ck = normal[k], _at(k, b0, b1, b2), _at(k, c0, c1, c2)
-        v_b = work[2] * bk + work[3] * ck + work[6] * thing.friction * stiffness * nk
-        v_c = work[4] * bk + work[5] * ck + work[7] * thing.friction * stiffness * nk
-        straight = -stiffness * nk / factor - force * bend * radial[k]
+        rise = steep * stiffness * nk
+        v_b = work[2] * bk + work[3] * ck + work[6] * thing.friction * rise
+        v_c = work[4] * bk + work[5] * ck + work[7] * thing.friction * rise
+        straight = -rise / factor - force * bend * radial[k]
         for a in range(3):
             na = normal[a]
             sideways = v_b * _at(a, b0, b1, b2) + v_c * _at(a, c0, c1, c2)
             slope[a, k] = straight * na - sideways
     if thing.kind != PLANE:
-        # The normal turns as the node moves along a curved object, and its force with it.
-        force /= factor
-        for turn in range(2):
-            t0, t1, t2 = (b0, b1, b2) if turn == 0 else (c0, c1, c2)
+        # The normal turns as the node moves along a curved object: its force and the friction turn
+        # with it, and what was motion towards the object becomes slip.
+        towards = s0 * n0 + s1 * n1 + s2 * n2
+        for turn in range(3 if thing.kind == GRID else 2):
+            t0, t1, t2 = (
+                (b0, b1, b2) if turn == 0 else ((c0, c1, c2) if turn == 1 else (n0, n1, n2))
+            )
             x, y, z = now[0] + _ASIDE * t0, now[1] + _ASIDE * t1, now[2] + _ASIDE * t2
             gap_at(thing, pose, x, y, z, aside)
             for a in range(3):
-                change = force * (aside[a] - normal[a]) / _ASIDE
+                aside[a] = (aside[a] - normal[a]) / _ASIDE
+            turn_b = aside[0] * b0 + aside[1] * b1 + aside[2] * b2
+            turn_c = aside[0] * c0 + aside[1] * c1 + aside[2] * c2
+            v_b = -towards * (work[2] * turn_b + work[3] * turn_c)
+            v_c = -towards * (work[4] * turn_b + work[5] * turn_c)
+            lean = f_b * turn_b + f_c * turn_c
+            for a in range(3):
+                change = force / factor * aside[a] - lean * normal[a]
+                change += v_b * _at(a, b0, b1, b2) + v_c * _at(a, c0, c1, c2)
                 slope[a, 0] += change * t0
                 slope[a, 1] += change * t1
                 slope[a, 2] += change * t2

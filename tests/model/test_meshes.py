@@ -1,6 +1,6 @@
 """Triangle meshes as distance grids: against formulas, what is mended and what is refused."""
 
-import importlib.util
+import math
 from pathlib import Path
 
 import numpy as np
@@ -8,16 +8,11 @@ import pytest
 
 from chromagrip import kept_arrays
 from chromagrip.errors import UserError
-from chromagrip.model import shapes
+from chromagrip.measure.worlds import meshes
+from chromagrip.model import Dome, Solid, press_and_move, shapes, simulate_contact
 
 igl = pytest.importorskip("igl")
 trimesh = pytest.importorskip("trimesh")
-
-_spec = importlib.util.spec_from_file_location("meshes", Path(__file__).with_name("meshes.py"))
-assert _spec is not None
-assert _spec.loader is not None
-meshes = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(meshes)
 
 
 @pytest.fixture(autouse=True)
@@ -101,6 +96,20 @@ def test_a_mesh_reaches_down_to_its_lowest_vertex() -> None:
     shape = shapes.mesh_shape(meshes.corner(), cells=32)
     assert shape.reach_down() == pytest.approx(np.sqrt(3.0) * 4e-3)
     np.testing.assert_allclose(shape.bounds[0], -shape.bounds[1])
+
+
+def test_meshes_with_sharp_edges_come_over_a_dome(no_kept: Path) -> None:
+    """A gear whose teeth slide over it, and the corner of a cube, which comes to lie on its tip."""
+    dome = Dome(pitch=0.7e-3, reach=math.radians(45.0))
+    lying = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    for name, turn in (("gear", lying), ("corner", None)):
+        shape = shapes.mesh_shape(meshes.MESHES[name](), rotation=turn, cells=64)
+        motion = press_and_move(
+            0.4e-3, shift=(0.6e-3, 0.1e-3), twist=0.2, press_s=0.02, move_s=0.04
+        )
+        run = simulate_contact(dome, Solid(shape=shape), motion, 1e-3, keep=2)
+        assert run.unconverged == 0
+        assert run.total_forces[-1, 2] < 0.0
 
 
 def test_scale_and_pose() -> None:

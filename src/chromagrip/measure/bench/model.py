@@ -28,6 +28,7 @@ from ...model import (
 from ...output.report import Bounds, Report, Row, at_least, at_most, measured, reported
 from ..worlds.grasps import contact_object
 from .model_dome import bench_dome
+from .model_meshes import bench_meshes
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -59,6 +60,7 @@ def bench_model(quick: bool, progress: Progress) -> Report:
         *_true_steps(quick, progress),
         *_ensemble(quick, progress),
         *bench_dome(quick, progress),
+        *bench_meshes(quick, progress),
     ]
     return Report(rows=tuple(rows), quick=quick)
 

@@ -1,51 +1,63 @@
-"""Ten meshes of objects, made by script; all closed, in mm, below 11 000 faces."""
+"""Ten meshes of objects, made by script; all closed, in mm, below 11 000 faces.
+
+They need the extra `mesh`.
+"""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
+
+from ...extras import need
 
 Mesh = Any
 Array = NDArray[np.float64]
 
 
+def _trimesh() -> Any:
+    return need("trimesh", "mesh")
+
+
 def ball() -> Mesh:
-    return trimesh.creation.icosphere(subdivisions=4, radius=5.0)
+    """A ball of 5 mm, of 5120 faces."""
+    return _trimesh().creation.icosphere(subdivisions=4, radius=5.0)
 
 
 def ring() -> Mesh:
     """A torus around the axis y, of 10 000 faces."""
-    mesh = trimesh.creation.torus(6.0, 2.0, major_sections=100, minor_sections=50)
-    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    mesh = _trimesh().creation.torus(6.0, 2.0, major_sections=100, minor_sections=50)
+    mesh.apply_transform(_trimesh().transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
     return mesh
 
 
 def tube() -> Mesh:
-    return trimesh.creation.annulus(r_min=2.0, r_max=4.0, height=6.0)
+    """A short pipe that stands upright."""
+    return _trimesh().creation.annulus(r_min=2.0, r_max=4.0, height=6.0)
 
 
 def capsule() -> Mesh:
-    mesh = trimesh.creation.capsule(height=6.0, radius=2.0, count=[64, 64])
-    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    """A rod with round ends along the axis y."""
+    mesh = _trimesh().creation.capsule(height=6.0, radius=2.0, count=[64, 64])
+    mesh.apply_transform(_trimesh().transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
     return mesh
 
 
 def cone() -> Mesh:
-    return trimesh.creation.cone(radius=3.0, height=6.0, sections=128)
+    """A cone whose tip points away from the dome."""
+    return _trimesh().creation.cone(radius=3.0, height=6.0, sections=128)
 
 
 def corner() -> Mesh:
     """A cube that stands on a corner."""
-    mesh = trimesh.creation.box(extents=(8.0, 8.0, 8.0))
-    mesh.apply_transform(trimesh.geometry.align_vectors([1, 1, 1], [0, 0, -1]))
+    mesh = _trimesh().creation.box(extents=(8.0, 8.0, 8.0))
+    mesh.apply_transform(_trimesh().geometry.align_vectors([1, 1, 1], [0, 0, -1]))
     return mesh
 
 
 def blade() -> Mesh:
     """A wedge whose edge is sharp: 12 long, 6 high, 1 thick at its back."""
-    return trimesh.convex.convex_hull(
+    return _trimesh().convex.convex_hull(
         [[s, x, z] for x in (-6.0, 6.0) for s, z in ((0.0, -3.0), (-0.5, 3.0), (0.5, 3.0))]
     )
 
@@ -55,7 +67,7 @@ def pencil() -> Mesh:
     angles = np.arange(6) * np.pi / 3
     rim = np.stack([3.5 * np.cos(angles), 3.5 * np.sin(angles)], axis=1)
     ends = [np.column_stack([rim, np.full(6, z)]) for z in (0.0, 20.0)]
-    return trimesh.convex.convex_hull(np.concatenate([*ends, [[0.0, 0.0, -10.0]]]))
+    return _trimesh().convex.convex_hull(np.concatenate([*ends, [[0.0, 0.0, -10.0]]]))
 
 
 def gear() -> Mesh:
@@ -100,4 +112,4 @@ def _stack(rings: list[Array]) -> Mesh:
     low, high = len(vertices) - 2, len(vertices) - 1
     faces += [np.stack([after, here, 0 * here + low], axis=1)]
     faces += [np.stack([last * n + here, last * n + after, 0 * here + high], axis=1)]
-    return trimesh.Trimesh(vertices, np.concatenate(faces))
+    return _trimesh().Trimesh(vertices, np.concatenate(faces))

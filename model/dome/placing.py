@@ -1,0 +1,67 @@
+"""Where an object just touches a dome."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from ...errors import UserError
+from ..kernels.newton_kernels import turned
+from ..shapes import distances
+from .dome import Dome, lattice
+from .solid import Solid
+
+Array = NDArray[np.float64]
+
+#: Points about one, on which the nearest of the sphere is looked for; how often, in steps that
+#: shrink by this factor.
+_AROUND = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 3), axis=-1).reshape(-1, 3)
+_LOOKS, _SHRINK = 32, 0.6
+#: Most ways down to the dome, and the shortest [m].
+_WAYS, _DOWN = 400, 1e-6
+
+
+def rotation_of(pose: Array) -> Array:
+    """Rotation (3, 3) of a pose (6,), from the object's own frame to the world's."""
+    return turned(np.eye(3), np.ascontiguousarray(pose[3:]))
+
+
+def touching_place(
+    dome: Dome, solid: Solid, rotation: Array, beside: tuple[float, float] = (0.0, 0.0)
+) -> Array:
+    """Place above the apex at which a turned object just touches the dome [m], shape (3,).
+
+    Parameters
+    ----------
+    rotation: from the object's own frame to the world's, shape (3, 3)
+    beside: of the place beside the apex, along x and y [m]
+
+    Raises
+    ------
+    UserError: when the object cannot lie on the dome
+    """
+    points = lattice(dome).points
+
+    def lowest(height: float) -> float:
+        """Smallest distance of a point of the sphere from the object."""
+        place = np.array([*beside, height])
+        gap, _ = distances(solid.shape, (points - place) @ rotation)
+        nearest, width = points[gap.argmin()], dome.spacing
+        least = float(gap.min())
+        for _ in range(_LOOKS):
+            around = nearest + width * _AROUND
+            around *= dome.radius / np.linalg.norm(around, axis=1, keepdims=True)
+            gap, _ = distances(solid.shape, (around - place) @ rotation)
+            if gap.min() < least:
+                nearest, least = around[gap.argmin()], float(gap.min())
+            width *= _SHRINK
+        return least
+
+    above = 2.0 * dome.radius + max(solid.shape.reach_down(rotation), 0.0)
+    height = above
+    for _ in range(_WAYS):
+        gap = lowest(height)
+        if gap <= 0.0:
+            return np.array([*beside, brentq(lowest, height, above, xtol=1e-10)])
+        # A distance is a lower bound, and tells less than the way at edges that a mesh rounds.
+        above, height = height, height - max(gap, _DOWN)
+    raise UserError(f"the object {solid.shape.name} does not come to lie on the dome from above")

@@ -1,0 +1,96 @@
+"""What a dome's step starts from, and what it took."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ..shapes import distances
+from .dome import Dome, lattice
+from .motion import Motion
+from .placing import rotation_of, touching_place
+from .solid import Solid
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DomeState:
+    """All that a step of a dome starts from.
+
+    Attributes
+    ----------
+    time: [s]
+    place, rotation: of the object in the sensor's frame [m], shapes (3,) and (3, 3)
+    velocity: of its place, and its angular velocity [m/s, rad/s], shape (6,)
+    displacement: of the nodes [m], shape (N, 3); right for those in `near`, see `displacements`
+    linear: forces that the linear skin carries [N], shape (N, 3)
+    memory: the same, as viscosity remembers them [N], shape (N, 3)
+    forces: of the object on the nodes [N], shape (N, 3)
+    friction: the part of `forces` in the object's tangent planes [N], shape (N, 3)
+    normals: of the object at the nodes that touch it, zero elsewhere, shape (N, 3)
+    near: nodes that a step looks at, in the order of its equations, shape (n,)
+    """
+
+    time: float
+    place: Array
+    rotation: Array
+    velocity: Array
+    displacement: Array
+    linear: Array
+    memory: Array
+    forces: Array
+    friction: Array
+    normals: Array
+    near: Index
+
+
+class StepCount(NamedTuple):
+    """What a step took.
+
+    Attributes
+    ----------
+    rounds: of Newton's method
+    products: with the compliance
+    touching: nodes that touch at its end
+    halvings: how often it, or a part of it, was halved
+    error: relative change of the forces in the last round
+    unconverged: parts of the step that were taken although they did not converge
+    """
+
+    rounds: int
+    products: int
+    touching: int
+    halvings: int
+    error: float
+    unconverged: int = 0
+
+
+def resting(dome: Dome, solid: Solid, motion: Motion) -> DomeState:
+    """State at the start of a motion, in which nothing touches.
+
+    Raises
+    ------
+    UserError: when the object is in the dome at the start.
+    """
+    rotation = rotation_of(motion.poses[0])
+    place = touching_place(dome, solid, rotation) + motion.poses[0, :3]
+    gap, _ = distances(solid.shape, (lattice(dome).points - place) @ rotation)
+    if gap.min() < -1e-9:
+        raise UserError(
+            f"the object {solid.shape.name} is {-1e3 * gap.min():.3g} mm inside the dome at the "
+            "start; the first pose must not be below the one that just touches, which is all zeros"
+        )
+    count = len(gap)
+
+    def zeros() -> Array:
+        return np.zeros((count, 3))
+
+    return DomeState(
+        time=0.0, place=place, rotation=rotation, velocity=np.zeros(6), displacement=zeros(),
+        linear=zeros(), memory=zeros(), forces=zeros(), friction=zeros(), normals=zeros(),
+        near=np.zeros(0, np.int64),
+    )  # fmt: skip
