@@ -1,6 +1,6 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
-Parts: images, loop, dataset, control, model, render, track, force, ranges, charts, limit,
+Parts: images, bodies, loop, dataset, control, model, render, track, force, ranges, charts, limit,
 stability, stability-track, stability-loop, appendix-b, reproduction. Without arguments all of them
 are made, which takes some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md,
 docs/training-ranges.md and docs/reproduction.md is written by hand, nor what other pages have
@@ -23,11 +23,15 @@ import cv2
 from chromagrip.calibrate.first_use import EPOCHS, HISTORIES, NOISE
 from chromagrip.calibrate.readout import VARIATIONS
 from chromagrip.calibrate.spanned import range_lines, spanned_ranges
+from chromagrip.measure.bench.model_bodies import engine_rows
 from chromagrip.measure.bench.parts import bench
 from chromagrip.measure.reproduce.parts import PARTS as THESIS
 from chromagrip.measure.reproduce.parts import Plan, reproduce
 from chromagrip.measure.reproduce.statements import Section
-from chromagrip.output.report import Table, machine, markdown, report_markdown
+from chromagrip.measure.side_by_side import COMPARED, FRICTION, GRIP, side_by_side, side_table
+from chromagrip.measure.side_by_side_figure import draw_side_by_side
+from chromagrip.output.figure import png
+from chromagrip.output.report import Table, machine, markdown, number, report_markdown
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -101,6 +105,30 @@ def images() -> None:
         video = cv2.VideoCapture(str(folder / "tactile.mp4"))
         video.set(cv2.CAP_PROP_POS_FRAMES, 150)
         cv2.imwrite(str(IMAGES / "tactile.png"), video.read()[1])
+
+
+def bodies() -> None:
+    """Chain and dome side by side, and the chain by two engines."""
+    sides = side_by_side(False, print)
+    (IMAGES / "bodies.png").write_bytes(png(draw_side_by_side(sides)))
+    load = COMPARED * FRICTION * GRIP
+    grasp = f"Grip {GRIP:g} N, then a load of {load:g} N, µ {FRICTION:g}:"
+    fill("bodies", "side by side", [grasp, "", *markdown(side_table(sides))])
+    found: dict[str, dict[str, str]] = {}
+    for row in engine_rows(False, print):
+        found.setdefault(row.subject[-1], {})[row.score] = number(row.value, ".1e")
+    scores = {
+        "normal": "ΣFn",
+        "friction": "ΣFf",
+        "nodal": "force of a node, over the largest",
+        "nodal_friction": "friction of the nodes",
+    }
+    lines = [
+        (name.replace("_", " "), *(values[score] for score in scores))
+        for name, values in found.items()
+        if scores.keys() <= values.keys()
+    ]
+    fill("bodies", "engines", markdown(Table(("", *scores.values()), tuple(lines))))
 
 
 def force() -> None:
@@ -198,6 +226,7 @@ def surfaces_of_table_2(sections: Iterable[Section]) -> None:
 
 PARTS: dict[str, Callable[[], None]] = {
     "images": images,
+    "bodies": bodies,
     "loop": partial(table, "loop"),
     "dataset": partial(table, "dataset"),
     "control": partial(table, "control"),

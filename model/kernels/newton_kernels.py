@@ -284,7 +284,7 @@ def _settle(
             thing, at, stiff, near.areas[i], near.before[i], now, inwards, near.radial[i], old,
             trial, secant, outcome.normal[i], work, linear, outcome.true[i], slope, stiffened,
         )  # fmt: skip
-        if not touches and carried == 0.0:
+        if not touches and carried == 0.0 and turn == 0:
             return False  # as before, and `answer` is not used
         off, size = 0.0, 0.0
         for a in range(3):

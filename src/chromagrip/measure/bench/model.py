@@ -27,6 +27,7 @@ from ...model import (
 )
 from ...output.report import Bounds, Report, Row, at_least, at_most, measured, reported
 from ..worlds.grasps import contact_object
+from .model_bodies import bench_bodies
 from .model_dome import bench_dome
 from .model_meshes import bench_meshes
 
@@ -61,6 +62,7 @@ def bench_model(quick: bool, progress: Progress) -> Report:
         *_ensemble(quick, progress),
         *bench_dome(quick, progress),
         *bench_meshes(quick, progress),
+        *bench_bodies(quick, progress),
     ]
     return Report(rows=tuple(rows), quick=quick)
 

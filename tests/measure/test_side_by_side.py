@@ -1,0 +1,58 @@
+"""Chain and dome side by side: equilibrium holds for both, and the powers of the depth differ."""
+
+import math
+
+import numpy as np
+import pytest
+
+from chromagrip.measure import side_by_side as page
+from chromagrip.measure.side_by_side import Press, Side, side_by_side, side_rows, side_table
+from chromagrip.measure.side_by_side_figure import draw_side_by_side
+from chromagrip.output.figure import png
+
+
+@pytest.fixture(scope="module")
+def sides() -> list[Side]:
+    return side_by_side(True, lambda _: None)
+
+
+def test_what_equilibrium_demands_is_the_same(sides: list[Side]) -> None:
+    judged = [row for row in side_rows(sides) if row.target is not None]
+    assert {row.name for row in judged} == {
+        f"bodies/flat/difference/{score}" for score in ("normal", "friction", "margin")
+    }
+    assert all(row.met for row in judged), judged
+    for side in sides:
+        assert np.allclose(side.press.force[-1], page.GRIP, rtol=0.03), side.body
+        assert (np.diff(side.press.depth) > 0.0).all()
+
+
+def test_force_grows_with_another_power_of_the_depth(sides: list[Side]) -> None:
+    rows = {row.name: row.value or math.nan for row in side_rows(sides)}
+    for name in page.OBJECTS:
+        assert rows[f"bodies/{name}/chain/power_of_the_depth"] == pytest.approx(1.5, abs=0.05)
+        assert rows[f"bodies/{name}/dome/power_of_the_depth"] == pytest.approx(2.1, abs=0.1)
+        for body in ("chain", "dome"):
+            assert rows[f"bodies/{name}/{body}/off_the_rule"] < 8.0
+
+
+def test_a_parabola_of_pressure_follows_the_rule() -> None:
+    a = np.array([1e-3, 2e-3])
+    turned, strip = math.pi * a**2 / 2.0, 4.0 / 3.0 * a  # for a pressure of 1 Pa in the middle
+    force = np.full(2, page.FITTED)
+    assert page._off_rule(Press(force, a, a, turned / strip)) < 1e-12
+
+
+def test_the_edge_of_a_pressure_is_found_between_nodes() -> None:
+    place = np.linspace(-3e-3, 3e-3, 31)
+    force = np.maximum(0.0, 2.05e-3 - abs(place))
+    assert page._edge(place, force, 0.2e-3) == pytest.approx(2.05e-3)
+
+
+def test_the_picture_and_the_table_have_every_side(sides: list[Side]) -> None:
+    figure = draw_side_by_side(sides)
+    assert [len(axes.lines) for axes in figure.axes] == [6, 4, 4, 5]
+    assert png(figure)[:4] == b"\x89PNG"
+    table = side_table(sides)
+    assert table.header[1:] == ("chain, flat", "dome, flat", "chain, ball", "dome, ball")
+    assert all(len(line) == 5 for line in table.lines)
