@@ -169,13 +169,15 @@ def keep_domes() -> None:
     cv2.imwrite(str(IMAGES / "dome-2020.png"), cv2.hconcat(pictures))
 
 
-def stability(part: str) -> None:
-    """Picture and table of a stability map."""
+def stability_of_the_model() -> None:
+    """Maps of the chain's integrators and of the dome's steps."""
     files = {
-        "map.png": IMAGES / f"stability-{part}.png",
-        "map.csv": DOCS / f"stability-{part}.csv",
+        "map.png": IMAGES / "stability-model.png",
+        "map.csv": DOCS / "stability-model.csv",
+        "dome.png": IMAGES / "stability-dome.png",
+        "dome.csv": DOCS / "stability-dome.csv",
     }
-    keep(f"stability {part}", files)
+    keep("stability model", files)
 
 
 def stability_of_the_loop() -> None:
@@ -239,8 +241,12 @@ PARTS: dict[str, Callable[[], None]] = {
     "limit": partial(
         keep, "limit --sensor thesis --sensor fovea", {"limit.png": IMAGES / "limit.png"}
     ),
-    "stability": partial(stability, "model"),
-    "stability-track": partial(stability, "track"),
+    "stability": stability_of_the_model,
+    "stability-track": partial(
+        keep,
+        "stability track",
+        {"map.png": IMAGES / "stability-track.png", "map.csv": DOCS / "stability-track.csv"},
+    ),
     "stability-loop": stability_of_the_loop,
     "appendix-b": partial(
         keep,

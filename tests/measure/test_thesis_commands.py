@@ -8,6 +8,7 @@ import pytest
 
 from chromagrip.errors import UserError
 from chromagrip.measure.reproduce.parts import Plan, reproduce
+from chromagrip.measure.stability import dome
 from chromagrip.measure.stability import model as maps
 from chromagrip.measure.stability.model import OUTCOMES, Cell, Grid, cells, settings
 from chromagrip.measure.stability.parts import stability_model
@@ -64,6 +65,8 @@ def test_explicit_methods_fail_where_theory_says_and_the_default_does_not(method
 def test_an_interrupted_map_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = Grid(nodes=(21,), stiffness=(160.0,), steps={"implicit": (1e-2, 2e-2, 4e-2)}, budget=1)
     monkeypatch.setattr(maps, "grid", lambda _: plan)
+    of_dome = dome.Grid(("plane",), (0.7,), (1e7,), (4e-4,))
+    monkeypatch.setattr(dome, "grid", lambda _: of_dome)
     out = tmp_path / "map"
     seen: list[str] = []
 
@@ -78,7 +81,12 @@ def test_an_interrupted_map_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     seen.clear()
     report = stability_model(True, out, False, seen.append)
     assert [text for text in seen if "implicit" in text] == ["21 nodes, 160 N/m, implicit, 40 ms"]
-    assert sorted(path.name for path in out.iterdir()) == ["map.csv", "map.png"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "dome.csv",
+        "dome.png",
+        "map.csv",
+        "map.png",
+    ]
     with (out / "map.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["step_s"]) for row in rows] == [1e-2, 2e-2, 4e-2]

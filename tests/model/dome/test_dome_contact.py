@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from chromagrip.errors import UserError
 from chromagrip.model import (
+    ConvergenceError,
     Dome,
     Motion,
     Solid,
@@ -355,6 +356,7 @@ def test_a_press_through_the_silicone_is_refused() -> None:
         simulate_contact(COARSE, solid, press_and_move(1.9e-3), 5e-3)
 
 
+
 @pytest.mark.parametrize("shape", [ball(3e-3), torus(4e-3, 0.5e-3), cylinder(2e-3, 6e-3, 0.5e-3)])
 def test_the_slope_of_a_node_is_its_derivative(shape: Shape) -> None:
     """On curved objects, by differences: the normal turns, and the friction with it."""
@@ -399,3 +401,15 @@ def test_a_skin_that_creeps_comes_to_the_same_rest(friction: float) -> None:
         assert not state.memory.any()
         ends.append(state.forces)
     assert ends[1] == pytest.approx(ends[0], abs=0.03 * abs(ends[0]).max())
+
+
+@pytest.mark.parametrize("exponent", [0.0, 0.7])
+def test_a_rigid_object_is_never_said_not_to_touch(exponent: float) -> None:
+    """A node's own Newton hops out of a rigid object, which once counted as no contact."""
+    dome = Dome(pitch=0.6e-3, reach=math.radians(45.0))
+    solid = Solid(shape=ball(10e-3), stiffness=1e13, dahl_stiffness=5e13, dahl_exponent=exponent)
+    try:
+        run = simulate_contact(dome, solid, press_and_move(0.4e-3), 0.1)
+    except ConvergenceError:
+        return  # it says so
+    assert run.total_forces[-1, 2] < -0.5

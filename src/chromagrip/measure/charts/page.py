@@ -11,6 +11,7 @@ from ...output.folder import prepare
 from ...output.page import PageSection, machine_text, write_page
 from ...output.report import Report, Table
 from .chart import Chart, front, write_points
+from .dome import chart_dome
 from .drawing import draw, svg
 from .force import chart_force
 from .loop import chart_loop
@@ -42,7 +43,8 @@ def charts(
     ----------
     parts: keys of PARTS
     quick: less of everything
-    out: folder for PART.svg, .png and .csv, charts.json and index.html; None writes nothing
+    out: folder for PART.svg, .png and .csv (of model, model-dome.svg … too), charts.json and
+        index.html; None writes nothing
     overwrite: write into a folder that is not empty
     progress: called with the name of each measurement
     reconstructors: of force: names or module:Class; none are all of ours
@@ -66,6 +68,8 @@ def charts(
 
         choice = (reconstructors,) if part == "force" else ()
         made.append(PARTS[part](quick, tell, *choice))
+        if part == "model":  # of two bodies
+            made.append(chart_dome(quick, tell))
     report = Report(rows=tuple(row for chart in made for row in chart.rows()), quick=quick)
     if out is not None:
         text = json.dumps(report.as_json(), indent=2, ensure_ascii=False)

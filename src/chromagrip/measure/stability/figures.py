@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...output.figure import legend_below, new_figure, png
 from ...tracking import DEFAULT_TRACKER
 from ..worlds.track_scores import RIGHT
-from . import cells, model, track
+from . import cells, dome, model, track
 from .cells import Setting
 from .maps import CRUSHING, LINEAR, Line, Map, Panel
 
@@ -187,6 +187,50 @@ def _panel_of_model(axes: Axes, part: Sequence[model.Cell]) -> None:
     axes.set_xticks([1e-3, 1e-2, 1e-1, 1.0, 10.0], ["1 µs", "10 µs", "0.1 ms", "1 ms", "10 ms"])
     axes.minorticks_off()
     axes.tick_params(labelsize=7)
+
+
+def draw_dome(results: Sequence[dome.Cell], path: Path, quick: bool) -> None:
+    """Write the map of the dome: a panel for each shape and Dahl exponent.
+
+    Travel in a step goes across, stiffness of the object up. A cell whose steps were halved says
+    how often, in percent of the steps.
+    """
+    shapes = list(dict.fromkeys(cell.shape for cell in results))
+    exponents = list(dict.fromkeys(cell.exponent for cell in results))
+    title = _title("Dome: press 0.4 mm, shift 0.8 mm; outcome by the travel in a step", quick)
+    figure = new_figure(title, 3.4 * len(exponents) + 1.0, 2.7 * len(shapes) + 1.2)
+    panels = figure.subplots(len(shapes), len(exponents), squeeze=False)
+    for (row, column), axes in np.ndenumerate(panels):
+        shape, exponent = shapes[row], exponents[column]
+        part = [cell for cell in results if (cell.shape, cell.exponent) == (shape, exponent)]
+        _panel_of_dome(axes, part)
+        axes.set_title(f"{shape}, Dahl exponent {exponent:g}", fontsize=9)
+        if column == 0:
+            axes.set_ylabel("object stiffness [N/m³]", fontsize=8)
+        if row == len(shapes) - 1:
+            axes.set_xlabel("travel in a step [µm]", fontsize=8)
+    handles = _patches((cell.outcome for cell in results), dome.OUTCOMES)
+    handles.append(Line2D([], [], ls="", label="numbers: halved steps [%]"))
+    legend_below(figure, handles, len(handles))
+    path.write_bytes(png(figure))
+
+
+def _panel_of_dome(axes: Axes, part: Sequence[dome.Cell]) -> None:
+    travel = sorted({cell.travel_m for cell in part})
+    stiffness = sorted({cell.stiffness_n_per_m3 for cell in part})
+    at = {(cell.stiffness_n_per_m3, cell.travel_m): cell for cell in part}
+    outcomes = [[at[level, step].outcome for step in travel] for level in stiffness]
+    x, y = np.arange(len(travel) + 1.0) - 0.5, np.arange(len(stiffness) + 1.0) - 0.5
+    _mesh(axes, x, y, outcomes, dome.OUTCOMES)
+    for cell in part:
+        if cell.halved > 0.0:
+            place = travel.index(cell.travel_m), stiffness.index(cell.stiffness_n_per_m3)
+            text = f"{100.0 * cell.halved:.0f}" if cell.halved >= 0.005 else "<1"
+            axes.annotate(text, place, ha="center", va="center", fontsize=7)
+    axes.set_xticks(range(len(travel)), [f"{1e6 * step:g}" for step in travel])
+    powers = [f"$10^{{{np.log10(level):.0f}}}$" for level in stiffness]
+    axes.set_yticks(range(len(stiffness)), powers)
+    axes.tick_params(labelsize=7, length=0)
 
 
 def _edges(values: Array) -> Array:

@@ -13,37 +13,49 @@ from ...output.cells import open_unfinished, read_cells, resumed, write_cells
 from ...output.processes import map_processes
 from ...output.report import Report, Row, reported
 from ..bench.track import choose
-from . import model, track
+from . import dome, model, track
 from .boundaries import boundaries, ratio_rows, sentences
 from .cells import Cell, Setting, cell
-from .figures import draw_map, draw_model, draw_track
+from .figures import draw_dome, draw_map, draw_model, draw_track
 from .maps import PRESETS, Map, maps
 
 Progress = Callable[[str], None]
 
 
 def stability_model(quick: bool, out: Path | None, overwrite: bool, progress: Progress) -> Report:
-    """Map the integrators over step, contact stiffness and node count.
+    """Map the integrators over step, contact stiffness and node count, and the dome's steps.
 
-    One grasp (press to 1 N, pull to half of what friction holds, hold) is compared with the same
-    grasp in fine implicit steps.
+    One grasp of the chain (press to 1 N, pull to half of what friction holds, hold) is compared
+    with the same grasp in fine implicit steps; one contact of the dome (press, then slide) over
+    travel in a step, stiffness of the object and Dahl exponent, with the same in fine steps.
 
     Parameters
     ----------
-    quick: a map of under a minute
-    out: folder for picture and table, where an interrupted map goes on; None writes nothing
+    quick: maps of under a minute
+    out: folder for pictures and tables, where an interrupted map goes on; None writes nothing
     overwrite: write over what is there
     progress: called with the name of each run
 
     Returns
     -------
-    Figures of the map, with a sentence for each place where the default is not accurate.
+    Figures of the maps, with a sentence for each place where the default is not accurate.
     """
-    plan = model.grid(quick)
+    plan, dome_plan = model.grid(quick), dome.grid(quick)
+    unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
     run = partial(model.cells, budget=plan.budget, progress=progress)
-    draw = partial(draw_model, quick=quick)
-    cells = _map(out, overwrite, model.Cell, model.settings(plan), run, draw)
-    return model.report(cells, quick)
+    of_chain = _cells(unfinished, model.Cell, model.settings(plan), run)
+    # The chain's cells stay unfinished while the dome's are made: the folder is still in work.
+    beside = None if out is None else out / "dome.unfinished.csv"
+    run_dome = partial(dome.cells, progress=progress)
+    of_dome = _cells(beside, dome.Cell, dome.settings(dome_plan), run_dome)
+    _finish(out, "dome", of_dome, partial(draw_dome, quick=quick))
+    _finish(out, "map", of_chain, partial(draw_model, quick=quick))
+    chain_told, dome_told = model.report(of_chain, quick), dome.report(of_dome, quick)
+    return Report(
+        rows=chain_told.rows + dome_told.rows,
+        notes=chain_told.notes + dome_told.notes,
+        quick=quick,
+    )
 
 
 def stability_track(
@@ -73,27 +85,31 @@ def stability_track(
     choices = choose(trackers)
     run = partial(track.cells, trackers=choices, progress=progress)
     draw = partial(draw_track, quick=quick)
-    cells = _map(out, overwrite, track.Cell, track.settings(choices, quick), run, draw)
+    unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
+    cells = _cells(unfinished, track.Cell, track.settings(choices, quick), run)
+    _finish(out, "map", cells, draw)
     return track.report(cells, quick)
 
 
-def _map(
-    out: Path | None,
-    overwrite: bool,
+def _cells(
+    unfinished: Path | None,
     kind: type[Any],
     wanted: Sequence[Any],
     run: Callable[[list[Any]], Generator[Any]],
-    draw: Callable[[list[Any], Path], None],
 ) -> list[Any]:
-    """Cells of one map, in the order of their settings, with picture and table in a folder."""
-    unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
+    """Cells of one map, in the order of their settings; those of a file need no run."""
     done = read_cells(unfinished, kind)
-    cells = list(resumed(unfinished, done, lambda one: one.setting, wanted, run).values())
-    if out is not None and unfinished is not None:
-        draw(cells, out / "map.png")
-        write_cells(cells, out / "map.csv")
-        unfinished.unlink()
-    return cells
+    return list(resumed(unfinished, done, lambda one: one.setting, wanted, run).values())
+
+
+def _finish(
+    out: Path | None, name: str, cells: list[Any], draw: Callable[[list[Any], Path], None]
+) -> None:
+    """Write picture and table of a map into a folder, and drop what was unfinished."""
+    if out is not None:
+        draw(cells, out / f"{name}.png")
+        write_cells(cells, out / f"{name}.csv")
+        (out / f"{name}.unfinished.csv").unlink()
 
 
 def stability_loop(
