@@ -1,16 +1,24 @@
 """What tests of several files use."""
 
 import hashlib
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import CompletedProcess
 
+import cv2
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from chromagrip.cli.app import main
+
+# A worker of pytest has a core, not all: more threads only wait for each other, at full speed.
+threadpool_limits(1)
+cv2.setNumThreads(1)
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the processes that it starts
 
 # No test is timed: first calls compile.
 settings.register_profile("untimed", deadline=None)
@@ -38,6 +46,15 @@ def typed(
 
     yield run
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def small_files() -> Iterator[Callable[[int], None]]:
+    """Sets how large a file of this process may get [bytes], until the test ends."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import tarfile
 import tomllib
 import venv
 import zipfile
+from collections.abc import Sequence
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -27,6 +28,9 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 #: Modules that only extras bring.
 OPTIONAL = ["OpenGL", *(extra.module for extra in EXTRAS.values())]
+
+#: A clone that has no objects of its own: thousands of files that nothing here reads.
+CLONE = ["clone", "-q", "--shared"]
 
 git = shutil.which("git")
 needs_git = pytest.mark.skipif(
@@ -75,7 +79,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def unlinked(tmp_path: Path) -> Path:
     """A clone of this repository in which each symbolic link is a text file."""
     clone = tmp_path / "clone"
-    command = [str(git), "-c", "core.symlinks=false", "clone", "-q", str(ROOT), str(clone)]
+    command = [str(git), "-c", "core.symlinks=false", *CLONE, str(ROOT), str(clone)]
     subprocess.run(command, check=True, capture_output=True)
     assert (clone / "src/chromagrip/model").is_file()
     return clone
@@ -100,7 +104,7 @@ def test_the_wheel_holds_every_file(wheel: Path) -> None:
 @needs_git
 def test_a_wheel_is_whole_from_a_clone_without_links(unlinked: Path, tmp_path: Path) -> None:
     linked = tmp_path / "linked"
-    subprocess.run([str(git), "clone", "-q", str(ROOT), str(linked)], check=True)
+    subprocess.run([str(git), *CLONE, str(ROOT), str(linked)], check=True)
     assert held(build(unlinked, tmp_path / "one")) == held(build(linked, tmp_path / "two"))
 
 
@@ -171,14 +175,34 @@ def test_version_and_public_names() -> None:
 # Extras
 
 
-def without_extras(folder: Path, *words: str) -> CompletedProcess[str]:
-    """Run a command where no package of an extra can be imported."""
-    code = (
-        f"import sys; sys.modules.update(dict.fromkeys({OPTIONAL}));"
-        "from chromagrip.__main__ import main; main()"
-    )
-    command = [sys.executable, "-P", "-c", code, *words]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+#: Runs the commands that it is told, one after the other, where some modules are not.
+WITHOUT = """
+import contextlib, io, json, sys
+absent, *commands = json.loads(sys.argv[1])
+sys.modules.update(dict.fromkeys(absent))
+from chromagrip.__main__ import main
+ended = []
+for words in commands:
+    sys.argv, code = ["chromagrip", *words], 0
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    ended.append([words, code, out.getvalue(), err.getvalue()])
+print(json.dumps(ended))
+"""
+
+
+def without_extras(folder: Path, *commands: Sequence[str]) -> list[CompletedProcess[str]]:
+    """Run commands where no package of an extra can be imported."""
+    told = json.dumps([OPTIONAL, *commands])
+    command = [sys.executable, "-P", "-c", WITHOUT, told]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return [CompletedProcess(*one) for one in json.loads(done.stdout)]
 
 
 def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
@@ -194,33 +218,34 @@ def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
 
 @pytest.mark.parametrize("path", [pytest.param("truth", marks=pytest.mark.slow), "camera"])
 def test_a_grasp_in_memory_needs_no_extra(path: str, tmp_path: Path) -> None:
-    done = without_extras(tmp_path, "grasp", "--path", path, "--set", "duration_s=0.05", "--json")
+    words = ("grasp", "--path", path, "--set", "duration_s=0.05", "--json")
+    (done,) = without_extras(tmp_path, words)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["path"] == path
 
 
 def test_what_needs_an_extra_is_refused_before_anything_runs(tmp_path: Path) -> None:
     both = "needs the extras `data` and `video`: pip install 'chromagrip[data,video]'"
-    for words, sentence in {
+    sentences = {
         ("grasp", "--out", "new"): f"writing a run folder {both}",
         ("grasp", "--renderer", "pyrender", "--json"): (
             "the renderer pyrender needs the extra `gl`: pip install 'chromagrip[gl]'"
         ),
-    }.items():
-        done = without_extras(tmp_path, *words)
+    }
+    ended = without_extras(tmp_path, *sentences)
+    for done, sentence in zip(ended, sentences.values(), strict=True):
         assert (done.returncode, done.stderr.strip()) == (2, f"chromagrip: {sentence}")
-        assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_doctor_names_missing_extras_and_is_content(tmp_path: Path) -> None:
-    done = without_extras(tmp_path, "doctor", "--json")
+    done, read = without_extras(tmp_path, ["doctor", "--json"], ["doctor"])
     assert done.returncode == 0
     checks = {check["name"].split(",")[0]: check for check in json.loads(done.stdout)}
     for name in EXTRAS:
         assert checks[f"extra {name}"]["state"] == "optional, missing"
         assert checks[f"extra {name}"]["mend"] == install_command(name)
-    text = without_extras(tmp_path, "doctor").stdout
-    assert "extra video, for reading and writing videos: optional, missing\n" in text
+    assert "extra video, for reading and writing videos: optional, missing\n" in read.stdout
 
 
 def test_a_package_that_is_there_but_broken_is_a_refusal(

@@ -110,7 +110,7 @@ def test_a_terminated_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
     deadline = time.monotonic() + 60
     while not list((out / ".parts").glob("*tactile*")) and time.monotonic() < deadline:
         time.sleep(0.1)
-    time.sleep(1.0)
+    time.sleep(0.3)
     process.send_signal(signal.SIGTERM)
     _, stderr = process.communicate(timeout=60)
     assert process.returncode == 143

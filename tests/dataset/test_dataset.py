@@ -407,13 +407,14 @@ def test_the_recipe_of_the_documentation_is_one(tmp_path: Path) -> None:
     assert load_recipe(str(path)).draw["share"] == {"uniform": [0.0, 0.95]}
 
 
-def test_a_file_that_may_not_grow_is_said_in_one_sentence(tmp_path: Path) -> None:
+def test_a_file_that_may_not_grow_is_said_in_one_sentence(
+    tmp_path: Path,
+    typed: Callable[..., subprocess.CompletedProcess[str]],
+    small_files: Callable[[int], None],
+) -> None:
     out = tmp_path / "small"
-    words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--workers", "1"]
-    done = subprocess.run(
-        ["sh", "-c", 'ulimit -f 200; exec "$@"', "sh", *words, "--out", str(out)],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    small_files(100_000)
+    done = typed("dataset", "make", "tiny", "--workers", "1", "--out", out)
     assert done.returncode == 2
     last = done.stderr.strip().splitlines()[-1]
     assert last.startswith("chromagrip: ")

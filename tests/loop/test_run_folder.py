@@ -4,8 +4,8 @@ import errno
 import os
 import re
 import shutil
-import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
@@ -15,6 +15,7 @@ import pytest
 from chromagrip import UserError, load_scene, run
 from chromagrip.loop.run_folder import FILES
 
+Typed = Callable[..., CompletedProcess[str]]
 QUICK = {"path": "truth", "duration_s": 0.1, "controller": "conservative"}
 
 
@@ -63,35 +64,17 @@ def test_a_full_disk_leaves_no_results(
     assert {path.name for path in out.iterdir()} <= {"scene.toml"}
 
 
-LIMITED = """
-import resource, sys
-from chromagrip.cli.app import main
-line = sys.argv[1:]
-for limit in (65536, 4096):
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-    sys.argv = ["chromagrip", *line, f"run-{limit}"]
-    try:
-        main()
-    except SystemExit as ended:
-        print(limit, ended.code)
-"""
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of file sizes")
 @pytest.mark.usefixtures("whole")  # kernels are compiled and cached
-def test_files_that_cannot_grow_are_one_sentence(tmp_path: Path) -> None:
+@pytest.mark.parametrize("limit", [65536, 4096])
+def test_files_that_cannot_grow_are_one_sentence(
+    limit: int, tmp_path: Path, typed: Typed, small_files: Callable[[int], None]
+) -> None:
     """Video, figure and table are written by three libraries; each of them must say so."""
+    small_files(limit)
     line = ["grasp", "--path", "truth", "--set", "duration_s=0.5", "--out"]
-    done: CompletedProcess[str] = subprocess.run(
-        [sys.executable, "-c", LIMITED, *line],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-    )
-    assert done.stdout.splitlines() == ["65536 2", "4096 2"], done.stderr
-    told = done.stderr.strip().splitlines()
-    for limit, sentence in zip((65536, 4096), told, strict=True):
-        words = f"chromagrip: .*run-{limit}.* cannot be written: File too large"
-        assert re.fullmatch(words, sentence), done.stderr
-        assert {path.name for path in (tmp_path / f"run-{limit}").iterdir()} <= {"scene.toml"}
+    done = typed(*line, f"run-{limit}")
+    assert (done.returncode, done.stdout) == (2, "")
+    words = f"chromagrip: .*run-{limit}.* cannot be written: File too large"
+    assert re.fullmatch(words, done.stderr.strip()), done.stderr
+    assert {path.name for path in (tmp_path / f"run-{limit}").iterdir()} <= {"scene.toml"}

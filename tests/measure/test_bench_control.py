@@ -210,10 +210,11 @@ def test_slip_is_judged_where_the_truth_path_holds() -> None:
     assert found["beyond/camera/react-to-slip/largest_where_truth_waits"] == 1.4
 
 
-@pytest.mark.skipif(gl_problem() is not None, reason="needs off-screen OpenGL")
 def test_a_sensor_that_is_not_what_is_told_grasps() -> None:
     """Its chain has twice the nodes, and its stiffnesses are off: so is the pressure."""
-    changes = {"duration_s": 0.06, "controller": "conservative", "path": "camera"}
+    if (problem := gl_problem()) is not None:  # here, as every worker imports this file
+        pytest.skip(problem)
+    changes = {"duration_s": 0.02, "controller": "conservative", "path": "camera"}
     changes["camera.rest_frames"] = 2
     found = []
     for specimen in (None, 1, 2):

@@ -284,8 +284,9 @@ def test_fovea_is_found_and_followed(held: Press) -> None:
 
 
 def test_command_prints_limits_and_needs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("chromagrip.measure.limits.sweep.STEPS", (0.5, 1.0, 2.0))
     (tmp_path / "own.toml").write_text(sparse_text(), encoding="utf-8")
     own, out = str(tmp_path / "own.toml"), tmp_path / "out"
     assert limit(sensor=(own,), margin_error=0.05, out=out) == 0

@@ -96,7 +96,7 @@ def test_error_falls_at_the_order_of_the_method(
     method: str, order: int, steps: tuple[float, float], speed: float
 ) -> None:
     """A smooth problem: the contact stays as it is, friction is left out."""
-    truth = smooth_end(speed, 2e-3 / speed, "rk4")
+    truth = smooth_end(speed, 4e-3 / speed, "rk4")
     errors = [abs(smooth_end(speed, dt, method) - truth).max() for dt in steps]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.4)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import cv2
 import pytest
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from chromagrip.errors import UserError
 from chromagrip.output.processes import exit_on_sigterm, map_processes, one_thread
@@ -67,8 +67,17 @@ def test_unordered_results_are_complete(square):
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_task_has_one_thread(threads, workers):
-    results = list(map_processes(threads, range(2), workers))
+def test_a_task_has_one_thread(threads, workers, monkeypatch):
+    """Also where this process has more, which the tests of a worker of pytest have not."""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    before = cv2.getNumThreads()
+    try:
+        cv2.setNumThreads(2)
+        with threadpool_limits(2):
+            assert {info["num_threads"] for info in threadpool_info()} == {2}
+            results = list(map_processes(threads, range(2), workers))
+    finally:
+        cv2.setNumThreads(before)
     assert len({process for process, _, _ in results}) == workers
     assert all(opencv == 1 and pools == {1} for _, opencv, pools in results)
 

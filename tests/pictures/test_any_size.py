@@ -44,7 +44,12 @@ def test_a_picture_of_the_sensors_size_stays_as_it_is() -> None:
 
 @pytest.mark.parametrize(
     ("left", "top", "right", "bottom"),
-    [(80, 0, 560, 480), (20, 3, 553, 478), (80, 0, 464, 480), (120, 40, 520, 440)],
+    [
+        (80, 0, 560, 480),
+        pytest.param(20, 3, 553, 478, marks=pytest.mark.slow),
+        pytest.param(80, 0, 464, 480, marks=pytest.mark.slow),
+        (120, 40, 520, 440),
+    ],
 )
 def test_a_crop_is_put_back_to_its_pixels(
     rest: Image, left: int, top: int, right: int, bottom: int

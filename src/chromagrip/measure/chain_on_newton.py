@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...model import ContactObject, ConvergenceError, Fingertip, chain_compliance, chain_forces
-from ...model.chain import chain, contact
-from ...model.kernels import krylov_kernels, newton_kernels, touch_kernels
-from ...model.shapes import cylinder, plane
+from ..model import ContactObject, ConvergenceError, Fingertip, chain_compliance, chain_forces
+from ..model.chain import chain, contact
+from ..model.kernels import krylov_kernels, newton_kernels, touch_kernels
+from ..model.shapes import cylinder, plane
 
 Array = NDArray[np.float64]
 

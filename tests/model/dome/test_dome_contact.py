@@ -356,7 +356,6 @@ def test_a_press_through_the_silicone_is_refused() -> None:
         simulate_contact(COARSE, solid, press_and_move(1.9e-3), 5e-3)
 
 
-
 @pytest.mark.parametrize("shape", [ball(3e-3), torus(4e-3, 0.5e-3), cylinder(2e-3, 6e-3, 0.5e-3)])
 def test_the_slope_of_a_node_is_its_derivative(shape: Shape) -> None:
     """On curved objects, by differences: the normal turns, and the friction with it."""

@@ -69,7 +69,7 @@ def whole_press(
     ("obj", "grip", "load"),
     [
         (ContactObject(), 1.86, 0.65),
-        (ContactObject(friction=0.7), 1.33, -0.65),
+        pytest.param(ContactObject(friction=0.7), 1.33, -0.65, marks=pytest.mark.slow),
         # A soft round object lets the skin sink in: its normal is not the skin's.
         (ContactObject(stiffness=160.0, curvature=50.0, friction=0.3), 3.1, 0.65),
     ],

@@ -7,8 +7,8 @@ import numpy as np
 
 from ...model import ContactObject, Fingertip, contact_forces, equilibrium
 from ...output.report import Row, at_most, reported
+from ..chain_on_newton import grasp_by_newton, unstable_modes
 from ..side_by_side import side_by_side, side_rows
-from .chain_on_newton import grasp_by_newton, unstable_modes
 
 Progress = Callable[[str], None]
 
