@@ -198,6 +198,9 @@ def test_a_stage_yields_its_points(part: str, tmp_path: Path) -> None:
     if part == "model":
         slow, fast = (f"model/251 nodes, {step} ms" for step in ("2", "10"))
         assert values[f"{slow}/normal_error"] < values[f"{fast}/normal_error"]
+        coarse, fine = (f"model-dome/{pitch} mm, 5 ms/place_error" for pitch in ("0.8", "0.6"))
+        assert 1.5 * values[fine] < values[coarse] < 10.0
+        assert (tmp_path / "new" / "model-dome.png").stat().st_size > 0
     else:
         limit = values["track/Cramér–Rao/clean/rms"]
         assert values["track/fit/clean/rms"] > 0.8 * limit
