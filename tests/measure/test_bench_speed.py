@@ -45,7 +45,9 @@ def test_a_plan_that_misses_its_tolerance_counts(monkeypatch: pytest.MonkeyPatch
     fidelity, ran = Fidelity(), []
 
     def planned(tolerance: float, scene: Scene) -> Choice:
-        return Choice(fidelity=fidelity, milliseconds=1.0, error=tolerance, lines=())
+        return Choice(
+            fidelity=fidelity, changes=fidelity.changes, milliseconds=1.0, error=tolerance, lines=()
+        )
 
     def error(chosen: Fidelity, obj: dict[str, float]) -> float:
         ran.append(chosen)
