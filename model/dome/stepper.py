@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from ..errors import ConvergenceError, PiercedError
 from ..kernels.compliance_kernels import displace, fill_block
 from ..kernels.krylov_kernels import System, new_system
-from ..kernels.near_kernels import find_near
+from ..kernels.near_kernels import find_near, node_groups
 from ..kernels.newton_kernels import Contact, Outcome, solve_contact, turned
 from ..kernels.touch_kernels import Pose
 from .compliance import compliance_scale, compliance_table
@@ -46,10 +46,12 @@ class Stepper:
         self.thing = touched(solid)
         self.lattice: Lattice = lattice(dome)
         self.radial = self.lattice.points / dome.radius
+        self.groups = node_groups(self.lattice.points)
         self.table = compliance_table(dome)
         self.scale = compliance_scale(dome)
         self.capacity = 0
         self.compliance = np.zeros((0, 0), np.float32)
+        self.own = np.zeros((0, 3, 3))
         self.system: System = new_system(0)
         self.near = np.zeros(0, np.int64)
         self.is_near = np.zeros(len(self.radial), np.bool_)
@@ -188,6 +190,7 @@ class Stepper:
                 offset,
                 self.friction[near],
                 self.compliance,
+                self.own,
             )
             shape = (len(near), 3)
             outcome = Outcome(
@@ -287,7 +290,7 @@ class Stepper:
     def _flag(self, pose: Pose, margin: float) -> int:
         return find_near(
             self.thing, pose, margin, self.lattice.points, self.displacement, self.linear,
-            self.memory, self.flags,
+            self.memory, self.near, self.groups, self.flags,
         )  # fmt: skip
 
     def _missed(self, rotation: Array, place: Array) -> bool:
@@ -305,6 +308,7 @@ class Stepper:
             room = np.zeros((3 * self.capacity, 3 * self.capacity), np.float32)
             room[: 3 * kept, : 3 * kept] = self.compliance[: 3 * kept, : 3 * kept]
             self.compliance, self.system = room, new_system(self.capacity)
+        self.system.gathered[0] = -1  # whatever it held
         self.near = near
         self.is_near[:] = False
         self.is_near[near] = True
@@ -312,6 +316,8 @@ class Stepper:
             self.table, len(self.lattice.angles), self.lattice.ring, self.lattice.azimuth,
             self.scale, near, kept, self.compliance,
         )  # fmt: skip
+        each, blocks = np.arange(len(near)), self.compliance.reshape(self.capacity, 3, -1, 3)
+        self.own = np.ascontiguousarray(blocks[each, :, each], np.float64)
 
     def _check_depth(self) -> None:
         near = self.near

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 STILL = 1e-14
 
 
-@njit()
+@njit(forceinline=True)
 def dahl_vector(
     old_b: float,
     old_c: float,
@@ -76,7 +76,7 @@ def dahl_vector(
     out[7] = c - kept * g_c - k_limit * e_c
 
 
-@njit()
+@njit(forceinline=True)
 def _kept(z: float, travel: float, exponent: float) -> tuple[float, float, float, float]:
     """Share k of the distance to the limit that is kept, and its derivatives.
 

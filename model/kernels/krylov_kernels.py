@@ -38,6 +38,8 @@ class System(NamedTuple):
     pose_inverse: inverse of the pose's equations with the nodes eliminated, (6, 6)
     pose_share: J·(Q − n·κ·r̂ᵀ·A_kk), (6, 3c)
     vectors: of the iteration, (9, 3c + 6)
+    gathered: how many nodes `block` is of, and from [2] on which, (c + 2,)
+    share: of the compliance that is in `block`, (1,)
     """
 
     block: Single
@@ -50,6 +52,8 @@ class System(NamedTuple):
     pose_inverse: Single
     pose_share: Single
     vectors: Single
+    gathered: Index
+    share: Single
 
 
 def new_system(nodes: int) -> System:
@@ -70,6 +74,8 @@ def new_system(nodes: int) -> System:
         pose_inverse=zeros(6, 6),
         pose_share=zeros(6, size),
         vectors=zeros(9, size + 6),
+        gathered=np.full(nodes + 2, -1, np.int64),
+        share=zeros(1),
     )
 
 
@@ -160,7 +166,7 @@ def invert(matrix: Array, out: Array, size: int) -> bool:
     return True
 
 
-@njit()
+@njit(forceinline=True)
 def invert_three(m: Array, out: Array) -> bool:
     """Inverse of a 3 × 3 matrix by cofactors; False if it is singular."""
     out[0, 0] = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
@@ -228,7 +234,7 @@ def prepare(system: System, nodes: int, inertia: Array, free: Array) -> bool:
     return True
 
 
-@njit()
+@njit(forceinline=True)
 def _answer(system: System, w: Single, y: Single, size: int) -> None:
     """Take B·w from y for every node."""
     for k in range(size // 3):

@@ -14,7 +14,9 @@ Index = NDArray[np.int64]
 Single = NDArray[np.float32]
 
 #: Residual of the linear systems, relative.
-_LOOSE, _TIGHT = 0.1, 0.02
+_LOOSE, _TIGHT = 0.1, 0.005
+#: Share of the tolerance that is left for the change by another round, which is estimated.
+_SURE = 0.03
 #: Rounds of a node's own law, and the squared relative error at which it is solved.
 _SETTLING, _SETTLED = 40, 1e-12
 #: Shortest part of a change of a node's place that is tried.
@@ -35,6 +37,7 @@ class Contact(NamedTuple):
     offset: displacement that does not come from the forces of this step [m]
     friction: before the step [N]
     compliance: among the nodes [m/N], at least (3n, 3n)
+    own: of each node [m/N], at least (n, 3, 3)
     """
 
     rest: Array
@@ -44,6 +47,7 @@ class Contact(NamedTuple):
     offset: Array
     friction: Array
     compliance: Single
+    own: Array
 
 
 class Outcome(NamedTuple):
@@ -112,7 +116,8 @@ def solve_contact(
 
     Returns
     -------
-    Relative change of the last round, rounds, products with the compliance, nodes that touch.
+    Relative change that another round would make, rounds, products with the compliance, nodes
+    that touch.
     """
     n = len(near.rest)
     size = 3 * n
@@ -131,12 +136,12 @@ def solve_contact(
                 + turn[a, 1] * near.friction[i, 1]
                 + turn[a, 2] * near.friction[i, 2]
             )
-    active, last = np.empty(n, np.int64), np.full(n, -1, np.int64)
+    active = np.empty(n, np.int64)
     right, change = np.empty(size + 6), np.empty(size + 6)
     linear, slope, stiffened = np.empty(3), np.empty((3, 3)), np.empty(2)
     own, answer, now, work = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(11)
     room = np.empty((3, 3, 3))
-    count_before, products, touching = -1, 0, 0
+    products, touching = 0, 0
     secants, former, error = 0, np.inf, 1.0
     rounds, length = 0, 1.0
     _displace(near.compliance, forces, offset, share, u, size)
@@ -147,7 +152,7 @@ def solve_contact(
             for a in range(3):
                 now[a] = near.rest[i, a] + u[3 * i + a]
                 for b in range(3):
-                    own[a, b] = share * near.compliance[3 * i + a, 3 * i + b]
+                    own[a, b] = share * near.own[i, a, b]
             touches = _settle(
                 near, thing, at, stiff, i, forces, own, old[i], rounds == 0, secants > 0,
                 outcome, now, linear, slope, answer, stiffened, work, room,
@@ -169,19 +174,24 @@ def solve_contact(
                 _wrench(outcome.true[i], now, at.place, reaction)
                 _true_force(system, outcome.normal[i], near.radial[i], stiffened, count)
             count += 1
-        if rounds > 0 and secants == 0 and error < tolerance and residual < 4.0 * former:
-            break
+        if rounds > 0 and secants == 0 and residual < 4.0 * former:
+            # Another round would change the forces by less than this one, as the residual did.
+            following = error * min(1.0, np.sqrt(residual / former))
+            if following < _SURE * tolerance:
+                error = following
+                break
         if (count == 0 and not moves) or rounds == most_rounds:
             error = 0.0 if count == 0 else max(error, tolerance)
             break
         if rounds > 1 and residual > former and length > _SHORTEST and secants == 0:
             length *= 0.5  # too far: back by half
-            for k in range(count_before):
+            gathered = int(system.gathered[0])
+            for k in range(gathered):
                 for a in range(3):
-                    forces[3 * last[k] + a] -= length * change[3 * k + a]
+                    forces[3 * system.gathered[2 + k] + a] -= length * change[3 * k + a]
             if moves:
                 for c in range(6):
-                    motion[c] -= length * change[3 * count_before + c]
+                    motion[c] -= length * change[3 * gathered + c]
                 _carry(at, pose, motion)
             for k in range(size):
                 u[k] -= length * system.vectors[6, k]
@@ -194,10 +204,7 @@ def solve_contact(
             rounds += 1
             continue  # the same forces again, with the secants
         former = residual
-        _gather(near.compliance, share, active, last, count, count_before, system.block)
-        for k in range(count):
-            last[k] = active[k]
-        count_before = count
+        _gather(near.compliance, share, active, count, system)
         if moves:
             _reaction(system, right, free, wanted, reaction, inertia, motion, count)
             if not prepare(system, count, inertia, free):
@@ -235,7 +242,7 @@ def solve_contact(
     return error, rounds, products, touching
 
 
-@njit()
+@njit(forceinline=True)
 def _settle(
     near: Contact,
     thing: Touched,
@@ -416,25 +423,20 @@ def _carry(at: Pose, pose: Pose, motion: Array) -> None:
 
 
 @njit()
-def _gather(
-    compliance: Single,
-    share: float,
-    active: Index,
-    last: Index,
-    count: int,
-    before: int,
-    out: Single,
-) -> None:
-    """Compliance among the active nodes, unless they are those of the round before."""
-    same = count == before
+def _gather(compliance: Single, share: float, active: Index, count: int, system: System) -> None:
+    """Compliance among the active nodes, unless it is that of the round before."""
+    gathered, out = system.gathered, system.block
+    part = np.float32(share)
+    same = count == gathered[0] and part == system.share[0]
     for k in range(count):
         if not same:
             break
-        same = active[k] == last[k]
+        same = active[k] == gathered[2 + k]
     if same:
         return
-    part = np.float32(share)
+    gathered[0], system.share[0] = count, part
     for k in range(count):
+        gathered[2 + k] = active[k]
         for a in range(3):
             source, target = compliance[3 * active[k] + a], out[3 * k + a]
             for j in range(count):

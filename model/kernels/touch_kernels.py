@@ -76,7 +76,7 @@ def gap_at(thing: Touched, pose: Pose, x: float, y: float, z: float, normal: Arr
     return gap
 
 
-@njit()
+@njit(forceinline=True)
 def touch(
     thing: Touched,
     pose: Pose,
@@ -209,6 +209,6 @@ def touch(
     return True
 
 
-@njit()
+@njit(forceinline=True)
 def _at(k: int, x: float, y: float, z: float) -> float:
     return x if k == 0 else (y if k == 1 else z)

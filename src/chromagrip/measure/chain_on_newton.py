@@ -23,7 +23,7 @@ BLUNT = 0.02
 #: then none may move by more than ENOUGH, at which some nodes hop over the jump for ever.
 STILL, TURNS, ENOUGH = 1e-9, 12, 2e-7
 #: Relative change of the forces at which a contact is solved, and the most rounds it may take.
-TOLERANCE, ROUNDS = 1e-6, 60
+TOLERANCE, ROUNDS = 1e-5, 60
 #: Stiffness that holds the object in its place while nothing touches it [N/m].
 _HOLD = 1e-4
 #: The object starts this deep in the fingertip, which at a gap of 0 would not push back [m].
@@ -138,9 +138,12 @@ def _solved(
     rest[:, _PLANE], radial[:, 2] = ch.rest, 1.0
     compliance, offset = _linearised(fingertip, guess.seen)
     zero = np.zeros((count, 3))
+    each = np.arange(count)
+    own = np.ascontiguousarray(compliance.reshape(count, 3, count, 3)[each, :, each], np.float64)
     near = newton_kernels.Contact(
-        rest, radial, ch.share.copy(), rest + before.seen, offset, before.friction, compliance
+        rest, radial, ch.share.copy(), rest + before.seen, offset, before.friction, compliance, own
     )
+    system.gathered[0] = -1  # the compliance is another one
     out = newton_kernels.Outcome(
         guess.forces.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), np.zeros(6)
     )
