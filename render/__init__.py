@@ -22,6 +22,7 @@ from .design.sensor import (
     load_sensor,
     sensor_names,
 )
+from .dome_map import DomeMap, layer_depths
 from .drawing.coverage import edge_width
 from .drawing.gl import gl_problem
 from .drawing.painter import Painter
@@ -48,6 +49,7 @@ __all__ = [
     "Camera",
     "CameraSettings",
     "Defects",
+    "DomeMap",
     "FisheyeCamera",
     "Flaws",
     "Frame",
@@ -77,6 +79,7 @@ __all__ = [
     "ground_image",
     "harmonic_map",
     "inside_rim",
+    "layer_depths",
     "load_camera",
     "load_sensor",
     "marker_truth",

@@ -13,7 +13,7 @@ import pytest
 import chromagrip
 from chromagrip.dataset.sequence import FRAME, MARKERS, NODES
 from chromagrip.loop import COLUMNS
-from chromagrip.loop.pose_folder import ARRAYS
+from chromagrip.loop.poses.folder import ARRAYS
 from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
 
 ROOT = Path(__file__).parents[1]

@@ -53,7 +53,7 @@ MOST_LINES = 60
 #: Functions that are longer, each for a reason: a kernel's caller with all its arrays, and front
 #: doors whose parameters and their description fill most lines.
 LONG_FUNCTIONS = {
-    "loop.pose_folder.render_poses",
+    "loop.poses.folder.render_poses",
     "model.chain.ensemble.step_many",
     "pictures.estimate.estimate_source",
 }

@@ -7,6 +7,7 @@ moves an object over it: any signed distance, with Dahl friction, sliding and to
 
 from .compliance import compliance_table, make_table
 from .dome import Dome, lattice
+from .inside import MarkerField, SkinField, inside_table
 from .motion import AXES, Motion, press_and_move
 from .placing import touching_place
 from .simulate import (
@@ -21,7 +22,7 @@ from .simulate import (
 from .slip import DomeSlip, follow_dome_slip, no_dome_slip
 from .solid import Solid, per_area, solid_stiffness
 from .state import DomeState, StepCount, resting
-from .stepper import Stepper
+from .stepper import Stepper, displacements
 
 __all__ = [
     "AXES",
@@ -29,14 +30,18 @@ __all__ = [
     "DomeRun",
     "DomeSlip",
     "DomeState",
+    "MarkerField",
     "Motion",
+    "SkinField",
     "Solid",
     "StepCount",
     "Stepper",
     "compliance_table",
     "contact_steps",
+    "displacements",
     "dome_forces",
     "follow_dome_slip",
+    "inside_table",
     "lattice",
     "limit_margin",
     "load_dome_state",

@@ -238,23 +238,59 @@ def half_solved(meridian: Meridian, harmonic: int, work: Array) -> Array:
     ----------
     work: loads as columns, shape (n, …)
     """
+    columns, held = work.reshape(len(work), -1).copy(), _held(meridian, harmonic)
+    columns[held] = 0.0
+    return _through(_factor(meridian, harmonic, held), columns, "N")
+
+
+def solved(meridian: Meridian, harmonic: int, work: Array) -> Array:
+    """Displacement U, V, W of every node of the meridian for loads.
+
+    Parameters
+    ----------
+    work: loads as columns, shape (n, …)
+
+    Returns
+    -------
+    Shape (stations, levels, 3, columns).
+    """
+    columns, held = work.reshape(len(work), -1).copy(), _held(meridian, harmonic)
+    columns[held] = 0.0
+    factor = _factor(meridian, harmonic, held)
+    whole = _through(factor, _through(factor, columns, "N"), "T")
+    levels = len(meridian.radii)
+    shape = whole.reshape(len(meridian.stations), levels, 3, -1)
+    if harmonic == 1:  # from the unknowns of `Meridian.first`
+        shape[0, :, 1] -= shape[0, :, 0]
+    return shape
+
+
+def _held(meridian: Meridian, harmonic: int) -> NDArray[np.bool_]:
+    """Unknowns of a harmonic that vanish."""
+    held = meridian.held.copy()
+    axis = 3 * np.arange(len(meridian.radii))
+    for component in ((0, 1), (1, 2), (0, 1, 2))[min(harmonic, 2)]:
+        held[axis + component] = True
+    return held
+
+
+def _factor(meridian: Meridian, harmonic: int, held: NDArray[np.bool_]) -> Array:
+    """Cholesky factor of the stiffness of a harmonic, as a lower band."""
     m = harmonic
     if m == 1:
         band = np.pi * meridian.first
     else:
         a, b, c = meridian.parts
         band = np.pi * (2.0 if m == 0 else 1.0) * (a + m * b + m * m * c)
-    held = meridian.held.copy()
-    axis = 3 * np.arange(len(meridian.radii))
-    for component in ((0, 1), (1, 2), (0, 1, 2))[min(m, 2)]:
-        held[axis + component] = True
-    columns = work.reshape(len(work), -1).copy()
-    columns[held] = 0.0
     size = len(held)
     for k in range(1, len(band)):
         band[k, : size - k][held[: size - k] | held[k:]] = 0.0
     band[0, held] = band[0].max()
-    factor = cholesky_banded(band, lower=True, overwrite_ab=True, check_finite=False)
-    half, info = dtbtrs(factor, columns, uplo="L")
+    return np.asarray(cholesky_banded(band, lower=True, overwrite_ab=True, check_finite=False))
+
+
+def _through(factor: Array, columns: Array, side: str) -> Array:
+    """Columns through the factor, or through its transpose ("T")."""
+    half, info = dtbtrs(factor, columns, uplo="L", trans=side)
     assert info == 0
-    return half
+    return np.asarray(half)

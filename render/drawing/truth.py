@@ -1,6 +1,6 @@
 """Labels of an image: where every marker is, what each pixel shows, and how it has moved."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...model import Dome
 from ..design.sensor import SensorDesign
+from ..dome_map import DomeSheets
 from ..ground import pixel_grid
 from ..harmonics import harmonic_map
 from ..membrane import Membrane
@@ -93,10 +95,10 @@ class TruthMap:
     Parameters
     ----------
     sensor: design
-    nodes: of the chain, how many or where; see `harmonic_map`
+    body: nodes of a chain, how many or where, see `harmonic_map`; or a dome of silicone
     """
 
-    def __init__(self, sensor: SensorDesign, nodes: int | Array) -> None:
+    def __init__(self, sensor: SensorDesign, body: int | Array | Dome) -> None:
         self._sensor = sensor
         view, skin = sensor.view, sensor.shape
         self._pixels = pixel_grid(sensor)
@@ -104,16 +106,23 @@ class TruthMap:
         places = skin.meet(*traced, 0.0)
         self._skin = np.nan_to_num(skin.rim_distance(places), nan=-1.0) > 0.0
         self._rays = traced[1][self._skin]
-        # Of each layer and of the skin itself: its map, points under the pixels, share of motion.
-        self._sheets = []
-        for depth, follow in (*zip(sensor.depths, sensor.follow, strict=True), (0.0, 1.0)):
-            under = skin.meet(traced[0][self._skin], traced[1][self._skin], float(depth))
-            self._sheets.append(
-                (harmonic_map(skin, under, nodes), skin.points(under, depth), float(follow))
-            )
+        # Points under the pixels on each layer and on the skin itself.
+        depths = (*map(float, sensor.depths), 0.0)
+        under = [skin.meet(traced[0][self._skin], traced[1][self._skin], d) for d in depths]
+        self._rest = [skin.points(place, d) for place, d in zip(under, depths, strict=True)]
+        self._moved = (
+            DomeSheets(sensor, body, under)
+            if isinstance(body, Dome)
+            else chain_sheets(sensor, body, under)
+        )
 
     def __call__(self, membrane: Membrane, displacement: Array) -> GroundTruth:
-        """Truth of the image of a membrane, for node displacements (N, 2) [m]."""
+        """Truth of the image of a membrane.
+
+        Parameters
+        ----------
+        displacement: of a chain's nodes [m], (N, 2), or the forces on those of a dome [N], (N, 3)
+        """
         return GroundTruth(
             **vars(marker_truth(self._sensor, membrane)),
             masks=self._masks(membrane),
@@ -141,9 +150,9 @@ class TruthMap:
 
     def _flow(self, displacement: Array) -> NDArray[np.float32]:
         flow = np.full((2, *self._skin.shape, 2), np.nan, dtype=np.float32)
-        for layer, (carry, rest, follow) in enumerate(self._sheets[:2]):
-            now = self._sensor.view.project(rest + follow * carry.displacement(displacement))
-            flow[layer, self._skin] = now - self._pixels[self._skin]
+        for layer in range(2):
+            now = self._rest[layer] + self._moved(displacement, layer)
+            flow[layer, self._skin] = self._sensor.view.project(now) - self._pixels[self._skin]
         return flow
 
     def _depth(self, displacement: Array) -> NDArray[np.float32]:
@@ -152,23 +161,56 @@ class TruthMap:
         The deformed points under the resting pixels are a warped grid in the image; its distances
         are read between them at the pixels.
         """
-        carry, rest, follow = self._sheets[2]
-        now = rest + follow * carry.displacement(displacement)
+        now = self._rest[2] + self._moved(displacement, 2)
         distance = np.linalg.norm(now - [0.0, 0.0, self._sensor.view.position], axis=-1)
+        return self._seen(now, distance[:, None])[..., 0]
+
+    def skin_image(self, displacement: Array, values: Array) -> NDArray[np.float32]:
+        """Values on the nodes of a dome (N, C) where the image shows them, NaN off the skin.
+
+        Parameters
+        ----------
+        displacement: forces on the nodes [N], (N, 3)
+
+        Returns
+        -------
+        Shape (H, W, C).
+        """
+        if not isinstance(self._moved, DomeSheets):
+            raise TypeError("only the skin of a dome has values in the image")
+        return self._seen(self._rest[2] + self._moved(displacement, 2), self._moved.spread(values))
+
+    def _seen(self, now: Array, values: Array) -> NDArray[np.float32]:
+        """Values (P, C) of the points of the skin that are now at `now`, at each pixel."""
         moved = np.zeros((*self._skin.shape, 2))
         moved[self._skin] = self._sensor.view.project(now) - self._pixels[self._skin]
-        field = np.zeros(self._skin.shape)
-        field[self._skin] = distance
         source = self._pixels.astype(np.float32)
         for _ in range(_ROUNDS):
             step = self._pixels - (source + _sample(moved, source))
             source = (source + step).astype(np.float32)
             if np.nanmax(abs(step)[self._skin]) < _ARRIVED:
                 break
-        depth = _sample(field, source).astype(np.float32)
+        field = np.zeros(self._skin.shape)
+        seen = np.empty((*self._skin.shape, values.shape[1]), np.float32)
+        for k in range(values.shape[1]):
+            field[self._skin] = values[:, k]
+            seen[..., k] = _sample(field, source)
         known = _sample(self._skin.astype(float), source) > 1.0 - 1e-6
-        depth[~(self._skin & known)] = np.nan
-        return depth
+        seen[~(self._skin & known)] = np.nan
+        return seen
+
+
+def chain_sheets(
+    sensor: SensorDesign, nodes: int | Array, under: list[Array]
+) -> Callable[[Array, int], Array]:
+    """Displacement of places (P, 2) on both layers and on the skin, by node displacements."""
+    maps = [harmonic_map(sensor.shape, places, nodes) for places in under]
+    follow = (*map(float, sensor.follow), 1.0)
+
+    def moved(displacement: Array, sheet: int) -> Array:
+        return np.asarray(follow[sheet] * maps[sheet].displacement(displacement))
+
+    return moved
 
 
 def _sample(field: Array, places: NDArray[np.float32]) -> Array:

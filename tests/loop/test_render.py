@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from chromagrip import UserError, load_scene
-from chromagrip.loop.pose_folder import ARRAYS, render_poses
-from chromagrip.loop.poses import Pose, settle
+from chromagrip.loop.poses.folder import ARRAYS, render_poses
+from chromagrip.loop.poses.poses import Pose, settle
 from chromagrip.render import load_camera, load_sensor
 
 

@@ -16,7 +16,7 @@ from msgspec.structs import asdict, replace
 from chromagrip.cli.calibrate import calibrate_sensor
 from chromagrip.cli.pictures import estimate
 from chromagrip.errors import UserError
-from chromagrip.loop.poses import Pose, settle
+from chromagrip.loop.poses.poses import Pose, settle
 from chromagrip.model import ContactObject, contact_forces, equilibrium
 from chromagrip.output.parquet import FORCES
 from chromagrip.render import MembraneMap, add_noise, open_renderer

@@ -21,7 +21,7 @@ from .options import (
     print_table,
     value_table,
 )
-from .readouts import train_if_missing
+from .readouts import make_dome_tables, train_if_missing
 
 if TYPE_CHECKING:
     from ..loop.trace import Summary
@@ -99,11 +99,8 @@ def grasp(
 
     from ..loop.grasp import known_sensor  # OpenCV loads only when something is run
     from ..loop.run_folder import run
-    from ..model.dome import compliance_table
 
-    if resolved.body == "dome":
-        with counting("elasticity of the dome, once", "harmonics") as progress:
-            compliance_table(resolved.build_dome(), progress)
+    make_dome_tables(resolved, pictures=resolved.path == "camera")
     if resolved.path == "camera" and not resolved.build_sensor().shape.flat:
         with located(f"sensor {resolved.sensor}"):
             train_if_missing(known_sensor(resolved), resolved.reconstructor)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.table import Table
 
-from .options import CORES, Json, option, print_table, status, value_table
+from .options import CORES, Json, counting, option, print_table, status, value_table
 
 if TYPE_CHECKING:  # OpenCV loads only when something is run
+    from ..scene.scene import Scene
     from ..tracking import SensorCalibration
 
 
@@ -32,6 +33,29 @@ def train_if_missing(known: "SensorCalibration", reconstructor: str) -> None:
     print(f"chromagrip: {training_notice(known)}", file=sys.stderr, flush=True)
     with status() as report:
         ensure_readout(known, report, CORES)
+
+
+def make_dome_tables(scene: "Scene", pictures: bool) -> None:
+    """Solve the elasticity of a scene's dome where none is kept; for pictures at its markers too.
+
+    Raises
+    ------
+    UserError
+        For a layer of markers below the silicone.
+    """
+    if scene.body != "dome":
+        return
+    from ..model.dome import compliance_table, inside_table
+    from ..render import layer_depths
+
+    dome = scene.build_dome()
+    with counting("elasticity of the dome, once", "harmonics") as progress:
+        compliance_table(dome, progress)
+    if not pictures:
+        return
+    for depth in layer_depths(scene.build_sensor(), dome):
+        with counting("motion of its markers, once", "harmonics") as progress:
+            inside_table(dome, depth, progress)
 
 
 def readout(

@@ -2,15 +2,27 @@
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import UserError
 from ..scene.scene import DEFAULT_SCENE, Scene, load_scene, parse_change
 from .options import Changes, JsonOnly, Out, Overwrite, counting, new_folder, option
+from .readouts import make_dome_tables
+
+#: Shapes of `--object` with their usual lengths; `--set object.size_mm=…` gives others.
+OBJECTS: dict[str, dict[str, Any]] = {
+    "cylinder": {"object.size_mm": (4.0, 30.0), "object.rounding_mm": 0.5},
+    "box": {"object.size_mm": (10.0, 10.0, 10.0), "object.rounding_mm": 0.5},
+    "capsule": {"object.size_mm": (2.0, 10.0)},
+    "torus": {"object.size_mm": (4.0, 1.0)},
+    "cone": {"object.size_mm": (6.0, 6.0), "object.rounding_mm": 0.5},
+}
 
 if TYPE_CHECKING:
-    from ..loop.poses import Pose
+    from ..loop.poses.dome_poses import DomePose
+    from ..loop.poses.poses import Pose
 
 
 def render(
@@ -23,8 +35,32 @@ def render(
     ] = None,
     grip: Annotated[tuple[float, ...], option("grip forces of the sweep", "N...")] = (),
     load: Annotated[tuple[float, ...], option("lateral loads, at each grip", "N...")] = (),
-    press_mm: Annotated[tuple[float, ...], option("depths, of a flat pad", "MM...")] = (),
-    shear_mm: Annotated[tuple[float, ...], option("shears of a pad, at each depth", "MM...")] = (),
+    press_mm: Annotated[
+        tuple[float, ...], option("depths, of a flat pad or a dome of silicone", "MM...")
+    ] = (),
+    shear_mm: Annotated[
+        tuple[float, ...],
+        option("shears of a pad, at each depth; along x and y on a dome of silicone", "MM..."),
+    ] = (),
+    object: Annotated[
+        str | None,
+        option("on a dome of silicone: plane, or a shape or mesh, see object.shape", "SHAPE|FILE"),
+    ] = None,
+    twist_deg: Annotated[
+        float | None, option("turn about the dome's axis, after the press", "DEG")
+    ] = None,
+    tilt_deg: Annotated[
+        tuple[float, ...], option("of the object about x and y, before the press", "X Y")
+    ] = (),
+    azimuth_deg: Annotated[
+        float | None, option("turn of the object about the dome's axis, before the press", "DEG")
+    ] = None,
+    force: Annotated[
+        tuple[float, ...], option("along x, along y and down, instead of press and shear", "N N N")
+    ] = (),
+    moment: Annotated[
+        float | None, option("about the dome's axis, instead of the twist", "N·MM")
+    ] = None,
     renderer: Annotated[str | None, option("instead of the scene's", "NAME")] = None,
     noise: Annotated[
         float | None, option("standard deviation, short for camera.noise_levels", "LEVELS")
@@ -39,6 +75,8 @@ def render(
 
     One pose by default (2 N of grip, 0.3 N of load); lists of forces make a sweep. Each picture
     comes with marker centres, visibility, overlaps, masks, flow, depth and forces, and a preview.
+    With --object, or a scene with body = "dome", the fingertip is a dome of silicone in three
+    dimensions: the object is tilted and turned, pressed to each depth, then sheared and twisted.
 
     Example: chromagrip render --grip 1 2 4 --load 0 0.4
     """
@@ -49,14 +87,35 @@ def render(
         "seed": seed,
     }
     changed: dict[str, Any] = {k: v for k, v in shortcuts.items() if v is not None}
+    changed |= _object(object)
     changed |= dict(parse_change(text) for text in changes)
+    if changed.get("body") == "dome":
+        changed.setdefault("path", "truth")  # whatever reads its pictures is not asked
     resolved = load_scene(scene, changed)
-    poses = _poses(resolved, grip, load, press_mm, shear_mm)
+    poses: Sequence[Pose | DomePose]
+    if resolved.body == "dome":
+        if grip or load:
+            raise UserError(
+                "--grip and --load are for the chain; a dome takes --press-mm or --force"
+            )
+        poses = _dome_poses(
+            press_mm, shear_mm, twist_deg, tilt_deg, azimuth_deg or 0.0, force, moment
+        )
+    else:
+        given = {
+            "--twist-deg": twist_deg is not None, "--tilt-deg": tilt_deg, "--force": force,
+            "--azimuth-deg": azimuth_deg is not None, "--moment": moment is not None,
+        }  # fmt: skip
+        for name, value in given.items():
+            if value:
+                raise UserError(f"{name} is for a dome of silicone: give --object too")
+        poses = _poses(resolved, grip, load, press_mm, shear_mm)
     if out is None and not json_only:
         out = new_folder(f"render-{Path(resolved.sensor).stem}")
 
-    from ..loop.pose_folder import render_poses  # OpenCV loads only when something is drawn
+    from ..loop.poses.folder import render_poses  # OpenCV loads only when something is drawn
 
+    make_dome_tables(resolved, pictures=True)
     with counting("rendering", "poses") as progress:
         report = render_poses(resolved, poses, out, overwrite, progress)
     if json_only:
@@ -79,7 +138,7 @@ def _poses(
     shear_mm: tuple[float, ...],
 ) -> "list[Pose]":
     """Poses of the sweep: forces on a dome, or depths and shears; one by default."""
-    from ..loop.poses import Pose
+    from ..loop.poses.poses import Pose
 
     numbers = (*grip, *load, *press_mm, *shear_mm)
     if not all(map(math.isfinite, numbers)) or min((*grip, *press_mm), default=0.0) < 0.0:
@@ -92,3 +151,71 @@ def _poses(
     grips = grip or (2.0,)
     loads = load or ((0.0,) if grip else (0.3,))
     return [Pose(grip=g, load=f) for g in grips for f in loads]
+
+
+def _object(name: str | None) -> dict[str, Any]:
+    """Changes of a scene for an object on a dome of silicone: a shape, or a file of triangles."""
+    if name is None:
+        return {}
+    changes: dict[str, Any] = {"body": "dome", "path": "truth"}
+    if name == "plane":
+        return changes | {"object.radius_mm": math.inf}
+    if name == "ball":
+        return changes | {"object.radius_mm": 8.0}
+    if name in OBJECTS:
+        return changes | {"object.radius_mm": math.inf, "object.shape": name, **OBJECTS[name]}
+    if not Path(name).suffix:
+        raise UserError(
+            f"--object {name} is neither a file nor one of plane, ball, {', '.join(OBJECTS)}"
+        )
+    return changes | {"object.radius_mm": math.inf, "object.mesh": name}
+
+
+def _dome_poses(
+    press_mm: tuple[float, ...],
+    shear_mm: tuple[float, ...],
+    twist_deg: float | None,
+    tilt_deg: tuple[float, ...],
+    azimuth_deg: float,
+    force: tuple[float, ...],
+    moment: float | None,
+) -> "list[DomePose]":
+    """Poses of an object on a dome, one for each depth."""
+    from ..loop.poses.dome_poses import DomePose
+
+    for name, values, counts in (
+        ("--shear-mm", shear_mm, (0, 1, 2)), ("--tilt-deg", tilt_deg, (0, 2)),
+        ("--force", force, (0, 3)),
+    ):  # fmt: skip
+        if len(values) not in counts:
+            allowed = " or ".join(str(count) for count in counts if count)
+            raise UserError(f"{name} of a dome takes {allowed} numbers, got {len(values)}")
+    if force and (press_mm or shear_mm):
+        raise UserError("--force replaces --press-mm and --shear-mm: give one or the other")
+    if moment is not None and twist_deg is not None:
+        raise UserError("--moment replaces --twist-deg: give one or the other")
+    numbers = (
+        *press_mm,
+        *shear_mm,
+        *tilt_deg,
+        *force,
+        azimuth_deg,
+        twist_deg or 0.0,
+        moment or 0.0,
+    )
+    if not all(map(math.isfinite, numbers)) or min((*press_mm, *force[2:]), default=0.0) < 0.0:
+        raise UserError("--press-mm and the force down must be 0 or more, and all numbers finite")
+    shear_x, shear_y = (*(1e-3 * shear for shear in shear_mm), 0.0, 0.0)[:2]
+    tilt = (math.radians(tilt_deg[0]), math.radians(tilt_deg[1])) if tilt_deg else (0.0, 0.0)
+    return [
+        DomePose(
+            press=1e-3 * press,
+            shear=(shear_x, shear_y),
+            twist=math.radians(twist_deg or 0.0),
+            tilt=tilt,
+            azimuth=math.radians(azimuth_deg),
+            force=(force[0], force[1], force[2]) if force else None,
+            moment=None if moment is None else 1e-3 * moment,
+        )
+        for press in (press_mm or ((0.0,) if force else (0.6,)))
+    ]

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..by_name import blaming, name_of
-from ..model import State
+from ..model import Dome, DomeState, State
 from ..render import (
     Defects,
+    DomeMap,
     Flaws,
     Frame,
     Imaging,
@@ -24,6 +25,19 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 
+def carried(state: State | DomeState) -> Array:
+    """What the markers are carried by.
+
+    Returns
+    -------
+    Node displacements from the rigid part of a chain [m], (N, 2), or forces on the silicone of a
+    dome [N], (N, 3).
+    """
+    if isinstance(state, State):
+        return state.deformation.seen
+    return state.memory if state.memory.any() else state.linear
+
+
 class SimulatedCamera:
     """Takes frames of states of the node model; the same seed gives the same bytes.
 
@@ -31,12 +45,11 @@ class SimulatedCamera:
     ----------
     sensor: design in the image
     renderer: of the sensor; closed with the camera
-    nodes: number of nodes of the chain
+    body: number of nodes of the chain, or a dome of silicone
     noise: standard deviation [grey levels]
     seed: of the noise and of every defect
     defects: of the sensor and its image
-    membrane_map: membrane for node displacements from the rigid part (N, 2) [m]; None is the
-        sensor's own
+    membrane_map: membrane for what `carried` says of a state; None is the sensor's own
     picture: what becomes of each finished picture; None leaves it as it is
     """
 
@@ -44,7 +57,7 @@ class SimulatedCamera:
         self,
         sensor: SensorDesign,
         renderer: Renderer,
-        nodes: int,
+        body: int | Dome,
         noise: float,
         seed: int,
         defects: Defects | None = None,
@@ -54,7 +67,12 @@ class SimulatedCamera:
         defects = defects or Defects()
         self._renderer = renderer
         self._flaws = Flaws(sensor, defects, seed)
-        self._map = membrane_map or MembraneMap(sensor, nodes, self._flaws.places)
+        places = self._flaws.places
+        self._map = membrane_map or (
+            DomeMap(sensor, body, places)
+            if isinstance(body, Dome)
+            else MembraneMap(sensor, body, places)
+        )
         self._picture = picture
         self._imaging = Imaging(sensor, defects, seed)
         # In frame periods before a frame's instant, when its light was gathered.
@@ -67,18 +85,18 @@ class SimulatedCamera:
         self._seed = seed
 
     def membrane(self, displacement: Array) -> Membrane:
-        """Markers of this specimen, for node displacements from the rigid part [m], (N, 2)."""
+        """Markers of this specimen, for what `carried` says of a state."""
         # Labels and picture of a frame are of the same membrane.
         if self._membrane is None or not np.array_equal(self._membrane[0], displacement):
             self._membrane = displacement.copy(), self._flaws(self._map(displacement))
         return self._membrane[1]
 
-    def expose(self, state: State, index: int) -> Frame:
+    def expose(self, state: State | DomeState, index: int) -> Frame:
         """Frame number `index` of the run, of that state.
 
         While the shutter is open the skin moves evenly from its state in the frame before.
         """
-        displacement = state.deformation.seen
+        displacement = carried(state)
         before = displacement if self._before is None else self._before
         self._before = displacement.copy()
         moved = displacement - before
@@ -91,9 +109,9 @@ class SimulatedCamera:
             images = [self._still.copy()]
         return self._finish(images, state.time, index)
 
-    def expose_rest(self, state: State, count: int) -> list[Frame]:
+    def expose_rest(self, state: State | DomeState, count: int) -> list[Frame]:
         """`count` frames of one state at rest, with noise that is in no frame of a run."""
-        image = self._render(state.deformation.seen)
+        image = self._render(carried(state))
         # Numbers from the end, which no run reaches.
         return [self._finish([image.copy()], state.time, 2**32 - 1 - i) for i in range(count)]
 

@@ -93,16 +93,14 @@ def open_camera(scene: Scene, methods: Methods | None = None) -> SimulatedCamera
     Raises
     ------
     UserError
-        For a dome, and when the renderer cannot run on this machine.
+        When the renderer cannot run on this machine.
     """
-    if scene.body == "dome":
-        raise UserError('body = "dome" has no pictures yet; set body = "chain"')
     sensor = scene.build_sensor()
     renderer = open_renderer(methods.renderer if methods else scene.renderer, sensor)
     return SimulatedCamera(
         sensor,
         renderer,
-        scene.fingertip.nodes,
+        scene.build_dome() if scene.body == "dome" else scene.fingertip.nodes,
         scene.camera.noise_levels,
         scene.seed,
         scene.defects,

@@ -134,7 +134,8 @@ class Scene(Table, frozen=True):
         if not chain:
             if self.path == "camera":
                 raise UserError(
-                    'body = "dome" has no pictures yet; set path = "truth", or body = "chain"'
+                    'no estimator reads the pictures of body = "dome" yet; set path = "truth", '
+                    'or body = "chain"'
                 )
             self.build_dome()
             self.build_solid()

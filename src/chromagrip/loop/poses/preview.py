@@ -7,7 +7,9 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..scene.scene import Scene
+from ...model import margin_within
+from ...scene.scene import Scene
+from .dome_poses import DomePose
 from .poses import Shot
 
 #: Colours of the two layers' markers and of forces.
@@ -37,39 +39,73 @@ def draw_preview(scene: Scene, shot: Shot, path: Path) -> None:
 
 
 def _title(scene: Scene, shot: Shot) -> str:
-    pose, field = shot.pose, shot.field
-    if field is None:
+    pose, field = shot.settled.pose, shot.settled.field
+    if isinstance(pose, DomePose):
+        forces = _dome_title(pose, shot)
+    elif field is None:
         forces = f"pressed {pose.depth * 1e3:g} mm, sheared {pose.shear * 1e3:g} mm"
     else:
-        margin = field.safety_margin(shot.friction)
-        forces = f"grip {pose.grip:g} N, load {pose.load:g} N, µ {shot.friction:.3g}" + (
+        margin = field.safety_margin(shot.settled.friction)
+        forces = f"grip {pose.grip:g} N, load {pose.load:g} N, µ {shot.settled.friction:.3g}" + (
             f", safety margin {margin:.2f}" if np.isfinite(margin) else ", no contact"
         )
     return f"{Path(scene.sensor).stem}, {scene.renderer}: {forces}"
 
 
+def _dome_title(pose: DomePose, shot: Shot) -> str:
+    """How an object was put on a dome, and what it does there."""
+    field, friction = shot.settled.field, shot.settled.friction
+    assert field is not None
+    x, y, z = field.total_force
+    parts = []
+    if pose.force is None:
+        parts.append(f"pressed {1e3 * pose.press:.3g} mm")
+        if any(pose.shear):
+            parts.append("sheared " + " and ".join(f"{1e3 * s:.3g}" for s in pose.shear) + " mm")
+    if pose.twist:
+        parts.append(f"twisted {np.degrees(pose.twist):.3g}°")
+    parts.append(f"force {x:.2g}, {y:.2g}, {-z:.2g} N")
+    parts.append(f"torque {1e3 * field.torque((0.0, 0.0, 1.0)):.2g} N·mm")
+    margin = margin_within(field, friction)
+    parts.append(f"safety margin {margin:.2f}" if np.isfinite(margin) else "no contact")
+    return ", ".join(parts)
+
+
 def _markers(axis: Any, scene: Scene, shot: Shot) -> None:
-    forces = shot.field is not None and shot.field.contact.any()
+    field = shot.settled.field
+    forces = field is not None and bool(field.contact.any())
     axis.set_title("image, marker centres" + (", contact forces" if forces else ""))
     axis.imshow(shot.frame.image)
     for layer, colour in ((1, YELLOW), (0, MAGENTA)):
         visible = shot.truth.visible[layer]
         axis.plot(*shot.truth.pixels[layer, visible].T, "+", color=colour, markersize=3.5, mew=0.7)
-    if shot.field is not None and shot.field.contact.any():
-        sensor, touching = scene.build_sensor(), shot.field.contact
-        x, z = shot.field.position[touching].T
-        base = sensor.view.project(np.column_stack([x, np.zeros_like(x), z]))
-        force = np.column_stack([shot.field.friction, -shot.field.normal])[touching]
-        force *= 0.12 * sensor.view.height / max(abs(force).max(), 1e-12)
-        axis.quiver(
-            *base[::2].T,
-            *force[::2].T,
-            angles="xy",
-            scale_units="xy",
-            scale=1,
-            color=FORCE,
-            width=2e-3,
-        )
+    if field is None or not forces:
+        return
+    view, touching = scene.build_sensor().view, field.contact
+    if field.position.shape[1] == 3:  # friction alone: a press along the view has no direction
+        places, step = field.position[touching], 2e-4
+        friction = field.friction[touching]
+        longest = max(np.linalg.norm(friction, axis=1).max(), 1e-12)
+        base = view.project(places)
+        force = (view.project(places + step * friction / longest) - base) / step
+        largest = np.linalg.norm(force, axis=1).max()
+        force *= 0.08 * view.height / max(largest, 1e-12)
+        every = 1
+    else:
+        x, z = field.position[touching].T
+        base = view.project(np.column_stack([x, np.zeros_like(x), z]))
+        force = np.column_stack([field.friction, -field.normal])[touching]
+        force *= 0.12 * view.height / max(abs(force).max(), 1e-12)
+        every = 2
+    axis.quiver(
+        *base[::every].T,
+        *force[::every].T,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        color=FORCE,
+        width=2e-3,
+    )
 
 
 def _layers(axis: Any, shot: Shot) -> None:

@@ -1,8 +1,10 @@
 """`chromagrip render`: pictures of poses with their ground truth, in a folder of files."""
 
 import json
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict
 
@@ -10,22 +12,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..model import ForceField, State, rest_state, whole_friction
-from ..output.folder import prepare
-from ..output.processes import one_thread
-from ..output.versions import versions
-from ..render import TruthMap, camera_text
-from ..scene.scene import Scene
-from .grasp import open_camera
-from .pose_preview import draw_preview
-from .poses import Pose, Shot, settle
-from .run_folder import scene_text
+from ...errors import UserError
+from ...model import DomeState, State, margin_within, rest_state
+from ...model.dome import displacements, lattice
+from ...output.folder import prepare
+from ...output.processes import one_thread
+from ...output.versions import versions
+from ...render import TruthMap, camera_text
+from ...scene.scene import Scene
+from ..camera import carried
+from ..grasp import open_camera
+from ..run_folder import scene_text
+from .dome_poses import DomePose
+from .poses import Pose, Settled, Shot, settle_any
+from .preview import draw_preview
 
 FORMAT = "chromagrip render 1"
 
 #: One picture of `poses.json`: names of its files, and forces or displacements.
-Entry = dict[str, str | float | None]
+Entry = dict[str, str | float | list[float] | None]
 
 
 class Report(TypedDict):
@@ -39,6 +44,9 @@ class Report(TypedDict):
     poses: list[Entry]
     versions: dict[str, str]
 
+
+#: Share of the friction limit above which a node of a dome slips.
+SLIPPING = 0.999
 
 #: Arrays of a truth file, in order, with their meaning; layer 0 is magenta, 1 yellow.
 ARRAYS = {
@@ -58,11 +66,29 @@ ARRAYS = {
     "force_friction_n": "friction on each node, along the object's tangent, (N,)",
     "force_contact": "node is in contact, (N,)",
 }
+#: The same of a dome of silicone.
+DOME_ARRAYS = {
+    name: said for name, said in ARRAYS.items() if not name.startswith(("seen", "force"))
+}
+DOME_ARRAYS |= {
+    "seen_m": "displacement (x, y, z) of each node of the skin, (N, 3)",
+    "force_position_m": "place (x, y, z) of each node of the pressed skin, (N, 3)",
+    "force_normal_n": "normal force of the object on each node, (N,)",
+    "force_friction_n": "friction on each node, (N, 3)",
+    "force_contact": "node is in contact, (N,)",
+    "force_direction": "unit normal of the object at each node in contact, 0 elsewhere, (N, 3)",
+    "force_area_m2": "area of the skin that each node stands for, (N,)",
+    "force_slips": "node is in contact and slips, (N,)",
+    "object_place_m": "place of the object's own origin, (3,)",
+    "object_rotation": "of the object's own axes to the sensor's, (3, 3)",
+    "traction_pa": "force of the object per area of skin that each pixel shows, (H, W, 3)",
+    "contact_mask": "pixel shows skin in contact, (H, W)",
+}
 
 
 def render_poses(
     scene: Scene,
-    poses: list[Pose],
+    poses: Sequence[Pose | DomePose],
     out: Path | None,
     overwrite: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -89,7 +115,7 @@ def render_poses(
     # Every pose is settled first, so that one that cannot be held leaves no half-written folder.
     settled = []
     for pose in poses:
-        settled.append((pose, *settle(scene, pose)))
+        settled.append(settle_any(scene, pose))
         progress(0, len(poses))
     if out is not None:
         prepare(out, overwrite)
@@ -99,7 +125,7 @@ def render_poses(
         for number, shot in enumerate(_shots(scene, settled, out)):
             entries.append(_entry(shot, number))
             if out is not None:
-                _write(out, number, shot)
+                _write(out, number, shot, scene)
                 draw_preview(scene, shot, out / f"preview-{number:03d}.png")
             progress(number + 1, len(poses))
         report: Report = {
@@ -111,7 +137,7 @@ def render_poses(
                 "camera.yml": "the camera, in OpenCV's format",
                 "rest.png": "the unloaded sensor, same specimen and noise",
             },
-            "arrays": ARRAYS,
+            "arrays": ARRAYS if scene.body == "chain" else DOME_ARRAYS,
             "poses": entries,
             "versions": versions(),
         }
@@ -126,55 +152,88 @@ def render_poses(
     return report
 
 
-def _shots(
-    scene: Scene, settled: list[tuple[Pose, State, ForceField | None]], out: Path | None
-) -> Iterator[Shot]:
+def _shots(scene: Scene, settled: list[Settled], out: Path | None) -> Iterator[Shot]:
     """Pictures of settled poses, in order; the rest frame is written on the way."""
-    sensor, nodes = scene.build_sensor(), scene.fingertip.nodes
-    truth, tip, obj = TruthMap(sensor, nodes), scene.build_fingertip(), scene.build_object()
+    sensor, chain = scene.build_sensor(), scene.body == "chain"
+    truth = TruthMap(sensor, scene.fingertip.nodes if chain else scene.build_dome())
+    rest = rest_state(scene.build_fingertip()) if chain else _untouched(settled[0].state)
     with closing(open_camera(scene)) as camera, one_thread():
         if out is not None:
-            _save_image(
-                out / "rest.png",
-                camera.expose_rest(rest_state(tip), 1)[0].image,
-            )
-        for number, (pose, state, field) in enumerate(settled):
-            displacement = state.deformation.seen
+            _save_image(out / "rest.png", camera.expose_rest(rest, 1)[0].image)
+        for number, one in enumerate(settled):
+            drive, frame = carried(one.state), camera.expose(one.state, number)
+            seen, traction = drive, None
+            if isinstance(one.state, DomeState):
+                dome = scene.build_dome()
+                seen = displacements(dome, one.state)
+                traction = truth.skin_image(drive, one.state.forces / lattice(dome).areas[:, None])
             yield Shot(
-                pose=pose,
-                frame=camera.expose(state, number),
-                truth=truth(camera.membrane(displacement), displacement),
-                seen=displacement,
-                field=field,
-                friction=(np.nan if field is None else whole_friction(tip, obj, state, field)),
+                settled=one,
+                frame=frame,
+                truth=truth(camera.membrane(drive), drive),
+                seen=seen,
+                traction=traction,
             )
+
+
+def _untouched(state: State | DomeState) -> DomeState:
+    """A dome that nothing deforms."""
+    assert isinstance(state, DomeState)
+    nothing = np.zeros_like(state.linear)
+    return replace(state, time=0.0, linear=nothing, memory=nothing)
 
 
 def _entry(shot: Shot, number: int) -> Entry:
-    pose, field = shot.pose, shot.field
+    pose, field, friction = shot.settled.pose, shot.settled.field, shot.settled.friction
     entry: Entry = {
         "image": f"image-{number:03d}.png",
         "truth": f"truth-{number:03d}.npz",
         "preview": f"preview-{number:03d}.png",
     }
-    if field is None:
+    if isinstance(pose, DomePose):
+        entry |= _dome_pose(pose)
+    elif field is None:
         entry |= {"press_mm": pose.depth * 1e3, "shear_mm": pose.shear * 1e3}
     else:
-        margin = field.safety_margin(shot.friction)
+        entry |= {"grip_n": pose.grip, "load_n": pose.load}
+    if field is not None:
+        margin = field.safety_margin(friction)
         entry |= {
-            "grip_n": pose.grip,
-            "load_n": pose.load,
             "normal_n": field.total_normal,
             "friction_n": field.total_friction,
-            "mu": shot.friction if np.isfinite(shot.friction) else None,
+            "mu": friction if np.isfinite(friction) else None,
             "margin": margin if np.isfinite(margin) else None,
         }
+        if isinstance(pose, DomePose):
+            limit = margin_within(field, friction)
+            entry |= {
+                "limit_margin": limit if np.isfinite(limit) else None,
+                "force_n": field.total_force.tolist(),
+                "torque_nmm": [1e3 * field.torque(axis) for axis in np.eye(3)],
+            }
     return entry | {"markers_visible": int(shot.truth.visible.all(axis=0).sum())}
 
 
-def _write(out: Path, number: int, shot: Shot) -> None:
+def _dome_pose(pose: DomePose) -> Entry:
+    """How an object was put on a dome."""
+    entry: Entry = {
+        "tilt_deg": np.degrees(pose.tilt).tolist(),
+        "azimuth_deg": math.degrees(pose.azimuth),
+    }
+    if pose.force is None:
+        entry |= {"press_mm": 1e3 * pose.press, "shear_mm": [1e3 * s for s in pose.shear]}
+    else:
+        entry["load_n"] = list(pose.force)
+    if pose.moment is None:
+        entry["twist_deg"] = math.degrees(pose.twist)
+    else:
+        entry["moment_nmm"] = 1e3 * pose.moment
+    return entry
+
+
+def _write(out: Path, number: int, shot: Shot, scene: Scene) -> None:
     _save_image(out / f"image-{number:03d}.png", shot.frame.image)
-    truth, field = shot.truth, shot.field
+    truth, field = shot.truth, shot.settled.field
     arrays = [
         truth.pixels,
         truth.image_centres,
@@ -190,7 +249,19 @@ def _write(out: Path, number: int, shot: Shot) -> None:
     ]
     if field is not None:
         arrays += [field.position, field.normal, field.friction, field.contact]
-    named = dict(zip(ARRAYS, arrays, strict=False))
+    names = ARRAYS
+    if isinstance(shot.settled.state, DomeState):
+        names, state = DOME_ARRAYS, shot.settled.state
+        assert shot.traction is not None
+        assert field is not None
+        assert field.directions is not None
+        slips = field.friction_sizes > SLIPPING * shot.settled.friction * field.normal
+        pixels = np.nan_to_num(abs(shot.traction)).max(axis=-1)
+        arrays += [
+            field.directions, lattice(scene.build_dome()).areas, slips & field.contact, state.place,
+            state.rotation, shot.traction, pixels > 0.0,
+        ]  # fmt: skip
+    named = dict(zip(names, arrays, strict=False))
     np.savez_compressed(out / f"truth-{number:03d}.npz", **named)  # type: ignore[arg-type]
 
 

@@ -5,11 +5,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError, located
-from ..model import ContactObject, ForceField, State, contact_forces, equilibrium, rest_state
-from ..model.chain import state_of
-from ..render import Frame, GroundTruth, SensorDesign
-from ..scene.scene import Scene
+from ...errors import UserError, located
+from ...model import (
+    ContactObject,
+    DomeState,
+    ForceField,
+    State,
+    contact_forces,
+    equilibrium,
+    rest_state,
+    whole_friction,
+)
+from ...model.chain import state_of
+from ...render import Frame, GroundTruth, SensorDesign
+from ...scene.scene import Scene
+from .dome_poses import DomePose, settle_dome
 
 Array = NDArray[np.float64]
 
@@ -34,25 +44,58 @@ class Pose:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Settled:
+    """A pose and the contact that it leaves.
+
+    Attributes
+    ----------
+    pose: forces or displacements
+    state: of the chain, or of the dome of silicone
+    field: contact forces; None for a pad
+    friction: µ of the contact as a whole, see `whole_friction`
+    """
+
+    pose: Pose | DomePose
+    state: State | DomeState
+    field: ForceField | None
+    friction: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Shot:
     """One picture and its ground truth.
 
     Attributes
     ----------
-    pose: forces or displacements
+    settled: pose and contact
     frame: image as the camera gives it
     truth: of that image
-    seen: node displacements relative to the rigid part [m], shape (N, 2)
-    field: contact forces; None for a pad
-    friction: µ of the contact as a whole, see `whole_friction`
+    seen: node displacements relative to the rigid part [m], shape (N, 2), of a dome (N, 3)
+    traction: of the object on the skin where the image shows it [Pa], (H, W, 3); None of a chain
     """
 
-    pose: Pose
+    settled: Settled
     frame: Frame
     truth: GroundTruth
     seen: Array
-    field: ForceField | None
-    friction: float
+    traction: NDArray[np.float32] | None = None
+
+
+def settle_any(scene: Scene, pose: Pose | DomePose) -> Settled:
+    """Contact of a pose of a scene's fingertip, whatever its body, and object.
+
+    Raises
+    ------
+    UserError: for what cannot be held
+    """
+    if isinstance(pose, DomePose):
+        state, contact = settle_dome(scene, pose)
+        return Settled(pose=pose, state=state, field=contact, friction=scene.object.friction)
+    rest, field = settle(scene, pose)
+    friction = np.nan
+    if field is not None:
+        friction = whole_friction(scene.build_fingertip(), scene.build_object(), rest, field)
+    return Settled(pose=pose, state=rest, field=field, friction=float(friction))
 
 
 def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:

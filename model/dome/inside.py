@@ -1,0 +1,260 @@
+"""Motion of points at a depth inside a dome, and its slopes, for forces on the nodes."""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from ...kept_arrays import content_key, keep, kept
+from ..kernels.inside_kernels import add_columns, fill_column, fill_skin_columns
+from .compliance import WIDTH, compliance_scale, compliance_table, nothing
+from .dome import Dome, lattice
+from .elements import Meridian, loads, mesh, solved
+
+Array = NDArray[np.float64]
+Table = NDArray[np.float32]
+
+#: Harmonics of which less than exp(−`_FADED`) arrives at a depth are left out.
+_FADED = 5.0
+#: Nor are loads of a harmonic that are so small a share of those of others on the ring.
+_NOTHING = 1e-4
+#: Columns of forces are kept up to so many bytes; what is loaded now always is.
+_ROOM = 200_000_000
+#: Markers nearer to the axis than this are taken to lie so far from it [rad].
+_NO_NEARER = 1e-3
+#: Folder of the user's cache; its tables are made anew when the version changes.
+_KIND, _VERSION = "domes", "inside a dome 2"
+
+
+def inside_table(
+    dome: Dome, depth: float, progress: Callable[[int, int], None] = nothing
+) -> tuple[Array, Table]:
+    """Waves about the axis of the displacement at a depth, for unit forces on each ring.
+
+    The first call for a shape, ν and depth solves its elasticity, which takes some seconds; the
+    table is then kept in the user's cache folder.
+
+    Parameters
+    ----------
+    depth: under the skin [m]
+    progress: called with the harmonics that are done and all of them
+
+    Returns
+    -------
+    stations: angles from the apex [rad], shape (S,)
+    waves: U, V, W for forces r, φ, z on rings (K, S, H, 9), in units of `compliance_scale`
+    """
+    return _inside_table(_shape(dome), round(depth / dome.radius, 9), progress)
+
+
+def _shape(dome: Dome) -> tuple[float, float, float, float]:
+    """Core over radius, ν, width of a load [rad] and pitch of the rings [rad]."""
+    return (
+        round(dome.core / dome.radius, 9),
+        dome.poisson,
+        WIDTH * dome.spacing / dome.radius,
+        float(len(lattice(dome).angles)),
+    )
+
+
+@lru_cache(maxsize=8)
+def _inside_table(
+    shape: tuple[float, float, float, float], depth: float, progress: Callable[[int, int], None]
+) -> tuple[Array, Table]:
+    core, poisson, width, rings = shape
+    angles = np.asarray((np.arange(int(rings)) + 0.5) * width / WIDTH, np.float64)
+    key = content_key(_VERSION, np.array(shape), np.array([depth]))
+    found = kept(_KIND, key)
+    if found is None:
+        stations, waves = make_waves(core, poisson, width, angles, depth, progress)
+        found = {"stations": stations, "waves": waves}
+        keep(_KIND, key, found)
+    for array in found.values():
+        array.setflags(write=False)
+    return np.asarray(found["stations"], np.float64), np.asarray(found["waves"], np.float32)
+
+
+def make_waves(
+    core: float,
+    poisson: float,
+    width: float,
+    rings: Array,
+    depth: float,
+    progress: Callable[[int, int], None] = nothing,
+) -> tuple[Array, Table]:
+    """As `inside_table`, made anew, with lengths over the radius."""
+    meridian = mesh(core, poisson, width, rings[-1])
+    above = _between_levels(meridian, 1.0 - depth)
+    # A harmonic m is spread as exp(−m²·width²/2), and fades as exp(−m·depth) below the skin.
+    most = (math.sqrt(depth**2 + 2.0 * _FADED * width**2) - depth) / width**2
+    harmonics = math.ceil(most) + 2
+    waves = np.zeros((len(rings), len(meridian.stations), harmonics, 9), np.float32)
+    largest = np.zeros(len(rings))
+    for m in range(harmonics):
+        progress(m, harmonics)
+        work = loads(meridian, rings, width, m)
+        sizes = abs(work).max(axis=(0, 2))
+        largest = np.maximum(largest, sizes)
+        some = np.flatnonzero(sizes > _NOTHING * largest)
+        if not len(some):
+            break
+        moved = solved(meridian, m, work[:, some])
+        at_depth = np.einsum("l,slck->sck", above, moved).reshape(len(moved), 3, len(some), 3)
+        waves[some, :, m] = at_depth.transpose(2, 0, 1, 3).reshape(len(some), len(moved), 9)
+    return meridian.stations, waves
+
+
+def _between_levels(meridian: Meridian, radius: float) -> Array:
+    """Weights of the levels of a meridian for a radius, (L,): the elements' quadratics."""
+    radii = meridian.radii
+    element = min(max(int(np.searchsorted(radii[::2], radius)) - 1, 0), len(radii) // 2 - 1)
+    three = radii[2 * element : 2 * element + 3]
+    weights = np.zeros(len(radii))
+    for i in range(3):
+        others = np.delete(three, i)
+        weights[2 * element + i] = np.prod((radius - others) / (three[i] - others))
+    return weights
+
+
+class _Columns:
+    """What each component of each node's force does, made when the node is first loaded.
+
+    Parameters
+    ----------
+    nodes: how many
+    values: of a column
+    fill: makes the columns of nodes (n,), into (n, 3, values)
+    """
+
+    def __init__(
+        self, nodes: int, values: int, fill: Callable[[NDArray[np.int64], Table], None]
+    ) -> None:
+        self._slot, self._fill = np.full(nodes, -1), fill
+        self._columns, self._used = np.empty((0, 3, values), np.float32), 0
+        self._sum = np.zeros(values, np.float32)
+
+    def __call__(self, forces: Array) -> Table:
+        """Columns times forces (N, 3); the same array each time."""
+        loaded = np.flatnonzero(forces.any(axis=1))
+        missing = loaded[self._slot[loaded] < 0]
+        if len(missing):
+            if 12 * self._sum.size * (self._used + len(missing)) > _ROOM:
+                self._slot[:] = -1
+                self._used, missing = 0, loaded
+            until = self._used + len(missing)
+            if until > len(self._columns):
+                room = np.empty((until + 64, *self._columns.shape[1:]), np.float32)
+                room[: self._used] = self._columns[: self._used]
+                self._columns = room
+            self._fill(missing, self._columns[self._used : until])
+            self._slot[missing] = np.arange(self._used, until)
+            self._used = until
+        add_columns(self._columns, self._slot[loaded], forces[loaded], self._sum)
+        return self._sum
+
+
+class SkinField:
+    """Displacement of the nodes of the skin, as `displacements` has it, for many frames."""
+
+    def __init__(self, dome: Dome) -> None:
+        nodes, table, scale = lattice(dome), compliance_table(dome), compliance_scale(dome)
+
+        def fill(missing: NDArray[np.int64], out: Table) -> None:
+            fill_skin_columns(
+                table, len(nodes.angles), nodes.ring, nodes.azimuth, scale, missing, out
+            )
+
+        self._columns = _Columns(len(nodes.ring), 3 * len(nodes.ring), fill)
+
+    def __call__(self, forces: Array) -> Array:
+        """Displacement [m] for forces on the nodes of the linear skin [N], both (N, 3)."""
+        return self._columns(forces).reshape(-1, 3).astype(np.float64)
+
+
+class MarkerField:
+    """Displacement of markers in the silicone of a dome, and its slopes along their layer.
+
+    Parameters
+    ----------
+    dome: body
+    places: angle from the apex and azimuth of the markers of each layer [rad], (L, M, 2)
+    depths: of the layers under the skin [m], (L,)
+    """
+
+    def __init__(self, dome: Dome, places: Array, depths: Sequence[float]) -> None:
+        nodes = lattice(dome)
+        self._nodes, self._scale = nodes, compliance_scale(dome)
+        self._shape = places.shape[:2]
+        self._layers = [
+            _Layer(dome, np.asarray(place, np.float64), float(depth))
+            for place, depth in zip(places, depths, strict=True)
+        ]
+        values = 9 * self._shape[0] * self._shape[1]
+        self._columns = _Columns(len(nodes.ring), values, self._fill)
+
+    def __call__(self, forces: Array) -> tuple[Array, Array]:
+        """Displacement and slopes for forces on the nodes.
+
+        Parameters
+        ----------
+        forces: on the nodes of the linear skin [N], shape (N, 3)
+
+        Returns
+        -------
+        displacement: [m], shape (L, M, 3)
+        slopes: of each component per length along θ and φ, shape (L, M, 3, 2)
+        """
+        field = self._columns(forces).reshape(*self._shape, 9).astype(np.float64)
+        return field[..., :3], field[..., 3:].reshape(*self._shape, 3, 2)
+
+    def _fill(self, missing: NDArray[np.int64], out: Table) -> None:
+        each = out.reshape(len(missing), 3, *self._shape, 9)
+        rings = self._nodes.ring[missing]
+        for ring in np.unique(rings):
+            for n, layer in enumerate(self._layers):
+                waves = layer.waves(int(ring), self._scale)
+                for i in np.flatnonzero(rings == ring):
+                    layer.fill(waves, self._nodes.azimuth[missing[i]], each[i, :, n])
+
+
+class _Layer:
+    """Markers at one depth."""
+
+    def __init__(self, dome: Dome, places: Array, depth: float) -> None:
+        stations, self._table = inside_table(dome, depth)
+        angles = np.maximum(places[:, 0], _NO_NEARER)
+        self._angles, self._azimuths = angles, np.ascontiguousarray(places[:, 1])
+        self._each, self._row = np.unique(angles, return_inverse=True)
+        # Beyond the apex a field goes on as on the other side, with the sign of its harmonic.
+        mirrored = min(6, len(stations) - 1)
+        self._stations = np.concatenate([-stations[mirrored:0:-1], stations])
+        flip = np.where(np.arange(self._table.shape[2]) % 2 == 0, 1.0, -1.0)[:, None]
+        self._flip = (flip * np.repeat([-1.0, -1.0, 1.0], 3)).astype(np.float32)
+        self._mirrored = mirrored
+        self._along = 1.0 / (dome.radius - depth)
+        self._of_ring: dict[int, tuple[Table, Table]] = {}
+
+    def waves(self, ring: int, scale: float) -> tuple[Table, Table]:
+        """Waves at the angles of the markers and their derivatives, (A, H, 9) [m/N]."""
+        if ring not in self._of_ring:
+            table = self._table[ring]
+            # Harmonics of which nothing arrives from this ring.
+            sizes = abs(table).max(axis=(0, 2))
+            last = int(np.flatnonzero(sizes > 1e-5 * max(sizes.max(), 1e-30)).max(initial=0))
+            table = table[:, : last + 1]
+            over = self._flip[: last + 1] * table[self._mirrored : 0 : -1]
+            spline = CubicSpline(self._stations, np.concatenate([over, table]))
+            self._of_ring[ring] = (
+                np.asarray(scale * spline(self._each), np.float32),
+                np.asarray(scale * spline(self._each, 1), np.float32),
+            )
+        return self._of_ring[ring]
+
+    def fill(self, waves: tuple[Table, Table], azimuth: float, out: Table) -> None:
+        """Column of a node, into `out` (3, M, 9)."""
+        fill_column(
+            *waves, self._row, self._angles, self._azimuths, float(azimuth), self._along, out
+        )

@@ -1,0 +1,183 @@
+"""The membrane of a dome of silicone: each marker moves as the silicone does at its depth."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.spatial import Delaunay
+
+from ..errors import UserError
+from ..model import Dome
+from ..model.dome import MarkerField, SkinField, lattice
+from .design.sensor import SensorDesign
+from .membrane import Membrane, outline_axes
+
+Array = NDArray[np.float64]
+
+#: Points of the equator, where nothing moves.
+_EQUATOR = 72
+
+
+class DomeMap:
+    """Maps forces on a dome to the membrane of its sensor; built once, called every frame.
+
+    Nothing is said of how much a layer follows the skin, or of how its markers swell: that comes
+    from their depth. `markers.stretch` alone is used, as a dot may be stiffer than the silicone.
+
+    Parameters
+    ----------
+    sensor: design
+    dome: body that the markers are in
+    places: of the markers of each layer, shape (2, M, 2); None is as designed
+    """
+
+    def __init__(self, sensor: SensorDesign, dome: Dome, places: Array | None = None) -> None:
+        skin = sensor.shape
+        own = np.broadcast_to(
+            sensor.places if places is None else places, (2, len(sensor.places), 2)
+        )
+        self._field = MarkerField(dome, own, layer_depths(sensor, dome))
+        self._rest = np.stack(
+            [skin.points(each, depth) for each, depth in zip(own, sensor.depths, strict=True)]
+        )
+        self._tangents = np.stack(skin.tangents(own), axis=-1)
+        cos, sin = np.cos(own[..., 1]), np.sin(own[..., 1])
+        # Squares lie along the sensor's x and y, discs anyhow.
+        upright = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+        self._upright = np.asarray(sensor.half_sizes)[:, None, None, None] * upright
+        self._stretch = float(sensor.markers.stretch)
+
+    def __call__(self, forces: Array) -> Membrane:
+        """Membrane for forces on the nodes of the linear skin, (N, 3) [N]."""
+        moved, slope = self._field(forces)
+        axes = outline_axes(self._tangents + slope, self._stretch)
+        return Membrane(centres=self._rest + moved, axes=_turned(axes, self._upright))
+
+
+class DomeSheets:
+    """Both layers and the skin as sheets; tells of any of their places what moves it.
+
+    At every node the displacement and its slope are known, on the equator both are 0. Between
+    three of these points u = Σ w·(u_i + ½·∇u_i·d_i), d_i the way from each, which is exact for a
+    parabola. Below the skin the slopes are those of the silicone, on it those between the nodes.
+
+    Parameters
+    ----------
+    sensor: design
+    dome: body that the layers are in
+    under: places of each layer and of the skin, three arrays (P, 2)
+    """
+
+    def __init__(self, sensor: SensorDesign, dome: Dome, under: list[Array]) -> None:
+        nodes, depths = lattice(dome), layer_depths(sensor, dome)
+        turn = np.linspace(0.0, 2.0 * np.pi, _EQUATOR, endpoint=False)
+        known = np.column_stack([nodes.angles[nodes.ring], nodes.azimuth])
+        equator = np.column_stack([np.full_like(turn, np.pi / 2), turn])
+        places = np.concatenate([known, equator])
+        self._layers = MarkerField(dome, np.broadcast_to(known, (2, *known.shape)), depths)
+        self._skin = SkinField(dome)
+        mesh = Delaunay(_chart(places))
+        self._weights = [
+            _between(sensor, mesh, places, under[sheet], depth)
+            for sheet, depth in enumerate((*depths, 0.0))
+        ]
+        slopes = _slopes(sensor, mesh, places)
+        self._share = self._weights[2][:, ::3][:, : len(known)]
+        self._weights[2] = self._weights[2] @ slopes
+        self._known = len(known)
+        self._corners = np.zeros((2, len(places), 3, 3))  # of each: u and its two slopes
+        self._moved = np.zeros((len(places), 3))
+        self._forces = np.zeros((self._known, 3))
+
+    def __call__(self, forces: Array, sheet: int) -> Array:
+        """Displacement of the places of a sheet (P, 3) [m], for forces on the nodes (N, 3) [N]."""
+        if not np.array_equal(self._forces, forces):
+            self._forces = forces.copy()
+            shift, slope = self._layers(forces)
+            self._corners[:, : self._known, 0] = shift
+            self._corners[:, : self._known, 1:] = np.moveaxis(slope, -1, -2)
+            self._moved[: self._known] = self._skin(forces)
+        if sheet == 2:
+            return np.asarray(self._weights[2] @ self._moved)
+        return np.asarray(self._weights[sheet] @ self._corners[sheet].reshape(-1, 3))
+
+    def spread(self, values: Array) -> Array:
+        """Values on the nodes of the skin (N, C), between them at the places of the skin (P, C)."""
+        return np.asarray(self._share @ values)
+
+
+def _chart(places: Array) -> Array:
+    """Places (P, 2) of a sphere on a plane, by their distance from the apex along it."""
+    return places[:, :1] * np.stack([np.cos(places[:, 1]), np.sin(places[:, 1])], axis=-1)
+
+
+def _between(
+    sensor: SensorDesign, mesh: Delaunay, places: Array, wanted: Array, depth: float
+) -> csr_matrix:
+    """Weights of displacement and slopes at `places` for the displacement at others, (P, 3V)."""
+    skin, at = sensor.shape, _chart(wanted)
+    found = mesh.find_simplex(at)
+    off = found < 0
+    transform = mesh.transform[found]
+    part = np.einsum("nij,nj->ni", transform[:, :2], at - transform[:, 2])
+    share = np.column_stack([part, 1.0 - part.sum(axis=1)])
+    share[off] = 0.0
+    corner = mesh.simplices[found]
+    way = skin.points(wanted, depth)[:, None] - skin.points(places, depth)[corner]
+    along, across = skin.tangents(places)
+    half = 0.5 * share
+    values = np.stack(
+        [
+            share,
+            half * (way * along[corner]).sum(axis=-1),
+            half * (way * across[corner]).sum(axis=-1),
+        ],
+        axis=-1,
+    )
+    columns = 3 * corner[..., None] + np.arange(3)
+    rows = np.repeat(np.arange(len(wanted)), 9)
+    shape = (len(wanted), 3 * len(places))
+    return csr_matrix((values.ravel(), (rows, columns.ravel())), shape=shape)
+
+
+def _slopes(sensor: SensorDesign, mesh: Delaunay, places: Array) -> csr_matrix:
+    """From displacements on the skin to each with its two slopes, (3V, V), by least squares."""
+    points = sensor.shape.points(places, 0.0)
+    along, across = sensor.shape.tangents(places)
+    first, around = mesh.vertex_neighbor_vertices
+    rows, columns, values = [3 * np.arange(len(places))], [np.arange(len(places))], []
+    values.append(np.ones(len(places)))
+    for i in range(len(places)):
+        others = around[first[i] : first[i + 1]]
+        way = points[others] - points[i]
+        plane = np.linalg.pinv(np.column_stack([way @ along[i], way @ across[i]]))
+        for k in range(2):
+            rows.append(np.full(len(others) + 1, 3 * i + 1 + k))
+            columns.append(np.append(others, i))
+            values.append(np.append(plane[k], -plane[k].sum()))
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return csr_matrix(entries, shape=(3 * len(places), len(places)))
+
+
+def layer_depths(sensor: SensorDesign, dome: Dome) -> tuple[float, float]:
+    """Depths of both layers under the skin [m].
+
+    Raises
+    ------
+    UserError
+        For a layer below the silicone of the dome.
+    """
+    first, second = (float(depth) for depth in sensor.depths)
+    if max(first, second) > dome.thickness * (1.0 + 1e-9):
+        raise UserError(
+            f"a layer of markers lies {1e3 * max(first, second):.3g} mm under the skin, below the "
+            f"silicone of {1e3 * dome.thickness:.3g} mm"
+        )
+    return min(first, dome.thickness), min(second, dome.thickness)
+
+
+def _turned(axes: Array, by: Array) -> Array:
+    """Axes (…, 3, 2) times 2 × 2 matrices; `matmul` is slow for such small ones."""
+    out = np.empty_like(axes)
+    for j in range(2):
+        out[..., j] = axes[..., 0] * by[..., 0, None, j] + axes[..., 1] * by[..., 1, None, j]
+    return out

@@ -1,0 +1,1 @@
+"""Single pictures: an object is put on the fingertip, and its picture taken with all its truth."""

@@ -1,0 +1,116 @@
+"""Motion inside the dome against analysis, differences, symmetry and the skin's own compliance."""
+
+import math
+
+import numpy as np
+import pytest
+
+from chromagrip.model import Dome
+from chromagrip.model.dome import MarkerField, SkinField, lattice
+
+SMALL = Dome(pitch=0.8e-3, reach=math.radians(50.0))
+_RNG = np.random.default_rng(0)
+PLACES = np.column_stack([_RNG.uniform(0.1, 0.8, 40), _RNG.uniform(0.0, 6.0, 40)])
+
+
+def _patch(dome: Dome, centre: tuple[float, float, float], count: int) -> np.ndarray:
+    """Uneven forces in all directions on the nodes nearest to a direction."""
+    points = lattice(dome).points
+    near = np.argsort(np.linalg.norm(points / dome.radius - centre, axis=1))[:count]
+    forces = np.zeros_like(points)
+    forces[near] = np.random.default_rng(2).normal([0.01, 0.02, -0.03], 0.01, (count, 3))
+    return forces
+
+
+def _moved(dome: Dome, places: np.ndarray, depth: float, forces: np.ndarray) -> np.ndarray:
+    return MarkerField(dome, places[None], (depth,))(forces)[0][0]
+
+
+def test_silicone_that_is_bonded_to_the_core_stays() -> None:
+    forces = _patch(SMALL, (0.3, 0.2, 0.93), 9)
+    field = MarkerField(SMALL, np.stack([PLACES, PLACES]), (0.5e-3, SMALL.thickness))
+    displacement, slopes = field(forces)
+    assert abs(displacement[0]).max() > 1e-6
+    assert abs(displacement[1]).max() < 1e-9 * abs(displacement[0]).max()
+    assert abs(slopes[1]).max() < 1e-9 * abs(slopes[0]).max()
+
+
+@pytest.mark.parametrize("depth", [0.4e-3, 1.2e-3])
+def test_slopes_are_those_of_the_displacement(depth: float) -> None:
+    forces, step = _patch(SMALL, (0.3, 0.2, 0.93), 9), 4e-3
+    _, slopes = MarkerField(SMALL, PLACES[None], (depth,))(forces)
+    for k in range(2):
+        ahead, behind = PLACES.copy(), PLACES.copy()
+        ahead[:, k] += step
+        behind[:, k] -= step
+        rise = _moved(SMALL, ahead, depth, forces) - _moved(SMALL, behind, depth, forces)
+        length = 2.0 * step * (SMALL.radius - depth) * (np.sin(PLACES[:, 0]) if k else 1.0)
+        expected = rise / np.broadcast_to(length, 40)[:, None]
+        assert slopes[0, :, :, k] == pytest.approx(expected, abs=4e-3 * abs(expected).max())
+
+
+def test_the_apex_is_no_place_of_its_own() -> None:
+    """On either side of the axis the same displacement and, turned, the same slopes."""
+    forces = _patch(SMALL, (0.1, 0.2, 0.97), 12)
+    places = np.array([[2e-3, 0.4], [2e-3, 0.4 + math.pi]])
+    displacement, slopes = MarkerField(SMALL, places[None], (0.8e-3,))(forces)
+    between = 4e-3 * (SMALL.radius - 0.8e-3)
+    rise = displacement[0, 0] - displacement[0, 1]
+    assert rise == pytest.approx(between * slopes[0, 0, :, 0], abs=0.02 * abs(rise).max())
+    assert slopes[0, 0] == pytest.approx(-slopes[0, 1], abs=0.04 * abs(slopes).max())
+
+
+def test_a_third_of_a_turn_turns_the_motion() -> None:
+    c, s = -0.5, math.sqrt(0.75)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    points, forces = lattice(SMALL).points, _patch(SMALL, (0.3, 0.2, 0.93), 9)
+    turned = points @ turn.T
+    partner = np.linalg.norm(turned[:, None] - points, axis=2).argmin(axis=1)
+    there = np.zeros_like(forces)
+    there[partner] = forces @ turn.T
+    moved = _moved(SMALL, PLACES, 0.8e-3, forces) @ turn.T
+    again = _moved(SMALL, PLACES + np.array([0.0, 2.0 * math.pi / 3.0]), 0.8e-3, there)
+    assert again == pytest.approx(moved, abs=1e-5 * abs(moved).max())
+
+
+def test_markers_just_under_the_skin_move_as_it_does() -> None:
+    """Under a pressure and a shear that are smooth on the scale of the nodes."""
+    points = lattice(SMALL)
+    bump = np.exp(-0.5 * ((points.points[:, :2] - [1e-3, 0.5e-3]) ** 2).sum(axis=1) / 1.6e-3**2)
+    forces = (points.areas * bump)[:, None] * [0.3e5, 0.1e5, -0.6e5]
+    skin = SkinField(SMALL)(forces)
+    places = np.column_stack([points.angles[points.ring], points.azimuth])
+    below = _moved(SMALL, places, 0.05e-3, forces)
+    inner = places[:, 0] < 0.6
+    apart = np.linalg.norm(below[inner] - skin[inner])
+    assert apart < 0.03 * np.linalg.norm(skin[inner])
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.48])
+def test_a_thick_dome_moves_inside_as_a_half_space(poisson: float) -> None:
+    """u_z = (1 + ν)·F/(2π·E·ρ)·(z²/ρ² + 2·(1 − ν)) of Boussinesq, from one depth to another."""
+    dome = Dome(core=0.5e-3, poisson=poisson, pitch=0.25e-3, reach=math.radians(20.0))
+    points = lattice(dome)
+    forces = np.zeros_like(points.points)
+    forces[:3, 2] = -1.0 / 3.0  # the innermost ring, 0.125 mm from the axis
+    axis, depths = np.array([[[0.0, 0.0]]]), (0.6e-3, 0.9e-3)
+    moved = [-MarkerField(dome, axis, (depth,))(forces)[0][0, 0, 2] for depth in depths]
+
+    def boussinesq(z: float) -> float:
+        rho = math.hypot(z, 0.125e-3)
+        first = (1.0 + poisson) / (2.0 * math.pi * dome.young * rho)
+        return first * (z**2 / rho**2 + 2.0 * (1.0 - poisson))
+
+    expected = boussinesq(depths[0]) - boussinesq(depths[1])
+    assert moved[0] - moved[1] == pytest.approx(expected, rel=0.05)
+
+
+def test_columns_that_no_longer_fit_are_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    field = MarkerField(SMALL, PLACES[None], (0.8e-3,))
+    first, second = _patch(SMALL, (0.3, 0.2, 0.93), 9), _patch(SMALL, (-0.3, 0.2, 0.93), 9)
+    before = field(first)[0].copy(), field(second)[0].copy()
+    monkeypatch.setattr("chromagrip.model.dome.inside._ROOM", 12 * 9 * 40 * 10)
+    small = MarkerField(SMALL, PLACES[None], (0.8e-3,))
+    for _ in range(2):
+        assert np.array_equal(small(first)[0], before[0])
+        assert np.array_equal(small(second)[0], before[1])
