@@ -1,5 +1,7 @@
 """The membrane of a dome of silicone: each marker moves as the silicone does at its depth."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
@@ -15,6 +17,8 @@ Array = NDArray[np.float64]
 
 #: Points of the equator, where nothing moves.
 _EQUATOR = 72
+#: Largest distance of points that tell how a layer moves, in depths of the layer.
+_APART = 1.3
 
 
 class DomeMap:
@@ -68,34 +72,34 @@ class DomeSheets:
     """
 
     def __init__(self, sensor: SensorDesign, dome: Dome, under: list[Array]) -> None:
-        nodes, depths = lattice(dome), layer_depths(sensor, dome)
-        turn = np.linspace(0.0, 2.0 * np.pi, _EQUATOR, endpoint=False)
-        known = np.column_stack([nodes.angles[nodes.ring], nodes.azimuth])
-        equator = np.column_stack([np.full_like(turn, np.pi / 2), turn])
-        places = np.concatenate([known, equator])
-        self._layers = MarkerField(dome, np.broadcast_to(known, (2, *known.shape)), depths)
+        depths = layer_depths(sensor, dome)
+        # Between points farther apart than it is deep a motion is not known.
+        finer = max(dome.spacing / 2.0, _APART * min(depths))
+        inside = _points(replace(dome, pitch=min(dome.spacing, finer)))
+        nodes = _points(dome)
+        self._layers = MarkerField(dome, np.broadcast_to(inside, (2, *inside.shape)), depths)
         self._skin = SkinField(dome)
-        mesh = Delaunay(_chart(places))
+        places, mesh = _with_equator(inside)
         self._weights = [
             _between(sensor, mesh, places, under[sheet], depth)
-            for sheet, depth in enumerate((*depths, 0.0))
+            for sheet, depth in enumerate(depths)
         ]
-        slopes = _slopes(sensor, mesh, places)
-        self._share = self._weights[2][:, ::3][:, : len(known)]
-        self._weights[2] = self._weights[2] @ slopes
-        self._known = len(known)
         self._corners = np.zeros((2, len(places), 3, 3))  # of each: u and its two slopes
+        places, mesh = _with_equator(nodes)
+        skin = _between(sensor, mesh, places, under[2], 0.0)
+        self._share = skin[:, ::3][:, : len(nodes)]
+        self._weights.append(skin @ _slopes(sensor, mesh, places))
         self._moved = np.zeros((len(places), 3))
-        self._forces = np.zeros((self._known, 3))
+        self._forces = np.zeros((len(nodes), 3))
 
     def __call__(self, forces: Array, sheet: int) -> Array:
         """Displacement of the places of a sheet (P, 3) [m], for forces on the nodes (N, 3) [N]."""
         if not np.array_equal(self._forces, forces):
             self._forces = forces.copy()
             shift, slope = self._layers(forces)
-            self._corners[:, : self._known, 0] = shift
-            self._corners[:, : self._known, 1:] = np.moveaxis(slope, -1, -2)
-            self._moved[: self._known] = self._skin(forces)
+            self._corners[:, : shift.shape[1], 0] = shift
+            self._corners[:, : shift.shape[1], 1:] = np.moveaxis(slope, -1, -2)
+            self._moved[: len(forces)] = self._skin(forces)
         if sheet == 2:
             return np.asarray(self._weights[2] @ self._moved)
         return np.asarray(self._weights[sheet] @ self._corners[sheet].reshape(-1, 3))
@@ -103,6 +107,20 @@ class DomeSheets:
     def spread(self, values: Array) -> Array:
         """Values on the nodes of the skin (N, C), between them at the places of the skin (P, C)."""
         return np.asarray(self._share @ values)
+
+
+def _points(dome: Dome) -> Array:
+    """Angle from the apex and azimuth of a dome's nodes [rad], (N, 2)."""
+    nodes = lattice(dome)
+    return np.column_stack([nodes.angles[nodes.ring], nodes.azimuth])
+
+
+def _with_equator(places: Array) -> tuple[Array, Delaunay]:
+    """Places and those of the equator, and triangles of them all."""
+    turn = np.linspace(0.0, 2.0 * np.pi, _EQUATOR, endpoint=False)
+    equator = np.column_stack([np.full_like(turn, np.pi / 2), turn])
+    whole = np.concatenate([places, equator])
+    return whole, Delaunay(_chart(whole))
 
 
 def _chart(places: Array) -> Array:

@@ -94,3 +94,15 @@ def resting(dome: Dome, solid: Solid, motion: Motion) -> DomeState:
         linear=zeros(), memory=zeros(), forces=zeros(), friction=zeros(), normals=zeros(),
         near=np.zeros(0, np.int64),
     )  # fmt: skip
+
+
+def check_state(dome: Dome, state: DomeState) -> None:
+    """Refuse a state of another dome.
+
+    Raises
+    ------
+    UserError
+    """
+    own, count = len(lattice(dome).ring), len(state.linear)
+    if count != own:
+        raise UserError(f"the state is of a dome with {count} nodes, and this dome has {own}")

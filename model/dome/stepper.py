@@ -14,7 +14,7 @@ from .dome import Dome, Lattice, lattice
 from .motion import Motion
 from .placing import rotation_of, touching_place
 from .solid import Solid, touched
-from .state import DomeState, StepCount
+from .state import DomeState, StepCount, check_state
 from .stiffening import stiffening_of
 
 Array = NDArray[np.float64]
@@ -64,7 +64,13 @@ class Stepper:
         self.solid, self.thing = solid, touched(solid)
 
     def restore(self, state: DomeState) -> None:
-        """Take over a state."""
+        """Take over a state.
+
+        Raises
+        ------
+        UserError: for a state of another dome.
+        """
+        check_state(self.dome, state)
         self.time = state.time
         self.place, self.rotation = state.place.copy(), state.rotation.copy()
         self.velocity = state.velocity.copy()
@@ -333,7 +339,13 @@ class Stepper:
 
 
 def displacements(dome: Dome, state: DomeState) -> Array:
-    """Displacement of every node of the skin in a state [m], shape (N, 3)."""
+    """Displacement of every node of the skin in a state [m], shape (N, 3).
+
+    Raises
+    ------
+    UserError: for a state of another dome.
+    """
+    check_state(dome, state)
     nodes = lattice(dome)
     out = np.zeros_like(state.displacement)
     forces = state.memory if dome.relaxation else state.linear

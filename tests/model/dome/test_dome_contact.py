@@ -26,6 +26,7 @@ from chromagrip.model import (
 )
 from chromagrip.model.dome.dome import lattice
 from chromagrip.model.dome.solid import touched
+from chromagrip.model.dome.state import resting
 from chromagrip.model.dome.stepper import Stepper, displacements
 from chromagrip.model.kernels.dahl_vector_kernels import dahl_vector
 from chromagrip.model.kernels.friction import dahl_step
@@ -412,3 +413,16 @@ def test_a_rigid_object_is_never_said_not_to_touch(exponent: float) -> None:
     except ConvergenceError:
         return  # it says so
     assert run.total_forces[-1, 2] < -0.5
+
+
+def test_a_state_of_another_dome_is_refused() -> None:
+    """Its nodes are others: a kernel would read beyond the end of its arrays."""
+    fine, coarse = Dome(pitch=0.8e-3), Dome(pitch=0.9e-3)
+    motion, solid = press_and_move(1e-4), Solid(shape=plane())
+    state = resting(fine, solid, motion)
+    for use in (
+        lambda: simulate_contact(coarse, solid, motion, dt=0.1, start=state),
+        lambda: dome_forces(coarse, state),
+    ):
+        with pytest.raises(UserError, match=r"of a dome with \d+ nodes"):
+            use()
