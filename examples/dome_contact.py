@@ -61,7 +61,7 @@ def draw(axes, what: str, field: model.ForceField, margin: float, top: float):
 
 
 def main(name: str = "twist", picture: str = "dome-contact.png") -> None:
-    shape, motion, times = SCENES[name]
+    shape, motion, times = SCENES.get(name) or sys.exit(f"choose one of {', '.join(SCENES)}")
     solid = model.Solid(shape=shape, friction=MU)
     run = model.simulate_contact(DOME, solid, motion, 2.5e-3, keep=1000)  # all
     states = [run.states[abs(run.times - time).argmin()] for time in times.values()]

@@ -34,6 +34,9 @@ _BEFORE_CREEP, _CREEPS = 1, 80
 _SLOW, _SLOWEST, _QUICK = 8.0, 1e3, 0.3
 #: Part of the thickness beyond which the silicone is not described.
 DEEPEST = 0.8
+#: A free object that goes farther in a step [radii] might leap through the dome, and such a step
+#: is halved up to so many times.
+_LEAP, _LEAPS = 0.2, 10
 #: Forces that viscosity remembers below this are forgotten [N].
 _FORGOTTEN = 1e-9
 
@@ -116,16 +119,19 @@ class Stepper:
     def _attempt(self, until: float, depth: int, load: Array | None) -> StepCount:
         before = self.state()
         count = self._solve(until, self.dome.relaxation / (until - self.time), load)
-        if count.error < TOLERANCE:
+        leapt = np.linalg.norm(self.place - before.place) > _LEAP * self.dome.radius
+        leapt &= self.motion.moves_free.any() and depth < _LEAPS
+        if count.error < TOLERANCE and not leapt:
             return count
         creeps = not self.motion.moves_free.any() and not self.dome.relaxation
         if creeps and depth == _BEFORE_CREEP:
             self.restore(before)
             return self._creep(until)
-        if depth == HALVINGS:
+        if depth >= HALVINGS and not leapt:
             return self._enough(count, until, until - before.time)
         self.restore(before)
         first = self._attempt(0.5 * (before.time + until), depth + 1, load)
+        self._check_depth()
         second = self._attempt(until, depth + 1, load)
         return StepCount(
             count.rounds + first.rounds + second.rounds,

@@ -121,8 +121,7 @@ def _check(vertices: Array, faces: NDArray[np.int64], scale: float) -> None:
         allowed = f"{SMALLEST * 1e3:g}…{LARGEST * 1e3:g} mm"
         raise UserError(
             f"its longest side is {longest * 1e3:.4g} mm at the scale {scale:g}, must lie in "
-            f"{allowed}; give the scale in metres per unit of the file, as 1e-3 for mm, 1e-2 for cm"
-            " or 1 for m"
+            f"{allowed}; give the unit of the file: `scale` in m, or object.mesh_unit_mm of a scene"
         )
     middled = vertices - vertices.mean(axis=0)
     spread = np.linalg.svd(middled.T @ middled, compute_uv=False)

@@ -160,3 +160,9 @@ def test_a_scene_changes_the_silicone_of_the_design() -> None:
     dome = load_scene("thesis", {**COARSE, "sensor": "dome-2022", **changes}).build_dome()
     assert dome == Dome(radius=21e-3, core=20e-3, young=200e3, pitch=0.8e-3, relaxation=0.02)
     assert math.isclose(load_scene("thesis").build_sensor().dome.young, 0.4e6)
+
+
+def test_a_grip_far_too_strong_does_not_leap_through_the_dome() -> None:
+    """In one step the object would be beyond it, and nothing would ever have touched."""
+    with pytest.raises(UserError, match="of the silicone"):
+        ran(controller="conservative", conservative__force_n=500.0, duration_s=0.1)

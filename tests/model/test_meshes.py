@@ -189,7 +189,7 @@ def _two_boxes():
         (lambda: trimesh.Trimesh(), "it has no triangles"),
         (lambda: _two_boxes(), "could not be mended: 1 of its 35 edges do"),
         (lambda: trimesh.creation.box(extents=(1e3, 1, 1)), "longest side is 1000 mm"),
-        (lambda: trimesh.creation.box(extents=(0.01, 0.01, 0.01)), "1e-2 for cm"),
+        (lambda: trimesh.creation.box(extents=(0.01, 0.01, 0.01)), "object.mesh_unit_mm"),
         (lambda: trimesh.Trimesh([[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1, 2]]), "lie in a plane"),
         (
             lambda: trimesh.util.concatenate(

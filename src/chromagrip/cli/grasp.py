@@ -100,7 +100,7 @@ def grasp(
     from ..loop.grasp import known_sensor  # OpenCV loads only when something is run
     from ..loop.run_folder import run
 
-    make_dome_tables(resolved, pictures=resolved.path == "camera")
+    make_dome_tables(resolved, pictures=out is not None)
     if resolved.path == "camera" and not resolved.build_sensor().shape.flat:
         with located(f"sensor {resolved.sensor}"):
             train_if_missing(known_sensor(resolved), resolved.reconstructor)
@@ -127,6 +127,12 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
         f"{number(summary['final_margin_true'])} true, "
         f"{number(summary['final_margin_estimated'])} observed",
     )
+    if summary["mechanics"] == "dome":
+        table.add_row(
+            "the same with torsion",
+            f"{number(summary['final_limit_margin_true'])} true; "
+            f"the object turned by {number(summary['final_turn_deg'], 1)}°",
+        )
     if summary["without_estimate"]:
         because = next(iter(summary["without_estimate_because"]))
         frames = f"{summary['without_estimate']} of {summary['frames']} frames"
@@ -145,7 +151,7 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
             f"{event['time_s']:.3f} s, {event['lateral_displacement_mm']:.3f} mm",
         )
     markers = load_sensor(summary["sensor"]).markers
-    if markers.swell_mm or markers.stretch:
+    if summary["mechanics"] == "chain" and (markers.swell_mm or markers.stretch):
         table.add_row("mechanics", "those of the chain, not of this dome's silicone")
     table.add_row("largest grip force", f"{number(summary['max_grip_n'])} N")
     table.add_row("largest pressure", f"{number(summary['max_pressure_n_per_m'], 0)} N/m")

@@ -48,6 +48,9 @@ def make_dome_tables(scene: "Scene", pictures: bool) -> None:
     from ..model.dome import compliance_table, inside_table
     from ..render import layer_depths
 
+    shape = scene.build_solid().shape
+    for note in shape.notes:
+        print(f"chromagrip: {shape.name}: {note}", file=sys.stderr, flush=True)
     dome = scene.build_dome()
     with counting("elasticity of the dome, once", "harmonics") as progress:
         compliance_table(dome, progress)

@@ -108,7 +108,7 @@ def run(
         require("data", "video", purpose="writing a run folder")
     with ExitStack() as stack, one_thread():
         camera = None
-        if scene.body == "chain":  # a dome has no pictures yet
+        if scene.body == "chain" or out is not None:  # of a dome only the video shows pictures
             camera = stack.enter_context(closing(open_camera(scene, methods)))
         if out is None:
             return _record(scene, methods, camera, known, read_with, None, progress)
@@ -207,13 +207,13 @@ class RunFiles:
         slot = 0 if self._video is None else self._video.slot(sample.time)
         if self._video is not None and slot > self._slot and sample.observation is not None:
             self._slot = slot
-            if camera is None:
-                with self._writing():
-                    self._video.add_traction(sample)
-                return
-            frame = sample.frame or camera.expose(sample.state, sample.index)
+            assert camera is not None  # a run with files has one
+            frame = sample.frame or camera.expose(sample.truth.state, sample.index)
             with self._writing():
-                self._video.add(frame.image, sample)
+                if self._scene.body == "dome":
+                    self._video.add_traction(frame.image, sample)
+                else:
+                    self._video.add(frame.image, sample)
 
     def write(self, trace: Trace, summary: Summary) -> None:
         """Write the results, and give all files their names."""

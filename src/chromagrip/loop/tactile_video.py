@@ -1,6 +1,6 @@
 """The tactile video: the camera's image beside the forces that were estimated from it.
 
-Of a dome it shows the true traction, from above.
+Beside the image of a dome it shows the true traction, from above.
 """
 
 from pathlib import Path
@@ -56,8 +56,8 @@ class TactileVideo(VideoFile):
         """Number of the video's picture at a time [s]."""
         return int(time * FPS * SLOWDOWN + 1e-6)
 
-    def add_traction(self, sample: Sample) -> None:
-        """Append one sample of a dome."""
+    def add_traction(self, image: Image, sample: Sample) -> None:
+        """Append one sample of a dome with its image."""
         assert self._traction is not None
         picture, field, mu = (
             self._traction.draw(sample.field, sample.friction),
@@ -81,7 +81,7 @@ class TactileVideo(VideoFile):
         for k, line in enumerate(lines):
             write(column, line, (8, 40 + 20 * k))
         self._traction.legend(column, (8, 320))
-        self.append(np.hstack([picture, column]))
+        self.append(_beside(image, np.hstack([picture, column])))
 
     def add(self, image: Image, sample: Sample) -> None:
         """Append one sample with its image; a dropped frame adds nothing."""
@@ -104,6 +104,16 @@ class TactileVideo(VideoFile):
         if sample.tracks is not None:
             write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), TRACK_COLOUR)
         self.append(np.hstack([image, overlay]))
+
+
+def _beside(left: Image, right: Image) -> Image:
+    """Two pictures side by side, the lower one in the middle of white."""
+    height = max(len(left), len(right))
+    whole = np.full((height, left.shape[1] + right.shape[1], 3), 255, np.uint8)
+    for picture, at in ((left, 0), (right, left.shape[1])):
+        top = (height - len(picture)) // 2
+        whole[top : top + len(picture), at : at + picture.shape[1]] = picture
+    return whole
 
 
 def draw_overlay(

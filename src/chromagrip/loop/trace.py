@@ -161,6 +161,8 @@ def summarise(
         "frames_per_second": (len(trace) - 1) / seconds if seconds > 0 else math.nan,
         "final_margin_true": _last(trace["margin_true"]),
         "final_margin_estimated": _last(trace["margin_estimated"]),
+        "final_limit_margin_true": _last(trace["limit_margin_true"]),
+        "final_turn_deg": _last(trace["object_turn_deg"]),
         "margin_true_min_last_300ms": float(late.min()) if len(late) else math.nan,
         "margin_true_max_last_300ms": float(late.max()) if len(late) else math.nan,
         "margin_rmse": float(np.sqrt((error**2).mean())) if len(error) else math.nan,
