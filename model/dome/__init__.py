@@ -9,7 +9,7 @@ from .compliance import compliance_table, make_table
 from .dome import Dome, lattice
 from .inside import MarkerField, SkinField, inside_table
 from .motion import AXES, Motion, press_and_move
-from .placing import touching_place
+from .placing import rise_beside, touching_place
 from .simulate import (
     DomeRun,
     contact_steps,
@@ -50,6 +50,7 @@ __all__ = [
     "per_area",
     "press_and_move",
     "resting",
+    "rise_beside",
     "save_dome_state",
     "simulate_contact",
     "solid_stiffness",

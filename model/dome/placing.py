@@ -65,3 +65,11 @@ def touching_place(
         # A distance is a lower bound, and tells less than the way at edges that a mesh rounds.
         above, height = height, height - max(gap, _DOWN)
     raise UserError(f"the object {solid.shape.name} does not come to lie on the dome from above")
+
+
+def rise_beside(dome: Dome, solid: Solid, rotation: Array, beside: tuple[float, float]) -> float:
+    """How much higher an object just touches beside the axis than on it [m]; negative is lower."""
+    if not any(beside):
+        return 0.0
+    there = touching_place(dome, solid, rotation, beside)
+    return float((there - touching_place(dome, solid, rotation))[2])

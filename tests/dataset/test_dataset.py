@@ -374,6 +374,8 @@ def test_a_recipe_that_leaves_what_can_be_is_refused(
 
 def test_every_shipped_recipe_gives_scenes() -> None:
     for name in recipe_names():
+        if name == "objects":  # of the user's own meshes, see test_dome_dataset.py
+            continue
         recipe = load_recipe(name)
         for number in range(5):
             scene = scene_of(recipe, number, drawn(recipe, number))
@@ -428,7 +430,7 @@ def test_a_file_that_may_not_grow_is_said_in_one_sentence(
         (["dataset"], 0, "usage: chromagrip dataset [-h] {make,check,"),
         (["dataset", "make", "--help"], 0, "usage: chromagrip dataset make "),
         (["dataset", "mend"], 2, "dataset mend: there is make, check"),
-        (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is force"),
+        (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is contact-3d"),
         (["dataset", "make", "tiny", "--out", "x", "--shard", "3/2"], 2, "--shard 3/2: expected"),
         (["dataset", "make", "tiny", "--out", "x", "--n", "0"], 2, "--n 0: expected 1 to"),
         (["dataset", "check", "nowhere"], 2, "nowhere is no dataset"),

@@ -19,15 +19,25 @@ def make(
     recipe: Annotated[
         str,
         tyro.conf.Positional,
-        option("shipped (force, slip, tiny, tracking), or a .toml file", "RECIPE|FILE.toml"),
+        option(
+            "shipped (force, slip, tiny, tracking; of a dome contact-3d, edges, objects, twist), "
+            "or a .toml file",
+            "RECIPE|FILE.toml",
+        ),
     ],
     *,
     out: NewFolder,
     n: Annotated[int | None, option("sequences, instead of the recipe's", "N", "n")] = None,
     truth: Annotated[
-        tuple[Literal["flow", "depth", "masks"], ...],
-        option("labels of every pixel, beside those of the recipe", "flow|depth|masks..."),
+        tuple[Literal["flow", "depth", "masks", "traction", "contact"], ...],
+        option(
+            "labels of every pixel, beside those of the recipe; traction and contact are a dome's",
+            "flow|depth|masks|traction|contact...",
+        ),
     ] = (),
+    meshes: Annotated[
+        Path | None, option("folder of the objects of a dome, instead of the recipe's", "DIR")
+    ] = None,
     workers: Workers = CORES,
     shard: Annotated[
         str, option("every K-th sequence from the i-th on, such as 2/8", "i/K")
@@ -48,7 +58,7 @@ def make(
     from ..dataset.make import make as make_dataset
     from ..dataset.recipe import load_recipe
 
-    loaded = load_recipe(recipe)
+    loaded = load_recipe(recipe, meshes)
     if n is not None:
         if not 1 <= n <= MOST_SEQUENCES:
             raise UserError(f"--n {n}: expected 1 to {MOST_SEQUENCES}")

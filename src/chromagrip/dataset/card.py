@@ -19,9 +19,9 @@ from .folder import (
     sequence_name,
     to_parquet,
 )
+from .labels import COMMON, STATES, columns_of
 from .read import tables
-from .recipe import Recipe, Values
-from .sequence import FRAME, MARKERS, NODES, STATES
+from .recipe import Recipe, Values, body_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -70,6 +70,7 @@ def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
 def _card(recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArray]") -> str:
     counted = values.pop("slip_state").value_counts().to_pylist()
     states = {one["values"]: one["counts"] for one in counted}
+    frame, markers, nodes = columns_of(body_of(recipe))
     motions = [str(one.get("motion", "press")) for one in drawn]
     lines = [
         "# Dataset card",
@@ -89,18 +90,18 @@ def _card(recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArra
         "",
     ]
     for name, column in values.items():
-        lines += [f"`{name}`: {FRAME[name]}", "", "```", *_histogram(column), "```", ""]
+        lines += [f"`{name}`: {COMMON[name]}", "", "```", *_histogram(column), "```", ""]
     lines += [
         "![pictures](contact-sheet.png)",
         "",
         "## Columns of `frames.parquet`",
         "",
-        *(f"- `{name}`: {text}" for name, text in FRAME.items()),
+        *(f"- `{name}`: {text}" for name, text in frame.items()),
         "",
         "## Columns of `markers.parquet`",
         "",
-        *(f"- `{name}`: {text}" for name, text in MARKERS.items()),
-        *(f"- `{name}`: {text}" for name, text in NODES.items()),
+        *(f"- `{name}`: {text}" for name, text in markers.items()),
+        *(f"- `{name}`: {text}" for name, text in nodes.items()),
         "",
         "## What was drawn",
         "",

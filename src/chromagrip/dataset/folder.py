@@ -4,7 +4,8 @@
     manifest.json        versions, sequences and the checksum of each; written last
     sequences.parquet    values that were drawn for each sequence
     DATASET_CARD.md, contact-sheet.png
-    sensors/             the user's own, see `sensors`
+    sensors/             the user's own, see `own_files`
+    objects/             meshes
     sequence-000000/     scene.toml, camera.yml, rest.png, frame-000.png …, frames.parquet,
                          markers.parquet, truth-000.npz … where the recipe has `truth`,
                          files.json (versions, checksums)
@@ -33,9 +34,10 @@ from ..output.folder import PART, disk_errors, whole_folder, write_whole
 from ..output.png import encode_png
 from ..output.versions import versions
 from ..render import camera_text
-from ..scene.scene import dump_scene, seen_from
+from ..scene.scene import dump_scene, relative, seen_from
+from .labels import COMMON, Columns, Shot, columns_of
 from .recipe import Recipe, Values, dump_recipe, load_recipe, portable
-from .sequence import FRAME, MARKERS, NODES, Shot, sequence, shots
+from .sequence import sequence, shots
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,6 +63,8 @@ CARD = "DATASET_CARD.md"
 SHEET = "contact-sheet.png"
 #: Folder of the user's own sensors.
 SENSORS = "sensors"
+#: Folder of the meshes.
+OBJECTS = "objects"
 
 
 class Manifest(TypedDict):
@@ -126,7 +130,9 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
             digests[path.name] = file_digest(path)
         # Pictures are on the disk; a long sequence must not keep them.
         rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
-    for name, table in (("frames", frame_table(rows)), ("markers", marker_table(rows))):
+    columns = columns_of(made.scene.body)
+    tables = {"frames": frame_table(rows, columns), "markers": marker_table(rows, columns)}
+    for name, table in tables.items():
         keep(f"{name}.parquet", to_parquet(table))
     listed: FileList = {
         "number": number,
@@ -137,29 +143,30 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
     (part / FILES).write_text(json.dumps(listed, indent=1, ensure_ascii=False) + "\n", "utf-8")
 
 
-def frame_table(rows: list[Shot]) -> "pa.Table":
+def frame_table(rows: list[Shot], meaning: Columns) -> "pa.Table":
     """Table of the frames' values."""
     pa = need("pyarrow", "data")
     columns = {}
-    for name in FRAME:
+    for name in meaning.frame:
         values = [row.values[name] for row in rows]
         if name == "slip_state":
             columns[name] = pa.array(values, pa.string())
         else:
             whole = name in ("frame", "contact_nodes")
             columns[name] = pa.array(values, pa.int32() if whole else pa.float64())
-    return _with_meaning(pa.table(columns), FRAME)
+    return _with_meaning(pa.table(columns), meaning.frame)
 
 
-def marker_table(rows: list[Shot]) -> "pa.Table":
+def marker_table(rows: list[Shot], meaning: Columns) -> "pa.Table":
     """Table of the frames' markers and nodes, as lists."""
     pa = need("pyarrow", "data")
     columns = {"frame": pa.array([int(row.values["frame"]) for row in rows], pa.int32())}
-    for name in MARKERS:
+    for name in meaning.markers:
         columns[name] = _lists([row.markers[name] for row in rows])
-    for name in NODES:
+    for name in meaning.nodes:
         columns[name] = _lists([row.nodes[name] for row in rows])
-    return _with_meaning(pa.table(columns), {"frame": FRAME["frame"], **MARKERS, **NODES})
+    said = {"frame": COMMON["frame"], **meaning.markers, **meaning.nodes}
+    return _with_meaning(pa.table(columns), said)
 
 
 def _lists(values: list[Any]) -> "pa.Array":
@@ -191,12 +198,17 @@ def to_parquet(table: "pa.Table") -> bytes:
 
 
 def _plain(values: Values, folder: Path) -> Values:
-    """Values for JSON: infinity as text, a sensor's file relative to the folder."""
+    """Values for JSON: infinity as text, files relative to the folder."""
     plain = {
         k: str(v) if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
     }
     if "sensor" in plain:
         plain["sensor"] = seen_from(folder, plain["sensor"])
+    if "object.mesh" in plain:
+        plain["object.mesh"] = relative(plain["object.mesh"], folder)
+    own: Values = values.get("object", {})
+    if own.get("mesh"):
+        return plain | {"object": {**own, "mesh": relative(own["mesh"], folder)}}
     return plain
 
 
@@ -245,7 +257,7 @@ def write_manifest(folder: Path, numbers: Iterable[int]) -> Manifest:
         "versions": made_with(),
         "files": {
             name: file_digest(folder / name)
-            for name in (RECIPE, TABLE, CARD, SHEET, *sensor_files(folder))
+            for name in (RECIPE, TABLE, CARD, SHEET, *own_files(folder))
         },
         "sequences": {name: file_digest(folder / name / FILES) for name in names},
     }
@@ -254,9 +266,10 @@ def write_manifest(folder: Path, numbers: Iterable[int]) -> Manifest:
     return manifest
 
 
-def sensor_files(folder: Path) -> list[str]:
-    """Files of the user's own sensors in a dataset."""
-    return sorted(path.relative_to(folder).as_posix() for path in folder.glob(f"{SENSORS}/*/*"))
+def own_files(folder: Path) -> list[str]:
+    """Files of the user's own sensors and meshes in a dataset."""
+    found = [*folder.glob(f"{SENSORS}/*/*"), *folder.glob(f"{OBJECTS}/*")]
+    return sorted(path.relative_to(folder).as_posix() for path in found)
 
 
 def read_files(sequence: Path) -> FileList:

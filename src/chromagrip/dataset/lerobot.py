@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..extras import need
 from ..output.video import VideoFile
+from .labels import STATES
 from .read import Loaded, load_sequences
-from .sequence import STATES
 
 if TYPE_CHECKING:
     import pyarrow as pa

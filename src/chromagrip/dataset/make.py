@@ -20,6 +20,7 @@ from .card import write_card
 from .check import check_files
 from .folder import (
     RECIPE,
+    SENSORS,
     Manifest,
     clean,
     file_digest,
@@ -27,13 +28,13 @@ from .folder import (
     link,
     numbers_in,
     open_recipe,
+    own_files,
     read_manifest,
-    sensor_files,
     write_manifest,
     write_sequence,
 )
+from .own_files import keep_files
 from .recipe import Recipe, portable
-from .sensors import keep_sensors
 
 Backend = Literal["joblib", "dask", "ray"]
 #: Sequences submitted to a cluster at a time: enough for many workers, and few enough for memory.
@@ -87,7 +88,7 @@ def make(
     if not begun:
         prepare(out, overwrite=None)
     with filling(out):
-        recipe = keep_sensors(recipe, out)
+        recipe = keep_files(recipe, out)
         keep_recipe(recipe, out)
         clean(out)
         there = set(numbers_in(out))
@@ -117,8 +118,10 @@ def merge(folders: list[Path], out: Path) -> Manifest:
     for folder, manifest in zip(folders, manifests, strict=True):
         if portable(open_recipe(folder), folder) != portable(recipe, folders[0]):
             raise UserError(f"{folder} is of another recipe than {folders[0]}")
-        if _sensors(folder) != _sensors(folders[0]):
-            raise UserError(f"{folder} is of another sensor than {folders[0]}")
+        differ = sorted(name for name, _ in _own(folder) ^ _own(folders[0]))
+        if differ:
+            what = "sensor" if differ[0].startswith(SENSORS) else "mesh"
+            raise UserError(f"{folder} is of another {what} than {folders[0]}")
         if manifest["versions"] != manifests[0]["versions"]:
             raise UserError(f"{folder} was made with other versions than {folders[0]}")
         for name, digest in manifest["sequences"].items():
@@ -127,7 +130,7 @@ def merge(folders: list[Path], out: Path) -> Manifest:
             check_files(folder / name, digest)
             origins[name] = folder
     prepare(out, overwrite=None)
-    recipe = keep_sensors(recipe, out)
+    recipe = keep_files(recipe, out)
     keep_recipe(recipe, out)
     for name, folder in origins.items():
         with whole_folder(out / name) as part:
@@ -136,8 +139,9 @@ def merge(folders: list[Path], out: Path) -> Manifest:
     return _finish(out, recipe)
 
 
-def _sensors(folder: Path) -> dict[str, str]:
-    return {name: file_digest(folder / name) for name in sensor_files(folder)}
+def _own(folder: Path) -> set[tuple[str, str]]:
+    """The user's own files with their checksums."""
+    return {(name, file_digest(folder / name)) for name in own_files(folder)}
 
 
 def _finish(out: Path, recipe: Recipe) -> Manifest:

@@ -15,21 +15,37 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from ..errors import UserError
-from ..scene.scene import Scene, parse_scene, seen_from
+from ..loop.poses.dome_poses import DomePose
+from ..scene.scene import Body, Scene, parse_scene, relative
 from ..strict_toml import Table, convert, parse_toml, read_toml
+from .labels import DOME_TRUTH
 
-Motion = Literal["press", "grasp", "slip"]
-Truth = Literal["depth", "flow", "masks"]
+Truth = Literal["depth", "flow", "masks", "traction", "contact"]
 
-#: Keys that are drawn beside those of a scene: kind of motion, grip [N], and the load over µ·grip
-#: of a grasp and of a slip.
-OWN = ("motion", "grip_n", "share", "slip_share")
+#: Kinds of motion: all are driven by forces, but a `move` goes to a pose, on a dome alone.
+MOTIONS = ("press", "grasp", "slip", "move")
+#: Keys of a pose with the least and the largest value: depth over the thickness of the silicone,
+#: shear and its direction, turn, tilt and its direction, and turn before the press.
+POSE = {
+    "pose.press_share": (0.0, 0.8),
+    "pose.shear_mm": (0.0, 20.0),
+    "pose.shear_towards_deg": (-360.0, 360.0),
+    "pose.twist_deg": (-360.0, 360.0),
+    "pose.tilt_deg": (0.0, 90.0),
+    "pose.tilt_towards_deg": (-360.0, 360.0),
+    "pose.azimuth_deg": (-360.0, 360.0),
+}
+#: Keys that are drawn beside those of a scene: kind of motion, grip [N], the load over µ·grip of a
+#: grasp and of a slip, and the pose of a move.
+OWN = ("motion", "grip_n", "share", "slip_share", *POSE)
 #: Numbers that each way of drawing takes; None is any.
 _DRAWS = {"uniform": 2, "log_uniform": 2, "normal": 4, "choice": None}
 #: Start and end of the growth of the load, as shares of a sequence's duration.
 _GROWS: dict[str, tuple[float, float]] = {"grasp": (0.25, 0.6), "slip": (0.25, 0.9)}
 
 
+#: Ends of the names of files of meshes.
+MESHES = (".stl", ".obj", ".ply", ".off", ".glb")
 #: Values of TOML tables: of a scene, or drawn ones by key of a scene or of OWN.
 Values = dict[str, Any]
 #: Folder of the shipped recipes.
@@ -66,8 +82,13 @@ def recipe_names() -> list[str]:
     )
 
 
-def load_recipe(name: str) -> Recipe:
+def load_recipe(name: str, meshes: Path | None = None) -> Recipe:
     """Recipe of that name, or of a TOML file.
+
+    Parameters
+    ----------
+    name: shipped, or a file
+    meshes: folder of the objects that are drawn, instead of the recipe's
 
     Raises
     ------
@@ -86,35 +107,59 @@ def load_recipe(name: str) -> Recipe:
     recipe = convert(values, Recipe, title)
     if name.endswith(".toml"):  # what it names lies beside it
         folder = Path(name).absolute().parent
-        recipe = with_sensors(recipe, lambda sensor: str(folder / sensor))
+        recipe = with_files(recipe, lambda file: str(folder / file))
+    if meshes is not None:
+        recipe = with_meshes(recipe, meshes)
     _check(recipe, name)
     return recipe
 
 
-def with_sensors(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
-    """The recipe with the files of the user's own sensors renamed."""
+def with_files(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
+    """The recipe with the user's own files renamed: sensors and meshes."""
 
-    def changed(name: Any) -> Any:
-        return rename(name) if isinstance(name, str) and name.endswith(".toml") else name
+    def changed(key: str, value: Any) -> Any:
+        if key == "object" and isinstance(value, dict) and value.get("mesh"):
+            return {**value, "mesh": changed("object.mesh", value["mesh"])}
+        own = key == "object.mesh" or (key == "sensor" and str(value).endswith(".toml"))
+        return rename(value) if own and isinstance(value, str) and value else value
 
-    scene, draw = dict(recipe.scene), dict(recipe.draw)
-    if "sensor" in scene:
-        scene["sensor"] = changed(scene["sensor"])
-    if "sensor" in draw:
-        draw["sensor"] = {
-            how: [changed(value) for value in values] for how, values in draw["sensor"].items()
-        }
+    draw = {
+        key: {kind: [changed(key, value) for value in values] for kind, values in how.items()}
+        for key, how in recipe.draw.items()
+    }
+    scene = {key: changed(key, value) for key, value in recipe.scene.items()}
     return replace(recipe, scene=scene, draw=draw)
 
 
 def portable(recipe: Recipe, folder: Path) -> Recipe:
-    """The recipe with sensor files named relative to the folder."""
-    return with_sensors(recipe, lambda name: seen_from(folder, name))
+    """The recipe with files named relative to the folder."""
+    return with_files(recipe, lambda name: relative(name, folder))
+
+
+def with_meshes(recipe: Recipe, folder: Path) -> Recipe:
+    """The recipe with its objects drawn from a folder of meshes.
+
+    Raises
+    ------
+    UserError
+        For a folder without meshes, and a recipe of another body.
+    """
+    if body_of(recipe) != "dome":
+        raise UserError('meshes are for a recipe with scene.body = "dome"')
+    found = sorted(str(p.absolute()) for p in folder.glob("*") if p.suffix.lower() in MESHES)
+    if not found:
+        raise UserError(f"folder {folder} has no mesh: no file that ends in {', '.join(MESHES)}")
+    return replace(recipe, draw={**recipe.draw, "object.mesh": {"choice": found}})
 
 
 def dump_recipe(recipe: Recipe) -> str:
     """TOML text of a recipe, every default written out."""
     return tomli_w.dumps(msgspec.to_builtins(recipe))
+
+
+def body_of(recipe: Recipe) -> Body:
+    """Body of every sequence of a recipe."""
+    return "dome" if recipe.scene.get("body") == "dome" else "chain"
 
 
 def drawn(recipe: Recipe, number: int, attempt: int = 0) -> Values:
@@ -129,7 +174,7 @@ def scene_of(recipe: Recipe, number: int, values: Values) -> Scene:
     """Scene of a sequence with drawn values.
 
     A press has a constant grip and no load. In a grasp the load grows to a share of µ·grip, less
-    than 1, and stays. In a slip it grows to a share above 1.
+    than 1, and stays. In a slip it grows to a share above 1. A move has neither, see `pose_of`.
     """
     tables = copy.deepcopy(recipe.scene)
     for key, value in values.items():
@@ -150,6 +195,22 @@ def scene_of(recipe: Recipe, number: int, values: Values) -> Scene:
         forces = [0.0, share * held]
     tables["load"] = {"times_s": times, "forces_n": forces, "interpolation": "linear"}
     return parse_scene(tables, name)
+
+
+def pose_of(values: Values, scene: Scene) -> DomePose:
+    """Pose that a move goes to, for drawn values."""
+    number = {key: float(values.get(key, 0.0)) for key in POSE}
+    turn = {key: math.radians(value) for key, value in number.items() if key.endswith("_deg")}
+    towards, leans = turn["pose.shear_towards_deg"], turn["pose.tilt_towards_deg"]
+    shear, tilt = 1e-3 * number["pose.shear_mm"], turn["pose.tilt_deg"]
+    return DomePose(
+        press=number["pose.press_share"] * scene.build_dome().thickness,
+        shear=(shear * math.cos(towards), shear * math.sin(towards)),
+        twist=turn["pose.twist_deg"],
+        # The upper side leans towards x by a turn about y, towards −y by one about x.
+        tilt=(-tilt * math.sin(leans), tilt * math.cos(leans)),
+        azimuth=turn["pose.azimuth_deg"],
+    )
 
 
 def _draw(how: dict[str, list[Any]], rng: np.random.Generator) -> Any:
@@ -174,11 +235,11 @@ def _check(recipe: Recipe, name: str) -> None:
     if "calibration" in {**recipe.scene, **recipe.draw}:
         raise UserError(f"recipe {name}: calibration: nothing is estimated in a dataset")
     motions = _ends(recipe.draw.get("motion", {"choice": ["press"]}))
-    if set(motions) - {"press", "grasp", "slip"}:
-        raise UserError(f"recipe {name}: draw.motion: allowed are press, grasp, slip")
+    _check_body(recipe, name, motions)
     if "grasp" in motions and "share" not in recipe.draw:
         raise UserError(f"recipe {name}: draw.share is needed where draw.motion has grasp")
-    for key, low, high in (("grip_n", 0.05, 30.0), ("share", 0.0, 1.0), ("slip_share", 1.0, 3.0)):
+    bounds = {"grip_n": (0.05, 30.0), "share": (0.0, 1.0), "slip_share": (1.0, 3.0), **POSE}
+    for key, (low, high) in bounds.items():
         for end in _ends(recipe.draw.get(key, {"choice": []})):
             if not (isinstance(end, int | float) and low <= end <= high):
                 raise UserError(
@@ -195,6 +256,22 @@ def _check(recipe: Recipe, name: str) -> None:
             raise UserError(f"recipe {name}: {at}{reason}") from None
 
 
+def _check_body(recipe: Recipe, name: str, motions: list[Any]) -> None:
+    """Refuse motions and labels that the recipe's body does not have."""
+    dome = body_of(recipe) == "dome"
+    allowed = MOTIONS if dome else MOTIONS[:-1]
+    if set(motions) - set(allowed):
+        raise UserError(f"recipe {name}: draw.motion: allowed are {', '.join(allowed)}")
+    if "body" in recipe.draw:
+        raise UserError(f"recipe {name}: draw.body: a dataset has one body, set it in scene.body")
+    wrong = [key for key in DOME_TRUTH if key in recipe.truth and not dome]
+    if wrong:
+        raise UserError(f'recipe {name}: truth {wrong[0]!r} needs scene.body = "dome"')
+    poses = [key for key in recipe.draw if key in POSE]
+    if poses and "move" not in motions:
+        raise UserError(f'recipe {name}: draw.{poses[0]} needs draw.motion to have "move"')
+
+
 def _check_how(how: dict[str, list[Any]], name: str) -> None:
     if len(how) != 1 or next(iter(how)) not in _DRAWS:
         raise UserError(f"{name}: expected one of {', '.join(_DRAWS)}")
@@ -202,7 +279,8 @@ def _check_how(how: dict[str, list[Any]], name: str) -> None:
     wanted = _DRAWS[kind]
     if wanted is None:
         if not numbers:
-            raise UserError(f"{name}: choice needs something to choose from")
+            advice = ": give --meshes FOLDER" if name.endswith("object.mesh") else ""
+            raise UserError(f"{name}: choice needs something to choose from{advice}")
         return
     if len(numbers) != wanted or not all(isinstance(v, int | float) for v in numbers):
         raise UserError(f"{name}: {kind} takes {wanted} numbers, got {numbers}")
@@ -225,4 +303,5 @@ def _put(tables: Values, key: str, value: Any) -> None:
     *path, last = key.split(".")
     for part in path:
         tables = tables.setdefault(part, {})
-    tables[last] = value
+    # A table is drawn as a whole: a shape with its lengths.
+    tables[last] = {**tables.get(last, {}), **value} if isinstance(value, dict) else value

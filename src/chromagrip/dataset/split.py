@@ -57,6 +57,6 @@ def _objects(rows: list[Values]) -> dict[str, list[int]]:
     """Numbers of the sequences of each object, by what was drawn of it."""
     found: dict[str, list[int]] = {}
     for row in rows:
-        own = {key: value for key, value in sorted(row.items()) if key.startswith("object.")}
+        own = {key: value for key, value in sorted(row.items()) if key.split(".")[0] == "object"}
         found.setdefault(json.dumps(own), []).append(row["number"])
     return found

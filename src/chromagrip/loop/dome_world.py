@@ -15,7 +15,7 @@ from ..model.dome import (
     follow_dome_slip,
     no_dome_slip,
     resting,
-    touching_place,
+    rise_beside,
 )
 from ..scene.scene import Scene
 from ..scene.shapes import build_pose
@@ -58,7 +58,7 @@ class DomePlant:
         """World before the grip begins."""
         self._stepper.restore(self._start)
         field = dome_forces(self.dome, self._start, whole=False)
-        now = self._contact(self._solid, self._start, no_dome_slip(self.dome), field)
+        now = dome_contact(self._solid, self._start, self._start, no_dome_slip(self.dome), field)
         return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
     def next_frame(self, world: World, command: float, index: int) -> World:
@@ -97,11 +97,9 @@ class DomePlant:
             free.append("rz")
         # A contact has half the radius at most, and is braked like a sliding one.
         turning = drag * (0.5 * self.dome.radius) ** 2
-        pose, beside = build_pose(self.scene.object), self.scene.object.beside_mm
-        if any(beside):
-            turn = Rotation.from_rotvec(pose[3:]).as_matrix()
-            above = touching_place(self.dome, self._solid, turn)
-            pose[2] += (touching_place(self.dome, self._solid, turn, (pose[0], pose[1])) - above)[2]
+        pose = build_pose(self.scene.object)
+        turn = Rotation.from_rotvec(pose[3:]).as_matrix()
+        pose[2] += rise_beside(self.dome, self._solid, turn, (pose[0], pose[1]))
         return Motion(
             times=np.array([0.0, max(self.scene.duration_s, self.clock.frame)]),
             poses=np.stack([pose, pose]),
@@ -123,9 +121,8 @@ class DomePlant:
             self._stepper.advance(end, wrench)
         after = self._stepper.state()
         field = dome_forces(self.dome, after, whole=False)
-        return self._contact(
-            solid, after, follow_dome_slip(slip, self.dome, before, after, field), field
-        )
+        slip = follow_dome_slip(slip, self.dome, before, after, field)
+        return dome_contact(solid, self._start, after, slip, field)
 
     def _solid_at(self, time: float) -> Solid:
         """The object at a time; always the same one where nothing of it changes."""
@@ -140,21 +137,23 @@ class DomePlant:
             friction=settings.friction_at(time),
         )
 
-    def _contact(
-        self, solid: Solid, state: DomeState, slip: DomeSlip, field: ForceField
-    ) -> Contact:
-        moved = state.place - self._start.place
-        turned = state.rotation @ self._start.rotation.T
-        return Contact(
-            obj=solid,
-            state=state,
-            field=field,
-            slip=slip,
-            friction=solid.friction,
-            place=(float(moved[0]), float(moved[1])),
-            indentation=-float(moved[2]),
-            turn=math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]),
-        )
+
+def dome_contact(
+    solid: Solid, start: DomeState, state: DomeState, slip: DomeSlip, field: ForceField
+) -> Contact:
+    """Contact of a dome, for an object that began at `start`."""
+    moved = state.place - start.place
+    turned = state.rotation @ start.rotation.T
+    return Contact(
+        obj=solid,
+        state=state,
+        field=field,
+        slip=slip,
+        friction=solid.friction,
+        place=(float(moved[0]), float(moved[1])),
+        indentation=-float(moved[2]),
+        turn=math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]),
+    )
 
 
 def _state(contact: Contact) -> DomeState:

@@ -23,7 +23,7 @@ BLUNT = 0.02
 #: then none may move by more than ENOUGH, at which some nodes hop over the jump for ever.
 STILL, TURNS, ENOUGH = 1e-9, 12, 2e-7
 #: Relative change of the forces at which a contact is solved, and the most rounds it may take.
-TOLERANCE, ROUNDS = 1e-5, 60
+TOLERANCE, ROUNDS = 5e-6, 60
 #: Stiffness that holds the object in its place while nothing touches it [N/m].
 _HOLD = 1e-4
 #: The object starts this deep in the fingertip, which at a gap of 0 would not push back [m].

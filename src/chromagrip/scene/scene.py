@@ -329,12 +329,14 @@ def parse_scene(values: Values, name: str) -> Scene:
 
 
 def dump_scene(scene: Scene, folder: Path | None = None) -> str:
-    """TOML text of a scene with all defaults; in `folder`, a sensor's file is relative to it."""
+    """TOML text of a scene with all defaults; names of files are relative to `folder`."""
     values = msgspec.to_builtins(scene)
     if not scene.controller_arguments:
         del values["controller_arguments"]
     if folder is not None:
         values["sensor"] = seen_from(folder, scene.sensor)
+        if scene.object.mesh:
+            values["object"]["mesh"] = relative(scene.object.mesh, folder)
     return tomli_w.dumps(values)
 
 
@@ -342,7 +344,12 @@ def seen_from(folder: Path, sensor: str) -> str:
     """Name of a sensor, relative to a folder when it is a file."""
     if not sensor.endswith(".toml"):
         return sensor
-    return Path(os.path.relpath(sensor, folder)).as_posix()
+    return relative(sensor, folder)
+
+
+def relative(file: str, folder: Path) -> str:
+    """Name of a file relative to a folder."""
+    return Path(os.path.relpath(file, folder)).as_posix()
 
 
 def grasp_command(scene: str, changes: Mapping[str, Any]) -> str:

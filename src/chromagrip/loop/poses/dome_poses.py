@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ...errors import UserError, located
 from ...model import DomeState, ForceField, Motion, dome_forces
-from ...model.dome import Stepper, resting
+from ...model.dome import Stepper, resting, rise_beside
 from ...scene.scene import Scene
 from ...scene.shapes import build_pose
 
@@ -69,13 +69,21 @@ def settle_dome(scene: Scene, pose: DomePose) -> tuple[DomeState, ForceField]:
     return state, dome_forces(dome, state)
 
 
-def _motion(scene: Scene, pose: DomePose) -> tuple[Motion, float]:
-    """Path to a pose, and the longest step on it [s]."""
+def path_to(scene: Scene, pose: DomePose) -> Array:
+    """Poses on the way to a pose: the first touch, the end of the press, and evenly on from there.
+
+    Returns
+    -------
+    Shape (parts + 2, 6), as `Motion.poses` has them.
+    """
     beginning = build_pose(scene.object)
     turned = (
         Rotation.from_euler("z", pose.azimuth)
         * Rotation.from_euler("xy", pose.tilt)
         * Rotation.from_rotvec(beginning[3:])
+    )
+    beginning[2] += rise_beside(
+        scene.build_dome(), scene.build_solid(), turned.as_matrix(), (beginning[0], beginning[1])
     )
     parts = max(FEWEST, math.ceil(abs(pose.twist) / math.radians(3.0)))
     share = np.arange(1, parts + 1) / parts
@@ -87,12 +95,21 @@ def _motion(scene: Scene, pose: DomePose) -> tuple[Motion, float]:
     poses[:, :2] += moved[:, None] * pose.shear
     for k, part in enumerate(moved):
         poses[k, 3:] = (Rotation.from_euler("z", part * pose.twist) * turned).as_rotvec()
+    return poses
+
+
+def _motion(scene: Scene, pose: DomePose) -> tuple[Motion, float]:
+    """Path to a pose, and the longest step on it [s]."""
+    poses = path_to(scene, pose)
+    parts = len(poses) - 2
     if pose.force is None and pose.moment is None:
         steps = max(FEWEST, math.ceil(pose.press / STEP))
         further = max(
             parts, math.ceil(math.hypot(*pose.shear) / STEP), math.ceil(abs(pose.twist) / TURN)
         )
-        times = np.concatenate([[0.0, float(steps)], steps + further * share])
+        times = np.concatenate(
+            [[0.0, float(steps)], steps + further * np.arange(1, parts + 1) / parts]
+        )
         return Motion(times=times, poses=poses), 1.0
     free, loads = [], np.zeros((4, 6))
     if pose.force is not None:

@@ -1,6 +1,7 @@
-"""Copies of the user's own sensors in a dataset, so that it can be read wherever it is moved to.
+"""Copies of the user's own files in a dataset, so that it can be read wherever it is moved to.
 
 sensors/mine/        mine.toml, and the files that it names
+objects/             meshes
 """
 
 from pathlib import Path
@@ -11,40 +12,42 @@ from ..errors import UserError
 from ..output.folder import disk_errors, write_whole
 from ..render import FILES_NAMED
 from ..strict_toml import read_toml
-from .folder import RECIPE, SENSORS
-from .recipe import Recipe, with_sensors
+from .folder import OBJECTS, RECIPE, SENSORS
+from .recipe import Recipe, with_files
 
 
-def keep_sensors(recipe: Recipe, folder: Path) -> Recipe:
-    """Copy the user's own sensors into a dataset; returns the recipe that names the copies.
+def keep_files(recipe: Recipe, folder: Path) -> Recipe:
+    """Copy the user's own sensors and meshes into a dataset; returns the recipe of the copies.
 
     Raises
     ------
     UserError
-        When two sensors have one name, a file cannot be read or written, or the folder holds a
-        dataset of another sensor.
+        When two files have one name, one cannot be read or written, or the folder holds a dataset
+        of another sensor or mesh.
     """
-    sensors: dict[str, Path] = {}
+    origins: dict[str, Path] = {}
 
     def copy(name: str) -> str:
         path = Path(name)
-        place = f"{SENSORS}/{path.stem}/{path.name}"
-        if sensors.setdefault(place, path) != path:
-            raise UserError(f"a dataset takes one sensor of a name; there are two {path.name}")
+        sensor = path.suffix == ".toml"
+        place = f"{SENSORS}/{path.stem}/{path.name}" if sensor else f"{OBJECTS}/{path.name}"
+        if origins.setdefault(place, path) != path:
+            what = "sensor" if sensor else "mesh"
+            raise UserError(f"a dataset takes one {what} of a name; there are two {path.name}")
         return str(folder.absolute() / place)
 
-    kept = with_sensors(recipe, copy)
-    files = {
-        f"{SENSORS}/{path.stem}/{file}": data
-        for path in sensors.values()
-        for file, data in _files(path).items()
-    }
+    kept = with_files(recipe, copy)
+    files: dict[str, bytes] = {}
+    for place, path in origins.items():
+        own = _files(path) if path.suffix == ".toml" else {path.name: _bytes(path)}
+        files |= {f"{Path(place).parent.as_posix()}/{name}": data for name, data in own.items()}
     begun = (folder / RECIPE).exists()
     for place, data in files.items():
         target = folder / place
         if begun:
             if not target.is_file() or target.read_bytes() != data:
-                raise UserError(f"{folder} holds a dataset of another sensor: {place} differs")
+                what = "sensor" if place.startswith(SENSORS) else "mesh"
+                raise UserError(f"{folder} holds a dataset of another {what}: {place} differs")
             continue
         with disk_errors(target):
             target.parent.mkdir(parents=True, exist_ok=True)

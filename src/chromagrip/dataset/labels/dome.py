@@ -1,0 +1,123 @@
+"""Labels of a sequence of a dome of silicone."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ...loop.camera import SimulatedCamera, carried
+from ...loop.world import Contact
+from ...model import Dome, DomeState, dome_forces, margin_within
+from ...model.dome import lattice
+from ...output.processes import one_thread
+from ...render import Membrane, TruthMap, load_sensor, marker_truth
+from ...scene.scene import Scene
+from .columns import columns_of
+from .shot import SLIPPING, Shot, common_values, marker_labels
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DomeSample:
+    """A frame of a dome.
+
+    Attributes
+    ----------
+    index: of the frame
+    truth: of the contact
+    grip, load: of the drive, down and across [N]; NaN where the object's pose is prescribed
+    """
+
+    index: int
+    truth: Contact
+    grip: float
+    load: float
+
+
+def dome_shots(
+    scene: Scene, samples: Iterable[DomeSample], camera: SimulatedCamera, truth: tuple[str, ...]
+) -> Iterator[Shot]:
+    """Frames of a run of a dome with their labels."""
+    sensor, dome = scene.build_sensor(), scene.build_dome()
+    areas = lattice(dome).areas
+    unloaded = marker_truth(sensor, camera.membrane(np.zeros((len(areas), 3))))
+    pixels = _truth_map(scene.sensor, dome) if truth else None
+    with one_thread():
+        for sample in samples:
+            state = sample.truth.state
+            assert isinstance(state, DomeState)
+            drive = carried(state)
+            membrane = camera.membrane(drive)
+            values, nodes = _of_contact(sample, dome, areas)
+            yield Shot(
+                image=camera.expose(state, sample.index).image,
+                values=values,
+                markers=marker_labels(marker_truth(sensor, membrane), unloaded),
+                nodes=nodes,
+                truth=_images(pixels, truth, membrane, drive, state, areas) if pixels else {},
+            )
+
+
+def _of_contact(
+    sample: DomeSample, dome: Dome, areas: Array
+) -> tuple[dict[str, float | int | str], dict[str, NDArray[Any]]]:
+    """Values of a frame and labels of the nodes."""
+    truth, state = sample.truth, sample.truth.state
+    assert isinstance(state, DomeState)
+    field = dome_forces(dome, state)
+    assert field.directions is not None
+    held = truth.friction * field.normal
+    slips = field.contact & (field.friction_sizes >= SLIPPING * held)
+    force = field.total_force
+    press, across = -float(force[2]), float(np.hypot(*force[:2]))
+    values = common_values(
+        sample.index,
+        press if np.isnan(sample.grip) else sample.grip,
+        across if np.isnan(sample.load) else sample.load,
+        truth,
+        slips,
+        truth.place[0],
+        truth.indentation,
+    )
+    columns = columns_of("dome")
+    turn = Rotation.from_matrix(state.rotation).as_rotvec()
+    torque = [1e3 * field.torque(axis) for axis in np.eye(3)]
+    own = (margin_within(field, truth.friction), *force, *torque, *1e3 * state.place, *turn)
+    values |= dict(zip(list(columns.frame)[len(values) :], map(float, own), strict=True))
+    nodes = (
+        *1e3 * field.position.T,
+        field.contact,
+        slips,
+        field.normal,
+        *field.directions.T,
+        *field.friction.T,
+        1e6 * areas,
+    )
+    return values, dict(zip(columns.nodes, nodes, strict=True))
+
+
+def _images(
+    pixels: TruthMap,
+    names: tuple[str, ...],
+    membrane: Membrane,
+    drive: Array,
+    state: DomeState,
+    areas: Array,
+) -> dict[str, NDArray[Any]]:
+    """Labels of every pixel: `traction` [Pa], (H, W, 3), and `contact`, (H, W), are a dome's."""
+    plain = [name for name in names if name not in ("traction", "contact")]
+    images: dict[str, NDArray[Any]] = dict(pixels.images(plain, membrane, drive))
+    if len(plain) < len(names):
+        traction = pixels.skin_image(drive, state.forces / areas[:, None])
+        images |= {"traction": traction, "contact": np.nan_to_num(abs(traction)).max(axis=-1) > 0.0}
+    return {name: images[name] for name in names}
+
+
+@lru_cache(maxsize=1)
+def _truth_map(sensor: str, dome: Dome) -> TruthMap:
+    return TruthMap(load_sensor(sensor), dome)

@@ -1,0 +1,88 @@
+"""A frame with its labels, and the labels that do not depend on the body."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...loop.world import Contact
+from ...model import GROSS_SLIP
+from ...render import MarkerTruth
+from .columns import COMMON, MARKERS
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Image = NDArray[np.uint8]
+
+#: A node slips from this share of the friction that it can hold on.
+SLIPPING = 0.98
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """A frame with its labels.
+
+    Attributes
+    ----------
+    image: of the camera, RGB, shape (H, W, 3)
+    values: of the frame, by column
+    markers: by column, the first layer's before the second's, shape (2M,) or (M,)
+    nodes: of the body, by column, shape (N,)
+    truth: labels of every pixel that the recipe has, by name; see `GroundTruth`
+    """
+
+    image: Image
+    values: dict[str, float | int | str]
+    markers: dict[str, NDArray[Any]]
+    nodes: dict[str, NDArray[Any]]
+    truth: dict[str, NDArray[Any]]
+
+
+def common_values(
+    index: int, grip: float, load: float, truth: Contact, slips: Flags, x: float, depth: float
+) -> dict[str, float | int | str]:
+    """Values of a frame by column of `COMMON`.
+
+    Parameters
+    ----------
+    grip, load: of the drive on the object [N]
+    slips: nodes in contact that slip, shape (N,)
+    x, depth: way of the object along x and towards the fingertip [m]
+    """
+    field, contact = truth.field, truth.field.contact
+    share = float(slips.sum() / contact.sum()) if contact.any() else 0.0
+    moved = truth.slip.lateral_displacement
+    state = "incipient" if share > 0.0 else "stick"
+    state = "gross" if moved > GROSS_SLIP else state if contact.any() else "none"
+    values = (
+        index,
+        truth.state.time,
+        grip,
+        load,
+        field.total_normal,
+        field.total_friction,
+        truth.friction,
+        field.safety_margin(truth.friction),
+        state,
+        share,
+        1e3 * moved,
+        1e3 * x,
+        1e3 * depth,
+        int(contact.sum()),
+    )
+    return dict(zip(COMMON, values, strict=True))
+
+
+def marker_labels(truth: MarkerTruth, unloaded: MarkerTruth) -> dict[str, NDArray[Any]]:
+    """Labels of the markers by column of `MARKERS`."""
+    moved = truth.centres - unloaded.centres
+    columns = [
+        *np.moveaxis(truth.image_centres, -1, 0),
+        *np.moveaxis(truth.pixels, -1, 0),
+        truth.visible,
+        truth.overlap,
+        *np.moveaxis(1e3 * truth.centres, -1, 0),
+        *np.moveaxis(1e3 * moved, -1, 0),
+    ]
+    return {name: column.ravel() for name, column in zip(MARKERS, columns, strict=True)}

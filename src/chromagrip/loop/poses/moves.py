@@ -1,0 +1,73 @@
+"""An object that goes to a pose on a dome in real time, seen once a frame."""
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ...errors import located
+from ...model import Motion, dome_forces
+from ...model.dome import Stepper, follow_dome_slip, no_dome_slip, resting
+from ...scene.scene import Scene
+from ..dome_world import dome_contact
+from ..world import Contact
+from .dome_poses import DomePose, path_to
+
+Array = NDArray[np.float64]
+
+#: Share of a scene's duration in which the object is pressed; in the rest it is moved.
+PRESSING = 0.4
+#: Longest step of the silicone: motion [m] and turn [rad] of the object.
+STEP, TURN = 50e-6, math.radians(1.5)
+
+
+def moves(scene: Scene, pose: DomePose) -> Iterator[Contact]:
+    """Contact at every frame of a scene whose object is pressed, then sheared and twisted.
+
+    The object begins where it touches the dome, is pressed in the first 0.4 of the scene's duration
+    and reaches the pose at its end.
+
+    Raises
+    ------
+    UserError
+        For a press too deep, and a contact that does not converge.
+    """
+    dome, solid = scene.build_dome(), scene.build_solid()
+    motion = _timed(path_to(scene, pose), (scene.frames - 1) * scene.period)
+    with located(f"a press of {1e3 * pose.press:.3g} mm"):
+        start = resting(dome, solid, motion)
+        stepper = Stepper(dome, solid, motion, start)
+        state, slip = start, no_dome_slip(dome)
+        for index in range(scene.frames):
+            if index:
+                time = index * scene.period
+                for end in _ends(motion, state.time, time):
+                    before = state
+                    stepper.advance(end)
+                    state = stepper.state()
+                    field = dome_forces(dome, state, whole=False)
+                    slip = follow_dome_slip(slip, dome, before, state, field)
+            yield dome_contact(solid, start, state, slip, dome_forces(dome, state))
+
+
+def _timed(poses: Array, duration: float) -> Motion:
+    """Motion along poses, of which the second is reached by the end of the press."""
+    share = np.linspace(PRESSING, 1.0, len(poses) - 1)
+    return Motion(times=duration * np.concatenate([[0.0], share]), poses=poses)
+
+
+def _ends(motion: Motion, start: float, end: float) -> list[float]:
+    """Ends of the steps between two frames [s]; the end of the press is one of them."""
+    corner = float(motion.times[1])
+    parts = [start, corner, end] if start + 1e-9 < corner < end - 1e-9 else [start, end]
+    ends: list[float] = []
+    for first, last in pairwise(parts):
+        before, after = motion.pose_at(first), motion.pose_at(last)
+        way = float(np.linalg.norm(after[:3] - before[:3]))
+        turns = Rotation.from_rotvec(after[3:]) * Rotation.from_rotvec(before[3:]).inv()
+        count = max(1, math.ceil(way / STEP - 1e-6), math.ceil(turns.magnitude() / TURN - 1e-6))
+        ends += [first + (last - first) * (k + 1) / count for k in range(count)]
+    return ends

@@ -1,0 +1,263 @@
+"""Datasets of a dome: physics that holds, and is missed where it does not; meshes come along."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from chromagrip import UserError
+from chromagrip.dataset import load_sequences
+from chromagrip.dataset import sequence as one_sequence
+from chromagrip.dataset.check import check
+from chromagrip.dataset.folder import TABLE, sequence_name
+from chromagrip.dataset.labels.dome_physics import presliding, wrong_dome, wrong_motion
+from chromagrip.dataset.make import make, merge
+from chromagrip.dataset.recipe import Recipe, load_recipe, pose_of, scene_of
+from chromagrip.dataset.sequence import sequence, shots
+from chromagrip.model import Solid
+from chromagrip.model.shapes import plane
+from chromagrip.scene.scene import Scene
+
+DRAW: dict[str, Any] = {
+    "motion": {"choice": ["move"]},
+    "pose.press_share": {"uniform": [0.2, 0.3]},
+    "pose.shear_mm": {"choice": [0.6]},
+    "pose.shear_towards_deg": {"uniform": [0.0, 360.0]},
+    "pose.twist_deg": {"choice": [20.0]},
+    "pose.tilt_deg": {"choice": [5.0]},
+    "object": {"choice": [{"shape": "capsule", "size_mm": [4.0, 12.0]}, {"radius_mm": 12.0}]},
+    "object.stiffness_kpa": {"uniform": [200.0, 400.0]},
+}
+SCENE = {
+    "body": "dome", "duration_s": 0.1, "camera": {"rate_hz": 60.0}, "dome": {"pitch_mm": 0.8},
+}  # fmt: skip
+SMALL = Recipe(sequences=2, scene=SCENE, draw=DRAW, truth=("traction", "contact", "depth"))
+Frames = dict[str, list[Any]]
+Columns = dict[str, NDArray[Any]]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("data") / "small"
+    make(SMALL, folder)
+    return folder
+
+
+@pytest.fixture
+def labels(made: Path) -> tuple[Scene, Frames, Columns]:
+    """Labels of a sequence, which a test may spoil."""
+    one = next(iter(load_sequences(made)))
+    frames = {name: list(values) for name, values in one.frames.items()}
+    return one.scene, frames, {name: values.copy() for name, values in one.markers.items()}
+
+
+def wrongs(scene: Scene, frames: Frames, columns: Columns) -> str:
+    """Everything that is wrong with a sequence."""
+    found = list(wrong_motion(scene, frames, columns, driven=False))
+    for k in range(len(frames["frame"])):
+        row = {name: values[k] for name, values in frames.items()}
+        found += wrong_dome(row, {name: values[k] for name, values in columns.items()})
+    return "\n".join(found)
+
+
+def test_a_dataset_of_a_dome_is_whole(made: Path) -> None:
+    assert check(made) == 2
+    one = next(iter(load_sequences(made)))
+    assert one.frames["contact_nodes"].max() > 10
+    assert set(one.frames["slip_state"]) & {"incipient", "gross"}
+    assert one.markers["node_slips"].any()
+
+
+def test_the_pixels_carry_the_force(made: Path) -> None:
+    """∫ traction over the skin = F: pixels are weighted by the skin that they see."""
+    one = next(iter(load_sequences(made)))
+    truth = np.load(made / sequence_name(0) / "truth-005.npz")
+    assert truth["traction"].shape == (480, 640, 3)
+    shown = abs(np.nan_to_num(truth["traction"])).max(axis=-1) > 0.0
+    assert (truth["contact"] == shown).all()
+    area = one.markers["node_area_mm2"][5]
+    force = [one.frames[f"force_{axis}_n"][5] for axis in "xyz"]
+    normal = one.markers["node_normal_n"][5]
+    # The largest pressure that a pixel shows is that of a node.
+    assert abs(truth["traction"][shown]).max() == pytest.approx(
+        1e6 * (normal / area).max(), rel=0.25
+    )
+    mean = truth["traction"][shown].mean(axis=0)
+    cosine = mean @ force / np.linalg.norm(mean) / np.linalg.norm(force)
+    assert cosine > 0.97
+
+
+def test_what_came_before_changes_no_byte() -> None:
+    made = sequence(SMALL, 1)
+    after = [shot.image for shot in shots(SMALL, made)[1]]
+    for name in ("_dome_map", "_renderer"):
+        getattr(one_sequence, name).cache_clear()
+    alone = [shot.image for shot in shots(SMALL, sequence(SMALL, 1))[1]]
+    assert all((a == b).all() for a, b in zip(after, alone, strict=True))
+
+
+def _more(name: str, by: float) -> Callable[[Frames, Columns], None]:
+    def spoil(frames: Frames, columns: Columns) -> None:
+        if name in columns:
+            columns[name][4] = np.where(
+                columns["node_contact"][4], columns[name][4] + by, columns[name][4]
+            )
+        else:
+            frames[name][4] += by
+
+    return spoil
+
+
+def _swapped(name: str) -> Callable[[Frames, Columns], None]:
+    def spoil(frames: Frames, columns: Columns) -> None:
+        columns[name][4] = ~columns[name][4] & columns["node_contact"][4]
+
+    return spoil
+
+
+def _turned(frames: Frames, columns: Columns) -> None:
+    for axis in "xyz":
+        columns[f"node_friction_{axis}_n"][:] *= -1.0
+
+
+def _all_stick(frames: Frames, columns: Columns) -> None:
+    columns["node_slips"][:] = False
+
+
+SPOILT: dict[str, tuple[Callable[[Frames, Columns], None], str]] = {
+    "sum along x": (_more("force_x_n", 0.05), "force_x_n is"),
+    "moment": (_more("torque_z_nmm", 0.5), "torque_z_nmm is"),
+    "cone": (_more("node_friction_x_n", 0.05), "more than µ times its normal force"),
+    "across": (_more("node_friction_z_n", 0.003), "not across its normal force"),
+    "unit": (_more("node_direction_z", -0.1), "not of length 1"),
+    "normal": (_more("node_normal_n", 0.01), "normal_n is"),
+    "depth": (_more("node_z_mm", 0.005), "µm beside where its force says"),
+    "place": (_more("object_x_mm", 0.05), "µm beside where its force says"),
+    "turn": (_more("object_turn_y_rad", 0.02), "µm beside where its force says"),
+    "area": (_more("node_area_mm2", 0.2), "µm beside where its force says"),
+    "slips": (_swapped("node_slips"), "of the friction that it holds"),
+    "sticks": (_all_stick, "a node sticks, and moves"),
+    "friction": (_turned, "friction pulls a node the way it slips"),
+    "margin": (_more("margin", 0.1), "margin is"),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_physics_that_does_not_hold_is_named(
+    labels: tuple[Scene, Frames, Columns], name: str
+) -> None:
+    scene, frames, columns = labels
+    assert not wrongs(scene, frames, columns)
+    spoil, said = SPOILT[name]
+    spoil(frames, columns)
+    assert said in wrongs(scene, frames, columns)
+
+
+def test_the_way_of_a_node_that_sticks_is_that_of_the_dahl_law() -> None:
+    """The way is the integral of ds/(1 − s)ⁿ, taken here in small steps."""
+    for exponent in (0.0, 0.7, 1.0, 1.5):
+        solid = Solid(shape=plane(), friction=0.5, dahl_stiffness=5e9, dahl_exponent=exponent)
+        share = np.linspace(-1.0, 0.98, 200_001)
+        slope = (1.0 - 0.5 * (share[1:] + share[:-1])) ** -exponent
+        way = 0.5 * 4e4 / 5e9 * (slope * np.diff(share)).sum()
+        assert presliding(solid, np.array([4e4]))[0] == pytest.approx(way, rel=1e-4)
+
+
+def test_forces_drive_an_object_too(tmp_path: Path) -> None:
+    draw = {"motion": {"choice": ["slip"]}, "grip_n": {"choice": [1.0]}}
+    make(replace(SMALL, sequences=1, draw=draw, truth=()), tmp_path / "slip")
+    assert check(tmp_path / "slip") == 1
+    one = next(iter(load_sequences(tmp_path / "slip")))
+    assert one.frames["load_n"].max() > 0.5
+    frames = {name: list(values) for name, values in one.frames.items()}
+    frames["grip_n"][4] += 0.5
+    said = "\n".join(wrong_motion(one.scene, frames, one.markers, driven=True))
+    assert "frame 4: forces along z do not balance" in said
+
+
+def test_a_tilt_leans_the_way_that_was_drawn() -> None:
+    scene = scene_of(SMALL, 0, {})
+    values = {"pose.tilt_deg": 10.0, "pose.tilt_towards_deg": 90.0, "pose.shear_mm": 2.0}
+    pose = pose_of(values | {"pose.shear_towards_deg": 90.0, "pose.press_share": 0.5}, scene)
+    assert pose.shear == pytest.approx((0.0, 2e-3), abs=1e-12)
+    # A positive turn about x leads z to −y; the top leans to +y by a negative one.
+    assert pose.tilt == pytest.approx((-np.radians(10.0), 0.0), abs=1e-12)
+    assert pose.press == pytest.approx(0.5 * scene.build_dome().thickness)
+
+
+def _meshes(folder: Path) -> Path:
+    trimesh = pytest.importorskip("trimesh")
+    folder.mkdir()
+    for size in (6.0, 9.0):
+        trimesh.creation.icosphere(subdivisions=3, radius=size).export(folder / f"ball-{size}.stl")
+    return folder
+
+
+def test_meshes_come_along_and_are_split_by_object(tmp_path: Path) -> None:
+    recipe = load_recipe("objects", _meshes(tmp_path / "parts"))
+    recipe = replace(recipe, sequences=2, scene={**recipe.scene, **SCENE, "sensor": "thesis"})
+    recipe = replace(recipe, draw=recipe.draw | {"object.stiffness_kpa": {"choice": [200.0]}})
+    make(recipe, tmp_path / "first", shard=(1, 2))
+    make(recipe, tmp_path / "second", shard=(2, 2))
+    merge([tmp_path / "second", tmp_path / "first"], tmp_path / "whole")
+    for gone in ("parts", "first", "second"):
+        shutil.rmtree(tmp_path / gone)
+    (tmp_path / "whole").rename(tmp_path / "moved")
+    assert check(tmp_path / "moved") == 2
+    rows = pq.read_table(tmp_path / "moved" / TABLE).to_pylist()
+    assert all((tmp_path / "moved" / "x" / row["object.mesh"]).resolve().is_file() for row in rows)
+
+
+def test_a_mesh_that_cannot_be_used_is_said_at_once(tmp_path: Path) -> None:
+    folder = _meshes(tmp_path / "parts")
+    (folder / "bad.stl").write_bytes(b"nothing")
+    with pytest.raises(UserError, match=r"bad\.stl: it has no triangles"):
+        load_recipe("objects", folder)
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "move of a chain": ({"scene": {}}, "draw.motion: allowed are press, grasp, slip"),
+    "traction of a chain": (
+        {"scene": {}, "draw": {}, "truth": ("traction",)},
+        "truth 'traction' needs scene.body = \"dome\"",
+    ),
+    "pose of a press": (
+        {"draw": {"pose.twist_deg": {"choice": [3.0]}}},
+        'draw.pose.twist_deg needs draw.motion to have "move"',
+    ),
+    "too deep": (
+        {"draw": DRAW | {"pose.press_share": {"uniform": [0.1, 0.95]}}},
+        "draw.pose.press_share reaches 0.95; 0 to 0.8 is allowed",
+    ),
+    "two bodies": (
+        {"draw": DRAW | {"body": {"choice": ["dome", "chain"]}}},
+        "draw.body: a dataset has one body",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_a_body_does_not_have_is_refused(name: str, tmp_path: Path) -> None:
+    from chromagrip.dataset.recipe import dump_recipe
+
+    changes, said = REFUSED[name]
+    path = tmp_path / "mine.toml"
+    path.write_text(dump_recipe(replace(SMALL, **changes)), "utf-8")
+    with pytest.raises(UserError) as raised:
+        load_recipe(str(path))
+    assert said in str(raised.value)
+
+
+def test_meshes_are_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="give --meshes FOLDER"):
+        load_recipe("objects")
+    with pytest.raises(UserError, match="has no mesh"):
+        load_recipe("objects", tmp_path)
+    with pytest.raises(UserError, match="meshes are for a recipe with"):
+        load_recipe("tiny", tmp_path)
