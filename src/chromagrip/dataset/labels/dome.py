@@ -1,7 +1,7 @@
 """Labels of a sequence of a dome of silicone."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from ...loop.camera import SimulatedCamera, carried
 from ...loop.world import Contact
-from ...model import Dome, DomeState, dome_forces, margin_within
-from ...model.dome import lattice
+from ...model import Dome, DomeState, margin_within
+from ...model.dome import SkinField, lattice
 from ...output.processes import one_thread
 from ...render import Membrane, TruthMap, load_sensor, marker_truth
 from ...scene.scene import Scene
@@ -69,11 +69,16 @@ def _of_contact(
     """Values of a frame and labels of the nodes."""
     truth, state = sample.truth, sample.truth.state
     assert isinstance(state, DomeState)
-    field = dome_forces(dome, state)
+    # Near the object its nodes are where they were solved for.
+    places = lattice(dome).points + _skin_field(dome)(carried(state))
+    places[state.near] = truth.field.position[state.near]
+    field = replace(truth.field, position=places)
     assert field.directions is not None
     held = truth.friction * field.normal
     slips = field.contact & (field.friction_sizes >= SLIPPING * held)
-    force = field.total_force
+    forces = field.normal[:, None] * field.directions + field.friction
+    on = np.flatnonzero(forces.any(axis=1))
+    force, torque = forces.sum(axis=0), np.cross(places[on], forces[on]).sum(axis=0)
     press, across = -float(force[2]), float(np.hypot(*force[:2]))
     values = common_values(
         sample.index,
@@ -86,8 +91,7 @@ def _of_contact(
     )
     columns = columns_of("dome")
     turn = Rotation.from_matrix(state.rotation).as_rotvec()
-    torque = [1e3 * field.torque(axis) for axis in np.eye(3)]
-    own = (margin_within(field, truth.friction), *force, *torque, *1e3 * state.place, *turn)
+    own = (margin_within(field, truth.friction), *force, *1e3 * torque, *1e3 * state.place, *turn)
     values |= dict(zip(list(columns.frame)[len(values) :], map(float, own), strict=True))
     nodes = (
         *1e3 * field.position.T,
@@ -116,6 +120,11 @@ def _images(
         traction = pixels.skin_image(drive, state.forces / areas[:, None])
         images |= {"traction": traction, "contact": np.nan_to_num(abs(traction)).max(axis=-1) > 0.0}
     return {name: images[name] for name in names}
+
+
+@lru_cache(maxsize=1)
+def _skin_field(dome: Dome) -> SkinField:
+    return SkinField(dome)
 
 
 @lru_cache(maxsize=1)

@@ -28,7 +28,8 @@ def moves(scene: Scene, pose: DomePose) -> Iterator[Contact]:
     """Contact at every frame of a scene whose object is pressed, then sheared and twisted.
 
     The object begins where it touches the dome, is pressed in the first 0.4 of the scene's duration
-    and reaches the pose at its end.
+    and reaches the pose at its end. Of the skin only the nodes near the object have moved, see
+    `dome_forces`.
 
     Raises
     ------
@@ -50,7 +51,8 @@ def moves(scene: Scene, pose: DomePose) -> Iterator[Contact]:
                     state = stepper.state()
                     field = dome_forces(dome, state, whole=False)
                     slip = follow_dome_slip(slip, dome, before, state, field)
-            yield dome_contact(solid, start, state, slip, dome_forces(dome, state))
+            field = dome_forces(dome, state, whole=False)
+            yield dome_contact(solid, start, state, slip, field)
 
 
 def _timed(poses: Array, duration: float) -> Motion:
