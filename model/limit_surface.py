@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .force_field import ForceField
+from .kernels.limit_kernels import least_work
 
 Array = NDArray[np.float64]
 
@@ -46,17 +47,5 @@ def margin_within(field: ForceField, mu: float) -> float:
     load = np.einsum("ijk,ik->j", moves, friction)
     if np.linalg.norm(load) < 1e-12 * mu * whole:
         return 1.0
-    # The least work with load·m = 1 by reweighted least squares, which lower it in every round
-    motion = load / (load @ load)
-    least = np.inf
-    for _ in range(_ROUNDS):
-        speed = np.linalg.norm(np.einsum("ijk,j->ik", moves, motion), axis=1)
-        work = mu * (normal * speed).sum()
-        if least - work < 1e-9 * work and np.isfinite(least):
-            break
-        least = min(least, work)
-        weight = normal / np.maximum(speed, 1e-9 * speed.max())
-        form = np.einsum("i,ijk,ilk->jl", weight, moves, moves)
-        answer = np.linalg.solve(form + 1e-12 * np.trace(form) * np.eye(3), load)
-        motion = answer / (load @ answer)
+    least = least_work(np.ascontiguousarray(moves), normal, mu, load, _ROUNDS)
     return 1.0 - 1.0 / least
