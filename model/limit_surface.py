@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .force_field import ForceField
-from .kernels.limit_kernels import least_work
+from .kernels.slip_kernels import least_work
 
 Array = NDArray[np.float64]
 

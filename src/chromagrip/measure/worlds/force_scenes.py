@@ -15,7 +15,6 @@ from ...model import (
     Fingertip,
     ForceField,
     History,
-    State,
     contact_forces,
     rest_state,
     simulate,
@@ -107,8 +106,8 @@ class ForceScene:
     rest: tracks of the untouched sensor
     tracks: of the last HELD_FRAMES frames
     specimen, obj: sensor and object in contact
-    state: of the node model
     field: true contact forces
+    friction: true µ of the contact as a whole
     labels: names of the parts of its set that are scored on their own too
     refused: why the tracker refused the frames, which leaves no tracks; empty where it did not
     """
@@ -118,15 +117,10 @@ class ForceScene:
     tracks: list[Tracks]
     specimen: Specimen
     obj: ContactObject
-    state: State
     field: ForceField
+    friction: float
     labels: tuple[str, ...] = ()
     refused: str = ""
-
-    @property
-    def friction(self) -> float:
-        """True µ of the contact as a whole."""
-        return whole_friction(self.specimen.fingertip, self.obj, self.state, self.field)
 
     @property
     def margin(self) -> float:
@@ -186,11 +180,12 @@ def watch(
     with one_thread():
         rest, frames = _taken(specimen, run, seed, shown, pictures, film)
         try:
-            at_rest, tracks = _tracked(known, noise, rest, frames)
+            at_rest, tracks = tracked(known, noise, rest, frames)
         except UserError as error:
             if not may_refuse:
                 raise
             at_rest, tracks, refused = _NO_TRACKS, dict.fromkeys(shown, _NO_TRACKS), str(error)
+    fields = [contact_forces(tip, grasped.obj, run.state(end)) for end in ends]
     return [
         ForceScene(
             known=known,
@@ -198,12 +193,12 @@ def watch(
             tracks=[tracks[k] for k in range(end - HELD_FRAMES + 1, end + 1)],
             specimen=specimen,
             obj=grasped.obj,
-            state=run.state(end),
-            field=contact_forces(tip, grasped.obj, run.state(end)),
+            field=field,
+            friction=whole_friction(tip, grasped.obj, run.state(end), field),
             labels=(*labels, *name),
             refused=refused,
         )
-        for end, name in zip(ends, _names(grasped), strict=True)
+        for end, field, name in zip(ends, fields, _names(grasped), strict=True)
     ]
 
 
@@ -226,7 +221,7 @@ def _taken(
     return rest, {k: by_number[k] for k in shown}
 
 
-def _tracked(
+def tracked(
     known: SensorCalibration, noise: float, rest: list[Frame], frames: dict[int, Frame]
 ) -> tuple[Tracks, dict[int, Tracks]]:
     """Tracks of the frames at rest, and of frames of the run by their number."""
