@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from ...model import ContactObject, Fingertip, equilibrium
 from ...output.processes import one_thread
 from ...output.report import Report, Row, at_least, at_most, reported, within
 from ...render import (
+    DomeMap,
     Membrane,
     MembraneMap,
     SensorDesign,
@@ -33,6 +34,7 @@ from ...render.drawing import (
 )
 from ...scene.scene import load_scene
 from ..looks import likenesses, look_of_built, palette_distance, real_dome
+from ..worlds.contacts import contact_poses
 from ..worlds.judge import colour_difference, layer_centroids, poses_of
 from ..worlds.path_traced import against_path_traced
 
@@ -40,6 +42,8 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 T = TypeVar("T")
 
+#: Poses of objects on the dome.
+POSES = 20
 #: Specimens of the built dome that are looked at.
 SPECIMENS = 10
 #: Median sRGB of a real dome's frame (Lin et al. 2020).
@@ -129,29 +133,82 @@ def _accuracy(
     """Centres against truth, and the two renderers against each other, without noise."""
     membrane_map, truth_map = MembraneMap(sensor, 251), TruthMap(sensor, 251)
     ground = painter.render(_without_markers(sensor))
-    errors, apart, differences = [], [], []
+    judged = []
     for name, displacement in poses_of(sensor)[-1 if quick else 0 :]:
         progress(f"accuracy, pose {name}")
-        membrane = membrane_map(displacement)
-        found = layer_centroids(painter.render, sensor, membrane, ground)
-        errors.append(found - polygon_centroids(projected_outlines(sensor, membrane)))
-        if mesh is not None:
-            other = layer_centroids(mesh.render, sensor, membrane, ground)
-            apart.append(found - other)
-            both = truth_map(membrane, displacement).masks.min(axis=0) > 0.99
-            differences.append(
-                colour_difference(painter.render(membrane)[both], mesh.render(membrane)[both])
-            )
-    error = np.stack(errors)
+        masks = truth_map(membrane_map(displacement), displacement).masks
+        judged.append(_judged(sensor, painter, mesh, ground, membrane_map(displacement), masks))
+    error = np.stack([each.error for each in judged])
     bias = np.abs(np.nanmean(error, axis=(0, 2))).max()
     yield at_most(("painter", "centre_bias"), float(bias), "px", 0.005)
     yield reported(("painter", "centre_rms"), float(np.sqrt(np.nanmean(error**2))), "px")
-    if apart:
-        layers = np.sqrt(np.nanmean(np.stack(apart) ** 2, axis=(0, 2, 3)))
-        yield at_most(("painter_against_pyrender", "magenta_centres"), layers[0], "px", 0.03)
-        yield at_most(("painter_against_pyrender", "yellow_centres"), layers[1], "px", 0.03)
-        delta = float(np.concatenate(differences).mean())
-        yield at_most(("painter_against_pyrender", "overlap_colour"), delta, "ΔE2000", 2.0)
+    if mesh is not None:
+        yield from _apart(("painter_against_pyrender",), judged)
+    yield from _dome_accuracy(sensor, painter, mesh, ground, quick, progress)
+
+
+def _dome_accuracy(
+    sensor: SensorDesign,
+    painter: Painter,
+    mesh: MeshRenderer | None,
+    ground: Image,
+    quick: bool,
+    progress: Callable[[str], None],
+) -> Iterator[Row]:
+    """The same for objects on the dome in any pose."""
+    judged, maps = [], {}
+    for name, dome, forces in contact_poses("thesis", 3 if quick else POSES):
+        progress(f"accuracy of the dome, pose {name}")
+        if dome not in maps:
+            maps[dome] = DomeMap(sensor, dome), TruthMap(sensor, dome)
+        membrane = maps[dome][0](forces)
+        (masks,) = maps[dome][1].images(["masks"], membrane, forces).values()
+        judged.append(_judged(sensor, painter, mesh, ground, membrane, masks))
+    error = np.stack([each.error for each in judged])
+    yield reported(("painter", "dome", "centre_rms"), float(np.sqrt(np.nanmean(error**2))), "px")
+    if mesh is not None:
+        yield from _apart(("painter_against_pyrender", "dome"), judged)
+
+
+class Judged(NamedTuple):
+    """A pose as two renderers draw it.
+
+    Attributes
+    ----------
+    error: of the painter's centres against the projected outlines [px], (2, M, 2)
+    apart: of its centres from those of the mesh renderer [px], (2, M, 2)
+    difference: of their colours where both layers overlap [ΔE2000]
+    """
+
+    error: Array
+    apart: Array
+    difference: Array
+
+
+def _judged(
+    sensor: SensorDesign,
+    painter: Painter,
+    mesh: MeshRenderer | None,
+    ground: Image,
+    membrane: Membrane,
+    masks: NDArray[np.float32],
+) -> Judged:
+    found = layer_centroids(painter.render, sensor, membrane, ground)
+    error = found - polygon_centroids(projected_outlines(sensor, membrane))
+    if mesh is None:
+        return Judged(error, np.empty(0), np.empty(0))
+    both = masks.min(axis=0) > 0.99
+    delta = colour_difference(painter.render(membrane)[both], mesh.render(membrane)[both])
+    return Judged(error, found - layer_centroids(mesh.render, sensor, membrane, ground), delta)
+
+
+def _apart(case: tuple[str, ...], judged: list[Judged]) -> Iterator[Row]:
+    """Rows of how far two renderers are apart."""
+    layers = np.sqrt(np.nanmean(np.stack([j.apart for j in judged]) ** 2, axis=(0, 2, 3)))
+    yield at_most((*case, "magenta_centres"), layers[0], "px", 0.03)
+    yield at_most((*case, "yellow_centres"), layers[1], "px", 0.03)
+    delta = float(np.concatenate([j.difference for j in judged]).mean())
+    yield at_most((*case, "overlap_colour"), delta, "ΔE2000", 2.0)
 
 
 def _without_markers(sensor: SensorDesign) -> Membrane:
