@@ -1,12 +1,17 @@
 """Motion inside the dome against analysis, differences, symmetry and the skin's own compliance."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from chromagrip.model import Dome
+from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
 from chromagrip.model.dome import MarkerField, SkinField, lattice
+from chromagrip.model.shapes import ball, plane
+
+FIXTURES = Path(__file__).parents[3] / "fixtures"
 
 SMALL = Dome(pitch=0.8e-3, reach=math.radians(50.0))
 _RNG = np.random.default_rng(0)
@@ -114,3 +119,25 @@ def test_columns_that_no_longer_fit_are_made_again(monkeypatch: pytest.MonkeyPat
     for _ in range(2):
         assert np.array_equal(small(first)[0], before[0])
         assert np.array_equal(small(second)[0], before[1])
+
+
+@pytest.mark.parametrize("case", ["8/6 nu 0.48 plane stick", "8/6 nu 0.48 ball 20 stick"])
+def test_markers_at_depth_are_those_of_finite_elements(case: str) -> None:
+    """At the same press: of linear silicone, and of Neo-Hookean silicone as near as docs say."""
+    book = json.loads((FIXTURES / "hyperelastic" / "presses.json").read_text(encoding="utf-8"))
+    press = book["cases"][case]
+    dome = Dome(reach=math.radians(50.0))
+    places = np.column_stack([np.array(book["along"]) * dome.thickness / dome.radius, np.zeros(3)])
+    field = MarkerField(dome, np.stack([places] * 2), np.array(book["under"]) * dome.thickness)
+    shape = plane() if press["ball"] is None else ball(1e-3 * press["ball"])
+    sticky = Solid(shape=shape, stiffness=1e12, friction=5.0, dahl_stiffness=1e12)
+    motion = press_and_move(0.3 * dome.thickness, press_s=0.03)
+    run = simulate_contact(dome, sticky, motion, 1e-3, keep=100)
+    for i, (time, share) in enumerate([(0.015, 0.045), (0.03, 0.11)]):
+        (state,) = (s for s in run.states if abs(s.time - time) < 1e-6)
+        moved = field(state.linear)[0] / dome.thickness
+        found = np.stack([moved[..., 2], moved[..., 0]], axis=-1)
+        for law, most in (("linear", 0.02), ("hyperelastic", share)):
+            expected = np.array(press[law]["markers"][i])
+            off = np.linalg.norm(found - expected, axis=-1).max()
+            assert off < most * np.linalg.norm(expected, axis=-1).max(), law
