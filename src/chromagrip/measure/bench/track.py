@@ -62,6 +62,11 @@ TARGETS: dict[tuple[str, str], Bounds] = {
     },
     ("jump", "swaps"): Bounds(0.0, 0.0),
     ("jump", "false"): Bounds(0.0, 0.0),
+    **{
+        (scene, score): Bounds(0.0, bound)
+        for scene in ("twist", "edge")
+        for score, bound in (("magenta_ratio", 1.3), ("yellow_ratio", 1.3), ("swaps", 0.0))
+    },
 }
 #: Codecs in a quick run.
 _QUICK_CODECS = ("h264-crf12", "jpeg-q90")

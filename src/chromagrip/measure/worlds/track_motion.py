@@ -1,6 +1,7 @@
 """How the skin moves in the sequences that trackers are scored on."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -8,8 +9,27 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 
-from ...model import ContactObject, Fingertip, equilibrium
-from ...render import Membrane, MembraneMap, SensorDesign, centroids, outlines, rest_membrane
+from ...extras import need
+from ...model import (
+    ContactObject,
+    Dome,
+    Fingertip,
+    Motion,
+    Solid,
+    equilibrium,
+    press_and_move,
+    simulate_contact,
+)
+from ...model.shapes import Shape, ball, box, cylinder, mesh_shape
+from ...render import (
+    DomeMap,
+    Membrane,
+    MembraneMap,
+    SensorDesign,
+    centroids,
+    outlines,
+    rest_membrane,
+)
 
 Array = NDArray[np.float64]
 
@@ -19,6 +39,12 @@ _GRASP = ((0.0, 0.0), (1.0, 0.0), (2.5, 0.3), (3.0, 0.8), (3.0, 0.0), (2.0, -0.4
 _NODES = 101
 #: Frames of one period of grasp and sway.
 ROUND = 40
+#: Press and motion after it of a contact on the dome [s].
+_PRESS, _MOVE = 0.4, 0.6
+#: Steps of the silicone in a second, at least.
+_STEPS = 160
+#: Radius of the cylinder that rolls [m], and how far it rolls to either side [rad].
+_ROD, _SWING = 3.5e-3, math.radians(20.0)
 
 
 def motion(
@@ -51,6 +77,82 @@ def motion(
             slide = np.array([layer_shift_px * min(1.0, 4.0 * (k + 1) / count), 0.0]) / focal
             membrane = _turned(membrane, np.outer([1.0, 0.0], slide), fixed_rim=False)
         yield membrane
+
+
+def contact_motion(
+    sensor: SensorDesign, places: Array | None, count: int, name: str, scale: float = 1.0
+) -> Iterator[Membrane]:
+    """Membranes of so many frames of an object that is pressed on the dome and moved.
+
+    Parameters
+    ----------
+    name: of `CONTACTS`
+    scale: factor on the motion after the press
+    """
+    dome, (shape, move) = sensor.dome, CONTACTS[name]
+    solid = Solid(shape=shape(), friction=0.6)
+    each = max(1, math.ceil(_STEPS / count))
+    dt = (_PRESS + _MOVE) / (count * each)
+    run = simulate_contact(dome, solid, move(dome, scale), dt, keep=each)
+    membrane_map = DomeMap(sensor, dome, places)
+    ends = (_PRESS + _MOVE) * (np.arange(count) + 1) / count
+    for end in ends:
+        state = min(run.states, key=lambda one: abs(one.time - end))
+        yield membrane_map(state.linear)
+
+
+def _pressed(
+    share: float,
+    *,
+    shift: tuple[float, float] = (0.0, 0.0),
+    twist: float = 0.0,
+    tilt: tuple[float, float] = (0.0, 0.0),
+) -> Callable[[Dome, float], Motion]:
+    """A press by a share of the silicone's thickness, then a shift [m], or a twist [rad]."""
+
+    def motion(dome: Dome, scale: float) -> Motion:
+        return press_and_move(
+            share * dome.thickness,
+            shift=(scale * shift[0], scale * shift[1]),
+            twist=scale * twist,
+            tilt=tilt,
+            press_s=_PRESS,
+            move_s=_MOVE,
+        )
+
+    return motion
+
+
+def _rolled(dome: Dome, scale: float) -> Motion:
+    """A rod along y is pressed beside the apex, and rolls over it to the other side."""
+    angles = scale * np.concatenate([[-_SWING], np.linspace(-_SWING, _SWING, 41)])
+    rest, poses = dome.radius + _ROD, np.zeros((42, 6))
+    apart = rest - np.array([-2e-5, *[0.35 * dome.thickness] * 41])
+    poses[:, 0], poses[:, 2] = apart * np.sin(angles), apart * np.cos(angles) - rest
+    poses[:, 4] = (angles - angles[0]) * rest / _ROD
+    times = np.concatenate([[0.0], np.linspace(_PRESS, _PRESS + _MOVE, 41)])
+    return Motion(times=times, poses=poses)
+
+
+def _two_balls() -> Shape:
+    """Two balls of 2.5 mm beside each other, as one mesh; both touch."""
+    trimesh = need("trimesh", "mesh")
+    balls = [trimesh.creation.icosphere(subdivisions=3, radius=2.5) for _ in range(2)]
+    for side, one in zip((-2.6, 2.6), balls, strict=True):
+        one.apply_translation([side, 0.0, 0.0])
+    return mesh_shape(trimesh.util.concatenate(balls))
+
+
+#: Object, and motion on a dome times a factor, by name.
+CONTACTS: dict[str, tuple[Callable[[], Shape], Callable[[Dome, float], Motion]]] = {
+    "twist": (lambda: ball(12e-3), _pressed(0.4, twist=math.radians(40.0))),
+    "edge": (
+        lambda: box((24e-3, 8e-3, 8e-3), 0.3e-3),
+        _pressed(0.35, tilt=(math.pi / 4, 0.0), shift=(0.5e-3, 0.4e-3)),
+    ),
+    "two-contacts": (_two_balls, _pressed(0.4, shift=(0.3e-3, 0.3e-3))),
+    "roll": (lambda: cylinder(_ROD, 40e-3, 0.5e-3), _rolled),
+}
 
 
 def pitch(sensor: SensorDesign) -> float:

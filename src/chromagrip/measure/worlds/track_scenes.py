@@ -5,6 +5,7 @@ vary one condition. Noise is added last. A tracker is given the rest frames, the
 noise of the camera.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -34,7 +35,7 @@ from ...render.drawing import Painter
 from ...render.flaws import exposure, white_balance
 from ...tracking import Palette
 from ..limits.positions import position_limits
-from .track_motion import motion
+from .track_motion import contact_motion, motion
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -64,6 +65,8 @@ class Conditions:
     Attributes
     ----------
     text: one line
+    contact: object on the dome of silicone, of `CONTACTS`; empty is the node model's motion
+    contact_scale: factor on its motion after the press
     grasp: share of the node model's motion as it is pressed, sheared and released
     sway_px: motion of the whole skin on a closed path, at the apex [px]. The grasp alone moves only
         one marker in ten, and a constant answer would be right about the others.
@@ -83,6 +86,8 @@ class Conditions:
     """
 
     text: str
+    contact: str = ""
+    contact_scale: float = 1.0
     grasp: float = 1.0
     sway_px: float = 6.0
     shift_pitch: float = 0.0
@@ -139,6 +144,12 @@ SCENES = {
         text="1.2 pitches from frame to frame, 5 % of each layer's markers vanished",
         grasp=0.0, sway_px=0.0, shift_pitch=1.2, vanishing=0.05,
     ),
+    "twist": Conditions(text="a ball pressed on the dome and turned by 40°", contact="twist"),
+    "edge": Conditions(text="an edge pressed on the dome and dragged askew", contact="edge"),
+    "two-contacts": Conditions(
+        text="two balls pressed on the dome and dragged", contact="two-contacts"
+    ),
+    "roll": Conditions(text="a rod of 7 mm rolled over the dome", contact="roll"),
 }  # fmt: skip
 
 
@@ -209,15 +220,7 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
     at_rest = imaging.measured(painter.render(_without(rest, absent)), 0)
     gone = absent | _vanished(absent, c.vanishing)
     shots = []
-    path = motion(
-        sensor,
-        flaws.places,
-        count,
-        grasp=c.grasp,
-        sway_px=c.sway_px,
-        shift_pitch=c.shift_pitch,
-        layer_shift_px=c.layer_shift_px,
-    )
+    path = _path(c, sensor, flaws.places, count)
     for k, moved in enumerate(path):
         membrane = _without(moved, gone)
         light = _light(c, k, count, sensor)
@@ -250,6 +253,23 @@ def sequence(c: Conditions, count: int, *, limits: bool = True) -> Sequence:
         distance=_distance(rest),
         radius=_radius(sensor),
         shots=shots,
+    )
+
+
+def _path(
+    c: Conditions, sensor: SensorDesign, places: Array | None, count: int
+) -> Iterator[Membrane]:
+    """Membranes of so many frames."""
+    if c.contact:
+        return contact_motion(sensor, places, count, c.contact, c.contact_scale)
+    return motion(
+        sensor,
+        places,
+        count,
+        grasp=c.grasp,
+        sway_px=c.sway_px,
+        shift_pitch=c.shift_pitch,
+        layer_shift_px=c.layer_shift_px,
     )
 
 
