@@ -100,6 +100,18 @@ DIALS = {
         (95.0, 85.0, 75.0, 60.0, 45.0, 30.0, 15.0, 5.0),
         lambda v: Conditions(text="", defects=Defects(jpeg_quality=round(v))),
     ),
+    "twist": Dial(
+        "twist of a ball on the dome [°]",
+        "°",
+        (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 90.0),
+        lambda v: Conditions(text="", contact="twist", contact_scale=v / 40.0),
+    ),
+    "edge": Dial(
+        "press of an edge over the silicone's thickness",
+        "",
+        (0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
+        lambda v: Conditions(text="", contact="edge", contact_deeper=v / 0.35),
+    ),
 }
 #: Values of each dial of a quick map.
 QUICK_VALUES = {"shift": (0.3, 0.6, 1.2), "noise": (2.0, 16.0)}

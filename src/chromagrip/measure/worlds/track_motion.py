@@ -80,7 +80,12 @@ def motion(
 
 
 def contact_motion(
-    sensor: SensorDesign, places: Array | None, count: int, name: str, scale: float = 1.0
+    sensor: SensorDesign,
+    places: Array | None,
+    count: int,
+    name: str,
+    scale: float = 1.0,
+    deeper: float = 1.0,
 ) -> Iterator[Membrane]:
     """Membranes of so many frames of an object that is pressed on the dome and moved.
 
@@ -88,12 +93,13 @@ def contact_motion(
     ----------
     name: of `CONTACTS`
     scale: factor on the motion after the press
+    deeper: factor on the press
     """
     dome, (shape, move) = sensor.dome, CONTACTS[name]
     solid = Solid(shape=shape(), friction=0.6)
     each = max(1, math.ceil(_STEPS / count))
     dt = (_PRESS + _MOVE) / (count * each)
-    run = simulate_contact(dome, solid, move(dome, scale), dt, keep=each)
+    run = simulate_contact(dome, solid, move(dome, scale, deeper), dt, keep=each)
     membrane_map = DomeMap(sensor, dome, places)
     ends = (_PRESS + _MOVE) * (np.arange(count) + 1) / count
     for end in ends:
@@ -107,12 +113,12 @@ def _pressed(
     shift: tuple[float, float] = (0.0, 0.0),
     twist: float = 0.0,
     tilt: tuple[float, float] = (0.0, 0.0),
-) -> Callable[[Dome, float], Motion]:
+) -> Callable[[Dome, float, float], Motion]:
     """A press by a share of the silicone's thickness, then a shift [m], or a twist [rad]."""
 
-    def motion(dome: Dome, scale: float) -> Motion:
+    def motion(dome: Dome, scale: float, deeper: float) -> Motion:
         return press_and_move(
-            share * dome.thickness,
+            deeper * share * dome.thickness,
             shift=(scale * shift[0], scale * shift[1]),
             twist=scale * twist,
             tilt=tilt,
@@ -123,11 +129,11 @@ def _pressed(
     return motion
 
 
-def _rolled(dome: Dome, scale: float) -> Motion:
+def _rolled(dome: Dome, scale: float, deeper: float) -> Motion:
     """A rod along y is pressed beside the apex, and rolls over it to the other side."""
     angles = scale * np.concatenate([[-_SWING], np.linspace(-_SWING, _SWING, 41)])
     rest, poses = dome.radius + _ROD, np.zeros((42, 6))
-    apart = rest - np.array([-2e-5, *[0.35 * dome.thickness] * 41])
+    apart = rest - np.array([-2e-5, *[deeper * 0.35 * dome.thickness] * 41])
     poses[:, 0], poses[:, 2] = apart * np.sin(angles), apart * np.cos(angles) - rest
     poses[:, 4] = (angles - angles[0]) * rest / _ROD
     times = np.concatenate([[0.0], np.linspace(_PRESS, _PRESS + _MOVE, 41)])
@@ -143,8 +149,8 @@ def _two_balls() -> Shape:
     return mesh_shape(trimesh.util.concatenate(balls))
 
 
-#: Object, and motion on a dome times a factor, by name.
-CONTACTS: dict[str, tuple[Callable[[], Shape], Callable[[Dome, float], Motion]]] = {
+#: Object, and motion on a dome by two factors, on the motion after the press and on the press.
+CONTACTS: dict[str, tuple[Callable[[], Shape], Callable[[Dome, float, float], Motion]]] = {
     "twist": (lambda: ball(12e-3), _pressed(0.4, twist=math.radians(40.0))),
     "edge": (
         lambda: box((24e-3, 8e-3, 8e-3), 0.3e-3),

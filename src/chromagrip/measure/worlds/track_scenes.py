@@ -66,7 +66,7 @@ class Conditions:
     ----------
     text: one line
     contact: object on the dome of silicone, of `CONTACTS`; empty is the node model's motion
-    contact_scale: factor on its motion after the press
+    contact_scale, contact_deeper: factors on its motion after the press, and on the press
     grasp: share of the node model's motion as it is pressed, sheared and released
     sway_px: motion of the whole skin on a closed path, at the apex [px]. The grasp alone moves only
         one marker in ten, and a constant answer would be right about the others.
@@ -88,6 +88,7 @@ class Conditions:
     text: str
     contact: str = ""
     contact_scale: float = 1.0
+    contact_deeper: float = 1.0
     grasp: float = 1.0
     sway_px: float = 6.0
     shift_pitch: float = 0.0
@@ -261,7 +262,8 @@ def _path(
 ) -> Iterator[Membrane]:
     """Membranes of so many frames."""
     if c.contact:
-        return contact_motion(sensor, places, count, c.contact, c.contact_scale)
+        factors = c.contact_scale, c.contact_deeper
+        return contact_motion(sensor, places, count, c.contact, *factors)
     return motion(
         sensor,
         places,
