@@ -61,7 +61,7 @@ def test_identity_is_lost_where_half_a_pitch_is_passed() -> None:
     rows = {row.name: row.value for row in result.rows}
     assert rows["tracker/shift/identity_lost_at"] == 0.6
     assert rows["tracker/shift/breaks_at"] is not None
-    sentence = "tracker takes one marker for another from 0.6 pitches per frame on"
+    sentence = "tracker takes one marker for another from a shift of 0.6 pitches on"
     assert result.notes == (sentence,)
     result = report(curve("fit", "shift", (1.2,), 2), False)
     (row,) = (row for row in result.rows if row.score == "identity_lost_at")

@@ -203,7 +203,8 @@ def report(results: Listed[Cell], quick: bool) -> Report:
     """Value of each dial at which each tracker breaks, and each loss of identity in a sentence."""
     rows = rows_of(results)
     notes = [
-        f"{row.subject[0]} takes one marker for another from {row.value:g} pitches per frame on"
+        f"{row.subject[0]} takes one marker for another from a {row.subject[1]} of {row.value:g} "
+        f"{row.unit} on"
         for row in rows
         if row.score == "identity_lost_at" and row.value is not None
     ]
@@ -225,7 +226,7 @@ def rows_of(results: Listed[Cell]) -> list[Row]:
             note = "holds to the end"
         value = held[-1].value if held else None
         rows.append(reported((tracker, dial, "breaks_at"), value, unit, note))
-        if dial == "shift":
+        if dial in ("shift", "twist"):
             lost = next((cell.value for cell in curve if cell.swaps), None)
             note = f"never, up to {last:g}" if lost is None else ""
             rows.append(reported((tracker, dial, "identity_lost_at"), lost, unit, note))

@@ -7,10 +7,10 @@ threshold leaves them out; the centres of mass with them are reported too.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import cv2
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ...output.report import Row, at_most, reported
 from ...render import (
+    DomeMap,
     Membrane,
     MembraneMap,
     SensorDesign,
@@ -37,12 +38,21 @@ Array = NDArray[np.float64]
 
 
 class Entry(TypedDict):
-    """One traced picture: its sensor, its file, where that lies in the image [px], and its grip."""
+    """One traced picture.
+
+    Attributes
+    ----------
+    sensor, file: names
+    crop: where the file's picture lies in the image [px]
+    grip: on the chain [N]; 0 is at rest
+    body: `dome` where it is not the chain
+    """
 
     sensor: str
     file: str
     crop: tuple[int, int]
-    grip: float
+    grip: float | None
+    body: NotRequired[str]
 
 
 #: Folder of the pictures in a checkout; an installed package has none.
@@ -56,16 +66,27 @@ _MARGIN = 3.0
 
 
 def against_path_traced(quick: bool, progress: Callable[[str], None]) -> list[Row]:
-    """Rows of the comparison, for the camera at the sphere centre and for one below it."""
+    """Rows of the comparison, for the camera at the sphere centre and for one below it.
+
+    The first has pictures of both bodies.
+    """
     if not (FOLDER / "poses.json").exists():
         note = "needs fixtures/ of a checkout"
         return [reported(("painter_against_path_tracer", "not_measured"), None, "", note)]
     book: dict[str, Entry] = json.loads((FOLDER / "poses.json").read_text("utf-8"))["pictures"]
     rows = []
-    for name in dict.fromkeys(entry["sensor"] for entry in book.values()):
-        pictures = {k: entry for k, entry in book.items() if entry["sensor"] == name}
-        centres, plain, colours = _compare(name, pictures, quick, progress)
-        case = ("painter_against_path_tracer", Path(name).stem)
+    kinds = dict.fromkeys((entry["sensor"], entry.get("body", "chain")) for entry in book.values())
+    for name, body in kinds:
+        mine = {k: entry for k, entry in book.items() if entry["sensor"] == name}
+        rest = next(entry for entry in mine.values() if entry["grip"] == 0.0)
+        posed = {
+            k: entry
+            for k, entry in mine.items()
+            if entry["grip"] != 0.0 and entry.get("body", "chain") == body
+        }
+        centres, plain, colours = _compare(name, rest, posed, quick, progress)
+        label = Path(name).stem if body == "chain" else body
+        case = ("painter_against_path_tracer", label)
         rms = np.sqrt(np.nanmean(centres**2, axis=(0, 2, 3)))
         rows += [
             at_most((*case, "magenta_centres"), rms[0], "px", 0.2),
@@ -81,26 +102,26 @@ def against_path_traced(quick: bool, progress: Callable[[str], None]) -> list[Ro
 
 
 def _compare(
-    name: str, pictures: dict[str, Entry], quick: bool, progress: Callable[[str], None]
+    name: str,
+    resting: Entry,
+    pictures: dict[str, Entry],
+    quick: bool,
+    progress: Callable[[str], None],
 ) -> tuple[Array, Array, Array]:
     """Differences of centres, thresholded and plain (poses, 2, M, 2) [px], and of colours."""
     sensor = load_sensor(name if name == "thesis" else str(FOLDER / name))
-    painter, truth_map = Painter(sensor), TruthMap(sensor, 251)
-    membrane_map = MembraneMap(sensor, 251)
-    with np.load(FOLDER / "seen.npz") as kept:
-        displacement = {key: kept[key].astype(float) for key in pictures}
-    resting = next(key for key, entry in pictures.items() if entry["grip"] == 0.0)
+    painter = Painter(sensor)
     bare = ground_image(sensor).astype(float)
     palette = Palette.of_sensor(sensor)
-    traced_ground = resting_ground(_traced(sensor, pictures[resting]), palette)
+    traced_ground = resting_ground(_traced(sensor, resting), palette)
     painted_ground = resting_ground(painter.render(rest_membrane(sensor)), palette)
     centres: list[Array] = []
     plain: list[Array] = []
     colours: list[Array] = []
-    loaded = [key for key in pictures if key != resting]
-    for key in loaded[2:3] if quick else loaded:  # the third is the strongest
+    keys = list(pictures)
+    # The third of the chain's is the strongest.
+    for key, membrane, masks in _posed(sensor, pictures, keys[2:3] if quick else keys):
         progress(f"path-traced picture {key}")
-        membrane = membrane_map(displacement[key])
         traced, painted = _traced(sensor, pictures[key]), painter.render(membrane)
         for differences, levels in ((centres, _THRESHOLDED), (plain, _PLAIN)):
             differences.append(
@@ -109,9 +130,24 @@ def _compare(
             )
         # Flat-fielded, as a laboratory does it: each picture over its own resting ground.
         flat = decode_srgb(traced.astype(float)) / traced_ground * bare
-        both = truth_map(membrane, displacement[key]).masks.min(axis=0) > 0.99
+        both = masks.min(axis=0) > 0.99
         colours.append(colour_difference(encode_srgb(flat[both]), painted[both].astype(float)))
     return np.stack(centres), np.stack(plain), np.concatenate(colours)
+
+
+def _posed(
+    sensor: SensorDesign, pictures: dict[str, Entry], keys: list[str]
+) -> Iterator[tuple[str, Membrane, NDArray[np.float32]]]:
+    """Membrane and masks of pictures by their names."""
+    dome = pictures[keys[0]].get("body") == "dome"
+    with np.load(FOLDER / ("dome.npz" if dome else "seen.npz")) as kept:
+        drives = {key: kept[key].astype(float) for key in keys}
+    nodes = len(drives[keys[0]])
+    membrane_map = DomeMap(sensor, sensor.dome) if dome else MembraneMap(sensor, nodes)
+    truth_map = TruthMap(sensor, sensor.dome if dome else nodes)
+    for key, drive in drives.items():
+        membrane = membrane_map(drive)
+        yield key, membrane, truth_map.images(["masks"], membrane, drive)["masks"]
 
 
 def _traced(sensor: SensorDesign, entry: Entry) -> NDArray[np.uint8]:
