@@ -25,6 +25,8 @@ def test_example(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if path.stem == "train_margin":
+        pytest.importorskip("sklearn", reason="needs the extra learn")
     monkeypatch.chdir(tmp_path)  # where pictures go
     monkeypatch.setattr(sys, "argv", [str(path)])
     runpy.run_path(str(path), run_name="__main__")

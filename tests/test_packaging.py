@@ -27,7 +27,8 @@ from chromagrip.links import MEND, STAGES
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 #: Modules that only extras bring.
-OPTIONAL = ["OpenGL", *(extra.module for extra in EXTRAS.values())]
+#: Without torch: tyro trips over a torch that is blocked in this way.
+OPTIONAL = ["OpenGL", *(e.module for e in EXTRAS.values() if e.module != "torch")]
 
 #: A clone that has no objects of its own: thousands of files that nothing here reads.
 CLONE = ["clone", "-q", "--shared"]

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import shutil
 import tarfile
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from chromagrip.dataset.export import LAYOUTS, export
 from chromagrip.dataset.lerobot import CAMERA, FORCES, STATE
 from chromagrip.dataset.make import make
 from chromagrip.dataset.recipe import load_recipe
+from chromagrip.dataset.split import split
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +158,7 @@ def test_lerobot_is_as_its_reader_takes_it(
         assert np.sqrt(((picture - list(one.images())[t]) ** 2).mean()) < 4.0
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", [*LAYOUTS, "lerobot"])
 def test_an_export_that_breaks_off_leaves_nothing(made: Path, tmp_path: Path, layout: str) -> None:
     def stop(done: int) -> None:
         raise KeyboardInterrupt
@@ -167,3 +169,52 @@ def test_an_export_that_breaks_off_leaves_nothing(made: Path, tmp_path: Path, la
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     with pytest.raises(UserError, match="is no dataset"):
         export(tmp_path, layout, tmp_path / "out")
+
+
+@pytest.fixture(scope="module")
+def halves(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny dataset, split: one object is for tests."""
+    folder = tmp_path_factory.mktemp("data") / "split"
+    shutil.copytree(made, folder)
+    parts = split(str(folder), {"train": 0.6, "test": 0.4}, seed=1)
+    assert sorted(len(names) for names in parts.values()) == [1, 2]
+    return folder
+
+
+def test_every_layout_keeps_the_parts_of_a_split(halves: Path, tmp_path: Path) -> None:
+    parts = json.loads((halves / "split.json").read_text("utf-8"))
+    for layout in (*LAYOUTS, "lerobot"):
+        export(str(halves), layout, str(tmp_path / layout))
+    for part, names in parts.items():
+        video = pickle.loads((tmp_path / "tapvid" / part / "tapvid-00000.pkl").read_bytes())
+        assert sorted(video) == names
+        coco = json.loads((tmp_path / "coco" / part / "annotations.json").read_text("utf-8"))
+        assert len(coco["images"]) == len(coco["annotations"]) == 7 * len(names)
+        assert {image["file_name"][:15] for image in coco["images"]} == set(names)
+        with tarfile.open(tmp_path / "webdataset" / part / "frames-000000.tar") as tar:
+            assert {f"sequence-{name[:6]}" for name in tar.getnames()} == set(names)
+    info = json.loads((tmp_path / "lerobot" / "meta" / "info.json").read_text("utf-8"))
+    table = pq.read_table(tmp_path / "lerobot/data/chunk-000/file-000.parquet")
+    grips = np.stack(table["observation.state"].to_pylist())[:, 0]
+    for part, names in parts.items():
+        first, last = (int(number) for number in info["splits"][part].split(":"))
+        expected = [one.frames["grip_n"] for one in load_sequences(str(halves), part)]
+        assert last - first == len(names)
+        np.testing.assert_allclose(grips[7 * first : 7 * last], np.concatenate(expected), rtol=1e-6)
+
+
+def test_a_part_or_a_split_that_is_wrong_is_said(halves: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="has no part 'dev'; it has train, test"):
+        list(load_sequences(halves, "dev"))
+    shutil.copytree(halves, tmp_path / "more")
+    (tmp_path / "more" / "split.json").write_text('{"train": ["sequence-000000"]}')
+    with pytest.raises(UserError, match="each sequence of the dataset once"):
+        export(tmp_path / "more", "coco", tmp_path / "out")
+
+
+def test_what_has_changed_is_not_exported(made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made, tmp_path / "spoilt")
+    (tmp_path / "spoilt" / "sequence-000001" / "frame-002.png").write_bytes(b"x")
+    with pytest.raises(UserError, match=r"frame-002\.png has changed"):
+        export(tmp_path / "spoilt", "webdataset", tmp_path / "out")
+    assert not list((tmp_path / "out").iterdir())

@@ -1,6 +1,8 @@
 """Datasets of a dome: physics that holds, and is missed where it does not; meshes come along."""
 
+import io
 import shutil
+import tarfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from chromagrip import UserError
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset import sequence as one_sequence
 from chromagrip.dataset.check import check
+from chromagrip.dataset.export import export
 from chromagrip.dataset.folder import TABLE, sequence_name
 from chromagrip.dataset.labels.dome_physics import presliding, wrong_dome, wrong_motion
 from chromagrip.dataset.make import make, merge
@@ -261,3 +264,14 @@ def test_meshes_are_asked_for(tmp_path: Path) -> None:
         load_recipe("objects", tmp_path)
     with pytest.raises(UserError, match="meshes are for a recipe with"):
         load_recipe("tiny", tmp_path)
+
+
+def test_other_layouts_take_a_dome_too(made: Path, tmp_path: Path) -> None:
+    for layout in ("webdataset", "lerobot"):
+        assert export(made, layout, tmp_path / layout)
+    with tarfile.open(tmp_path / "webdataset" / "frames-000000.tar") as tar:
+        file = tar.extractfile("000000-003.npz")
+        assert file is not None
+        nodes = np.load(io.BytesIO(file.read()))
+    one = next(iter(load_sequences(made)))
+    assert np.array_equal(nodes["node_friction_y_n"], one.markers["node_friction_y_n"][3])

@@ -14,6 +14,8 @@ from ..render import View
 from ..scene.scene import load_scene
 from .folder import (
     FILES,
+    Manifest,
+    Place,
     file_digest,
     open_recipe,
     read_files,
@@ -33,7 +35,7 @@ _PIXEL = 0.002
 _PERSPECTIVE = 1.0
 
 
-def check(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> int:
+def check(folder: Place, progress: Callable[[int, int], None] = lambda done, total: None) -> int:
     """Verify a dataset's checksums, counts, ranges and physics; returns its number of sequences.
 
     Raises
@@ -41,12 +43,8 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
     UserError
         With the first sample that is wrong, and why.
     """
-    manifest = read_manifest(folder)
-    for name, digest in manifest["files"].items():
-        if not (folder / name).is_file():
-            raise UserError(f"{folder / name} is missing")
-        if file_digest(folder / name) != digest:
-            raise UserError(f"{folder / name} has changed")
+    folder = Path(folder)
+    manifest = check_shared(folder)
     recipe = open_recipe(folder)
     names = manifest["sequences"]
     for done, (name, digest) in enumerate(names.items()):
@@ -61,6 +59,23 @@ def check(folder: Path, progress: Callable[[int, int], None] = lambda done, tota
             raise UserError(f"{folder / name}, {wrong}")
         progress(done + 1, len(names))
     return len(names)
+
+
+def check_shared(folder: Path) -> Manifest:
+    """Verify the files of a dataset that are no sequence's; returns its manifest.
+
+    Raises
+    ------
+    UserError
+        With the first file that is missing or has changed.
+    """
+    manifest = read_manifest(folder)
+    for name, digest in manifest["files"].items():
+        if not (folder / name).is_file():
+            raise UserError(f"{folder / name} is missing")
+        if file_digest(folder / name) != digest:
+            raise UserError(f"{folder / name} has changed")
+    return manifest
 
 
 def check_files(folder: Path, digest: str) -> None:

@@ -4,7 +4,7 @@ import io
 import json
 import pickle
 import tarfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, count, islice
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from ..output.folder import prepare, whole_folder
 from ..render import LAYERS
-from .folder import link, read_manifest
+from .check import check_files, check_shared
+from .folder import Place, link
 from .lerobot import write_lerobot
-from .read import Loaded, load_sequences
+from .read import Loaded, load_sequence
+from .split import read_split
 
 #: Called with the number of sequences that are done.
 Progress = Callable[[int], None]
@@ -27,30 +29,52 @@ _TARRED = 1000
 
 
 def export(
-    folder: Path, layout: str, out: Path, progress: Progress = lambda done: None
+    folder: Place, layout: str, out: Place, progress: Progress = lambda done: None
 ) -> list[Path]:
     """Write a dataset in another layout; returns its files.
+
+    The files of every sequence are verified before they are read. The parts of a dataset that is
+    split get a folder each; LeRobot lists them as its splits.
 
     Parameters
     ----------
     folder: of the dataset
-    layout: of LAYOUTS
+    layout: of LAYOUTS, or lerobot
     out: folder, new or empty; it gets its name when it is complete
     progress: called after each sequence
 
     Raises
     ------
     UserError
-        When the dataset is not complete, does not fit the layout, or cannot be written.
+        When the dataset is not complete or has changed, does not fit the layout, or cannot be
+        written.
     """
-    read_manifest(folder)
+    folder, out = Path(folder), Path(out)
+    manifest, parts = check_shared(folder), read_split(folder)
+    digests, done = manifest["sequences"], count(1)
     prepare(out, overwrite=None)
-    with whole_folder(out) as part:
-        LAYOUTS[layout](folder, part, progress)
+
+    def verified(names: Iterable[str]) -> Iterator[Loaded]:
+        for name in names:
+            check_files(folder / name, digests[name])
+            yield load_sequence(folder / name)
+            progress(next(done))
+
+    with whole_folder(out) as whole:
+        if layout == "lerobot":
+            names = [name for part in parts.values() for name in part] or list(digests)
+            sizes = {part: len(own) for part, own in parts.items()}
+            write_lerobot(verified(names), whole, sizes or {"train": len(names)})
+        elif parts:
+            for part, own in parts.items():
+                (whole / part).mkdir()
+                LAYOUTS[layout](verified(own), whole / part)
+        else:
+            LAYOUTS[layout](verified(digests), whole)
     return sorted(file for file in out.rglob("*") if file.is_file())
 
 
-def _write_tapvid(folder: Path, out: Path, progress: Progress) -> None:
+def _write_tapvid(sequences: Iterator[Loaded], out: Path) -> None:
     """Pickles of name → video (T, H, W, 3), points (P, T, 2) from 0 to 1, occluded (P, T).
 
     Points are counted from the corner of the first pixel, magenta markers before yellow ones. The
@@ -66,7 +90,7 @@ def _write_tapvid(folder: Path, out: Path, progress: Progress) -> None:
                 pickle.dump(batch, file, protocol=4)
             batch.clear()
 
-    for done, one in enumerate(load_sequences(folder)):
+    for one in sequences:
         video = np.stack(list(one.images()))
         height, width = video.shape[1:3]
         points = (one.places.reshape(len(video), -1, 2) + 0.5) / [width, height]
@@ -80,11 +104,10 @@ def _write_tapvid(folder: Path, out: Path, progress: Progress) -> None:
         }
         if len(batch) == _PICKLED:
             flush()
-        progress(done + 1)
     flush()
 
 
-def _write_coco(folder: Path, out: Path, progress: Progress) -> None:
+def _write_coco(sequences: Iterator[Loaded], out: Path) -> None:
     """COCO keypoints: `annotations.json`, one fingertip a picture, and `images`."""
     (out / "images").mkdir()
     images: list[dict[str, object]] = []
@@ -92,7 +115,7 @@ def _write_coco(folder: Path, out: Path, progress: Progress) -> None:
     # Written one by one: 800 keypoints a picture would fill the memory.
     with (out / "annotations.json").open("w", encoding="utf-8") as file:
         file.write('{"annotations": [')
-        for done, one in enumerate(load_sequences(folder)):
+        for one in sequences:
             view = one.scene.build_sensor().view
             names = [f"{layer}-{m:03d}" for layer in LAYERS for m in range(one.places.shape[2])]
             for t, picture in enumerate(one.pictures):
@@ -102,9 +125,8 @@ def _write_coco(folder: Path, out: Path, progress: Progress) -> None:
                 images.append(
                     {"id": number, "file_name": name, "width": view.width, "height": view.height}
                 )
-                file.write(",\n" if t or done else "\n")
+                file.write(",\n" if number > 1 else "\n")
                 file.write(json.dumps(_annotation(one, t, number)))
-            progress(done + 1)
         category = {
             "id": 1,
             "name": "fingertip",
@@ -135,9 +157,9 @@ def _annotation(one: Loaded, t: int, number: int) -> dict[str, object]:
     }
 
 
-def _write_webdataset(folder: Path, out: Path, progress: Progress) -> None:
+def _write_webdataset(sequences: Iterator[Loaded], out: Path) -> None:
     """Tar files of frames: KEY.png, KEY.json (values of frame and sequence), KEY.npz (markers)."""
-    frames = _frames(folder, progress)
+    frames = _frames(sequences)
     for number in count():
         first = next(frames, None)
         if first is None:
@@ -148,9 +170,9 @@ def _write_webdataset(folder: Path, out: Path, progress: Progress) -> None:
                     _add(tar, name, data)
 
 
-def _frames(folder: Path, progress: Progress) -> Iterator[dict[str, bytes]]:
+def _frames(sequences: Iterator[Loaded]) -> Iterator[dict[str, bytes]]:
     """Files of each frame, by name."""
-    for done, one in enumerate(load_sequences(folder)):
+    for one in sequences:
         for t, picture in enumerate(one.pictures):
             key = f"{one.number:06d}-{t:03d}"
             values = {name: _plain(column[t]) for name, column in one.frames.items()}
@@ -163,7 +185,6 @@ def _frames(folder: Path, progress: Progress) -> Iterator[dict[str, bytes]]:
                 f"{key}.json": text.encode(),
                 f"{key}.npz": buffer.getvalue(),
             }
-        progress(done + 1)
 
 
 def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
@@ -179,10 +200,9 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-#: Writers of the layouts, by name.
-LAYOUTS: dict[str, Callable[[Path, Path, Progress], None]] = {
+#: Writers of the layouts whose parts are folders, by name.
+LAYOUTS: dict[str, Callable[[Iterator[Loaded], Path], None]] = {
     "tapvid": _write_tapvid,
     "coco": _write_coco,
     "webdataset": _write_webdataset,
-    "lerobot": write_lerobot,
 }

@@ -21,6 +21,7 @@ import shutil
 from collections.abc import Iterable
 from functools import lru_cache
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Content = TypeVar("Content")
+#: Name of a file or folder.
+Place = str | PathLike[str]
 
 #: Name and version of the format, kept in the manifest.
 FORMAT = "chromagrip dataset 1"

@@ -1,7 +1,7 @@
 """A dataset in LeRobot's layout, version 3: tables of all frames, one video, and meta data."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from ..errors import UserError
 from ..extras import need
 from ..output.video import VideoFile
 from .labels import STATES
-from .read import Loaded, load_sequences
+from .read import Loaded
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -91,8 +91,14 @@ class Episode:
         }
 
 
-def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> None:
+def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, int]) -> None:
     """Write meta, data and videos; each sequence is an episode, its motion the task.
+
+    Parameters
+    ----------
+    sequences: those of the first part first
+    out: folder
+    parts: numbers of sequences of the splits, in order
 
     Raises
     ------
@@ -101,13 +107,13 @@ def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> N
     """
     video = out / "videos" / CAMERA / f"{_FILE}.mp4"
     video.parent.mkdir(parents=True)
-    parts: list[Columns] = []
+    tables: list[Columns] = []
     episodes: list[Episode] = []
     tasks: list[str] = []
     film: VideoFile | None = None
     rate, shape, start = 0, (0, 0, 3), 0
     with ExitStack() as files:
-        for one in load_sequences(folder):
+        for one in sequences:
             own = one.scene.camera.rate_hz
             rate = rate or round(own)
             if own != rate:
@@ -127,19 +133,20 @@ def write_lerobot(folder: Path, out: Path, progress: Callable[[int], None]) -> N
                 if t % max(1, length // _SAMPLED) == 0:
                     colours.append(image.reshape(-1, 3) / 255.0)
             columns = _columns(one, len(episodes), start, tasks.index(task))
-            parts.append(columns)
+            tables.append(columns)
             stats = {name: _stats(values) for name, values in columns.items()}
             stats[CAMERA] = _image_stats(np.concatenate(colours), len(colours))
             episodes.append(
                 Episode(number=len(episodes), start=start, length=length, task=task, stats=stats)
             )
             start += length
-            progress(len(episodes))
     rows = [episode.row(rate) for episode in episodes]
-    _write_tables(out, parts, rows, tasks)
-    stats = {name: _stats(np.concatenate([part[name] for part in parts])) for name in parts[0]}
+    _write_tables(out, tables, rows, tasks)
+    stats = {name: _stats(np.concatenate([part[name] for part in tables])) for name in tables[0]}
     _write_json(out, "stats", stats | {CAMERA: _joined(episodes)})
-    _write_json(out, "info", _info(_features(parts[0], rate, shape), episodes, len(tasks), rate))
+    _write_json(
+        out, "info", _info(_features(columns, rate, shape), episodes, len(tasks), rate, parts)
+    )
 
 
 def _columns(one: Loaded, episode: int, start: int, task: int) -> Columns:
@@ -264,8 +271,13 @@ def _features(
 
 
 def _info(
-    features: dict[str, dict[str, object]], episodes: list[Episode], tasks: int, rate: int
+    features: dict[str, dict[str, object]],
+    episodes: list[Episode],
+    tasks: int,
+    rate: int,
+    parts: Mapping[str, int],
 ) -> dict[str, object]:
+    ends = np.cumsum(list(parts.values())).tolist()
     return {
         "codebase_version": "v3.0",
         "robot_type": "chromagrip",
@@ -276,7 +288,10 @@ def _info(
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
         "fps": rate,
-        "splits": {"train": f"0:{len(episodes)}"},
+        "splits": {
+            name: f"{end - size}:{end}"
+            for (name, size), end in zip(parts.items(), ends, strict=True)
+        },
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
         "features": features,

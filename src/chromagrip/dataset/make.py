@@ -2,7 +2,7 @@
 
 import re
 import socket
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, closing
 from functools import partial
@@ -22,6 +22,7 @@ from .folder import (
     RECIPE,
     SENSORS,
     Manifest,
+    Place,
     clean,
     file_digest,
     keep_recipe,
@@ -47,7 +48,7 @@ Job = Callable[[int], int]
 
 def make(
     recipe: Recipe,
-    out: Path,
+    out: Place,
     *,
     workers: int = 1,
     shard: tuple[int, int] = (1, 1),
@@ -78,6 +79,7 @@ def make(
         answer.
     """
     require("data")
+    out = Path(out)
     first, step = shard
     wanted = range(first - 1, recipe.sequences, step)
     if not wanted:
@@ -102,7 +104,7 @@ def make(
         return _finish(out, recipe)
 
 
-def merge(folders: list[Path], out: Path) -> Manifest:
+def merge(folders: Iterable[Place], out: Place) -> Manifest:
     """One dataset of several shards of a recipe, in a new folder; returns its manifest.
 
     Raises
@@ -112,18 +114,19 @@ def merge(folders: list[Path], out: Path) -> Manifest:
         complete or have changed.
     """
     require("data")
-    recipe = open_recipe(folders[0])
-    manifests = [read_manifest(folder) for folder in folders]
+    shards, out = [Path(folder) for folder in folders], Path(out)
+    recipe = open_recipe(shards[0])
+    manifests = [read_manifest(folder) for folder in shards]
     origins: dict[str, Path] = {}
-    for folder, manifest in zip(folders, manifests, strict=True):
-        if portable(open_recipe(folder), folder) != portable(recipe, folders[0]):
-            raise UserError(f"{folder} is of another recipe than {folders[0]}")
-        differ = sorted(name for name, _ in _own(folder) ^ _own(folders[0]))
+    for folder, manifest in zip(shards, manifests, strict=True):
+        if portable(open_recipe(folder), folder) != portable(recipe, shards[0]):
+            raise UserError(f"{folder} is of another recipe than {shards[0]}")
+        differ = sorted(name for name, _ in _own(folder) ^ _own(shards[0]))
         if differ:
             what = "sensor" if differ[0].startswith(SENSORS) else "mesh"
-            raise UserError(f"{folder} is of another {what} than {folders[0]}")
+            raise UserError(f"{folder} is of another {what} than {shards[0]}")
         if manifest["versions"] != manifests[0]["versions"]:
-            raise UserError(f"{folder} was made with other versions than {folders[0]}")
+            raise UserError(f"{folder} was made with other versions than {shards[0]}")
         for name, digest in manifest["sequences"].items():
             if name in origins:
                 raise UserError(f"{name} is in {origins[name]} and in {folder}")

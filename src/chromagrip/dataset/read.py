@@ -14,6 +14,7 @@ from ..output.pictures import read_picture
 from ..scene.scene import Scene, load_scene
 from .folder import (
     TABLE,
+    Place,
     numbers_in,
     open_recipe,
     read_files,
@@ -21,6 +22,7 @@ from .folder import (
     sequence_name,
 )
 from .recipe import Values
+from .split import names_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -67,32 +69,43 @@ class Loaded:
         return np.asarray(flat.reshape(len(flat), 2, -1), dtype=np.bool_)
 
 
-def load_sequences(folder: Path) -> Iterator[Loaded]:
+def load_sequences(folder: Place, part: str | None = None) -> Iterator[Loaded]:
     """Sequences of a dataset, in order.
+
+    Parameters
+    ----------
+    folder: of the dataset
+    part: of its split; None is all of it
 
     Raises
     ------
     UserError
-        When the folder is no complete dataset.
+        When the folder is no complete dataset, or has no such part.
     """
+    folder = Path(folder)
+    names = list(read_manifest(folder)["sequences"]) if part is None else names_of(folder, part)
+    for name in names:
+        yield load_sequence(folder / name)
+
+
+def load_sequence(where: Path) -> Loaded:
+    """One sequence of a dataset, by its folder."""
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-    for name in read_manifest(folder)["sequences"]:
-        where = folder / name
-        listed = read_files(where)
-        try:
-            frames = pq.read_table(where / "frames.parquet")
-            markers = pq.read_table(where / "markers.parquet")
-        except (OSError, pa.ArrowException) as error:
-            raise UserError(f"{where} cannot be read: {error}") from None
-        yield Loaded(
-            number=listed["number"],
-            values=listed["values"],
-            scene=load_scene(str(where / "scene.toml")),
-            frames={column: frames[column].to_numpy() for column in frames.column_names},
-            markers={column: stacked(markers[column]) for column in markers.column_names[1:]},
-            pictures=sorted(where.glob("frame-*.png")),
-            rest=where / "rest.png",
-        )
+    listed = read_files(where)
+    try:
+        frames = pq.read_table(where / "frames.parquet")
+        markers = pq.read_table(where / "markers.parquet")
+    except (OSError, pa.ArrowException) as error:
+        raise UserError(f"{where} cannot be read: {error}") from None
+    return Loaded(
+        number=listed["number"],
+        values=listed["values"],
+        scene=load_scene(str(where / "scene.toml")),
+        frames={column: frames[column].to_numpy() for column in frames.column_names},
+        markers={column: stacked(markers[column]) for column in markers.column_names[1:]},
+        pictures=sorted(where.glob("frame-*.png")),
+        rest=where / "rest.png",
+    )
 
 
 def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
@@ -102,8 +115,9 @@ def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
     return np.asarray(flat.reshape(len(lists), -1))
 
 
-def summarise(folder: Path) -> dict[str, object]:
+def summarise(folder: Place) -> dict[str, object]:
     """Counts, drawn keys, size and versions of a dataset, for `chromagrip dataset info`."""
+    folder = Path(folder)
     manifest, recipe = read_manifest(folder), open_recipe(folder)
     rows = need("pyarrow.parquet", "data").read_table(folder / TABLE).to_pylist()
     states: dict[str, int] = {}

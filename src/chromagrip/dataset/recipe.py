@@ -2,8 +2,10 @@
 
 import copy
 import math
+import os
 from collections.abc import Callable
 from importlib.resources import files
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 from zlib import crc32
@@ -82,7 +84,7 @@ def recipe_names() -> list[str]:
     )
 
 
-def load_recipe(name: str, meshes: Path | None = None) -> Recipe:
+def load_recipe(name: str | PathLike[str], meshes: str | PathLike[str] | None = None) -> Recipe:
     """Recipe of that name, or of a TOML file.
 
     Parameters
@@ -95,6 +97,7 @@ def load_recipe(name: str, meshes: Path | None = None) -> Recipe:
     UserError
         With the key, the value and what is allowed.
     """
+    name = os.fspath(name)
     title = f"recipe {name}"
     if name.endswith(".toml"):
         values = read_toml(Path(name), title)
@@ -109,7 +112,7 @@ def load_recipe(name: str, meshes: Path | None = None) -> Recipe:
         folder = Path(name).absolute().parent
         recipe = with_files(recipe, lambda file: str(folder / file))
     if meshes is not None:
-        recipe = with_meshes(recipe, meshes)
+        recipe = with_meshes(recipe, Path(meshes))
     _check(recipe, name)
     return recipe
 

@@ -4,18 +4,19 @@ import json
 from pathlib import Path
 from zlib import crc32
 
+import msgspec
 import numpy as np
 
 from ..errors import UserError
 from ..extras import need
 from ..output.folder import write_whole
-from .folder import TABLE, read_manifest, sequence_name
+from .folder import TABLE, Place, read_manifest, sequence_name
 from .recipe import Values
 
 SPLIT = "split.json"
 
 
-def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, list[str]]:
+def split(folder: Place, shares: dict[str, float], seed: int = 0) -> dict[str, list[str]]:
     """Names of the sequences of each part, which are written to split.json too.
 
     All sequences of one object (equal in every drawn value of `object.…`) are in one part.
@@ -34,6 +35,7 @@ def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, li
     if abs(sum(shares.values()) - 1.0) > 1e-9 or min(shares.values()) <= 0.0:
         given = ", ".join(f"{name} {share:g}" for name, share in shares.items())
         raise UserError(f"shares must be above 0 and add up to 1, got {given}")
+    folder = Path(folder)
     read_manifest(folder)
     pq = need("pyarrow.parquet", "data")
     objects = _objects(pq.read_table(folder / TABLE).to_pylist())
@@ -51,6 +53,45 @@ def split(folder: Path, shares: dict[str, float], seed: int = 0) -> dict[str, li
     }
     write_whole(folder / SPLIT, (json.dumps(parts, indent=1) + "\n").encode())
     return parts
+
+
+def read_split(folder: Path) -> dict[str, list[str]]:
+    """Names of the sequences of each part; of a dataset that is not split there are no parts.
+
+    Raises
+    ------
+    UserError
+        When the parts are not those of the dataset as it is now.
+    """
+    path = folder / SPLIT
+    if not path.is_file():
+        return {}
+    try:
+        parts = msgspec.json.decode(path.read_bytes(), type=dict[str, list[str]])
+    except (OSError, msgspec.DecodeError):
+        raise UserError(f"{path} is damaged; make it anew with dataset split") from None
+    named = sorted(name for names in parts.values() for name in names)
+    if named != sorted(read_manifest(folder)["sequences"]):
+        raise UserError(
+            f"{path} does not have each sequence of the dataset once; make it anew with "
+            "dataset split"
+        )
+    return parts
+
+
+def names_of(folder: Path, part: str) -> list[str]:
+    """Names of the sequences of a part.
+
+    Raises
+    ------
+    UserError
+        When there is no such part.
+    """
+    parts = read_split(folder)
+    if part not in parts:
+        there = f"it has {', '.join(parts)}" if parts else "it is not split, see dataset split"
+        raise UserError(f"{folder} has no part {part!r}; {there}")
+    return parts[part]
 
 
 def _objects(rows: list[Values]) -> dict[str, list[int]]:

@@ -1,0 +1,138 @@
+"""Frames of a dataset for PyTorch; needs the extra `learn`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from ..extras import need
+from ..output.pictures import read_picture
+from .folder import Place, read_manifest
+from .labels import STATES
+from .read import load_sequence
+from .split import names_of
+
+#: Labels of a frame that are words, by the numbers that take their place.
+_WORDS = "slip_state"
+
+
+class Frames:
+    """Pictures of a dataset with their labels; a map-style dataset for a `DataLoader`.
+
+    An item is a dictionary: `image`, uint8 (3, H, W); `rest`, the same of the untouched sensor;
+    `sequence` and `frame`, numbers; and each label, float32 or bool. Tables are read when the
+    dataset is made, pictures when an item is asked for, so that workers share nothing.
+
+    Parameters
+    ----------
+    folder: of the dataset
+    part: of its split; None is all of it
+    labels: columns of the frames, the markers and the nodes; those of pixels (`flow`, `depth`, …)
+        where the dataset has them
+    noise: standard deviation that is added to the pictures [grey levels]
+    seed: of the noise, which depends on the index, the seed and nothing else
+    with_rest: whether items have `rest`
+
+    Raises
+    ------
+    UserError
+        For a folder without a dataset, a part or a label that there is not.
+    """
+
+    def __init__(
+        self,
+        folder: Place,
+        part: str | None = None,
+        labels: Sequence[str] = ("normal_n", "friction_n", "mu", "margin"),
+        *,
+        noise: float = 0.0,
+        seed: int = 0,
+        with_rest: bool = False,
+    ) -> None:
+        from_numpy = need("torch", "learn").from_numpy
+        folder = Path(folder)
+        names = list(read_manifest(folder)["sequences"]) if part is None else names_of(folder, part)
+        if not noise >= 0.0:
+            raise UserError(f"noise = {noise} must not be negative")
+        self._noise, self._seed, self._with_rest = noise, seed, with_rest
+        self._pictures: list[Path] = []
+        self._rests: list[Path] = []
+        self._places: list[tuple[int, int]] = []
+        parts: dict[str, list[NDArray[Any]]] = {label: [] for label in labels}
+        self._pixels: list[str] = []
+        for name in names:
+            one = load_sequence(folder / name)
+            columns = {**one.frames, **one.markers}
+            self._pixels = [label for label in labels if label not in columns]
+            _check_labels(self._pixels, folder / name, columns)
+            for label in parts.keys() - set(self._pixels):
+                parts[label].append(_numbers(columns[label], label))
+            self._pictures += one.pictures
+            self._rests += [one.rest] * len(one.pictures)
+            self._places += [(one.number, t) for t in range(len(one.pictures))]
+        self._labels = {
+            label: from_numpy(np.concatenate(values)) for label, values in parts.items() if values
+        }
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self._pictures)
+
+    def __getitem__(self, index: int) -> dict[str, Any]:
+        """Picture and labels of a frame."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        index %= len(self)
+        number, frame = self._places[index]
+        item = {label: values[index] for label, values in self._labels.items()}
+        if self._pixels:
+            path = self._pictures[index].with_name(f"truth-{frame:03d}.npz")
+            with np.load(path) as truth:
+                item |= {name: _tensor(truth[name]) for name in self._pixels}
+        item |= {"sequence": number, "frame": frame, "image": self._image(index)}
+        if self._with_rest:
+            item["rest"] = _picture(read_picture(self._rests[index]))
+        return item
+
+    def _image(self, index: int) -> Any:
+        image = read_picture(self._pictures[index])
+        if self._noise:
+            rng = np.random.default_rng([self._seed, index])
+            noisy = image + self._noise * rng.standard_normal(image.shape, np.float32)
+            image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return _picture(image)
+
+
+def _tensor(values: NDArray[Any]) -> Any:
+    return need("torch", "learn").from_numpy(values)
+
+
+def _picture(image: NDArray[np.uint8]) -> Any:
+    """Tensor (3, H, W) of a picture (H, W, 3)."""
+    return _tensor(np.ascontiguousarray(np.moveaxis(image, -1, 0)))
+
+
+def _numbers(values: NDArray[Any], label: str) -> NDArray[Any]:
+    """Labels as numbers: float32, or bool."""
+    if label == _WORDS:
+        return np.array([STATES.index(word) for word in values])
+    return values if values.dtype == np.bool_ else values.astype(np.float32)
+
+
+def _check_labels(pixels: Sequence[str], where: Path, columns: dict[str, NDArray[Any]]) -> None:
+    """Refuse labels that are in no table and in no file of pixels."""
+    if not pixels:
+        return
+    path = where / "truth-000.npz"
+    there: list[str] = []
+    if path.is_file():
+        with np.load(path) as truth:
+            there = list(truth)
+    for label in pixels:
+        if label not in there:
+            raise UserError(
+                f"no label {label!r} in {where}; there is {', '.join([*columns, *there])}"
+            )
