@@ -25,7 +25,8 @@ class DomeMap:
     """Maps forces on a dome to the membrane of its sensor; built once, called every frame.
 
     Nothing is said of how much a layer follows the skin, or of how its markers swell: that comes
-    from their depth. `markers.stretch` alone is used, as a dot may be stiffer than the silicone.
+    from their depth. A dot may be stiffer than the silicone, see `markers.stretch`; a soft one,
+    which swells on the chain, stretches as the silicone does.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ class DomeMap:
         # Squares lie along the sensor's x and y, discs anyhow.
         upright = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
         self._upright = np.asarray(sensor.half_sizes)[:, None, None, None] * upright
-        self._stretch = float(sensor.markers.stretch)
+        self._stretch = 1.0 if sensor.markers.swell_mm else float(sensor.markers.stretch)
 
     def __call__(self, forces: Array) -> Membrane:
         """Membrane for forces on the nodes of the linear skin, (N, 3) [N]."""

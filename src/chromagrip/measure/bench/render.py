@@ -5,13 +5,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from typing import NamedTuple, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ...extras import require
 from ...loop.grasp import grasp, open_camera
-from ...model import ContactObject, Fingertip, equilibrium
 from ...output.processes import one_thread
 from ...output.report import Report, Row, at_least, at_most, reported, within
 from ...render import (
@@ -34,6 +32,7 @@ from ...render.drawing import (
 )
 from ...scene.scene import load_scene
 from ..looks import likenesses, look_of_built, palette_distance, real_dome
+from ..real_press import real_presses
 from ..worlds.contacts import contact_poses
 from ..worlds.judge import colour_difference, layer_centroids, poses_of
 from ..worlds.path_traced import against_path_traced
@@ -219,10 +218,8 @@ def _without_markers(sensor: SensorDesign) -> Membrane:
 def _real_sensor(quick: bool, progress: Callable[[str], None]) -> Iterator[Row]:
     progress("the dome of 2020")
     sensor = load_sensor("dome-2020-printed")
-    slope, fit = hue_slope(sensor, quick)
-    # Published: 9.2 °/mm and 7 px/mm; targets are 30 % to either side.
-    yield within(("dome-2020-printed", "hue_slope"), slope, "°/mm", 6.44, 11.96)
-    yield reported(("dome-2020-printed", "hue_slope_r2"), fit, "")
+    yield from real_presses()
+    # Published: 7 px/mm, 30 % to either side.
     yield within(("dome-2020-printed", "centroid_gain"), centroid_gain(sensor), "px/mm", 4.9, 9.1)
     for name, delta in colours(sensor).items():
         yield at_most(("colour", name), delta, "ΔE2000", 6.0)
@@ -241,41 +238,6 @@ def _built_dome(progress: Callable[[str], None]) -> Iterator[Row]:
     apart = np.array([palette_distance(each.palette, real) for each in seen])
     yield at_most(("dome-2020", "palette"), float(np.median(apart)), "CIELAB", 4.5)
     yield reported(("dome-2020", "palette_largest"), float(apart.max()), "CIELAB")
-
-
-def hue_slope(sensor: SensorDesign, quick: bool = False) -> tuple[float, float]:
-    """Size of the hue's change with the depth that the apex is pressed to [°/mm], and its R².
-
-    As published: mean hue of the marker's pixels whose saturation is above a half, against the
-    normal displacement of the marker, pressed by something flat and by a ball.
-    """
-    tip = Fingertip.of_radius(sensor.shape.radius, nodes=251, law="split")
-    membrane_map, painter = MembraneMap(sensor, 251), Painter(sensor)
-    rest = rest_membrane(sensor)
-    apex = int(np.argmin(sensor.places[:, 0]))
-    reach = 1.6 * np.linalg.norm(outlines(rest, sensor.view)[1, apex, 1])
-    depth, hue = [], []
-    for curvature in (0.0, 100.0):
-        for grip in (0.0, 5.0, 20.0) if quick else (0.0, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0):
-            displacement = np.zeros((tip.nodes, 2))
-            if grip:
-                state = equilibrium(tip, ContactObject(curvature=curvature), grip)
-                displacement = state.deformation.seen
-            membrane = membrane_map(displacement)
-            depth.append(1e3 * (rest.centres - membrane.centres)[0, apex, 2])
-            centre = centroids(outlines(membrane, sensor.view), False)[1, apex]
-            hue.append(_mean_hue(painter.render(membrane), centre, float(reach)))
-    slope = np.polyfit(depth, hue, 1)[0]
-    return float(abs(slope)), float(np.corrcoef(depth, hue)[0, 1] ** 2)
-
-
-def _mean_hue(image: Image, centre: Array, radius: float) -> float:
-    """Mean hue [°] of saturated pixels around a place; hues beyond 180° count as negative."""
-    y, x = np.mgrid[: image.shape[0], : image.shape[1]]
-    near = np.hypot(x - centre[0], y - centre[1]) < radius
-    hue, saturation, _ = cv2.split(cv2.cvtColor(image.astype(np.float32), cv2.COLOR_RGB2HSV))
-    chosen = hue[near & (saturation > 0.5)]
-    return float(np.where(chosen > 180.0, chosen - 360.0, chosen).mean())
 
 
 def centroid_gain(sensor: SensorDesign) -> float:
