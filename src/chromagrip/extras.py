@@ -34,6 +34,7 @@ EXTRAS = {
     "mesh": Extra("trimesh", "reading triangle meshes of objects"),
     "dask": Extra("distributed", "making datasets on a Dask cluster"),
     "ray": Extra("ray", "making datasets on a Ray cluster"),
+    "cloud": Extra("fsspec", "a dataset at an address"),
     "learn": Extra("torch", "reading datasets with PyTorch"),
     "reference": Extra("mitsuba", "path tracing the reference pictures"),
 }

@@ -9,8 +9,10 @@ from msgspec.structs import replace
 from ..errors import UserError
 from .options import CORES, Flag, Json, Workers, check_least, counting, option, print_values
 
-Folder = Annotated[Path, tyro.conf.Positional, option("of a dataset", "DIR")]
-NewFolder = Annotated[Path, option("folder, new or empty", "DIR")]
+Folder = Annotated[str, tyro.conf.Positional, option("of a dataset, or its address", "DIR|URL")]
+NewFolder = Annotated[
+    str, option("folder, or address such as s3://bucket/data, new or empty", "DIR|URL")
+]
 #: Largest number of sequences in a dataset.
 MOST_SEQUENCES = 10_000_000
 
@@ -76,7 +78,7 @@ def make(
 
 def merge(
     folders: Annotated[
-        tuple[Path, ...], tyro.conf.Positional, option("shards of one recipe", "DIR...")
+        tuple[str, ...], tyro.conf.Positional, option("shards of one recipe", "DIR...")
     ],
     *,
     out: NewFolder,
@@ -135,9 +137,10 @@ def export(
     """
     from ..dataset.export import export as export_dataset
     from ..dataset.folder import read_manifest
+    from ..dataset.remote import fetched
 
     with counting("exporting") as progress:
-        progress(0, len(read_manifest(folder)["sequences"]))
+        progress(0, len(read_manifest(fetched(folder))["sequences"]))
         files = export_dataset(folder, to, out, progress)
     print_values({"files": len(files), "folder": str(out)}, json_only)
     return 0

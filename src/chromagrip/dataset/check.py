@@ -26,6 +26,7 @@ from .labels import columns_of
 from .labels.chain_physics import unbalanced_chain, wrong_chain
 from .labels.dome_physics import wrong_dome, wrong_motion
 from .read import stacked
+from .remote import fetched
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def check(folder: Place, progress: Callable[[int, int], None] = lambda done, tot
     UserError
         With the first sample that is wrong, and why.
     """
-    folder = Path(folder)
+    folder = fetched(folder)
     manifest = check_shared(folder)
     recipe = open_recipe(folder)
     names = manifest["sequences"]

@@ -18,6 +18,7 @@ from .check import check_files, check_shared
 from .folder import Place, link
 from .lerobot import write_lerobot
 from .read import Loaded, load_sequence
+from .remote import fetched, staged
 from .split import read_split
 
 #: Called with the number of sequences that are done.
@@ -49,10 +50,9 @@ def export(
         When the dataset is not complete or has changed, does not fit the layout, or cannot be
         written.
     """
-    folder, out = Path(folder), Path(out)
+    folder = fetched(folder)
     manifest, parts = check_shared(folder), read_split(folder)
     digests, done = manifest["sequences"], count(1)
-    prepare(out, overwrite=None)
 
     def verified(names: Iterable[str]) -> Iterator[Loaded]:
         for name in names:
@@ -60,18 +60,20 @@ def export(
             yield load_sequence(folder / name)
             progress(next(done))
 
-    with whole_folder(out) as whole:
-        if layout == "lerobot":
-            names = [name for part in parts.values() for name in part] or list(digests)
-            sizes = {part: len(own) for part, own in parts.items()}
-            write_lerobot(verified(names), whole, sizes or {"train": len(names)})
-        elif parts:
-            for part, own in parts.items():
-                (whole / part).mkdir()
-                LAYOUTS[layout](verified(own), whole / part)
-        else:
-            LAYOUTS[layout](verified(digests), whole)
-    return sorted(file for file in out.rglob("*") if file.is_file())
+    with staged(out) as target:
+        prepare(target, overwrite=None)
+        with whole_folder(target) as whole:
+            if layout == "lerobot":
+                names = [name for part in parts.values() for name in part] or list(digests)
+                sizes = {part: len(own) for part, own in parts.items()}
+                write_lerobot(verified(names), whole, sizes or {"train": len(names)})
+            elif parts:
+                for part, own in parts.items():
+                    (whole / part).mkdir()
+                    LAYOUTS[layout](verified(own), whole / part)
+            else:
+                LAYOUTS[layout](verified(digests), whole)
+        return sorted(file for file in target.rglob("*") if file.is_file())
 
 
 def _write_tapvid(sequences: Iterator[Loaded], out: Path) -> None:

@@ -1,5 +1,6 @@
 """Making a dataset: sequences by any number of workers in any order, then table, card, manifest."""
 
+import os
 import re
 import socket
 from collections.abc import Callable, Generator, Iterable
@@ -36,6 +37,7 @@ from .folder import (
 )
 from .own_files import keep_files
 from .recipe import Recipe, portable
+from .remote import Sender, fetch_begun, fetched, has_dataset, is_address, staged
 
 Backend = Literal["joblib", "dask", "ray"]
 #: Sequences submitted to a cluster at a time: enough for many workers, and few enough for memory.
@@ -64,7 +66,7 @@ def make(
     Parameters
     ----------
     recipe: of the dataset
-    out: folder, new or empty; with `resume` that of an interrupted run
+    out: folder, or address of fsspec, new or empty; with `resume` that of an interrupted run
     workers: number of processes on this machine; a running cluster uses all of its own
     shard: (i, K), from 1: this run makes every K-th sequence from the i-th on
     backend: library that runs the work; dask and ray are extras
@@ -79,6 +81,9 @@ def make(
         answer.
     """
     require("data")
+    if is_address(out):
+        how: dict[str, Any] = {"workers": workers, "shard": shard, "backend": backend}
+        return _make_at(recipe, os.fspath(out), resume, progress, {**how, "address": address})
     out = Path(out)
     first, step = shard
     wanted = range(first - 1, recipe.sequences, step)
@@ -104,6 +109,24 @@ def make(
         return _finish(out, recipe)
 
 
+def _make_at(
+    recipe: Recipe, place: str, resume: bool, progress: Progress, how: dict[str, Any]
+) -> Manifest:
+    """Make a dataset in the user's cache, and copy each sequence to an address of fsspec."""
+    if has_dataset(place) and not resume:
+        raise UserError(f"{place} holds a dataset already; go on with --resume, or choose another")
+    folder = fetch_begun(place)
+    sender = Sender(folder, place)
+
+    def tell(done: int, total: int) -> None:
+        sender.send()
+        progress(done, total)
+
+    manifest = make(recipe, folder, resume=True, progress=tell, **how)
+    sender.finish()
+    return manifest
+
+
 def merge(folders: Iterable[Place], out: Place) -> Manifest:
     """One dataset of several shards of a recipe, in a new folder; returns its manifest.
 
@@ -114,7 +137,7 @@ def merge(folders: Iterable[Place], out: Place) -> Manifest:
         complete or have changed.
     """
     require("data")
-    shards, out = [Path(folder) for folder in folders], Path(out)
+    shards = [fetched(folder) for folder in folders]
     recipe = open_recipe(shards[0])
     manifests = [read_manifest(folder) for folder in shards]
     origins: dict[str, Path] = {}
@@ -132,14 +155,15 @@ def merge(folders: Iterable[Place], out: Place) -> Manifest:
                 raise UserError(f"{name} is in {origins[name]} and in {folder}")
             check_files(folder / name, digest)
             origins[name] = folder
-    prepare(out, overwrite=None)
-    recipe = keep_files(recipe, out)
-    keep_recipe(recipe, out)
-    for name, folder in origins.items():
-        with whole_folder(out / name) as part:
-            for file in (folder / name).iterdir():
-                link(file, part / file.name)
-    return _finish(out, recipe)
+    with staged(out) as whole:
+        prepare(whole, overwrite=None)
+        recipe = keep_files(recipe, whole)
+        keep_recipe(recipe, whole)
+        for name, folder in origins.items():
+            with whole_folder(whole / name) as part:
+                for file in (folder / name).iterdir():
+                    link(file, part / file.name)
+        return _finish(whole, recipe)
 
 
 def _own(folder: Path) -> set[tuple[str, str]]:

@@ -22,6 +22,7 @@ from .folder import (
     sequence_name,
 )
 from .recipe import Values
+from .remote import fetched
 from .split import names_of
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def load_sequences(folder: Place, part: str | None = None) -> Iterator[Loaded]:
 
     Parameters
     ----------
-    folder: of the dataset
+    folder: of the dataset, or its address
     part: of its split; None is all of it
 
     Raises
@@ -82,7 +83,7 @@ def load_sequences(folder: Place, part: str | None = None) -> Iterator[Loaded]:
     UserError
         When the folder is no complete dataset, or has no such part.
     """
-    folder = Path(folder)
+    folder = fetched(folder)
     names = list(read_manifest(folder)["sequences"]) if part is None else names_of(folder, part)
     for name in names:
         yield load_sequence(folder / name)
@@ -117,7 +118,7 @@ def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
 
 def summarise(folder: Place) -> dict[str, object]:
     """Counts, drawn keys, size and versions of a dataset, for `chromagrip dataset info`."""
-    folder = Path(folder)
+    folder = fetched(folder)
     manifest, recipe = read_manifest(folder), open_recipe(folder)
     rows = need("pyarrow.parquet", "data").read_table(folder / TABLE).to_pylist()
     states: dict[str, int] = {}

@@ -1,6 +1,7 @@
 """Split of a dataset by object: no object is in two parts."""
 
 import json
+import os
 from pathlib import Path
 from zlib import crc32
 
@@ -12,8 +13,7 @@ from ..extras import need
 from ..output.folder import write_whole
 from .folder import TABLE, Place, read_manifest, sequence_name
 from .recipe import Values
-
-SPLIT = "split.json"
+from .remote import SPLIT, fetched, is_address, put
 
 
 def split(folder: Place, shares: dict[str, float], seed: int = 0) -> dict[str, list[str]]:
@@ -35,7 +35,7 @@ def split(folder: Place, shares: dict[str, float], seed: int = 0) -> dict[str, l
     if abs(sum(shares.values()) - 1.0) > 1e-9 or min(shares.values()) <= 0.0:
         given = ", ".join(f"{name} {share:g}" for name, share in shares.items())
         raise UserError(f"shares must be above 0 and add up to 1, got {given}")
-    folder = Path(folder)
+    address, folder = folder, fetched(folder)
     read_manifest(folder)
     pq = need("pyarrow.parquet", "data")
     objects = _objects(pq.read_table(folder / TABLE).to_pylist())
@@ -52,6 +52,8 @@ def split(folder: Place, shares: dict[str, float], seed: int = 0) -> dict[str, l
         for name, low, high in zip(shares, [0, *ends[:-1]], ends, strict=True)
     }
     write_whole(folder / SPLIT, (json.dumps(parts, indent=1) + "\n").encode())
+    if is_address(address):
+        put(folder / SPLIT, os.fspath(address))
     return parts
 
 

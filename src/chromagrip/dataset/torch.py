@@ -13,6 +13,7 @@ from ..output.pictures import read_picture
 from .folder import Place, read_manifest
 from .labels import STATES
 from .read import load_sequence
+from .remote import fetched
 from .split import names_of
 
 #: Labels of a frame that are words, by the numbers that take their place.
@@ -53,7 +54,7 @@ class Frames:
         with_rest: bool = False,
     ) -> None:
         from_numpy = need("torch", "learn").from_numpy
-        folder = Path(folder)
+        folder = fetched(folder)
         names = list(read_manifest(folder)["sequences"]) if part is None else names_of(folder, part)
         if not noise >= 0.0:
             raise UserError(f"noise = {noise} must not be negative")

@@ -46,7 +46,7 @@ _PARTS = ("model", "picture and labels", "encoding")
 
 
 def bench_dataset(quick: bool, progress: Progress) -> Report:
-    """Report of the recipe `force`: 640×480, 400 markers in two layers, lossless, all written.
+    """Report of `force` and `contact-3d`: 640×480, 400 markers in two layers, lossless, written.
 
     Parameters
     ----------
@@ -55,9 +55,12 @@ def bench_dataset(quick: bool, progress: Progress) -> Report:
     """
     recipe = load_recipe("force")
     with tempfile.TemporaryDirectory() as folder:
-        rows = list(_speed_rows(recipe, Path(folder), _QUICK if quick else _SEQUENCES, progress))
+        count = _QUICK if quick else _SEQUENCES
+        rows = list(_speed_rows(recipe, Path(folder), count, progress))
+        rows += _dome_rows(Path(folder), count, progress)
         if not quick:
-            rows += _process_rows(recipe, Path(folder), progress)
+            rows += _process_rows("dataset", recipe, Path(folder), progress)
+            rows += _process_rows("contact-3d", load_recipe("contact-3d"), Path(folder), progress)
             rows += _resume_rows(Path(folder), progress)
             rows += _memory_rows(Path(folder), progress)
     return Report(rows=tuple(rows), quick=quick)
@@ -103,17 +106,37 @@ def _speed_rows(recipe: Recipe, folder: Path, count: int, progress: Progress) ->
     yield at_least(("dataset", "over_pyrender_and_png"), ratio, "×", 6.0)
 
 
-def _process_rows(recipe: Recipe, folder: Path, progress: Progress) -> Iterator[Row]:
+def _dome_rows(folder: Path, count: int, progress: Progress) -> Iterator[Row]:
+    """Speed of the recipe `contact-3d`, and the size of a frame of either."""
+    recipe, out = load_recipe("contact-3d"), folder / "contact-3d"
+    out.mkdir()
+    keep_recipe(recipe, out)
+    write_sequence(recipe, count, out)  # compiled, and the motion inside the silicone computed
+    begin = time.perf_counter()
+    for index in range(count):
+        progress(f"contact-3d, sequence {index + 1} of {count}")
+        write_sequence(recipe, index, out)
+    spent = time.perf_counter() - begin
+    frames = len(list(out.glob("*/frame-*.png")))
+    made = frames * count / (count + 1)
+    yield at_least(("contact-3d", "speed"), made / spent, "frames/s", 60.0)
+    for name, where in (("dataset", folder / "speed"), ("contact-3d", out)):
+        size = sum(file.stat().st_size for file in where.rglob("*") if file.is_file())
+        pictures = len(list(where.glob("*/frame-*.png")))
+        yield reported((name, "frame"), size / pictures / 1e3, "kB")
+
+
+def _process_rows(name: str, recipe: Recipe, folder: Path, progress: Progress) -> Iterator[Row]:
     """Sequences a second of two processes over those of one, in pairs that take turns."""
     ratios = []
     for pair in range(_PAIRS):
-        progress(f"processes, pair {pair + 1} of {_PAIRS}")
+        progress(f"{name}: processes, pair {pair + 1} of {_PAIRS}")
         alone, together = (
-            _seconds(replace(recipe, seed=pair), folder / f"{pair}-{workers}", workers)
+            _seconds(replace(recipe, seed=pair), folder / f"{name}-{pair}-{workers}", workers)
             for workers in (1, 2)
         )
         ratios.append(2.0 * alone / together)
-    yield at_least(("dataset", "two_processes_over_one"), float(np.median(ratios)), "×", 1.85)
+    yield at_least((name, "two_processes_over_one"), float(np.median(ratios)), "×", 1.85)
 
 
 def _seconds(recipe: Recipe, folder: Path, workers: int) -> float:

@@ -1,0 +1,212 @@
+"""Datasets at addresses, such as `s3://bucket/data`; needs the extra `cloud`.
+
+A dataset at an address is made in a folder of the user's cache, and each sequence is copied when it
+is complete, its `files.json` last. Readers copy what they read into the same folder. So a dataset
+has the same files at an address as in a folder, and nothing half-copied looks whole.
+"""
+
+import hashlib
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..errors import UserError
+from ..extras import need
+from ..output.folder import whole_folder
+from ..user_cache import user_cache
+from .folder import FILES, MANIFEST, RECIPE, Place, file_digest, read_manifest
+
+#: File of the parts of a dataset, which its manifest does not list.
+SPLIT = "split.json"
+#: Time between two copies of what is new [s].
+_EVERY = 3.0
+
+
+def is_address(place: Place) -> bool:
+    """Whether a place is an address of fsspec, and no folder of this machine."""
+    return "://" in os.fspath(place)
+
+
+def fetched(place: Place) -> Path:
+    """Folder with a whole dataset: its own, or a copy of what is at an address.
+
+    Raises
+    ------
+    UserError
+        When there is no whole dataset at the address, or it does not answer.
+    """
+    if not is_address(place):
+        return Path(place)
+    address, folder = os.fspath(place), _cached(place)
+    with _blaming(address):
+        fs, root = _opened(address)
+        if not fs.exists(f"{root}/{MANIFEST}"):
+            raise UserError(f"{address} is no dataset, or not whole; it has no {MANIFEST}")
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / SPLIT).unlink(missing_ok=True)
+        for name in (MANIFEST, RECIPE, SPLIT):
+            if fs.exists(f"{root}/{name}"):
+                _get(fs, f"{root}/{name}", folder / name)
+        manifest = read_manifest(folder)
+        for name, digest in manifest["files"].items():
+            if not (folder / name).is_file() or file_digest(folder / name) != digest:
+                _get(fs, f"{root}/{name}", folder / name)
+        for name, digest in manifest["sequences"].items():
+            _fetch_sequence(fs, root, folder, name, digest)
+    return folder
+
+
+def fetch_begun(address: str) -> Path:
+    """Folder in which a dataset is made that goes to an address, with what is there already.
+
+    Raises
+    ------
+    UserError
+        When the address does not answer.
+    """
+    folder = _cached(address)
+    with _blaming(address):
+        fs, root = _opened(address)
+        if not fs.exists(f"{root}/{RECIPE}"):
+            shutil.rmtree(folder, ignore_errors=True)
+            return folder
+        folder.mkdir(parents=True, exist_ok=True)
+        if fs.exists(f"{root}/{MANIFEST}"):  # it is not whole while it grows
+            fs.rm_file(f"{root}/{MANIFEST}")
+        for path in fs.find(root):
+            name = path.removeprefix(root).lstrip("/")
+            where, _, file = name.rpartition("/")
+            if where.startswith("sequence-"):
+                if file == FILES and not (folder / where).is_dir():
+                    _fetch_sequence(fs, root, folder, where, None)
+            elif name != MANIFEST:
+                _get(fs, path, folder / name)
+    return folder
+
+
+def has_dataset(address: str) -> bool:
+    """Whether there is a dataset at an address, whole or not."""
+    with _blaming(address):
+        fs, root = _opened(address)
+        return bool(fs.exists(f"{root}/{RECIPE}"))
+
+
+class Sender:
+    """Copies whole sequences of a folder to an address as they come, and other files at the end.
+
+    Parameters
+    ----------
+    folder, address: from and to
+    """
+
+    def __init__(self, folder: Path, address: str) -> None:
+        self._folder, self._address, self._last = folder, address, 0.0
+        with _blaming(address):
+            fs, root = _opened(address)
+            there = fs.find(root) if fs.exists(root) else []
+        self._sent = {path.split("/")[-2] for path in there if path.endswith(f"/{FILES}")}
+
+    def send(self) -> None:
+        """Copy the sequences that are new; every few seconds, as it may be called often."""
+        if time.monotonic() < self._last + _EVERY:
+            return
+        with _blaming(self._address):
+            fs, root = _opened(self._address)
+            for one in sorted(self._folder.glob("sequence-*")):
+                if one.name not in self._sent:
+                    # A sequence without it is not whole.
+                    for file in sorted(one.iterdir(), key=lambda f: f.name == FILES):
+                        fs.put_file(str(file), f"{root}/{one.name}/{file.name}")
+                    self._sent.add(one.name)
+        self._last = time.monotonic()
+
+    def finish(self) -> None:
+        """Copy what is left, the manifest last."""
+        self._last = 0.0
+        self.send()
+        with _blaming(self._address):
+            fs, root = _opened(self._address)
+            files = [f.relative_to(self._folder) for f in self._folder.rglob("*") if f.is_file()]
+            rest = [f for f in files if not f.parts[0].startswith((".", "sequence-"))]
+            for file in sorted(rest, key=lambda f: f.name == MANIFEST):
+                fs.put_file(str(self._folder / file), f"{root}/{file.as_posix()}")
+
+
+def put(file: Path, address: str) -> None:
+    """Copy a file to an address."""
+    with _blaming(address):
+        fs, root = _opened(address)
+        fs.put_file(str(file), f"{root}/{file.name}")
+
+
+@contextmanager
+def staged(out: Place) -> Iterator[Path]:
+    """Folder to be written: its own, or one whose files go to an address when it is complete.
+
+    Raises
+    ------
+    UserError
+        When there is something at the address.
+    """
+    if not is_address(out):
+        yield Path(out)
+        return
+    address = os.fspath(out)
+    with _blaming(address):
+        fs, root = _opened(address)
+        if fs.exists(root) and fs.find(root):
+            raise UserError(f"{address} is not empty; choose another address")
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder) / "out"
+        Sender(Path(folder) / "out", address).finish()
+
+
+def _cached(address: Place) -> Path:
+    name = hashlib.sha256(os.fspath(address).encode()).hexdigest()[:24]
+    return user_cache() / "datasets" / name
+
+
+def _opened(address: str) -> tuple[Any, str]:
+    """File system of an address, and the path in it."""
+    fs, root = need("fsspec", "cloud").core.url_to_fs(address)
+    fs.invalidate_cache()  # others may have written there
+    return fs, str(root).rstrip("/")
+
+
+def _get(fs: Any, path: str, target: Path) -> None:
+    """Copy a file, which gets its name when it is complete."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = target.with_name(f".part-{target.name}")
+    fs.get_file(path, str(part))
+    part.replace(target)
+
+
+def _fetch_sequence(fs: Any, root: str, folder: Path, name: str, digest: str | None) -> None:
+    """Copy a sequence that the folder does not have as it is at the address."""
+    final = folder / name
+    if (final / FILES).is_file() and digest in (None, file_digest(final / FILES)):
+        return
+    if final.is_dir():
+        for file in final.iterdir():
+            file.unlink()
+        final.rmdir()
+    with whole_folder(final) as part:
+        for path in fs.find(f"{root}/{name}"):
+            fs.get_file(path, str(part / path.rpartition("/")[2]))
+
+
+@contextmanager
+def _blaming(address: str) -> Iterator[None]:
+    """Say in a sentence what fails at an address; each kind of storage has errors of its own."""
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:
+        text = (str(error) or type(error).__name__).splitlines()[0]
+        raise UserError(f"{address} cannot be used: {text}") from error
