@@ -65,7 +65,7 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ("bench --quick", "missing: control|dataset|"),
         (
             "dataset make",
-            "missing: RECIPE|FILE.toml, --out DIR; see `chromagrip dataset make --help`",
+            "missing: RECIPE|FILE.toml, --out DIR|URL; see `chromagrip dataset make --help`",
         ),
         ("grasp --latency 1.5", "--latency '1.5': expected a whole number"),
         ("grasp --arg gain --json", "--arg gain: expected name=value"),
