@@ -13,7 +13,7 @@ from chromagrip.measure.bench import track as bench_track
 from chromagrip.measure.bench.parts import bench
 from chromagrip.measure.limits.kernels import fisher_information
 from chromagrip.measure.limits.positions import bounds, position_limits
-from chromagrip.measure.worlds.track_motion import pitch
+from chromagrip.measure.worlds.track_motion import contact_motion, pitch
 from chromagrip.measure.worlds.track_scenes import SCENES, Conditions, Sequence, sequence
 from chromagrip.measure.worlds.track_scores import (
     UNITS,
@@ -384,3 +384,23 @@ def test_a_scene_that_was_chosen_is_all_that_is_measured(monkeypatch: pytest.Mon
     report = bench("track", True, told.append, ("constant",), scenes=("sway",))
     assert {row.subject[0] for row in report.rows} <= {"sway", "speed", "limit"}
     assert all(text.startswith("scene 1 of 1, sway") for text in told)
+
+
+def test_objects_on_the_dome_move_the_markers_as_they_say() -> None:
+    """A twist turns what is near the apex; a rod that rolls presses from side to side."""
+    sensor = load_sensor("thesis")
+    rest = rest_membrane(sensor).centres[0]
+    near = np.hypot(rest[:, 0], rest[:, 1]) < 0.8e-3
+    far = np.hypot(rest[:, 0], rest[:, 1]) > 5e-3
+    *_, end = contact_motion(sensor, None, 4, "twist")
+    moved = (end.centres[0] - rest)[:, :2]
+    arm = np.column_stack([-rest[:, 1], rest[:, 0]])
+    turn = (moved * arm).sum(axis=1) / (arm**2).sum(axis=1)
+    assert (np.degrees(turn[near]) > 5.0).all()
+    assert (np.degrees(turn[near]) < 40.0).all()
+    assert abs(np.degrees(turn[far])).max() < 1.0
+    steps = list(contact_motion(sensor, None, 8, "roll"))
+    pressed = [rest[np.argmin((one.centres[0] - rest)[:, 2]), 0] for one in steps]
+    assert pressed[2] < -1e-3
+    assert pressed[-1] > 1e-3
+    assert (np.diff(pressed[2:]) >= 0.0).all()
