@@ -131,6 +131,7 @@ def watch_dome(
             tracks=[tracks[k] for k in range(end - HELD_FRAMES + 1, end + 1)],
             specimen=specimen,
             obj=grasped.obj,
+            state=states[end],
             field=dome_forces(dome, states[end]),
             friction=solid.friction,
         )

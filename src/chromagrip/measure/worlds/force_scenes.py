@@ -11,10 +11,12 @@ from ...errors import UserError
 from ...loop.camera import SimulatedCamera
 from ...model import (
     ContactObject,
+    DomeState,
     Drive,
     Fingertip,
     ForceField,
     History,
+    State,
     contact_forces,
     rest_state,
     simulate,
@@ -106,6 +108,7 @@ class ForceScene:
     rest: tracks of the untouched sensor
     tracks: of the last HELD_FRAMES frames
     specimen, obj: sensor and object in contact
+    state: of the body
     field: true contact forces
     friction: true µ of the contact as a whole
     labels: names of the parts of its set that are scored on their own too
@@ -117,6 +120,7 @@ class ForceScene:
     tracks: list[Tracks]
     specimen: Specimen
     obj: ContactObject
+    state: State | DomeState
     field: ForceField
     friction: float
     labels: tuple[str, ...] = ()
@@ -193,6 +197,7 @@ def watch(
             tracks=[tracks[k] for k in range(end - HELD_FRAMES + 1, end + 1)],
             specimen=specimen,
             obj=grasped.obj,
+            state=run.state(end),
             field=field,
             friction=whole_friction(tip, grasped.obj, run.state(end), field),
             labels=(*labels, *name),
