@@ -228,7 +228,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "move of a chain": ({"scene": {}}, "draw.motion: allowed are press, grasp, slip"),
     "traction of a chain": (
         {"scene": {}, "draw": {}, "truth": ("traction",)},
-        "truth 'traction' needs scene.body = \"dome\"",
+        "truth 'traction' needs a recipe with scene.body",
     ),
     "pose of a press": (
         {"draw": {"pose.twist_deg": {"choice": [3.0]}}},
@@ -255,6 +255,12 @@ def test_what_a_body_does_not_have_is_refused(name: str, tmp_path: Path) -> None
     with pytest.raises(UserError) as raised:
         load_recipe(str(path))
     assert said in str(raised.value)
+
+
+def test_labels_that_a_body_does_not_have_are_refused_before_the_start(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="truth 'contact' needs a recipe"):
+        make(replace(load_recipe("tiny"), truth=("contact",)), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_meshes_are_asked_for(tmp_path: Path) -> None:

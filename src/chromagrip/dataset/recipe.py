@@ -259,6 +259,19 @@ def _check(recipe: Recipe, name: str) -> None:
             raise UserError(f"recipe {name}: {at}{reason}") from None
 
 
+def check_truth(recipe: Recipe) -> None:
+    """Refuse labels of pixels that the recipe's body does not have.
+
+    Raises
+    ------
+    UserError
+        With the label.
+    """
+    for label in recipe.truth:
+        if label in DOME_TRUTH and body_of(recipe) != "dome":
+            raise UserError(f'truth {label!r} needs a recipe with scene.body = "dome"')
+
+
 def _check_body(recipe: Recipe, name: str, motions: list[Any]) -> None:
     """Refuse motions and labels that the recipe's body does not have."""
     dome = body_of(recipe) == "dome"
@@ -267,9 +280,7 @@ def _check_body(recipe: Recipe, name: str, motions: list[Any]) -> None:
         raise UserError(f"recipe {name}: draw.motion: allowed are {', '.join(allowed)}")
     if "body" in recipe.draw:
         raise UserError(f"recipe {name}: draw.body: a dataset has one body, set it in scene.body")
-    wrong = [key for key in DOME_TRUTH if key in recipe.truth and not dome]
-    if wrong:
-        raise UserError(f'recipe {name}: truth {wrong[0]!r} needs scene.body = "dome"')
+    check_truth(recipe)
     poses = [key for key in recipe.draw if key in POSE]
     if poses and "move" not in motions:
         raise UserError(f'recipe {name}: draw.{poses[0]} needs draw.motion to have "move"')

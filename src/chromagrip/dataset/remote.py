@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import UserError
-from ..extras import need
+from ..extras import install_command, need
 from ..output.folder import whole_folder
 from ..user_cache import user_cache
 from .folder import FILES, MANIFEST, RECIPE, Place, file_digest, read_manifest
@@ -207,6 +207,9 @@ def _blaming(address: str) -> Iterator[None]:
         yield
     except UserError:
         raise
+    except ImportError as error:
+        text = f"{address} cannot be used: {error}: {install_command('cloud')}"
+        raise UserError(text) from error
     except Exception as error:
         text = (str(error) or type(error).__name__).splitlines()[0]
         raise UserError(f"{address} cannot be used: {text}") from error
