@@ -127,7 +127,12 @@ def press_and_move(
     twist: about z, after the press [rad]
     tilt: about x and y, before it touches [rad]
     press_s, move_s: duration of each part [s]
+
+    Raises
+    ------
+    UserError: for a depth that is not above 0
     """
+    finite("depth of a press", depth, "m", above=0.0)
     tilted = np.array([*tilt, 0.0])
     start = np.concatenate([np.zeros(3), tilted])
     pressed = start + np.array([0.0, 0.0, -depth, 0.0, 0.0, 0.0])

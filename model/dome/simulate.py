@@ -148,6 +148,8 @@ def simulate_contact(
     ------
     UserError: for an object in the dome at the start, too deep a press, a step without solution
     """
+    if not isinstance(solid, Solid):
+        raise UserError(f"a dome is touched by a Solid, got {solid!r}; make one: Solid(shape=…)")
     finite("time step", dt, "s", above=0.0)
     finite("states to keep", keep, "", above=0.0)
     stepper = Stepper(dome, solid, motion, start or resting(dome, solid, motion))

@@ -351,6 +351,13 @@ def test_an_object_in_the_dome_at_the_start_is_refused() -> None:
         simulate_contact(COARSE, Solid(shape=plane()), motion, 5e-3)
 
 
+def test_what_no_one_can_mean_is_refused() -> None:
+    with pytest.raises(UserError, match="depth of a press must be finite and above 0 m"):
+        press_and_move(-1e-3)
+    with pytest.raises(UserError, match="touched by a Solid"):
+        simulate_contact(LINEAR, plane(), press_and_move(0.1e-3), 5e-3)  # type: ignore[arg-type]
+
+
 def test_a_press_through_the_silicone_is_refused() -> None:
     solid = Solid(shape=plane(), stiffness=1e11)
     with pytest.raises(UserError, match="of the silicone"):
