@@ -21,8 +21,9 @@ Flags = NDArray[np.bool_]
 _SHARE, _LEAST = 1e-4, 1e-5
 #: Tolerance of a node's share of the friction limit, where it is said to slip or not.
 _CONE = 2e-3
-#: Forces are as deep in the object as its stiffness says: tolerance [m].
-_DEPTH = 0.2e-6
+#: Forces are as deep in the object as its stiffness says: tolerance [m], and share of the depth to
+#: which steps are solved.
+_DEPTH, _SOLVED = 0.2e-6, 1e-3
 #: Tolerance of the way of a node that sticks [m], and how much longer it is than `presliding` where
 #: friction turns as it grows.
 _STUCK, _TURNS = 1e-6, 2.0
@@ -102,7 +103,7 @@ def wrong_motion(
     ----------
     driven: whether grip and load move the object; else its pose is prescribed
     """
-    places, moved = 1e-3 * _vectors(columns, "node_{}_mm"), np.empty(0)
+    places = 1e-3 * _vectors(columns, "node_{}_mm")
     normal = columns["node_normal_n"].astype(float)
     areas = 1e-6 * columns["node_area_mm2"].astype(float)
     on = columns["node_contact"].astype(bool)
@@ -115,7 +116,8 @@ def wrong_motion(
         gap, _ = distances(solid.shape, seen)
         deep = normal[k] / (solid.stiffness * areas[k])
         off = np.where(on[k], gap + deep, np.minimum(gap + deep, 0.0))
-        if (worst := float(abs(off).max())) > _DEPTH:
+        if (abs(off) > _DEPTH + _SOLVED * deep).any():
+            worst = float(abs(off).max())
             yield f"frame {k}: a node is {1e6 * worst:.2g} µm beside where its force says"
         if before is not None:
             moved = (seen - before) @ turn.T
