@@ -15,8 +15,10 @@ from hypothesis import strategies as st
 
 from chromagrip.cli.app import main
 from chromagrip.errors import UserError
+from chromagrip.measure.scored.intervals import intervals
 from chromagrip.measure.scored.points import Points, read_points
-from chromagrip.measure.scored.scores import Truth, score
+from chromagrip.measure.scored.score import Outcome, as_json, interval_note, score_table
+from chromagrip.measure.scored.scores import UNITS, Truth, score
 
 FRAMES, COUNT = 6, 30
 
@@ -274,3 +276,56 @@ def test_a_truth_that_is_none_is_one_sentence(
         errors = capfd.readouterr().err
         assert told in errors
         assert len(errors.strip().splitlines()) == 1
+
+
+def test_intervals_are_those_of_means_of_many_sequences() -> None:
+    """By the central limit theorem: mean ± 1.645 σ/√n."""
+    values = np.random.default_rng(3).exponential(2.0, 400)
+    low, high = intervals([{"rms": value} for value in values])["rms"]
+    half = 1.645 * values.std() / np.sqrt(len(values))
+    assert (low + high) / 2.0 == pytest.approx(values.mean(), abs=0.15 * half)
+    assert (high - low) / 2.0 == pytest.approx(half, rel=0.1)
+
+
+def test_intervals_hold_the_true_mean_as_often_as_they_say() -> None:
+    """Of 30 sequences a bootstrap of percentiles covers slightly less than its 90 %."""
+    rng = np.random.default_rng(4)
+    inside = 0
+    for _ in range(300):
+        low, high = intervals([{"rms": value} for value in rng.normal(1.0, 0.5, 30)])["rms"]
+        inside += low < 1.0 < high
+    assert 0.84 < inside / 300 < 0.94
+
+
+def test_intervals_judge_two_makers_on_the_same_draws() -> None:
+    """What is better by the same amount in every sequence is better at both bounds."""
+    values = np.random.default_rng(5).exponential(1.0, 12)
+    scores = [{"rms": value, "p95": value + 0.25, "bound": 3.0} for value in values]
+    found = intervals(scores)
+    np.testing.assert_allclose(np.subtract(found["p95"], found["rms"]), 0.25)
+    assert found["bound"] == pytest.approx((3.0, 3.0))
+    assert np.isnan(intervals([*scores, {**scores[0], "rms": np.nan}])["rms"]).all()
+
+
+def of_names(name: str, values: list[float]) -> Outcome:
+    found = {f"sequence-{k:06d}": dict.fromkeys(UNITS, value) for k, value in enumerate(values)}
+    mean = dict.fromkeys(UNITS, float(np.mean(values)))
+    bounds = intervals(list(found.values()))
+    return Outcome(name=name, scores=mean, intervals=bounds, sequences=found, worst=None)
+
+
+def test_one_sequence_has_no_interval_and_it_is_said() -> None:
+    one, more, lost = (
+        of_names(name, values)
+        for name, values in {"a": [0.5], "b": [1.0, 3.0], "c": [1.0, np.nan]}.items()
+    )
+    assert one.intervals == {}
+    assert "no interval" in interval_note([one])
+    assert "no interval" not in interval_note([more])
+    assert {line[0]: line[1] for line in score_table([one]).lines}["rms px"] == "0.5"
+    # Of two sequences the means are 1, 2 and 3.
+    assert {line[0]: line[1] for line in score_table([more]).lines}["rms px"] == "2 (1 … 3)"
+    told = json.loads(json.dumps(as_json([one, more, lost], Path("truth"))))["tracks"]
+    assert [entry["intervals"] for entry in told] == [
+        {}, dict.fromkeys(UNITS, [1.0, 3.0]), dict.fromkeys(UNITS),
+    ]  # fmt: skip

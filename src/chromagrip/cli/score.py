@@ -28,7 +28,8 @@ def score(
 ) -> int:
     """Score tracks of any tracker against the truth of a dataset or of a file.
 
-    Leaves leaderboard.html, scores.json and pictures of the worst frames.
+    Means over several sequences have bootstrap intervals of 90 %. Leaves leaderboard.html,
+    scores.json and pictures of the worst frames.
 
     Example: chromagrip score mine.csv theirs.parquet data/tracking
     """
@@ -38,7 +39,7 @@ def score(
     if out is None and not json_only:
         out = new_folder(f"score-{stem_of(str(truth))}")
 
-    from ..measure.scored.score import as_json, score_table, score_tracks
+    from ..measure.scored.score import as_json, interval_note, score_table, score_tracks
     from ..output.report import table_lines
 
     with status() as report:
@@ -47,5 +48,6 @@ def score(
         print(json.dumps(as_json(outcomes, truth)))
         return 0
     print("\n".join(table_lines(score_table(outcomes))))
+    print(interval_note(outcomes))
     print(f"folder {out}, see leaderboard.html")
     return 0

@@ -16,6 +16,7 @@ from ...output.folder import prepare, whole_file, write_whole
 from ...output.page import PageSection, inline_png, write_page
 from ...output.pictures import read_picture
 from ...output.report import Table
+from .intervals import intervals
 from .points import read_points
 from .scores import MEANING, UNITS, Scored, score
 from .truths import Named, truths
@@ -39,12 +40,14 @@ class Outcome:
     ----------
     name: of the tracks
     scores: mean over the sequences, by the names of UNITS
+    intervals: bounds of these means, of 90 %; empty for one sequence
     sequences: scores of each sequence
     worst: picture of the worst frames; None where the truth has no pictures
     """
 
     name: str
     scores: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
     sequences: dict[str, dict[str, float]]
     worst: Image | None
 
@@ -95,7 +98,13 @@ def _outcome(tracks: Path, truth: Path, tell: Callable[[str], None]) -> Outcome:
         frames = sorted(frames, key=lambda entry: -entry[0])[:_WORST]
     mean = {name: float(np.mean([scores[name] for scores in found.values()])) for name in UNITS}
     drawn = [_draw(named, scored, k) for _, named, scored, k in frames if named.pictures]
-    return Outcome(name=name, scores=mean, sequences=found, worst=_tiled(drawn) if drawn else None)
+    return Outcome(
+        name=name,
+        scores=mean,
+        intervals=intervals(list(found.values())),
+        sequences=found,
+        worst=_tiled(drawn) if drawn else None,
+    )
 
 
 def _badness(named: Named, scored: Scored) -> NDArray[np.float64]:
@@ -161,10 +170,28 @@ def score_table(outcomes: Sequence[Outcome]) -> Table:
     """A line for each score, with what it means, and a column for each maker's tracks."""
     header = ("score", *(outcome.name for outcome in outcomes), "")
     lines = tuple(
-        (f"{name} {unit}".strip(), *(words(o.scores[name]) for o in outcomes), MEANING[name])
+        (f"{name} {unit}".strip(), *(_with_bounds(o, name) for o in outcomes), MEANING[name])
         for name, unit in UNITS.items()
     )
     return Table(header, lines)
+
+
+def _with_bounds(outcome: Outcome, name: str) -> str:
+    """A mean score with its interval, where it has one."""
+    mean = words(outcome.scores[name])
+    if name not in outcome.intervals or not np.isfinite(outcome.scores[name]):
+        return mean
+    low, high = (words(bound) for bound in outcome.intervals[name])
+    return f"{mean} ({low} … {high})"
+
+
+def interval_note(outcomes: Sequence[Outcome]) -> str:
+    """What the intervals are, or why there are none."""
+    counts = {len(outcome.sequences) for outcome in outcomes}
+    if counts == {1}:
+        return "One sequence: there are no intervals."
+    of = " or ".join(str(count) for count in sorted(counts))
+    return f"Means over {of} sequences; in brackets bootstrap intervals of 90 % over sequences."
 
 
 def as_json(outcomes: Sequence[Outcome], truth: Path) -> dict[str, object]:
@@ -173,6 +200,10 @@ def as_json(outcomes: Sequence[Outcome], truth: Path) -> dict[str, object]:
         {
             "tracks": outcome.name,
             "scores": _plain(outcome.scores),
+            "intervals": {
+                name: [low, high] if np.isfinite([low, high]).all() else None
+                for name, (low, high) in outcome.intervals.items()
+            },
             "sequences": {name: _plain(scores) for name, scores in outcome.sequences.items()},
         }
         for outcome in outcomes
@@ -187,8 +218,16 @@ def words(value: float) -> str:
 
 def _write(outcomes: Sequence[Outcome], truth: Path, out: Path) -> None:
     text = json.dumps(as_json(outcomes, truth), indent=2) + "\n"
-    notes = tuple(f"{name}: {text}." for name, text in MEANING.items())
-    sections = []
+    sections = [
+        PageSection(
+            anchor="means",
+            name="means",
+            title="Means",
+            picture=Markup(),
+            sentence=interval_note(outcomes),
+            tables=(score_table(outcomes),),
+        )
+    ]
     for k, outcome in enumerate(outcomes):
         picture = Markup()
         if outcome.worst is not None:
@@ -208,7 +247,6 @@ def _write(outcomes: Sequence[Outcome], truth: Path, out: Path) -> None:
                 picture=picture,
                 sentence=f"Average Jaccard {words(outcome.scores['jaccard'])} %.",
                 tables=(Table(header, lines),),
-                notes=notes if k == 0 else (),
             )
         )
     with whole_file(out / "leaderboard.html") as part:

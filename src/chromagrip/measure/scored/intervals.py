@@ -1,0 +1,29 @@
+"""Intervals of mean scores: whole sequences are drawn again, since frames of one are alike."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+#: Number of draws of the bootstrap, and its seed.
+DRAWS, SEED = 4000, 0
+#: Ends of an interval [%]: it covers 90 %.
+ENDS = (5.0, 95.0)
+
+
+def intervals(sequences: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float]]:
+    """Bounds of the mean of each score, over draws of as many sequences with replacement.
+
+    Draws depend on the number of sequences alone: two makers' tracks of the same sequences are
+    judged on the same draws. A score that is not known of a sequence has NaN for bounds. Of one
+    sequence there are no intervals.
+    """
+    count = len(sequences)
+    if count < 2:
+        return {}
+    drawn = np.random.default_rng(SEED).integers(count, size=(DRAWS, count))
+    bounds = {}
+    for name in sequences[0]:
+        values = np.array([scores[name] for scores in sequences])
+        low, high = np.percentile(values[drawn].mean(axis=1), ENDS)
+        bounds[name] = (float(low), float(high))
+    return bounds
