@@ -24,7 +24,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_items_are_those_of_the_dataset(made: Path) -> None:
-    frames = Frames(str(made), labels=("margin", "x_px", "visible", "slip_state"), with_rest=True)
+    frames = Frames(
+        str(made), labels=("margin", "normal_n", "x_px", "visible", "slip_state"), with_rest=True
+    )
     assert len(frames) == 21
     loaded = list(load_sequences(made))
     for index in (0, 9, 20, -1):
@@ -34,7 +36,8 @@ def test_items_are_those_of_the_dataset(made: Path) -> None:
         assert item["x_px"].dtype == torch.float32
         np.testing.assert_array_equal(item["x_px"].numpy(), one.markers["x_px"][t])
         np.testing.assert_array_equal(item["visible"].numpy(), one.markers["visible"][t])
-        np.testing.assert_allclose(item["margin"].numpy(), one.frames["margin"][t], rtol=1e-6)
+        for name in ("margin", "normal_n"):
+            np.testing.assert_allclose(item[name].numpy(), one.frames[name][t], rtol=1e-6)
     with pytest.raises(IndexError):
         frames[21]
 

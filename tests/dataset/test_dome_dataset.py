@@ -240,7 +240,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "two bodies": (
         {"draw": DRAW | {"body": {"choice": ["dome", "chain"]}}},
-        "draw.body: a dataset has one body",
+        "draw.body: a body is not drawn",
     ),
 }
 

@@ -327,5 +327,5 @@ def test_one_sequence_has_no_interval_and_it_is_said() -> None:
     assert {line[0]: line[1] for line in score_table([more]).lines}["rms px"] == "2 (1 … 3)"
     told = json.loads(json.dumps(as_json([one, more, lost], Path("truth"))))["tracks"]
     assert [entry["intervals"] for entry in told] == [
-        {}, dict.fromkeys(UNITS, [1.0, 3.0]), dict.fromkeys(UNITS),
+        {}, {name: [1.0, 3.0] for name in UNITS}, dict.fromkeys(UNITS),
     ]  # fmt: skip

@@ -21,7 +21,7 @@ from .folder import (
 )
 from .labels import COMMON, STATES, columns_of
 from .read import tables
-from .recipe import Recipe, Values, body_of
+from .recipe import CASE, Case, Recipe, Values, bodies_of, dotted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,7 +61,7 @@ def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
     pa = need("pyarrow", "data")
     columns = {"number": pa.array(numbers, pa.int64())}
     for key in sorted({key for values in drawn for key in values}):
-        column = [values[key] for values in drawn]
+        column = [values.get(key) for values in drawn]  # a key may be of some cases alone
         # JSON holds infinity as text.
         columns[key] = pa.array([float(v) if v in ("inf", "-inf") else v for v in column])
     return pa.table(columns)
@@ -70,7 +70,7 @@ def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
 def _card(recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArray]") -> str:
     counted = values.pop("slip_state").value_counts().to_pylist()
     states = {one["values"]: one["counts"] for one in counted}
-    frame, markers, nodes = columns_of(body_of(recipe))
+    bodies = bodies_of(recipe)
     motions = [str(one.get("motion", "press")) for one in drawn]
     lines = [
         "# Dataset card",
@@ -80,10 +80,8 @@ def _card(recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArra
         f"{len(drawn)} sequences, {sum(states.values())} frames, made by chromagrip: simulated "
         "pictures of a fingertip with two layers of coloured markers, with what is true of them.",
         "",
-        "| motion | sequences |",
-        "|---|---|",
-        *(f"| {name} | {motions.count(name)} |" for name in sorted(set(motions))),
-        "",
+        *_counts("case", [one[CASE] for one in drawn if CASE in one]),
+        *_counts("motion", motions),
         "| slip state | frames |",
         "|---|---|",
         *(f"| {name} | {states.get(name, 0)} |" for name in STATES),
@@ -94,24 +92,42 @@ def _card(recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArra
     lines += [
         "![pictures](contact-sheet.png)",
         "",
-        "## Columns of `frames.parquet`",
-        "",
-        *(f"- `{name}`: {text}" for name, text in frame.items()),
-        "",
-        "## Columns of `markers.parquet`",
-        "",
-        *(f"- `{name}`: {text}" for name, text in markers.items()),
-        *(f"- `{name}`: {text}" for name, text in nodes.items()),
-        "",
-        "## What was drawn",
-        "",
-        *(
-            f"- `{key}`: {kind} {numbers}"
-            for key, how in recipe.draw.items()
-            for kind, numbers in how.items()
-        ),
     ]
+    for body in bodies:
+        frame, markers, nodes = columns_of(body)
+        of = f", body {body}" if len(bodies) > 1 else ""
+        lines += [
+            f"## Columns of `frames.parquet`{of}",
+            "",
+            *(f"- `{name}`: {text}" for name, text in frame.items()),
+            "",
+            f"## Columns of `markers.parquet`{of}",
+            "",
+            *(f"- `{name}`: {text}" for name, text in markers.items()),
+            *(f"- `{name}`: {text}" for name, text in nodes.items()),
+            "",
+        ]
+    lines += ["## What was drawn", "", *_draws(recipe)]
+    for case in recipe.cases:
+        said = [f"- `{key}` = {value}" for key, value in dotted(case.scene).items()]
+        lines += ["", f"### Case {case.name}", "", *said, *_draws(case)]
     return "\n".join(lines) + "\n"
+
+
+def _draws(part: Recipe | Case) -> list[str]:
+    return [
+        f"- `{key}`: {kind} {numbers}"
+        for key, how in part.draw.items()
+        for kind, numbers in how.items()
+    ]
+
+
+def _counts(what: str, names: list[str]) -> list[str]:
+    """Table of the sequences of each name; nothing where there are none."""
+    if not names:
+        return []
+    lines = [f"| {name} | {names.count(name)} |" for name in sorted(set(names))]
+    return [f"| {what} | sequences |", "|---|---|", *lines, ""]
 
 
 def _histogram(column: "pa.ChunkedArray") -> list[str]:

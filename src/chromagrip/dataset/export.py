@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import UserError
 from ..output.folder import prepare, whole_folder
 from ..render import LAYERS
 from .check import check_files, check_shared
@@ -119,7 +120,13 @@ def _write_coco(sequences: Iterator[Loaded], out: Path) -> None:
         file.write('{"annotations": [')
         for one in sequences:
             view = one.scene.build_sensor().view
-            names = [f"{layer}-{m:03d}" for layer in LAYERS for m in range(one.places.shape[2])]
+            own = [f"{layer}-{m:03d}" for layer in LAYERS for m in range(one.places.shape[2])]
+            if names and own != names:
+                raise UserError(
+                    f"sequence {one.number} has {len(own)} markers, others {len(names)}; COCO "
+                    "wants one list of keypoints for all"
+                )
+            names = own
             for t, picture in enumerate(one.pictures):
                 name = f"sequence-{one.number:06d}-{picture.name}"
                 link(picture, out / "images" / name)

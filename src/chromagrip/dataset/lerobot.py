@@ -103,7 +103,7 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
     Raises
     ------
     UserError
-        When the rate is no whole number or differs between sequences.
+        When the rate is no whole number, or rate or size of pictures differ between sequences.
     """
     video = out / "videos" / CAMERA / f"{_FILE}.mp4"
     video.parent.mkdir(parents=True)
@@ -128,8 +128,8 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
             length = len(one.pictures)
             colours = []
             for t, image in enumerate(one.images()):
+                shape = _one_shape(image, shape, one.number)
                 film.append(image)
-                shape = (image.shape[0], image.shape[1], 3)
                 if t % max(1, length // _SAMPLED) == 0:
                     colours.append(image.reshape(-1, 3) / 255.0)
             columns = _columns(one, len(episodes), start, tasks.index(task))
@@ -147,6 +147,19 @@ def write_lerobot(sequences: Iterator[Loaded], out: Path, parts: Mapping[str, in
     _write_json(
         out, "info", _info(_features(columns, rate, shape), episodes, len(tasks), rate, parts)
     )
+
+
+def _one_shape(
+    image: NDArray[np.uint8], before: tuple[int, int, int], number: int
+) -> tuple[int, int, int]:
+    """Shape of a picture, which must be that of those before, (0, 0, 3) where there are none."""
+    height, width, _ = image.shape
+    if before not in ((0, 0, 3), image.shape):
+        raise UserError(
+            f"sequence {number} has pictures of {width}×{height} pixels; LeRobot wants one size "
+            "for all"
+        )
+    return height, width, 3
 
 
 def _columns(one: Loaded, episode: int, start: int, task: int) -> Columns:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 from zlib import crc32
 
 import msgspec
@@ -20,6 +20,7 @@ from ..errors import UserError
 from ..loop.poses.dome_poses import DomePose
 from ..scene.scene import Body, Scene, parse_scene, relative
 from ..strict_toml import Table, convert, parse_toml, read_toml
+from .draws import How, check_draw, draw, ends
 from .labels import DOME_TRUTH
 
 Truth = Literal["depth", "flow", "masks", "traction", "contact"]
@@ -37,11 +38,11 @@ POSE = {
     "pose.tilt_towards_deg": (-360.0, 360.0),
     "pose.azimuth_deg": (-360.0, 360.0),
 }
-#: Keys that are drawn beside those of a scene: kind of motion, grip [N], the load over µ·grip of a
-#: grasp and of a slip, and the pose of a move.
-OWN = ("motion", "grip_n", "share", "slip_share", *POSE)
-#: Numbers that each way of drawing takes; None is any.
-_DRAWS = {"uniform": 2, "log_uniform": 2, "normal": 4, "choice": None}
+#: Key of the name of a sequence's case, beside the values that are drawn for it.
+CASE = "case"
+#: Keys that are no scene's: the case, kind of motion, grip [N], the load over µ·grip of a grasp and
+#: of a slip, and the pose of a move.
+OWN = (CASE, "motion", "grip_n", "share", "slip_share", *POSE)
 #: Start and end of the growth of the load, as shares of a sequence's duration.
 _GROWS: dict[str, tuple[float, float]] = {"grasp": (0.25, 0.6), "slip": (0.25, 0.9)}
 
@@ -50,8 +51,24 @@ _GROWS: dict[str, tuple[float, float]] = {"grasp": (0.25, 0.6), "slip": (0.25, 0
 MESHES = (".stl", ".obj", ".ply", ".off", ".glb")
 #: Values of TOML tables: of a scene, or drawn ones by key of a scene or of OWN.
 Values = dict[str, Any]
+#: What has tables of a scene and draws.
+Part = TypeVar("Part", "Case", "Recipe")
 #: Folder of the shipped recipes.
-_SHIPPED = files(__package__) / "recipes"
+SHIPPED = files(__package__) / "recipes"
+
+
+class Case(Table, frozen=True):
+    """Some sequences of a dataset, which share more than all of them do.
+
+    Attributes
+    ----------
+    name: of the case
+    scene, draw: as those of a recipe, beside which they stand; what is here is not taken from there
+    """
+
+    name: Annotated[str, Meta(min_length=1)]
+    scene: Values = msgspec.field(default_factory=dict)
+    draw: dict[str, How] = msgspec.field(default_factory=dict)
 
 
 class Recipe(Table, frozen=True):
@@ -66,7 +83,8 @@ class Recipe(Table, frozen=True):
     scene: tables of a scene, the same in every sequence
     draw: key of a scene, with dots, or one of OWN → how it is drawn: `{ uniform = [low, high] }`,
         `{ log_uniform = [low, high] }`, `{ normal = [mean, deviation, low, high] }` (outside of the
-        bounds it is drawn again) or `{ choice = [...] }`
+        bounds it is drawn again), `{ choice = [...] }`, or `{ each = [...] }`, one after the other
+    cases: sequence k is of the case k mod the number of them; with none, all are alike
     """
 
     description: str = ""
@@ -74,14 +92,13 @@ class Recipe(Table, frozen=True):
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
     truth: tuple[Truth, ...] = ()
     scene: Values = msgspec.field(default_factory=dict)
-    draw: dict[str, dict[str, list[Any]]] = msgspec.field(default_factory=dict)
+    draw: dict[str, How] = msgspec.field(default_factory=dict)
+    cases: tuple[Case, ...] = ()
 
 
 def recipe_names() -> list[str]:
     """Names of the shipped recipes."""
-    return sorted(
-        f.name.removesuffix(".toml") for f in _SHIPPED.iterdir() if f.name[-5:] == ".toml"
-    )
+    return sorted(f.name.removesuffix(".toml") for f in SHIPPED.iterdir() if f.name[-5:] == ".toml")
 
 
 def load_recipe(name: str | PathLike[str], meshes: str | PathLike[str] | None = None) -> Recipe:
@@ -102,7 +119,7 @@ def load_recipe(name: str | PathLike[str], meshes: str | PathLike[str] | None = 
     if name.endswith(".toml"):
         values = read_toml(Path(name), title)
     elif name in recipe_names():
-        values = parse_toml((_SHIPPED / f"{name}.toml").read_text(encoding="utf-8"), title)
+        values = parse_toml((SHIPPED / f"{name}.toml").read_text(encoding="utf-8"), title)
     else:
         raise UserError(
             f"no recipe {name!r}; there is {', '.join(recipe_names())}, or a .toml file"
@@ -126,12 +143,15 @@ def with_files(recipe: Recipe, rename: Callable[[str], str]) -> Recipe:
         own = key == "object.mesh" or (key == "sensor" and str(value).endswith(".toml"))
         return rename(value) if own and isinstance(value, str) and value else value
 
-    draw = {
-        key: {kind: [changed(key, value) for value in values] for kind, values in how.items()}
-        for key, how in recipe.draw.items()
-    }
-    scene = {key: changed(key, value) for key, value in recipe.scene.items()}
-    return replace(recipe, scene=scene, draw=draw)
+    def moved(part: Part) -> Part:
+        draw = {
+            key: {kind: [changed(key, value) for value in values] for kind, values in how.items()}
+            for key, how in part.draw.items()
+        }
+        scene = {key: changed(key, value) for key, value in part.scene.items()}
+        return replace(part, scene=scene, draw=draw)
+
+    return replace(moved(recipe), cases=tuple(moved(case) for case in recipe.cases))
 
 
 def portable(recipe: Recipe, folder: Path) -> Recipe:
@@ -147,7 +167,7 @@ def with_meshes(recipe: Recipe, folder: Path) -> Recipe:
     UserError
         For a folder without meshes, and a recipe of another body.
     """
-    if body_of(recipe) != "dome":
+    if set(bodies_of(recipe)) != {"dome"}:
         raise UserError('meshes are for a recipe with scene.body = "dome"')
     found = sorted(str(p.absolute()) for p in folder.glob("*") if p.suffix.lower() in MESHES)
     if not found:
@@ -157,19 +177,47 @@ def with_meshes(recipe: Recipe, folder: Path) -> Recipe:
 
 def dump_recipe(recipe: Recipe) -> str:
     """TOML text of a recipe, every default written out."""
-    return tomli_w.dumps(msgspec.to_builtins(recipe))
+    values = msgspec.to_builtins(recipe)
+    if not recipe.cases:
+        del values["cases"]
+    return tomli_w.dumps(values)
 
 
-def body_of(recipe: Recipe) -> Body:
-    """Body of every sequence of a recipe."""
-    return "dome" if recipe.scene.get("body") == "dome" else "chain"
+def cases_of(recipe: Recipe) -> list[Recipe]:
+    """A recipe without cases for each case, whose name it draws; one without cases is its own."""
+    return [
+        replace(
+            recipe,
+            scene=_merged(recipe.scene, case.scene),
+            draw={**recipe.draw, **case.draw, CASE: {"choice": [case.name]}},
+            cases=(),
+        )
+        for case in recipe.cases
+    ] or [recipe]
+
+
+def _case_of(recipe: Recipe, number: int) -> Recipe:
+    """The recipe of a sequence's case."""
+    cases = cases_of(recipe)
+    return cases[number % len(cases)]
+
+
+def bodies_of(recipe: Recipe) -> list[Body]:
+    """Bodies of a recipe's sequences, each once."""
+    bodies: list[Body] = [
+        "dome" if case.scene.get("body") == "dome" else "chain" for case in cases_of(recipe)
+    ]
+    return list(dict.fromkeys(bodies))
 
 
 def drawn(recipe: Recipe, number: int, attempt: int = 0) -> Values:
     """Values of a sequence, by key; each key has its own random stream."""
+    turn = number // max(len(recipe.cases), 1)
     return {
-        key: _draw(how, np.random.default_rng([recipe.seed, number, attempt, crc32(key.encode())]))
-        for key, how in sorted(recipe.draw.items())
+        key: draw(
+            how, np.random.default_rng([recipe.seed, number, attempt, crc32(key.encode())]), turn
+        )
+        for key, how in sorted(_case_of(recipe, number).draw.items())
     }
 
 
@@ -179,7 +227,7 @@ def scene_of(recipe: Recipe, number: int, values: Values) -> Scene:
     A press has a constant grip and no load. In a grasp the load grows to a share of µ·grip, less
     than 1, and stays. In a slip it grows to a share above 1. A move has neither, see `pose_of`.
     """
-    tables = copy.deepcopy(recipe.scene)
+    tables = copy.deepcopy(_case_of(recipe, number).scene)
     for key, value in values.items():
         if key not in OWN:
             _put(tables, key, value)
@@ -216,40 +264,40 @@ def pose_of(values: Values, scene: Scene) -> DomePose:
     )
 
 
-def _draw(how: dict[str, list[Any]], rng: np.random.Generator) -> Any:
-    ((kind, numbers),) = how.items()
-    if kind == "choice":
-        return numbers[int(rng.integers(len(numbers)))]
-    if kind == "uniform":
-        return float(rng.uniform(*numbers))
-    if kind == "log_uniform":
-        return float(np.exp(rng.uniform(*np.log(numbers))))
-    mean, deviation, low, high = numbers
-    while True:
-        value = float(rng.normal(mean, deviation))
-        if low <= value <= high:
-            return value
-
-
 def _check(recipe: Recipe, name: str) -> None:
+    """Refuse cases that cannot be told apart, and values that no scene can have."""
+    names = [case.name for case in recipe.cases]
+    if twice := [one for one in names if names.count(one) > 1]:
+        raise UserError(f"recipe {name}: two cases have the name {twice[0]!r}")
+    if CASE in {**recipe.draw, **{key: 0 for case in recipe.cases for key in case.draw}}:
+        raise UserError(f"recipe {name}: draw.{CASE}: cases are not drawn, they take turns")
+    for case in recipe.cases:
+        twice = [key for key in dotted(case.scene) if key in {**recipe.draw, **case.draw}]
+        if twice:
+            raise UserError(f"recipe {name}, case {case.name}: {twice[0]} is set and drawn")
+    for one, title in zip(cases_of(recipe), names or [""], strict=True):
+        _check_case(one, f"{name}, case {title}" if title else name)
+
+
+def _check_case(recipe: Recipe, name: str) -> None:
     """Refuse values that no scene can have: the ends of each key's range are tried in turn."""
     for key, how in recipe.draw.items():
-        _check_how(how, f"recipe {name}: draw.{key}")
+        check_draw(how, f"recipe {name}: draw.{key}")
     if "calibration" in {**recipe.scene, **recipe.draw}:
         raise UserError(f"recipe {name}: calibration: nothing is estimated in a dataset")
-    motions = _ends(recipe.draw.get("motion", {"choice": ["press"]}))
+    motions = ends(recipe.draw.get("motion", {"choice": ["press"]}))
     _check_body(recipe, name, motions)
     if "grasp" in motions and "share" not in recipe.draw:
         raise UserError(f"recipe {name}: draw.share is needed where draw.motion has grasp")
     bounds = {"grip_n": (0.05, 30.0), "share": (0.0, 1.0), "slip_share": (1.0, 3.0), **POSE}
     for key, (low, high) in bounds.items():
-        for end in _ends(recipe.draw.get(key, {"choice": []})):
+        for end in ends(recipe.draw.get(key, {"choice": []})):
             if not (isinstance(end, int | float) and low <= end <= high):
                 raise UserError(
                     f"recipe {name}: draw.{key} reaches {end}; {low:g} to {high:g} is allowed"
                 )
-    middle = {key: _ends(how)[0] for key, how in recipe.draw.items()}
-    tried = [(key, end) for key, how in recipe.draw.items() for end in _ends(how)]
+    middle = {key: ends(how)[0] for key, how in recipe.draw.items()}
+    tried = [(key, end) for key, how in recipe.draw.items() for end in ends(how)]
     for values in [{key: end} for key, end in tried] or [{}]:
         try:
             scene_of(recipe, 0, middle | values)
@@ -268,49 +316,40 @@ def check_truth(recipe: Recipe) -> None:
         With the label.
     """
     for label in recipe.truth:
-        if label in DOME_TRUTH and body_of(recipe) != "dome":
+        if label in DOME_TRUTH and set(bodies_of(recipe)) != {"dome"}:
             raise UserError(f'truth {label!r} needs a recipe with scene.body = "dome"')
 
 
 def _check_body(recipe: Recipe, name: str, motions: list[Any]) -> None:
-    """Refuse motions and labels that the recipe's body does not have."""
-    dome = body_of(recipe) == "dome"
+    """Refuse motions and labels that the body of a case does not have."""
+    dome = bodies_of(recipe) == ["dome"]
     allowed = MOTIONS if dome else MOTIONS[:-1]
     if set(motions) - set(allowed):
         raise UserError(f"recipe {name}: draw.motion: allowed are {', '.join(allowed)}")
     if "body" in recipe.draw:
-        raise UserError(f"recipe {name}: draw.body: a dataset has one body, set it in scene.body")
+        raise UserError(f"recipe {name}: draw.body: a body is not drawn, set it in scene.body")
     check_truth(recipe)
     poses = [key for key in recipe.draw if key in POSE]
     if poses and "move" not in motions:
         raise UserError(f'recipe {name}: draw.{poses[0]} needs draw.motion to have "move"')
 
 
-def _check_how(how: dict[str, list[Any]], name: str) -> None:
-    if len(how) != 1 or next(iter(how)) not in _DRAWS:
-        raise UserError(f"{name}: expected one of {', '.join(_DRAWS)}")
-    ((kind, numbers),) = how.items()
-    wanted = _DRAWS[kind]
-    if wanted is None:
-        if not numbers:
-            advice = ": give --meshes FOLDER" if name.endswith("object.mesh") else ""
-            raise UserError(f"{name}: choice needs something to choose from{advice}")
-        return
-    if len(numbers) != wanted or not all(isinstance(v, int | float) for v in numbers):
-        raise UserError(f"{name}: {kind} takes {wanted} numbers, got {numbers}")
-    low, high = numbers[-2:]
-    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-        raise UserError(f"{name}: from {low} to {high} there is nothing to draw")
-    if kind == "log_uniform" and not low > 0.0:
-        raise UserError(f"{name}: log_uniform starts above 0, got {low}")
-    if kind == "normal" and not (numbers[1] > 0.0 and low <= numbers[0] <= high):
-        raise UserError(f"{name}: normal needs a deviation above 0 and its mean within bounds")
+def _merged(shared: Values, own: Values) -> Values:
+    """Tables of a scene with the keys of others in their place."""
+    merged = dict(shared)
+    for key, value in own.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _merged(merged[key], value) if both else value
+    return merged
 
 
-def _ends(how: dict[str, list[Any]]) -> list[Any]:
-    """Bounds of the drawn values, or all choices."""
-    ((kind, numbers),) = how.items()
-    return list(numbers) if kind == "choice" else list(numbers[-2:])
+def dotted(tables: Values) -> Values:
+    """Values of tables by their keys with dots."""
+    flat: Values = {}
+    for key, value in tables.items():
+        inner = dotted(value) if isinstance(value, dict) else {"": value}
+        flat |= {f"{key}.{name}".rstrip("."): one for name, one in inner.items()}
+    return flat
 
 
 def _put(tables: Values, key: str, value: Any) -> None:

@@ -66,11 +66,13 @@ class Frames:
         self._pixels: list[str] = []
         for name in names:
             one = load_sequence(folder / name)
-            columns = {**one.frames, **one.markers}
+            # A name of both, such as normal_n of a chain, is of the frame.
+            columns = {**one.frames, **one.markers, **one.frames}
             self._pixels = [label for label in labels if label not in columns]
             _check_labels(self._pixels, folder / name, columns)
             for label in parts.keys() - set(self._pixels):
                 parts[label].append(_numbers(columns[label], label))
+                _check_lengths(label, parts[label])
             self._pictures += one.pictures
             self._rests += [one.rest] * len(one.pictures)
             self._places += [(one.number, t) for t in range(len(one.pictures))]
@@ -121,6 +123,16 @@ def _numbers(values: NDArray[Any], label: str) -> NDArray[Any]:
     if label == _WORDS:
         return np.array([STATES.index(word) for word in values])
     return values if values.dtype == np.bool_ else values.astype(np.float32)
+
+
+def _check_lengths(label: str, parts: list[NDArray[Any]]) -> None:
+    """Refuse labels whose lists are longer in some sequences than in others."""
+    first, last = (np.prod(part.shape[1:], dtype=int) for part in (parts[0], parts[-1]))
+    if first != last:
+        raise UserError(
+            f"label {label!r} has {first} values in some sequences and {last} in others, which "
+            "cannot be stacked"
+        )
 
 
 def _check_labels(pixels: Sequence[str], where: Path, columns: dict[str, NDArray[Any]]) -> None:

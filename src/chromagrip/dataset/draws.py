@@ -1,0 +1,65 @@
+"""How a value is drawn: `{ uniform = [low, high] }` and the like."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..errors import UserError
+
+#: A way of drawing with its numbers.
+How = dict[str, list[Any]]
+#: Numbers that each way of drawing takes; None is any.
+_DRAWS = {"uniform": 2, "log_uniform": 2, "normal": 4, "choice": None, "each": None}
+
+
+def draw(how: How, rng: np.random.Generator, turn: int) -> Any:
+    """A value; of `each` the one whose turn it is."""
+    ((kind, numbers),) = how.items()
+    if kind == "choice":
+        return numbers[int(rng.integers(len(numbers)))]
+    if kind == "each":
+        return numbers[turn % len(numbers)]
+    if kind == "uniform":
+        return float(rng.uniform(*numbers))
+    if kind == "log_uniform":
+        return float(np.exp(rng.uniform(*np.log(numbers))))
+    mean, deviation, low, high = numbers
+    while True:
+        value = float(rng.normal(mean, deviation))
+        if low <= value <= high:
+            return value
+
+
+def check_draw(how: How, name: str) -> None:
+    """Refuse a draw that is none.
+
+    Raises
+    ------
+    UserError
+        With `name`, which says where it stands.
+    """
+    if len(how) != 1 or next(iter(how)) not in _DRAWS:
+        raise UserError(f"{name}: expected one of {', '.join(_DRAWS)}")
+    ((kind, numbers),) = how.items()
+    wanted = _DRAWS[kind]
+    if wanted is None:
+        if not numbers:
+            advice = ": give --meshes FOLDER" if name.endswith("object.mesh") else ""
+            raise UserError(f"{name}: {kind} needs something to choose from{advice}")
+        return
+    if len(numbers) != wanted or not all(isinstance(v, int | float) for v in numbers):
+        raise UserError(f"{name}: {kind} takes {wanted} numbers, got {numbers}")
+    low, high = numbers[-2:]
+    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+        raise UserError(f"{name}: from {low} to {high} there is nothing to draw")
+    if kind == "log_uniform" and not low > 0.0:
+        raise UserError(f"{name}: log_uniform starts above 0, got {low}")
+    if kind == "normal" and not (numbers[1] > 0.0 and low <= numbers[0] <= high):
+        raise UserError(f"{name}: normal needs a deviation above 0 and its mean within bounds")
+
+
+def ends(how: How) -> list[Any]:
+    """Bounds of the drawn values, or all of them."""
+    ((kind, numbers),) = how.items()
+    return list(numbers) if _DRAWS[kind] is None else list(numbers[-2:])
