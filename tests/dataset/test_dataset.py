@@ -430,7 +430,7 @@ def test_a_file_that_may_not_grow_is_said_in_one_sentence(
         (["dataset"], 0, "usage: chromagrip dataset [-h] {make,check,"),
         (["dataset", "make", "--help"], 0, "usage: chromagrip dataset make "),
         (["dataset", "mend"], 2, "dataset mend: there is make, check"),
-        (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is contact-3d"),
+        (["dataset", "make", "none", "--out", "x"], 2, "no recipe 'none'; there is benchmark-v1"),
         (["dataset", "make", "tiny", "--out", "x", "--shard", "3/2"], 2, "--shard 3/2: expected"),
         (["dataset", "make", "tiny", "--out", "x", "--n", "0"], 2, "--n 0: expected 1 to"),
         (["dataset", "check", "nowhere"], 2, "nowhere is no dataset"),

@@ -22,7 +22,8 @@ def make(
         str,
         tyro.conf.Positional,
         option(
-            "shipped (force, slip, tiny, tracking; of a dome contact-3d, edges, objects, twist), "
+            "shipped (force, slip, tiny, tracking; of a dome contact-3d, edges, objects, twist; of "
+            "both bodies benchmark-v1), "
             "or a .toml file",
             "RECIPE|FILE.toml",
         ),
@@ -54,9 +55,11 @@ def make(
     """Make labelled sequences of pictures from a recipe.
 
     Sequence k depends on the recipe and k alone: workers, shards and interruptions change no byte.
+    The recipe benchmark-v1 is frozen: its digest is printed, and whether this is as recorded.
 
     Example: chromagrip dataset make tiny --out data
     """
+    from ..dataset.frozen import seal
     from ..dataset.make import make as make_dataset
     from ..dataset.recipe import load_recipe
 
@@ -72,7 +75,8 @@ def make(
             loaded, out, workers=workers, shard=_shard(shard), backend=backend, address=address,
             resume=resume, progress=progress,
         )  # fmt: skip
-    print_values({"sequences": len(manifest["sequences"]), "folder": str(out)}, json_only)
+    made = {"sequences": len(manifest["sequences"]), "folder": str(out)}
+    print_values(made | seal(out), json_only)
     return 0
 
 
@@ -100,13 +104,16 @@ def merge(
 def check(folder: Folder, *, json_only: Json = False) -> int:
     """Verify checksums, counts, ranges and physics of a dataset; name the first bad sample.
 
+    Of a frozen recipe, pictures and labels must be those that were recorded, but for rounding.
+
     Example: chromagrip dataset check data
     """
     from ..dataset.check import check as check_dataset
+    from ..dataset.frozen import seal
 
     with counting("checking") as progress:
         count = check_dataset(folder, progress)
-    print_values({"sequences": count, "whole": True}, json_only)
+    print_values({"sequences": count, "whole": True} | seal(folder), json_only)
     return 0
 
 

@@ -16,8 +16,8 @@ def score(
         tyro.conf.Positional,
         option(
             "tracks of one maker or several, then the truth. Tracks are a file (Parquet, CSV, or "
-            "TAP-Vid's .npz) or a folder with one for each sequence; the truth is a dataset, one "
-            "of its sequences, or such a file",
+            "TAP-Vid's .npz), a folder with one for each sequence, or a tracker to run; the truth "
+            "is a dataset, one of its sequences, or such a file",
             "TRACKS... TRUTH",
         ),
     ],
@@ -31,7 +31,7 @@ def score(
     Means over several sequences have bootstrap intervals of 90 %. Leaves leaderboard.html,
     scores.json and pictures of the worst frames.
 
-    Example: chromagrip score mine.csv theirs.parquet data/tracking
+    Example: chromagrip score mine.csv fit data/tracking
     """
     if len(files) < 2:
         raise UserError("score wants tracks and a truth: chromagrip score TRACKS... TRUTH")

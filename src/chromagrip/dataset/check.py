@@ -22,6 +22,7 @@ from .folder import (
     read_manifest,
     sequence_name,
 )
+from .frozen import content_of, frozen_as
 from .labels import columns_of
 from .labels.chain_physics import unbalanced_chain, wrong_chain
 from .labels.dome_physics import wrong_dome, wrong_motion
@@ -39,6 +40,8 @@ _PERSPECTIVE = 1.0
 def check(folder: Place, progress: Callable[[int, int], None] = lambda done, total: None) -> int:
     """Verify a dataset's checksums, counts, ranges and physics; returns its number of sequences.
 
+    Of a frozen recipe, pictures and labels must be those that are recorded, but for rounding.
+
     Raises
     ------
     UserError
@@ -47,6 +50,7 @@ def check(folder: Place, progress: Callable[[int, int], None] = lambda done, tot
     folder = fetched(folder)
     manifest = check_shared(folder)
     recipe = open_recipe(folder)
+    frozen = frozen_as(recipe)
     names = manifest["sequences"]
     for done, (name, digest) in enumerate(names.items()):
         check_files(folder / name, digest)
@@ -58,6 +62,13 @@ def check(folder: Place, progress: Callable[[int, int], None] = lambda done, tot
             raise UserError(f"{folder / name} is not sequence {number} of its recipe")
         for wrong in _wrong(folder / name, str(listed["values"].get("motion", "press"))):
             raise UserError(f"{folder / name}, {wrong}")
+        if frozen:
+            like = frozen.likeness(name, content_of(folder / name))
+            if like not in ("same", "rounded"):
+                raise UserError(
+                    f"{folder / name} has {like} than {frozen.name} was frozen with, so that "
+                    "scores on it cannot be compared with those of others"
+                )
         progress(done + 1, len(names))
     return len(names)
 

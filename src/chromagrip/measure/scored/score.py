@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from ...output.report import Table
 from .intervals import intervals
 from .points import read_points
 from .scores import MEANING, UNITS, Scored, score
+from .tracked import is_tracker, track_sequences
 from .truths import Named, truths
 
 Image = NDArray[np.uint8]
@@ -59,7 +61,10 @@ def score_tracks(
     overwrite: bool,
     tell: Callable[[str], None] = lambda _: None,
 ) -> list[Outcome]:
-    """Score files or folders of tracks against one truth, the best first.
+    """Score files or folders of tracks, or trackers by name, against one truth, the best first.
+
+    A tracker is run on the pictures of the truth, which is a dataset then, with the sensor's design
+    as its palette.
 
     With `out` it leaves `scores.json`, `leaderboard.html` and, where the truth has pictures, one of
     the worst frames of each.
@@ -67,12 +72,22 @@ def score_tracks(
     Raises
     ------
     UserError
-        When tracks or truth cannot be read, or are not of each other.
+        When tracks or truth cannot be read, or are not of each other, or a tracker gives up.
     """
     if out is not None:
         prepare(out, overwrite)
     try:
-        outcomes = [_outcome(path, truth, tell) for path in tracks]
+        with TemporaryDirectory() as temporary:
+            outcomes = [
+                _outcome(
+                    track_sequences(str(path), truth, Path(temporary), tell)
+                    if is_tracker(str(path))
+                    else path,
+                    truth,
+                    tell,
+                )
+                for path in tracks
+            ]
     except BaseException:
         if out is not None:
             with suppress(OSError):  # it is not empty: an earlier result stays

@@ -1,0 +1,149 @@
+"""Frozen recipes: what their sequences show is recorded with the code.
+
+Digests are of pixels and labels, not of files, which name versions and are packed by libraries.
+Another kind of processor may round a pixel or a label differently. Then a sample of both tells this
+from other pictures.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from ..output.pictures import read_picture
+from .folder import Place, open_recipe, read_manifest
+from .read import load_sequence
+from .recipe import SHIPPED, Recipe, load_recipe
+from .remote import fetched
+
+#: How a sequence is beside what is recorded of it.
+Likeness = Literal["same", "rounded", "other pictures", "other labels"]
+
+#: Decimals of labels in the digest [px, mm, N and so on].
+_DECIMALS = 3
+#: Pixels and labels in the sample.
+_PIXELS, _LABELS = 400, 200
+#: Share of sampled pixels that rounding may change, by one level.
+_ROUNDED = 0.02
+#: What rounding may change a sampled label by.
+_LABEL = 2e-3
+
+
+class Content(msgspec.Struct, frozen=True):
+    """What a sequence shows.
+
+    Attributes
+    ----------
+    pictures, labels: SHA-256 of all pixels, and of all labels, rounded
+    pixels: some levels, in hexadecimal digits
+    values: some labels
+    """
+
+    pictures: str
+    labels: str
+    pixels: str
+    values: list[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frozen:
+    """A recipe whose sequences are recorded.
+
+    Attributes
+    ----------
+    name: of the recipe
+    sequences: what is recorded, by the name of the sequence
+    """
+
+    name: str
+    sequences: dict[str, Content]
+
+    def likeness(self, sequence: str, found: Content) -> Likeness:
+        """How a sequence is beside what is recorded; one of which nothing is recorded is itself."""
+        recorded = self.sequences.get(sequence, found)
+        if (recorded.pictures, recorded.labels) == (found.pictures, found.labels):
+            return "same"
+        levels = [np.frombuffer(bytes.fromhex(one.pixels), np.uint8) for one in (recorded, found)]
+        off = abs(np.subtract(*levels, dtype=int))
+        if off.max() > 1 or off.mean() > _ROUNDED:
+            return "other pictures"
+        near = np.allclose(recorded.values, found.values, rtol=0.0, atol=_LABEL)
+        return "rounded" if near else "other labels"
+
+
+def frozen_as(recipe: Recipe) -> Frozen | None:
+    """The frozen recipe that this is, with any number of sequences and labels of pixels."""
+    for file in sorted(SHIPPED.iterdir(), key=lambda file: file.name):
+        name = file.name.removesuffix(".json")
+        if name == file.name:
+            continue
+        if replace(load_recipe(name), sequences=recipe.sequences, truth=recipe.truth) == recipe:
+            recorded = msgspec.json.decode(file.read_bytes(), type=dict[str, Content])
+            return Frozen(name=name, sequences=recorded)
+    return None
+
+
+def content_of(folder: Path) -> Content:
+    """What a sequence's folder shows."""
+    one = load_sequence(folder)
+    levels = np.stack([read_picture(path) for path in (one.rest, *one.pictures)])
+    columns = [*one.frames.items(), *one.markers.items()]
+    numbers = [values.ravel() for _, values in columns if values.dtype.kind == "f"]
+    known = np.concatenate(numbers).astype(float)
+    known = known[np.isfinite(known)]
+    return Content(
+        pictures=_digest([repr(levels.shape).encode(), levels.tobytes()]),
+        labels=_digest(part for name, own in columns for part in _bytes(name, own)),
+        pixels=_sampled(levels.ravel(), _PIXELS).tobytes().hex(),
+        values=np.round(_sampled(known, _LABELS), _DECIMALS + 1).tolist(),
+    )
+
+
+def seal(folder: Place) -> dict[str, Any]:
+    """Digest of a dataset of a frozen recipe, and how it is beside it; of another one nothing."""
+    folder = fetched(folder)
+    frozen = frozen_as(open_recipe(folder))
+    if frozen is None:
+        return {}
+    found = {name: content_of(folder / name) for name in read_manifest(folder)["sequences"]}
+    like = [frozen.likeness(name, one) for name, one in found.items()]
+    counts = {word: like.count(word) for word in dict.fromkeys(like)}
+    return {
+        "digest": digest_of(found),
+        "frozen": frozen.name,
+        "as_recorded": ", ".join(f"{count} {word}" for word, count in counts.items()),
+    }
+
+
+def digest_of(sequences: dict[str, Content]) -> str:
+    """One digest of several sequences, in their order."""
+    texts = (f"{name} {one.pictures} {one.labels}\n" for name, one in sequences.items())
+    return _digest(text.encode() for text in texts)
+
+
+def _digest(parts: Iterable[bytes]) -> str:
+    total = hashlib.sha256()
+    for part in parts:
+        total.update(part)
+    return total.hexdigest()
+
+
+def _bytes(name: str, values: NDArray[Any]) -> tuple[bytes, bytes]:
+    """Name and shape of labels, and their values, rounded; the same on every machine."""
+    head = f"{name} {values.shape}".encode()
+    if values.dtype == object:
+        return head, json.dumps(values.tolist()).encode()
+    rounded = np.round(values.astype(float), _DECIMALS) + 0.0  # no negative zero
+    return head, np.where(np.isnan(rounded), np.nan, rounded).astype("<f8").tobytes()
+
+
+def _sampled(values: NDArray[Any], count: int) -> NDArray[Any]:
+    """That many of the values, evenly."""
+    return np.asarray(values[np.linspace(0, len(values) - 1, count).astype(int)])
