@@ -128,6 +128,18 @@ def test_a_recipe_without_cases_is_written_without() -> None:
     assert "cases" not in dump_recipe(load_recipe("tiny"))
 
 
+def test_the_cases_of_the_documentation_are_a_recipe(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    blocks = [part.split("```")[0] for part in text.split("```toml\n")[1:]]
+    (block,) = [block for block in blocks if "[[cases]]" in block]
+    (tmp_path / "mine.toml").write_text(block, encoding="utf-8")
+    recipe = load_recipe(str(tmp_path / "mine.toml"))
+    found = [(drawn(recipe, k)["case"], drawn(recipe, k)["sensor"]) for k in range(4)]
+    assert found == [
+        ("chain, JPEG", "thesis"), ("dome", "thesis"), ("chain, JPEG", "fovea"), ("dome", "fovea"),
+    ]  # fmt: skip
+
+
 def test_files_of_cases_come_along(tmp_path: Path) -> None:
     text = {"cases": [{"name": "mine", "scene": {"sensor": "mine.toml"}}]}
     (tmp_path / "here.toml").write_text(tomli_w.dumps(text), encoding="utf-8")
