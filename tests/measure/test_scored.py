@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,13 @@ from chromagrip.cli.app import main
 from chromagrip.errors import UserError
 from chromagrip.measure.scored.intervals import intervals
 from chromagrip.measure.scored.points import Points, read_points
-from chromagrip.measure.scored.score import Outcome, as_json, interval_note, score_table
+from chromagrip.measure.scored.score import (
+    Outcome,
+    as_json,
+    case_tables,
+    interval_note,
+    score_table,
+)
 from chromagrip.measure.scored.scores import UNITS, Truth, score
 
 FRAMES, COUNT = 6, 30
@@ -314,6 +321,18 @@ def of_names(name: str, values: list[float]) -> Outcome:
     return Outcome(name=name, scores=mean, intervals=bounds, sequences=found, worst=None)
 
 
+def test_each_case_has_its_own_mean() -> None:
+    made = of_names("a", [1.0, 10.0, 3.0, 20.0])
+    names = list(made.sequences)
+    cases = dict(zip(names, ["easy", "hard", "easy", "hard"], strict=True))
+    rms, lost = case_tables([replace(made, cases=cases)])
+    assert rms.header == ("rms px", "a")
+    assert rms.lines == (("easy", "2 (1 … 3)"), ("hard", "15 (10 … 20)"))
+    assert lost.lines == rms.lines
+    (alone, _) = case_tables([replace(made, cases={names[1]: "hard"})])
+    assert alone.lines == (("hard", "10"),)
+
+
 def test_one_sequence_has_no_interval_and_it_is_said() -> None:
     one, more, lost = (
         of_names(name, values)
@@ -323,6 +342,7 @@ def test_one_sequence_has_no_interval_and_it_is_said() -> None:
     assert "no interval" in interval_note([one])
     assert "no interval" not in interval_note([more])
     assert {line[0]: line[1] for line in score_table([one]).lines}["rms px"] == "0.5"
+    assert case_tables([one, more]) == []
     # Of two sequences the means are 1, 2 and 3.
     assert {line[0]: line[1] for line in score_table([more]).lines}["rms px"] == "2 (1 … 3)"
     told = json.loads(json.dumps(as_json([one, more, lost], Path("truth"))))["tracks"]

@@ -39,7 +39,13 @@ def score(
     if out is None and not json_only:
         out = new_folder(f"score-{stem_of(str(truth))}")
 
-    from ..measure.scored.score import as_json, interval_note, score_table, score_tracks
+    from ..measure.scored.score import (
+        as_json,
+        case_tables,
+        interval_note,
+        score_table,
+        score_tracks,
+    )
     from ..output.report import table_lines
 
     with status() as report:
@@ -47,7 +53,8 @@ def score(
     if json_only:
         print(json.dumps(as_json(outcomes, truth)))
         return 0
-    print("\n".join(table_lines(score_table(outcomes))))
+    for table in (score_table(outcomes), *case_tables(outcomes)):
+        print("\n".join(table_lines(table)))
     print(interval_note(outcomes))
     print(f"folder {out}, see leaderboard.html")
     return 0

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -44,6 +44,7 @@ class Outcome:
     scores: mean over the sequences, by the names of UNITS
     intervals: bounds of these means, of 90 %; empty for one sequence
     sequences: scores of each sequence
+    cases: of the recipe, by sequence; empty where there are none
     worst: picture of the worst frames; None where the truth has no pictures
     """
 
@@ -52,6 +53,7 @@ class Outcome:
     intervals: dict[str, tuple[float, float]]
     sequences: dict[str, dict[str, float]]
     worst: Image | None
+    cases: dict[str, str] = field(default_factory=dict)
 
 
 def score_tracks(
@@ -102,6 +104,7 @@ def score_tracks(
 def _outcome(tracks: Path, truth: Path, tell: Callable[[str], None]) -> Outcome:
     name = tracks.stem if tracks.is_file() else tracks.name
     found: dict[str, dict[str, float]] = {}
+    cases: dict[str, str] = {}
     frames: list[tuple[float, Named, Scored, int]] = []
     for named in truths(tracks, truth):
         tell(f"{name}, {named.name}")
@@ -109,15 +112,16 @@ def _outcome(tracks: Path, truth: Path, tell: Callable[[str], None]) -> Outcome:
         with located(f"tracks {named.tracks}"):
             scored = score(points, named.truth)
         found[named.name] = scored.scores
+        cases |= {named.name: named.case} if named.case else {}
         frames += [(bad, named, scored, k) for k, bad in enumerate(_badness(named, scored))]
         frames = sorted(frames, key=lambda entry: -entry[0])[:_WORST]
-    mean = {name: float(np.mean([scores[name] for scores in found.values()])) for name in UNITS}
     drawn = [_draw(named, scored, k) for _, named, scored, k in frames if named.pictures]
     return Outcome(
         name=name,
-        scores=mean,
+        scores=_means(found),
         intervals=intervals(list(found.values())),
         sequences=found,
+        cases=cases,
         worst=_tiled(drawn) if drawn else None,
     )
 
@@ -191,6 +195,30 @@ def score_table(outcomes: Sequence[Outcome]) -> Table:
     return Table(header, lines)
 
 
+def case_tables(outcomes: Sequence[Outcome]) -> list[Table]:
+    """Error and losses in each case of a recipe, a column for each maker; none without cases."""
+    cases = dict.fromkeys(case for outcome in outcomes for case in outcome.cases.values())
+    tables = []
+    for name in ("rms", "lost") if cases else ():
+        header = (f"{name} {UNITS[name]}", *(outcome.name for outcome in outcomes))
+        lines = tuple(
+            (case, *(_with_bounds(_of_case(outcome, case), name) for outcome in outcomes))
+            for case in cases
+        )
+        tables.append(Table(header, lines))
+    return tables
+
+
+def _of_case(outcome: Outcome, case: str) -> Outcome:
+    """The sequences of one case alone."""
+    own = {name: outcome.sequences[name] for name, of in outcome.cases.items() if of == case}
+    return replace(outcome, sequences=own, scores=_means(own), intervals=intervals([*own.values()]))
+
+
+def _means(sequences: dict[str, dict[str, float]]) -> dict[str, float]:
+    return {name: float(np.mean([scores[name] for scores in sequences.values()])) for name in UNITS}
+
+
 def _with_bounds(outcome: Outcome, name: str) -> str:
     """A mean score with its interval, where it has one."""
     mean = words(outcome.scores[name])
@@ -219,6 +247,7 @@ def as_json(outcomes: Sequence[Outcome], truth: Path) -> dict[str, object]:
                 name: [low, high] if np.isfinite([low, high]).all() else None
                 for name, (low, high) in outcome.intervals.items()
             },
+            "cases": outcome.cases,
             "sequences": {name: _plain(scores) for name, scores in outcome.sequences.items()},
         }
         for outcome in outcomes
@@ -240,7 +269,7 @@ def _write(outcomes: Sequence[Outcome], truth: Path, out: Path) -> None:
             title="Means",
             picture=Markup(),
             sentence=interval_note(outcomes),
-            tables=(score_table(outcomes),),
+            tables=(score_table(outcomes), *case_tables(outcomes)),
         )
     ]
     for k, outcome in enumerate(outcomes):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...dataset.folder import FILES, read_manifest, sequence_name
 from ...dataset.read import Loaded, load_sequences
+from ...dataset.recipe import CASE
 from ...errors import UserError
 from ...render import LAYERS, SensorDesign, ground_image, load_sensor, rest_membrane
 from ..limits.positions import position_limits
@@ -29,12 +30,14 @@ class Named:
     truth: true places
     tracks: file of the tracks
     pictures: of the frames; empty where there are none
+    case: of the recipe that the sequence is of; empty where there are none
     """
 
     name: str
     truth: Truth
     tracks: Path
     pictures: list[Path]
+    case: str = ""
 
 
 def truths(tracks: Path, truth: Path) -> Iterator[Named]:
@@ -90,7 +93,13 @@ def truths(tracks: Path, truth: Path) -> Iterator[Named]:
         name = sequence_name(loaded.number)
         file = files.get(name)
         if file is not None:
-            yield Named(name=name, truth=_truth(loaded), tracks=file, pictures=loaded.pictures)
+            yield Named(
+                name=name,
+                truth=_truth(loaded),
+                tracks=file,
+                pictures=loaded.pictures,
+                case=str(loaded.values.get(CASE, "")),
+            )
 
 
 def _tracks_of(folder: Path, name: str) -> Path | None:
