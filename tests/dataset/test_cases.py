@@ -169,6 +169,7 @@ def test_files_of_cases_come_along(tmp_path: Path) -> None:
             },
             "case b: draw.object.friction reaches 90",
         ),
+        ({"cases": [{"name": "a", "scene": {"body": "x"}}]}, "case a: body = 'x': allowed: chain"),
         ({"draw": {"grip_n": {"each": []}}}, "each needs something to choose from"),
         (
             {

@@ -297,7 +297,8 @@ def _check_case(recipe: Recipe, name: str) -> None:
                     f"recipe {name}: draw.{key} reaches {end}; {low:g} to {high:g} is allowed"
                 )
     middle = {key: ends(how)[0] for key, how in recipe.draw.items()}
-    tried = [(key, end) for key, how in recipe.draw.items() for end in ends(how)]
+    own = {key: how for key, how in recipe.draw.items() if key != CASE}
+    tried = [(key, end) for key, how in own.items() for end in ends(how)]
     for values in [{key: end} for key, end in tried] or [{}]:
         try:
             scene_of(recipe, 0, middle | values)
