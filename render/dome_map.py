@@ -33,14 +33,17 @@ class DomeMap:
     sensor: design
     dome: body that the markers are in
     places: of the markers of each layer, shape (2, M, 2); None is as designed
+
+    Attributes
+    ----------
+    field: how the silicone moves at the markers
     """
 
     def __init__(self, sensor: SensorDesign, dome: Dome, places: Array | None = None) -> None:
         skin = sensor.shape
-        own = np.broadcast_to(
-            sensor.places if places is None else places, (2, len(sensor.places), 2)
-        )
-        self._field = MarkerField(dome, own, layer_depths(sensor, dome))
+        own = sensor.places if places is None else places
+        own = np.broadcast_to(own, (2, *own.shape[-2:]))
+        self.field = MarkerField(dome, own, layer_depths(sensor, dome))
         self._rest = np.stack(
             [skin.points(each, depth) for each, depth in zip(own, sensor.depths, strict=True)]
         )
@@ -53,7 +56,10 @@ class DomeMap:
 
     def __call__(self, forces: Array) -> Membrane:
         """Membrane for forces on the nodes of the linear skin, (N, 3) [N]."""
-        moved, slope = self._field(forces)
+        return self.of_field(*self.field(forces))
+
+    def of_field(self, moved: Array, slope: Array) -> Membrane:
+        """Membrane for what `field` says: displacement (2, M, 3) [m] and slopes (2, M, 3, 2)."""
         axes = outline_axes(self._tangents + slope, self._stretch)
         return Membrane(centres=self._rest + moved, axes=_turned(axes, self._upright))
 

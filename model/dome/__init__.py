@@ -9,7 +9,8 @@ from .compliance import compliance_table, make_table
 from .dome import Dome, lattice
 from .inside import MarkerField, SkinField, inside_table
 from .motion import AXES, Motion, press_and_move
-from .placing import rise_beside, touching_place
+from .placing import rise_beside, rotation_of, touching_place
+from .posed import PosedContact, PosedContacts
 from .simulate import (
     DomeRun,
     contact_steps,
@@ -32,6 +33,8 @@ __all__ = [
     "DomeState",
     "MarkerField",
     "Motion",
+    "PosedContact",
+    "PosedContacts",
     "SkinField",
     "Solid",
     "StepCount",
@@ -51,6 +54,7 @@ __all__ = [
     "press_and_move",
     "resting",
     "rise_beside",
+    "rotation_of",
     "save_dome_state",
     "simulate_contact",
     "solid_stiffness",

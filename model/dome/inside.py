@@ -139,6 +139,17 @@ class _Columns:
     def __call__(self, forces: Array) -> Table:
         """Columns times forces (N, 3); the same array each time."""
         loaded = np.flatnonzero(forces.any(axis=1))
+        self._make(loaded)
+        add_columns(self._columns, self._slot[loaded], forces[loaded], self._sum)
+        return self._sum
+
+    def of(self, nodes: NDArray[np.int64]) -> Table:
+        """Columns of nodes (n,), shape (n, 3, values)."""
+        self._make(nodes)
+        return self._columns[self._slot[nodes]]
+
+    def _make(self, loaded: NDArray[np.int64]) -> None:
+        """Make the columns of nodes that are not there."""
         missing = loaded[self._slot[loaded] < 0]
         if len(missing):
             if 12 * self._sum.size * (self._used + len(missing)) > _ROOM:
@@ -152,8 +163,6 @@ class _Columns:
             self._fill(missing, self._columns[self._used : until])
             self._slot[missing] = np.arange(self._used, until)
             self._used = until
-        add_columns(self._columns, self._slot[loaded], forces[loaded], self._sum)
-        return self._sum
 
 
 class SkinField:
@@ -209,6 +218,10 @@ class MarkerField:
         """
         field = self._columns(forces).reshape(*self._shape, 9).astype(np.float64)
         return field[..., :3], field[..., 3:].reshape(*self._shape, 3, 2)
+
+    def of_nodes(self, nodes: NDArray[np.int64]) -> Table:
+        """Displacement and slopes for unit forces on nodes (n,), shape (n, 3, L, M, 9) [m/N]."""
+        return self._columns.of(nodes).reshape(len(nodes), 3, *self._shape, 9)
 
     def _fill(self, missing: NDArray[np.int64], out: Table) -> None:
         each = out.reshape(len(missing), 3, *self._shape, 9)

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 #: Distance and outward normal.
 Reading = tuple[float, float, float, float]
 
-PLANE, BALL, CYLINDER, BOX, CAPSULE, TORUS, CONE, GRID = range(8)
+PLANE, BALL, CYLINDER, BOX, CAPSULE, TORUS, CONE, GRID, QUADRIC = range(9)
 
 #: Shorter vectors have no direction; their squares would be lost below the smallest number [m].
 TINY = 1e-140
@@ -56,6 +56,8 @@ def distance(
         return _torus(numbers, x, y, z)
     if kind == CONE:
         return _cone(numbers, x, y, z)
+    if kind == QUADRIC:
+        return _quadric(numbers, x, y, z)
     return _grid(grid, origin, cells, x, y, z)
 
 
@@ -160,6 +162,20 @@ def _cone(numbers: Array, x: float, y: float, z: float) -> Reading:
     else:
         gap, n_rho, n_z = _direction(rho - rim, above)
     return gap - rounding, n_rho * e_x, n_rho * e_y, n_z
+
+
+@njit()
+def _quadric(numbers: Array, x: float, y: float, z: float) -> Reading:
+    """Inside f = z − ½·(x, y, z)·K·(x, y, z) > 0: −2f/(1 + |∇f|), exact for ball, rod and plane."""
+    a, b, c, d = numbers[0], numbers[1], numbers[2], numbers[3]
+    s_x, s_y, s_z = a * x + b * y, b * x + c * y, d * z
+    f = z - 0.5 * (x * s_x + y * s_y + z * s_z)
+    n_x, n_y, n_z = s_x, s_y, s_z - 1.0
+    length = np.sqrt(n_x * n_x + n_y * n_y + n_z * n_z)
+    gap = -2.0 * f / (1.0 + length)
+    if length < TINY:
+        return gap, 0.0, 0.0, -1.0
+    return gap, n_x / length, n_y / length, n_z / length
 
 
 @njit()

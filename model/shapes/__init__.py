@@ -1,7 +1,7 @@
 """Shapes of objects in three dimensions, as signed distances: formulas and triangle meshes."""
 
 from .mesh import mesh_shape
-from .primitives import ball, box, capsule, cone, cylinder, plane, torus
+from .primitives import ball, box, capsule, cone, cylinder, plane, quadric, torus
 from .shape import Shape, distances, reach_down
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "distances",
     "mesh_shape",
     "plane",
+    "quadric",
     "reach_down",
     "torus",
 ]

@@ -110,3 +110,31 @@ def cone(radius: float, height: float, rounding: float = 0.0) -> Shape:
 def _round(name: str, rounding: float, most: float) -> None:
     """Refuse a rounding that leaves no inner shape; the most is the largest ball that fits in."""
     within(f"rounding of a {name}", rounding, "m", 0.0, most)
+
+
+def quadric(along_x: float, along_y: float, mixed: float = 0.0) -> Shape:
+    """A surface of two curvatures that fills z > 0 about the origin, where it touches z = 0.
+
+    Ball, rod along an axis and plane are exact; other distances are so to second order. Where both
+    curvatures are negative it is a hollow.
+
+    Parameters
+    ----------
+    along_x, along_y: curvature along each axis, positive where the surface bulges to −z [1/m]
+    mixed: off-diagonal element of the matrix of curvatures [1/m]
+    """
+    largest = 1.0 / SMALLEST
+    for name, value in (("along x", along_x), ("along y", along_y), ("mixed", mixed)):
+        within(f"curvature {name} of a quadric", value, "1/m", -largest, largest)
+    return make_shape(
+        "quadric",
+        kernels.QUADRIC,
+        [along_x, mixed, along_y, _strongest(along_x, along_y, mixed)],
+        bounds=[[-np.inf, -np.inf, -np.inf], [np.inf, np.inf, np.inf]],
+    )
+
+
+def _strongest(along_x: float, along_y: float, mixed: float) -> float:
+    """The principal curvature of larger size: along z it closes a ball and a rod exactly."""
+    mean, half = 0.5 * (along_x + along_y), math.hypot(0.5 * (along_x - along_y), mixed)
+    return mean + half if mean >= 0.0 else mean - half

@@ -137,7 +137,7 @@ def reach_down(shape: Shape, rotation: ArrayLike | None = None) -> float:
     """
     turn = np.eye(3) if rotation is None else np.asarray(rotation, float)
     down = -turn[2]
-    if shape.kind == kernels.PLANE:
+    if shape.kind in (kernels.PLANE, kernels.QUADRIC):
         return 0.0
     reach = support(shape, down)
     if np.isfinite(reach):
@@ -174,4 +174,4 @@ def support(shape: Shape, direction: ArrayLike) -> float:
         return max(z * tip, z * base + float(np.hypot(x, y)) * rim) + rounding
     if shape.kind == kernels.GRID:
         return float((shape.corners @ [x, y, z]).max())
-    return 0.0 if z <= -1.0 + 1e-12 else np.inf  # a plane
+    return 0.0 if z <= -1.0 + 1e-12 else np.inf  # a plane or a quadric, which may have no end

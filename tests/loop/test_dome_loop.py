@@ -125,7 +125,6 @@ def test_a_mesh_is_found_beside_its_scene(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"path": "camera"}, "no estimator reads the pictures"),
         ({"sensor": "flat-2019"}, r"flat-2019: the design has no dome of silicone"),
         ({"body": "chain"}, r"dome.pitch_mm = 0.8 is for body = \"dome\""),
         ({"fingertip.nodes": 101}, r"fingertip.nodes = 101 is for body = \"chain\""),

@@ -36,6 +36,7 @@ from .pose import Alignment, CameraPose, PoseTable, aligned, alignment, pose_wor
 from .reconstructors import (
     AUTOMATIC,
     DEFAULT_RECONSTRUCTOR,
+    DOME_METHODS,
     METHODS,
     RECONSTRUCTORS,
     NoEstimateError,
@@ -52,6 +53,7 @@ __all__ = [
     "AUTOMATIC",
     "CAMERA_RULE",
     "DEFAULT_RECONSTRUCTOR",
+    "DOME_METHODS",
     "FRICTION",
     "MEASURED",
     "METHODS",

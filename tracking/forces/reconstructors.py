@@ -1,10 +1,10 @@
 """Reconstructors by name: from tracks to a force field with its covariance, one signature."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from ...by_name import Choice, Registry, name_of
-from ...errors import UserError
+from ...errors import UserError, located
 from ...model import ForceField
 from ..tracks import Tracks
 from .calibration import SensorCalibration, required_readout
@@ -52,11 +52,19 @@ METHODS = {
         ".chain.learned:sequential",
         "the same over codes averaged while the skin holds still",
     ),
+    "contact": (
+        ".dome.contact:ContactReading",
+        "a contact fitted by synthesis, on a dome of silicone",
+    ),
 }
 #: Reads forces unless another is chosen.
 DEFAULT_RECONSTRUCTOR = "auto"
-#: Method that `auto` stands for.
-AUTOMATIC = "sequential"
+#: What pictures are of: the chain revolved, or a dome of silicone.
+Body = Literal["chain", "dome"]
+#: Method that `auto` stands for, by body.
+AUTOMATIC: dict[Body, str] = {"chain": "sequential", "dome": "contact"}
+#: Methods of ours that read a dome of silicone; the others read a chain.
+DOME_METHODS = ("contact",)
 #: Every name that can be chosen.
 RECONSTRUCTORS = Registry(
     protocol=Reconstructor,
@@ -64,25 +72,38 @@ RECONSTRUCTORS = Registry(
     entries={
         DEFAULT_RECONSTRUCTOR: (
             ".reconstructors:automatic",
-            "sequential; a read-out that is missing is trained at the first use",
+            "sequential, or contact for a design whose inner layer lies on its rigid core",
         ),
         **METHODS,
     },
 )
 #: Names of those that need a trained read-out.
-_TRAINED = (DEFAULT_RECONSTRUCTOR, "learned", "sequential")
+_TRAINED = ("learned", "sequential")
 
 
 def automatic(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
-    """Reconstructor for a sensor whose user chose none: the only one good enough for a default.
+    """Reconstructor for a sensor whose user chose none.
 
     Raises
     ------
     UserError
-        When the sensor has no trained read-out.
+        When the sensor needs a trained read-out and has none.
     """
-    required_readout(calibration)
-    return load_reconstructor(AUTOMATIC)(calibration, rest)
+    name = name_used(DEFAULT_RECONSTRUCTOR, calibration)
+    check_reconstructor(name, calibration)
+    return load_reconstructor(name)(calibration, rest)
+
+
+def body_read(calibration: SensorCalibration) -> Body:
+    """Body that `auto` takes a sensor's pictures to be of.
+
+    Where the inner layer lies on the rigid core it does not move, and forces cannot be told
+    without a contact: such a sensor is read as a dome. A sensor with two soft layers is read by its
+    trained read-out.
+    """
+    sensor = calibration.nominal
+    on_core = sensor.silicone is not None and not sensor.yellow.follow
+    return "dome" if on_core else "chain"
 
 
 def load_reconstructor(
@@ -105,14 +126,15 @@ def load_reconstructor(
     return factory
 
 
-def name_used(choice: Choice) -> str:
+def name_used(choice: Choice, calibration: SensorCalibration) -> str:
     """Name of a reconstructor; of the one that `auto` stands for."""
-    return AUTOMATIC if choice == DEFAULT_RECONSTRUCTOR else name_of(choice)
+    automatic = choice == DEFAULT_RECONSTRUCTOR
+    return AUTOMATIC[body_read(calibration)] if automatic else name_of(choice)
 
 
-def needs_readout(choice: Choice) -> bool:
+def needs_readout(choice: Choice, calibration: SensorCalibration) -> bool:
     """Whether a reconstructor is one of ours that reads forces by a trained read-out."""
-    return choice in _TRAINED
+    return name_used(choice, calibration) in _TRAINED
 
 
 def check_reconstructor(choice: Choice, calibration: SensorCalibration) -> None:
@@ -121,9 +143,12 @@ def check_reconstructor(choice: Choice, calibration: SensorCalibration) -> None:
     Raises
     ------
     UserError
-        When there is none of that name, it cannot be imported, or it needs a trained read-out and
-        the sensor has none.
+        When there is none of that name, it cannot be imported, it needs a trained read-out and the
+        sensor has none, or it reads a dome of silicone and the sensor is none.
     """
     load_reconstructor(choice)
-    if needs_readout(choice):
+    if needs_readout(choice, calibration):
         required_readout(calibration)
+    elif name_used(choice, calibration) in DOME_METHODS:
+        with located(f"sensor {calibration.name}".rstrip()):
+            calibration.sensor.dome  # noqa: B018 (refuses what has none)

@@ -98,12 +98,14 @@ def grasp(
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
     from ..loop.grasp import known_sensor  # OpenCV loads only when something is run
+    from ..loop.methods import reconstructor_for
     from ..loop.run_folder import run
 
-    make_dome_tables(resolved, pictures=out is not None)
+    make_dome_tables(resolved, pictures=out is not None or resolved.path == "camera")
     if resolved.path == "camera" and not resolved.build_sensor().shape.flat:
         with located(f"sensor {resolved.sensor}"):
-            train_if_missing(known_sensor(resolved), resolved.reconstructor)
+            name = reconstructor_for(resolved.body, resolved.reconstructor)
+            train_if_missing(known_sensor(resolved), name)
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
         result = run(resolved, out, overwrite=overwrite, progress=progress)
     if json_only:

@@ -25,7 +25,7 @@ def train_if_missing(known: "SensorCalibration", reconstructor: str) -> None:
     """
     from ..tracking.forces import needs_readout
 
-    if known.readout is not None or not needs_readout(reconstructor):
+    if known.readout is not None or not needs_readout(reconstructor, known):
         return
 
     from ..calibrate.first_use import ensure_readout, training_notice

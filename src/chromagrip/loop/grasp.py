@@ -20,7 +20,7 @@ from .dome_world import DomePlant
 from .latency import DelayedController, arrivals
 from .methods import Methods
 from .observers import CameraObserver, TruthObserver, with_friction_bias
-from .world import ChainPlant, Contact, Plant, World, of_chain
+from .world import ChainPlant, Contact, Plant, World
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,8 +196,7 @@ def _camera_readings(
     methods: Methods,
 ) -> Read:
     """Readings of the camera's frames, by an observer that was given frames at rest."""
-    _, start, _ = of_chain(world.now)
-    rest = camera.expose_rest(start, scene.camera.rest_frames)
+    rest = camera.expose_rest(world.now.state, scene.camera.rest_frames)
     with located(f"sensor {scene.sensor}"):
         observer = CameraObserver(
             known,
@@ -212,8 +211,7 @@ def _camera_readings(
         if index is None:
             return Reading(rest=observer.rest)
         # The picture is of the exposure's middle; its time is the frame's.
-        _, exposed, _ = of_chain(world.exposed)
-        state = replace(exposed, time=world.now.state.time)
+        state = replace(world.exposed.state, time=world.now.state.time)
         frame = camera.expose(state, index)
         observation, tracks = observer.observe(frame)
         observation = with_friction_bias(observation, scene.camera.friction_bias)

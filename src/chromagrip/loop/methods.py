@@ -7,9 +7,11 @@ import msgspec
 
 from ..by_name import Choice, name_of
 from ..control import Controller
+from ..errors import UserError
 from ..scene.controllers import CONTROLLERS
-from ..scene.scene import Scene
-from ..tracking import AUTOMATIC, DEFAULT_RECONSTRUCTOR
+from ..scene.scene import Body, Scene
+from ..tracking import AUTOMATIC, DEFAULT_RECONSTRUCTOR, METHODS
+from ..tracking.forces import DOME_METHODS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +49,25 @@ class Methods:
         return controller
 
 
+def reconstructor_for(body: Body, name: str) -> str:
+    """Name of the reconstructor that reads a body's pictures; of the one that `auto` stands for.
+
+    Raises
+    ------
+    UserError
+        For one of ours that reads another body.
+    """
+    if name == DEFAULT_RECONSTRUCTOR:
+        return AUTOMATIC[body]
+    if name in METHODS and (name in DOME_METHODS) != (body == "dome"):
+        allowed = [other for other in METHODS if (other in DOME_METHODS) == (body == "dome")]
+        raise UserError(
+            f'reconstructor {name} does not read body = "{body}"; allowed are auto, '
+            f"{', '.join(allowed)}"
+        )
+    return name
+
+
 def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
     """Scene that names the chosen methods, and the methods themselves.
 
@@ -60,13 +81,13 @@ def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
     Raises
     ------
     UserError
-        For a name that does not exist.
+        For a name that does not exist, and a reconstructor of another body.
     """
     chosen = {kind: choice for kind, choice in choices.items() if choice is not None}
     names: dict[str, Any] = {kind: name_of(choice) for kind, choice in chosen.items()}
     reconstructor = names.get("reconstructor", scene.reconstructor)
-    if scene.path == "camera" and reconstructor == DEFAULT_RECONSTRUCTOR:
-        names["reconstructor"] = AUTOMATIC
+    if scene.path == "camera":
+        names["reconstructor"] = reconstructor_for(scene.body, reconstructor)
     if "controller" in chosen:
         names["controller_arguments"] = {}
     scene = msgspec.structs.replace(scene, **names)

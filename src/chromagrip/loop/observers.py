@@ -7,7 +7,8 @@ import numpy as np
 
 from ..by_name import Choice, blaming, name_of
 from ..control import GripObservation
-from ..model import Fingertip, ForceField
+from ..model import Dome, Fingertip, ForceField
+from ..model.dome import lattice
 from ..render import Frame
 from ..tracking import (
     CAMERA_RULE,
@@ -22,6 +23,7 @@ from ..tracking import (
     load_reconstructor,
     load_tracker,
 )
+from ..tracking.forces import DOME_METHODS, name_used
 
 #: Correlation of the errors of ΣFn and ΣFf where stiffnesses are wrong: the tissue's turn both
 #: alike, the membrane's do not.
@@ -100,7 +102,12 @@ class ForceObserver:
         with blaming(self._failure, SystemExit):
             self._forces = load_reconstructor(reconstructor)(calibration, rest)
         self._friction = FrictionEstimate(rule, window)
-        self._fingertip = calibration.fingertip
+        name = name_used(reconstructor, calibration)
+        self._nothing = (
+            _no_dome_field(calibration.sensor.dome)
+            if name in DOME_METHODS
+            else _no_chain_field(calibration.fingertip)
+        )
         self._stiffness_deviation = calibration.stiffness_deviation
 
     def observe(self, time: float, tracks: Tracks) -> GripObservation:
@@ -114,7 +121,7 @@ class ForceObserver:
                 field = self._forces.update(tracks)
             field = _with_stiffness_deviation(field, self._stiffness_deviation)
         except NoEstimateError as error:
-            field, reason = _empty_field(self._fingertip), str(error)
+            field, reason = self._nothing, str(error)
         return _observation(time, field, self._friction, math.nan, reason)
 
 
@@ -250,7 +257,7 @@ def _with_stiffness_deviation(field: ForceField, deviation: float) -> ForceField
     return replace(field, totals_covariance=field.totals_covariance + added)
 
 
-def _empty_field(fingertip: Fingertip) -> ForceField:
+def _no_chain_field(fingertip: Fingertip) -> ForceField:
     n = fingertip.nodes
     return ForceField(
         position=fingertip.rest_positions(),
@@ -258,4 +265,17 @@ def _empty_field(fingertip: Fingertip) -> ForceField:
         friction=np.zeros(n),
         contact=np.zeros(n, dtype=bool),
         totals_covariance=np.full((2, 2), np.inf),
+    )
+
+
+def _no_dome_field(dome: Dome) -> ForceField:
+    points = lattice(dome).points
+    n = len(points)
+    return ForceField(
+        position=points,
+        normal=np.zeros(n),
+        friction=np.zeros((n, 3)),
+        contact=np.zeros(n, dtype=bool),
+        totals_covariance=np.full((2, 2), np.inf),
+        directions=np.zeros((n, 3)),
     )

@@ -132,11 +132,6 @@ class Scene(Table, frozen=True):
                         f"{self.body}"
                     )
         if not chain:
-            if self.path == "camera":
-                raise UserError(
-                    'no estimator reads the pictures of body = "dome" yet; set path = "truth", '
-                    'or body = "chain"'
-                )
             self.build_dome()
             self.build_solid()
 

@@ -42,9 +42,9 @@ def used(choice: Choice, calibration: SensorCalibration) -> Used:
     UserError
         When it needs a read-out and the sensor has none, or one that cannot be read.
     """
-    path = required_readout(calibration) if needs_readout(choice) else None
+    path = required_readout(calibration) if needs_readout(choice, calibration) else None
     return {
-        "reconstructor": name_used(choice),
+        "reconstructor": name_used(choice, calibration),
         "readout": None if path is None else _described(path, calibration),
         "stiffness_deviation": calibration.stiffness_deviation,
     }

@@ -1,0 +1,143 @@
+"""A contact is read off the markers of a dome: forces, friction, and what it refuses."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from chromagrip.errors import UserError
+from chromagrip.model import DomeState, Motion, Solid, dome_forces, simulate_contact
+from chromagrip.model.dome import Stepper, resting
+from chromagrip.model.shapes import Shape, ball, cylinder, plane
+from chromagrip.render import load_sensor
+from chromagrip.tracking import NoEstimateError, load_reconstructor, sensor_as_designed
+from chromagrip.tracking.forces.dome.contact import ContactReading
+
+from .drawn import Drawn
+
+SENSOR = "dome-2020"
+DESIGN = load_sensor(SENSOR)
+DOME = DESIGN.dome
+GRIP = 3.0
+
+
+@lru_cache(maxsize=8)
+def grasped(solid: Solid, azimuth: float, margin: float, frames: int = 24) -> tuple[DomeState, ...]:
+    """States of a grip and then a load that leaves a margin, one a frame."""
+    load = (1.0 - margin) * solid.friction * GRIP
+    loads = np.zeros((4, 6))
+    loads[1:, 2] = -GRIP
+    loads[2:, :2] = load * math.cos(azimuth), load * math.sin(azimuth)
+    motion = Motion(
+        times=np.array([0.0, 0.2, 0.6, 0.7]),
+        poses=np.zeros((4, 6)),
+        free=("x", "y", "z"),
+        drag=(2.0, 2.0, 25.0, 0.0, 0.0, 0.0),
+        loads=loads,
+    )
+    stepper = Stepper(DOME, solid, motion, resting(DOME, solid, motion))
+    states = []
+    for k in range(2 * frames):
+        stepper.advance(0.7 * (k + 1) / (2 * frames))
+        if k % 2:
+            states.append(stepper.state())
+    return tuple(states)
+
+
+def read(states: tuple[DomeState, ...], seed: int = 0) -> ContactReading:
+    """Reading after all frames."""
+    drawn = Drawn(DESIGN, DOME, seed)
+    reading = ContactReading(sensor_as_designed(SENSOR), drawn(np.zeros_like(states[0].linear)))
+    for state in states[:-1]:
+        reading.update(drawn(state.linear))
+    reading.field = reading.update(drawn(states[-1].linear))  # type: ignore[attr-defined]
+    return reading
+
+
+@pytest.mark.parametrize(
+    ("shape", "azimuth", "stiffness", "friction"),
+    [(plane(), 0.4, 1e9, 0.6), (ball(12e-3), 2.5, 2e9, 0.4), (cylinder(14e-3), 4.0, 1e9, 0.5)],
+    ids=["plane", "ball", "rod"],
+)
+def test_force_direction_friction_and_margin_are_read(
+    shape: Shape, azimuth: float, stiffness: float, friction: float
+) -> None:
+    states = grasped(Solid(shape=shape, stiffness=stiffness, friction=friction), azimuth, 0.2)
+    field = read(states).field  # type: ignore[attr-defined]
+    truth = dome_forces(DOME, states[-1])
+    assert field.total_normal == pytest.approx(truth.total_normal, rel=0.06)
+    assert field.net_friction == pytest.approx(truth.net_friction, abs=0.06)
+    along = math.atan2(*field.net_friction[1::-1])
+    assert math.remainder(along - azimuth, 2 * math.pi) == pytest.approx(0.0, abs=0.05)
+    reading = field.friction_reading
+    assert reading is not None
+    assert reading.observable
+    assert reading.value == pytest.approx(friction, rel=0.25)
+    # A constant margin of 0.5 would be off by 0.3, and its interval would not hold the truth.
+    off = field.safety_margin(reading.value) - truth.safety_margin(friction)
+    assert abs(off) < min(0.15, 2.5 * reading.margin_deviation)
+    assert reading.margin_deviation < 0.15
+
+
+def test_a_pure_press_shows_force_and_no_friction() -> None:
+    states = grasped(Solid(shape=plane()), 0.0, 1.0)
+    field = read(states).field  # type: ignore[attr-defined]
+    truth = dome_forces(DOME, states[-1])
+    assert field.total_normal == pytest.approx(truth.total_normal, rel=0.06)
+    assert field.total_friction < 0.05
+    reading = field.friction_reading
+    assert reading is not None
+    assert not reading.observable
+
+
+def test_nothing_touches_at_rest() -> None:
+    drawn = Drawn(DESIGN, DOME)
+    rest = drawn(np.zeros_like(grasped(Solid(shape=plane()), 0.0, 1.0)[0].linear))
+    reading = ContactReading(sensor_as_designed(SENSOR), rest)
+    field = reading.update(drawn(np.zeros((len(reading.update(rest).normal), 3))))
+    assert not field.contact.any()
+    assert field.total_normal == 0.0
+    assert math.isnan(field.safety_margin(0.5))
+
+
+def test_two_contacts_are_refused() -> None:
+    """Forces of two presses side by side: no object of one curvature leaves such an image."""
+    poses = np.zeros((2, 6))
+    linear = 0.0
+    for side in (-1.0, 1.0):
+        poses[:, 0] = side * 6e-3
+        start = resting(DOME, Solid(shape=ball(4e-3)), Motion(times=[0.0, 1.0], poses=poses))
+        down = poses.copy()
+        down[1, 2] = -2.4e-3
+        run = simulate_contact(
+            DOME,
+            Solid(shape=ball(4e-3)),
+            Motion(times=np.array([0.0, 0.1]), poses=down),
+            dt=0.01,
+            start=start,
+        )
+        linear = linear + run.end.linear
+    drawn = Drawn(DESIGN, DOME)
+    reading = ContactReading(sensor_as_designed(SENSOR), drawn(np.zeros_like(linear)))
+    with pytest.raises(NoEstimateError, match="no contact of a smooth, convex object"):
+        reading.update(drawn(linear))
+
+
+def test_the_same_frames_give_the_same_field_and_reset_forgets() -> None:
+    states = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)[:8]
+    one, other = read(states), read(states)
+    assert np.array_equal(one.field.normal, other.field.normal)  # type: ignore[attr-defined]
+    drawn = Drawn(DESIGN, DOME, 1)
+    drawn(states[0].linear)
+    tracks = drawn(states[-1].linear)
+    one.reset()
+    other.reset()
+    first, again = one.update(tracks), other.update(tracks)
+    assert np.array_equal(first.normal, again.normal)
+
+
+def test_a_sensor_without_silicone_is_refused() -> None:
+    known = sensor_as_designed("flat-2019")
+    with pytest.raises(UserError, match="silicone"):
+        load_reconstructor("contact")(known, None)  # type: ignore[arg-type]

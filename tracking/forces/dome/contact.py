@@ -1,0 +1,251 @@
+"""Force field from tracks on a dome: the contact that explains them is found by synthesis.
+
+A yellow layer that lies on the rigid core does not move, and one moving layer does not tell free
+tractions. It tells a contact: an object of two curvatures, its stiffness and friction, and how it
+has been pressed, shifted and turned (`contact_state`). What no such contact explains is refused.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....errors import UserError
+from ....model import ForceField, FrictionReading
+from ....model.dome import PosedContact, lattice
+from ....render import layer_depths
+from ...tracks import Tracks
+from ..calibration import SensorCalibration
+from ..reconstructors import NoEstimateError
+from ..shifts import MarkerShifts
+from .contact_fit import ContactFit, Key, Shifts, Solution
+from .contact_state import CURVES, FRICTION, MOVING, OBJECT, PLACE, PRESS, prior_of
+from .keys import far_on, thinned
+from .marker_response import DomeResponse
+
+Array = NDArray[np.float64]
+
+#: Fewer visible pairs than this do not determine a contact.
+MIN_MARKERS = 12
+#: Error of a marker's place [px] and log size that the linear silicone and the round object leave.
+_PLACE_ERROR, _SIZE_ERROR = 0.02, 5e-3
+#: A layer nearer to the core than this share of the silicone does not move.
+_ON_CORE = 0.05
+#: Sum of squares of shifts in deviations below which nothing touches.
+_UNTOUCHED = 100.0
+#: Largest mean square of what is left of the shifts in a solution.
+_MISFIT = 2.0
+#: Rounds of a fit from rest, and of one that starts near its solution.
+_ROUNDS, _FEW_ROUNDS = 25, 8
+#: Mean square of what is left at which other objects are tried, and curvatures of these times the
+#: radius.
+_DOUBTFUL, _OTHERS = 1.2, (0.0, 3.0)
+#: Starts of a contact: angles of its place from the apex [rad], and how many around it.
+_STARTS = ((0.0, 1), (0.25, 6), (0.55, 10))
+#: Press of a start over the thickness.
+_START_PRESS = 0.1
+#: Deviation of ln µ below which µ is observable, and the margin from which on it is not.
+_OBSERVED, _OBSERVABLE_MARGIN = 0.25, 0.85
+#: Deviation of Γ that the layer's thickness and the friction law leave, and of ΣFn and ΣFf as
+#: shares.
+_MARGIN_ERROR, _NORMAL_ERROR, _FRICTION_ERROR = 0.03, 0.04, 0.04
+#: Normal force above which a node is in contact, over the force of all.
+_TOUCHING = 1e-6
+
+
+class ContactReading:
+    """Reads a contact off the tracks of one dome, frame after frame.
+
+    Parameters
+    ----------
+    calibration: of the sensor
+    rest: tracks of the unloaded sensor
+
+    Raises
+    ------
+    UserError
+        For a sensor without silicone.
+    """
+
+    def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None:
+        self.dome = dome = calibration.sensor.dome
+        self._shifts = MarkerShifts(calibration, rest, math.pi / 2, halves=True)
+        sensor = self._shifts.sensor
+        self._response = DomeResponse(sensor, dome, self._shifts.places)
+        self._fit = ContactFit(dome, self._response)
+        self._error = np.diag(np.tile([_PLACE_ERROR, _PLACE_ERROR, _SIZE_ERROR], 2) ** 2)
+        # A layer on the core stays where it is, whatever the forces are.
+        moving = np.array(layer_depths(sensor, dome)) < (1.0 - _ON_CORE) * dome.thickness
+        self._tells = np.repeat(moving, 3)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the frames before: the next one is sought from rest."""
+        #: Solution of the last key frame; None where there is none.
+        self.last: Solution | None = None
+        self._now: tuple[PosedContact, Array] | None = None
+
+    def update(self, tracks: Tracks) -> ForceField:
+        """Force field of a frame.
+
+        Raises
+        ------
+        NoEstimateError
+            When fewer than MIN_MARKERS pairs are visible, and when no contact explains them.
+        """
+        shifts = self._read(tracks)
+        if shifts.cost(np.zeros((len(shifts.used), 6))) < _UNTOUCHED:
+            self.reset()
+            return self._untouched()
+        if not self._followed(shifts) and not self._found(shifts):
+            self.reset()
+            raise NoEstimateError("no contact of a smooth, convex object explains the markers")
+        assert self._now is not None
+        if not self._now[0].forces.any():
+            self.reset()
+            return self._untouched()
+        return self._field()
+
+    def _followed(self, shifts: Shifts) -> bool:
+        """Follow the contact of the frame before; fit the object anew where it has moved on."""
+        if self.last is None or self._now is None:
+            return False
+        last, (contact, pose) = self.last, self._now
+        try:
+            contact, pose, misfit = self._fit.follow(last.object_, contact, pose, shifts)
+            if misfit < _DOUBTFUL and not far_on(self.dome, last.keys, pose):
+                self._now = contact, pose
+                return True
+            keys = thinned(self.dome, (*last.keys, Key(shifts=shifts, pose=pose)))
+        except UserError:
+            return False
+        solution = self._better(None, last.object_, keys, _FEW_ROUNDS)
+        return self._taken(solution, last.object_, keys)
+
+    def _found(self, shifts: Shifts) -> bool:
+        """Find the contact of a frame from rest."""
+        object_, pose = self._start(shifts)
+        keys = (Key(shifts=shifts, pose=pose),)
+        return self._taken(self._better(None, object_, keys, _ROUNDS), object_, keys)
+
+    def _taken(self, solution: Solution | None, object_: Array, keys: tuple[Key, ...]) -> bool:
+        """Go on with a solution, or with one from another object where it is doubtful."""
+        if solution is None or solution.misfit > _DOUBTFUL:
+            for other in self._others(object_):
+                solution = self._better(solution, other, keys, _ROUNDS)
+        if solution is None or solution.misfit > _MISFIT:
+            return False
+        self.last, self._now = solution, (solution.contact, solution.keys[-1].pose)
+        return True
+
+    def _better(
+        self, solution: Solution | None, object_: Array, keys: tuple[Key, ...], rounds: int
+    ) -> Solution | None:
+        """The better of a solution and that from another start."""
+        try:
+            other = self._fit.fit_keys(object_, keys, rounds)
+        except UserError:
+            return solution
+        return other if solution is None or other.misfit < solution.misfit else solution
+
+    def _others(self, object_: Array) -> list[Array]:
+        """Objects of other curvature at the same place, to start from."""
+        out = []
+        for curve in _OTHERS:
+            other = prior_of(self.dome).mean.copy()
+            other[PLACE] = object_[PLACE]
+            other[CURVES] = np.array([curve, curve, 0.0]) / self.dome.radius
+            out.append(other)
+        return out
+
+    def _read(self, tracks: Tracks) -> Shifts:
+        values, certain = self._shifts(tracks, MIN_MARKERS)
+        tells = np.flatnonzero(self._tells)
+        noise = (self._shifts.noise(tracks)[certain] + self._error)[:, tells[:, None], tells]
+        whiten = np.zeros((len(noise), len(tells), len(self._tells)))
+        whiten[:, :, tells] = np.linalg.inv(np.linalg.cholesky(noise))
+        return Shifts(values=values[certain], whiten=whiten, used=certain)
+
+    def _start(self, shifts: Shifts) -> tuple[Array, Array]:
+        """Object and pose to start from: the place of a light press whose image is most alike."""
+        best, most, press = prior_of(self.dome).mean, -math.inf, 0.0
+        target = shifts.apply(shifts.values)
+        light = np.zeros(MOVING)
+        light[PRESS] = _START_PRESS * self.dome.thickness
+        for angle, count in _STARTS:
+            for turn in 2.0 * math.pi * np.arange(count) / count:
+                tried = prior_of(self.dome).mean.copy()
+                tried[PLACE] = angle * math.cos(turn), angle * math.sin(turn)
+                image = shifts.apply(self._fit.image(tried, light)[shifts.used])
+                length = max(float(np.linalg.norm(image)), 1e-9)
+                score = float(image @ target) / length
+                if score > most:
+                    # A force, and so the image, grows about as the press to the power of 3/2.
+                    larger = float(np.clip(max(score / length, 0.05) ** (2.0 / 3.0), 0.2, 4.0))
+                    best, most, press = tried, score, larger * light[PRESS]
+        pose = np.zeros(MOVING)
+        pose[PRESS] = press
+        return best, pose
+
+    def _untouched(self) -> ForceField:
+        points = lattice(self.dome).points
+        nothing = np.zeros(len(points))
+        return ForceField(
+            position=points,
+            normal=nothing,
+            friction=np.zeros_like(points),
+            contact=np.zeros(len(points), np.bool_),
+            totals_covariance=np.zeros((2, 2)),
+            directions=np.zeros_like(points),
+        )
+
+    def _field(self) -> ForceField:
+        assert self.last is not None
+        assert self._now is not None
+        solution, contact = self.last, self._now[0]
+        normal = contact.normal
+        mu = math.exp(solution.object_[FRICTION])
+        whole = self._spread(solution)
+        deviation = math.sqrt(whole[2, 2])
+        sums = _sums(contact)
+        share = sums[1] / max(mu * sums[0], 1e-12)
+        # Of (ΣFn, ΣFf), and of Γ = 1 − ΣFf/(µ·ΣFn) with all their correlations.
+        scale = np.array([sums[0], 1.0])
+        totals = whole[:2, :2] * np.outer(scale, scale)
+        totals += np.diag([(_NORMAL_ERROR * sums[0]) ** 2, (_FRICTION_ERROR * sums[1]) ** 2])
+        slope = np.array([share, -1.0 / max(mu * sums[0], 1e-12), share])
+        spread = math.hypot(math.sqrt(float(slope @ whole @ slope)), _MARGIN_ERROR)
+        return ForceField(
+            position=lattice(self.dome).points + contact.displacement,
+            normal=normal,
+            friction=contact.friction.copy(),
+            contact=normal > _TOUCHING * max(normal.sum(), 1e-9),
+            totals_covariance=totals,
+            friction_reading=FrictionReading(
+                value=mu,
+                deviation=mu * deviation,
+                observable=deviation < _OBSERVED and 1.0 - share < _OBSERVABLE_MARGIN,
+                totals_covariance=tuple(mu * scale * whole[2, :2]),
+                margin_deviation=spread,
+            ),
+            directions=contact.normals.copy(),
+        )
+
+    def _spread(self, solution: Solution) -> Array:
+        """Covariance of ln ΣFn, ΣFf [N] and ln µ in the last key frame, shape (3, 3)."""
+        sums = _sums(solution.contact)
+        slopes = np.zeros((3, MOVING + len(OBJECT)))
+        for k, unit in enumerate(self._fit.units):
+            slopes[:2, k] = (_sums(solution.changes.added(solution.contact, k)) - sums) / unit
+        slopes[0] /= max(float(sums[0]), 1e-12)
+        slopes[2, MOVING + FRICTION] = 1.0
+        return np.asarray(slopes @ solution.covariance @ slopes.T)
+
+
+def _sums(contact: PosedContact) -> Array:
+    """ΣFn and ΣFf [N], shape (2,)."""
+    axis = (contact.forces - contact.friction).sum(axis=0)
+    whole = contact.friction.sum(axis=0)
+    length = max(float(np.linalg.norm(axis)), 1e-12)
+    across = whole - axis * float(whole @ axis) / length**2
+    return np.array([contact.normal.sum(), np.linalg.norm(across)])

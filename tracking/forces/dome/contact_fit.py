@@ -1,0 +1,292 @@
+"""Least squares on contacts: an object and its poses that explain the shifts of the markers.
+
+The object and the poses of a few key frames are fitted together, over the whole way from rest
+(`fit_keys`). Between key frames the object is held and the pose alone is followed (`follow`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....errors import UserError
+from ....model import Dome
+from ....model.dome import PosedContact
+from .contact_state import (
+    MOVING,
+    OBJECT,
+    limited_object,
+    limited_pose,
+    longest_of,
+    moves_of,
+    prior_of,
+    units_of,
+)
+from .contact_way import Changes, ContactWay
+from .marker_response import DomeResponse
+
+Array = NDArray[np.float64]
+
+#: Root mean square of a pair's residuals in deviations from which on it counts less.
+_ODD = 2.0
+#: Key frames count as so many independent ones at most: errors of the model are alike in all.
+_INDEPENDENT = 2.5
+#: Smallest gain of a round, in squared deviations.
+_GAIN = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shifts:
+    """Shifts of the pairs of a frame, V of them, whitened as they are compared.
+
+    Attributes
+    ----------
+    values: (x, y, log size) of both layers, shape (V, 6)
+    whiten: of each pair, to W independent values, shape (V, W, 6)
+    used: which of all pairs they are, shape (P,)
+    """
+
+    values: Array
+    whiten: Array
+    used: NDArray[np.bool_]
+
+    def apply(self, shifts: Array) -> Array:
+        """Whitened shifts (…, V, 6) as one vector, shape (…, V·W)."""
+        return np.einsum("vij,...vj->...vi", self.whiten, shifts).reshape(*shifts.shape[:-2], -1)
+
+    def residual(self, predicted: Array) -> Array:
+        """What is left of the shifts (…, P, 6) in deviations, shape (…, V·W)."""
+        return self.apply(self.values - predicted[..., self.used, :])
+
+    def weights(self, residual: Array) -> Array:
+        """Weight of every value, less than 1 for pairs that nothing explains (Huber's)."""
+        each = residual.reshape(len(self.whiten), -1)
+        size = np.sqrt((each**2).mean(axis=1))
+        return np.repeat(np.minimum(1.0, _ODD / np.maximum(size, _ODD)), each.shape[1])
+
+    def cost(self, predicted: Array) -> float:
+        """Sum of squares of the residual, of which odd pairs' parts grow linearly (Huber's)."""
+        residual = self.residual(predicted)
+        weights = self.weights(residual)
+        return float((weights * (2.0 - weights)) @ residual**2)
+
+    @property
+    def count(self) -> int:
+        """How many independent values there are."""
+        return max(self.whiten.shape[0] * self.whiten.shape[1], 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """A key frame: its shifts, and the pose in it, shape (4,)."""
+
+    shifts: Shifts
+    pose: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """An object and its poses, that explain key frames.
+
+    Attributes
+    ----------
+    object_: unknowns of the object, shape (8,)
+    keys: with their poses
+    contact: in the last of them
+    changes: of it by each unknown
+    covariance: of the pose in the last key frame and the object, shape (12, 12)
+    misfit: mean square of what is left of the shifts, in deviations, odd pairs held down
+    """
+
+    object_: Array
+    keys: tuple[Key, ...]
+    contact: PosedContact
+    changes: Changes
+    covariance: Array
+    misfit: float
+
+
+class ContactFit:
+    """Fits contacts of one dome to shifts of its markers.
+
+    Parameters
+    ----------
+    dome: body
+    response: of its markers
+    """
+
+    def __init__(self, dome: Dome, response: DomeResponse) -> None:
+        self.dome = dome
+        self.units = units_of(dome)
+        self._response = response
+        self._way = ContactWay(dome)
+        self._longest = longest_of(dome)
+        self._prior = prior_of(dome)
+
+    def fit_keys(self, object_: Array, keys: tuple[Key, ...], rounds: int) -> Solution:
+        """Object and poses that explain key frames best, near given ones.
+
+        Raises
+        ------
+        UserError
+            When the contact does not converge.
+        """
+        object_ = limited_object(self.dome, object_)
+        poses = limited_pose(self.dome, np.stack([key.pose for key in keys]))
+        shifts = [key.shifts for key in keys]
+        damping = 1e-3
+        contact, changes, slopes, predicted = self._whole_way(object_, poses)
+        cost = self._cost(shifts, object_, poses, predicted)
+        information, gradient = self._normal(shifts, object_, poses, predicted, slopes)
+        for _ in range(rounds):
+            damped = information + damping * np.diag(np.diag(information))
+            step = np.asarray(np.linalg.solve(damped, gradient), np.float64)
+            step *= min(1.0, 1.0 / self._length(step))
+            tried = self._moved(object_, poses, step)
+            try:
+                seen = self._predicted(*tried)
+            except UserError:
+                damping = max(10.0 * damping, 1e-2)
+                continue
+            after = self._cost(shifts, *tried, seen)
+            if after >= cost:
+                damping *= 10.0
+                if damping > 1e3:
+                    break
+                continue
+            gain, cost, (object_, poses) = cost - after, after, tried
+            damping = max(0.1 * damping, 1e-6)
+            contact, changes, slopes, predicted = self._whole_way(object_, poses)
+            information, gradient = self._normal(shifts, object_, poses, predicted, slopes)
+            if gain < _GAIN:
+                break
+        misfit = sum(s.cost(p) for s, p in zip(shifts, predicted, strict=True))
+        misfit /= sum(s.count for s in shifts)
+        places = np.r_[-MOVING:0, 0 : len(OBJECT)]  # the last pose, then the object
+        inverse = np.linalg.inv(information)[np.ix_(places, places)]
+        return Solution(
+            object_=object_,
+            keys=tuple(Key(shifts=s, pose=p) for s, p in zip(shifts, poses, strict=True)),
+            contact=contact,
+            changes=changes,
+            covariance=max(1.0, misfit) * inverse * np.outer(self.units, self.units),
+            misfit=misfit,
+        )
+
+    def follow(
+        self, object_: Array, contact: PosedContact, pose: Array, shifts: Shifts
+    ) -> tuple[PosedContact, Array, float]:
+        """Contact and pose in the next frame, with the object held, and the misfit.
+
+        Raises
+        ------
+        UserError
+            When the contact does not converge.
+        """
+        moving = tuple(range(MOVING))
+        known = np.diag((self.units[:MOVING] / moves_of(self.dome, pose)) ** 2)
+        reached, changes = self._way.step_and_changes(contact, None, object_, pose, pose, moving)
+        slopes = shifts.apply(self._response.along(changes.linear)[:, shifts.used])
+        now = pose
+        for _ in range(2):
+            residual = shifts.residual(self._response(reached.linear))
+            weights = shifts.weights(residual)
+            information = (slopes * weights) @ slopes.T + known
+            pull = known @ ((pose - now) / self.units[:MOVING])
+            step = np.linalg.solve(information, (slopes * weights) @ residual + pull)
+            step *= min(
+                1.0, 1.0 / float(abs(self.units[:MOVING] * step / self._longest[:MOVING]).max())
+            )
+            now = limited_pose(self.dome, now + self.units[:MOVING] * step)
+            reached = self._way.step(contact, object_, pose, now)
+        return reached, now, shifts.cost(self._response(reached.linear)) / shifts.count
+
+    def image(self, object_: Array, pose: Array) -> Array:
+        """Shifts of all pairs in a contact that is pressed from rest, (P, 6)."""
+        rest = np.zeros(MOVING)
+        contact = self._way.step(self._way.untouched(object_), object_, rest, pose)
+        return self._response(contact.linear)
+
+    def _predicted(self, object_: Array, poses: Array) -> list[Array]:
+        """Shifts of all pairs in each key frame."""
+        contact, before, out = self._way.untouched(object_), np.zeros(MOVING), []
+        for pose in poses:
+            contact = self._way.step(contact, object_, before, pose)
+            before = pose
+            out.append(self._response(contact.linear))
+        return out
+
+    def _whole_way(
+        self, object_: Array, poses: Array
+    ) -> tuple[PosedContact, Changes, list[Array], list[Array]]:
+        """Last contact and its changes; slopes (12, P, 6) and shifts (P, 6) in each key frame."""
+        contact, before = self._way.untouched(object_), np.zeros(MOVING)
+        changes: Changes | None = None
+        slopes, predicted = [], []
+        for pose in poses:
+            contact, changes = self._way.step_and_changes(contact, changes, object_, before, pose)
+            before = pose
+            slopes.append(self._response.along(changes.linear))
+            predicted.append(self._response(contact.linear))
+        assert changes is not None
+        return contact, changes, slopes, predicted
+
+    def _moved(self, object_: Array, poses: Array, step: Array) -> tuple[Array, Array]:
+        moved = object_ + self.units[MOVING:] * step[: len(OBJECT)]
+        on = self.units[:MOVING] * step[len(OBJECT) :].reshape(-1, MOVING)
+        return limited_object(self.dome, moved), limited_pose(self.dome, poses + on)
+
+    def _length(self, step: Array) -> float:
+        """Largest part of a step over the longest one."""
+        share = self.units / self._longest
+        on_object = abs(step[: len(OBJECT)] * share[MOVING:]).max()
+        on_poses = abs(step[len(OBJECT) :].reshape(-1, MOVING) * share[:MOVING]).max()
+        return float(max(on_object, on_poses))
+
+    def _share(self, keys: int) -> float:
+        return min(1.0, _INDEPENDENT / keys)
+
+    def _cost(
+        self, shifts: list[Shifts], object_: Array, poses: Array, predicted: list[Array]
+    ) -> float:
+        seen = sum(s.cost(p) for s, p in zip(shifts, predicted, strict=True))
+        off = (object_ - self._prior.mean) / self._prior.deviation
+        moves = np.diff(poses, axis=0, prepend=0.0) / moves_of(self.dome, poses)
+        return self._share(len(shifts)) * seen + float(off @ off) + float((moves**2).sum())
+
+    def _normal(
+        self,
+        shifts: list[Shifts],
+        object_: Array,
+        poses: Array,
+        predicted: list[Array],
+        slopes: list[Array],
+    ) -> tuple[Array, Array]:
+        """Information and gradient of the object, then of each pose, over their units."""
+        first = len(OBJECT)
+        size = first + MOVING * len(poses)
+        information, gradient = np.zeros((size, size)), np.zeros(size)
+        share = self._share(len(shifts))
+        for k, (frame, seen, slope) in enumerate(zip(shifts, predicted, slopes, strict=True)):
+            own = np.r_[first + MOVING * k : first + MOVING * (k + 1), 0:first]
+            whole = frame.apply(slope[:, frame.used])
+            residual = frame.residual(seen)
+            weighted = share * whole * frame.weights(residual)
+            information[np.ix_(own, own)] += weighted @ whole.T
+            gradient[own] += weighted @ residual
+        known = (self.units[MOVING:] / self._prior.deviation) ** 2
+        information[:first, :first] += np.diag(known)
+        gradient[:first] += known * (self._prior.mean - object_) / self.units[MOVING:]
+        # Each pose is near the one before, the first one near rest.
+        each = (self.units[:MOVING] / moves_of(self.dome, poses)) ** 2
+        moves = np.diff(poses, axis=0, prepend=0.0) / self.units[:MOVING]
+        for k, (move, known) in enumerate(zip(moves, each, strict=True)):
+            own = np.arange(first + MOVING * k, first + MOVING * (k + 1))
+            information[own, own] += known
+            gradient[own] -= known * move
+            if k:
+                information[own - MOVING, own - MOVING] += known
+                information[own, own - MOVING] -= known
+                information[own - MOVING, own] -= known
+                gradient[own - MOVING] += known * move
+        return information, gradient

@@ -1,0 +1,133 @@
+"""The contact that is fitted: its unknowns, and what the mechanics make of them.
+
+An object of two curvatures touches the dome at a place, along the dome's own normal there. From
+there it is pressed, shifted and turned. The unknowns are
+
+    pose: shift along x and y, press, twist | object: place (2), curvatures (3), ln k, ln µ, ln σ0
+
+of which the pose changes from frame to frame.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....model import Dome, Solid
+from ....model.dome import rotation_of
+from ....model.shapes import quadric
+
+Array = NDArray[np.float64]
+
+#: Number of unknowns, and of those that change from frame to frame.
+UNKNOWNS, MOVING = 12, 4
+PRESS, TWIST = 2, 3
+OBJECT = range(MOVING, UNKNOWNS)
+#: Places among the unknowns of the object.
+PLACE, CURVES = slice(0, 2), slice(2, 5)
+STIFFNESS, FRICTION, BRISTLE = 5, 6, 7
+#: Exponent of the Dahl law, which is not looked for.
+_DAHL = 0.7
+#: Deviation of a shift: at least so much of the thickness, and so much of the press.
+_LIGHT = (0.02, 0.6)
+#: Deepest press, as a share of the thickness of the silicone.
+_DEEPEST = 0.75
+#: Bounds of curvature times the dome's radius; deeper hollows fit the dome nowhere.
+_FLATTEST, _SHARPEST = -0.9, 8.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prior:
+    """What is known of a contact before a picture is seen, as independent normal distributions.
+
+    Attributes
+    ----------
+    mean: of the unknowns of the object, shape (8,)
+    deviation: of the unknowns of the object, shape (8,)
+    """
+
+    mean: Array
+    deviation: Array
+
+
+def prior_of(dome: Dome) -> Prior:
+    """Prior of contacts on a dome: objects of 10 to 2000 kPa, µ 0.15 to 1.6, bent up to 4/R."""
+    radius = dome.radius
+    mean, deviation = np.zeros(len(OBJECT)), np.empty(len(OBJECT))
+    mean[CURVES] = np.array([0.8, 0.8, 0.0]) / radius
+    mean[STIFFNESS:] = math.log(1e9), math.log(0.5), math.log(5e9)
+    deviation[PLACE] = 0.35
+    deviation[CURVES] = np.array([1.6, 1.6, 0.8]) / radius
+    deviation[STIFFNESS:] = 1.2, 0.6, 0.7
+    return Prior(mean=mean, deviation=deviation)
+
+
+def moves_of(dome: Dome, poses: Array) -> Array:
+    """Deviation of the way to each pose (…, 4) from the one before, shape (…, 4).
+
+    A light contact is hardly shifted: its markers tell so little that it would be anywhere.
+    """
+    thickness = dome.thickness
+    out = np.empty(poses.shape)
+    light = np.maximum(_LIGHT[0] * thickness, _LIGHT[1] * poses[..., PRESS])
+    out[..., 0] = out[..., 1] = light
+    out[..., PRESS] = 0.15 * thickness
+    out[..., TWIST] = 0.05
+    return out
+
+
+def units_of(dome: Dome) -> Array:
+    """Change of each unknown that derivatives are taken over, shape (12,)."""
+    shift, curve = 1e-3 * dome.thickness, 0.05 / dome.radius
+    pose = [shift, shift, shift, 3e-3]
+    return np.array([*pose, 1e-3, 1e-3, curve, curve, curve, 0.05, 0.03, 0.05])
+
+
+def longest_of(dome: Dome) -> Array:
+    """Largest change of each unknown in a round that starts far from the solution, shape (12,)."""
+    shift, curve = 0.15 * dome.thickness, 1.0 / dome.radius
+    return np.array([shift, shift, shift, 0.2, 0.15, 0.15, curve, curve, curve, 1.0, 0.7, 1.0])
+
+
+def limited_object(dome: Dome, object_: Array) -> Array:
+    """Unknowns of an object within what a contact can have."""
+    out = object_.copy()
+    low, high = _FLATTEST / dome.radius, _SHARPEST / dome.radius
+    along_x, along_y, mixed = out[CURVES]
+    values, turns = np.linalg.eigh([[along_x, mixed], [mixed, along_y]])
+    curves = (turns * np.clip(values, low, high)) @ turns.T
+    out[CURVES] = curves[0, 0], curves[1, 1], curves[0, 1]
+    out[STIFFNESS] = np.clip(out[STIFFNESS], math.log(2e7), math.log(1e10))
+    out[FRICTION] = np.clip(out[FRICTION], math.log(0.03), math.log(4.0))
+    out[BRISTLE] = np.clip(out[BRISTLE], math.log(2e8), math.log(2e11))
+    return out
+
+
+def limited_pose(dome: Dome, pose: Array) -> Array:
+    """Poses (…, 4) that press no deeper than the silicone is described."""
+    out = pose.copy()
+    out[..., PRESS] = np.minimum(out[..., PRESS], _DEEPEST * dome.thickness)
+    return out
+
+
+def solid_of(object_: Array) -> Solid:
+    """The object."""
+    along_x, along_y, mixed = (float(value) for value in object_[CURVES])
+    stiffness, friction, bristle = (float(math.exp(value)) for value in object_[STIFFNESS:])
+    return Solid(
+        shape=quadric(along_x, along_y, mixed),
+        stiffness=stiffness,
+        friction=friction,
+        dahl_stiffness=bristle,
+        dahl_exponent=_DAHL,
+    )
+
+
+def pose_of(dome: Dome, object_: Array, pose: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and place (3,) of the object."""
+    base = rotation_of(np.array([0.0, 0.0, 0.0, *object_[PLACE], 0.0]))
+    x, y, press, twist = (float(value) for value in pose)
+    c, s = math.cos(twist), math.sin(twist)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return base @ turn, base @ np.array([x, y, dome.radius - press])

@@ -1,0 +1,37 @@
+"""Key frames: those of a contact's history that are kept, so that the object is fitted to all."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....model import Dome
+from .contact_fit import Key
+
+Array = NDArray[np.float64]
+
+#: Most key frames.
+KEYS = 8
+#: Way from one key pose to the next: shift and press in thicknesses of the silicone, twist [rad].
+_APART = (0.02, 0.02, 0.03, 0.06)
+
+
+def far_on(dome: Dome, keys: tuple[Key, ...], pose: Array) -> bool:
+    """Whether a pose is so far from that of the last key frame that it makes another one."""
+    return _way(dome, keys[-1].pose, pose) > 1.0
+
+
+def thinned(dome: Dome, keys: tuple[Key, ...]) -> tuple[Key, ...]:
+    """The key frames, without the one that changes the way least where they are too many."""
+    if len(keys) <= KEYS:
+        return keys
+    detours = [
+        _way(dome, a.pose, b.pose) + _way(dome, b.pose, c.pose) - _way(dome, a.pose, c.pose)
+        for a, b, c in zip(keys[:-2], keys[1:-1], keys[2:], strict=True)
+    ]
+    out = 1 + int(np.argmin(detours))
+    return keys[:out] + keys[out + 1 :]
+
+
+def _way(dome: Dome, first: Array, second: Array) -> float:
+    """Length of the way between two poses, in units of that from one key to the next."""
+    unit = np.array([*(share * dome.thickness for share in _APART[:3]), _APART[3]])
+    return float(np.linalg.norm((second - first) / unit))

@@ -1,0 +1,81 @@
+"""What the markers of a dome show of forces on its nodes, and the derivative of it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....model import Dome
+from ....model.dome import lattice
+from ....render import DomeMap, Membrane, SensorDesign, areas, centroids, outlines
+
+Array = NDArray[np.float64]
+
+#: Motion and slope over which the image of a marker is differentiated [m, –].
+_MOTION, _SLOPE = 1e-6, 1e-3
+
+
+class DomeResponse:
+    """Predicted (x, y, log size) of both layers of every marker pair of one sensor.
+
+    Parameters
+    ----------
+    sensor: calibration of the image
+    dome: the silicone that the markers are in
+    places: of the markers at rest, as read off the rest frame, shape (2, P, 2)
+    """
+
+    def __init__(self, sensor: SensorDesign, dome: Dome, places: Array) -> None:
+        self._sensor = sensor
+        self._map = DomeMap(sensor, dome, places)
+        self._square = sensor.markers.form == "square"
+        nodes = len(lattice(dome).ring)
+        self._rest = self._measured(self._map(np.zeros((nodes, 3))))
+        self._slopes = self._at_rest(places.shape[1])
+        self._made = np.zeros(nodes, np.bool_)
+        self._columns = np.zeros((nodes, 3, self._rest.size), np.float32)
+
+    def __call__(self, linear: Array) -> Array:
+        """Shifts since rest [px, px, 1] per layer, (P, 6), for forces on the linear skin (N, 3)."""
+        return self._measured(self._map(linear)) - self._rest
+
+    def along(self, linear: Array) -> Array:
+        """Change of the shifts for small changes of the forces, linear in them.
+
+        Parameters
+        ----------
+        linear: changes of forces [N], shape (C, N, 3)
+
+        Returns
+        -------
+        Shape (C, P, 6).
+        """
+        loaded = np.flatnonzero(linear.any(axis=(0, 2)))
+        if not len(loaded):
+            return np.zeros((len(linear), *self._rest.shape))
+        missing = loaded[~self._made[loaded]]
+        if len(missing):
+            field = self._map.field.of_nodes(missing)
+            self._columns[missing] = np.einsum(
+                "nalmk,lmjk->namlj", field, self._slopes, optimize=True
+            ).reshape(len(missing), 3, -1)
+            self._made[missing] = True
+        columns = self._columns[loaded].reshape(3 * len(loaded), -1)
+        changes = linear[:, loaded].reshape(len(linear), -1).astype(np.float32)
+        return (changes @ columns).astype(np.float64).reshape(len(linear), *self._rest.shape)
+
+    def _at_rest(self, count: int) -> Array:
+        """Derivative of (x, y, log size) by a marker's motion and slopes, (2, P, 3, 9)."""
+        out = np.empty((2, count, 3, 9))
+        for k in range(9):
+            moved, slope = np.zeros((2, count, 3)), np.zeros((2, count, 3, 2))
+            step = _MOTION if k < 3 else _SLOPE
+            (moved if k < 3 else slope).reshape(2, count, -1)[..., k if k < 3 else k - 3] = step
+            change = (self._measured(self._map.of_field(moved, slope)) - self._rest) / step
+            out[..., k] = change.reshape(count, 2, 3).swapaxes(0, 1)
+        return out
+
+    def _measured(self, membrane: Membrane) -> Array:
+        """(x, y, log size) of both layers of each pair, shape (P, 6)."""
+        image = outlines(membrane, self._sensor.view)
+        size = 0.5 * np.log(areas(image, self._square))
+        values = np.concatenate([centroids(image, self._square), size[..., None]], axis=-1)
+        return values.swapaxes(0, 1).reshape(-1, 6)
