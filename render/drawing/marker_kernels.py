@@ -1,4 +1,8 @@
-"""Compiled coverage: which share of each pixel markers cover. `painter.py` documents the use."""
+"""Compiled coverage: which share of each pixel markers cover. `painter.py` documents the use.
+
+Pixels of a pair are kept in blocks of LANES: those that it reaches in the first row of its box,
+then those in the second one, and so on.
+"""
 
 import math
 from typing import Any
@@ -77,63 +81,88 @@ def prepare(
 
 
 @njit()
-def update_coverage(
+def mark_changes(
     numbers: Any,
     boxes: Any,
     old_numbers: Any,
     old_boxes: Any,
-    width: float,
-    square: bool,
-    covered: NDArray[np.float32],
-    spans: NDArray[np.int64],
+    changed: NDArray[np.bool_],
     dirty: NDArray[np.bool_],
 ) -> None:
-    """Compute the coverage of pairs that have changed; mark the tiles they reach or reached.
+    """Find the pairs that have changed, and the tiles that they reach or reached.
 
     Parameters
     ----------
     numbers, boxes, old_numbers, old_boxes: of `prepare`, now and before
-    width, square: as there
-    covered: by each layer of each pair, by rows of its box, each from its first block on,
-        shape (M, L, S, S); a third one of squares is what both layers cover
-    spans: first and last + 1 block of each of those rows, counted from the image's edge, (M, S, 2)
+    changed: result, shape (M,)
     dirty: tiles are marked here
     """
-    # Read, not converted from the loop's counter, which takes as long as all the rest.
-    ramp = np.arange(covered.shape[3]).astype(np.float32)
     for k in range(boxes.shape[0]):
-        changed = False
+        changed[k] = False
         for layer in range(numbers.shape[0]):
             n, old = numbers[layer, k], old_numbers[layer, k]
             for j in range(NUMBERS):
-                changed = changed or not (n[j] == old[j] or (n[j] != n[j] and old[j] != old[j]))
-        if not changed:
-            continue
-        for b in (boxes[k], old_boxes[k]):
-            if b[1] > b[0] and b[3] > b[2]:
-                for row in range(b[2] // TILE, (b[3] - 1) // TILE + 1):
-                    for col in range(b[0] // TILE, (b[1] - 1) // TILE + 1):
-                        dirty[row, col] = True
-        if not (boxes[k, 1] > boxes[k, 0] and boxes[k, 3] > boxes[k, 2]):
-            continue
-        _row_spans(numbers[:, k], boxes[k], square, spans[k])
-        for layer in range(numbers.shape[0]):
-            n, out = numbers[layer, k], covered[k, layer]
-            if n[0] != n[0]:
-                out[:] = 0.0
-            elif square:
-                _squares(n, boxes[k], spans[k], width, ramp, out)
-            else:
-                _discs(n, boxes[k], spans[k], width, ramp, out)
-        if covered.shape[1] == 3:
-            _both_squares(
-                numbers[0, k], numbers[1, k], boxes[k], spans[k], width, ramp, covered[k, 2]
-            )
+                if not (n[j] == old[j] or (n[j] != n[j] and old[j] != old[j])):
+                    changed[k] = True
+        if changed[k]:
+            for b in (boxes[k], old_boxes[k]):
+                if b[1] > b[0] and b[3] > b[2]:
+                    for row in range(b[2] // TILE, (b[3] - 1) // TILE + 1):
+                        for col in range(b[0] // TILE, (b[1] - 1) // TILE + 1):
+                            dirty[row, col] = True
 
 
 @njit()
-def _row_spans(numbers: Any, box: Any, square: bool, spans: Any) -> None:
-    """First and last + 1 block of each row that a pair reaches, taken as an ellipse's."""
+def cover_pair(
+    numbers: Any,
+    box: Any,
+    width: float,
+    square: bool,
+    ramp: NDArray[np.float32],
+    spans: Any,
+    covered: NDArray[np.float32],
+) -> int:
+    """Compute the coverage of a pair.
+
+    Parameters
+    ----------
+    numbers, box: of `prepare`, of this pair, shapes (L, NUMBERS) and (4,)
+    width, square: as there
+    ramp: 0, 1, 2, …, as many as a row has pixels. Read, not converted from the loop's counter,
+        which takes as long as all the rest.
+    spans: result, of each row of the box its first and last + 1 block, counted from the image's
+        edge, and the blocks of the rows above it, shape (S, 3)
+    covered: result, by each layer, of each pixel of these blocks, shape (L, P); a third row of
+        squares is what both layers cover
+
+    Returns
+    -------
+    Number of pixels of the blocks; the rest of `covered` is left as it was.
+    """
+    if not (box[1] > box[0] and box[3] > box[2]):
+        return 0
+    count = LANES * _row_spans(numbers, box, square, spans)
+    for layer in range(numbers.shape[0]):
+        n, out = numbers[layer], covered[layer]
+        if n[0] != n[0]:
+            for j in range(count):
+                out[j] = 0.0
+        elif square:
+            _squares(n, box, spans, width, ramp, out)
+        else:
+            _discs(n, box, spans, width, ramp, out)
+    if covered.shape[0] == 3:
+        if numbers[0, 0] != numbers[0, 0] or numbers[1, 0] != numbers[1, 0]:
+            for j in range(count):
+                covered[2, j] = 0.0
+        else:
+            _both_squares(numbers[0], numbers[1], box, spans, width, ramp, covered[2])
+    return count
+
+
+@njit()
+def _row_spans(numbers: Any, box: Any, square: bool, spans: Any) -> int:
+    """Spans of the rows that a pair reaches, taken as an ellipse's; how many blocks they have."""
     one = np.float32(1.0)
     spare = np.float32(0.1)  # [px]: the curve at a fixed distance from an ellipse is not quite one
     left, right, rows = box[0], box[1] - 1, box[3] - box[2]
@@ -156,6 +185,11 @@ def _row_spans(numbers: Any, box: Any, square: bool, spans: Any) -> None:
                 last = min(int(middle + reach), right) // LANES + 1
                 spans[row, 0] = min(spans[row, 0], first)
                 spans[row, 1] = max(spans[row, 1], last)
+    count = 0
+    for row in range(rows):
+        spans[row, 2] = count
+        count += max(spans[row, 1] - spans[row, 0], 0)
+    return count
 
 
 @njit(inline="always")
@@ -189,7 +223,10 @@ def _discs(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any) 
         y_1 = i10 - (v0 * two * i00 * e + v1 * cross + v2 * two * i10 * f)
         x_0 = e - (u0 * e * e + u1 * e * f + u2 * f * f)
         y_0 = f - (v0 * e * e + v1 * e * f + v2 * f * f)
-        for j in range(LANES * (spans[row, 1] - spans[row, 0])):
+        at = np.uint64(
+            LANES * spans[row, 2]
+        )  # an unsigned index is not checked, and loops vectorise
+        for j in range(np.uint64(LANES * max(spans[row, 1] - spans[row, 0], 0))):
             dx = start + ramp[j]
             qx = x_0 + dx * (x_1 + dx * x_2)
             qy = y_0 + dx * (y_1 + dx * y_2)
@@ -200,7 +237,7 @@ def _discs(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any) 
             steep = m_xx * xx + m_yy * yy + m_xy * (qx * qy) + tinier
             radius = np.sqrt(square)
             inside = (radius - square - bulge * steep / radius) / np.sqrt(steep)
-            covered[row, j] = edge(inside * scale)
+            covered[at + j] = edge(inside * scale)
 
 
 @njit()
@@ -214,7 +251,10 @@ def _squares(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any
     for row in range(box[3] - box[2]):
         dy = np.float32(box[2] + row) - cy
         start = np.float32(LANES * spans[row, 0]) - cx
-        for j in range(LANES * (spans[row, 1] - spans[row, 0])):
+        at = np.uint64(
+            LANES * spans[row, 2]
+        )  # an unsigned index is not checked, and loops vectorise
+        for j in range(np.uint64(LANES * max(spans[row, 1] - spans[row, 0], 0))):
             dx = start + ramp[j]
             px, py = i00 * dx + i01 * dy, i10 * dx + i11 * dy
             xx, xy, yy = px * px, px * py, py * py
@@ -222,7 +262,7 @@ def _squares(n: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any
             qy = py - v0 * xx - v1 * xy - v2 * yy
             wide = edge((one - qx) * across) - edge((-one - qx) * across)
             high = edge((one - qy) * along) - edge((-one - qy) * along)
-            covered[row, j] = wide * high
+            covered[at + j] = wide * high
 
 
 @njit()
@@ -230,9 +270,6 @@ def _both_squares(
     n: Any, m: Any, box: Any, spans: Any, width: float, ramp: Any, covered: Any
 ) -> None:
     """Coverage of a box by what two squares share: of parallel sides the inner ones."""
-    if n[0] != n[0] or m[0] != m[0]:
-        covered[:] = 0.0
-        return
     one, zero = np.float32(1.0), np.float32(0.0)
     cx, cy, i00, i01, i10, i11, _, _, _, _, _, _ = _twelve(n)
     dx, dy, j00, j01, j10, j11, _, _, _, _, _, _ = _twelve(m)
@@ -244,7 +281,10 @@ def _both_squares(
     for row in range(box[3] - box[2]):
         y = np.float32(box[2] + row)
         start = np.float32(LANES * spans[row, 0])
-        for j in range(LANES * (spans[row, 1] - spans[row, 0])):
+        at = np.uint64(
+            LANES * spans[row, 2]
+        )  # an unsigned index is not checked, and loops vectorise
+        for j in range(np.uint64(LANES * max(spans[row, 1] - spans[row, 0], 0))):
             x = start + ramp[j]
             q1, q2 = i00 * (x - cx) + i01 * (y - cy), i10 * (x - cx) + i11 * (y - cy)
             p1, p2 = j00 * (x - dx) + j01 * (y - dy), j10 * (x - dx) + j11 * (y - dy)
@@ -252,4 +292,4 @@ def _both_squares(
             wide += min(edge((one + q1) * a1), edge((one + p1) * b1)) - one
             high = min(edge((one - q2) * a2), edge((one - p2) * b2))
             high += min(edge((one + q2) * a2), edge((one + p2) * b2)) - one
-            covered[row, j] = max(wide, zero) * max(high, zero)
+            covered[at + j] = max(wide, zero) * max(high, zero)

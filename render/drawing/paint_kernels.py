@@ -12,7 +12,56 @@ from numpy.typing import NDArray
 
 from ...compiled import njit
 from .coverage import APART, EDGE_RANGE, beside, covered_by_both, crossing, odds_ratio
-from .marker_kernels import LANES, TILE
+from .marker_kernels import LANES, TILE, cover_pair
+
+
+@njit()
+def update_pairs(
+    numbers: Any,
+    boxes: Any,
+    changed: NDArray[np.bool_],
+    width: float,
+    square: bool,
+    absorbed: NDArray[np.float32],
+    ramp: NDArray[np.float32],
+    covered: NDArray[np.float32],
+    spans: NDArray[np.int64],
+    left: NDArray[np.float32],
+    hidden: NDArray[np.float32],
+) -> None:
+    """Compute what each changed pair takes away of the light.
+
+    Parameters
+    ----------
+    numbers, boxes: of `prepare`, two layers
+    changed: of `mark_changes`
+    width, square: as in `prepare`
+    absorbed: 1 − transmittance of each layer's dye, shape (2, 3)
+    ramp, covered: of `cover_pair`; room for any pair
+    spans: result, of `cover_pair`, shape (M, S, 3)
+    left: result, share of red, green and blue that the dyes leave over, of each pixel of a pair's
+        blocks, shape (M, 3·P)
+    hidden: result, share of each of these pixels that is covered by either layer, shape (M, P)
+    """
+    one = np.float32(1.0)
+    r0, g0, b0 = absorbed[0, 0], absorbed[0, 1], absorbed[0, 2]
+    r1, g1, b1 = absorbed[1, 0], absorbed[1, 1], absorbed[1, 2]
+    known = covered.shape[0] == 3
+    first, second, shared = covered[0], covered[1], covered[-1]
+    for k in range(boxes.shape[0]):
+        if not changed[k]:
+            continue
+        count = cover_pair(numbers[:, k], boxes[k], width, square, ramp, spans[k], covered)
+        together = numbers[0, k, 15]
+        odds = together if together == together else one  # a lone marker has no partner
+        light, cover = left[k], hidden[k]
+        for j in range(count):
+            c0, c1 = first[j], second[j]
+            both = shared[j] if known else covered_by_both(c0, c1, odds)
+            cover[j] = c0 + c1 - both
+            light[3 * j] = one - c0 * r0 - c1 * r1 + both * (r0 * r1)
+            light[3 * j + 1] = one - c0 * g0 - c1 * g1 + both * (g0 * g1)
+            light[3 * j + 2] = one - c0 * b0 - c1 * b1 + both * (b0 * b1)
 
 
 @njit()
@@ -22,9 +71,9 @@ def paint_tiles(
     ground: NDArray[np.float32],
     numbers: Any,
     boxes: Any,
-    covered: NDArray[np.float32],
     spans: NDArray[np.int64],
-    absorbed: NDArray[np.float32],
+    left: NDArray[np.float32],
+    hidden: NDArray[np.float32],
     encoding: NDArray[np.uint8],
     dirty: NDArray[np.bool_],
     width: float,
@@ -35,9 +84,9 @@ def paint_tiles(
     ----------
     image: sRGB, drawn into, shape (H, 3·W)
     clear: sRGB without markers, shape (H, 3·W)
-    ground: linear light without markers, not negative, shape (3, H, at least W and whole blocks)
-    numbers, boxes, covered, spans: of `update_coverage`, two layers
-    absorbed: 1 − transmittance of each layer's dye, shape (2, 3)
+    ground: linear light without markers, not negative, shape (H, 3·W, to whole tiles)
+    numbers, boxes: of `prepare`, two layers
+    spans, left, hidden: of `update_pairs`
     encoding: `colour.encoding_table()`
     dirty: tiles to draw
     width: standard deviation of an edge [px]
@@ -64,12 +113,11 @@ def paint_tiles(
                 ends[t + 1] += ends[t]
             members = np.empty(ends[-1], dtype=np.int64)
             filled = ends[:-1].copy()
-    light = np.empty((TILE, TILE // LANES, 3 * LANES), dtype=np.float32)
-    taken = np.empty((TILE, TILE // LANES, LANES), dtype=np.float32)
-    owner = np.empty((TILE, TILE // LANES, LANES), dtype=np.int64)
+    light = np.empty((TILE, 3 * TILE), dtype=np.float32)
+    taken = np.empty((TILE, TILE), dtype=np.float32)
+    owner = np.empty((TILE, TILE), dtype=np.int64)
     touched = np.empty((TILE, TILE // LANES), dtype=np.bool_)
-    place = np.empty(3 * LANES, dtype=np.uint32)
-    most, half = np.float32(encoding.shape[0] - 1), np.float32(0.5)
+    place = np.empty(3 * TILE, dtype=np.uint32)
     for row in range(rows):
         for col in range(cols):
             if not dirty[row, col]:
@@ -77,51 +125,86 @@ def paint_tiles(
             dirty[row, col] = False
             t = row * cols + col
             y0, x0 = row * TILE, col * TILE
-            y1, x1 = min(y0 + TILE, image.shape[0]), min(x0 + TILE, image.shape[1] // 3)
-            # Indices that start at 0 need no check for negative ones: these loops vectorise.
-            out, unmarked = image[y0:y1, 3 * x0 : 3 * x1], clear[y0:y1, 3 * x0 : 3 * x1]
-            for y in range(out.shape[0]):
-                for j in range(out.shape[1]):
-                    out[y, j] = unmarked[y, j]
-            if ends[t] == ends[t + 1]:
-                continue
+            y1 = min(y0 + TILE, image.shape[0])
             for y in range(TILE):
-                for h in range(TILE // LANES):
+                for j in range(light.shape[1]):
+                    light[y, j] = 1.0
+                for j in range(taken.shape[1]):
+                    taken[y, j] = 0.0
+                for h in range(touched.shape[1]):
                     touched[y, h] = False
             meet = _meet(members[ends[t] : ends[t + 1]], numbers, width)
             for i in range(ends[t], ends[t + 1]):
                 k = members[i]
                 if meet:
                     _absorb_beside(
-                        absorbed, numbers, k, x0, y0, y1, boxes, spans, covered, light, taken,
-                        owner, touched,
+                        numbers, k, x0, y0, y1, boxes, spans, left, hidden, light, taken, owner,
+                        touched,
                     )  # fmt: skip
                 else:
-                    _absorb(absorbed, numbers, k, x0, y0, y1, boxes, spans, covered, light, touched)
-            for y in range(y1 - y0):
-                for h in range(TILE // LANES):
-                    if touched[y, h]:
-                        x = x0 + LANES * h
-                        for c in range(3):
-                            for j in range(light.shape[2] // 3):
-                                value = ground[c, y0 + y, x + j] * light[y, h, LANES * c + j]
-                                level = np.int32(value * most + half)  # dyes add no light
-                                place[LANES * c + j] = np.uint32(level)
-                        for j in range(min(LANES, x1 - x)):
-                            image[y0 + y, 3 * (x + j)] = encoding[place[j]]
-                            image[y0 + y, 3 * (x + j) + 1] = encoding[place[LANES + j]]
-                            image[y0 + y, 3 * (x + j) + 2] = encoding[place[2 * LANES + j]]
+                    _absorb(k, x0, y0, y1, boxes, spans, left, light, touched)
+            _finish(image, clear, ground, x0, y0, y1, light, touched, encoding, place)
 
 
 @njit()
-def union(boxes: Any, covered: NDArray[np.float32], spans: Any, out: NDArray[np.float32]) -> None:
-    """Share of each pixel that any marker of the first layer covers, into zeros, shape (H, W)."""
+def _finish(
+    image: NDArray[np.uint8],
+    clear: NDArray[np.uint8],
+    ground: NDArray[np.float32],
+    x0: int,
+    y0: int,
+    y1: int,
+    light: NDArray[np.float32],
+    touched: NDArray[np.bool_],
+    encoding: NDArray[np.uint8],
+    place: NDArray[np.uint32],
+) -> None:
+    """Encode the tile at (x0, y0); where no marker is, it is that of `clear`."""
+    most, half = np.float32(encoding.shape[0] - 1), np.float32(0.5)
+    # Unsigned indices need no check for negative ones: these loops vectorise.
+    start, wide = np.uint64(3 * x0), np.uint64(3 * LANES)
+    for y in range(y0, y1):
+        for j in range(np.uint64(light.shape[1])):  # with its number it would not be vector code
+            value = ground[y, start + j] * light[y - y0, j]  # dyes add no light
+            place[j] = np.uint32(np.int32(value * most + half))
+        for h in range(np.uint64(TILE // LANES)):
+            first = wide * h
+            last = min(first + wide, np.uint64(max(image.shape[1] - 3 * x0, 0)))
+            if touched[y - y0, h]:
+                for j in range(first, last):
+                    image[y, start + j] = encoding[place[j]]
+            else:
+                for j in range(first, last):
+                    image[y, start + j] = clear[y, start + j]
+
+
+@njit()
+def union(
+    numbers: Any,
+    boxes: Any,
+    width: float,
+    square: bool,
+    ramp: NDArray[np.float32],
+    covered: NDArray[np.float32],
+    spans: NDArray[np.int64],
+    out: NDArray[np.float32],
+) -> None:
+    """Share of each pixel that any marker of one layer covers, into zeros, shape (H, W).
+
+    Parameters
+    ----------
+    numbers, boxes, width, square: of `prepare`, one layer
+    ramp, covered, spans: of `cover_pair`; room for any marker
+    """
     one = np.float32(1.0)
     for k in range(boxes.shape[0]):
+        if cover_pair(numbers[:, k], boxes[k], width, square, ramp, spans, covered) == 0:
+            continue
         for row in range(boxes[k, 3] - boxes[k, 2]):
-            y, start = boxes[k, 2] + row, LANES * spans[k, row, 0]
-            for x in range(max(start, 0), min(LANES * spans[k, row, 1], out.shape[1])):
-                out[y, x] = min(out[y, x] + covered[k, 0, row, x - start], one)
+            y, start = boxes[k, 2] + row, LANES * spans[row, 0]
+            at = LANES * spans[row, 2] - start
+            for x in range(max(start, 0), min(LANES * spans[row, 1], out.shape[1])):
+                out[y, x] = min(out[y, x] + covered[0, at + x], one)
 
 
 @njit(inline="always")
@@ -132,54 +215,24 @@ def _blocks(span: Any, tile: int) -> tuple[int, int]:
 
 @njit()
 def _absorb(
-    absorbed: Any,
-    numbers: Any,
-    k: int,
-    x0: int,
-    y0: int,
-    y1: int,
-    boxes: Any,
-    spans: Any,
-    covered: Any,
-    light: Any,
-    touched: Any,
+    k: int, x0: int, y0: int, y1: int, boxes: Any, spans: Any, left: Any, light: Any, touched: Any
 ) -> None:
     """Take away what a pair's dyes absorb in the tile at (x0, y0), where no other one meets it."""
-    one, tile = np.float32(1.0), x0 // LANES
-    r0, g0, b0 = absorbed[0, 0], absorbed[0, 1], absorbed[0, 2]
-    r1, g1, b1 = absorbed[1, 0], absorbed[1, 1], absorbed[1, 2]
-    together = numbers[0, k, 15]
-    odds = together if together == together else one  # a lone marker has no partner
-    known = covered.shape[1] == 3
+    tile = x0 // LANES
     for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
-        row = y - boxes[k, 2]
-        first, last = _blocks(spans[k, row], tile)
-        for h in range(first, last):
-            offset = LANES * (h + tile - spans[k, row, 0])
-            fresh = not touched[y - y0, h]
-            touched[y - y0, h] = True
-            for j in range(light.shape[2] // 3):  # with LANES it would not become vector code
-                c0, c1 = covered[k, 0, row, offset + j], covered[k, 1, row, offset + j]
-                if known:
-                    both = covered[k, 2, row, offset + j]
-                else:
-                    both = covered_by_both(c0, c1, odds)
-                red = one - c0 * r0 - c1 * r1 + both * (r0 * r1)
-                green = one - c0 * g0 - c1 * g1 + both * (g0 * g1)
-                blue = one - c0 * b0 - c1 * b1 + both * (b0 * b1)
-                if fresh:
-                    light[y - y0, h, j] = red
-                    light[y - y0, h, LANES + j] = green
-                    light[y - y0, h, 2 * LANES + j] = blue
-                else:
-                    light[y - y0, h, j] *= red
-                    light[y - y0, h, LANES + j] *= green
-                    light[y - y0, h, 2 * LANES + j] *= blue
+        span = spans[k, y - boxes[k, 2]]
+        first, last = _blocks(span, tile)
+        if first < last:
+            for h in range(first, last):
+                touched[y - y0, h] = True
+            of_left = np.uint64(3 * LANES * (span[2] + first + tile - span[0]))
+            of_light = np.uint64(3 * LANES * first)
+            for j in range(np.uint64(3 * LANES * (last - first))):
+                light[y - y0, of_light + j] *= left[k, of_left + j]
 
 
 @njit()
 def _absorb_beside(
-    absorbed: Any,
     numbers: Any,
     k: int,
     x0: int,
@@ -187,7 +240,8 @@ def _absorb_beside(
     y1: int,
     boxes: Any,
     spans: Any,
-    covered: Any,
+    left: Any,
+    hidden: Any,
     light: Any,
     taken: Any,
     owner: Any,
@@ -198,36 +252,26 @@ def _absorb_beside(
     `taken` is the share of a pixel that pairs cover so far, `owner` which of them covers most.
     """
     one, little, tile = np.float32(1.0), np.float32(1e-6), x0 // LANES
-    together = numbers[0, k, 15]
-    odds = together if together == together else one
     partner, side = -1, one
     for y in range(max(boxes[k, 2], y0), min(boxes[k, 3], y1)):
-        row = y - boxes[k, 2]
-        first, last = _blocks(spans[k, row], tile)
+        span = spans[k, y - boxes[k, 2]]
+        first, last = _blocks(span, tile)
         for h in range(first, last):
-            offset = LANES * (h + tile - spans[k, row, 0])
-            if not touched[y - y0, h]:
-                light[y - y0, h], taken[y - y0, h], owner[y - y0, h] = one, 0.0, k
             touched[y - y0, h] = True
-            for j in range(LANES):
-                c0, c1 = covered[k, 0, row, offset + j], covered[k, 1, row, offset + j]
-                both = covered_by_both(c0, c1, odds)
-                if covered.shape[1] == 3:
-                    both = covered[k, 2, row, offset + j]
-                cover, before, share = c0 + c1 - both, taken[y - y0, h, j], one
-                if before * cover > little:
-                    if owner[y - y0, h, j] != partner:
-                        partner = owner[y - y0, h, j]
-                        side = _side_by_side(numbers, k, partner)
-                    share = covered_by_both(before, cover, side) / (before * cover)
-                if cover > before:
-                    owner[y - y0, h, j] = k
-                taken[y - y0, h, j] = before + cover - share * before * cover
-                for c in range(3):
-                    a, b = absorbed[0, c], absorbed[1, c]
-                    left = one - c0 * a - c1 * b + both * (a * b)
-                    old = light[y - y0, h, LANES * c + j]
-                    light[y - y0, h, LANES * c + j] = beside(old, left, share)
+        for x in range(LANES * first, LANES * last):
+            j = x + LANES * (span[2] + tile - span[0])
+            cover, before, share = hidden[k, j], taken[y - y0, x], one
+            if before * cover > little:
+                if owner[y - y0, x] != partner:
+                    partner = owner[y - y0, x]
+                    side = _side_by_side(numbers, k, partner)
+                share = covered_by_both(before, cover, side) / (before * cover)
+            if cover > before:
+                owner[y - y0, x] = k
+            taken[y - y0, x] = before + cover - share * before * cover
+            for c in range(3):
+                old = light[y - y0, 3 * x + c]
+                light[y - y0, 3 * x + c] = beside(old, left[k, 3 * j + c], share)
 
 
 @njit()

@@ -9,8 +9,8 @@ from ..ground import ground_image
 from ..membrane import Membrane
 from ..outlines import outlines
 from .coverage import edge_width
-from .marker_kernels import LANES, NUMBERS, TILE, prepare, update_coverage
-from .paint_kernels import encode, paint_tiles, union
+from .marker_kernels import LANES, NUMBERS, TILE, mark_changes, prepare
+from .paint_kernels import encode, paint_tiles, union, update_pairs
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ class Painter:
         self._redraw = redraw
         self._encoding = encoding_table()
         ground = ground_image(sensor)
-        spare = -ground.shape[1] % LANES
-        self._ground = np.pad(np.moveaxis(ground, -1, 0), ((0, 0), (0, 0), (0, spare)))
+        spare = -ground.shape[1] % TILE
+        self._ground = np.pad(ground.reshape(len(ground), -1), ((0, 0), (0, 3 * spare)))
         self._clear = np.empty(ground.shape, dtype=np.uint8)
         encode(ground, self._encoding, self._clear)
         self._image = self._clear.copy()
@@ -45,8 +45,8 @@ class Painter:
         self._dirty = np.zeros((-(-view.height // TILE), -(-view.width // TILE)), dtype=np.bool_)
         self._numbers = np.empty((2, 2, 0, NUMBERS), dtype=np.float32)
         self._boxes = np.empty((2, 0, 4), dtype=np.int64)
-        self._covered = np.empty((0, 2, 0, 0), dtype=np.float32)
-        self._spans = np.empty((0, 0, 2), dtype=np.int64)
+        self._changed = np.empty(0, dtype=np.bool_)
+        self._room: _Room | None = None
 
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
@@ -58,29 +58,33 @@ class Painter:
         self._numbers[1], self._boxes[1] = self._numbers[0], self._boxes[0]
         rows, size = self._view.height, (self._view.height, self._view.width)
         prepare(coefficients, self._width, self._square, size, self._numbers[0], self._boxes[0])
-        self._make_room()
+        room = self._make_room()
         if self._redraw:
             self._numbers[1], self._dirty[:] = np.inf, True
-        update_coverage(
-            self._numbers[0],
-            self._boxes[0],
-            self._numbers[1],
-            self._boxes[1],
+        numbers, boxes = self._numbers[0], self._boxes[0]
+        mark_changes(numbers, boxes, self._numbers[1], self._boxes[1], self._changed, self._dirty)
+        update_pairs(
+            numbers,
+            boxes,
+            self._changed,
             self._width,
             self._square,
-            self._covered,
+            self._absorbed,
+            room.ramp,
+            room.covered,
             self._spans,
-            self._dirty,
+            self._left,
+            self._hidden,
         )
         paint_tiles(
             self._image.reshape(rows, -1),
             self._clear.reshape(rows, -1),
             self._ground,
-            self._numbers[0],
-            self._boxes[0],
-            self._covered,
+            numbers,
+            boxes,
             self._spans,
-            self._absorbed,
+            self._left,
+            self._hidden,
             self._encoding,
             self._dirty,
             self._width,
@@ -91,16 +95,21 @@ class Painter:
         """Start anew with another number of pairs."""
         self._numbers = np.full((2, 2, count, NUMBERS), np.nan, dtype=np.float32)
         self._boxes = np.zeros((2, count, 4), dtype=np.int64)
+        self._changed = np.empty(count, dtype=np.bool_)
+        self._room = None
         self._dirty[:] = True
 
-    def _make_room(self) -> None:
-        """Make room for the coverage of the largest pair."""
-        boxes, have = self._boxes[0], self._covered.shape
-        rows = (boxes[:, 3] - boxes[:, 2]).max(initial=0)
-        cols = (boxes[:, 1] - boxes[:, 0]).max(initial=0) + 2 * LANES
-        if len(boxes) != have[0] or rows > have[2] or cols > have[3]:
-            self._covered, self._spans = _room(boxes, 3 if self._square else 2)
+    def _make_room(self) -> "_Room":
+        """Make room for the largest pair."""
+        boxes, room = self._boxes[0], self._room
+        if room is None or not room.holds(boxes):
+            self._room = room = _Room(boxes, 3 if self._square else 2)
+            count, pixels = len(boxes), room.covered.shape[1]
+            self._spans = np.empty((count, *room.spans.shape), dtype=np.int64)
+            self._left = np.empty((count, 3 * pixels), dtype=np.float32)
+            self._hidden = np.empty((count, pixels), dtype=np.float32)
             self._numbers[1] = np.inf  # draws all pairs anew
+        return room
 
     def close(self) -> None:
         """Nothing to release."""
@@ -123,25 +132,37 @@ def coverage_image(
     Shape (H, W).
     """
     count = len(coefficients)
-    numbers = np.full((2, 1, count, NUMBERS), np.inf, dtype=np.float32)
-    boxes = np.zeros((2, count, 4), dtype=np.int64)
+    numbers = np.empty((1, count, NUMBERS), dtype=np.float32)
+    boxes = np.zeros((count, 4), dtype=np.int64)
     rounded = np.rint(coefficients / GRID)[None] * GRID
-    prepare(rounded, width, square, size, numbers[0], boxes[0])
-    covered, spans = _room(boxes[0], 1)
-    dirty = np.zeros((-(-size[0] // TILE), -(-size[1] // TILE)), dtype=np.bool_)
-    update_coverage(
-        numbers[0], boxes[0], numbers[1], boxes[1], width, square, covered, spans, dirty
-    )
-    image = np.zeros(size, dtype=np.float32)
-    union(boxes[0], covered, spans, image)
+    prepare(rounded, width, square, size, numbers, boxes)
+    room, image = _Room(boxes, 1), np.zeros(size, dtype=np.float32)
+    union(numbers, boxes, width, square, room.ramp, room.covered, room.spans, image)
     return image
 
 
-def _room(boxes: NDArray[np.int64], layers: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Arrays for the coverage of pairs up to the size of the largest of these, with a margin."""
-    rows = int((boxes[:, 3] - boxes[:, 2]).max(initial=0)) + LANES
-    cols = int((boxes[:, 1] - boxes[:, 0]).max(initial=0)) + 3 * LANES
-    return (
-        np.zeros((len(boxes), layers, rows, cols // LANES * LANES), dtype=np.float32),
-        np.zeros((len(boxes), rows, 2), dtype=np.int64),
-    )
+class _Room:
+    """Arrays for one pair of up to the size of the largest of these, with a margin.
+
+    Parameters
+    ----------
+    boxes: of `prepare`, shape (M, 4)
+    rows: of coverage
+    """
+
+    def __init__(self, boxes: NDArray[np.int64], rows: int) -> None:
+        self._size = _largest(boxes) + LANES
+        high, wide = map(int, self._size)
+        wide += 2 * LANES  # blocks begin before a box and end after it
+        self.ramp = np.arange(wide, dtype=np.float32)
+        self.spans = np.empty((high, 3), dtype=np.int64)
+        self.covered = np.empty((rows, high * wide), dtype=np.float32)
+
+    def holds(self, boxes: NDArray[np.int64]) -> bool:
+        """Whether each of these has room."""
+        return bool((_largest(boxes) <= self._size).all())
+
+
+def _largest(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Most rows and most columns of boxes."""
+    return np.asarray((boxes[:, 3::-2] - boxes[:, 2::-2]).max(axis=0, initial=0))
