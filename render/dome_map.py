@@ -11,7 +11,8 @@ from ..errors import UserError
 from ..model import Dome
 from ..model.dome import MarkerField, SkinField, lattice
 from .design.sensor import SensorDesign
-from .membrane import Membrane, outline_axes
+from .membrane import Membrane
+from .place_kernels import carry_in_silicone
 
 Array = NDArray[np.float64]
 
@@ -60,8 +61,18 @@ class DomeMap:
 
     def of_field(self, moved: Array, slope: Array) -> Membrane:
         """Membrane for what `field` says: displacement (2, M, 3) [m] and slopes (2, M, 3, 2)."""
-        axes = outline_axes(self._tangents + slope, self._stretch)
-        return Membrane(centres=self._rest + moved, axes=_turned(axes, self._upright))
+        centres, axes = np.empty(self._rest.shape), np.empty(self._tangents.shape)
+        carry_in_silicone(
+            moved.reshape(-1, 3),
+            slope.reshape(-1, 3, 2),
+            self._rest.reshape(-1, 3),
+            self._tangents.reshape(-1, 3, 2),
+            self._upright.reshape(-1, 2, 2),
+            self._stretch,
+            centres.reshape(-1, 3),
+            axes.reshape(-1, 3, 2),
+        )
+        return Membrane(centres=centres, axes=axes)
 
 
 class DomeSheets:
@@ -198,11 +209,3 @@ def layer_depths(sensor: SensorDesign, dome: Dome) -> tuple[float, float]:
             f"silicone of {1e3 * dome.thickness:.3g} mm"
         )
     return min(first, dome.thickness), min(second, dome.thickness)
-
-
-def _turned(axes: Array, by: Array) -> Array:
-    """Axes (…, 3, 2) times 2 × 2 matrices; `matmul` is slow for such small ones."""
-    out = np.empty_like(axes)
-    for j in range(2):
-        out[..., j] = axes[..., 0] * by[..., 0, None, j] + axes[..., 1] * by[..., 1, None, j]
-    return out

@@ -130,6 +130,41 @@ def unit_axes_each(carried: Array, stretch: float, out: Array) -> None:
 
 
 @njit()
+def carry_in_silicone(
+    moved: Array,
+    slopes: Array,
+    rest: Array,
+    tangents: Array,
+    upright: Array,
+    stretch: float,
+    centres: Array,
+    axes: Array,
+) -> None:
+    """Centres and semi-axes of markers that move as silicone does.
+
+    Parameters
+    ----------
+    moved, slopes: displacement [m], and of each of its components the slopes along θ and φ, shapes
+        (K, 3) and (K, 3, 2)
+    rest: centres at rest [m], shape (K, 3)
+    tangents: unit vectors along θ and φ as columns, shape (K, 3, 2)
+    upright: sizes and turn in the plane of the marker [m], shape (K, 2, 2)
+    stretch: share of the silicone's stretch that an outline takes
+    centres, axes: results, shapes (K, 3) and (K, 3, 2)
+    """
+    carried, unit = np.empty((3, 2)), np.empty((3, 2))
+    for k in range(rest.shape[0]):
+        for i in range(3):
+            centres[k, i] = rest[k, i] + moved[k, i]
+            for j in range(2):
+                carried[i, j] = tangents[k, i, j] + slopes[k, i, j]
+        unit_axes(carried, stretch, unit)
+        for i in range(3):
+            for j in range(2):
+                axes[k, i, j] = unit[i, 0] * upright[k, 0, j] + unit[i, 1] * upright[k, 1, j]
+
+
+@njit()
 def project_markers(
     centres: Array,
     axes: Array,

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.sparse import csr_matrix
 
 from ...kept_arrays import content_key, keep, kept
 from ..kernels.inside_kernels import add_columns, fill_column, fill_skin_columns
@@ -240,13 +241,14 @@ class _Layer:
         stations, self._table = inside_table(dome, depth)
         angles = np.maximum(places[:, 0], _NO_NEARER)
         self._angles, self._azimuths = angles, np.ascontiguousarray(places[:, 1])
-        self._each, self._row = np.unique(angles, return_inverse=True)
+        each, self._row = np.unique(angles, return_inverse=True)
         # Beyond the apex a field goes on as on the other side, with the sign of its harmonic.
         mirrored = min(6, len(stations) - 1)
-        self._stations = np.concatenate([-stations[mirrored:0:-1], stations])
+        stations = np.concatenate([-stations[mirrored:0:-1], stations])
         flip = np.where(np.arange(self._table.shape[2]) % 2 == 0, 1.0, -1.0)[:, None]
         self._flip = (flip * np.repeat([-1.0, -1.0, 1.0], 3)).astype(np.float32)
         self._mirrored = mirrored
+        self._slopes, self._between = _spline(stations, each)
         self._along = 1.0 / (dome.radius - depth)
         self._of_ring: dict[int, tuple[Table, Table]] = {}
 
@@ -259,11 +261,10 @@ class _Layer:
             last = int(np.flatnonzero(sizes > 1e-5 * max(sizes.max(), 1e-30)).max(initial=0))
             table = table[:, : last + 1]
             over = self._flip[: last + 1] * table[self._mirrored : 0 : -1]
-            spline = CubicSpline(self._stations, np.concatenate([over, table]))
-            self._of_ring[ring] = (
-                np.asarray(scale * spline(self._each), np.float32),
-                np.asarray(scale * spline(self._each, 1), np.float32),
-            )
+            values = scale * np.concatenate([over, table]).reshape(-1, table[0].size).astype(float)
+            both = self._between @ np.concatenate([values, self._slopes @ values])
+            wave, slope = both.astype(np.float32).reshape(2, -1, *table[0].shape)
+            self._of_ring[ring] = wave, slope
         return self._of_ring[ring]
 
     def fill(self, waves: tuple[Table, Table], azimuth: float, out: Table) -> None:
@@ -271,3 +272,27 @@ class _Layer:
         fill_column(
             *waves, self._row, self._angles, self._azimuths, float(azimuth), self._along, out
         )
+
+
+def _spline(stations: Array, places: Array) -> tuple[Array, csr_matrix]:
+    """Cubic spline as products, as many are read at the same places.
+
+    Returns
+    -------
+    slopes: at the stations from the values there, (S, S)
+    between: at the places first values, then derivatives, from values and slopes, (2·P, 2·S)
+    """
+    count = len(stations)
+    slopes = CubicSpline(stations, np.eye(count))(stations, 1)
+    left = np.clip(np.searchsorted(stations, places, side="right") - 1, 0, count - 2)
+    step = stations[left + 1] - stations[left]
+    t = (places - stations[left]) / step
+    value = [(1.0 + 2.0 * t) * (1.0 - t) ** 2, t**2 * (3.0 - 2.0 * t)]
+    value += [step * t * (1.0 - t) ** 2, step * t**2 * (t - 1.0)]
+    derivative = [6.0 * t * (t - 1.0) / step, 6.0 * t * (1.0 - t) / step]
+    derivative += [(1.0 - t) * (1.0 - 3.0 * t), t * (3.0 * t - 2.0)]
+    columns = np.stack([left, left + 1, count + left, count + left + 1], axis=-1)
+    weights = np.concatenate([np.stack(value, axis=-1), np.stack(derivative, axis=-1)])
+    rows = np.repeat(np.arange(2 * len(places)), 4)
+    entries = weights.ravel(), (rows, np.tile(columns.ravel(), 2))
+    return np.asarray(slopes), csr_matrix(entries, shape=(2 * len(places), 2 * count))

@@ -104,14 +104,26 @@ def add_columns(
     forces: Array,
     out: NDArray[np.float32],
 ) -> None:
-    """Columns (S, 3, V) of these slots times forces (n, 3), into `out` (V,)."""
+    """Columns (S, 3, V) of these slots times forces (n, 3), into `out` (V,); four at once."""
     out[:] = 0.0
-    for i in range(slots.size):
-        three = columns[slots[i]]
-        x, y, z = np.float32(forces[i, 0]), np.float32(forces[i, 1]), np.float32(forces[i, 2])
-        along_x, along_y, along_z = three[0], three[1], three[2]
+    single = forces.astype(np.float32)
+    i = 0
+    while i + 4 <= slots.size:
+        a, b, c, d = (
+            columns[slots[i]], columns[slots[i + 1]], columns[slots[i + 2]], columns[slots[i + 3]]
+        )  # fmt: skip
+        f, g, h, k = single[i], single[i + 1], single[i + 2], single[i + 3]
         for v in range(out.size):
-            out[v] += x * along_x[v] + y * along_y[v] + z * along_z[v]
+            part = out[v] + (f[0] * a[0, v] + f[1] * a[1, v] + f[2] * a[2, v])
+            part += g[0] * b[0, v] + g[1] * b[1, v] + g[2] * b[2, v]
+            part += h[0] * c[0, v] + h[1] * c[1, v] + h[2] * c[2, v]
+            out[v] = part + (k[0] * d[0, v] + k[1] * d[1, v] + k[2] * d[2, v])
+        i += 4
+    while i < slots.size:
+        a, f = columns[slots[i]], single[i]
+        for v in range(out.size):
+            out[v] += f[0] * a[0, v] + f[1] * a[1, v] + f[2] * a[2, v]
+        i += 1
 
 
 @njit()

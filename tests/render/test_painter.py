@@ -9,6 +9,7 @@ from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.drawing.coverage import covered_by_both, edge_width, togetherness
 from chromagrip.render.drawing.painter import Painter, coverage_image
 from chromagrip.render.drawing.supersampled import supersampled_image
+from chromagrip.render.ground import ground_image
 from chromagrip.render.membrane import rest_membrane
 from chromagrip.render.outlines import centroids, outlines
 
@@ -53,6 +54,49 @@ def test_edge_is_a_blurred_disc() -> None:
         covered = np.apply_along_axis(lambda v: np.convolve(v, kernel, "same"), axis, covered)
     painted = paint(centre, radius * np.eye(2), blur)
     assert abs(painted - covered).max() < 0.02
+
+
+def test_a_picture_is_the_product_of_what_pairs_leave() -> None:
+    """Pixel by pixel, without tiles and blocks: pairs anywhere, some cut off, some alone."""
+    rng, rest = np.random.default_rng(4), rest_membrane(SENSOR)
+    kept: list[int] = []
+    for k in rng.permutation(rest.centres.shape[1]):
+        gaps = np.linalg.norm(rest.centres[0, kept] - rest.centres[0, k], axis=-1)
+        if len(kept) < 40 and gaps.min(initial=1.0) > 5.0 * SENSOR.half_sizes.max():
+            kept.append(int(k))
+    centres = np.full_like(rest.centres, np.nan)
+    moved = rng.uniform(-1.0, 1.0, (2, len(kept), 3)) * SENSOR.half_sizes.max()
+    centres[:, kept] = rest.centres[:, kept] + moved
+    centres[0, kept[0]] = centres[1, kept[1]] = np.nan
+    membrane = Membrane(centres=centres, axes=rest.axes)
+    painter = Painter(SENSOR)
+    painter.render(rest)  # so that nearly all of it is drawn over
+    image = painter.render(membrane)
+    magenta, yellow = (1.0 - SENSOR.transmittance).astype(np.float32)
+    light = np.ones(image.shape)
+    coefficients = np.rint(outlines(membrane, SENSOR.view) * 1024.0) / 1024.0
+    width = edge_width(SENSOR.camera.blur_px)
+    for k in kept:
+        first, second = (
+            coverage_image(coefficients[layer, k : k + 1], width, False, image.shape[:2])
+            for layer in range(2)
+        )
+        odds = togetherness(coefficients[0, k], coefficients[1, k])
+        on = (first > 0.0) & (second > 0.0)
+        both = np.zeros_like(first)
+        both[on] = [
+            covered_by_both(a, b, np.float32(odds))
+            for a, b in zip(first[on], second[on], strict=True)
+        ]
+        light *= (
+            1.0
+            - first[..., None] * magenta
+            - second[..., None] * yellow
+            + both[..., None] * (magenta * yellow)
+        )
+    expected = np.rint(encode_srgb(ground_image(SENSOR) * light)).astype(int)
+    assert (light < 0.9).mean() > 0.005
+    assert abs(image - expected).max() <= 1  # the encoding is a table
 
 
 def test_dyes_multiply() -> None:

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from ...extras import require
 from ...loop.grasp import grasp, open_camera
+from ...model import Solid, press_and_move, simulate_contact
+from ...model.dome import contact_steps
+from ...model.shapes import Shape, ball, plane
 from ...output.processes import one_thread
 from ...output.report import Report, Row, at_least, at_most, reported, within
 from ...render import (
@@ -45,6 +48,15 @@ T = TypeVar("T")
 POSES = 20
 #: Specimens of the built dome that are looked at.
 SPECIMENS = 10
+#: Objects that slide on the dome: name, shape, press [m] and least pictures a second.
+SLIDING = (
+    ("100_contacts", ball(20e-3), 0.6e-3, 200.0),
+    ("200_contacts", plane(), 0.8e-3, 120.0),
+)
+#: Path of the object between two of its pictures [m].
+_TRAVEL = 20e-6
+#: Pictures before those that are timed, and those that are.
+_BEFORE, _PICTURES, _QUICK_PICTURES = 10, 150, 60
 #: Median sRGB of a real dome's frame (Lin et al. 2020).
 REAL_DOME = {
     "ground": (250, 249, 248),
@@ -70,6 +82,7 @@ def bench_render(quick: bool, progress: Callable[[str], None]) -> Report:
         mesh = None if problem else stack.enter_context(closing(MeshRenderer(sensor)))
         rows = [
             *_speed(sensor, painter, mesh, quick, progress),
+            *_dome_speed(sensor, quick, progress),
             *_accuracy(sensor, painter, mesh, quick, progress),
         ]
         if problem:
@@ -120,6 +133,47 @@ def _per_call(call: Callable[[T], object], arguments: Sequence[T]) -> float:
     for argument in arguments:
         call(argument)
     return (time.perf_counter() - begin) / len(arguments)
+
+
+def _dome_speed(
+    sensor: SensorDesign, quick: bool, progress: Callable[[str], None]
+) -> Iterator[Row]:
+    """Pictures of a dome a second of process time, and what takes the time."""
+    for name, shape, depth, target in SLIDING:
+        progress(f"speed of the dome, {name.replace('_', ' ')}")
+        count = _QUICK_PICTURES if quick else _PICTURES
+        parts, touching = _sliding(sensor, shape, depth, count)
+        yield reported(("dome", name, "touching"), touching, "")
+        yield at_least(("dome", name, "pictures"), 1.0 / sum(parts.values()), "1/s", target)
+        for part, seconds in parts.items():
+            yield reported(("dome", name, part), 1e3 * seconds, "ms")
+
+
+def _sliding(
+    sensor: SensorDesign, shape: Shape, depth: float, count: int
+) -> tuple[dict[str, float], float]:
+    """Process time of each part of a picture [s], and how many nodes touch, as an object slides."""
+    dome, solid, taken = sensor.dome, Solid(shape=shape), count + _BEFORE
+    motion = press_and_move(depth, shift=(_TRAVEL * taken, 0.0), press_s=0.1, move_s=1e-3 * taken)
+    pressed = simulate_contact(dome, solid, motion, 0.02, keep=100).states
+    start = next(state for state in pressed if abs(state.time - 0.1) < 1e-9)
+    carry, painter = DomeMap(sensor, dome), Painter(sensor)
+    steps = contact_steps(dome, solid, motion, 1e-3, start)
+    parts = dict.fromkeys(("step", "membrane", "picture"), 0.0)
+    touching = []
+    for k in range(taken):
+        times = [time.process_time()]
+        stepper, step = next(steps)
+        times.append(time.process_time())
+        membrane = carry(stepper.linear)
+        times.append(time.process_time())
+        painter.render(membrane)
+        times.append(time.process_time())
+        if k >= _BEFORE:
+            touching.append(step.touching)
+            for part, seconds in zip(parts, np.diff(times), strict=True):
+                parts[part] += seconds / count
+    return parts, float(np.mean(touching))
 
 
 def _accuracy(
