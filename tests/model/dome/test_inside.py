@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
 from chromagrip.model.dome import MarkerField, SkinField, lattice
+from chromagrip.model.dome.inside import _spline
+from chromagrip.model.kernels.inside_kernels import add_columns
 from chromagrip.model.shapes import ball, plane
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
@@ -108,6 +111,30 @@ def test_a_thick_dome_moves_inside_as_a_half_space(poisson: float) -> None:
 
     expected = boussinesq(depths[0]) - boussinesq(depths[1])
     assert moved[0] - moved[1] == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 4, 5, 8, 11])
+def test_columns_add_up_whatever_their_number(count: int) -> None:
+    rng = np.random.default_rng(count)
+    columns = rng.normal(size=(12, 3, 50)).astype(np.float32)
+    slots, forces = rng.permutation(12)[:count], rng.normal(size=(count, 3))
+    total = np.full(50, np.nan, np.float32)
+    add_columns(columns, slots, forces, total)
+    expected = np.einsum("na,nav->v", forces, columns[slots].astype(float))
+    np.testing.assert_allclose(total, expected, rtol=0, atol=1e-5)
+
+
+def test_a_spline_by_products_is_the_spline() -> None:
+    """At its stations, between them and a little beyond their ends."""
+    rng = np.random.default_rng(3)
+    stations = np.cumsum(rng.uniform(0.5, 1.5, 30))
+    values = rng.normal(size=(30, 4))
+    places = np.concatenate([stations, rng.uniform(stations[0] - 0.2, stations[-1] + 0.2, 90)])
+    slopes, between = _spline(stations, places)
+    value, derivative = (between @ np.concatenate([values, slopes @ values])).reshape(2, -1, 4)
+    spline = CubicSpline(stations, values)
+    np.testing.assert_allclose(value, spline(places), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(derivative, spline(places, 1), rtol=0, atol=1e-12)
 
 
 def test_columns_that_no_longer_fit_are_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
