@@ -1,5 +1,6 @@
-"""The membrane of a dome of silicone: each marker moves as the silicone does at its depth."""
+"""The membrane of a body of silicone: each marker moves as the silicone does at its depth."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,22 +9,24 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import Delaunay
 
 from ..errors import UserError
-from ..model import Dome
-from ..model.dome import MarkerField, SkinField, lattice
+from ..model import Dome, SoftBody
+from ..model.dome import MarkerField, SkinField, disc_places, lattice
 from .design.sensor import SensorDesign
 from .membrane import Membrane
 from .place_kernels import carry_in_silicone
 
 Array = NDArray[np.float64]
 
-#: Points of the equator, where nothing moves.
+#: Points of the equator of a dome, where nothing moves.
 _EQUATOR = 72
+#: Of a pad it is a circle far from the corners, in halves of the side.
+_FAR = 2.0
 #: Largest distance of points that tell how a layer moves, in depths of the layer.
 _APART = 1.3
 
 
 class DomeMap:
-    """Maps forces on a dome to the membrane of its sensor; built once, called every frame.
+    """Maps forces on the skin to the membrane of its sensor; built once, called every frame.
 
     Nothing is said of how much a layer follows the skin, or of how its markers swell: that comes
     from their depth. A dot may be stiffer than the silicone, see `markers.stretch`; a soft one,
@@ -40,7 +43,7 @@ class DomeMap:
     field: how the silicone moves at the markers
     """
 
-    def __init__(self, sensor: SensorDesign, dome: Dome, places: Array | None = None) -> None:
+    def __init__(self, sensor: SensorDesign, dome: SoftBody, places: Array | None = None) -> None:
         skin = sensor.shape
         own = sensor.places if places is None else places
         own = np.broadcast_to(own, (2, *own.shape[-2:]))
@@ -50,7 +53,9 @@ class DomeMap:
         )
         self._tangents = np.stack(skin.tangents(own), axis=-1)
         cos, sin = np.cos(own[..., 1]), np.sin(own[..., 1])
-        # Squares lie along the sensor's x and y, discs anyhow.
+        # Squares lie along the sensor's x and y, discs anyhow: here their axes turn with the place.
+        if sensor.markers.form == "square":
+            sin = -sin
         upright = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
         self._upright = np.asarray(sensor.half_sizes)[:, None, None, None] * upright
         self._stretch = 1.0 if sensor.markers.swell_mm else float(sensor.markers.stretch)
@@ -78,7 +83,8 @@ class DomeMap:
 class DomeSheets:
     """Both layers and the skin as sheets; tells of any of their places what moves it.
 
-    At every node the displacement and its slope are known, on the equator both are 0. Between
+    At every node the displacement and its slope are known, on the equator, or a circle around a
+    pad, both are 0. Between
     three of these points u = Σ w·(u_i + ½·∇u_i·d_i), d_i the way from each, which is exact for a
     parabola. Below the skin the slopes are those of the silicone, on it those between the nodes.
 
@@ -89,21 +95,20 @@ class DomeSheets:
     under: places of each layer and of the skin, three arrays (P, 2)
     """
 
-    def __init__(self, sensor: SensorDesign, dome: Dome, under: list[Array]) -> None:
+    def __init__(self, sensor: SensorDesign, dome: SoftBody, under: list[Array]) -> None:
         depths = layer_depths(sensor, dome)
         # Between points farther apart than it is deep a motion is not known.
         finer = max(dome.spacing / 2.0, _APART * min(depths))
-        inside = _points(replace(dome, pitch=min(dome.spacing, finer)))
-        nodes = _points(dome)
+        inside, nodes = _inside(dome, min(dome.spacing, finer)), _points(dome)
         self._layers = MarkerField(dome, np.broadcast_to(inside, (2, *inside.shape)), depths)
         self._skin = SkinField(dome)
-        places, mesh = _with_equator(inside)
+        places, mesh = _with_equator(inside, dome)
         self._weights = [
             _between(sensor, mesh, places, under[sheet], depth)
             for sheet, depth in enumerate(depths)
         ]
         self._corners = np.zeros((2, len(places), 3, 3))  # of each: u and its two slopes
-        places, mesh = _with_equator(nodes)
+        places, mesh = _with_equator(nodes, dome)
         skin = _between(sensor, mesh, places, under[2], 0.0)
         self._share = skin[:, ::3][:, : len(nodes)]
         self._weights.append(skin @ _slopes(sensor, mesh, places))
@@ -127,22 +132,31 @@ class DomeSheets:
         return np.asarray(self._share @ values)
 
 
-def _points(dome: Dome) -> Array:
-    """Angle from the apex and azimuth of a dome's nodes [rad], (N, 2)."""
+def _points(dome: SoftBody) -> Array:
+    """Places of the nodes, (N, 2)."""
     nodes = lattice(dome)
     return np.column_stack([nodes.angles[nodes.ring], nodes.azimuth])
 
 
-def _with_equator(places: Array) -> tuple[Array, Delaunay]:
+def _inside(dome: SoftBody, pitch: float) -> Array:
+    """Places of points that are a pitch apart, to the corners of a pad, (N, 2)."""
+    if isinstance(dome, Dome):
+        return _points(replace(dome, pitch=pitch))
+    places = disc_places(math.sqrt(2.0) * dome.radius + pitch, pitch)
+    return places[(abs(_chart(places)) < dome.radius + pitch).all(axis=1)]
+
+
+def _with_equator(places: Array, dome: SoftBody) -> tuple[Array, Delaunay]:
     """Places and those of the equator, and triangles of them all."""
     turn = np.linspace(0.0, 2.0 * np.pi, _EQUATOR, endpoint=False)
-    equator = np.column_stack([np.full_like(turn, np.pi / 2), turn])
+    end = np.pi / 2 if isinstance(dome, Dome) else _FAR * dome.radius
+    equator = np.column_stack([np.full_like(turn, end), turn])
     whole = np.concatenate([places, equator])
     return whole, Delaunay(_chart(whole))
 
 
 def _chart(places: Array) -> Array:
-    """Places (P, 2) of a sphere on a plane, by their distance from the apex along it."""
+    """Places (P, 2) on a plane, by their distance from the apex along the skin."""
     return places[:, :1] * np.stack([np.cos(places[:, 1]), np.sin(places[:, 1])], axis=-1)
 
 
@@ -194,13 +208,13 @@ def _slopes(sensor: SensorDesign, mesh: Delaunay, places: Array) -> csr_matrix:
     return csr_matrix(entries, shape=(3 * len(places), len(places)))
 
 
-def layer_depths(sensor: SensorDesign, dome: Dome) -> tuple[float, float]:
+def layer_depths(sensor: SensorDesign, dome: SoftBody) -> tuple[float, float]:
     """Depths of both layers under the skin [m].
 
     Raises
     ------
     UserError
-        For a layer below the silicone of the dome.
+        For a layer below the silicone.
     """
     first, second = (float(depth) for depth in sensor.depths)
     if max(first, second) > dome.thickness * (1.0 + 1e-9):

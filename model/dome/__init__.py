@@ -6,7 +6,7 @@ moves an object over it: any signed distance, with Dahl friction, sliding and to
 """
 
 from .compliance import compliance_table, make_table
-from .dome import Dome, lattice
+from .dome import Dome, Pad, SoftBody, disc_places, lattice
 from .inside import MarkerField, SkinField, inside_table
 from .motion import AXES, Motion, press_and_move
 from .placing import rise_beside, rotation_of, touching_place
@@ -33,14 +33,17 @@ __all__ = [
     "DomeState",
     "MarkerField",
     "Motion",
+    "Pad",
     "PosedContact",
     "PosedContacts",
     "SkinField",
+    "SoftBody",
     "Solid",
     "StepCount",
     "Stepper",
     "compliance_table",
     "contact_steps",
+    "disc_places",
     "displacements",
     "dome_forces",
     "follow_dome_slip",

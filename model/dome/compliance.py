@@ -1,5 +1,6 @@
-"""Compliance of the skin of a dome: a table over pairs of rings, made once for each shape and ν."""
+"""Compliance of the skin: a table over pairs of rings, made once for each shape and ν."""
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 
@@ -7,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...kept_arrays import content_key, keep, kept
-from .dome import Dome, lattice
+from .dome import Dome, Pad, SoftBody, lattice
 from .elements import half_solved, loads, mesh
+from .layer import layer_motion, layer_moved
 
 Array = NDArray[np.float64]
 Table = NDArray[np.float32]
@@ -31,11 +33,11 @@ def nothing(done: int, total: int) -> None:
 
 
 @lru_cache(maxsize=4)
-def compliance_table(dome: Dome, progress: Callable[[int, int], None] = nothing) -> Table:
+def compliance_table(body: SoftBody, progress: Callable[[int, int], None] = nothing) -> Table:
     """Displacements of the skin for forces on it, over pairs of rings and the angle between nodes.
 
-    The first call for a shape and ν solves its elasticity, which takes some seconds; the table is
-    then kept in the user's cache folder.
+    The first call for a shape and ν of a dome solves its elasticity, which takes some seconds; the
+    table is then kept in the user's cache folder. That of a pad takes a second and is not kept.
 
     Parameters
     ----------
@@ -46,13 +48,16 @@ def compliance_table(dome: Dome, progress: Callable[[int, int], None] = nothing)
     float32, shape (P, K, 9): pairs of rings, angles from 0 to π with one step before and two after,
     and components (r, φ, z) × (r, φ, z); in units of 1/(E·R), see `compliance_scale`.
     """
-    angles = lattice(dome).angles
-    key = content_key(_VERSION, np.array(_shape(dome)), np.array(angles))
-    found = kept(_KIND, key)
-    if found is None:
-        found = {"table": make_table(dome, progress)}
-        keep(_KIND, key, found)
-    table = np.asarray(found["table"], np.float32)
+    if isinstance(body, Pad):
+        table = _pad_table(body)
+    else:
+        angles = lattice(body).angles
+        key = content_key(_VERSION, np.array(_shape(body)), np.array(angles))
+        found = kept(_KIND, key)
+        if found is None:
+            found = {"table": make_table(body, progress)}
+            keep(_KIND, key, found)
+        table = np.asarray(found["table"], np.float32)
     table.setflags(write=False)
     return table
 
@@ -62,13 +67,32 @@ def _shape(dome: Dome) -> tuple[float, float, float]:
     return round(dome.core / dome.radius, 9), dome.poisson, WIDTH * dome.spacing / dome.radius
 
 
-def compliance_scale(dome: Dome) -> float:
+def compliance_scale(body: SoftBody) -> float:
     """Metres per newton of a unit of the table."""
-    return 1.0 / (dome.young * dome.radius)
+    return 1.0 / (body.young * body.radius)
+
+
+def _pad_table(pad: Pad) -> Table:
+    """Table of a pad: what a force does depends on the way from it alone."""
+    rings = lattice(pad).angles / pad.radius
+    width = WIDTH * pad.spacing / pad.radius
+    # Spread as a bump where it acts, and weighed with that bump where it moves the skin.
+    motion = layer_motion(pad.thickness / pad.radius, pad.poisson, math.sqrt(2.0) * width, 2.5, 0.0)
+    steps = int(np.ceil(_STEPS * _HARMONICS * rings[-1] / width))
+    turns = np.arange(-1, steps + 3) * np.pi / steps
+    c, s = np.cos(turns), np.sin(turns)
+    table = np.empty((len(rings) * (len(rings) + 1) // 2, steps + 4, 3, 3), np.float32)
+    low, high = np.triu_indices(len(rings))
+    for pair, (i, j) in enumerate(zip(low, high, strict=True)):
+        block = layer_moved(motion, np.stack([rings[i] * c - rings[j], rings[i] * s], axis=-1))
+        x, y = block[:, 0].copy(), block[:, 1].copy()
+        block[:, 0], block[:, 1] = c[:, None] * x + s[:, None] * y, c[:, None] * y - s[:, None] * x
+        table[pair] = block
+    return table.reshape(len(table), steps + 4, 9)
 
 
 def make_table(dome: Dome, progress: Callable[[int, int], None] = nothing) -> Table:
-    """As `compliance_table`, made anew."""
+    """As `compliance_table` of a dome, made anew."""
     core, poisson, width = _shape(dome)
     rings = lattice(dome).angles
     harmonics = int(np.ceil(_HARMONICS * np.sin(rings[-1]) / width))

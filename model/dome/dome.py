@@ -1,4 +1,4 @@
-"""The fingertip as a dome of silicone on a rigid core: its shape, its material and its nodes."""
+"""The fingertip as silicone on a rigid core: a dome or a flat pad, its material and its nodes."""
 
 import math
 from dataclasses import dataclass
@@ -11,8 +11,10 @@ from ..checks import finite, within
 
 Array = NDArray[np.float64]
 
-#: Pitch of the nodes as a share of the radius, where none is given.
-PITCH = 1 / 20
+#: Pitch of the nodes as a share of the radius, of a dome and of a pad, where none is given.
+PITCH, PAD_PITCH = 1 / 20, 1 / 32
+#: Way of a free object in a step that is no leap, as a share of a dome's radius.
+_STRIDE = 0.2
 #: The golden angle [rad]; each ring of nodes is turned by it, so that no two rings line up.
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
@@ -61,6 +63,58 @@ class Dome:
         """Distance between neighbouring nodes [m]."""
         return self.radius * PITCH if self.pitch is None else self.pitch
 
+    @property
+    def stride(self) -> float:
+        """Way of a free object in a step, beyond which it might leap through the silicone [m]."""
+        return _STRIDE * self.radius
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pad:
+    """Flat layer of silicone that is bonded to a rigid base, its skin in the plane z = 0.
+
+    The silicone goes on beyond the sides of the pad. A contact about two thicknesses from a side or
+    farther does not feel that.
+
+    Attributes
+    ----------
+    radius: half of its side, and of the disc on which the skin has nodes and may touch [m]
+    thickness: of the silicone [m]
+    young, poisson, relaxation, stiffening: as of a `Dome`
+    pitch: distance between neighbouring nodes of the skin [m]; None is a 32nd of `radius`
+    """
+
+    radius: float = 18e-3
+    thickness: float = 2.2e-3
+    young: float = 0.4e6
+    poisson: float = 0.48
+    pitch: float | None = None
+    relaxation: float = 0.0
+    stiffening: bool = True
+
+    def __post_init__(self) -> None:
+        finite("half of the pad's side", self.radius, "m", above=0.0, below=1.0)
+        finite("Young's modulus of the pad", self.young, "Pa", above=0.0)
+        within("Poisson's ratio of the pad", self.poisson, "", 0.0, 0.495)
+        within("thickness of the pad", self.thickness / self.radius, "of half its side", 0.02, 1.0)
+        within("pad relaxation", self.relaxation, "s", 0.0, 10.0)
+        if self.pitch is not None:
+            within("pad pitch", self.pitch / self.radius, "of half its side", 1 / 60, 1 / 8)
+
+    @property
+    def spacing(self) -> float:
+        """Distance between neighbouring nodes [m]."""
+        return self.radius * PAD_PITCH if self.pitch is None else self.pitch
+
+    @property
+    def stride(self) -> float:
+        """As of a `Dome` [m]."""
+        return 0.8 * self.thickness
+
+
+#: Silicone in three dimensions.
+SoftBody = Dome | Pad
+
 
 @dataclass(frozen=True, kw_only=True)
 class Lattice:
@@ -68,10 +122,13 @@ class Lattice:
 
     Attributes
     ----------
-    angles: angle of each ring from the apex [rad], shape (K,)
+    angles: place of each ring, shape (K,): its angle from the apex of a dome [rad], its distance
+        from the middle of a pad [m]
     ring: ring of each node, shape (N,)
     azimuth: of each node [rad], shape (N,)
-    points: places of the nodes from the sphere's centre [m], shape (N, 3)
+    points: places of the nodes from the centre of the sphere or the middle of the pad's skin [m],
+        shape (N, 3)
+    outwards: unit vectors out of the silicone, shape (N, 3)
     areas: area of the skin that each node stands for [m²], shape (N,)
     """
 
@@ -79,31 +136,77 @@ class Lattice:
     ring: NDArray[np.int64]
     azimuth: Array
     points: Array
+    outwards: Array
     areas: Array
 
 
+def onto_skin(body: SoftBody, points: Array) -> Array:
+    """Points (P, 3) on the skin, straight below or above those near it."""
+    if isinstance(body, Dome):
+        return points * (body.radius / np.linalg.norm(points, axis=1, keepdims=True))
+    off = np.linalg.norm(points[:, :2], axis=1, keepdims=True)
+    return points * (np.minimum(1.0, body.radius / np.maximum(off, 1e-12)) * [1.0, 1.0, 0.0])
+
+
 @lru_cache(maxsize=8)
-def lattice(dome: Dome) -> Lattice:
-    """Nodes of a dome, about one pitch from each other."""
-    step = dome.spacing / dome.radius
-    angles = (np.arange(int(dome.reach / step)) + 0.5) * step
-    counts = 3 * np.maximum(1, np.rint(2.0 * np.pi * np.sin(angles) / (3.0 * step))).astype(int)
-    ring = np.repeat(np.arange(len(angles)), counts)
+def lattice(body: SoftBody) -> Lattice:
+    """Nodes of a body, about one pitch from each other."""
+    values = _sphere(body) if isinstance(body, Dome) else _disc(body)
+    for array in vars(values).values():
+        array.setflags(write=False)
+    return values
+
+
+def disc_places(radius: float, pitch: float) -> Array:
+    """Distance from the middle of a disc [m] and azimuth [rad] of points a pitch apart, (N, 2)."""
+    rings = _middles(radius, pitch)
+    ring, azimuth = _around(rings, pitch)
+    return np.column_stack([rings[ring], azimuth])
+
+
+def _middles(reach: float, step: float) -> Array:
+    """Places of rings a step apart, the first half a step from the middle."""
+    return np.asarray((np.arange(int(reach / step)) + 0.5) * step, np.float64)
+
+
+def _around(lengths: Array, step: float) -> tuple[NDArray[np.int64], Array]:
+    """Ring and azimuth of nodes a step apart, on rings of these lengths over 2π."""
+    counts = 3 * np.maximum(1, np.rint(2.0 * np.pi * lengths / (3.0 * step))).astype(int)
     azimuth = np.concatenate(
         [(GOLDEN_ANGLE * k + 2.0 * np.pi * np.arange(n) / n) for k, n in enumerate(counts)]
     ) % (2.0 * np.pi)
+    return np.repeat(np.arange(len(lengths)), counts), azimuth
+
+
+def _disc(pad: Pad) -> Lattice:
+    rings = _middles(pad.radius, pad.spacing)
+    ring, azimuth = _around(rings, pad.spacing)
+    rho = rings[ring]
+    return Lattice(
+        angles=rings,
+        ring=ring,
+        azimuth=azimuth,
+        points=np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), 0.0 * rho], axis=1),
+        outwards=np.tile([0.0, 0.0, 1.0], (len(ring), 1)),
+        areas=(2.0 * np.pi * rings * pad.spacing / np.bincount(ring))[ring],
+    )
+
+
+def _sphere(dome: Dome) -> Lattice:
+    step = dome.spacing / dome.radius
+    angles = _middles(dome.reach, step)
+    ring, azimuth = _around(np.sin(angles), step)
     theta = angles[ring]
     directions = np.stack(
         [np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], axis=1
     )
     zones = 2.0 * np.pi * (np.cos(angles - step / 2) - np.cos(angles + step / 2))
-    values = Lattice(
-        angles=np.asarray(angles, np.float64),
+    points = dome.radius * directions
+    return Lattice(
+        angles=angles,
         ring=ring,
         azimuth=azimuth,
-        points=dome.radius * directions,
-        areas=(dome.radius**2 * zones / counts)[ring],
+        points=points,
+        outwards=points / dome.radius,
+        areas=(dome.radius**2 * zones / np.bincount(ring))[ring],
     )
-    for array in vars(values).values():
-        array.setflags(write=False)
-    return values

@@ -1,4 +1,4 @@
-"""Motion of points at a depth inside a dome, and its slopes, for forces on the nodes."""
+"""Motion of points at a depth in the silicone, and its slopes, for forces on the nodes."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -12,8 +12,9 @@ from scipy.sparse import csr_matrix
 from ...kept_arrays import content_key, keep, kept
 from ..kernels.inside_kernels import add_columns, fill_column, fill_skin_columns
 from .compliance import WIDTH, compliance_scale, compliance_table, nothing
-from .dome import Dome, lattice
+from .dome import Dome, Pad, SoftBody, lattice
 from .elements import Meridian, loads, mesh, solved
+from .layer import layer_motion, layer_moved, layer_slopes
 
 Array = NDArray[np.float64]
 Table = NDArray[np.float32]
@@ -169,8 +170,8 @@ class _Columns:
 class SkinField:
     """Displacement of the nodes of the skin, as `displacements` has it, for many frames."""
 
-    def __init__(self, dome: Dome) -> None:
-        nodes, table, scale = lattice(dome), compliance_table(dome), compliance_scale(dome)
+    def __init__(self, body: SoftBody) -> None:
+        nodes, table, scale = lattice(body), compliance_table(body), compliance_scale(body)
 
         def fill(missing: NDArray[np.int64], out: Table) -> None:
             fill_skin_columns(
@@ -185,21 +186,23 @@ class SkinField:
 
 
 class MarkerField:
-    """Displacement of markers in the silicone of a dome, and its slopes along their layer.
+    """Displacement of markers in the silicone, and its slopes along their layer.
 
     Parameters
     ----------
-    dome: body
-    places: angle from the apex and azimuth of the markers of each layer [rad], (L, M, 2)
+    body: that the markers are in
+    places: angle from the apex of a dome [rad] or distance from the middle of a pad [m], and
+        azimuth [rad], of the markers of each layer, (L, M, 2)
     depths: of the layers under the skin [m], (L,)
     """
 
-    def __init__(self, dome: Dome, places: Array, depths: Sequence[float]) -> None:
-        nodes = lattice(dome)
-        self._nodes, self._scale = nodes, compliance_scale(dome)
+    def __init__(self, body: SoftBody, places: Array, depths: Sequence[float]) -> None:
+        nodes = lattice(body)
         self._shape = places.shape[:2]
-        self._layers = [
-            _Layer(dome, np.asarray(place, np.float64), float(depth))
+        self._layers: list[_DomeLayer | _PadLayer] = [
+            _PadLayer(body, np.asarray(place, np.float64), float(depth))
+            if isinstance(body, Pad)
+            else _DomeLayer(body, np.asarray(place, np.float64), float(depth))
             for place, depth in zip(places, depths, strict=True)
         ]
         values = 9 * self._shape[0] * self._shape[1]
@@ -215,7 +218,8 @@ class MarkerField:
         Returns
         -------
         displacement: [m], shape (L, M, 3)
-        slopes: of each component per length along θ and φ, shape (L, M, 3, 2)
+        slopes: of each component per length along the first coordinate of a place and along φ,
+            shape (L, M, 3, 2)
         """
         field = self._columns(forces).reshape(*self._shape, 9).astype(np.float64)
         return field[..., :3], field[..., 3:].reshape(*self._shape, 3, 2)
@@ -226,16 +230,12 @@ class MarkerField:
 
     def _fill(self, missing: NDArray[np.int64], out: Table) -> None:
         each = out.reshape(len(missing), 3, *self._shape, 9)
-        rings = self._nodes.ring[missing]
-        for ring in np.unique(rings):
-            for n, layer in enumerate(self._layers):
-                waves = layer.waves(int(ring), self._scale)
-                for i in np.flatnonzero(rings == ring):
-                    layer.fill(waves, self._nodes.azimuth[missing[i]], each[i, :, n])
+        for n, layer in enumerate(self._layers):
+            layer.fill(missing, each[:, :, n])
 
 
-class _Layer:
-    """Markers at one depth."""
+class _DomeLayer:
+    """Markers at one depth of a dome."""
 
     def __init__(self, dome: Dome, places: Array, depth: float) -> None:
         stations, self._table = inside_table(dome, depth)
@@ -249,10 +249,11 @@ class _Layer:
         self._flip = (flip * np.repeat([-1.0, -1.0, 1.0], 3)).astype(np.float32)
         self._mirrored = mirrored
         self._slopes, self._between = _spline(stations, each)
-        self._along = 1.0 / (dome.radius - depth)
+        self._along, self._scale = 1.0 / (dome.radius - depth), compliance_scale(dome)
+        self._nodes = lattice(dome)
         self._of_ring: dict[int, tuple[Table, Table]] = {}
 
-    def waves(self, ring: int, scale: float) -> tuple[Table, Table]:
+    def _waves(self, ring: int) -> tuple[Table, Table]:
         """Waves at the angles of the markers and their derivatives, (A, H, 9) [m/N]."""
         if ring not in self._of_ring:
             table = self._table[ring]
@@ -261,17 +262,45 @@ class _Layer:
             last = int(np.flatnonzero(sizes > 1e-5 * max(sizes.max(), 1e-30)).max(initial=0))
             table = table[:, : last + 1]
             over = self._flip[: last + 1] * table[self._mirrored : 0 : -1]
-            values = scale * np.concatenate([over, table]).reshape(-1, table[0].size).astype(float)
+            values = self._scale * np.concatenate([over, table]).reshape(-1, table[0].size).astype(float)
             both = self._between @ np.concatenate([values, self._slopes @ values])
             wave, slope = both.astype(np.float32).reshape(2, -1, *table[0].shape)
             self._of_ring[ring] = wave, slope
         return self._of_ring[ring]
 
-    def fill(self, waves: tuple[Table, Table], azimuth: float, out: Table) -> None:
-        """Column of a node, into `out` (3, M, 9)."""
-        fill_column(
-            *waves, self._row, self._angles, self._azimuths, float(azimuth), self._along, out
+    def fill(self, nodes: NDArray[np.int64], out: Table) -> None:
+        """Columns of nodes (n,), into `out` (n, 3, M, 9)."""
+        rings = self._nodes.ring[nodes]
+        for ring in np.unique(rings):
+            waves = self._waves(int(ring))
+            for i in np.flatnonzero(rings == ring):
+                fill_column(
+                    *waves, self._row, self._angles, self._azimuths,
+                    float(self._nodes.azimuth[nodes[i]]), self._along, out[i],
+                )  # fmt: skip
+
+
+class _PadLayer:
+    """Markers at one depth of a pad."""
+
+    def __init__(self, pad: Pad, places: Array, depth: float) -> None:
+        self._motion = layer_motion(
+            pad.thickness, pad.poisson, WIDTH * pad.spacing, math.inf, depth
         )
+        self._scale = 1.0 / pad.young
+        rho, phi = places.T
+        c, s = np.cos(phi), np.sin(phi)
+        self._at = np.stack([rho * c, rho * s], axis=-1)
+        self._axes = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+        self._points = lattice(pad).points
+
+    def fill(self, nodes: NDArray[np.int64], out: Table) -> None:
+        """Columns of nodes (n,), into `out` (n, 3, M, 9)."""
+        for i, node in enumerate(nodes):
+            way = self._at - self._points[node, :2]
+            slopes = layer_slopes(self._motion, way) @ self._axes[:, None]
+            out[i, :, :, :3] = self._scale * layer_moved(self._motion, way).transpose(2, 0, 1)
+            out[i, :, :, 3:] = self._scale * slopes.transpose(2, 0, 1, 3).reshape(3, len(way), 6)
 
 
 def _spline(stations: Array, places: Array) -> tuple[Array, csr_matrix]:

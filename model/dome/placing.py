@@ -1,4 +1,4 @@
-"""Where an object just touches a dome."""
+"""Where an object just touches the silicone."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,12 +7,12 @@ from scipy.optimize import brentq
 from ...errors import UserError
 from ..kernels.newton_kernels import turned
 from ..shapes import distances
-from .dome import Dome, lattice
+from .dome import SoftBody, lattice, onto_skin
 from .solid import Solid
 
 Array = NDArray[np.float64]
 
-#: Points about one, on which the nearest of the sphere is looked for; how often, in steps that
+#: Points about one, on which the nearest of the skin is looked for; how often, in steps that
 #: shrink by this factor.
 _AROUND = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 3), axis=-1).reshape(-1, 3)
 _LOOKS, _SHRINK = 32, 0.6
@@ -26,7 +26,7 @@ def rotation_of(pose: Array) -> Array:
 
 
 def touching_place(
-    dome: Dome, solid: Solid, rotation: Array, beside: tuple[float, float] = (0.0, 0.0)
+    dome: SoftBody, solid: Solid, rotation: Array, beside: tuple[float, float] = (0.0, 0.0)
 ) -> Array:
     """Place above the apex at which a turned object just touches the dome [m], shape (3,).
 
@@ -42,14 +42,13 @@ def touching_place(
     points = lattice(dome).points
 
     def lowest(height: float) -> float:
-        """Smallest distance of a point of the sphere from the object."""
+        """Smallest distance of a point of the skin from the object."""
         place = np.array([*beside, height])
         gap, _ = distances(solid.shape, (points - place) @ rotation)
         nearest, width = points[gap.argmin()], dome.spacing
         least = float(gap.min())
         for _ in range(_LOOKS):
-            around = nearest + width * _AROUND
-            around *= dome.radius / np.linalg.norm(around, axis=1, keepdims=True)
+            around = onto_skin(dome, nearest + width * _AROUND)
             gap, _ = distances(solid.shape, (around - place) @ rotation)
             if gap.min() < least:
                 nearest, least = around[gap.argmin()], float(gap.min())
@@ -67,7 +66,9 @@ def touching_place(
     raise UserError(f"the object {solid.shape.name} does not come to lie on the dome from above")
 
 
-def rise_beside(dome: Dome, solid: Solid, rotation: Array, beside: tuple[float, float]) -> float:
+def rise_beside(
+    dome: SoftBody, solid: Solid, rotation: Array, beside: tuple[float, float]
+) -> float:
     """How much higher an object just touches beside the axis than on it [m]; negative is lower."""
     if not any(beside):
         return 0.0

@@ -13,7 +13,7 @@ from ...errors import UserError
 from ..checks import finite
 from ..force_field import ForceField
 from ..limit_surface import margin_within
-from .dome import Dome, lattice
+from .dome import SoftBody, lattice
 from .motion import Motion
 from .solid import Solid
 from .state import DomeState, StepCount, resting
@@ -41,7 +41,7 @@ class DomeRun:
     states: at some of the times, the last among them
     """
 
-    dome: Dome
+    dome: SoftBody
     solid: Solid
     motion: Motion
     times: Array
@@ -72,7 +72,7 @@ class DomeRun:
         return np.stack([state.forces for state in self.states])
 
 
-def dome_forces(dome: Dome, state: DomeState, whole: bool = True) -> ForceField:
+def dome_forces(dome: SoftBody, state: DomeState, whole: bool = True) -> ForceField:
     """Contact forces of a state: the truth that estimates are scored against.
 
     Parameters
@@ -96,7 +96,7 @@ def dome_forces(dome: Dome, state: DomeState, whole: bool = True) -> ForceField:
     )
 
 
-def limit_margin(dome: Dome, solid: Solid, state: DomeState) -> float:
+def limit_margin(dome: SoftBody, solid: Solid, state: DomeState) -> float:
     """Margin of a state against the limit surface of force and torsion; NaN with no contact.
 
     It is 1 − 1/λ with the largest λ by which friction and torsion could both grow at the normal
@@ -107,7 +107,7 @@ def limit_margin(dome: Dome, solid: Solid, state: DomeState) -> float:
 
 
 def contact_steps(
-    dome: Dome, solid: Solid, motion: Motion, dt: float, start: DomeState | None = None
+    dome: SoftBody, solid: Solid, motion: Motion, dt: float, start: DomeState | None = None
 ) -> Iterator[tuple[Stepper, StepCount]]:
     """Steps of a dome while an object moves; for loops that look at it as they go.
 
@@ -128,7 +128,7 @@ def contact_steps(
 
 
 def simulate_contact(
-    dome: Dome,
+    dome: SoftBody,
     solid: Solid,
     motion: Motion,
     dt: float = 1e-3,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..force_field import ForceField
-from .dome import Dome, lattice
+from .dome import SoftBody, lattice
 from .state import DomeState
 
 Array = NDArray[np.float64]
@@ -34,13 +34,13 @@ class DomeSlip:
     rigid_slip: float = 0.0
 
 
-def no_dome_slip(dome: Dome) -> DomeSlip:
+def no_dome_slip(dome: SoftBody) -> DomeSlip:
     """Record of a grasp that has not begun."""
     return DomeSlip(path=np.full_like(lattice(dome).points, np.nan))
 
 
 def follow_dome_slip(
-    record: DomeSlip, dome: Dome, before: DomeState, after: DomeState, field: ForceField
+    record: DomeSlip, dome: SoftBody, before: DomeState, after: DomeState, field: ForceField
 ) -> DomeSlip:
     """Record after a step.
 
@@ -95,7 +95,9 @@ def _least(paths: Array, places: Array, normals: Array, around: float) -> float:
     return max(0.0, float(np.linalg.norm(paths, axis=1).min()) - turn * around)
 
 
-def _sliding(dome: Dome, before: DomeState, after: DomeState, nodes: NDArray[np.bool_]) -> Array:
+def _sliding(
+    dome: SoftBody, before: DomeState, after: DomeState, nodes: NDArray[np.bool_]
+) -> Array:
     """Path of the object over some nodes in a step, in its tangent planes [m], shape (n, 3)."""
     points = lattice(dome).points[nodes]
     normals = after.normals[nodes]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ..shapes import distances
-from .dome import Dome, lattice
+from .dome import SoftBody, lattice
 from .motion import Motion
 from .placing import rotation_of, touching_place
 from .solid import Solid
@@ -69,7 +69,7 @@ class StepCount(NamedTuple):
     unconverged: int = 0
 
 
-def resting(dome: Dome, solid: Solid, motion: Motion) -> DomeState:
+def resting(dome: SoftBody, solid: Solid, motion: Motion) -> DomeState:
     """State at the start of a motion, in which nothing touches.
 
     Raises
@@ -96,7 +96,7 @@ def resting(dome: Dome, solid: Solid, motion: Motion) -> DomeState:
     )  # fmt: skip
 
 
-def check_state(dome: Dome, state: DomeState) -> None:
+def check_state(dome: SoftBody, state: DomeState) -> None:
     """Refuse a state of another dome.
 
     Raises

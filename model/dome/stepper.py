@@ -10,7 +10,7 @@ from ..kernels.near_kernels import find_near, node_groups
 from ..kernels.newton_kernels import Contact, Outcome, solve_contact, turned
 from ..kernels.touch_kernels import Pose
 from .compliance import compliance_scale, compliance_table
-from .dome import Dome, Lattice, lattice
+from .dome import Lattice, SoftBody, lattice
 from .motion import Motion
 from .placing import rotation_of, touching_place
 from .solid import Solid, touched
@@ -34,9 +34,8 @@ _BEFORE_CREEP, _CREEPS = 1, 80
 _SLOW, _SLOWEST, _QUICK = 8.0, 1e3, 0.3
 #: Part of the thickness beyond which the silicone is not described.
 DEEPEST = 0.8
-#: A free object that goes farther in a step [radii] might leap through the dome, and such a step
-#: is halved up to so many times.
-_LEAP, _LEAPS = 0.2, 10
+#: A step in which a free object might leap through the silicone is halved up to so many times.
+_LEAPS = 10
 #: Forces that viscosity remembers below this are forgotten [N].
 _FORGOTTEN = 1e-9
 
@@ -44,11 +43,11 @@ _FORGOTTEN = 1e-9
 class Stepper:
     """Arrays of a dome and an object in contact; `advance` makes a step and changes them."""
 
-    def __init__(self, dome: Dome, solid: Solid, motion: Motion, state: DomeState) -> None:
+    def __init__(self, dome: SoftBody, solid: Solid, motion: Motion, state: DomeState) -> None:
         self.dome, self.solid, self.motion = dome, solid, motion
         self.thing = touched(solid)
         self.lattice: Lattice = lattice(dome)
-        self.radial = self.lattice.points / dome.radius
+        self.radial = self.lattice.outwards
         self.groups = node_groups(self.lattice.points)
         self.table = compliance_table(dome)
         self.scale = compliance_scale(dome)
@@ -119,7 +118,7 @@ class Stepper:
     def _attempt(self, until: float, depth: int, load: Array | None) -> StepCount:
         before = self.state()
         count = self._solve(until, self.dome.relaxation / (until - self.time), load)
-        leapt = np.linalg.norm(self.place - before.place) > _LEAP * self.dome.radius
+        leapt = np.linalg.norm(self.place - before.place) > self.dome.stride
         leapt &= self.motion.moves_free.any() and depth < _LEAPS
         if count.error < TOLERANCE and not leapt:
             return count
@@ -344,7 +343,7 @@ class Stepper:
             )
 
 
-def displacements(dome: Dome, state: DomeState) -> Array:
+def displacements(dome: SoftBody, state: DomeState) -> Array:
     """Displacement of every node of the skin in a state [m], shape (N, 3).
 
     Raises

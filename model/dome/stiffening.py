@@ -6,6 +6,9 @@ indentation of a node over the thickness of the silicone. Its constants were fit
 `fixtures/hyperelastic`. Of exact contacts it is within 4 % to ε = .4 and 7 % to .6, on domes that
 it was not fitted on. With the error of the nodes' contact the force is within 7 % to ε = .4 and
 12 % at .6. This holds for a silicone of .1 to .4 of the radius and ν from .45 to .495.
+
+A pad has the law of a dome whose silicone is a twentieth of its radius, which was fitted to balls
+on a flat layer.
 """
 
 import math
@@ -14,13 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.touch_kernels import Stiffening
-from .dome import Dome
+from .dome import Pad, SoftBody
 
 Array = NDArray[np.float64]
 
+#: Thickness over radius of the dome whose law a pad has.
+_FLAT = 0.05
+
 
 def stiffening_of(
-    dome: Dome, friction: float, areas: Array, forces: Array, tangential: Array
+    dome: SoftBody, friction: float, areas: Array, forces: Array, tangential: Array
 ) -> Stiffening:
     """Law of the next step, from the contact before it.
 
@@ -46,7 +52,7 @@ def stiffening_of(
     return Stiffening(share, power, dome.thickness)
 
 
-def _slipping(dome: Dome, radius: float) -> tuple[float, float]:
+def _slipping(dome: SoftBody, radius: float) -> tuple[float, float]:
     """Constants c and p of a contact without friction, of a radius [m].
 
     A wide contact squeezes the silicone, which gives way by its bulk: more so, the less it is
@@ -55,10 +61,11 @@ def _slipping(dome: Dome, radius: float) -> tuple[float, float]:
     bulk = 2.0 * (1.0 + dome.poisson) / (3.0 * (1.0 - 2.0 * dome.poisson))  # over the shear modulus
     widest = 0.402 * math.sqrt(bulk)
     wide = widest * _levelled(radius / dome.thickness / widest, 2.0)
-    return 3.103 * wide**0.511 * (dome.thickness / dome.radius) ** -0.184, 1.536
+    slender = _FLAT if isinstance(dome, Pad) else dome.thickness / dome.radius
+    return 3.103 * wide**0.511 * slender**-0.184, 1.536
 
 
-def _sticking(dome: Dome, radius: float) -> tuple[float, float]:
+def _sticking(dome: SoftBody, radius: float) -> tuple[float, float]:
     """Constants c and p of a contact that does not slip, of a radius [m]."""
     return 2.556 * _levelled(radius / dome.thickness / 0.807, 4.0) ** 2.347, 1.425
 

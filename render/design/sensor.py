@@ -218,9 +218,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
             )
         skin = self.skin
         if self.silicone is not None:
-            if isinstance(skin, Pad):
-                raise UserError("[silicone] is of a dome; a pad has skin.thickness_mm")
-            self.silicone.dome(1e-3 * skin.radius_mm)  # refuses what makes no dome
+            self.silicone.body(self.shape.radius, self.shape.flat)  # refuses what makes none
         room = skin.radius_mm - skin.hollow_mm if isinstance(skin, Dome) else skin.thickness_mm
         if not room > 0.0:
             raise UserError("skin.hollow_mm must be less than skin.radius_mm")
@@ -250,17 +248,17 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
         check_markers(self.shape, self.view, self.places, self.depths, self.half_sizes, square)
 
     @property
-    def dome(self) -> model.Dome:
-        """The silicone body.
+    def dome(self) -> model.SoftBody:
+        """The silicone body, of a dome or of a pad.
 
         Raises
         ------
         UserError
-            For a design that says nothing of it, or is no dome.
+            For a design that says nothing of it.
         """
         if self.silicone is None:
-            raise UserError("the design has no dome of silicone; one has a table [silicone]")
-        return self.silicone.dome(self.shape.radius)
+            raise UserError("the design says nothing of its silicone: it has no table [silicone]")
+        return self.silicone.body(self.shape.radius, self.shape.flat)
 
     @property
     def layers(self) -> tuple[Layer, Layer]:

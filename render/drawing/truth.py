@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...model import Dome
+from ...model import SoftBody
 from ..design.sensor import SensorDesign
 from ..dome_map import DomeSheets
 from ..ground import pixel_grid
@@ -95,10 +95,10 @@ class TruthMap:
     Parameters
     ----------
     sensor: design
-    body: nodes of a chain, how many or where, see `harmonic_map`; or a dome of silicone
+    body: nodes of a chain, how many or where, see `harmonic_map`; or silicone
     """
 
-    def __init__(self, sensor: SensorDesign, body: int | Array | Dome) -> None:
+    def __init__(self, sensor: SensorDesign, body: int | Array | SoftBody) -> None:
         self._sensor = sensor
         view, skin = sensor.view, sensor.shape
         self._pixels = pixel_grid(sensor)
@@ -112,7 +112,7 @@ class TruthMap:
         self._rest = [skin.points(place, d) for place, d in zip(under, depths, strict=True)]
         self._moved = (
             DomeSheets(sensor, body, under)
-            if isinstance(body, Dome)
+            if isinstance(body, SoftBody)
             else chain_sheets(sensor, body, under)
         )
 

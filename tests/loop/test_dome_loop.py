@@ -125,7 +125,7 @@ def test_a_mesh_is_found_beside_its_scene(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"sensor": "flat-2019"}, r"flat-2019: the design has no dome of silicone"),
+        ({"sensor": "flat-2019", "dome.thickness_mm": 40.0}, "thickness of the pad"),
         ({"body": "chain"}, r"dome.pitch_mm = 0.8 is for body = \"dome\""),
         ({"fingertip.nodes": 101}, r"fingertip.nodes = 101 is for body = \"chain\""),
         ({"object.surface": "stays"}, "object.surface = 'stays' is for body = \"chain\""),

@@ -45,18 +45,19 @@ def make_dome_tables(scene: "Scene", pictures: bool) -> None:
     """
     if scene.body != "dome":
         return
-    from ..model.dome import compliance_table, inside_table
+    from ..model.dome import Pad, compliance_table, inside_table
     from ..render import layer_depths
 
     shape = scene.build_solid().shape
     for note in shape.notes:
         print(f"chromagrip: {shape.name}: {note}", file=sys.stderr, flush=True)
     dome = scene.build_dome()
+    depths = layer_depths(scene.build_sensor(), dome) if pictures else ()
+    if isinstance(dome, Pad):
+        return  # in closed form
     with counting("elasticity of the dome, once", "harmonics") as progress:
         compliance_table(dome, progress)
-    if not pictures:
-        return
-    for depth in layer_depths(scene.build_sensor(), dome):
+    for depth in depths:
         with counting("motion of its markers, once", "harmonics") as progress:
             inside_table(dome, depth, progress)
 

@@ -12,7 +12,7 @@ from ..errors import UserError
 from ..loop.camera import SimulatedCamera
 from ..loop.grasp import Sample, grasp
 from ..loop.poses.moves import moves
-from ..model import Dome, DomeState, State, rest_state
+from ..model import DomeState, SoftBody, State, rest_state
 from ..output.processes import one_thread
 from ..render import DomeMap, Flaws, Renderer, load_sensor, open_renderer
 from ..scene.scene import Scene
@@ -121,6 +121,6 @@ def _renderer(name: str, sensor: str) -> Renderer:
 
 
 @lru_cache(maxsize=1)
-def _dome_map(sensor: str, dome: Dome) -> DomeMap:
+def _dome_map(sensor: str, dome: SoftBody) -> DomeMap:
     """Map of markers that are where they were designed to be."""
     return DomeMap(load_sensor(sensor), dome)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..by_name import blaming, name_of
-from ..model import Dome, DomeState, State
+from ..model import DomeState, SoftBody, State
 from ..render import (
     Defects,
     DomeMap,
@@ -57,7 +57,7 @@ class SimulatedCamera:
         self,
         sensor: SensorDesign,
         renderer: Renderer,
-        body: int | Dome,
+        body: int | SoftBody,
         noise: float,
         seed: int,
         defects: Defects | None = None,
@@ -70,7 +70,7 @@ class SimulatedCamera:
         places = self._flaws.places
         self._map = membrane_map or (
             DomeMap(sensor, body, places)
-            if isinstance(body, Dome)
+            if isinstance(body, SoftBody)
             else MembraneMap(sensor, body, places)
         )
         self._picture = picture

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from ..model import Dome, ForceField
+from ..model import ForceField, SoftBody
 from ..model.dome import lattice
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ class TractionPicture:
     dome: that is touched
     """
 
-    def __init__(self, dome: Dome) -> None:
+    def __init__(self, dome: SoftBody) -> None:
         nodes = lattice(dome)
         self._areas = nodes.areas
         self._pixels = (SIZE / 2 - BORDER) / dome.radius

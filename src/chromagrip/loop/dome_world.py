@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..errors import located
-from ..model import Dome, DomeState, ForceField, Motion, Solid, dome_forces
+from ..model import DomeState, ForceField, Motion, SoftBody, Solid, dome_forces
 from ..model.dome import (
     DomeSlip,
     Stepper,
@@ -40,7 +40,7 @@ class DomePlant:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.dome: Dome = scene.build_dome()
+        self.dome: SoftBody = scene.build_dome()
         self.clock = Clock.of_scene(scene)
         self._solid = scene.build_solid()
         self._motion = self._guided()

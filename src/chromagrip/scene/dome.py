@@ -1,4 +1,4 @@
-"""The dome of a scene: what it changes of the sensor's own silicone."""
+"""The silicone of a scene's body `dome`: what it changes of the sensor's own."""
 
 from dataclasses import replace
 from typing import Annotated, Any
@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from ..errors import UserError
-from ..model import Dome
+from ..model import Pad, SoftBody
 from ..strict_toml import NotNegative, Table
 
 
@@ -18,7 +18,7 @@ class DomeSettings(Table, frozen=True):
     pitch_mm: distance between neighbouring nodes of the skin [mm]
     young_kpa: Young's modulus of the silicone [kPa]
     poisson: its Poisson's ratio
-    thickness_mm: of the silicone on the rigid core [mm]
+    thickness_mm: of the silicone on the rigid core or base [mm]
     relaxation_ms: time constant of its viscosity [ms]; 0 is elastic
     stiffening: whether it stiffens as it is pressed towards the core
     """
@@ -30,26 +30,29 @@ class DomeSettings(Table, frozen=True):
     relaxation_ms: Annotated[float, Meta(ge=0.0, le=1e4)] = 0.0
     stiffening: bool = True
 
-    def changed(self, dome: Dome) -> Dome:
-        """A design's dome with these changes.
+    def changed(self, dome: SoftBody) -> SoftBody:
+        """A design's body with these changes.
 
         Raises
         ------
         UserError
-            When they make no dome.
+            When they make none.
         """
-        if self.thickness_mm * 1e-3 >= dome.radius:
-            raise UserError(
-                f"dome.thickness_mm = {self.thickness_mm:g} must be below the radius of "
-                f"{1e3 * dome.radius:g} mm"
-            )
         changes: dict[str, Any] = {
             "pitch": 1e-3 * self.pitch_mm,
             "young": 1e3 * self.young_kpa,
             "poisson": self.poisson,
-            "core": dome.radius - 1e-3 * self.thickness_mm if self.thickness_mm else 0.0,
+            "relaxation": 1e-3 * self.relaxation_ms,
         }
+        thickness = 1e-3 * self.thickness_mm
+        if isinstance(dome, Pad):
+            changes["thickness"] = thickness
+        elif thickness >= dome.radius:
+            raise UserError(
+                f"dome.thickness_mm = {self.thickness_mm:g} must be below the radius of "
+                f"{1e3 * dome.radius:g} mm"
+            )
+        elif thickness:
+            changes["core"] = dome.radius - thickness
         given = {name: value for name, value in changes.items() if value}
-        return replace(
-            dome, **given, relaxation=1e-3 * self.relaxation_ms, stiffening=self.stiffening
-        )
+        return replace(dome, **given, stiffening=self.stiffening)

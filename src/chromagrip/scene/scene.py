@@ -22,8 +22,8 @@ from ..control import (
 from ..errors import UserError, located
 from ..model import (
     ContactObject,
-    Dome,
     Fingertip,
+    SoftBody,
     Solid,
     check_fit,
     largest_grip,
@@ -217,7 +217,7 @@ class Scene(Table, frozen=True):
             drag=settings.drag_n_s_per_m,
         )
 
-    def build_dome(self) -> Dome:
+    def build_dome(self) -> SoftBody:
         """Body of the fingertip, where it is a dome.
 
         Raises

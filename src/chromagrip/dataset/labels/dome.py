@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ...loop.camera import SimulatedCamera, carried
 from ...loop.world import Contact
-from ...model import Dome, DomeState, margin_within
+from ...model import DomeState, SoftBody, margin_within
 from ...model.dome import SkinField, lattice
 from ...output.processes import one_thread
 from ...render import Membrane, TruthMap, load_sensor, marker_truth
@@ -64,7 +64,7 @@ def dome_shots(
 
 
 def _of_contact(
-    sample: DomeSample, dome: Dome, areas: Array
+    sample: DomeSample, dome: SoftBody, areas: Array
 ) -> tuple[dict[str, float | int | str], dict[str, NDArray[Any]]]:
     """Values of a frame and labels of the nodes."""
     truth, state = sample.truth, sample.truth.state
@@ -123,10 +123,10 @@ def _images(
 
 
 @lru_cache(maxsize=1)
-def _skin_field(dome: Dome) -> SkinField:
+def _skin_field(dome: SoftBody) -> SkinField:
     return SkinField(dome)
 
 
 @lru_cache(maxsize=1)
-def _truth_map(sensor: str, dome: Dome) -> TruthMap:
+def _truth_map(sensor: str, dome: SoftBody) -> TruthMap:
     return TruthMap(load_sensor(sensor), dome)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...dataset.recipe import drawn, load_recipe, pose_of, scene_of
 from ...loop.camera import carried
 from ...loop.poses.dome_poses import settle_dome
-from ...model import Dome
+from ...model import SoftBody
 
 Array = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 RECIPES = ("contact-3d", "twist", "edges")
 
 
-def contact_poses(sensor: str, count: int) -> Iterator[tuple[str, Dome, Array]]:
+def contact_poses(sensor: str, count: int) -> Iterator[tuple[str, SoftBody, Array]]:
     """Poses of several recipes at their ends, on the dome of a sensor.
 
     Yields

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...errors import UserError, located
 from ...loop.camera import SimulatedCamera
 from ...loop.dome_world import PRESS_DRAG
-from ...model import ContactObject, Dome, DomeState, Motion, Solid, dome_forces
+from ...model import ContactObject, DomeState, Motion, SoftBody, Solid, dome_forces
 from ...model.dome import Stepper, per_area, resting
 from ...model.shapes import ball, plane
 from ...output.processes import one_thread
@@ -85,7 +85,7 @@ def solid_of(obj: ContactObject) -> Solid:
 
 
 def watch_dome(
-    known: SensorCalibration, specimen: Specimen, dome: Dome, grasped: Grasp, seed: int
+    known: SensorCalibration, specimen: Specimen, dome: SoftBody, grasped: Grasp, seed: int
 ) -> list[ForceScene]:
     """A chain's grasp on a dome: its pictures, the tracks in them, and the dome's own forces.
 
@@ -139,7 +139,7 @@ def watch_dome(
     ]
 
 
-def _run(dome: Dome, solid: Solid, grasped: Grasp, count: int) -> list[DomeState]:
+def _run(dome: SoftBody, solid: Solid, grasped: Grasp, count: int) -> list[DomeState]:
     """States of a dome at every frame, under grip and load."""
     drive, drag = grasped.drive, grasped.obj.drag
     if drive.normal_control != "force" or drive.lateral_control != "force":

@@ -12,9 +12,9 @@ from scipy.spatial import KDTree
 from ...extras import need
 from ...model import (
     ContactObject,
-    Dome,
     Fingertip,
     Motion,
+    SoftBody,
     Solid,
     equilibrium,
     press_and_move,
@@ -113,10 +113,10 @@ def _pressed(
     shift: tuple[float, float] = (0.0, 0.0),
     twist: float = 0.0,
     tilt: tuple[float, float] = (0.0, 0.0),
-) -> Callable[[Dome, float, float], Motion]:
+) -> Callable[[SoftBody, float, float], Motion]:
     """A press by a share of the silicone's thickness, then a shift [m], or a twist [rad]."""
 
-    def motion(dome: Dome, scale: float, deeper: float) -> Motion:
+    def motion(dome: SoftBody, scale: float, deeper: float) -> Motion:
         return press_and_move(
             deeper * share * dome.thickness,
             shift=(scale * shift[0], scale * shift[1]),
@@ -129,7 +129,7 @@ def _pressed(
     return motion
 
 
-def _rolled(dome: Dome, scale: float, deeper: float) -> Motion:
+def _rolled(dome: SoftBody, scale: float, deeper: float) -> Motion:
     """A rod along y is pressed beside the apex, and rolls over it to the other side."""
     angles = scale * np.concatenate([[-_SWING], np.linspace(-_SWING, _SWING, 41)])
     rest, poses = dome.radius + _ROD, np.zeros((42, 6))
@@ -150,7 +150,7 @@ def _two_balls() -> Shape:
 
 
 #: Object, and motion on a dome by two factors, on the motion after the press and on the press.
-CONTACTS: dict[str, tuple[Callable[[], Shape], Callable[[Dome, float, float], Motion]]] = {
+CONTACTS: dict[str, tuple[Callable[[], Shape], Callable[[SoftBody, float, float], Motion]]] = {
     "twist": (lambda: ball(12e-3), _pressed(0.4, twist=math.radians(40.0))),
     "edge": (
         lambda: box((24e-3, 8e-3, 8e-3), 0.3e-3),
