@@ -73,8 +73,8 @@ class Dome:
 class Pad:
     """Flat layer of silicone that is bonded to a rigid base, its skin in the plane z = 0.
 
-    The silicone goes on beyond the sides of the pad. A contact about two thicknesses from a side or
-    farther does not feel that.
+    The silicone goes on beyond the sides of the pad. A contact four thicknesses from a side or
+    farther hardly feels that.
 
     Attributes
     ----------

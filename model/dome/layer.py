@@ -122,7 +122,8 @@ def layer_slopes(motion: CubicSpline, way: Array) -> Array:
     """Slopes of `layer_moved` along x and y, shape (…, 3, 3, 2)."""
     r, x, y = _apart(way)
     on = (r < motion.x[-1])[..., None]
-    _, ur, zx, _, b = np.moveaxis(motion(r) * on, -1, 0) / np.maximum(r, 1e-9 * motion.x[-1])
+    r = np.maximum(r, 1e-6 * motion.x[-1])  # at 0 what is over r is a slope
+    _, ur, zx, _, b = np.moveaxis(motion(r) * on, -1, 0) / r
     uz_r, ur_r, zx_r, a_r, b_r = np.moveaxis(motion(r, 1) * on, -1, 0)
     cos, sin = _doubled(x, y)
     none = np.zeros_like(r)
