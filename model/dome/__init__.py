@@ -1,7 +1,8 @@
-"""The fingertip as a dome of silicone in three dimensions.
+"""The fingertip as silicone in three dimensions: a dome, or a flat pad.
 
-The skin is linear silicone on a rigid core, whose compliance is solved once by finite elements for
-each harmonic about the axis, and stiffens as it is pressed towards the core. `simulate_contact`
+The skin is linear silicone on a rigid core, and stiffens as it is pressed towards it. Compliance
+is solved once: of a dome by finite elements for each harmonic about the axis, of a pad in closed
+form for each wave along it. `simulate_contact`
 moves an object over it: any signed distance, with Dahl friction, sliding and torsion.
 """
 

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 #: shrink by this factor.
 _AROUND = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 3)] * 3), axis=-1).reshape(-1, 3)
 _LOOKS, _SHRINK = 32, 0.6
-#: Most ways down to the dome, and the shortest [m].
+#: Most ways down to the skin, and the shortest [m].
 _WAYS, _DOWN = 400, 1e-6
 
 
@@ -28,7 +28,7 @@ def rotation_of(pose: Array) -> Array:
 def touching_place(
     dome: SoftBody, solid: Solid, rotation: Array, beside: tuple[float, float] = (0.0, 0.0)
 ) -> Array:
-    """Place above the apex at which a turned object just touches the dome [m], shape (3,).
+    """Place above the apex at which a turned object just touches the skin [m], shape (3,).
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def touching_place(
 
     Raises
     ------
-    UserError: when the object cannot lie on the dome
+    UserError: when the object cannot lie on the skin
     """
     points = lattice(dome).points
 
@@ -63,7 +63,7 @@ def touching_place(
             return np.array([*beside, brentq(lowest, height, above, xtol=1e-10)])
         # A distance is a lower bound, and tells less than the way at edges that a mesh rounds.
         above, height = height, height - max(gap, _DOWN)
-    raise UserError(f"the object {solid.shape.name} does not come to lie on the dome from above")
+    raise UserError(f"the object {solid.shape.name} does not come to lie on the skin from above")
 
 
 def rise_beside(

@@ -74,14 +74,14 @@ def resting(dome: SoftBody, solid: Solid, motion: Motion) -> DomeState:
 
     Raises
     ------
-    UserError: when the object is in the dome at the start.
+    UserError: when the object is in the silicone at the start.
     """
     rotation = rotation_of(motion.poses[0])
     place = touching_place(dome, solid, rotation) + motion.poses[0, :3]
     gap, _ = distances(solid.shape, (lattice(dome).points - place) @ rotation)
     if gap.min() < -1e-9:
         raise UserError(
-            f"the object {solid.shape.name} is {-1e3 * gap.min():.3g} mm inside the dome at the "
+            f"the object {solid.shape.name} is {-1e3 * gap.min():.3g} mm inside the skin at the "
             "start; the first pose must not be below the one that just touches, which is all zeros"
         )
     count = len(gap)

@@ -339,7 +339,7 @@ class Stepper:
         if deepest > DEEPEST:
             raise PiercedError(
                 f"at {self.time:.6g} s the object is pressed to {deepest:.0%} of the silicone of "
-                f"{1e3 * self.dome.thickness:.3g} mm; the dome is described to {DEEPEST:.0%}"
+                f"{1e3 * self.dome.thickness:.3g} mm; it is described to {DEEPEST:.0%}"
             )
 
 

@@ -347,7 +347,7 @@ def test_an_object_in_the_dome_at_the_start_is_refused() -> None:
     motion = Motion(
         times=np.array([0.0, 0.1]), poses=np.array([[0, 0, -1e-4, 0, 0, 0], [0, 0, -2e-4, 0, 0, 0]])
     )
-    with pytest.raises(UserError, match="inside the dome at the start"):
+    with pytest.raises(UserError, match="inside the skin at the start"):
         simulate_contact(COARSE, Solid(shape=plane()), motion, 5e-3)
 
 
