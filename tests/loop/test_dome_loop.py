@@ -126,6 +126,7 @@ def test_a_mesh_is_found_beside_its_scene(tmp_path: Path) -> None:
     ("changes", "told"),
     [
         ({"sensor": "flat-2019", "dome.thickness_mm": 40.0}, "thickness of the pad"),
+        ({"sensor": "flat-2019", "path": "camera"}, "no estimator reads the silicone of the flat"),
         ({"body": "chain"}, r"dome.pitch_mm = 0.8 is for body = \"dome\""),
         ({"fingertip.nodes": 101}, r"fingertip.nodes = 101 is for body = \"chain\""),
         ({"object.surface": "stays"}, "object.surface = 'stays' is for body = \"chain\""),

@@ -103,6 +103,7 @@ def body_read(calibration: SensorCalibration) -> Body:
     """
     sensor = calibration.nominal
     on_core = sensor.silicone is not None and not sensor.yellow.follow
+    on_core &= not sensor.shape.flat  # no method reads a pad
     return "dome" if on_core else "chain"
 
 

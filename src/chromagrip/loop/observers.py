@@ -7,7 +7,7 @@ import numpy as np
 
 from ..by_name import Choice, blaming, name_of
 from ..control import GripObservation
-from ..model import Dome, Fingertip, ForceField
+from ..model import Fingertip, ForceField, SoftBody
 from ..model.dome import lattice
 from ..render import Frame
 from ..tracking import (
@@ -268,7 +268,7 @@ def _no_chain_field(fingertip: Fingertip) -> ForceField:
     )
 
 
-def _no_dome_field(dome: Dome) -> ForceField:
+def _no_dome_field(dome: SoftBody) -> ForceField:
     points = lattice(dome).points
     n = len(points)
     return ForceField(

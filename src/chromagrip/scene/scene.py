@@ -23,6 +23,7 @@ from ..errors import UserError, located
 from ..model import (
     ContactObject,
     Fingertip,
+    Pad,
     SoftBody,
     Solid,
     check_fit,
@@ -132,7 +133,11 @@ class Scene(Table, frozen=True):
                         f"{self.body}"
                     )
         if not chain:
-            self.build_dome()
+            if isinstance(self.build_dome(), Pad) and self.path == "camera":
+                raise UserError(
+                    f"no estimator reads the silicone of the flat pad {self.sensor} yet; set "
+                    'path = "truth"'
+                )
             self.build_solid()
 
     def _check_times(self) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import UserError
-from ....model import ForceField, FrictionReading
+from ....model import Dome, ForceField, FrictionReading
 from ....model.dome import PosedContact, lattice
 from ....render import layer_depths
 from ...tracks import Tracks
@@ -64,11 +64,14 @@ class ContactReading:
     Raises
     ------
     UserError
-        For a sensor without silicone.
+        For a sensor without silicone, or a pad.
     """
 
     def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None:
-        self.dome = dome = calibration.sensor.dome
+        dome = calibration.sensor.dome
+        if not isinstance(dome, Dome):
+            raise UserError("reconstructor contact reads a dome of silicone, not a flat pad")
+        self.dome = dome
         self._shifts = MarkerShifts(calibration, rest, math.pi / 2, halves=True)
         sensor = self._shifts.sensor
         self._response = DomeResponse(sensor, dome, self._shifts.places)
