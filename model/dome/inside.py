@@ -262,7 +262,8 @@ class _DomeLayer:
             last = int(np.flatnonzero(sizes > 1e-5 * max(sizes.max(), 1e-30)).max(initial=0))
             table = table[:, : last + 1]
             over = self._flip[: last + 1] * table[self._mirrored : 0 : -1]
-            values = self._scale * np.concatenate([over, table]).reshape(-1, table[0].size).astype(float)
+            values = np.concatenate([over, table]).reshape(-1, table[0].size).astype(float)
+            values *= self._scale
             both = self._between @ np.concatenate([values, self._slopes @ values])
             wave, slope = both.astype(np.float32).reshape(2, -1, *table[0].shape)
             self._of_ring[ring] = wave, slope
