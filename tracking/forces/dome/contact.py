@@ -122,7 +122,12 @@ class ContactReading:
             keys = thinned(self.dome, (*last.keys, Key(shifts=shifts, pose=pose)))
         except UserError:
             return False
-        solution = self._better(None, last.object_, keys, _FEW_ROUNDS)
+        try:
+            solution = self._fit.add_key(last, keys)
+        except UserError:
+            solution = None
+        if solution is None or solution.misfit > _DOUBTFUL:
+            solution = self._better(solution, last.object_, keys, _FEW_ROUNDS)
         return self._taken(solution, last.object_, keys)
 
     def _found(self, shifts: Shifts) -> bool:

@@ -33,6 +33,9 @@ _ODD = 2.0
 _INDEPENDENT = 2.5
 #: Smallest gain of a round, in squared deviations.
 _GAIN = 0.3
+#: Rounds with the derivatives of a former solution, and how far the object may be from it: so many
+#: of the longest steps.
+_CHORDS, _NEAR = 3, 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +95,7 @@ class Solution:
     ----------
     object_: unknowns of the object, shape (8,)
     keys: with their poses
+    slopes: of the shifts in each by the unknowns over their units, shapes (12, P, 6)
     contact: in the last of them
     changes: of it by each unknown
     covariance: of the pose in the last key frame and the object, shape (12, 12)
@@ -100,6 +104,7 @@ class Solution:
 
     object_: Array
     keys: tuple[Key, ...]
+    slopes: tuple[Array, ...]
     contact: PosedContact
     changes: Changes
     covariance: Array
@@ -144,7 +149,7 @@ class ContactFit:
             step *= min(1.0, 1.0 / self._length(step))
             tried = self._moved(object_, poses, step)
             try:
-                seen = self._predicted(*tried)
+                _, seen = self._predicted(*tried)
             except UserError:
                 damping = max(10.0 * damping, 1e-2)
                 continue
@@ -160,6 +165,58 @@ class ContactFit:
             information, gradient = self._normal(shifts, object_, poses, predicted, slopes)
             if gain < _GAIN:
                 break
+        return self._solution(object_, poses, shifts, contact, changes, slopes, predicted)
+
+    def add_key(self, last: Solution, keys: tuple[Key, ...]) -> Solution | None:
+        """As `fit_keys` near a solution, of which only the last key frame is new.
+
+        The derivatives of the other key frames are those of the solution. None is where the object
+        becomes another one, so that they no longer hold.
+
+        Raises
+        ------
+        UserError
+            When the contact does not converge.
+        """
+        known = {id(key.shifts): slope for key, slope in zip(last.keys, last.slopes, strict=True)}
+        slopes = [known[id(key.shifts)] for key in keys[:-1]]
+        shifts = [key.shifts for key in keys]
+        object_, poses = last.object_, np.stack([key.pose for key in keys])
+        contact, predicted = self._predicted(object_, poses[:-1])
+        reached, changes = self._way.step_and_changes(
+            contact, last.changes, object_, poses[-2], poses[-1]
+        )
+        slopes.append(self._response.along(changes.linear))
+        predicted.append(self._response(reached.linear))
+        cost = self._cost(shifts, object_, poses, predicted)
+        for _ in range(_CHORDS):
+            information, gradient = self._normal(shifts, object_, poses, predicted, slopes)
+            step = np.asarray(np.linalg.solve(information, gradient), np.float64)
+            tried = self._moved(object_, poses, step)
+            moved = abs(tried[0] - last.object_) / self._longest[MOVING:]
+            if self._length(step) > 1.0 or moved.max() > _NEAR:
+                return None
+            contact, seen = self._predicted(*tried)
+            after = self._cost(shifts, *tried, seen)
+            if after > cost + _GAIN:
+                return None
+            gain, cost = cost - after, after
+            (object_, poses), reached, predicted = tried, contact, seen
+            if gain < _GAIN:
+                break
+        return self._solution(object_, poses, shifts, reached, changes, slopes, predicted)
+
+    def _solution(
+        self,
+        object_: Array,
+        poses: Array,
+        shifts: list[Shifts],
+        contact: PosedContact,
+        changes: Changes,
+        slopes: list[Array],
+        predicted: list[Array],
+    ) -> Solution:
+        information, _ = self._normal(shifts, object_, poses, predicted, slopes)
         misfit = sum(s.cost(p) for s, p in zip(shifts, predicted, strict=True))
         misfit /= sum(s.count for s in shifts)
         places = np.r_[-MOVING:0, 0 : len(OBJECT)]  # the last pose, then the object
@@ -167,6 +224,7 @@ class ContactFit:
         return Solution(
             object_=object_,
             keys=tuple(Key(shifts=s, pose=p) for s, p in zip(shifts, poses, strict=True)),
+            slopes=tuple(slopes),
             contact=contact,
             changes=changes,
             covariance=max(1.0, misfit) * inverse * np.outer(self.units, self.units),
@@ -207,14 +265,14 @@ class ContactFit:
         contact = self._way.step(self._way.untouched(object_), object_, rest, pose)
         return self._response(contact.linear)
 
-    def _predicted(self, object_: Array, poses: Array) -> list[Array]:
-        """Shifts of all pairs in each key frame."""
+    def _predicted(self, object_: Array, poses: Array) -> tuple[PosedContact, list[Array]]:
+        """Contact in the last key frame, and shifts of all pairs in each."""
         contact, before, out = self._way.untouched(object_), np.zeros(MOVING), []
         for pose in poses:
             contact = self._way.step(contact, object_, before, pose)
             before = pose
             out.append(self._response(contact.linear))
-        return out
+        return contact, out
 
     def _whole_way(
         self, object_: Array, poses: Array
