@@ -1,6 +1,6 @@
 """The tactile video: the camera's image beside the forces that were estimated from it.
 
-Beside the image of a dome it shows the true traction, from above.
+Beside the image of a dome it shows the traction from above: the estimated one on the camera path.
 """
 
 from pathlib import Path
@@ -50,30 +50,35 @@ class TactileVideo(VideoFile):
     def __init__(self, path: Path, scene: Scene) -> None:
         super().__init__(path, FPS, QUALITY)
         self._view = scene.build_sensor().view
-        self._traction = TractionPicture(scene.build_dome()) if scene.body == "dome" else None
+        self._traction: TractionPicture | None = None
+        if scene.body == "dome":  # the estimator's dome is the sensor's, the true one the scene's
+            seen = scene.path == "camera"
+            self._traction = TractionPicture(
+                scene.build_sensor().dome if seen else scene.build_dome()
+            )
 
     def slot(self, time: float) -> int:
         """Number of the video's picture at a time [s]."""
         return int(time * FPS * SLOWDOWN + 1e-6)
 
     def add_traction(self, image: Image, sample: Sample) -> None:
-        """Append one sample of a dome with its image."""
+        """Append one sample of a dome with its image, and its traction as it was observed."""
         assert self._traction is not None
-        picture, field, mu = (
-            self._traction.draw(sample.field, sample.friction),
-            sample.field,
-            sample.friction,
-        )
+        assert sample.observation is not None
+        seen = sample.tracks is not None
+        field = sample.observation.field if seen else sample.field
+        mu = sample.observation.friction if seen else sample.friction
+        picture = self._traction.draw(field, mu)
         column = np.full((picture.shape[0], TEXT_WIDTH, 3), 255, np.uint8)
         lines = (
             f"t {sample.time:.2f} s",
             f"load {sample.load:.2f} N",
             f"grip {sample.grip:.2f} N",
-            "",
+            "estimated:" if seen else "true:",
             f"normal {field.total_normal:.2f} N",
             f"friction {field.total_friction:.2f} N",
             f"margin {field.safety_margin(mu):.2f}",
-            "",
+            f"true margin {sample.field.safety_margin(sample.friction):.2f}" if seen else "",
             f"object x {1e3 * sample.truth.place[0]:.2f} mm",
             f"depth {1e3 * sample.truth.indentation:.2f} mm",
             f"turn {np.degrees(sample.truth.turn):.1f} deg",

@@ -56,8 +56,12 @@ FORCES: Columns = {
     "margin": ("float64", "safety margin; null with nothing in contact"),
     "margin_low": ("float64", "lower end of its interval"),
     "margin_high": ("float64", "upper end of its interval"),
-    "node_normal_n": ("list", "normal force on each node of the chain [N]"),
-    "node_friction_n": ("list", "friction on each node of the chain [N]"),
+    "force_x_n": ("float64", "force of the object on a dome along x [N]; null for a chain"),
+    "force_y_n": ("float64", "along y [N]"),
+    "force_z_n": ("float64", "along z, the sensor's axis [N]"),
+    "torque_nmm": ("float64", "torque of the object about z [N·mm]; null for a chain"),
+    "node_normal_n": ("list", "normal force on each node of the skin [N]"),
+    "node_friction_n": ("list", "friction on each node [N]; of a dome (x, y, z) of each in turn"),
 }
 #: Displacements of a flat pad, one row per frame.
 DISPLACEMENTS: Columns = {
@@ -76,6 +80,9 @@ VALUES = {
     "friction_n": ("friction force", " N"),
     "mu": ("friction coefficient", ""),
     "margin": ("safety margin", ""),
+    "force_x_n": ("force along x", " N"),
+    "force_y_n": ("force along y", " N"),
+    "torque_nmm": ("torque about z", " N·mm"),
     "depth_mm": ("displacement into the pad", " mm"),
     "shift_x_mm": ("along x", " mm"),
     "shift_y_mm": ("along y", " mm"),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..control import GripObservation
 from ..loop.figure import ESTIMATED, LOAD, TRUE, finish
 from ..loop.tactile_video import ARROW, MAGNIFY
-from ..model import REFERENCE_NODES
+from ..model import REFERENCE_NODES, ForceField
 from ..output.folder import whole_file
 from ..output.parquet import Row
 from ..tracking import Tracks
@@ -30,6 +30,14 @@ _MOTION = (0, 130, 60)
 _LOST = (215, 25, 30)
 _BAR = (90, 150, 90)
 _BAND = (190, 220, 190)
+
+#: Words for the forces of a chain and of a dome.
+_LEGENDS = (
+    "force per node: across friction, up normal",
+    "force per node: circle normal, line friction",
+)
+#: Circle of the largest normal force [px], and line of as large a friction [m].
+_CIRCLE, _LINE = 4.0, 6e-3
 
 
 def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
@@ -111,12 +119,8 @@ def draw_forces(
     missing = rest.visible[0] & ~tracks.visible[0]
     canvas.crosses(rest.position[0, missing], 3.0, _LOST)
     field = observation.field
-    x, z = field.position[field.contact][::3].T
-    base = place(np.stack([x, np.zeros_like(x), z], axis=-1))
-    force = np.stack([field.friction, -field.normal], axis=-1)[field.contact][::3]
-    tip = base + ARROW * len(field.normal) / REFERENCE_NODES * force
-    canvas.lines(base, tip, _FORCE)
-    canvas.circles(tip, np.full(len(tip), 1.0), _FORCE)
+    dome = field.directions is not None
+    (_dome_forces if dome else _chain_forces)(canvas, place, field)
     lines = (
         [(observation.no_estimate, _LOST)]
         if observation.no_estimate
@@ -131,13 +135,35 @@ def draw_forces(
     _bar(canvas.pixels, observation)
     canvas.text(
         [
-            ("force per node: across friction, up normal", _FORCE),
+            (_LEGENDS[dome], _FORCE),
             (f"marker motion x{MAGNIFY:g}", _MOTION),
             (f"x lost {missing.sum()}", _LOST),
         ],
         2,
     )
     return canvas.pixels
+
+
+def _chain_forces(canvas: Canvas, place: Place, field: ForceField) -> None:
+    """Force on every third node of a chain."""
+    x, z = field.position[field.contact][::3].T
+    base = place(np.stack([x, np.zeros_like(x), z], axis=-1))
+    force = np.stack([field.friction, -field.normal], axis=-1)[field.contact][::3]
+    tip = base + ARROW * len(field.normal) / REFERENCE_NODES * force
+    canvas.lines(base, tip, _FORCE)
+    canvas.circles(tip, np.full(len(tip), 1.0), _FORCE)
+
+
+def _dome_forces(canvas: Canvas, place: Place, field: ForceField) -> None:
+    """Normal force on the nodes of a dome as circles, friction as lines along the skin."""
+    on = field.contact
+    if not on.any():
+        return
+    largest = float(field.normal[on].max())
+    base = place(field.position[on])
+    tip = place(field.position[on] + _LINE / largest * field.friction[on])
+    canvas.circles(base, _CIRCLE * np.sqrt(np.maximum(field.normal[on], 0.0) / largest), _FORCE)
+    canvas.lines(base, tip, _FORCE)
 
 
 def _bar(pixels: Image, observation: GripObservation) -> None:

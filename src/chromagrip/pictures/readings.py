@@ -96,7 +96,11 @@ def _force_row(observation: GripObservation, rule: FrictionRule) -> Row:
             row[f"{name}{end}{unit}"] = number if math.isfinite(number) else None
     row["mu_observable"] = rule.read(field).observable
     row["node_normal_n"] = field.normal.astype(np.float32)
-    row["node_friction_n"] = field.friction.astype(np.float32)
+    row["node_friction_n"] = field.friction.astype(np.float32).ravel()
+    if field.directions is not None:
+        for name, force in zip("xyz", field.total_force.tolist(), strict=True):
+            row[f"force_{name}_n"] = force
+        row["torque_nmm"] = 1e3 * field.torque((0.0, 0.0, 1.0))
     return row
 
 
