@@ -198,7 +198,18 @@ def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ("scenes", ["thesis", "camera-100hz", "margin-30hz", "margin-60hz", "dome-1", "chromatouch-2020", *SCENES]),
+        (
+            "scenes",
+            [
+                "thesis",
+                "camera-100hz",
+                "margin-30hz",
+                "margin-60hz",
+                "dome-1",
+                "chromatouch-2020",
+                *SCENES,
+            ],
+        ),
         (
             "sensors",
             ["dome-2020", "dome-2020-printed", "dome-2022", "flat-2019", "fovea", "thesis"],
