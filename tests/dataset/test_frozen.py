@@ -27,7 +27,7 @@ from chromagrip.render import load_sensor, sensor_names
 Typed = Callable[..., subprocess.CompletedProcess[str]]
 BENCHMARK = load_recipe("benchmark-v1")
 #: SHA-256 over the recorded digests of all sequences. Who changes it makes another benchmark.
-DIGEST = "69dec38dcc7b291ef4cf76e84899354d8318684e070e95ecb0445e37b3c46af2"
+DIGEST = "f34c8d764e93118df6a326493bf1efb1d32571b8090dda936723703832450a00"
 
 #: Conditions of each body.
 HOW = ("clean", "worn", "jpeg")
@@ -43,7 +43,7 @@ def recorded() -> Frozen:
 def some(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The cheapest sequences of each condition, of both bodies; no dataset."""
     folder = tmp_path_factory.mktemp("data")
-    for number in (6, 9, 11):
+    for number in (8, 11, 13):
         write_sequence(BENCHMARK, number, folder)
     return folder
 
@@ -75,8 +75,10 @@ def test_every_design_that_a_body_can_be_made_of_is_there_in_every_case() -> Non
     for number in range(BENCHMARK.sequences):
         values = drawn(BENCHMARK, number)
         found.setdefault(values["case"], set()).add(scene_of(BENCHMARK, number, values).sensor)
+    pads = {case: found.pop(case) for case in ("pad, clean", "pad, worn")}
     assert set(found) == {f"{body}, {how}" for body in ("chain", "dome") for how in HOW}
     assert all(sensors == domes for sensors in found.values())
+    assert all(sensors == {*sensor_names()} - domes for sensors in pads.values())
     assert bodies_of(BENCHMARK) == ["chain", "dome"]
 
 
@@ -90,7 +92,7 @@ def spoilt(folder: Path, to: Path, picture: Callable[[np.ndarray], np.ndarray]) 
 
 def test_another_picture_is_told_from_rounding(some: Path, tmp_path: Path) -> None:
     """Some pixels by one level are rounding; a picture moved by a pixel is another one."""
-    name = sequence_name(9)
+    name = sequence_name(11)
 
     def rounded(image: np.ndarray) -> np.ndarray:
         image[100, 100:110] += np.where(image[100, 100:110] > 128, -1, 1)
@@ -123,7 +125,7 @@ def test_another_picture_is_told_from_rounding(some: Path, tmp_path: Path) -> No
 def test_other_labels_are_told_from_rounding(
     some: Path, tmp_path: Path, table: str, column: str, by: float, like: str
 ) -> None:
-    folder = tmp_path / sequence_name(6)
+    folder = tmp_path / sequence_name(8)
     shutil.copytree(some / folder.name, folder)
     path = folder / f"{table}.parquet"
     rows = pq.read_table(path)
@@ -183,7 +185,7 @@ def test_the_whole_benchmark_is_as_it_was_frozen(tmp_path: Path) -> None:
     make(BENCHMARK, tmp_path / "whole", workers=os.cpu_count() or 1)
     assert check(tmp_path / "whole") == BENCHMARK.sequences
     told = seal(tmp_path / "whole")
-    if told["as_recorded"] == "30 same":
+    if told["as_recorded"] == "40 same":
         assert told["digest"] == DIGEST
     size = sum(file.stat().st_size for file in (tmp_path / "whole").rglob("*") if file.is_file())
     assert size < 100e6
