@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 MIN_MARKERS = 12
 #: Error of a marker's place [px] and log size that the linear silicone and the round object leave.
 _PLACE_ERROR, _SIZE_ERROR = 0.02, 5e-3
+#: Places of the log sizes of both layers among the values of a pair.
+_SIZES = (2, 5)
 #: A layer nearer to the core than this share of the silicone does not move.
 _ON_CORE = 0.05
 #: Sum of squares of shifts in deviations below which nothing touches.
@@ -168,6 +170,9 @@ class ContactReading:
 
     def _read(self, tracks: Tracks) -> Shifts:
         values, certain = self._shifts(tracks, MIN_MARKERS)
+        # Focus and light change all sizes alike, and most markers are far from the contact.
+        for size in _SIZES:
+            values[:, size] -= np.median(values[certain, size])
         tells = np.flatnonzero(self._tells)
         noise = (self._shifts.noise(tracks)[certain] + self._error)[:, tells[:, None], tells]
         whiten = np.zeros((len(noise), len(tells), len(self._tells)))
