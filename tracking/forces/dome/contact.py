@@ -39,9 +39,11 @@ _UNTOUCHED = 100.0
 _MISFIT = 2.0
 #: Rounds of a fit from rest, and of one that starts near its solution.
 _ROUNDS, _FEW_ROUNDS = 25, 8
-#: Mean square of what is left at which other objects are tried, and curvatures of these times the
-#: radius.
-_DOUBTFUL, _OTHERS = 1.2, (0.0, 3.0)
+#: Mean square of what is left at which other objects are tried, or so many times that of the
+#: solution before, …
+_DOUBTFUL, _WORSE = 1.2, 1.3
+#: … and their curvatures times the radius.
+_OTHERS = (0.0, 3.0)
 #: Starts of a contact: angles of its place from the apex [rad], and how many around it.
 _STARTS = ((0.0, 1), (0.25, 6), (0.55, 10))
 #: Press of a start over the thickness.
@@ -89,6 +91,7 @@ class ContactReading:
         #: Solution of the last key frame; None where there is none.
         self.last: Solution | None = None
         self._now: tuple[PosedContact, Array] | None = None
+        self._doubtful = _DOUBTFUL
 
     def update(self, tracks: Tracks) -> ForceField:
         """Force field of a frame.
@@ -118,7 +121,7 @@ class ContactReading:
         last, (contact, pose) = self.last, self._now
         try:
             contact, pose, misfit = self._fit.follow(last.object_, contact, pose, shifts)
-            if misfit < _DOUBTFUL and not far_on(self.dome, last.keys, pose):
+            if misfit < self._doubtful and not far_on(self.dome, last.keys, pose):
                 self._now = contact, pose
                 return True
             keys = thinned(self.dome, (*last.keys, Key(shifts=shifts, pose=pose)))
@@ -128,7 +131,7 @@ class ContactReading:
             solution = self._fit.add_key(last, keys)
         except UserError:
             solution = None
-        if solution is None or solution.misfit > _DOUBTFUL:
+        if solution is None or solution.misfit > self._doubtful:
             solution = self._better(solution, last.object_, keys, _FEW_ROUNDS)
         return self._taken(solution, last.object_, keys)
 
@@ -140,12 +143,13 @@ class ContactReading:
 
     def _taken(self, solution: Solution | None, object_: Array, keys: tuple[Key, ...]) -> bool:
         """Go on with a solution, or with one from another object where it is doubtful."""
-        if solution is None or solution.misfit > _DOUBTFUL:
+        if solution is None or solution.misfit > self._doubtful:
             for other in self._others(object_):
                 solution = self._better(solution, other, keys, _ROUNDS)
         if solution is None or solution.misfit > _MISFIT:
             return False
         self.last, self._now = solution, (solution.contact, solution.keys[-1].pose)
+        self._doubtful = max(_DOUBTFUL, _WORSE * solution.misfit)
         return True
 
     def _better(
