@@ -23,6 +23,8 @@ Table = NDArray[np.float32]
 _FADED = 5.0
 #: Nor are loads of a harmonic that are so small a share of those of others on the ring.
 _NOTHING = 1e-4
+#: Silicone between a layer and the core that is thinner than this counts as none, over the radius.
+_NO_THINNER = 1e-9
 #: Columns of forces are kept up to so many bytes; what is loaded now always is.
 _ROOM = 200_000_000
 #: Markers nearer to the axis than this are taken to lie so far from it [rad].
@@ -93,7 +95,10 @@ def make_waves(
     # A harmonic m is spread as exp(−m²·width²/2), and fades as exp(−m·depth) below the skin.
     most = (math.sqrt(depth**2 + 2.0 * _FADED * width**2) - depth) / width**2
     harmonics = math.ceil(most) + 2
-    waves = np.zeros((len(rings), len(meridian.stations), harmonics, 9), np.float32)
+    if depth >= 1.0 - core - _NO_THINNER:  # bonded to the core, where nothing moves
+        harmonics = 0
+    shape = len(rings), len(meridian.stations), max(harmonics, 1), 9
+    waves = np.zeros(shape, np.float32)
     largest = np.zeros(len(rings))
     for m in range(harmonics):
         progress(m, harmonics)

@@ -7,6 +7,7 @@ name. `chain` and `dome` hold the reconstructors of each body.
 from .calibration import (
     FitReport,
     SensorCalibration,
+    SiliconeValues,
     Values,
     calibration_table,
     check_stiff,
@@ -16,7 +17,9 @@ from .calibration import (
     required_readout,
     sensor_as_designed,
     shipped_readout,
+    silicone_of,
     values_of,
+    with_silicone,
     with_values,
 )
 from .displacement import DisplacementGains, fit_gains, skin_displacement
@@ -41,6 +44,7 @@ from .reconstructors import (
     RECONSTRUCTORS,
     NoEstimateError,
     Reconstructor,
+    body_read,
     check_reconstructor,
     load_reconstructor,
     name_used,
@@ -73,9 +77,11 @@ __all__ = [
     "PoseTable",
     "Reconstructor",
     "SensorCalibration",
+    "SiliconeValues",
     "Values",
     "aligned",
     "alignment",
+    "body_read",
     "calibration_table",
     "check_reconstructor",
     "check_stiff",
@@ -98,8 +104,10 @@ __all__ = [
     "seen_by",
     "sensor_as_designed",
     "shipped_readout",
+    "silicone_of",
     "skin_displacement",
     "training_key",
     "values_of",
+    "with_silicone",
     "with_values",
 ]

@@ -35,11 +35,22 @@ class Values(Table, frozen=True, kw_only=True):
     yellow_depth_mm: NotNegative
 
 
+class SiliconeValues(Table, frozen=True, kw_only=True):
+    """Values of a dome of silicone that presses can determine; see `Silicone` of a design."""
+
+    core_mm: Positive
+    young_kpa: Positive
+    poisson: Annotated[float, Meta(ge=0.0, le=0.495)]
+    magenta_depth_mm: NotNegative
+
+
 class FitReport(Table, frozen=True, kw_only=True):
     """The presses that the values were fitted to, and the errors that the fit leaves.
 
     `normal_error_share` and `friction_error_n` are RMS errors of the presses' own forces as the
-    estimator reads them; `error_px` is that of the markers' places.
+    estimator reads them, on a dome of silicone as the fit leaves them; `error_px` is that of the
+    markers' places. `covariance` is that of the values in `deviations`, in their order, and
+    `undetermined` names those of them that stay as designed, with the deviation of the prior.
     """
 
     presses: tuple[str, ...]
@@ -48,6 +59,8 @@ class FitReport(Table, frozen=True, kw_only=True):
     normal_error_share: NotNegative | None = None
     friction_error_n: NotNegative | None = None
     deviations: dict[str, float] = {}  # noqa: RUF012 (msgspec copies it)
+    covariance: tuple[tuple[float, ...], ...] = ()
+    undetermined: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +106,7 @@ class _File(Table, frozen=True, kw_only=True):
     size_floor: NotNegative = SensorCalibration.size_floor
     stiffness_deviation: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     values: Values | None = None
+    silicone: SiliconeValues | None = None
     displacement: DisplacementGains | None = None
     fit: FitReport | None = None
 
@@ -166,6 +180,53 @@ def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibra
     )
 
 
+def silicone_of(calibration: SensorCalibration) -> SiliconeValues | None:
+    """Values of the silicone that presses can determine; None of a design without it."""
+    sensor = calibration.sensor
+    if sensor.silicone is None:
+        return None
+    return SiliconeValues(
+        core_mm=sensor.silicone.core_mm,
+        young_kpa=sensor.silicone.young_kpa,
+        poisson=sensor.silicone.poisson,
+        magenta_depth_mm=sensor.magenta.depth_mm,
+    )
+
+
+def with_silicone(calibration: SensorCalibration, values: SiliconeValues) -> SensorCalibration:
+    """The calibration with other silicone; the yellow layer keeps its distance from the core.
+
+    Raises
+    ------
+    UserError
+        When the design has no silicone, or the values make no dome.
+    """
+    sensor = calibration.sensor
+    if sensor.silicone is None:
+        raise UserError("[silicone] is of a design with a dome of silicone; this one has none")
+    yellow = sensor.yellow.depth_mm - (values.core_mm - sensor.silicone.core_mm)
+    if not yellow >= 0.0:
+        raise UserError(
+            f"silicone.core_mm = {values.core_mm:g} puts the yellow layer above the skin; allowed: "
+            f"up to {sensor.silicone.core_mm + sensor.yellow.depth_mm:g}"
+        )
+    return replace(
+        calibration,
+        design=calibration.nominal,
+        sensor=changed(
+            sensor,
+            magenta=changed(sensor.magenta, depth_mm=values.magenta_depth_mm),
+            yellow=changed(sensor.yellow, depth_mm=yellow),
+            silicone=changed(
+                sensor.silicone,
+                core_mm=values.core_mm,
+                young_kpa=values.young_kpa,
+                poisson=values.poisson,
+            ),
+        ),
+    )
+
+
 def check_stiff(sensor: SensorDesign) -> None:
     """Refuse markers of which no formula tells how they change with a force.
 
@@ -211,6 +272,9 @@ def load_calibration(name: str) -> SensorCalibration:
     calibration = sensor_as_designed(str(folder / file.sensor) if own else file.sensor)
     if file.values is not None:
         calibration = with_values(calibration, file.values)
+    if file.silicone is not None:
+        with located(title):
+            calibration = with_silicone(calibration, file.silicone)
     return replace(
         calibration,
         name=name,
@@ -289,13 +353,15 @@ def calibration_table(
     report: of the fit
     """
     flat = calibration.sensor.shape.flat
+    pressed = calibration.sensor.silicone != calibration.nominal.silicone
     file = _File(
         format=FORMAT,
         sensor=sensor,
         position_floor_px=calibration.position_floor,
         size_floor=calibration.size_floor,
         stiffness_deviation=calibration.stiffness_deviation,
-        values=None if flat else values_of(calibration),
+        values=None if flat or pressed else values_of(calibration),
+        silicone=silicone_of(calibration) if pressed else None,
         displacement=calibration.displacement,
         fit=report,
     )

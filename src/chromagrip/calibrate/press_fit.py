@@ -188,10 +188,16 @@ def solve(
 
 
 def whitening(own: Array, shared: Array) -> Array:
-    """Matrices that make the errors of a pair in all presses independent, (P, 6K, 6K)."""
-    presses = len(own)
+    """Matrices that make the errors of a pair in all presses independent, (P, 6K, 6K).
+
+    Parameters
+    ----------
+    own: covariance of each press alone, shape (K, P, 6, 6); or of any other number than 6
+    shared: covariance that all presses have in common, shape (P, 6, 6)
+    """
+    presses, each = len(own), shared.shape[-1]
     covariance = np.tile(shared, (1, presses, presses))
     for k in range(presses):
-        block = slice(6 * k, 6 * k + 6)
+        block = slice(each * k, each * (k + 1))
         covariance[:, block, block] += own[k]
     return np.linalg.inv(np.linalg.cholesky(covariance))

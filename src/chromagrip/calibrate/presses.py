@@ -21,6 +21,8 @@ from ..tracking.forces import rest_pose
 LIST = "presses.csv"
 #: Columns of a list of presses by force, beside `file`; the second may be left out, and is 0 then.
 BY_FORCE = ("normal_n", "lateral_n")
+#: Columns that a list by force may have beside, on a dome of silicone; 0 where left out or empty.
+ON_SILICONE = ("torque_nmm", "radius_mm")
 #: Columns of a list of presses by displacement, likewise.
 BY_PLACE = ("depth_mm", "shear_mm")
 #: Smallest share of the pairs at rest that a picture of a press shows.
@@ -31,17 +33,21 @@ _PERIOD = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Press:
-    """A picture of the sensor pressed by a plate first, then pulled along its x.
+    """A picture of the sensor pressed by a plate or ball first, then pulled along its x and turned.
 
     Attributes
     ----------
     name: of the picture
     normal, lateral: forces [N], or displacements [m]
+    torque: about the normal, by the right hand about the way out of the dome [N·m]
+    radius: of the ball [m]; 0 is a plate
     """
 
     name: str
     normal: float
     lateral: float
+    torque: float = 0.0
+    radius: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,10 +138,12 @@ def read_list(path: Path) -> tuple[list[Press], bool]:
         raise UserError(f"list of presses {path} is not CSV: {error}") from None
     by_force = BY_FORCE[0] in columns
     names = BY_FORCE if by_force else BY_PLACE
-    if not {"file", names[0]} <= set(columns) <= {"file", *names}:
+    more = ON_SILICONE if by_force else ()
+    if not {"file", names[0]} <= set(columns) <= {"file", *names, *more}:
         raise UserError(
             f"list of presses {path} has the columns {', '.join(columns) or 'none'}; wanted: file, "
-            f"{', '.join(BY_FORCE)}, or file, {', '.join(BY_PLACE)}"
+            f"{', '.join(BY_FORCE)}, or file, {', '.join(BY_PLACE)}; on a dome of silicone also "
+            f"{', '.join(ON_SILICONE)}"
         )
     unit = 1.0 if by_force else 1e-3
     presses = []
@@ -148,7 +156,14 @@ def read_list(path: Path) -> tuple[list[Press], bool]:
         normal, lateral = (unit * _number(row.get(name, "0"), name, where) for name in names)
         if not normal > 0.0:
             raise UserError(f"{where}: {names[0]} is {row[names[0]]}; wanted: above 0")
-        presses.append(Press(name=row["file"], normal=normal, lateral=lateral))
+        torque, radius = (
+            1e-3 * _number(row.get(name, "") or "0", name, where) for name in ON_SILICONE
+        )
+        if not radius >= 0.0:
+            raise UserError(f"{where}: radius_mm is {row['radius_mm']}; wanted: 0 or above")
+        presses.append(
+            Press(name=row["file"], normal=normal, lateral=lateral, torque=torque, radius=radius)
+        )
     if not presses:
         raise UserError(f"list of presses {path} has no presses")
     return sorted(presses, key=lambda press: (press.normal, abs(press.lateral))), by_force

@@ -1,6 +1,7 @@
 """Calibrate a sensor from pictures of known presses: least squares with priors.
 
-By force a dome's mechanics, in the way of `press_fit`; by displacement a pad's gains.
+By force a dome's mechanics, in the way of `press_fit`, or those of a dome of silicone, in the way
+of `dome`; by displacement a pad's gains.
 """
 
 import os
@@ -23,11 +24,13 @@ from ..tracking.forces import (
     MarkerShifts,
     aligned,
     alignment,
+    body_read,
     calibration_table,
     fit_gains,
     nominal_calibration,
     rest_pose,
 )
+from .dome.silicone import fit_presses
 from .press_fit import predict, solve, unknowns_of, whitening
 from .presses import LIST, Press, Pressed, read_list, track_presses
 
@@ -92,8 +95,9 @@ def calibrate_sensor(
 ) -> tuple[SensorCalibration, FitReport]:
     """Calibration of the sensor in the pictures of a folder.
 
-    Presses of known force determine a dome's mechanics; presses of known displacement determine the
-    gains of a flat pad, which has no force model.
+    Presses of known force determine a dome's mechanics: those of the silicone where forces are read
+    off it (`body_read`), else those of the chain. Presses of known displacement determine the gains
+    of a flat pad, which has no force model.
 
     Parameters
     ----------
@@ -122,14 +126,17 @@ def calibrate_sensor(
                 "wanted: normal_n, lateral_n"
             )
         )
+    nominal = nominal_calibration(design)
+    silicone = by_force and body_read(nominal) == "dome"
     if by_force:
         _check_forces(presses, where)
+        if not silicone:
+            _check_plates(presses, where)
     pressed = track_presses(folder, presses, design, tracker, noise, tell)
-    nominal = nominal_calibration(design)
     if not by_force:
         return _fit_displacement(nominal, pressed, where)
     with one_thread():
-        return _fit_forces(nominal, pressed, tell)
+        return (fit_presses if silicone else _fit_forces)(nominal, pressed, tell)
 
 
 def _check_forces(presses: list[Press], where: Path) -> None:
@@ -147,6 +154,16 @@ def _check_forces(presses: list[Press], where: Path) -> None:
             f"press {steepest.name} of {where} has {steepest.lateral:g} N beside a normal force of "
             f"{steepest.normal:g} N, at which a plate slips; allowed: {_STEEPEST:g} times as much"
         )
+
+
+def _check_plates(presses: list[Press], where: Path) -> None:
+    """Refuse balls and torques, of which the chain knows nothing."""
+    for press in presses:
+        if press.radius or press.torque:
+            raise UserError(
+                f"press {press.name} of {where} has a radius_mm or torque_nmm; allowed: those of a "
+                "sensor that is read as a dome of silicone"
+            )
 
 
 def _fit_displacement(

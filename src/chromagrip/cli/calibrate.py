@@ -108,7 +108,8 @@ def calibrate_sensor(
         tyro.conf.Positional,
         option(
             "folder with rest*.png, pictures of presses, and presses.csv: file, normal_n, "
-            "lateral_n of a stiff flat plate; for a flat pad file, depth_mm, shear_mm",
+            "lateral_n of a stiff flat plate; on a dome of silicone also torque_nmm, and radius_mm "
+            "of a ball; for a flat pad file, depth_mm, shear_mm",
             "PRESSES",
         ),
     ],
@@ -127,6 +128,9 @@ def calibrate_sensor(
     ] = False,
 ) -> int:
     """Calibrate a sensor from pictures of known presses: its mechanics, or a pad's displacements.
+
+    Of a sensor that is read as a dome of silicone (dome-2020, dome-2022) it finds core, Young's
+    modulus, Poisson's ratio and the depth of the magenta layer.
 
     Example: chromagrip calibrate sensor presses --out mine.toml
     """
@@ -157,21 +161,26 @@ def calibrate_sensor(
 def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | None) -> None:
     from msgspec.structs import asdict
 
-    from ..tracking.forces import values_of
+    from ..tracking.forces import silicone_of, values_of
 
     table = value_table()
     table.add_row("presses", str(len(report.presses)))
     table.add_row("noise", f"{report.noise_levels:.2f} levels")
-    found = asdict(values_of(result)) if result.displacement is None else {}
+    silicone = silicone_of(result) if report.covariance else None
+    found = asdict(silicone or values_of(result)) if result.displacement is None else {}
     for name, value in found.items():
         by = report.deviations.get(name)
-        table.add_row(name, f"{value:.5g}" + (", as designed" if by is None else f" ± {by:.2g}"))
+        said = ", as designed" if by is None else f" ± {by:.2g}"
+        if name in report.undetermined:
+            said += ", as designed: these presses do not determine it"
+        table.add_row(name, f"{value:.5g}{said}")
     for name, value in asdict(result.displacement).items() if result.displacement else ():
         table.add_row(name, "not measured" if value is None else f"{value:.4g}")
     table.add_row("markers miss by", f"{report.error_px:.3f} px RMS")
     if report.normal_error_share is not None:
         table.add_row("forces read off the presses", f"{report.normal_error_share:.1%} RMS normal")
-        table.add_row("", f"{report.friction_error_n:.3f} N RMS friction")
+        if report.friction_error_n is not None:
+            table.add_row("", f"{report.friction_error_n:.3f} N RMS friction")
     table.add_row("file", str(out))
     print_table(table)
 

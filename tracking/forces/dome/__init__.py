@@ -1,1 +1,35 @@
-"""Force reconstruction on the dome: contacts and free tractions; not built yet."""
+"""Force reconstruction on the dome: a contact that is fitted by synthesis."""
+
+from .contact_state import (
+    BRISTLE,
+    CURVES,
+    FRICTION,
+    MOVING,
+    PLACE,
+    PRESS,
+    STIFFNESS,
+    TWIST,
+    moves_of,
+    pose_of,
+    prior_of,
+    units_of,
+)
+from .contact_way import ContactWay
+from .marker_response import DomeResponse
+
+__all__ = [
+    "BRISTLE",
+    "CURVES",
+    "FRICTION",
+    "MOVING",
+    "PLACE",
+    "PRESS",
+    "STIFFNESS",
+    "TWIST",
+    "ContactWay",
+    "DomeResponse",
+    "moves_of",
+    "pose_of",
+    "prior_of",
+    "units_of",
+]

@@ -1,0 +1,344 @@
+"""Least squares on known presses of a dome: its silicone, and what is not known of each press.
+
+The unknowns of the silicone are x: core, Poisson's ratio, depth of the magenta layer, ln E, and the
+gains of the markers' places and sizes, each as its distance from the design in prior standard
+deviations. E scales all forces alike and moves no marker. A gain stands for what a tracker and the
+linear silicone get wrong in all presses alike. The first three change the elasticity, which takes
+seconds to solve: their derivatives are taken on a coarse skin.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from msgspec.structs import replace as changed
+from numpy.typing import NDArray
+
+from ...model import ModelError
+from ...tracking import SensorCalibration, Tracks
+from ...tracking.forces import CameraPose, SiliconeValues, silicone_of, with_silicone
+from ..presses import Press
+from .pressing import OWN, Pressing
+
+Array = NDArray[np.float64]
+
+#: Values of the silicone, in the order of x; two gains follow.
+VALUES = ("core_mm", "poisson", "magenta_depth_mm", "young_kpa")
+#: Which of x is ln E, and how many are x.
+YOUNG, COUNT = 3, 6
+#: Prior deviations: of the layer's thickness and the magenta depth as shares, of ν, and of ln E.
+_SHARES, _POISSON, _YOUNG = 0.05, 0.01, 0.2
+#: Prior deviations of the gains of places and sizes.
+_GAINS = (0.02, 0.05)
+#: Highest ν.
+_HIGHEST = 0.494
+#: Farthest x, and the longest step of one [prior deviations].
+_FARTHEST, _LONGEST = 4.0, 2.0
+#: Errors of a known force as a share of it, across the normal, and of a torque over force times
+#: thickness.
+_FORCE, _ACROSS, _TORQUE = 0.01, 0.02, 0.05
+#: Derivatives by the unknowns of a press are taken over so many of their units: nodes that begin to
+#: touch make a force jump.
+_UNITS = 5.0
+#: Pitch of the skin on which derivatives by the elasticity are taken, over the radius.
+_COARSE = 1 / 12
+#: Share of the prior deviation above which a value counts as undetermined.
+_OPEN = 0.8
+#: Change of the silicone in a round, in its deviations, at which it has been found.
+_ARRIVED = 0.2
+#: Smallest gain of a step, in squared deviations.
+_GAIN = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Data:
+    """Shifts of P pairs under K presses, W values of each.
+
+    Attributes
+    ----------
+    presses: K of them
+    shifts: (x, y, log size) of both layers since rest, shape (K, P, 6)
+    visible: shape (K, P)
+    tells: which of the six count
+    weights: of the W values in all presses, see `whitening`, shape (P, KW, KW)
+    """
+
+    presses: list[Press]
+    shifts: Array
+    visible: NDArray[np.bool_]
+    tells: NDArray[np.int64]
+    weights: Array
+
+    def whitened(self, values: Array) -> Array:
+        """Shifts (K, P, 6) in independent deviations, shape (P·K·W,)."""
+        some = np.where(self.visible[..., None], values[..., self.tells], 0.0)
+        by_pair = some.swapaxes(0, 1).reshape(len(self.weights), -1)
+        return np.einsum("pij,pj->pi", self.weights, by_pair).ravel()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """A silicone and its presses, and what they would show.
+
+    Attributes
+    ----------
+    x: of the silicone, shape (6,)
+    own: unknowns of each press, shape (K, 8)
+    shifts: shape (K, P, 6)
+    held: forces and torques at the design's Young's modulus, shape (K, 4)
+    """
+
+    x: Array
+    own: Array
+    shifts: Array
+    held: Array
+
+
+class SiliconeFit:
+    """Fits one sensor's silicone.
+
+    Parameters
+    ----------
+    nominal: calibration of the design
+    rest: tracks of the unloaded sensor
+    pose: of its camera
+    data: of the presses
+    """
+
+    def __init__(
+        self, nominal: SensorCalibration, rest: Tracks, pose: CameraPose, data: Data
+    ) -> None:
+        self.data, self._nominal, self._rest, self._pose = data, nominal, rest, pose
+        design = silicone_of(nominal)
+        assert design is not None
+        self._design = design
+        thickness = 1e3 * nominal.sensor.dome.thickness
+        self.spread = np.array(
+            [_SHARES * thickness, _POISSON, _SHARES * design.magenta_depth_mm, _YOUNG, *_GAINS]
+        )
+        self._pressing = self._supposed(np.zeros(COUNT))
+
+    def values(self, x: Array) -> SiliconeValues:
+        """The silicone at x."""
+        core, poisson, depth, young = (float(v) for v in (self.spread * x)[: len(VALUES)])
+        design = self._design
+        return SiliconeValues(
+            core_mm=design.core_mm + core,
+            young_kpa=design.young_kpa * math.exp(young),
+            poisson=min(design.poisson + poisson, _HIGHEST),
+            magenta_depth_mm=design.magenta_depth_mm + depth,
+        )
+
+    def start(self) -> Point:
+        """The design, each press at the place whose image is most like its picture."""
+        owns = []
+        for k, press in enumerate(self.data.presses):
+            shown = np.zeros_like(self.data.shifts)
+            shown[k] = self.data.shifts[k]
+            target = self.data.whitened(shown)
+
+            def alike(image: Array, k: int = k, target: Array = target) -> float:
+                shown = np.zeros_like(self.data.shifts)
+                shown[k] = image
+                seen = self.data.whitened(shown)
+                return float(seen @ target) / max(float(np.linalg.norm(seen)), 1e-9)
+
+            owns.append(self._pressing.start(press, alike))
+        return self._at(np.zeros(COUNT), np.stack(owns))
+
+    def settled(self, point: Point, rounds: int) -> Point:
+        """The point with the unknowns of its presses, ln E and the gains fitted anew."""
+        damping = 1e-3
+        residual = self.residual(point)
+        for _ in range(rounds):
+            slopes = self._slopes(point)
+            while damping < 1e3:
+                moved = self._moved(point, _step(slopes, residual, damping))
+                after = None if moved is None else self.residual(moved)
+                if moved is not None and after is not None and after @ after < residual @ residual:
+                    break
+                damping *= 10.0
+            else:
+                return point
+            gain = float(residual @ residual - after @ after)
+            point, residual, damping = moved, after, max(0.1 * damping, 1e-6)
+            if gain < _GAIN:
+                break
+        return point
+
+    def elastic_slopes(self, point: Point) -> Array:
+        """Derivatives of the residual by core, ν and depth, shape (rows, 3)."""
+        coarse = Point(**{**vars(point), **self._shown(self._supposed(point.x, True), point.own)})
+        here, columns = self.residual(coarse), []
+        for k in range(YOUNG):
+            # Away from the edge of what ν may be.
+            step = -1.0 if VALUES[k] == "poisson" else 1.0
+            x = point.x.copy()
+            x[k] += step
+            there = replace(coarse, **self._shown(self._supposed(x, True), point.own))
+            columns.append((self.residual(replace(there, x=coarse.x)) - here) / step)
+        return np.stack(columns, axis=1)
+
+    def stepped(self, point: Point, elastic: Array) -> tuple[Point, Array, NDArray[np.bool_]]:
+        """One round over all unknowns.
+
+        Parameters
+        ----------
+        elastic: see `elastic_slopes`
+
+        Returns
+        -------
+        point: the next one
+        covariance: of the four values of x, and of ln of the forces of the presses, as they are
+            read off the markers and the gauge together, shape (4 + K, 4 + K)
+        held: which of the values the presses do not determine, shape (4,)
+        """
+        slopes = self._slopes(point)
+        count = len(VALUES)
+        whole = np.concatenate([elastic, slopes], axis=1)
+        whole[self._prior_rows()[:YOUNG], np.arange(YOUNG)] = 1.0
+        inverse = np.linalg.inv(whole.T @ whole)
+        rows = np.zeros((count + len(point.own), whole.shape[1]))
+        rows[:count, :count] = np.eye(count)
+        rows[count:] = _FORCE * whole[self._force_rows()]
+        covariance = rows @ inverse @ rows.T
+        held = np.sqrt(np.diag(covariance)[:count]) > _OPEN
+        held[YOUNG] = False
+        free = np.ones(whole.shape[1], np.bool_)
+        free[:count] = ~held
+        # What is not determined goes back to the design.
+        step = np.zeros(whole.shape[1])
+        step[:count][held] = -point.x[:count][held]
+        residual = self.residual(point) + whole @ step
+        step[free] = np.linalg.lstsq(whole[:, free], -residual, rcond=None)[0]
+        step[:YOUNG] = np.clip(step[:YOUNG], -_LONGEST, _LONGEST)
+        x = point.x.copy()
+        x[:YOUNG] = np.clip(x[:YOUNG] + step[:YOUNG], -_FARTHEST, _FARTHEST)
+        x[1] = min(x[1], (_HIGHEST - self._design.poisson) / self.spread[1])
+        self._pressing = self._supposed(x)
+        moved = self._moved(replace(point, x=x), step[YOUNG:])
+        if moved is None:
+            moved = self._at(x, point.own)
+        return moved, covariance, held
+
+    def residual(self, point: Point) -> Array:
+        """What is left of the pictures, the forces and the priors, in deviations."""
+        scaled = self.spread * point.x
+        forces = point.held * math.exp(scaled[YOUNG])
+        known = self.data.presses
+        normal = np.array([press.normal for press in known])
+        lateral = np.array([press.lateral for press in known])
+        torque = np.array([press.torque for press in known])
+        thickness = self._pressing.dome.thickness
+        mean, deviation = self._prior(point.own)
+        return np.concatenate(
+            [
+                self.data.whitened(self.seen(point) - self.data.shifts),
+                np.log(np.maximum(forces[:, 0], 1e-9) / normal) / _FORCE,
+                (forces[:, 1] - lateral) / (_ACROSS * normal),
+                forces[:, 2] / (_ACROSS * normal),
+                (forces[:, 3] - torque) / (_TORQUE * normal * thickness),
+                ((point.own - mean) / deviation).ravel(),
+                point.x,
+            ]
+        )
+
+    def seen(self, point: Point) -> Array:
+        """Shifts as a tracker is to see them, shape (K, P, 6)."""
+        place, size = (self.spread * point.x)[YOUNG + 1 :]
+        return point.shifts * (1.0 + np.tile([place, place, size], 2))
+
+    def _prior(self, own: Array) -> tuple[Array, Array]:
+        known = [self._pressing.prior(each) for each in own]
+        return np.stack([mean for mean, _ in known]), np.stack([by for _, by in known])
+
+    def _force_rows(self) -> NDArray[np.int64]:
+        count = len(self.data.presses)
+        return self.data.weights[..., 0].size + np.arange(count)
+
+    def _prior_rows(self) -> NDArray[np.int64]:
+        count = len(self.data.presses)
+        first = self.data.weights[..., 0].size + count * (4 + OWN)
+        return first + np.arange(COUNT)
+
+    def _supposed(self, x: Array, coarse: bool = False) -> Pressing:
+        """Presses on a dome of that elasticity, with the design's Young's modulus."""
+        elastic = x.copy()
+        elastic[YOUNG] = 0.0
+        known = with_silicone(self._nominal, self.values(elastic))
+        silicone = known.sensor.silicone
+        if coarse and silicone is not None:
+            dome = known.sensor.dome
+            pitch = 1e3 * max(dome.spacing, _COARSE * dome.radius)
+            sensor = changed(known.sensor, silicone=changed(silicone, pitch_mm=pitch))
+            known = replace(known, sensor=sensor)
+        return Pressing(known, self._rest, self._pose)
+
+    def _shown(self, pressing: Pressing, own: Array) -> dict[str, Array]:
+        """What presses show, as of `Point`."""
+        each = [pressing(p, o) for p, o in zip(self.data.presses, own, strict=True)]
+        return {"shifts": np.stack([s for s, _ in each]), "held": np.stack([h for _, h in each])}
+
+    def _at(self, x: Array, own: Array) -> Point:
+        return Point(x=x, own=own, **self._shown(self._pressing, own))
+
+    def _moved(self, point: Point, step: Array) -> Point | None:
+        """The point with ln E, gains and unknowns of its presses moved, if it can be there."""
+        x = point.x.copy()
+        x[YOUNG:] += step[: COUNT - YOUNG]
+        own_step = step[COUNT - YOUNG :].reshape(point.own.shape)
+        own = point.own + _UNITS * self._pressing.units * own_step
+        try:
+            return self._at(x, self._pressing.limited(own))
+        except ModelError:
+            return None
+
+    def _slopes(self, point: Point) -> Array:
+        """Derivatives by ln E, gains and the presses' unknowns over their units, (rows, 3 + 8K)."""
+        here = self.residual(point)
+        first = COUNT - YOUNG
+        columns = np.zeros((len(here), first + point.own.size))
+        for k in range(first):
+            x = point.x.copy()
+            x[YOUNG + k] += 1e-3
+            columns[:, k] = (self.residual(replace(point, x=x)) - here) / 1e-3
+        units = _UNITS * self._pressing.units
+        for k, press in enumerate(self.data.presses):
+            for j in range(OWN):
+                own, shifts, held = point.own.copy(), point.shifts.copy(), point.held.copy()
+                own[k, j] += units[j]
+                shifts[k], held[k] = self._pressing(press, own[k])
+                there = replace(point, own=own, shifts=shifts, held=held)
+                columns[:, first + OWN * k + j] = self.residual(there) - here
+        return columns
+
+
+def _step(slopes: Array, residual: Array, damping: float) -> Array:
+    information = slopes.T @ slopes
+    damped = information + damping * np.diag(np.diag(information))
+    return -np.asarray(np.linalg.solve(damped, slopes.T @ residual), np.float64)
+
+
+def fit_silicone(
+    fit: SiliconeFit, point: Point, rounds: int, tell: Callable[[str], None]
+) -> tuple[Point, Array, NDArray[np.bool_]]:
+    """Best silicone, its covariance and what is undetermined, see `SiliconeFit.stepped`.
+
+    Raises
+    ------
+    UserError
+        When the contacts do not converge.
+    """
+    elastic = None
+    for number in range(1, rounds + 1):
+        tell(f"elasticity, round {number} of at most {rounds}")
+        if number < rounds or elastic is None:
+            elastic = fit.elastic_slopes(point)
+        before = point
+        point, covariance, held = fit.stepped(point, elastic)
+        point = fit.settled(point, 2)
+        spread = np.sqrt(np.diag(covariance)[: len(VALUES)])
+        if (abs(point.x - before.x)[: len(VALUES)] < _ARRIVED * spread).all():
+            break
+    return point, covariance, held

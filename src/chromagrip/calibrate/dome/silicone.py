@@ -1,0 +1,182 @@
+"""A dome's silicone from tracked presses: which markers count, the fit, and what it leaves."""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ...model import ModelError
+from ...render import layer_depths
+from ...tracking import SensorCalibration
+from ...tracking.forces import FitReport, MarkerShifts, rest_pose, with_silicone
+from ..press_fit import whitening
+from ..presses import Pressed
+from .fit import VALUES, YOUNG, Data, SiliconeFit, fit_silicone
+
+Array = NDArray[np.float64]
+
+#: Error of a marker's place [px] and log size that tracker and linear silicone leave. It is alike
+#: in all presses, which count as so many independent ones at most.
+_PLACE_ERROR, _SIZE_ERROR, _INDEPENDENT = 0.02, 5e-3, 2.5
+#: A layer nearer to the core than this share of the silicone does not move.
+_ON_CORE = 0.05
+#: Variance of a pair that was not visible [px²].
+_UNKNOWN = 1e6
+#: Rounds of the presses alone, and most of the silicone.
+_ALONE, _ROUNDS = 12, 4
+#: Pairs whose misfit is more than this many times the median's are left out, and so is a pair that
+#: moves; the largest share of those that may be.
+_OUTLIER, _OUTLIERS = 5.0, 0.1
+#: Largest error of a fit, as a share of the markers' motion, and of the forces.
+_LEFT, _LEFT_FORCE = 0.2, 0.1
+#: Largest deviation of Young's modulus that counts as determined, as a share of it.
+_VAGUE = 0.1
+#: Error of the model of the silicone, as a share of forces.
+_MODEL_ERROR = 0.02
+#: Ends the refusal of presses that no silicone near the design explains.
+_HINT = "Check forces and radii, that each press began unloaded, and that plates and balls are hard"
+
+
+def fit_presses(
+    nominal: SensorCalibration, pressed: Pressed, tell: Callable[[str], None]
+) -> tuple[SensorCalibration, FitReport]:
+    """Calibration of the silicone, and how well it explains the presses.
+
+    Parameters
+    ----------
+    nominal: calibration of the design, which has silicone
+    pressed: tracks of the presses
+    tell: called with the current step, for a progress line
+
+    Raises
+    ------
+    UserError
+        When no silicone near the design explains the presses, or they do not determine it.
+    """
+    pose = rest_pose(nominal.sensor, pressed.rest)
+    shifts = MarkerShifts(nominal, pressed.rest, np.inf, pose, halves=True)
+    if not np.isfinite(shifts.rest_covariance).all():
+        raise UserError(
+            "the tracker does not state how certain places and sizes are, which a force "
+            "calibration needs; wanted: fit"
+        )
+    tell("elasticity of the dome as designed")
+    data = _data(nominal, shifts, pressed)
+    fit = SiliconeFit(nominal, pressed.rest, pose, data)
+    tell(f"places of {len(data.presses)} presses")
+    with _calculable():
+        point = fit.settled(fit.start(), _ALONE)
+    kept = _without_outliers(fit.seen(point), data)
+    data = _weighted(shifts, pressed, replace(data, visible=kept))
+    fit = SiliconeFit(nominal, pressed.rest, pose, data)
+    with _calculable():
+        point, covariance, held = fit_silicone(fit, point, _ROUNDS, tell)
+    values = fit.values(point.x)
+    # By their own names: core, ν and depth as they are, E over the share.
+    scale = fit.spread[: len(VALUES)].copy()
+    scale[YOUNG] *= values.young_kpa
+    own = covariance[: len(VALUES), : len(VALUES)] * np.outer(scale, scale)
+    spread = np.sqrt(np.diag(own))
+    share = point.held[:, 0] * math.exp(fit.spread[YOUNG] * point.x[YOUNG])
+    forces = share / [press.normal for press in data.presses] - 1.0
+    error = (fit.seen(point) - data.shifts)[kept][:, data.tells]
+    _check(error, data.shifts[kept][:, data.tells], forces, float(spread[YOUNG] / values.young_kpa))
+    read = math.sqrt(float(np.diag(covariance)[len(VALUES) :].max()))
+    calibration = replace(
+        with_silicone(nominal, values), stiffness_deviation=math.hypot(_MODEL_ERROR, read)
+    )
+    return calibration, FitReport(
+        presses=tuple(press.name for press in data.presses),
+        noise_levels=pressed.noise,
+        error_px=_places_rms(error),
+        normal_error_share=float(np.sqrt(np.mean(forces**2))),
+        deviations=dict(zip(VALUES, spread.tolist(), strict=True)),
+        covariance=tuple(tuple(row) for row in own.tolist()),
+        undetermined=tuple(name for name, out in zip(VALUES, held, strict=True) if out),
+    )
+
+
+@contextmanager
+def _calculable() -> Iterator[None]:
+    """Say what may be wrong where a press cannot be calculated."""
+    try:
+        yield
+    except ModelError as error:
+        raise UserError(f"the presses cannot be calculated: {error}. {_HINT}") from None
+
+
+def _data(nominal: SensorCalibration, shifts: MarkerShifts, pressed: Pressed) -> Data:
+    """What the presses show."""
+    dome = nominal.sensor.dome
+    both = [shifts(tracks, 0) for tracks in pressed.tracks]
+    visible = np.array([mask for _, mask in both])
+    moved = np.array([moved for moved, _ in both])
+    moving = np.array(layer_depths(nominal.sensor, dome)) < (1.0 - _ON_CORE) * dome.thickness
+    data = Data(
+        presses=pressed.presses,
+        shifts=np.where(visible[..., None], moved, 0.0),
+        visible=visible,
+        tells=np.flatnonzero(np.repeat(moving, 3)),
+        weights=np.zeros((0, 0, 0)),
+    )
+    return _weighted(shifts, pressed, data)
+
+
+def _weighted(shifts: MarkerShifts, pressed: Pressed, data: Data) -> Data:
+    """The data with the weights of their visible pairs."""
+    square = data.tells[:, None], data.tells
+    floor = np.tile([_PLACE_ERROR, _PLACE_ERROR, _SIZE_ERROR], 2) ** 2
+    floor *= max(1.0, len(data.presses) / _INDEPENDENT)
+    own = np.array([shifts.covariance(tracks) for tracks in pressed.tracks]) + np.diag(floor)
+    own = np.where(data.visible[..., None, None], own, _UNKNOWN * np.eye(6))
+    shared = shifts.rest_covariance
+    weights = whitening(own[:, :, *square], shared[:, *square])
+    return replace(data, weights=weights)
+
+
+def _without_outliers(seen: Array, data: Data) -> NDArray[np.bool_]:
+    """Pairs (K, P) whose shifts are about as far from what is to be seen as the median."""
+    scale = np.tile([_PLACE_ERROR, _PLACE_ERROR, _SIZE_ERROR], 2)[data.tells]
+    missed, moved = (
+        np.linalg.norm(v[..., data.tells] / scale, axis=-1)
+        for v in (seen - data.shifts, data.shifts)
+    )
+    limit = _OUTLIER * max(float(np.median(missed[data.visible])), 1.0)
+    kept, moving = data.visible & (missed < limit), data.visible & (moved > limit)
+    lost = float((moving & ~kept).sum() / max(1, moving.sum()))
+    if lost > _OUTLIERS:
+        raise UserError(
+            f"{lost:.0%} of the markers that move are far from where silicone near the design has "
+            f"them; allowed: {_OUTLIERS:.0%}. {_HINT}"
+        )
+    return np.asarray(kept)
+
+
+def _check(error: Array, shifts: Array, forces: Array, vague: float) -> None:
+    """Refuse large errors of the pairs (n, W) or forces (K,), and a vague stiffness."""
+    missed, motion = _places_rms(error), _places_rms(shifts)
+    if missed > _LEFT * motion:
+        raise UserError(
+            f"no silicone near the design explains the presses: of a motion of {motion:.2f} px RMS "
+            f"it misses {missed:.2f} px; allowed: {_LEFT:.0%}. {_HINT}"
+        )
+    if abs(forces).max() > _LEFT_FORCE:
+        raise UserError(
+            f"no silicone near the design explains the presses: a force is off by "
+            f"{abs(forces).max():.0%}; allowed: {_LEFT_FORCE:.0%}. {_HINT}"
+        )
+    if vague > _VAGUE:
+        raise UserError(
+            f"the presses leave Young's modulus open by {vague:.0%}; allowed: {_VAGUE:.0%}, "
+            "wanted: more presses, and larger forces"
+        )
+
+
+def _places_rms(values: Array) -> float:
+    """RMS of the places among (n, W) measurements of pairs [px]; 0 of none."""
+    places = values.reshape(len(values), -1, 3)[..., :2]
+    return float(np.sqrt((places**2).mean())) if places.size else 0.0
