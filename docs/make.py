@@ -138,6 +138,13 @@ def force() -> None:
     draw_chart("force")
 
 
+def tolerances() -> None:
+    """What silicone that is not as told costs."""
+    command = [sys.executable, "-P", str(DOCS.parent / "examples" / "dome_tolerances.py")]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    fill("forces", "tolerances", printed.splitlines())
+
+
 def ranges() -> None:
     """The ranges of a training."""
     lines = range_lines(spanned_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS))
@@ -238,6 +245,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "track": partial(table, "track"),
     "force": force,
     "ranges": ranges,
+    "tolerances": tolerances,
     "charts": draw_charts,
     "limit": partial(
         keep, "limit --sensor thesis --sensor fovea", {"limit.png": IMAGES / "limit.png"}

@@ -181,9 +181,9 @@ def with_values(calibration: SensorCalibration, values: Values) -> SensorCalibra
 
 
 def silicone_of(calibration: SensorCalibration) -> SiliconeValues | None:
-    """Values of the silicone that presses can determine; None of a design without it."""
+    """Values of a dome's silicone that presses can determine; None of a design without it."""
     sensor = calibration.sensor
-    if sensor.silicone is None:
+    if sensor.silicone is None or sensor.shape.flat:
         return None
     return SiliconeValues(
         core_mm=sensor.silicone.core_mm,
@@ -202,7 +202,7 @@ def with_silicone(calibration: SensorCalibration, values: SiliconeValues) -> Sen
         When the design has no silicone, or the values make no dome.
     """
     sensor = calibration.sensor
-    if sensor.silicone is None:
+    if sensor.silicone is None or sensor.shape.flat:
         raise UserError("[silicone] is of a design with a dome of silicone; this one has none")
     yellow = sensor.yellow.depth_mm - (values.core_mm - sensor.silicone.core_mm)
     if not yellow >= 0.0:

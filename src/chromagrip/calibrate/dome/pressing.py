@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...model import ModelError
+from ...model import Dome, ModelError
 from ...model.dome import lattice
 from ...tracking import SensorCalibration, Tracks
 from ...tracking.forces import CameraPose, MarkerShifts
@@ -63,7 +63,9 @@ class Pressing:
     """
 
     def __init__(self, calibration: SensorCalibration, rest: Tracks, pose: CameraPose) -> None:
-        self.dome = dome = calibration.sensor.dome
+        dome = calibration.sensor.dome
+        assert isinstance(dome, Dome)  # no design of a pad comes here
+        self.dome = dome
         places = MarkerShifts(calibration, rest, np.inf, pose, halves=True).places
         self._response = DomeResponse(calibration.sensor, dome, places)
         self._way = ContactWay(dome)
