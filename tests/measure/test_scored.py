@@ -25,7 +25,7 @@ from chromagrip.measure.scored.score import (
     interval_note,
     score_table,
 )
-from chromagrip.measure.scored.scores import UNITS, Truth, score
+from chromagrip.measure.scored.scores import UNITS, Truth, score, score_nothing
 
 FRAMES, COUNT = 6, 30
 
@@ -312,6 +312,18 @@ def test_intervals_judge_two_makers_on_the_same_draws() -> None:
     np.testing.assert_allclose(np.subtract(found["p95"], found["rms"]), 0.25)
     assert found["bound"] == pytest.approx((3.0, 3.0))
     assert np.isnan(intervals([*scores, {**scores[0], "rms": np.nan}])["rms"]).all()
+
+
+def test_a_sequence_that_is_not_followed_counts_as_lost_and_has_no_error() -> None:
+    nothing = score_nothing(Truth(points=moving())).scores
+    assert (nothing["lost"], nothing["jaccard"], nothing["within"]) == (100.0, 0.0, 0.0)
+    assert "rms" not in nothing
+    values = np.random.default_rng(6).exponential(1.0, 11)
+    followed = [{"rms": value, "lost": 1.0} for value in values]
+    found = intervals([*followed, {"lost": 100.0}])
+    alone = intervals(followed)
+    assert found["rms"] == pytest.approx(alone["rms"], rel=0.1)
+    assert found["lost"][1] > alone["lost"][1] == 1.0
 
 
 def of_names(name: str, values: list[float]) -> Outcome:

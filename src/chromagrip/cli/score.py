@@ -43,6 +43,7 @@ def score(
         as_json,
         case_tables,
         interval_note,
+        refusals,
         score_table,
         score_tracks,
     )
@@ -56,5 +57,7 @@ def score(
     for table in (score_table(outcomes), *case_tables(outcomes)):
         print("\n".join(table_lines(table)))
     print(interval_note(outcomes))
+    for sentence in refusals(outcomes):
+        print(sentence)
     print(f"folder {out}, see leaderboard.html")
     return 0

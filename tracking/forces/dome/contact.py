@@ -35,6 +35,8 @@ _SIZES = (2, 5)
 _ON_CORE = 0.05
 #: Sum of squares of shifts in deviations below which nothing touches.
 _UNTOUCHED = 100.0
+#: Sum of squares that a contact must explain to be one.
+_TOLD = 60.0
 #: Largest mean square of what is left of the shifts in a solution.
 _MISFIT = 2.0
 #: Rounds of a fit from rest, and of one that starts near its solution.
@@ -109,10 +111,18 @@ class ContactReading:
             self.reset()
             raise NoEstimateError("no contact of a smooth, convex object explains the markers")
         assert self._now is not None
-        if not self._now[0].forces.any():
+        if not self._now[0].forces.any() or self._tells_little(shifts):
             self.reset()
             return self._untouched()
         return self._field()
+
+    def _tells_little(self, shifts: Shifts) -> bool:
+        """Whether the first frame of a contact is explained by noise hardly worse than by it."""
+        assert self.last is not None
+        if len(self.last.keys) > 1:
+            return False
+        nothing = shifts.cost(np.zeros((len(shifts.used), 6)))
+        return nothing - self.last.misfit * shifts.count < _TOLD
 
     def _followed(self, shifts: Shifts) -> bool:
         """Follow the contact of the frame before; fit the object anew where it has moved on."""

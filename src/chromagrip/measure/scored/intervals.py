@@ -14,16 +14,19 @@ def intervals(sequences: Sequence[Mapping[str, float]]) -> dict[str, tuple[float
     """Bounds of the mean of each score, over draws of as many sequences with replacement.
 
     Draws depend on the number of sequences alone: two makers' tracks of the same sequences are
-    judged on the same draws. A score that is not known of a sequence has NaN for bounds. Of one
-    sequence there are no intervals.
+    judged on the same draws. A score that is not known of a sequence has NaN for bounds. One that a
+    sequence lacks, as a tracker cannot follow it, is that of the others. Of one sequence there are
+    no intervals.
     """
     count = len(sequences)
     if count < 2:
         return {}
     drawn = np.random.default_rng(SEED).integers(count, size=(DRAWS, count))
     bounds = {}
-    for name in sequences[0]:
-        values = np.array([scores[name] for scores in sequences])
-        low, high = np.percentile(values[drawn].mean(axis=1), ENDS)
+    for name in {name: None for scores in sequences for name in scores}:
+        has = np.array([name in scores for scores in sequences])
+        values = np.array([scores.get(name, 0.0) for scores in sequences])
+        means = values[drawn].sum(axis=1) / np.maximum(has[drawn].sum(axis=1), 1)
+        low, high = np.percentile(means[has[drawn].any(axis=1)], ENDS)
         bounds[name] = (float(low), float(high))
     return bounds

@@ -19,7 +19,7 @@ from ...output.pictures import read_picture
 from ...output.report import Table
 from .intervals import intervals
 from .points import read_points
-from .scores import MEANING, UNITS, Scored, score
+from .scores import MEANING, UNITS, Scored, score, score_nothing
 from .tracked import is_tracker, track_sequences
 from .truths import Named, truths
 
@@ -45,6 +45,7 @@ class Outcome:
     intervals: bounds of these means, of 90 %; empty for one sequence
     sequences: scores of each sequence
     cases: of the recipe, by sequence; empty where there are none
+    refused: sequences whose markers all count as lost, as the tracker cannot follow them; and why
     worst: picture of the worst frames; None where the truth has no pictures
     """
 
@@ -54,6 +55,7 @@ class Outcome:
     sequences: dict[str, dict[str, float]]
     worst: Image | None
     cases: dict[str, str] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
 
 
 def score_tracks(
@@ -81,13 +83,7 @@ def score_tracks(
     try:
         with TemporaryDirectory() as temporary:
             outcomes = [
-                _outcome(
-                    track_sequences(str(path), truth, Path(temporary), tell)
-                    if is_tracker(str(path))
-                    else path,
-                    truth,
-                    tell,
-                )
+                _outcome(*_followed(path, truth, Path(temporary), tell), truth, tell)
                 for path in tracks
             ]
     except BaseException:
@@ -101,16 +97,30 @@ def score_tracks(
     return outcomes
 
 
-def _outcome(tracks: Path, truth: Path, tell: Callable[[str], None]) -> Outcome:
+def _followed(
+    tracks: Path, truth: Path, temporary: Path, tell: Callable[[str], None]
+) -> tuple[Path, dict[str, str]]:
+    """Tracks, or those of a tracker by that name; and the sequences that it cannot follow."""
+    if not is_tracker(str(tracks)):
+        return tracks, {}
+    return track_sequences(str(tracks), truth, temporary, tell)
+
+
+def _outcome(
+    tracks: Path, refused: dict[str, str], truth: Path, tell: Callable[[str], None]
+) -> Outcome:
     name = tracks.stem if tracks.is_file() else tracks.name
     found: dict[str, dict[str, float]] = {}
     cases: dict[str, str] = {}
     frames: list[tuple[float, Named, Scored, int]] = []
-    for named in truths(tracks, truth):
+    for named in truths(tracks, truth, refused):
         tell(f"{name}, {named.name}")
-        points = read_points(named.tracks)
-        with located(f"tracks {named.tracks}"):
-            scored = score(points, named.truth)
+        if named.tracks is None:
+            scored = score_nothing(named.truth)
+        else:
+            points = read_points(named.tracks)
+            with located(f"tracks {named.tracks}"):
+                scored = score(points, named.truth)
         found[named.name] = scored.scores
         cases |= {named.name: named.case} if named.case else {}
         frames += [(bad, named, scored, k) for k, bad in enumerate(_badness(named, scored))]
@@ -122,6 +132,7 @@ def _outcome(tracks: Path, truth: Path, tell: Callable[[str], None]) -> Outcome:
         intervals=intervals(list(found.values())),
         sequences=found,
         cases=cases,
+        refused=refused,
         worst=_tiled(drawn) if drawn else None,
     )
 
@@ -216,7 +227,9 @@ def _of_case(outcome: Outcome, case: str) -> Outcome:
 
 
 def _means(sequences: dict[str, dict[str, float]]) -> dict[str, float]:
-    return {name: float(np.mean([scores[name] for scores in sequences.values()])) for name in UNITS}
+    """Of the sequences that have a score."""
+    found = {name: [s[name] for s in sequences.values() if name in s] for name in UNITS}
+    return {name: float(np.mean(each)) if each else np.nan for name, each in found.items()}
 
 
 def _with_bounds(outcome: Outcome, name: str) -> str:
@@ -237,6 +250,16 @@ def interval_note(outcomes: Sequence[Outcome]) -> str:
     return f"Means over {of} sequences; in brackets bootstrap intervals of 90 % over sequences."
 
 
+def refusals(outcomes: Sequence[Outcome]) -> list[str]:
+    """A sentence for each tracker that cannot follow some sequences."""
+    return [
+        f"{outcome.name} cannot follow {', '.join(outcome.refused)}, whose markers count as lost: "
+        f"{next(iter(outcome.refused.values()))}"
+        for outcome in outcomes
+        if outcome.refused
+    ]
+
+
 def as_json(outcomes: Sequence[Outcome], truth: Path) -> dict[str, object]:
     """Plain values of `scores.json`; null for what is not known."""
     tracks = [
@@ -248,6 +271,7 @@ def as_json(outcomes: Sequence[Outcome], truth: Path) -> dict[str, object]:
                 for name, (low, high) in outcome.intervals.items()
             },
             "cases": outcome.cases,
+            "refused": outcome.refused,
             "sequences": {name: _plain(scores) for name, scores in outcome.sequences.items()},
         }
         for outcome in outcomes
@@ -279,7 +303,7 @@ def _write(outcomes: Sequence[Outcome], truth: Path, out: Path) -> None:
             write_whole(out / f"worst-{outcome.name}.png", data)
             picture = inline_png(data, f"worst frames of {outcome.name}")
         lines = tuple(
-            (name, *(words(scores[key]) for key in UNITS))
+            (name, *(words(scores.get(key, np.nan)) for key in UNITS))
             for name, scores in outcome.sequences.items()
         )
         header = ("sequence", *(f"{name} {unit}".strip() for name, unit in UNITS.items()))

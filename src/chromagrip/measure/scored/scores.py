@@ -74,7 +74,8 @@ class Scored:
 
     Attributes
     ----------
-    scores: by the names of UNITS; NaN for what is not known
+    scores: by the names of UNITS; NaN for what is not known, and without the errors where nothing
+        was followed
     error: of true points that are visible and reported [px], shape (F, N, 2)
     at: where true points are reported [px], shape (F, N, 2)
     """
@@ -118,6 +119,15 @@ def score(tracked: Points, truth: Truth) -> Scored:
     result["false"] = 100.0 * wrong / max(wrong + int((reported & true.visible).sum()), 1)
     result["swaps"] = float(_swapped(at, true).sum())
     return Scored(scores=result | _tap(error, reported, true.visible), error=error, at=at)
+
+
+def score_nothing(truth: Truth) -> Scored:
+    """Scores of a tracker that cannot follow these points: all are lost, and no error is known."""
+    true = truth.points
+    nowhere = np.full((*true.visible.shape, 2), np.nan)
+    scores = {"lost": 100.0 * bool(true.visible.any()), "false": 0.0, "swaps": 0.0}
+    tap = _tap(nowhere, np.zeros_like(true.visible), true.visible)
+    return Scored(scores=scores | tap, error=nowhere, at=nowhere)
 
 
 def _check_layers(tracked: Points, true: Points) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...dataset.folder import FILES, read_manifest
-from ...errors import UserError, located
+from ...errors import UserError
 from ...pictures.track import track_source
 from ...scene.scene import load_scene
 from ...tracking import tracker_names
@@ -17,23 +17,33 @@ def is_tracker(name: str) -> bool:
 
 def track_sequences(
     tracker: str, truth: Path, out: Path, tell: Callable[[str], None] = lambda _: None
-) -> Path:
-    """Run a tracker that knows the sensor's design on a dataset or a sequence; returns its folder.
+) -> tuple[Path, dict[str, str]]:
+    """Run a tracker that knows the sensor's design on a dataset or a sequence.
+
+    Returns
+    -------
+    folder: of its tracks
+    refused: sequences that it cannot follow, with the reason
 
     Raises
     ------
     UserError
-        When the truth is no dataset, or the tracker cannot follow a sequence.
+        When the truth is no dataset, or the tracker cannot follow any sequence of it.
     """
+    refused: dict[str, str] = {}
     alone = (truth / FILES).is_file()
     names = [truth.name] if alone else list(read_manifest(truth)["sequences"])
     for name in names:
         tell(f"{tracker} follows {name}")
         where, to = truth if alone else truth / name, out / tracker / name
         design = load_scene(str(where / "scene.toml")).sensor
-        with located(f"{tracker}, {name}"):
-            rest, source = str(where / "rest.png"), str(where)
+        rest, source = str(where / "rest.png"), str(where)
+        try:
             outcome = track_source(rest, source, palette=design, tracker=tracker, out=to)
             if outcome.broken is not None:
                 raise UserError(outcome.broken)
-    return out / tracker
+        except UserError as error:
+            refused[name] = str(error).replace(f"{where}/", "")
+            if len(refused) == len(names):
+                raise UserError(f"{tracker}, {name}: {refused[name]}") from None
+    return out / tracker, refused

@@ -1,6 +1,6 @@
 """Truths that tracks are scored against: sequences of a dataset, or a file of points."""
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -28,24 +28,28 @@ class Named:
     ----------
     name: of the sequence, or of the file
     truth: true places
-    tracks: file of the tracks
+    tracks: file of the tracks; None where a tracker cannot follow the sequence
     pictures: of the frames; empty where there are none
     case: of the recipe that the sequence is of; empty where there are none
     """
 
     name: str
     truth: Truth
-    tracks: Path
+    tracks: Path | None
     pictures: list[Path]
     case: str = ""
 
 
-def truths(tracks: Path, truth: Path) -> Iterator[Named]:
+def truths(tracks: Path, truth: Path, refused: Container[str] = ()) -> Iterator[Named]:
     """Truths that a file or folder of tracks has something of.
 
     A folder of tracks has a file, or a folder with `tracks.parquet`, for each sequence of a
     dataset, named like it. A single file is of the sequence whose folder is given as the truth, or
     of the one that it is named after, or of a dataset's only one.
+
+    Parameters
+    ----------
+    refused: sequences that need no tracks, as a tracker cannot follow them
 
     Raises
     ------
@@ -83,7 +87,7 @@ def truths(tracks: Path, truth: Path) -> Iterator[Named]:
     files = {name: tracks if tracks.is_file() else _tracks_of(tracks, name) for name in wanted}
     if sequence and files[truth.name] is None and alone.is_file():
         files[truth.name] = alone
-    missing = [name for name, file in files.items() if file is None]
+    missing = [name for name, file in files.items() if file is None and name not in refused]
     if missing:
         raise UserError(
             f"{tracks} has no tracks of {missing[0]}, {len(missing)} of {len(wanted)} sequences "
@@ -92,7 +96,7 @@ def truths(tracks: Path, truth: Path) -> Iterator[Named]:
     for loaded in load_sequences(dataset):  # one after another, as a dataset may be large
         name = sequence_name(loaded.number)
         file = files.get(name)
-        if file is not None:
+        if file is not None or name in refused:
             yield Named(
                 name=name,
                 truth=_truth(loaded),
