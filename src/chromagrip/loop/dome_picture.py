@@ -23,7 +23,7 @@ OUTLINE: Colour = (150, 150, 150)
 #: Share of the friction limit above which a node slips.
 SLIPPING = 0.999
 #: Length of an arrow as large as the largest pressure [px].
-ARROW = 160.0
+ARROW = 100.0
 
 
 class TractionPicture:

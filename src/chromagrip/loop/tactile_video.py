@@ -69,22 +69,21 @@ class TactileVideo(VideoFile):
         field = sample.observation.field if seen else sample.field
         mu = sample.observation.friction if seen else sample.friction
         picture = self._traction.draw(field, mu)
+        write(picture, f"{'estimated' if seen else 'true'} traction", (8, 18))
         column = np.full((picture.shape[0], TEXT_WIDTH, 3), 255, np.uint8)
         lines = (
             f"t {sample.time:.2f} s",
             f"load {sample.load:.2f} N",
             f"grip {sample.grip:.2f} N",
-            "estimated:" if seen else "true:",
-            f"normal {field.total_normal:.2f} N",
-            f"friction {field.total_friction:.2f} N",
-            f"margin {field.safety_margin(mu):.2f}",
-            f"true margin {sample.field.safety_margin(sample.friction):.2f}" if seen else "",
+            "",
+            *(_sums("estimated", field, mu) if seen else ()),
+            *_sums("true", sample.field, sample.friction),
             f"object x {1e3 * sample.truth.place[0]:.2f} mm",
             f"depth {1e3 * sample.truth.indentation:.2f} mm",
             f"turn {np.degrees(sample.truth.turn):.1f} deg",
         )
         for k, line in enumerate(lines):
-            write(column, line, (8, 40 + 20 * k))
+            write(column, line, (8, 24 + 18 * k))
         self._traction.legend(column, (8, 320))
         self.append(_beside(image, np.hstack([picture, column])))
 
@@ -109,6 +108,16 @@ class TactileVideo(VideoFile):
         if sample.tracks is not None:
             write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), TRACK_COLOUR)
         self.append(np.hstack([image, overlay]))
+
+
+def _sums(kind: str, field: ForceField, mu: float) -> tuple[str, ...]:
+    """Lines about the sums of a field."""
+    return (
+        f"{kind}:",
+        f"normal {field.total_normal:.2f} N",
+        f"friction {field.total_friction:.2f} N",
+        f"margin {field.safety_margin(mu):.2f}",
+    )
 
 
 def _beside(left: Image, right: Image) -> Image:
