@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...by_name import Choice
+from ...control import GripObservation
 from ...errors import UserError
 from ...loop.observers import ForceObserver, margin_deviation
 from ...model import ForceField, FrictionReading
@@ -108,17 +109,22 @@ def answers(name: str, reconstructor: Choice, scene: ForceScene) -> dict[tuple[s
         observer = deepcopy(fresh)
         for tracks in scene.tracks[-frames:]:
             observation = observer.observe(tracks.time, tracks)
-        result[name, read] = _answer(
-            observation.field,
-            (observation.friction, observation.margin),
-            (observation.friction_interval, observation.margin_interval),
-            bool(observation.no_estimate),
-        )
+        result[name, read] = answer_of(observation)
         if frames == 1:
             for method, reading in FRICTION.items():
                 field = observation.field
                 result[reading_name(name, method), read] = _read(field, reading(field))
     return result
+
+
+def answer_of(observation: GripObservation) -> Answers:
+    """What an observer says of one frame, of shape (1, …)."""
+    return _answer(
+        observation.field,
+        (observation.friction, observation.margin),
+        (observation.friction_interval, observation.margin_interval),
+        bool(observation.no_estimate),
+    )
 
 
 def refused(name: str) -> dict[tuple[str, str], Answers]:

@@ -1,0 +1,159 @@
+"""Random grips of objects on a dome: pressed, then loaded to one margin after another."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ...loop.dome_world import PRESS_DRAG
+from ...model import Dome, Motion, Solid
+from ...model.dome import solid_stiffness
+from ...model.shapes import Shape, ball, box, cylinder, mesh_shape, plane, torus
+
+Array = NDArray[np.float64]
+
+#: Ranges of the objects: Young's modulus [Pa], evenly in the logarithm, and µ.
+MODULI, FRICTIONS = (60e3, 1e6), (0.25, 0.9)
+#: Radii of balls and rods over that of the dome.
+BALLS, RODS = (0.25, 2.0), (0.3, 1.0)
+#: Largest tilt of planes and rods [rad].
+TILT = math.radians(8.0)
+#: Margins that a grip is loaded to one after another, 1 − load/(µ·grip), and how far off they are.
+MARGINS, _AROUND = (0.6, 0.3, 0.1), 0.03
+#: Times to press, to load to the next margin, and to hold each [s].
+_PRESSING, _LOADING, _HOLDING = 0.3, 0.15, 0.1
+#: Damper of an object along the skin [N·s/m].
+_DRAG = 2.0
+#: Objects of convex, smooth shape, and others, in turns.
+SMOOTH = ("plane", "ball", "rod", "tilted")
+UNLIKE = ("bumps", "two", "edge", "beside", "ring")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grip:
+    """An object that is pressed onto a dome and loaded.
+
+    Attributes
+    ----------
+    solid: object
+    pose: where it is, and its rotation vector, see `Motion`, shape (6,)
+    lean: rotation vector of the axes that grip and load act along, shape (3,)
+    normal: force that presses it [N]
+    azimuth: direction of the load [rad]
+    margins: that it is loaded to, 1 − load/(µ·grip) of a flat object
+    """
+
+    solid: Solid
+    pose: Array
+    lean: Array
+    normal: float
+    azimuth: float
+    margins: tuple[float, ...]
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Ends of the holds: once pressed, and at each margin [s]."""
+        first = _PRESSING + _HOLDING
+        return tuple(first + k * (_LOADING + _HOLDING) for k in range(len(self.margins) + 1))
+
+    @property
+    def motion(self) -> Motion:
+        """Forces over time; turns are held."""
+        loads = self.solid.friction * self.normal * (1.0 - np.array([1.0, *self.margins]))
+        times, wrenches = [0.0], [np.zeros(3)]
+        for end, load in zip(self.ends, loads, strict=True):
+            side = load * np.array([math.cos(self.azimuth), math.sin(self.azimuth)])
+            times += [end - _HOLDING, end]
+            wrenches += 2 * [np.array([*side, -self.normal])]
+        forces = np.zeros((len(times), 6))
+        forces[:, :3] = Rotation.from_rotvec(self.lean).apply(np.array(wrenches))
+        return Motion(
+            times=np.array(times),
+            poses=np.tile(self.pose, (len(times), 1)),
+            free=("x", "y", "z"),
+            loads=forces,
+            drag=(_DRAG, _DRAG, PRESS_DRAG, 0.0, 0.0, 0.0),
+        )
+
+
+def random_grip(rng: np.random.Generator, dome: Dome, kind: str, normal: float) -> Grip:
+    """A grip of an object of SMOOTH or UNLIKE with random stiffness, µ, tilt and load.
+
+    Parameters
+    ----------
+    rng: that it is drawn from
+    dome: that it is made for
+    kind: of object
+    normal: force of the grip [N]
+    """
+    radius, turn = dome.radius, Rotation.from_rotvec([0.0, 0.0, rng.uniform(0.0, math.pi)])
+    axis = rng.uniform(0.0, 2.0 * math.pi)
+    lean = rng.uniform(0.0, TILT) * np.array([math.cos(axis), math.sin(axis), 0.0])
+    pose = np.zeros(6)
+    if kind in ("rod", "tilted"):
+        pose[3:] = (Rotation.from_rotvec(lean) * turn).as_rotvec()
+    else:
+        lean = np.zeros(3)
+    shape: Shape
+    if kind in ("plane", "tilted"):
+        shape = plane()
+    elif kind == "ball":
+        shape = ball(radius * rng.uniform(*BALLS))
+    elif kind == "rod":
+        shape = cylinder(radius * rng.uniform(*RODS))
+    else:
+        shape, pose = _unlike(rng, kind, radius)
+    return Grip(
+        solid=Solid(
+            shape=shape,
+            stiffness=solid_stiffness(math.exp(rng.uniform(*np.log(MODULI)))),
+            friction=rng.uniform(*FRICTIONS),
+        ),
+        pose=pose,
+        lean=lean,
+        normal=normal,
+        azimuth=rng.uniform(0.0, 2.0 * math.pi),
+        margins=tuple(margin + rng.uniform(-_AROUND, _AROUND) for margin in MARGINS),
+    )
+
+
+def _unlike(rng: np.random.Generator, kind: str, radius: float) -> tuple[Shape, Array]:
+    """A shape that is not smooth or not convex, and how it lies."""
+    angle, place = rng.uniform(0.0, math.pi), np.zeros(3)
+    turn = Rotation.from_rotvec([0.0, 0.0, angle])
+    if kind == "bumps":
+        shape = mesh_shape(_bumpy(radius), scale=1.0)
+    elif kind == "two":
+        shape = mesh_shape(_pair(radius), scale=1.0)
+    elif kind == "ring":
+        shape = torus(0.35 * radius, 0.1 * radius)
+        turn = Rotation.from_rotvec([math.pi / 2, 0.0, 0.0])
+    else:
+        shape = box(1.2 * radius, rounding=0.02 * radius)
+        if kind == "edge":
+            turn *= Rotation.from_rotvec([0.0, math.pi / 4, 0.0])
+        else:  # an edge passes beside the middle of the contact
+            place[:2] = 0.55 * radius * np.array([math.cos(angle), math.sin(angle)])
+    return shape, np.concatenate([place, turn.as_rotvec()])
+
+
+def _bumpy(radius: float) -> object:
+    """A ball with ridges and hollows, as a mesh [m]."""
+    import trimesh
+
+    made = trimesh.creation.icosphere(subdivisions=4, radius=0.6 * radius)
+    x, y, z = (made.vertices * (16.0 / radius)).T
+    made.vertices *= (1.0 + 0.06 * np.cos(x) * np.cos(y) * np.cos(z))[:, None]
+    return made
+
+
+def _pair(radius: float) -> object:
+    """Two balls beside each other, as a mesh [m]."""
+    import trimesh
+
+    one, other = (trimesh.creation.icosphere(subdivisions=3, radius=0.2 * radius) for _ in "12")
+    one.apply_translation([-0.25 * radius, 0.0, 0.0])
+    other.apply_translation([0.25 * radius, 0.0, 0.0])
+    return trimesh.util.concatenate([one, other])

@@ -1,0 +1,143 @@
+"""Pictures of a dome from before it is touched: the tracks of every frame, and the true forces."""
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import located
+from ...model import DomeState, ForceField, dome_forces
+from ...model.dome import Stepper, resting
+from ...output.processes import one_thread
+from ...render import Frame
+from ...tracking import SensorCalibration, Tracks, sensor_as_designed
+from ..worlds.force_scenes import NOISE, REST_FRAMES, tracked
+from .grips import SMOOTH, UNLIKE, Grip, random_grip
+from .specimens import SPECIMENS, Specimen, matched, mismatched
+
+Array = NDArray[np.float64]
+
+#: Time between frames, and steps of the silicone in it [s].
+PERIOD, _STEPS = 1.0 / 60.0, 3
+#: Sets of scenes of a design: whether the specimen is off it, objects, and force of the grip [N].
+SETS: dict[str, tuple[bool, tuple[str, ...], float]] = {
+    "matched": (False, SMOOTH, 3.0),
+    "light": (False, SMOOTH, 1.0),
+    "mismatched": (True, SMOOTH, 3.0),
+    "unlike": (False, UNLIKE, 3.0),
+}
+#: Seed of the random numbers.
+SEED = 2727
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watched:
+    """Tracks of all frames of a scene in order, and the truth in those of them that are scored.
+
+    Attributes
+    ----------
+    known: calibration that estimators are given
+    rest: tracks of the untouched sensor
+    tracks: of all frames, from before the touch
+    scored: numbers of the I frames that are scored
+    true: (ΣFn [N], ΣFf [N], µ, Γ) in these, shape (I, 4)
+    side: ΣFf along the sensor's x and y [N], shape (I, 2); along x alone on a chain
+    label: kind of the object
+    """
+
+    known: SensorCalibration
+    rest: Tracks
+    tracks: list[Tracks]
+    scored: tuple[int, ...]
+    true: Array
+    side: Array
+    label: str = ""
+
+
+def scene(name: str, kind: str, index: int) -> Watched:
+    """Scene of a set; the same arguments give the same bytes.
+
+    Parameters
+    ----------
+    name: of the design
+    kind: of SETS
+    index: of the scene; kinds of objects take turns, and so do mismatched specimens
+    """
+    off, objects, normal = SETS[kind]
+    rng = np.random.default_rng([SEED, list(SETS).index(kind), index, 1])
+    # Four kinds of objects and eight specimens: all pairs of them come about.
+    specimen = mismatched(name, (index // len(objects)) % SPECIMENS) if off else matched(name)
+    grip = random_grip(rng, specimen.dome, objects[index % len(objects)], normal)
+    label = objects[index % len(objects)]
+    return watch(sensor_as_designed(name), specimen, grip, int(rng.integers(2**32)), label)
+
+
+def watch(
+    known: SensorCalibration, specimen: Specimen, grip: Grip, seed: int, label: str = ""
+) -> Watched:
+    """Take pictures of a grip and track the markers in all of them.
+
+    Parameters
+    ----------
+    known: calibration that is given to estimators
+    specimen: that is gripped
+    grip: object, force and loads
+    seed: of the camera and the defects
+    label: kind of the object
+
+    Raises
+    ------
+    UserError
+        For a grip that the dome cannot bear, and when the tracker refuses the frames.
+    """
+    ends = tuple(round(end / PERIOD) for end in grip.ends)
+    with one_thread():
+        states = states_of(specimen, grip, ends[-1])
+        with closing(specimen.camera(seed)) as camera:
+            rest = camera.expose_rest(states[0], REST_FRAMES)
+            frames: dict[int, Frame] = {k: camera.expose(s, k) for k, s in enumerate(states)}
+        at_rest, tracks = tracked(known, NOISE, rest, frames)
+    fields = [dome_forces(specimen.dome, states[end], whole=False) for end in ends]
+    return Watched(
+        known=known,
+        rest=at_rest,
+        tracks=list(tracks.values()),
+        scored=ends,
+        true=np.array([truth(field, grip.solid.friction) for field in fields]),
+        side=np.array([side(field) for field in fields]),
+        label=label,
+    )
+
+
+def states_of(specimen: Specimen, grip: Grip, count: int) -> list[DomeState]:
+    """States of a gripped dome at rest and in `count` frames.
+
+    Raises
+    ------
+    UserError
+        When the dome cannot bear the grip.
+    """
+    motion = grip.motion
+    with located("the dome gave up"):
+        start = resting(specimen.dome, grip.solid, motion)
+        stepper = Stepper(specimen.dome, grip.solid, motion, start)
+        states = [start]
+        for k in range(1, count + 1):
+            for part in range(1, _STEPS + 1):
+                stepper.advance((k - 1 + part / _STEPS) * PERIOD)
+            states.append(stepper.state())
+    return states
+
+
+def truth(field: ForceField, friction: float) -> Array:
+    """(ΣFn, ΣFf, µ, Γ) of a field of forces, shape (4,)."""
+    margin = field.safety_margin(friction)
+    return np.array([field.total_normal, field.total_friction, friction, margin])
+
+
+def side(field: ForceField) -> Array:
+    """ΣFf of a field of forces along the sensor's x and y [N], shape (2,); 0 across a chain."""
+    whole: Sequence[float] = list(field.net_friction)
+    return np.array([whole[0], whole[1] if len(whole) > 1 else 0.0])

@@ -1,0 +1,140 @@
+"""Sensors of silicone as they are made: as their design says, or off it in all that it states."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from ...loop.camera import SimulatedCamera
+from ...model import Dome
+from ...render import DomeMap, Flaws, Membrane, SensorDesign, load_sensor, open_renderer
+from ..worlds.force_scenes import NOISE
+
+Array = NDArray[np.float64]
+
+#: What is off the design in a mismatched specimen, up or down: shares of E and of the silicone's
+#: thickness, depth of the outer layer [mm], ν, centre of the image [px], roll of the camera [°].
+OFF = {
+    "young": 0.10,
+    "thickness": 0.03,
+    "depth_mm": 0.05,
+    "poisson": 0.01,
+    "centre_x_px": 0.5,
+    "centre_y_px": 0.5,
+    "roll_deg": 0.5,
+}
+#: Mismatched specimens of a design: an orthogonal array of two levels, so that each of OFF is up in
+#: half of them, whatever another is.
+SPECIMENS = 8
+#: Pitch of their nodes over the design's.
+_FINER = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Specimen:
+    """A sensor of silicone as it is made.
+
+    Attributes
+    ----------
+    sensor: as made; its defects are those of its pictures
+    dome: silicone
+    renderer: name of the renderer that draws it
+    roll: turn of its camera about the axis [rad]
+    """
+
+    sensor: SensorDesign
+    dome: Dome
+    renderer: str = "painter"
+    roll: float = 0.0
+
+    def camera(
+        self, seed: int, field: Callable[[Array, Array], tuple[Array, Array]] | None = None
+    ) -> SimulatedCamera:
+        """Camera that takes its pictures; close it after use.
+
+        Parameters
+        ----------
+        seed: of the noise and of the defects
+        field: displacement and slopes of markers, as of `MarkerField`, at given places of both
+            layers (2, M, 2) for what `carried` says of a state; None is the dome's own
+        """
+        sensor = self.sensor
+        own = Flaws(sensor, sensor.defects, seed).places
+        places = np.broadcast_to(sensor.places if own is None else own, (2, *sensor.places.shape))
+        made = DomeMap(sensor, self.dome, places)
+        turn = _about_axis(self.roll)
+
+        def membrane(forces: Array) -> Membrane:
+            one = made(forces) if field is None else made.of_field(*field(places, forces))
+            return Membrane(centres=one.centres @ turn.T, axes=turn @ one.axes)
+
+        return SimulatedCamera(
+            sensor,
+            open_renderer(self.renderer, sensor),
+            self.dome,
+            NOISE,
+            seed,
+            sensor.defects,
+            membrane,
+        )
+
+
+def matched(name: str) -> Specimen:
+    """A specimen as its design says, with the design's own defects."""
+    sensor = load_sensor(name)
+    return Specimen(sensor=sensor, dome=sensor.dome)
+
+
+def mismatched(name: str, index: int) -> Specimen:
+    """A specimen that is off its design by all of OFF, with a finer mesh and another renderer.
+
+    Parameters
+    ----------
+    name: of a design whose inner layer lies on the core
+    index: of the specimen; there are SPECIMENS
+    """
+    nominal = load_sensor(name)
+    off = {key: sign * OFF[key] for key, sign in zip(OFF, signs(index), strict=True)}
+    dome, camera, silicone = nominal.dome, nominal.camera, nominal.silicone
+    assert silicone is not None
+    thickness = 1e3 * dome.thickness * (1.0 + off["thickness"])
+    sensor = replace(
+        nominal,
+        silicone=replace(
+            silicone,
+            core_mm=1e3 * dome.radius - thickness,
+            young_kpa=silicone.young_kpa * (1.0 + off["young"]),
+            poisson=silicone.poisson + off["poisson"],
+            pitch_mm=1e3 * dome.spacing * _FINER,
+        ),
+        magenta=replace(nominal.magenta, depth_mm=nominal.magenta.depth_mm + off["depth_mm"]),
+        yellow=replace(nominal.yellow, depth_mm=thickness),
+        camera=replace(
+            camera,
+            centre_px=(
+                (camera.width_px - 1) / 2 + off["centre_x_px"],
+                (camera.height_px - 1) / 2 + off["centre_y_px"],
+            ),
+        ),
+    )
+    return Specimen(
+        sensor=sensor,
+        dome=sensor.dome,
+        renderer="pyrender",
+        roll=math.radians(off["roll_deg"]),
+    )
+
+
+def signs(index: int) -> list[int]:
+    """Whether each of OFF is up (1) or down (−1) in a specimen."""
+    # Thickness and ν are the first two, because each pair of them needs tables of its own.
+    a, b, c = (1 if index >> k & 1 else -1 for k in range(3))
+    return [c, a, a * b, b, a * c, b * c, a * b * c]
+
+
+def _about_axis(angle: float) -> Array:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
