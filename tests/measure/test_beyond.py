@@ -466,7 +466,7 @@ def test_a_run_has_the_groups_that_are_asked_for() -> None:
     assert {w for w, _ in bench_force._counts(True, "matched", ())} == {"matched"}
     with pytest.raises(UserError, match="no group 'rolls'; there is roll, "):
         bench("force", True, print, world=BEYOND, groups=("rolls",))
-    with pytest.raises(UserError, match="groups go with the world beyond"):
+    with pytest.raises(UserError, match="groups go with the worlds beyond and dome"):
         bench("force", True, print, groups=("roll",))
     with pytest.raises(UserError, match="no world 'outer'"):
         bench("force", True, print, world="outer")

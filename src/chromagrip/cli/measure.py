@@ -39,13 +39,13 @@ Controllers = Annotated[
     option("of control: only this one; may be repeated", "NAME|MODULE:CLASS", "controller"),
 ]
 World = Annotated[
-    Literal["", "matched", "mismatched", "beyond"],
-    option("of force: only this world, without the speed", "matched|mismatched|beyond"),
+    Literal["", "matched", "mismatched", "beyond", "dome"],
+    option("of force: only this world, without the speed", "matched|mismatched|beyond|dome"),
 ]
 Groups = Annotated[
     tuple[str, ...],
     tyro.conf.UseAppendAction,
-    option("of force --world beyond: only this group; may be repeated", "NAME", "group"),
+    option("of force --world beyond|dome: only this group; may be repeated", "NAME", "group"),
 ]
 TrackScenes = Annotated[
     tuple[str, ...],

@@ -55,27 +55,28 @@ class Grip:
     @property
     def ends(self) -> tuple[float, ...]:
         """Ends of the holds: once pressed, and at each margin [s]."""
-        first = _PRESSING + _HOLDING
-        return tuple(first + k * (_LOADING + _HOLDING) for k in range(len(self.margins) + 1))
+        return ends_of(self._staged[0])
 
     @property
     def motion(self) -> Motion:
         """Forces over time; turns are held."""
-        loads = self.solid.friction * self.normal * (1.0 - np.array([1.0, *self.margins]))
-        times, wrenches = [0.0], [np.zeros(3)]
-        for end, load in zip(self.ends, loads, strict=True):
-            side = load * np.array([math.cos(self.azimuth), math.sin(self.azimuth)])
-            times += [end - _HOLDING, end]
-            wrenches += 2 * [np.array([*side, -self.normal])]
+        times, (normal, load) = self._staged[0], self._staged[1].T
+        cos, sin = math.cos(self.azimuth), math.sin(self.azimuth)
         forces = np.zeros((len(times), 6))
-        forces[:, :3] = Rotation.from_rotvec(self.lean).apply(np.array(wrenches))
+        forces[:, :3] = Rotation.from_rotvec(self.lean).apply(
+            np.stack([load * cos, load * sin, -normal], axis=-1)
+        )
         return Motion(
-            times=np.array(times),
+            times=times,
             poses=np.tile(self.pose, (len(times), 1)),
             free=("x", "y", "z"),
             loads=forces,
             drag=(_DRAG, _DRAG, PRESS_DRAG, 0.0, 0.0, 0.0),
         )
+
+    @property
+    def _staged(self) -> tuple[Array, Array]:
+        return staged(self.normal, self.solid.friction, self.margins)
 
 
 def random_grip(rng: np.random.Generator, dome: Dome, kind: str, normal: float) -> Grip:
@@ -115,8 +116,31 @@ def random_grip(rng: np.random.Generator, dome: Dome, kind: str, normal: float) 
         lean=lean,
         normal=normal,
         azimuth=rng.uniform(0.0, 2.0 * math.pi),
-        margins=tuple(margin + rng.uniform(-_AROUND, _AROUND) for margin in MARGINS),
+        margins=random_margins(rng),
     )
+
+
+def random_margins(rng: np.random.Generator) -> tuple[float, ...]:
+    """Margins near MARGINS."""
+    return tuple(margin + float(rng.uniform(-_AROUND, _AROUND)) for margin in MARGINS)
+
+
+def staged(normal: float, friction: float, margins: tuple[float, ...]) -> tuple[Array, Array]:
+    """Times [s] and (grip, load) at them [N]: pressed, then loaded to one margin after another.
+
+    Each is held for a while. The margins are 1 − load/(µ·grip).
+    """
+    times, forces = [0.0], [(0.0, 0.0)]
+    for k, margin in enumerate((1.0, *margins)):
+        end = _PRESSING + _HOLDING + k * (_LOADING + _HOLDING)
+        times += [end - _HOLDING, end]
+        forces += 2 * [(normal, friction * normal * (1.0 - margin))]
+    return np.array(times), np.array(forces)
+
+
+def ends_of(times: Array) -> tuple[float, ...]:
+    """Ends of the holds of `staged` [s]."""
+    return tuple(float(time) for time in times[2::2])
 
 
 def _unlike(rng: np.random.Generator, kind: str, radius: float) -> tuple[Shape, Array]:

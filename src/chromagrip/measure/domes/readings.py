@@ -1,7 +1,8 @@
 """What an estimator reads in all frames of a scene, in order, and its scores.
 
 A scene is read as a controller would: frame after frame from before the touch. What is scored are
-the frames in which grip and load have been held.
+the frames in which grip and load have been held. A frame that an estimator does not believe may
+cost it seconds. Once it has taken too long over a scene, only the scored frames are given to it.
 """
 
 import time
@@ -26,6 +27,8 @@ Array = NDArray[np.float64]
 
 #: Over which µ is averaged [s].
 _WINDOW = 0.1
+#: Processor time over a scene after which an estimator is given only the scored frames [s].
+_PATIENCE = 15.0
 #: Ranges of the true Γ in which its error is told apart.
 NEAR = {"10": (0.0, 0.2), "30": (0.2, 0.45), "60": (0.45, 0.75)}
 #: Unit of every score.
@@ -46,6 +49,7 @@ UNITS = {
     "flagged": "%",
     "frames": "",
     "rate": "fields/s",
+    "late": "%",
 }
 
 
@@ -57,12 +61,14 @@ class Reading:
     ----------
     answers: of (ΣFn, ΣFf, µ, Γ)
     side: ΣFf along x and y [N], shape (I, 2)
-    spent: processor time of a field in each scene [s], shape (S,)
+    spent: processor time of a field in each scene, refusals included [s], shape (S,)
+    late: whether the estimator took too long over a scene, shape (S,)
     """
 
     answers: Answers
     side: Array
     spent: Array
+    late: NDArray[np.bool_]
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -71,6 +77,7 @@ class Reading:
             answers=Answers.joined([part.answers for part in parts]),
             side=np.concatenate([part.side for part in parts]),
             spent=np.concatenate([part.spent for part in parts]),
+            late=np.concatenate([part.late for part in parts]),
         )
 
 
@@ -81,18 +88,27 @@ def read(reconstructor: Choice, watched: Watched) -> Reading:
         observer = ForceObserver(watched.known, watched.rest, reconstructor, _WINDOW)
     except UserError:  # rest frames that cannot be the sensor's
         return _refused(count)
-    found, sides, spent = [], [], []
+    found, sides, spent, whole = [], [], [], 0.0
     with one_thread():
         for k, tracks in enumerate(watched.tracks):
+            if whole > _PATIENCE and k not in watched.scored:
+                continue
             begin = time.process_time()
             observation = observer.observe(tracks.time, tracks)
+            passed = time.process_time() - begin
+            whole += passed
             if observation.field.contact.any() or observation.no_estimate:
-                spent.append(time.process_time() - begin)
+                spent.append(passed)
             if k in watched.scored:
                 found.append(answer_of(observation))
                 sides.append(side(observation.field))
     mean = np.mean(spent) if spent else np.nan
-    return Reading(answers=Answers.joined(found), side=np.array(sides), spent=np.array([mean]))
+    return Reading(
+        answers=Answers.joined(found),
+        side=np.array(sides),
+        spent=np.array([mean]),
+        late=np.array([whole > _PATIENCE]),
+    )
 
 
 def constant(true: Array, side: Array) -> Reading:
@@ -101,6 +117,7 @@ def constant(true: Array, side: Array) -> Reading:
         answers=constant_answers(true),
         side=np.broadcast_to(side.mean(axis=0), side.shape),
         spent=np.array([np.nan]),
+        late=np.array([False]),
     )
 
 
@@ -113,6 +130,7 @@ def _refused(count: int) -> Reading:
         ),
         side=np.zeros((count, 2)),
         spent=np.array([np.nan]),
+        late=np.array([False]),
     )
 
 
@@ -138,6 +156,7 @@ def scores(reading: Reading, true: Array, side: Array) -> dict[str, float]:
         * rms(np.linalg.norm(across[loaded], axis=1))
         / max(rms(np.linalg.norm(side[kept][loaded], axis=1)), 1e-12),
         "frames": float(len(true)),
+        "late": 100.0 * average(reading.late),
         "rate": 1.0 / float(np.nanmedian(reading.spent))
         if np.isfinite(reading.spent).any()
         else float("nan"),
@@ -147,8 +166,3 @@ def scores(reading: Reading, true: Array, side: Array) -> dict[str, float]:
         found[f"margin_{name}"] = rms(error[near, 3])
     assert found.keys() >= UNITS.keys() - OF_FRAMES.keys()
     return {name: found[name] for name in UNITS}
-
-
-def share(flags: NDArray[np.bool_]) -> float:
-    """Share of what is true [%]."""
-    return 100.0 * average(flags)

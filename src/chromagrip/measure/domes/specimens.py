@@ -85,7 +85,7 @@ class Specimen:
 def matched(name: str) -> Specimen:
     """A specimen as its design says, with the design's own defects."""
     sensor = load_sensor(name)
-    return Specimen(sensor=sensor, dome=sensor.dome)
+    return Specimen(sensor=sensor, dome=dome_of(sensor))
 
 
 def mismatched(name: str, index: int) -> Specimen:
@@ -98,7 +98,7 @@ def mismatched(name: str, index: int) -> Specimen:
     """
     nominal = load_sensor(name)
     off = {key: sign * OFF[key] for key, sign in zip(OFF, signs(index), strict=True)}
-    dome, camera, silicone = nominal.dome, nominal.camera, nominal.silicone
+    dome, camera, silicone = dome_of(nominal), nominal.camera, nominal.silicone
     assert silicone is not None
     thickness = 1e3 * dome.thickness * (1.0 + off["thickness"])
     sensor = replace(
@@ -122,10 +122,17 @@ def mismatched(name: str, index: int) -> Specimen:
     )
     return Specimen(
         sensor=sensor,
-        dome=sensor.dome,
+        dome=dome_of(sensor),
         renderer="pyrender",
         roll=math.radians(off["roll_deg"]),
     )
+
+
+def dome_of(sensor: SensorDesign) -> Dome:
+    """Silicone of a design that is a dome."""
+    body = sensor.dome
+    assert isinstance(body, Dome)
+    return body
 
 
 def signs(index: int) -> list[int]:

@@ -106,7 +106,7 @@ def watch_dome(
     ends = [round(end / PERIOD) for end in grasped.ends]
     shown = sorted({k for end in ends for k in range(end - HELD_FRAMES + 1, end + 1)})
     with one_thread():
-        states = _run(dome, solid, grasped, ends[-1])
+        states = dome_states(dome, solid, grasped, ends[-1])
         camera = SimulatedCamera(
             specimen.sensor,
             open_renderer(specimen.renderer, specimen.sensor),
@@ -139,7 +139,7 @@ def watch_dome(
     ]
 
 
-def _run(dome: SoftBody, solid: Solid, grasped: Grasp, count: int) -> list[DomeState]:
+def dome_states(dome: SoftBody, solid: Solid, grasped: Grasp, count: int) -> list[DomeState]:
     """States of a dome at every frame, under grip and load."""
     drive, drag = grasped.drive, grasped.obj.drag
     if drive.normal_control != "force" or drive.lateral_control != "force":

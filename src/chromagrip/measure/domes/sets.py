@@ -1,0 +1,133 @@
+"""Scenes of the world `dome`, and what estimators read in them, in one process for each core."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...by_name import Choice
+from ...output.processes import map_processes
+from .across import DESIGN, WORLDS, across_scene
+from .elements import pressed_scene
+from .readings import Reading, read
+from .scenes import SETS, Watched, scene
+
+Array = NDArray[np.float64]
+
+#: Designs that `contact` reads, and a set of theirs that finite elements draw.
+DESIGNS, ELEMENTS = ("dome-2020", "dome-2022"), "elements"
+#: Name of the sets that all estimators read in all worlds.
+ACROSS = "across"
+#: Groups that can be asked for.
+DOME_GROUPS = (*SETS, ELEMENTS, ACROSS)
+#: Scenes of each group, of each design or world, and of a quick run.
+COUNTS = {"matched": 48, "light": 12, "mismatched": 16, "unlike": 10, ELEMENTS: 4, ACROSS: 8}
+QUICK = {"matched": 2, "unlike": 1, ELEMENTS: 1, ACROSS: 1}
+#: The estimator of domes, and those that read the sets of all worlds.
+BEST, COMPARED = "contact", ("sequential", "gp", "contact")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One scene to make, and the estimators that read it.
+
+    Attributes
+    ----------
+    design, kind: `kind` is of SETS or ELEMENTS; of the design DESIGN it is a world
+    index: of the scene
+    reconstructors: by name
+    """
+
+    design: str
+    kind: str
+    index: int
+    reconstructors: Mapping[str, Choice]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """Truth and readings of I frames.
+
+    Attributes
+    ----------
+    true: (ΣFn [N], ΣFf [N], µ, Γ), shape (I, 4)
+    side: ΣFf along x and y [N], shape (I, 2)
+    readings: by estimator
+    """
+
+    true: Array
+    side: Array
+    readings: dict[str, Reading]
+
+
+def counts_of(quick: bool, groups: Sequence[str]) -> dict[tuple[str, str], int]:
+    """Number of scenes by design and set."""
+    wanted = {g: n for g, n in (QUICK if quick else COUNTS).items() if not groups or g in groups}
+    wanted |= {g: 1 for g in groups if g not in wanted}
+    designs = DESIGNS[:1] if quick else DESIGNS
+    counts = {(d, g): n for g, n in wanted.items() if g != ACROSS for d in designs}
+    return counts | {(DESIGN, world): wanted[ACROSS] for world in WORLDS if ACROSS in wanted}
+
+
+def measure_domes(
+    counts: Mapping[tuple[str, str], int],
+    reconstructors: Mapping[str, Choice],
+    progress: Callable[[str], None],
+) -> dict[tuple[str, str], Result]:
+    """Let estimators read scenes; by design and set.
+
+    Parameters
+    ----------
+    counts: of scenes by design and set
+    reconstructors: by name; none are COMPARED where they are compared, else BEST
+    progress: called after each scene
+    """
+    tasks = [
+        Task(
+            design=design,
+            kind=kind,
+            index=index,
+            reconstructors=reconstructors
+            or {name: name for name in (COMPARED if design == DESIGN else (BEST,))},
+        )
+        for (design, kind), count in counts.items()
+        for index in range(count)
+    ]
+    parts: dict[tuple[str, str], list[Result]] = {}
+    results = map_processes(measure_scene, tasks, os.cpu_count() or 1, ordered=True)
+    for done, (task, result) in enumerate(zip(tasks, results, strict=True), 1):
+        parts.setdefault((task.design, task.kind), []).append(result)
+        progress(f"{task.design}, {task.kind}: scene {done} of {len(tasks)}")
+    return {key: joined(found) for key, found in parts.items()}
+
+
+def measure_scene(task: Task) -> Result:
+    """Make a scene and let every estimator read it."""
+    watched = _scene(task)
+    return Result(
+        true=watched.true,
+        side=watched.side,
+        readings={name: read(choice, watched) for name, choice in task.reconstructors.items()},
+    )
+
+
+def _scene(task: Task) -> Watched:
+    if task.design == DESIGN:
+        return across_scene(task.kind, task.index)
+    if task.kind == ELEMENTS:
+        return pressed_scene(task.design, task.index)
+    return scene(task.design, task.kind, task.index)
+
+
+def joined(parts: Sequence[Result]) -> Result:
+    """The frames of several scenes."""
+    return Result(
+        true=np.concatenate([part.true for part in parts]),
+        side=np.concatenate([part.side for part in parts]),
+        readings={
+            name: Reading.joined([part.readings[name] for part in parts])
+            for name in parts[0].readings
+        },
+    )

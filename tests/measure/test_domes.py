@@ -1,0 +1,319 @@
+"""Pictures of domes for estimators: grips, specimens and scores are what they say."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from chromagrip.errors import UserError
+from chromagrip.measure.bench.parts import bench
+from chromagrip.measure.domes import readings
+from chromagrip.measure.domes.across import WORLDS, across_scene, random_grasp
+from chromagrip.measure.domes.elements import CASES, ElementField, presses
+from chromagrip.measure.domes.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip
+from chromagrip.measure.domes.readings import UNITS, Reading, constant, read, scores
+from chromagrip.measure.domes.report import report_of
+from chromagrip.measure.domes.scenes import Watched, watch
+from chromagrip.measure.domes.sets import Result, counts_of, joined
+from chromagrip.measure.domes.specimens import OFF, SPECIMENS, matched, mismatched, signs
+from chromagrip.measure.worlds.force_scores import Answers
+from chromagrip.model import ForceField, Solid, simulate_contact
+from chromagrip.model.dome import MarkerField, press_and_move
+from chromagrip.model.shapes import plane
+from chromagrip.render import Defects
+from chromagrip.tracking import NoEstimateError, Tracks, sensor_as_designed
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+
+
+# ---- grips and specimens ----
+
+
+@pytest.mark.parametrize("kind", [*SMOOTH, "edge", "beside", "ring"])
+def test_a_grip_is_loaded_to_its_margins(kind: str) -> None:
+    grip = random_grip(np.random.default_rng(5), matched("dome-2020").dome, kind, 2.0)
+    motion = grip.motion
+    held = np.array([motion.loads[np.argmin(abs(motion.times - end)), :3] for end in grip.ends])
+    assert np.linalg.norm(held[0]) == pytest.approx(2.0)
+    down = held[0] / 2.0
+    across = held[1:] - np.outer(held[1:] @ down, down)
+    assert held[1:] @ down == pytest.approx(np.full(3, 2.0))
+    load = np.linalg.norm(across, axis=1)
+    assert 1.0 - load / (2.0 * grip.solid.friction) == pytest.approx(grip.margins)
+    assert grip.margins == pytest.approx(MARGINS, abs=0.031)
+    # A plane and a rod are pressed along their own normal, however they are tilted.
+    assert math.degrees(math.acos(-down[2])) <= (8.0 if kind in ("rod", "tilted") else 1e-6)
+    assert set(UNLIKE).isdisjoint(SMOOTH)
+
+
+def test_each_deviation_is_up_in_half_of_the_specimens_whatever_another_is() -> None:
+    table = np.array([signs(k) for k in range(SPECIMENS)])
+    assert table.shape == (SPECIMENS, len(OFF))
+    assert np.array_equal(table.T @ table, SPECIMENS * np.eye(len(OFF)))
+    assert (table.sum(axis=0) == 0).all()
+
+
+def test_a_mismatched_specimen_is_off_by_what_is_said() -> None:
+    nominal, off = matched("dome-2022"), mismatched("dome-2022", 3)
+    up = dict(zip(OFF, signs(3), strict=True))
+    one, other = nominal.dome, off.dome
+    assert other.young / one.young == pytest.approx(1.0 + 0.1 * up["young"])
+    assert other.thickness / one.thickness == pytest.approx(1.0 + 0.03 * up["thickness"])
+    assert other.poisson - one.poisson == pytest.approx(0.01 * up["poisson"])
+    assert math.degrees(off.roll) == pytest.approx(0.5 * up["roll_deg"])
+    assert other.spacing < one.spacing
+    moved = 1e3 * (off.sensor.depths - nominal.sensor.depths)
+    assert moved[0] == pytest.approx(0.05 * up["depth_mm"])
+    assert off.sensor.depths[1] == pytest.approx(other.thickness)  # still on the core
+    camera = off.sensor.camera
+    middle = ((camera.width_px - 1) / 2, (camera.height_px - 1) / 2)
+    shift = np.array(camera.centre_px) - np.array(middle)
+    assert shift == pytest.approx([0.5 * up["centre_x_px"], 0.5 * up["centre_y_px"]])
+
+
+# ---- pictures ----
+
+
+@pytest.fixture(scope="module")
+def watched() -> Watched:
+    """A flat object on a coarse dome without defects, loaded to one margin."""
+    made = matched("dome-2020")
+    coarse = replace(
+        made,
+        dome=replace(made.dome, pitch=2e-3, reach=math.radians(40.0)),
+        sensor=structs.replace(made.sensor, defects=Defects()),
+    )
+    grip = Grip(
+        solid=Solid(shape=plane(), friction=0.6),
+        pose=np.zeros(6),
+        lean=np.zeros(3),
+        normal=3.0,
+        azimuth=2.0,
+        margins=(0.4,),
+    )
+    return watch(sensor_as_designed("dome-2020"), coarse, grip, 1)
+
+
+def test_true_forces_are_grip_and_load(watched: Watched) -> None:
+    assert watched.true[:, 0] == pytest.approx([3.0, 3.0], rel=0.01)
+    assert watched.true[:, 3] == pytest.approx([1.0, 0.4], abs=0.03)
+    load = 0.6 * 3.0 * 0.6
+    assert watched.side[1] == pytest.approx([load * math.cos(2.0), load * math.sin(2.0)], abs=0.03)
+    assert len(watched.tracks) == watched.scored[-1] + 1
+
+
+def test_markers_in_the_pictures_move_with_the_load(watched: Watched) -> None:
+    pressed, loaded = (watched.tracks[k] for k in watched.scored)
+    both = pressed.visible[0] & loaded.visible[0]
+    middle = watched.rest.position[0] - np.array([143.5, 143.5])
+    near = both & (np.linalg.norm(middle, axis=1) < 45.0)
+    moved = (loaded.position - pressed.position)[0, near].mean(axis=0)
+    assert near.sum() > 4
+    assert math.atan2(moved[1], moved[0]) == pytest.approx(2.0, abs=0.2)
+    still = (watched.tracks[1].position - watched.rest.position)[0, near]
+    assert np.linalg.norm(moved) > 5.0 * np.linalg.norm(still.mean(axis=0))
+
+
+def test_a_rolled_camera_turns_the_markers_about_its_axis() -> None:
+    made = matched("dome-2020")
+    forces = np.zeros((1, 3))
+
+    def field(places: np.ndarray, _forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros((*places.shape[:2], 3)), np.zeros((*places.shape[:2], 3, 2))
+
+    turned = [
+        replace(made, roll=roll).camera(1, field).membrane(forces) for roll in (0.0, math.pi / 2)
+    ]
+    x, y, z = np.moveaxis(turned[0].centres, -1, 0)
+    assert np.allclose(turned[1].centres, np.stack([-y, x, z], axis=-1), equal_nan=True)
+
+
+# ---- finite elements ----
+
+
+def test_element_presses_are_those_of_the_table_of_forces() -> None:
+    """The same presses at other depths: forces of `presses.json`, by its own interpolation."""
+    book = json.loads((FIXTURES / "hyperelastic" / "presses.json").read_text(encoding="utf-8"))
+    for how in ("stick", "slip"):
+        force = book["cases"][f"20/15.6 nu 0.48 plane {how}"]["hyperelastic"]["force"][:3]
+        table = 1e6 * presses()[f"dome-2020 plane {how}s/normal"]
+        depths = 0.5 * (np.arange(len(table)) / 24) ** 1.5
+        found = np.interp(book["depths"][:3], depths, table)
+        assert found == pytest.approx(force, rel=0.02)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_slopes_of_element_fields_are_those_of_their_motion(case: str) -> None:
+    made = matched("dome-2022")
+    field = ElementField("dome-2022", case, made)
+    places = np.broadcast_to([[0.05, 0.3], [0.2, 2.0], [0.5, -1.0]], (2, 3, 2)).copy()
+    moved, slope = field(places, 2.0)
+    assert not field(places, 0.0)[0].any()
+    step = 1e-5
+    for k in range(2):
+        shifted = places.copy()
+        shifted[..., k] += step
+        length = (made.dome.radius - made.sensor.depths)[:, None, None] * np.ones((1, 3, 1))
+        if k:
+            length = length * np.sin(places[..., :1])
+        found = (field(shifted, 2.0)[0] - moved) / (step * length)
+        assert slope[..., k] == pytest.approx(found, abs=2e-4)
+
+
+def test_light_presses_of_elements_and_of_the_dome_move_markers_alike() -> None:
+    made = matched("thesis")
+    places = np.broadcast_to([[0.02, 0.0], [0.1, 1.0], [0.25, -2.0]], (2, 3, 2))
+    sticky = Solid(shape=plane(), stiffness=1e12, friction=5.0, dahl_stiffness=1e12)
+    run = simulate_contact(made.dome, sticky, press_and_move(0.25e-3, press_s=0.02), 2e-3)
+    normal = -float(run.total_forces[-1, 2])
+    moved = MarkerField(made.dome, places, made.sensor.depths)(run.end.linear)[0]
+    found = ElementField("thesis", "plane sticks", made)(places, normal)[0]
+    off = np.linalg.norm(found - moved, axis=-1).max()
+    assert off < 0.12 * np.linalg.norm(found, axis=-1).max()
+
+
+# ---- readings ----
+
+
+class Counting:
+    """Reads 2 N off every third frame that it is given, and refuses the others."""
+
+    given: ClassVar[list[float]] = []
+
+    def __init__(self, _calibration: object, _rest: Tracks) -> None:
+        self.given.clear()
+
+    def reset(self) -> None:
+        pass
+
+    def update(self, tracks: Tracks) -> ForceField:
+        self.given.append(tracks.time)
+        if round(tracks.time) % 3:
+            raise NoEstimateError("not a third frame")
+        return ForceField(
+            position=np.zeros((1, 3)),
+            normal=np.array([2.0]),
+            friction=np.array([[0.3, -0.4, 0.0]]),
+            contact=np.array([True]),
+            totals_covariance=np.diag([0.01, 0.01]),
+            directions=np.array([[0.0, 0.0, -1.0]]),
+        )
+
+
+def _frames(watched: Watched, count: int) -> Watched:
+    tracks = [replace(watched.rest, time=float(k)) for k in range(count)]
+    true = np.array([[2.0, 0.5, 0.5, 0.5]] * 2)
+    return replace(
+        watched, tracks=tracks, scored=(6, 7), true=true, side=np.array([[0.3, -0.4]] * 2)
+    )
+
+
+def test_a_scene_is_read_in_order_and_refusals_are_flags(watched: Watched) -> None:
+    few = _frames(watched, 8)
+    reading = read(Counting, few)
+    assert Counting.given == list(range(8))
+    assert list(reading.answers.flagged) == [False, True]
+    assert reading.answers.value[0, :2] == pytest.approx([2.0, 0.5])
+    assert reading.side[0] == pytest.approx([0.3, -0.4])
+    found = scores(reading, few.true, few.side)
+    assert found["flagged"] == 50.0
+    assert found["normal_share"] == pytest.approx(0.0)
+    assert found["side_share"] == pytest.approx(0.0)
+
+
+def test_who_is_late_is_given_scored_frames_alone(
+    watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(readings, "_PATIENCE", -1.0)
+    reading = read(Counting, _frames(watched, 8))
+    assert Counting.given == [6.0, 7.0]
+    assert reading.late.all()
+
+
+def _reading(value: np.ndarray, half: np.ndarray, side: np.ndarray) -> Reading:
+    return Reading(
+        answers=Answers(
+            value=value,
+            interval=np.stack([value - half, value + half], axis=-1),
+            flagged=np.zeros(len(value), np.bool_),
+        ),
+        side=side,
+        spent=np.array([0.01, 0.02, 0.04]),
+        late=np.array([False]),
+    )
+
+
+def test_scores_are_the_errors_that_are_put_in() -> None:
+    true = np.array([[3.0, 1.0, 0.5, 0.1], [3.0, 1.0, 0.5, 0.3], [3.0, 1.0, 0.5, 0.6]])
+    side = np.array([[0.6, 0.8]] * 3)
+    off = np.array([[0.3, 0.0, 0.0, 0.05], [-0.3, 0.0, 0.0, 0.1], [0.3, 0.0, 0.0, -0.2]])
+    half = np.full((3, 4), 0.14)
+    half[:, 1] = 1e-3
+    found = scores(_reading(true + off, half, side + np.array([0.03, -0.04])), true, side)
+    assert found.keys() == UNITS.keys()
+    assert found["normal_share"] == pytest.approx(10.0)
+    assert found["side_x"] == pytest.approx(0.03)
+    assert found["side_share"] == pytest.approx(5.0)
+    assert [found[f"margin_{n}"] for n in ("10", "30", "60")] == pytest.approx([0.05, 0.1, 0.2])
+    assert found["normal_narrow"] == 100.0  # 0.3 is further than twice 0.14
+    assert found["margin_narrow"] == 0.0
+    assert found["margin_coverage"] == pytest.approx(200.0 / 3.0)
+    assert found["rate"] == pytest.approx(50.0)
+    # The constant answer is right on average, and no better.
+    guess = scores(constant(true, side), true, side)
+    assert guess["normal_share"] == pytest.approx(0.0)
+    assert guess["margin_10"] == pytest.approx(0.7 / 3.0, abs=0.01)
+
+
+# ---- rows ----
+
+
+def _result(off: float, names: tuple[str, ...]) -> Result:
+    true = np.array([[3.0, 1.0, 0.5, g] for g in (0.1, 0.3, 0.6)])
+    side = np.array([[0.6, 0.8]] * 3)
+    reading = _reading(true * (1.0 + off), np.full((3, 4), 0.02), side * (1.0 + off))
+    return Result(true=true, side=side, readings=dict.fromkeys(names, reading))
+
+
+def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
+    sets = {
+        ("dome-2020", "mismatched"): joined(
+            [_result(0.0, ("contact",)), _result(0.0, ("contact",))]
+        ),
+        ("dome-2022", "mismatched"): _result(0.07, ("contact",)),
+        ("thesis", "chain"): _result(0.5, ("gp", "contact")),
+    }
+    report = report_of(sets, True)
+    rows = {row.name: row for row in report.rows}
+    assert rows["dome/dome-2020/mismatched/normal_share"].met is True
+    assert rows["dome/dome-2022/mismatched/normal_share"].met is False
+    assert rows["dome/dome-2022/mismatched/side_share"].met is False
+    assert rows["dome/dome-2022/mismatched/normal_narrow"].met is False
+    assert rows["dome/dome-2020/mismatched/constant/normal_share"].target is None
+    assert rows["dome/dome-2020/mismatched/normal_share"].note == "a constant answer passes"
+    assert rows["dome/thesis/chain/gp/normal_share"].value == pytest.approx(50.0)
+    assert rows["dome/dome-2020/mismatched/frames"].value == 6
+    assert [line[0] for line in report.tables[-1].lines] == ["constant", "gp", "contact"]
+
+
+def test_groups_of_the_world_are_chosen() -> None:
+    assert counts_of(False, ["across"]).keys() == {("thesis", world) for world in WORLDS}
+    assert counts_of(True, ["light"]) == {("dome-2020", "light"): 1}
+    with pytest.raises(UserError, match="no group 'roll'; there is matched"):
+        bench("force", True, print, world="dome", groups=["roll"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("world", WORLDS)
+def test_worlds_draw_the_same_grasps(world: str) -> None:
+    found = across_scene(world, 0)
+    if world != "elements":
+        grasped = random_grasp(0)
+        assert found.true[:, 0] == pytest.approx(np.full(4, grasped.drive.normal[-1]), rel=0.03)
+        assert found.true[1:, 3] == pytest.approx(MARGINS, abs=0.06)
+    assert len(found.tracks) > found.scored[-1]
