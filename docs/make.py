@@ -1,10 +1,10 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
-Parts: images, bodies, loop, dataset, control, model, render, track, force, ranges, charts, limit,
-stability, stability-track, stability-loop, appendix-b, reproduction. Without arguments all of them
-are made, which takes some hours alone on two cores. Nothing in docs/images/, docs/bench-*.md,
-docs/training-ranges.md and docs/reproduction.md is written by hand, nor what other pages have
-between two marks of `fill`.
+Parts: images, bodies, loop, dataset, control, model, render, track, force, force-dome, ranges,
+charts, limit, stability, stability-track, stability-loop, appendix-b, reproduction. Without
+arguments all of them are made, which takes some hours alone on two cores. Nothing in docs/images/,
+docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand, nor what other
+pages have between two marks of `fill`.
 """
 
 import os
@@ -42,6 +42,7 @@ TITLES = {
     "render": "The renderers, measured",
     "track": "The trackers, measured",
     "force": "Forces and friction, measured",
+    "force-dome": "Forces from pictures of domes, measured",
     "dataset": "Datasets, measured",
 }
 
@@ -145,6 +146,13 @@ def tolerances() -> None:
     fill("forces", "tolerances", printed.splitlines())
 
 
+def force_dome() -> None:
+    """The report of estimators on pictures of domes."""
+    report = bench("force", quick=False, progress=print, world="dome")
+    command = "chromagrip bench force --world dome"
+    write("bench-force-dome", TITLES["force-dome"], command, report_markdown(report))
+
+
 def ranges() -> None:
     """The ranges of a training."""
     lines = range_lines(spanned_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS))
@@ -244,6 +252,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "render": render,
     "track": partial(table, "track"),
     "force": force,
+    "force-dome": force_dome,
     "ranges": ranges,
     "tolerances": tolerances,
     "charts": draw_charts,

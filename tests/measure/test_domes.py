@@ -140,10 +140,10 @@ def test_element_presses_are_those_of_the_table_of_forces() -> None:
     """The same presses at other depths: forces of `presses.json`, by its own interpolation."""
     book = json.loads((FIXTURES / "hyperelastic" / "presses.json").read_text(encoding="utf-8"))
     for how in ("stick", "slip"):
-        force = book["cases"][f"20/15.6 nu 0.48 plane {how}"]["hyperelastic"]["force"][:3]
+        force = book["cases"][f"20/15.6 nu 0.48 plane {how}"]["hyperelastic"]["force"][:2]
         table = 1e6 * presses()[f"dome-2020 plane {how}s/normal"]
         depths = 0.5 * (np.arange(len(table)) / 24) ** 1.5
-        found = np.interp(book["depths"][:3], depths, table)
+        found = np.interp(book["depths"][:2], depths, table)
         assert found == pytest.approx(force, rel=0.02)
 
 

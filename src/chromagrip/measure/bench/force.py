@@ -23,7 +23,7 @@ from ...output.report import (
 from ...render.drawing import gl_problem
 from ...tracking import FRICTION
 from ..beyond.groups import BEYOND, GROUPS, NEED_GL
-from ..domes.report import DOME, bench_domes
+from ..domes.report import DOME
 from ..worlds.force_scenes import ForceScene
 from ..worlds.force_scores import (
     CONSTANT,
@@ -130,17 +130,14 @@ def bench_force(
     quick: few grasps; unless chosen only the reconstructors that have targets
     progress: called with the name of each measurement
     reconstructors: names, module:Class or classes; none are all of ours, beside a constant answer
-    world: only this one, without the speed; empty is all of them but `dome`
-    groups: of the worlds `beyond` and `dome`: only these; none are all
+    world: only this one, without the speed; empty is all of them
+    groups: of the world `beyond`: only these; none are all
 
     Raises
     ------
     UserError
         When there is no such reconstructor, world or group.
     """
-    if world == DOME:
-        asked = choose(reconstructors) if reconstructors else {}
-        return bench_domes(quick, progress, asked, groups)
     chosen = choose(reconstructors or (tuple(BEST.values()) if quick else ()))
     rows: list[Row] = []
     counts = _counts(quick, world, groups)
@@ -183,7 +180,7 @@ def bench_force(
 
 def _counts(quick: bool, world: str, groups: Sequence[str]) -> dict[tuple[str, str], int]:
     """Number of grasps of each set that is asked for, by world and kind."""
-    worlds = (*WORLDS, BEYOND, DOME)
+    worlds = (*WORLDS, BEYOND)
     if world and world not in worlds:
         raise UserError(f"no world {world!r}; there is {', '.join(worlds)}")
     if groups and world != BEYOND:

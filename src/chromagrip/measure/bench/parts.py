@@ -5,9 +5,11 @@ from collections.abc import Callable, Sequence
 from ...by_name import Choice
 from ...errors import UserError
 from ...output.report import Report
+from ..domes.report import DOME, bench_domes
 from .control import bench_control
 from .dataset import bench_dataset
 from .force import bench_force
+from .force_sets import choose
 from .loop import bench_loop
 from .model import bench_model
 from .render import bench_render
@@ -45,7 +47,7 @@ def bench(
     trackers: of `track`: names, module:Class or classes; none are all
     reconstructors: of `force`: names, module:Class or classes; none are all
     controllers: of `control`: names or module:Class; none are all
-    world, groups: of `force`: only this world, and only these groups of `beyond`
+    world, groups: of `force`: only this world, and only these groups of `beyond` or `dome`
     scenes: of `track`: only these
 
     Raises
@@ -65,6 +67,9 @@ def bench(
         return bench_track(quick, progress, trackers, scenes)
     if scenes:
         raise UserError(f"--scene goes with bench track, not with bench {part}")
+    if part == "force" and world == DOME:
+        asked = choose(reconstructors) if reconstructors else {}
+        return bench_domes(quick, progress, asked, groups)
     if part == "force":
         return bench_force(quick, progress, reconstructors, world, groups)
     if world or groups:
