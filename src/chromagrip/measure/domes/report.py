@@ -192,7 +192,7 @@ def across_table(rows: Sequence[Row], sets: Mapping[tuple[str, str], Result]) ->
 #: Explanation of the tables.
 _NOTES = (
     "Pictures of domes of silicone. Objects are planes, tilted planes, balls and rods in turns, "
-    "pressed by 3 N and loaded in any direction to Γ ≈ .6, .3 and .1; `light` is pressed by 1 N. "
+    "pressed by 2.4 to 3.6 N and loaded in any direction to Γ ≈ .6, .3 and .1; `light`: a third. "
     "Specimens have the defects of their design, the camera's noise is 2 levels. `mismatched`: "
     "another renderer, a finer mesh, E ± 10 %, thickness ± 3 %, depth ± .05 mm, ν ± .01, image "
     "± .5 px, roll ± .5°. `unlike`: a bumpy mesh, two balls, an edge of a box below and beside, a "

@@ -28,6 +28,8 @@ SETS: dict[str, tuple[bool, tuple[str, ...], float]] = {
     "mismatched": (True, SMOOTH, 3.0),
     "unlike": (False, UNLIKE, 3.0),
 }
+#: How far a grip is off that force, as a share: a constant answer is to be told from an estimate.
+_AROUND = 0.2
 #: Seed of the random numbers.
 SEED = 2727
 
@@ -69,8 +71,8 @@ def scene(name: str, kind: str, index: int) -> Watched:
     rng = np.random.default_rng([SEED, list(SETS).index(kind), index, 1])
     # Four kinds of objects and eight specimens: all pairs of them come about.
     specimen = mismatched(name, (index // len(objects)) % SPECIMENS) if off else matched(name)
-    grip = random_grip(rng, specimen.dome, objects[index % len(objects)], normal)
-    label = objects[index % len(objects)]
+    label, pressed = objects[index % len(objects)], normal * (1.0 + rng.uniform(-_AROUND, _AROUND))
+    grip = random_grip(rng, specimen.dome, label, pressed)
     return watch(sensor_as_designed(name), specimen, grip, int(rng.integers(2**32)), label)
 
 
