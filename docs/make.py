@@ -1,10 +1,10 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
 Parts: images, bodies, loop, dataset, control, model, render, track, force, force-dome, ranges,
-charts, limit, stability, stability-track, stability-loop, appendix-b, reproduction. Without
-arguments all of them are made, which takes some hours alone on two cores. Nothing in docs/images/,
-docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand, nor what other
-pages have between two marks of `fill`.
+tolerances, charts, limit, stability, stability-track, stability-loop, appendix-b, reproduction.
+Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
+docs/images/, docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand,
+nor what other pages have between two marks of `fill`.
 """
 
 import os

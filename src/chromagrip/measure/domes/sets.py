@@ -22,9 +22,9 @@ DESIGNS, ELEMENTS = ("dome-2020", "dome-2022"), "elements"
 ACROSS = "across"
 #: Groups that can be asked for.
 DOME_GROUPS = (*SETS, ELEMENTS, ACROSS)
-#: Scenes of each group, of each design or world, and of a quick run.
+#: Scenes of each group, of each design or world, and of a quick run of one design.
 COUNTS = {"matched": 40, "light": 8, "mismatched": 16, "unlike": 10, ELEMENTS: 4, ACROSS: 6}
-QUICK = {"matched": 2, "unlike": 1, ELEMENTS: 1, ACROSS: 1}
+QUICK = {"matched": 2, ELEMENTS: 1}
 #: The estimator of domes, and those that read the sets of all worlds.
 BEST, COMPARED = "contact", ("sequential", "gp", "contact")
 
