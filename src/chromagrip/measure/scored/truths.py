@@ -69,9 +69,25 @@ def truths(tracks: Path, truth: Path, refused: Container[str] = ()) -> Iterator[
             f"there is no truth {truth}; wanted: a dataset, one of its sequences, or a file that "
             f"ends in {', '.join(SUFFIXES)}"
         )
-    sequence = (truth / FILES).is_file()
-    dataset = truth.parent if sequence else truth
-    everything = list(read_manifest(dataset)["sequences"])
+    dataset = truth.parent if (truth / FILES).is_file() else truth
+    files = _files_of(tracks, truth, dataset, refused)
+    for loaded in load_sequences(dataset):  # one after another, as a dataset may be large
+        name = sequence_name(loaded.number)
+        if name in files:
+            yield Named(
+                name=name,
+                truth=_truth(loaded),
+                tracks=files[name],
+                pictures=loaded.pictures,
+                case=str(loaded.values.get(CASE, "")),
+            )
+
+
+def _files_of(
+    tracks: Path, truth: Path, dataset: Path, refused: Container[str]
+) -> dict[str, Path | None]:
+    """File of the tracks of each wanted sequence; None where there need be none."""
+    sequence, everything = truth != dataset, list(read_manifest(dataset)["sequences"])
     if sequence:
         wanted = [truth.name]
     elif tracks.is_file() and tracks.stem in everything:
@@ -93,17 +109,7 @@ def truths(tracks: Path, truth: Path, refused: Container[str] = ()) -> Iterator[
             f"{tracks} has no tracks of {missing[0]}, {len(missing)} of {len(wanted)} sequences "
             f"are missing; wanted: {missing[0]}.parquet or {missing[0]}/tracks.parquet"
         )
-    for loaded in load_sequences(dataset):  # one after another, as a dataset may be large
-        name = sequence_name(loaded.number)
-        file = files.get(name)
-        if file is not None or name in refused:
-            yield Named(
-                name=name,
-                truth=_truth(loaded),
-                tracks=file,
-                pictures=loaded.pictures,
-                case=str(loaded.values.get(CASE, "")),
-            )
+    return {name: None if name in refused else file for name, file in files.items()}
 
 
 def _tracks_of(folder: Path, name: str) -> Path | None:
