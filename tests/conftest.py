@@ -4,6 +4,7 @@ import hashlib
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -13,6 +14,7 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+from chromagrip.cli import options
 from chromagrip.cli.app import main
 
 # A worker of pytest has a core, not all: more threads only wait for each other, at full speed.
@@ -31,21 +33,24 @@ def typed(
 ) -> Iterator[Callable[..., CompletedProcess[str]]]:
     """Runs a command in the test's folder, in this process: a new one takes seconds to start.
 
-    What is raised but an exit fails the test.
+    What is raised but an exit fails the test. `start` is another entry point.
     """
-    before = signal.getsignal(signal.SIGINT)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(options, "_received", [])
+    monkeypatch.setattr(options, "_interrupted", threading.Event())
 
-    def run(*words: object) -> CompletedProcess[str]:
+    def run(*words: object, start: Callable[[], None] = main) -> CompletedProcess[str]:
         arguments = [str(word) for word in words]
         monkeypatch.setattr(sys, "argv", ["chromagrip", *arguments])
         with pytest.raises(SystemExit) as ended:
-            main()
+            start()
         return CompletedProcess(arguments, int(ended.value.code or 0), *capsys.readouterr())
 
     yield run
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

@@ -5,16 +5,21 @@ import os
 import signal
 import subprocess
 import sys
-import time
 import tomllib
+import warnings
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import av
 import pyarrow.parquet as pq
 import pytest
 
+from chromagrip.__main__ import main
+from chromagrip.control import GripCommand
+from chromagrip.extras import EXTRAS
 from chromagrip.measure.bench.control import SCENES
+from chromagrip.render.drawing.gl import gl_problem
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
 QUICK = ["--set", "duration_s=0.1"]
@@ -146,17 +151,21 @@ def test_unknown_words_are_refused(typed: Typed) -> None:
         assert typed(*arguments).returncode == 2
 
 
-def test_missing_gl_is_one_sentence(tmp_path: Path) -> None:
-    """An OpenGL platform that does not exist stands for a machine without one."""
-    environment = os.environ | {"PYOPENGL_PLATFORM": "none-such"}
-    done = subprocess.run(
-        [sys.executable, "-m", "chromagrip", "grasp", "--renderer", "pyrender"],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env=environment,
-        check=False,
-    )
+@pytest.fixture(scope="module")
+def no_gl() -> str:
+    """What the probe says where there is no OpenGL platform of the name that is asked for."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYOPENGL_PLATFORM", "none-such")
+        problem = gl_problem.__wrapped__()
+    assert problem is not None
+    return problem
+
+
+def test_missing_gl_is_one_sentence(
+    tmp_path: Path, typed: Typed, no_gl: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("chromagrip.render.drawing.mesh_renderer.gl_problem", lambda: no_gl)
+    done = typed("grasp", "--renderer", "pyrender")
     assert done.returncode == 2
     assert "renderer pyrender cannot run here" in done.stderr
     assert "apt-get install" in done.stderr
@@ -164,31 +173,37 @@ def test_missing_gl_is_one_sentence(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupted_run_keeps_what_it_had(tmp_path: Path) -> None:
+def test_an_interrupted_run_keeps_what_it_had(
+    tmp_path: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Interrupted in its midst, by a controller; test_usage.py ends a process from outside."""
     out = tmp_path / "cut"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "chromagrip", "grasp", "--set", "duration_s=60", "--out", str(out)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    deadline = time.monotonic() + 60
-    # Until the first frames are in the video, not only its name.
-    while time.monotonic() < deadline:
-        if any(part.stat().st_size for part in (out / ".parts").glob("*tactile*")):
-            break
-        time.sleep(0.1)
-    time.sleep(0.2)
-    assert not (out / "summary.json").exists()  # nothing half-written looks whole
-    assert not (out / "tactile.mp4").exists()
-    process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in stderr
+    while_it_ran: set[str] = set()
+
+    class Hasty:
+        told = 0
+
+        def reset(self) -> None:
+            pass
+
+        def command(self, seen: object) -> GripCommand:
+            self.told += 1
+            if self.told == 6:
+                while_it_ran.update(path.name for path in out.iterdir())
+                os.kill(os.getpid(), signal.SIGINT)
+            return GripCommand(force=1.0)
+
+    module = ModuleType("hasty")
+    module.__dict__["Hasty"] = Hasty
+    monkeypatch.setitem(sys.modules, "hasty", module)
+    done = typed("grasp", "--controller", "hasty:Hasty", "--out", out)
+    assert while_it_ran == {".parts", "scene.toml"}  # nothing half-written looks whole
+    assert done.returncode == 130
+    assert done.stderr == "chromagrip: interrupted\n"
     summary = json.loads((out / "summary.json").read_text())
     assert summary["complete"] is False
     frames = summary["frames"]
-    assert 0 < frames < 6001
+    assert 0 < frames < 10
     assert pq.read_metadata(out / "trace.parquet").num_rows == frames
     with av.open(str(out / "tactile.mp4")) as video:
         assert len(list(video.decode(video=0))) in (frames, frames - 1)
@@ -225,29 +240,33 @@ def test_lists(command: str, words: list[str], typed: Typed) -> None:
 
 
 def test_a_missing_package_does_not_keep_the_doctor_from_naming_it() -> None:
-    """A package that cannot be imported, tyro, on which the command line itself is built."""
+    """A package that cannot be imported, tyro, on which the command line itself is built.
+
+    Nor can any other large one: the doctor needs none of them.
+    """
+    absent = ["tyro", "cv2", "matplotlib", "numba", "numpy", "rich", "scipy"]
+    absent += [extra.module for extra in EXTRAS.values()]
     code = (
-        "import sys; sys.modules['tyro'] = None; sys.argv = ['chromagrip', *sys.argv[1:]]; "
-        "from chromagrip.__main__ import main; main()"
+        f"import sys; sys.modules.update(dict.fromkeys({absent})); "
+        "sys.argv = ['chromagrip', *sys.argv[1:]]; from chromagrip.__main__ import main; main()"
     )
     asked = [sys.executable, "-c", code]
     doctor = subprocess.run([*asked, "doctor"], capture_output=True, text=True, check=False)
     assert doctor.returncode == 1
     assert "tyro" in doctor.stdout
-    assert "mend: pip install --force-reinstall 'tyro" in doctor.stdout
+    for name in ("tyro", "matplotlib", "numba"):
+        assert f"mend: pip install --force-reinstall '{name}" in doctor.stdout
     other = subprocess.run([*asked, "scenes"], capture_output=True, text=True, check=False)
     assert other.returncode == 2
     assert "`chromagrip doctor` names what mends it" in other.stderr
 
 
-def test_doctor_names_what_is_missing_and_how_to_mend_it() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "chromagrip", "doctor"],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYOPENGL_PLATFORM": "none-such"},
-        check=False,
-    )
+def test_doctor_names_what_is_missing_and_how_to_mend_it(
+    typed: Typed, no_gl: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("chromagrip.render.drawing.gl_problem", lambda: no_gl)
+    with warnings.catch_warnings(action="ignore"):  # of packages that are imported here first
+        done = typed("doctor", start=main)
     assert done.returncode == 0  # GL is optional
     assert "OpenGL for --renderer pyrender: optional, missing" in done.stdout
     assert "mend: sudo apt-get install libegl1" in done.stdout
