@@ -84,31 +84,54 @@ def test_more_sequences_begin_with_the_same(made: Path) -> None:
     assert drawn(other, 2).items() >= drawn(TINY, 2).items()
 
 
+#: Forks for each command line that it reads, so that the libraries are loaded once.
+FORKS = """
+import os, sys
+import chromagrip.dataset.make
+from chromagrip.__main__ import main
+
+for line in sys.stdin:
+    child = os.fork()
+    if child == 0:
+        sys.argv[1:], sys.stdout = line.split(), sys.stderr
+        main()
+    print(child, flush=True)
+    print(os.waitpid(child, 0)[1], flush=True)
+"""
+
+
 def test_a_killed_run_goes_on_to_the_same_bytes(
     made: Path, tmp_path: Path, bytes_of: Digests
 ) -> None:
     out = tmp_path / "killed"
-    words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--workers", "1"]
-    for delay in (0.05, 0.2):
-        process = subprocess.Popen(
-            [*words, "--out", str(out), "--resume", "--json"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        deadline = time.monotonic() + 60.0
-        # Killed in the middle of a sequence.
-        while not list(out.glob(".part-sequence-*")) and process.poll() is None:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        time.sleep(delay)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        if not (out / MANIFEST).exists():
-            with pytest.raises(UserError, match="is not whole: go on with --resume"):
-                check(out)
+    with subprocess.Popen(
+        [sys.executable, "-P", "-c", FORKS],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        text=True, bufsize=1,
+    ) as process:  # fmt: skip
+        assert process.stdin is not None
+        assert process.stdout is not None
+        for delay in (0.05, 0.2):
+            process.stdin.write(f"dataset make tiny --workers 1 --out {out} --resume --json\n")
+            child = int(process.stdout.readline())
+            deadline = time.monotonic() + 60.0
+            # Killed in the middle of a sequence.
+            while not list(out.glob(".part-sequence-*")) and psutil.pid_exists(child):
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+            time.sleep(delay)
+            if psutil.pid_exists(child):
+                os.kill(child, signal.SIGKILL)
+            process.stdout.readline()
+            if not (out / MANIFEST).exists():
+                with pytest.raises(UserError, match="is not whole: go on with --resume"):
+                    check(out)
+        process.stdin.close()
     make(TINY, out, resume=True)
     assert bytes_of(out) == bytes_of(made)
 
 
+@pytest.mark.slow
 def test_sigterm_ends_the_workers_too(tmp_path: Path) -> None:
     out = tmp_path / "ended"
     words = [sys.executable, "-P", "-m", "chromagrip", "dataset", "make", "tiny", "--n", "200"]
