@@ -50,11 +50,11 @@ def test_a_third_of_a_turn_maps_the_lattice_on_itself() -> None:
 @pytest.mark.parametrize("poisson", [0.3, 0.48])
 def test_a_thick_dome_is_a_half_space_between_its_nodes_and_its_size(poisson: float) -> None:
     """u_z = (1 − ν²)·F/(π·E·r) of Boussinesq, but for a constant that the dome's size makes."""
-    dome = Dome(core=0.5e-3, poisson=poisson, pitch=0.2e-3, reach=math.radians(20.0))
+    dome = Dome(core=0.5e-3, poisson=poisson, pitch=0.3e-3, reach=math.radians(20.0))
     points = lattice(dome)
     table, scale, block = compliance_table(dome), compliance_scale(dome), np.empty((3, 3))
     found, expected = 0.0, 0.0
-    for ring, sign in ((4, 1.0), (8, -1.0)):
+    for ring, sign in ((3, 1.0), (6, -1.0)):
         node_block(table, len(points.angles), 0, 0.0, ring, 0.0, block)
         distance = dome.radius * (points.angles[ring] - points.angles[0])
         found += sign * scale * block[2, 2]
@@ -66,7 +66,7 @@ def test_a_finer_lattice_gives_the_same_press() -> None:
     """Pitches of .56 and .4 mm, pressed by .8 mm: far more than a pitch."""
     forces = []
     for pitch in (0.56e-3, 0.4e-3):
-        dome = Dome(pitch=pitch, reach=math.radians(50.0))
+        dome = Dome(pitch=pitch, reach=math.radians(35.0))
         run = simulate_contact(dome, Solid(shape=plane()), press_and_move(0.8e-3), 10e-3)
         forces.append(run.total_forces[-1, 2])
     assert forces[0] == pytest.approx(forces[1], rel=0.04)

@@ -38,7 +38,7 @@ LINEAR = Dome(stiffening=False, reach=math.radians(45.0))
 COARSE = Dome(pitch=0.7e-3, reach=math.radians(45.0))
 #: Nearly a half space under its small contact.
 THICK = Dome(
-    core=0.6e-3, young=1e6, poisson=0.49, pitch=0.14e-3, reach=math.radians(22.0), stiffening=False
+    core=0.6e-3, young=1e6, poisson=0.49, pitch=0.14e-3, reach=math.radians(20.0), stiffening=False
 )
 
 
