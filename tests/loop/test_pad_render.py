@@ -17,7 +17,7 @@ from chromagrip.render import DomeMap, load_sensor, rest_membrane
 FLAT = load_sensor("flat-2019")
 BOX = {
     "sensor": "flat-2019", "body": "dome", "path": "truth", "camera.noise_levels": 0.0,
-    "dome.pitch_mm": 0.8, "object.shape": "box", "object.size_mm": [16.0, 16.0, 6.0],
+    "dome.pitch_mm": 1.0, "object.shape": "box", "object.size_mm": [16.0, 16.0, 6.0],
     "object.rounding_mm": 0.5, "object.radius_mm": float("inf"),
 }  # fmt: skip
 

@@ -140,7 +140,10 @@ def test_noise_passes_the_loop_as_its_time_series_says() -> None:
     assert noise_gain(replace(loop, period=2 * critical_period(loop))) == math.inf
 
 
-@pytest.mark.parametrize(("preset", "latency"), [(PRINTED, 0), (PRINTED, 3), (RETUNED, 1)])
+@pytest.mark.parametrize(
+    ("preset", "latency"),
+    [(PRINTED, 0), pytest.param(PRINTED, 3, marks=pytest.mark.slow), (RETUNED, 1)],
+)
 def test_the_node_model_starts_to_swing_near_the_prediction(preset: Setting, latency: int) -> None:
     setting = replace(preset, latency_frames=latency)
     assert onset(setting) / critical_period(setting.linear()) == pytest.approx(1.0, abs=0.3)

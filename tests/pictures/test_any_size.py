@@ -45,7 +45,7 @@ def test_a_picture_of_the_sensors_size_stays_as_it_is() -> None:
 @pytest.mark.parametrize(
     ("left", "top", "right", "bottom"),
     [
-        (80, 0, 560, 480),
+        pytest.param(80, 0, 560, 480, marks=pytest.mark.slow),
         pytest.param(20, 3, 553, 478, marks=pytest.mark.slow),
         pytest.param(80, 0, 464, 480, marks=pytest.mark.slow),
         (120, 40, 520, 440),

@@ -38,7 +38,14 @@ def test_the_painter_draws_its_golden_picture_bit_for_bit(name: str) -> None:
     assert (GOLDEN.picture(name) == kept(name)).all()
 
 
-@pytest.mark.parametrize("name", sensor_names())
+@pytest.mark.parametrize(
+    "name",
+    [
+        # Discs on a dome, as the thesis' are.
+        pytest.param(name, marks=pytest.mark.slow if name in ("dome-2022", "fovea") else ())
+        for name in sensor_names()
+    ],
+)
 def test_pyrender_draws_it_within_three_levels(name: str) -> None:
     problem = gl_problem()
     if problem is not None:

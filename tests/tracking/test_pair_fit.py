@@ -162,7 +162,9 @@ def from_middle(pixels: np.ndarray) -> np.ndarray:
     return np.linalg.norm(pixels - [319.5, 239.5], axis=-1)
 
 
-@pytest.mark.parametrize("pictures", ["brute force", "pyrender"])
+@pytest.mark.parametrize(
+    "pictures", ["brute force", pytest.param("pyrender", marks=pytest.mark.slow)]
+)
 def test_sizes_are_right_wherever_the_other_layer_lies(pictures: str) -> None:
     """On pictures that share no code with the fit: both dyes, then the lens."""
     sensor = load_sensor("thesis")

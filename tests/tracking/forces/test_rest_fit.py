@@ -112,7 +112,7 @@ def test_a_camera_is_turned_by_the_tilt_and_then_by_the_roll(tilt: tuple[float, 
         pytest.param(1.0, 1.0, (0.0, 0.0), marks=pytest.mark.slow),
         (-3.0, 1.0, (4.0, -2.5)),
         pytest.param(15.0, 0.9, (0.0, 0.0), marks=pytest.mark.slow),
-        (60.0, 1.0, (-20.0, 15.0)),
+        pytest.param(60.0, 1.0, (-20.0, 15.0), marks=pytest.mark.slow),
         (0.0, 1.1, (25.0, 30.0)),
     ],
 )
