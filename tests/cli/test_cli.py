@@ -222,6 +222,7 @@ def test_an_interrupted_run_keeps_what_it_had(
                 "margin-60hz",
                 "dome-1",
                 "chromatouch-2020",
+                "chromatouch-2022",
                 *SCENES,
             ],
         ),
