@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from chromagrip import UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
+from chromagrip.loop.methods import Methods, choose
 from chromagrip.loop.trace import counted_kinds
 from chromagrip.render import Membrane, SensorDesign, open_renderer
 from chromagrip.tracking import MarkerTracker, load_reconstructor
@@ -203,3 +204,12 @@ def test_a_script_sweeps_over_gains_in_this_process_and_in_others(tmp_path: Path
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["0.5 1.0 1.5", "0.5 1.0 1.5"]
+
+
+@pytest.mark.parametrize(("body", "name"), [("chain", "sequential"), ("dome", "contact")])
+def test_auto_is_the_reconstructor_of_the_body_and_not_of_the_sensor(body: str, name: str) -> None:
+    changes = {"sensor": "dome-2020", "body": body}
+    scene = load_scene("camera-100hz", changes)
+    assert Methods.of_scene(scene).reconstructor == name
+    with pytest.raises(UserError, match=f'does not read body = "{body}"'):
+        choose(scene, reconstructor="contact" if body == "chain" else "gp")

@@ -33,11 +33,13 @@ class Methods:
 
     @classmethod
     def of_scene(cls, scene: Scene) -> Self:
-        """Methods that a scene names."""
+        """Methods that a scene names; `auto` is the reconstructor of the scene's body."""
+        seen = scene.path == "camera"
+        name = scene.reconstructor
         return cls(
             controller=scene.controller,
             tracker=scene.tracker,
-            reconstructor=scene.reconstructor,
+            reconstructor=reconstructor_for(scene.body, name) if seen else name,
             renderer=scene.renderer,
         )
 
