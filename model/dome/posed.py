@@ -33,6 +33,8 @@ _NEAR, _BESIDE = 0.3, 1.6
 _HALVINGS = 3
 #: Relative change of the forces at which a step is solved: small beside what is differentiated.
 TOLERANCE = 1e-4
+#: No axis of a pose is free, and so none has inertia.
+_HELD, _NO_INERTIA = np.zeros(6, np.bool_), np.zeros((6, 6))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,10 +197,6 @@ class PosedContacts:
         )  # fmt: skip
         each, blocks = np.arange(len(near)), self._compliance.reshape(self._room, 3, -1, 3)
         self._own = np.ascontiguousarray(blocks[each, :, each], np.float64)
-
-
-_HELD = np.zeros(6, np.bool_)
-_NO_INERTIA = np.zeros((6, 6))
 
 
 def _spread(whole: Array, near: Index, values: Array) -> Array:

@@ -104,24 +104,29 @@ class ContactReading:
             When fewer than MIN_MARKERS pairs are visible, and when no contact explains them.
         """
         shifts = self._read(tracks)
-        if shifts.cost(np.zeros((len(shifts.used), 6))) < _UNTOUCHED:
+        nothing = shifts.cost(np.zeros((len(shifts.used), 6)))
+        if nothing < _UNTOUCHED:
             self.reset()
             return self._untouched()
         if not self._followed(shifts) and not self._found(shifts):
             self.reset()
             raise NoEstimateError("no contact of a smooth, convex object explains the markers")
         assert self._now is not None
-        if not self._now[0].forces.any() or self._tells_little(shifts):
+        if not self._now[0].forces.any() or self._tells_little(shifts, nothing):
             self.reset()
             return self._untouched()
         return self._field()
 
-    def _tells_little(self, shifts: Shifts) -> bool:
-        """Whether the first frame of a contact is explained by noise hardly worse than by it."""
+    def _tells_little(self, shifts: Shifts, nothing: float) -> bool:
+        """Whether the first frame of a contact is explained by noise hardly worse than by it.
+
+        Parameters
+        ----------
+        nothing: sum of squares of the shifts where nothing touches
+        """
         assert self.last is not None
         if len(self.last.keys) > 1:
             return False
-        nothing = shifts.cost(np.zeros((len(shifts.used), 6)))
         return nothing - self.last.misfit * shifts.count < _TOLD
 
     def _followed(self, shifts: Shifts) -> bool:
