@@ -394,6 +394,36 @@ def test_a_yellow_that_the_palette_does_not_know_is_learned() -> None:
     assert np.abs(bias).max() < 0.01
 
 
+def test_a_ground_that_falls_off_at_the_rim_does_not_change_the_colours() -> None:
+    """Colours that a few rim pairs spoil draw a marker off the one beneath it, by 2 % here."""
+    sensor = load_sensor("dome-2020")
+    painter, palette = open_renderer("painter", sensor), Palette.of_sensor(sensor)
+    rest = MembraneMap(sensor, TIP.nodes)(np.zeros((TIP.nodes, 2)))
+
+    def taken(membrane: Membrane, index: int) -> Frame:
+        image = painter.render(membrane)
+        add_noise(image, NOISE, 5, index)
+        return Frame(image=image, time=0.01 * index)
+
+    def centres_of(membrane: Membrane) -> np.ndarray:
+        return centroids(outlines(membrane, sensor.view), square=False)
+
+    tracker = MarkerTracker(palette, NOISE)
+    tracker.reset([taken(rest, 2**31 + k) for k in range(8)])
+    for k in range(12):
+        centres = rest.centres.copy()
+        centres[0, :, 0] += 0.3e-3 * min(k / 6, 1.0)
+        moved = Membrane(centres=centres, axes=rest.axes)
+        tracks = tracker.update(taken(moved, k))
+    at_rest = centres_of(rest)
+    order = KDTree(at_rest[1]).query(np.nan_to_num(tracker.rest.position[1]))[1]
+    truth = (centres_of(moved) - at_rest)[0, order, 0]
+    shift = (tracks.position - tracker.rest.position)[0, :, 0]
+    inner = (sensor.places[order, 0] < 0.8) & tracks.visible[0]
+    assert np.median(truth[inner]) > 1.5
+    assert np.median(shift[inner] / truth[inner]) == pytest.approx(1.0, abs=4e-3)
+
+
 def test_errors_do_not_add_up() -> None:
     tracker = fresh()
     order = numbers(tracker.rest)

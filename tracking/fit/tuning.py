@@ -31,6 +31,9 @@ _KNOWN = 0.03
 #: Weight of an image beside the palette, over that of its noise alone: the model's own errors are
 #: common to all pixels.
 _OWN_ERRORS = 1.0 / 300.0
+#: Pairs that are explained so many times worse than the typical one count less: at the rim, where the
+#: ground is not known well, a few would decide the colours of all.
+_ODD = 2.0
 #: Signs of a₀, a₁ and b in the light over the ground's.
 _SIGNS = np.array([-1.0, -1.0, 1.0])
 
@@ -119,6 +122,9 @@ def _fit_colours(sums: Array, known: Array) -> tuple[Array, Array, Array]:
     """
     model, product = _explained(sums, known)
     gain = product / model
+    left = sums[:, :, 4, 4] - product**2 / model
+    most = _ODD * np.median(left, axis=0)
+    sums = sums * np.minimum(1.0, most / np.maximum(left, most))[..., None, None]
     # Only what differs from the mean over the pair depends on the colours.
     mean = sums[:, :, 0, 1:4] / sums[:, :, :1, 0]
     inner = sums[:, :, 1:4, 1:4] - sums[:, :, :1, 1:4] * mean[..., None]
