@@ -11,7 +11,7 @@ from .dome import Dome, Pad, SoftBody, disc_places, lattice
 from .inside import MarkerField, SkinField, inside_table
 from .motion import AXES, Motion, press_and_move
 from .placing import rise_beside, rotation_of, touching_place
-from .posed import PosedContact, PosedContacts
+from .posed import PosedContact, PosedContacts, together
 from .simulate import (
     DomeRun,
     contact_steps,
@@ -62,5 +62,6 @@ __all__ = [
     "save_dome_state",
     "simulate_contact",
     "solid_stiffness",
+    "together",
     "touching_place",
 ]

@@ -5,7 +5,9 @@ one, so that many steps from the same instant can be compared: under other poses
 They share the nodes that are looked at and their compliance, and so are cheap.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,44 +15,46 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ..errors import ConvergenceError
-from ..kernels.compliance_kernels import displace, fill_block
-from ..kernels.krylov_kernels import System, new_system
-from ..kernels.newton_kernels import Contact, Outcome, solve_contact
-from ..kernels.touch_kernels import Pose
+from ..kernels.posed_kernels import solve_cases
 from ..shapes import distances
-from .compliance import compliance_scale, compliance_table
 from .dome import Dome, lattice
+from .near_block import NearBlock
 from .solid import Solid, touched
 from .stepper import ENOUGH, ROUNDS
-from .stiffening import stiffening_of
+from .stiffening import law_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 #: Nodes so near to an object, and to nodes that touch it, are looked at [pitches].
 _NEAR, _BESIDE = 0.3, 1.6
+#: Nodes that are looked at without need: so many times the needed ones, and so many more.
+_WIDE, _MORE = 1.5, 40
 #: Times that a step is halved.
 _HALVINGS = 3
-#: Relative change of the forces at which a step is solved: small beside what is differentiated.
-TOLERANCE = 1e-4
-#: No axis of a pose is free, and so none has inertia.
-_HELD, _NO_INERTIA = np.zeros(6, np.bool_), np.zeros((6, 6))
+#: Relative change of the forces at which a step is solved, and one that is near a solved one. Both
+#: are small beside what is differentiated.
+TOLERANCE, _TOLERANCE_NEAR = 1e-4, 3e-4
 
 
 @dataclass(frozen=True, kw_only=True)
 class PosedContact:
     """A dome and an object at a pose, with what the next step needs of the way there.
 
+    Several contacts on the same nodes are one, with a further axis in front of every array.
+
     Attributes
     ----------
+    nodes: numbers of the nodes that are looked at, n of them, shape (n,)
     rotation, place: of the object, as of `DomeState`
-    displacement: of the nodes [m], shape (N, 3); right for those that were looked at
-    linear: forces that the linear skin carries [N], shape (N, 3)
-    forces: of the object on the nodes [N], shape (N, 3)
-    friction: the part of `forces` in the object's tangent planes [N], shape (N, 3)
-    normals: of the object at the nodes that touch it, zero elsewhere, shape (N, 3)
+    displacement: of the nodes [m], shape (n, 3)
+    linear: forces that the linear skin carries [N], shape (n, 3)
+    forces: of the object on the nodes [N], shape (n, 3)
+    friction: the part of `forces` in the object's tangent planes [N], shape (n, 3)
+    normals: of the object at the nodes that touch it, zero elsewhere, shape (n, 3)
     """
 
+    nodes: Index
     rotation: Array
     place: Array
     displacement: Array
@@ -61,8 +65,21 @@ class PosedContact:
 
     @property
     def normal(self) -> Array:
-        """Normal force of each node [N], shape (N,)."""
-        return np.asarray(np.einsum("ij,ij->i", self.forces, self.normals))
+        """Normal force of each node [N], shape (n,)."""
+        return np.asarray(np.einsum("...ij,...ij->...i", self.forces, self.normals))
+
+    def at(self, k: int | slice) -> "PosedContact":
+        """Contact k of several."""
+        return self._made(lambda name: getattr(self, name)[k])
+
+    def _made(self, of: Any) -> "PosedContact":
+        values = {each.name: of(each.name) for each in fields(self) if each.name != "nodes"}
+        return replace(self, **values)
+
+
+def together(contacts: Sequence[PosedContact]) -> PosedContact:
+    """Contacts on the same nodes as one."""
+    return contacts[0]._made(lambda name: np.stack([getattr(each, name) for each in contacts]))
 
 
 class PosedContacts:
@@ -75,53 +92,82 @@ class PosedContacts:
 
     def __init__(self, dome: Dome) -> None:
         self.dome = dome
-        self._lattice = lattice(dome)
-        self._radial = self._lattice.points / dome.radius
-        self._tree = KDTree(self._lattice.points)
-        self._table, self._scale = compliance_table(dome), compliance_scale(dome)
-        self._room = 0
-        self._compliance = np.zeros((0, 0), np.float32)
-        self._own = np.zeros((0, 3, 3))
-        self._system: System = new_system(0)
-        self.near: Index = np.zeros(0, np.int64)
+        self._lattice = nodes = lattice(dome)
+        beside = KDTree(nodes.points).query_ball_point(nodes.points, _BESIDE * dome.spacing)
+        most = max(len(each) for each in beside)
+        self._beside = np.array(
+            [[*each, *[k] * (most - len(each))] for k, each in enumerate(beside)]
+        )
+        self._law = law_of(dome)
+        self._block = NearBlock(dome)
+
+    @property
+    def near(self) -> Index:
+        """Nodes that are looked at, shape (n,)."""
+        return self._block.near
 
     def untouched(self, rotation: Array, place: Array) -> PosedContact:
         """A dome at rest, and an object that does not touch it."""
-        zeros = np.zeros_like(self._radial)
+        none = np.zeros((0, 3))
         return PosedContact(
-            rotation=rotation, place=place, displacement=zeros, linear=zeros, forces=zeros,
-            friction=zeros, normals=zeros,
+            nodes=np.zeros(0, np.int64), rotation=rotation, place=place, displacement=none,
+            linear=none, forces=none, friction=none, normals=none,
         )  # fmt: skip
 
     def look(self, last: PosedContact, solid: Solid, rotation: Array, place: Array) -> PosedContact:
-        """Look at the nodes that an object may touch in the next step, and at no others.
+        """Look at the nodes that an object may touch in the next step.
 
         Returns
         -------
-        The last contact, with the displacement of all of them.
+        The last contact on the nodes that are looked at, with the displacement of all of them.
         """
-        points = self._lattice.points
-        gap, _ = distances(solid.shape, (points + last.displacement - place) @ rotation)
+        places = self._lattice.points - place
+        places[last.nodes] += last.displacement
+        gap, _ = distances(solid.shape, places @ rotation)
         wanted = gap < _NEAR * self.dome.spacing
-        held = np.flatnonzero(last.linear.any(axis=1))
-        if len(held):
-            beside = self._tree.query_ball_point(points[held], _BESIDE * self.dome.spacing)
-            wanted[np.unique(np.concatenate([np.asarray(b, np.int64) for b in beside]))] = True
-        inside = wanted[self.near]
-        if inside.sum() == wanted.sum() and len(self.near) < 1.4 * wanted.sum() + 20:
+        held = last.nodes[last.linear.any(axis=1)]
+        wanted[self._beside[held]] = True
+        near = self.near
+        inside = wanted[near]
+        if inside.sum() < wanted.sum() or len(near) > _WIDE * wanted.sum() + _MORE:
+            stay = near[inside]
+            kept = len(stay) if len(stay) == len(near) else 0
+            wanted[stay] = False
+            self._block.take(np.concatenate([stay, np.flatnonzero(wanted)]), kept)
+        if last.nodes is self.near:
             return last
-        stay = self.near[inside]
-        kept = len(stay) if len(stay) == len(self.near) else 0
-        wanted[stay] = False
-        new = np.flatnonzero(wanted)
-        self._take(np.concatenate([stay, new]), kept)
-        displacement = last.displacement.copy()
-        nodes = self._lattice
-        displace(
-            self._table, len(nodes.angles), nodes.ring, nodes.azimuth, self._scale, held,
-            last.linear, new, displacement,
-        )  # fmt: skip
-        return replace(last, displacement=displacement)
+        new = np.flatnonzero(~np.isin(self.near, last.nodes))
+        out = self.onto(last)
+        if len(held) and len(new):
+            every = np.zeros((2, *places.shape))
+            every[0, last.nodes] = last.linear
+            self._block.displace(held, every[0], self.near[new], every[1])
+            out.displacement[new] = every[1, self.near[new]]
+        return out
+
+    def onto(self, last: PosedContact) -> PosedContact:
+        """A contact, or several, on the nodes that are looked at now; zero on new ones."""
+        if last.nodes is self.near:
+            return last
+        place = np.full(len(self._lattice.points), len(last.nodes))
+        place[last.nodes] = np.arange(len(last.nodes))
+        source = place[self.near]
+
+        def moved(name: str) -> Array:
+            values: Array = getattr(last, name)
+            if name in ("rotation", "place"):
+                return values
+            return np.concatenate([values, np.zeros_like(values[..., :1, :])], axis=-2)[
+                ..., source, :
+            ]
+
+        if not len(last.nodes):
+            zeros = np.zeros((*last.linear.shape[:-2], len(source), 3))
+            return replace(
+                last, nodes=self.near, displacement=zeros.copy(), linear=zeros, forces=zeros,
+                friction=zeros, normals=zeros,
+            )  # fmt: skip
+        return replace(last._made(moved), nodes=self.near)
 
     def step(self, last: PosedContact, solid: Solid, rotation: Array, place: Array) -> PosedContact:
         """Contact after the object has moved to a pose.
@@ -131,14 +177,44 @@ class PosedContacts:
         ConvergenceError
             When the contact has no solution near the one before.
         """
-        return self._halved(last, solid, rotation, place, _HALVINGS)
+        one = together([last])
+        return self.step_all(one, [solid], rotation[None], place[None]).at(0)
+
+    def step_all(
+        self, last: PosedContact, solids: Sequence[Solid], rotation: Array, place: Array
+    ) -> PosedContact:
+        """Contacts after their objects, of one kind of shape, have moved to poses.
+
+        They are alike: all are sought near the first one.
+
+        Parameters
+        ----------
+        last: C contacts, on the nodes that are looked at
+        solids: C objects
+        rotation, place: of each, shapes (C, 3, 3) and (C, 3)
+
+        Raises
+        ------
+        ConvergenceError
+            When a contact has no solution near the one before.
+        """
+        after, errors = self._solve(last, solids, rotation, place)
+        if errors.max() < TOLERANCE or (errors[0] < TOLERANCE and errors.max() < _TOLERANCE_NEAR):
+            return after
+        each = [
+            after.at(k)
+            if error < TOLERANCE
+            else self._halved(last.at(k), solids[k], rotation[k], place[k], _HALVINGS)
+            for k, error in enumerate(errors)
+        ]
+        return together(each)
 
     def _halved(
         self, last: PosedContact, solid: Solid, rotation: Array, place: Array, left: int
     ) -> PosedContact:
-        after, error = self._solve(last, solid, rotation, place)
-        if error < TOLERANCE or (not left and error < ENOUGH):
-            return after
+        after, errors = self._solve(together([last]), [solid], rotation[None], place[None])
+        if errors[0] < TOLERANCE or (not left and errors[0] < ENOUGH):
+            return after.at(0)
         if not left:
             raise ConvergenceError("the contact does not converge")
         turn = Rotation.from_matrix(rotation @ last.rotation.T).as_rotvec()
@@ -147,59 +223,34 @@ class PosedContacts:
         return self._halved(middle, solid, rotation, place, left - 1)
 
     def _solve(
-        self, last: PosedContact, solid: Solid, rotation: Array, place: Array
-    ) -> tuple[PosedContact, float]:
-        near, nodes = self.near, self._lattice
-        rest, areas = nodes.points[near], nodes.areas[near]
-        contact = Contact(
-            rest, self._radial[near], areas, rest + last.displacement[near],
-            np.zeros((len(near), 3)), last.friction[near], self._compliance, self._own,
+        self, last: PosedContact, solids: Sequence[Solid], rotation: Array, place: Array
+    ) -> tuple[PosedContact, Array]:
+        near, nodes, block = self.near, self._lattice, self._block
+        results = np.zeros((5, *last.linear.shape))
+        results[1] = last.linear
+        errors = np.full(len(solids), np.inf)
+        numbers = np.stack([each.shape.numbers for each in solids])
+        numbers.setflags(write=False)  # as a shape's own are: of another type is another kernel
+        materials = [
+            (each.stiffness, each.friction, each.dahl_stiffness, each.dahl_exponent)
+            for each in solids
+        ]
+        solve_cases(
+            nodes.points[near], nodes.outwards[near], nodes.areas[near], block.compliance,
+            block.own, self._law, touched(solids[0]), numbers, np.array(materials, float),
+            np.stack([last.rotation, rotation], axis=1), np.stack([last.place, place], axis=1),
+            last.displacement, last.forces, last.friction,
+            np.array([TOLERANCE, _TOLERANCE_NEAR]), ROUNDS, block.system, results, errors,
         )  # fmt: skip
-        shape = (len(near), 3)
-        outcome = Outcome(
-            last.linear[near], np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape),
-            np.zeros(6),
-        )  # fmt: skip
-        pose = Pose(last.rotation, last.place, rotation, place)
-        stiff = stiffening_of(
-            self.dome, solid.friction, areas, last.forces[near], last.friction[near]
-        )
-        error, _, _, _ = solve_contact(
-            contact, touched(solid), pose, stiff, 1.0, _HELD, _NO_INERTIA, np.zeros(6), TOLERANCE,
-            ROUNDS, self._system, outcome,
-        )  # fmt: skip
-        outcome.normal[~np.asarray(outcome.true.any(axis=1))] = 0.0
-        count = len(self._radial)
+        results[4][~results[2].any(axis=-1)] = 0.0
         after = PosedContact(
+            nodes=near,
             rotation=rotation,
             place=place,
-            displacement=_spread(last.displacement.copy(), near, outcome.displacement),
-            linear=_spread(np.zeros((count, 3)), near, outcome.linear),
-            forces=_spread(np.zeros((count, 3)), near, outcome.true),
-            friction=_spread(np.zeros((count, 3)), near, outcome.tangential),
-            normals=_spread(np.zeros((count, 3)), near, outcome.normal),
+            displacement=results[0],
+            linear=results[1],
+            forces=results[2],
+            friction=results[3],
+            normals=results[4],
         )
-        return after, error
-
-    def _take(self, near: Index, kept: int) -> None:
-        """Make the equations those of `near`; the compliance of the first `kept` is there."""
-        nodes = self._lattice
-        if len(near) > self._room:
-            self._room = len(near) + 32
-            room = np.zeros((3 * self._room, 3 * self._room), np.float32)
-            room[: 3 * kept, : 3 * kept] = self._compliance[: 3 * kept, : 3 * kept]
-            self._compliance, self._system = room, new_system(self._room)
-        self._system.gathered[0] = -1
-        self.near = near
-        fill_block(
-            self._table, len(nodes.angles), nodes.ring, nodes.azimuth, self._scale, near, kept,
-            self._compliance,
-        )  # fmt: skip
-        each, blocks = np.arange(len(near)), self._compliance.reshape(self._room, 3, -1, 3)
-        self._own = np.ascontiguousarray(blocks[each, :, each], np.float64)
-
-
-def _spread(whole: Array, near: Index, values: Array) -> Array:
-    """All nodes' values, with those of the nodes near the object put among them."""
-    whole[near] = values
-    return whole
+        return after, errors

@@ -4,14 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConvergenceError, PiercedError
-from ..kernels.compliance_kernels import displace, fill_block
-from ..kernels.krylov_kernels import System, new_system
+from ..kernels.compliance_kernels import displace
 from ..kernels.near_kernels import find_near, node_groups
 from ..kernels.newton_kernels import Contact, Outcome, solve_contact, turned
 from ..kernels.touch_kernels import Pose
 from .compliance import compliance_scale, compliance_table
 from .dome import Lattice, SoftBody, lattice
 from .motion import Motion
+from .near_block import NearBlock
 from .placing import rotation_of, touching_place
 from .solid import Solid, touched
 from .state import DomeState, StepCount, check_state
@@ -49,17 +49,16 @@ class Stepper:
         self.lattice: Lattice = lattice(dome)
         self.radial = self.lattice.outwards
         self.groups = node_groups(self.lattice.points)
-        self.table = compliance_table(dome)
-        self.scale = compliance_scale(dome)
-        self.capacity = 0
-        self.compliance = np.zeros((0, 0), np.float32)
-        self.own = np.zeros((0, 3, 3))
-        self.system: System = new_system(0)
-        self.near = np.zeros(0, np.int64)
+        self.block = NearBlock(dome)
         self.is_near = np.zeros(len(self.radial), np.bool_)
         self.flags = np.zeros(len(self.radial), np.bool_)
         self.start = touching_place(dome, solid, rotation_of(motion.poses[0]))
         self.restore(state)
+
+    @property
+    def near(self) -> Index:
+        """Nodes that are looked at, shape (n,)."""
+        return self.block.near
 
     def touch(self, solid: Solid) -> None:
         """Go on with another material of the same object."""
@@ -190,7 +189,7 @@ class Stepper:
             offset = np.zeros((len(near), 3))
             if lag:
                 size = 3 * len(near)
-                offset.ravel()[:] = self.compliance[:size, :size] @ (
+                offset.ravel()[:] = self.block.compliance[:size, :size] @ (
                     lag * share * self.memory[near].ravel()
                 )
             contact = Contact(
@@ -200,8 +199,8 @@ class Stepper:
                 self.lattice.points[near] + self.displacement[near],
                 offset,
                 self.friction[near],
-                self.compliance,
-                self.own,
+                self.block.compliance,
+                self.block.own,
             )
             shape = (len(near), 3)
             outcome = Outcome(
@@ -215,7 +214,7 @@ class Stepper:
             )  # fmt: skip
             error, rounds, products, touching = solve_contact(
                 contact, self.thing, pose, stiff, share, free, inertia, wanted, TOLERANCE, ROUNDS,
-                self.system, outcome,
+                False, self.block.system, outcome,
             )  # fmt: skip
             moved = outcome.motion
             new_place, new_rotation = place + moved[:3], turned(rotation, moved[3:])
@@ -281,22 +280,20 @@ class Stepper:
         margin = MARGIN * self.dome.spacing
         pose = Pose(rotation, place, rotation, place)
         count = self._flag(pose, margin)
-        if count and not (self.flags & ~self.is_near).any() and len(self.near) <= 1.5 * count + 20:
+        near = self.near
+        if count and not (self.flags & ~self.is_near).any() and len(near) <= 1.5 * count + 20:
             return
-        if not count and not len(self.near):
+        if not count and not len(near):
             return
         self._flag(pose, WIDER * margin)
-        stay = self.near[self.flags[self.near]]
+        stay = near[self.flags[near]]
         new = np.flatnonzero(self.flags & ~self.is_near)
-        kept = len(stay) if len(stay) == len(self.near) else 0
+        kept = len(stay) if len(stay) == len(near) else 0
         self._take(np.concatenate([stay, new]), kept)
         if len(new):
             source = self.memory if self.memory.any() else self.linear
             loaded = np.flatnonzero(source.any(axis=1))
-            displace(
-                self.table, len(self.lattice.angles), self.lattice.ring, self.lattice.azimuth,
-                self.scale, loaded, source, new, self.displacement,
-            )  # fmt: skip
+            self.block.displace(loaded, source, new, self.displacement)
 
     def _flag(self, pose: Pose, margin: float) -> int:
         return find_near(
@@ -314,21 +311,9 @@ class Stepper:
 
     def _take(self, near: Index, kept: int) -> None:
         """Make the equations those of `near`; the compliance of the first `kept` is there."""
-        if len(near) > self.capacity:
-            self.capacity = len(near) + 32
-            room = np.zeros((3 * self.capacity, 3 * self.capacity), np.float32)
-            room[: 3 * kept, : 3 * kept] = self.compliance[: 3 * kept, : 3 * kept]
-            self.compliance, self.system = room, new_system(self.capacity)
-        self.system.gathered[0] = -1  # whatever it held
-        self.near = near
+        self.block.take(near, kept)
         self.is_near[:] = False
         self.is_near[near] = True
-        fill_block(
-            self.table, len(self.lattice.angles), self.lattice.ring, self.lattice.azimuth,
-            self.scale, near, kept, self.compliance,
-        )  # fmt: skip
-        each, blocks = np.arange(len(near)), self.compliance.reshape(self.capacity, 3, -1, 3)
-        self.own = np.ascontiguousarray(blocks[each, :, each], np.float64)
 
     def _check_depth(self) -> None:
         near = self.near

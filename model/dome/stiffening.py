@@ -16,6 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.posed_kernels import stiffening_by
 from ..kernels.touch_kernels import Stiffening
 from .dome import Pad, SoftBody
 
@@ -23,6 +24,23 @@ Array = NDArray[np.float64]
 
 #: Thickness over radius of the dome whose law a pad has.
 _FLAT = 0.05
+
+
+def law_of(dome: SoftBody) -> Array:
+    """Constants of the law, as `stiffening_by` takes them.
+
+    They are the thickness [m], which is 0 where nothing stiffens; without friction the widest
+    contact in thicknesses, a factor, its power, and p; where it sticks the widest contact, c of it,
+    its power, and p.
+    """
+    if not dome.stiffening:
+        return np.zeros(9)
+    # A wide contact squeezes the silicone, which gives way by its bulk: more so, the less it is
+    # compressible.
+    bulk = 2.0 * (1.0 + dome.poisson) / (3.0 * (1.0 - 2.0 * dome.poisson))  # over the shear modulus
+    slender = _FLAT if isinstance(dome, Pad) else dome.thickness / dome.radius
+    slipping = [0.402 * math.sqrt(bulk), 3.103 * slender**-0.184, 0.511, 1.536]
+    return np.array([dome.thickness, *slipping, 0.807, 2.556, 2.347, 1.425])
 
 
 def stiffening_of(
@@ -36,40 +54,5 @@ def stiffening_of(
     areas: of the nodes [m²], shape (n,)
     forces, tangential: on the nodes, and their friction [N], shape (n, 3)
     """
-    normal = np.linalg.norm(forces - tangential, axis=1)
-    whole = float(normal.sum())
-    if not dome.stiffening or whole == 0.0:
-        return Stiffening(0.0, 1.0, dome.thickness)
-    radius = math.sqrt(float(areas[normal > 0.0].sum()) / math.pi)
-    slips = float(np.linalg.norm(tangential, axis=1).sum()) / (friction * whole)
-    share, power = 0.0, 0.0
-    for part, (c, p) in (
-        (slips, _slipping(dome, radius)),
-        (1.0 - slips, _sticking(dome, radius)),
-    ):
-        share += part * c
-        power += part * p
+    share, power = stiffening_by(law_of(dome), friction, areas, forces, tangential)
     return Stiffening(share, power, dome.thickness)
-
-
-def _slipping(dome: SoftBody, radius: float) -> tuple[float, float]:
-    """Constants c and p of a contact without friction, of a radius [m].
-
-    A wide contact squeezes the silicone, which gives way by its bulk: more so, the less it is
-    compressible.
-    """
-    bulk = 2.0 * (1.0 + dome.poisson) / (3.0 * (1.0 - 2.0 * dome.poisson))  # over the shear modulus
-    widest = 0.402 * math.sqrt(bulk)
-    wide = widest * _levelled(radius / dome.thickness / widest, 2.0)
-    slender = _FLAT if isinstance(dome, Pad) else dome.thickness / dome.radius
-    return 3.103 * wide**0.511 * slender**-0.184, 1.536
-
-
-def _sticking(dome: SoftBody, radius: float) -> tuple[float, float]:
-    """Constants c and p of a contact that does not slip, of a radius [m]."""
-    return 2.556 * _levelled(radius / dome.thickness / 0.807, 4.0) ** 2.347, 1.425
-
-
-def _levelled(x: float, power: float) -> float:
-    """The value x where it is small, 1 where it is large."""
-    return x / (1.0 + x**power) ** (1.0 / power)

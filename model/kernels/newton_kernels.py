@@ -101,6 +101,7 @@ def solve_contact(
     wanted: Array,
     tolerance: float,
     most_rounds: int,
+    warm: bool,
     system: System,
     outcome: Outcome,
 ) -> tuple[float, int, int, int]:
@@ -113,6 +114,7 @@ def solve_contact(
     inertia: M of the free axes [N/m, N·m]: the object's reaction is `wanted` − M·ξ
     wanted: wrench on the object about its place without the fingertip [N, N·m]
     tolerance: relative change of the forces at which the step is solved
+    warm: whether the guess is near the solution: then no node is tried to stick first
 
     Returns
     -------
@@ -128,6 +130,7 @@ def solve_contact(
     motion = outcome.motion
     motion[:] = 0.0
     turn = at.rotation @ at.old_rotation.T
+    tries = not warm
     old = np.empty((n, 3))
     for i in range(n):
         for a in range(3):
@@ -142,7 +145,7 @@ def solve_contact(
     own, answer, now, work = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(11)
     room = np.empty((3, 3, 3))
     products, touching = 0, 0
-    secants, former, error = 0, np.inf, 1.0
+    secants, former, error = 0, np.inf, _TIGHT if warm else 1.0
     rounds, length = 0, 1.0
     _displace(near.compliance, forces, offset, share, u, size)
     while True:
@@ -154,7 +157,7 @@ def solve_contact(
                 for b in range(3):
                     own[a, b] = share * near.own[i, a, b]
             touches = _settle(
-                near, thing, at, stiff, i, forces, own, old[i], rounds == 0, secants > 0,
+                near, thing, at, stiff, i, forces, own, old[i], tries and rounds == 0, secants > 0,
                 outcome, now, linear, slope, answer, stiffened, work, room,
             )  # fmt: skip
             held = forces[3 * i] != 0.0 or forces[3 * i + 1] != 0.0 or forces[3 * i + 2] != 0.0

@@ -31,8 +31,8 @@ _KNOWN = 0.03
 #: Weight of an image beside the palette, over that of its noise alone: the model's own errors are
 #: common to all pixels.
 _OWN_ERRORS = 1.0 / 300.0
-#: Pairs that are explained so many times worse than the typical one count less: at the rim, where the
-#: ground is not known well, a few would decide the colours of all.
+#: Pairs that are explained so many times worse than the typical one count less: at the rim, where
+#: the ground is not known well, a few would decide the colours of all.
 _ODD = 2.0
 #: Signs of a₀, a₁ and b in the light over the ground's.
 _SIGNS = np.array([-1.0, -1.0, 1.0])

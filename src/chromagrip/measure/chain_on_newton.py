@@ -152,7 +152,7 @@ def _solved(
     error, *_ = newton_kernels.solve_contact(
         near, thing, touch_kernels.Pose(turn, before.place, turn, guess.place.copy()),
         touch_kernels.Stiffening(0.0, 1.0, 1.0), 1.0, free, np.diag(_HOLD * free), wrench,
-        TOLERANCE, ROUNDS, system, out,
+        TOLERANCE, ROUNDS, False, system, out,
     )  # fmt: skip
     place = guess.place + out.motion[:3]
     return Grasped(out.displacement, out.true, out.tangential, out.normal, place), float(error)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
-from chromagrip.model.dome import PosedContact, PosedContacts
+from chromagrip.model.dome import PosedContact, PosedContacts, together
 from chromagrip.model.shapes import Shape, ball, distances, plane, quadric
 
 DOME = Dome(pitch=0.7e-3, reach=math.radians(45.0))
@@ -42,6 +42,24 @@ def test_a_way_of_poses_is_the_motion_of_a_stepper(shape: Shape, height: float) 
     one, two = (contacts.step(last, solid, upright, there) for _ in range(2))
     assert np.array_equal(one.forces, two.forces)
     assert np.array_equal(contact.friction, before)
+
+
+def test_contacts_that_are_stepped_together_are_those_stepped_alone() -> None:
+    contacts, upright = PosedContacts(DOME), np.eye(3)
+    solids = [
+        Solid(shape=quadric(bent, bent), stiffness=k, friction=mu)
+        for bent, k, mu in [(50.0, 1e9, 0.5), (60.0, 1e9, 0.5), (50.0, 2e9, 0.5), (50.0, 1e9, 0.4)]
+    ]
+    places = np.array([[0.1e-3, 0.0, 7.5e-3]] * 4) + 1e-5 * np.diag([0.0, 2.0, 0.0, 1.0])[:, 1:]
+    last = moved(contacts, solids[0], 8e-3)
+    last = contacts.look(last, solids[0], upright, places[0])
+    every = contacts.step_all(together([last] * 4), solids, np.array([upright] * 4), places)
+    for k, (solid, place) in enumerate(zip(solids, places, strict=True)):
+        alone = contacts.step(last, solid, upright, place)
+        scale = abs(alone.forces).max()
+        assert every.at(k).forces == pytest.approx(alone.forces, abs=1e-3 * scale)
+        if k:
+            assert abs(every.at(k).forces - every.at(0).forces).max() > 5e-3 * scale
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ has been pressed, shifted and turned (`contact_state`). What no such contact exp
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -247,11 +248,12 @@ class ContactReading:
         totals += np.diag([(_NORMAL_ERROR * sums[0]) ** 2, (_FRICTION_ERROR * sums[1]) ** 2])
         slope = np.array([share, -1.0 / max(mu * sums[0], 1e-12), share])
         spread = math.hypot(math.sqrt(float(slope @ whole @ slope)), _MARGIN_ERROR)
+        nodes = contact.nodes
         return ForceField(
-            position=lattice(self.dome).points + contact.displacement,
-            normal=normal,
-            friction=contact.friction.copy(),
-            contact=normal > _TOUCHING * max(normal.sum(), 1e-9),
+            position=lattice(self.dome).points + self._whole(nodes, contact.displacement),
+            normal=self._whole(nodes, normal),
+            friction=self._whole(nodes, contact.friction),
+            contact=self._whole(nodes, normal > _TOUCHING * max(normal.sum(), 1e-9)),
             totals_covariance=totals,
             friction_reading=FrictionReading(
                 value=mu,
@@ -260,15 +262,21 @@ class ContactReading:
                 totals_covariance=tuple(mu * scale * whole[2, :2]),
                 margin_deviation=spread,
             ),
-            directions=contact.normals.copy(),
+            directions=self._whole(nodes, contact.normals),
         )
+
+    def _whole(self, nodes: NDArray[np.int64], values: NDArray[Any]) -> NDArray[Any]:
+        """Values on all nodes of the skin, zero on those that are not among some (n,)."""
+        out = np.zeros((len(lattice(self.dome).ring), *values.shape[1:]), values.dtype)
+        out[nodes] = values
+        return out
 
     def _spread(self, solution: Solution) -> Array:
         """Covariance of ln ΣFn, ΣFf [N] and ln µ in the last key frame, shape (3, 3)."""
-        sums = _sums(solution.contact)
+        sums = _sums(solution.changes.contact)
         slopes = np.zeros((3, MOVING + len(OBJECT)))
         for k, unit in enumerate(self._fit.units):
-            slopes[:2, k] = (_sums(solution.changes.added(solution.contact, k)) - sums) / unit
+            slopes[:2, k] = (_sums(solution.changes.changed.at(k)) - sums) / unit
         slopes[0] /= max(float(sums[0]), 1e-12)
         slopes[2, MOVING + FRICTION] = 1.0
         return np.asarray(slopes @ solution.covariance @ slopes.T)

@@ -186,8 +186,8 @@ class ContactFit:
         reached, changes = self._way.step_and_changes(
             contact, last.changes, object_, poses[-2], poses[-1]
         )
-        slopes.append(self._response.along(changes.linear))
-        predicted.append(self._response(reached.linear))
+        slopes.append(self._slopes(changes))
+        predicted.append(self._seen(reached))
         cost = self._cost(shifts, object_, poses, predicted)
         for _ in range(_CHORDS):
             information, gradient = self._normal(shifts, object_, poses, predicted, slopes)
@@ -244,10 +244,10 @@ class ContactFit:
         moving = tuple(range(MOVING))
         known = np.diag((self.units[:MOVING] / moves_of(self.dome, pose)) ** 2)
         reached, changes = self._way.step_and_changes(contact, None, object_, pose, pose, moving)
-        slopes = shifts.apply(self._response.along(changes.linear)[:, shifts.used])
+        slopes = shifts.apply(self._slopes(changes)[:, shifts.used])
         now = pose
         for _ in range(2):
-            residual = shifts.residual(self._response(reached.linear))
+            residual = shifts.residual(self._seen(reached))
             weights = shifts.weights(residual)
             information = (slopes * weights) @ slopes.T + known
             pull = known @ ((pose - now) / self.units[:MOVING])
@@ -257,13 +257,21 @@ class ContactFit:
             )
             now = limited_pose(self.dome, now + self.units[:MOVING] * step)
             reached = self._way.step(contact, object_, pose, now)
-        return reached, now, shifts.cost(self._response(reached.linear)) / shifts.count
+        return reached, now, shifts.cost(self._seen(reached)) / shifts.count
 
     def image(self, object_: Array, pose: Array) -> Array:
         """Shifts of all pairs in a contact that is pressed from rest, (P, 6)."""
         rest = np.zeros(MOVING)
         contact = self._way.step(self._way.untouched(object_), object_, rest, pose)
-        return self._response(contact.linear)
+        return self._seen(contact)
+
+    def _seen(self, contact: PosedContact) -> Array:
+        """Shifts of all pairs in a contact, (P, 6)."""
+        return self._response(contact.nodes, contact.linear)
+
+    def _slopes(self, changes: Changes) -> Array:
+        """What each unknown changes of them over its unit, (C, P, 6)."""
+        return self._response.along(changes.contact.nodes, changes.linear)
 
     def _predicted(self, object_: Array, poses: Array) -> tuple[PosedContact, list[Array]]:
         """Contact in the last key frame, and shifts of all pairs in each."""
@@ -271,7 +279,7 @@ class ContactFit:
         for pose in poses:
             contact = self._way.step(contact, object_, before, pose)
             before = pose
-            out.append(self._response(contact.linear))
+            out.append(self._seen(contact))
         return contact, out
 
     def _whole_way(
@@ -284,8 +292,8 @@ class ContactFit:
         for pose in poses:
             contact, changes = self._way.step_and_changes(contact, changes, object_, before, pose)
             before = pose
-            slopes.append(self._response.along(changes.linear))
-            predicted.append(self._response(contact.linear))
+            slopes.append(self._slopes(changes))
+            predicted.append(self._seen(contact))
         assert changes is not None
         return contact, changes, slopes, predicted
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ....model import Dome, Solid
-from ....model.dome import rotation_of
 from ....model.shapes import quadric
 
 Array = NDArray[np.float64]
@@ -126,8 +126,14 @@ def solid_of(object_: Array) -> Solid:
 
 def pose_of(dome: Dome, object_: Array, pose: Array) -> tuple[Array, Array]:
     """Rotation (3, 3) and place (3,) of the object."""
-    base = rotation_of(np.array([0.0, 0.0, 0.0, *object_[PLACE], 0.0]))
-    x, y, press, twist = (float(value) for value in pose)
-    c, s = math.cos(twist), math.sin(twist)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return base @ turn, base @ np.array([x, y, dome.radius - press])
+    rotation, place = poses_of(dome, object_[None], pose[None])
+    return rotation[0], place[0]
+
+
+def poses_of(dome: Dome, objects: Array, poses: Array) -> tuple[Array, Array]:
+    """Rotations (C, 3, 3) and places (C, 3) of objects (C, 8) at poses (C, 4)."""
+    turn = np.zeros((2, len(objects), 3))
+    turn[0, :, :2], turn[1, :, 2] = objects[:, PLACE], poses[:, TWIST]
+    base, twist = Rotation.from_rotvec(turn.reshape(-1, 3)).as_matrix().reshape(2, -1, 3, 3)
+    off = poses[:, :3] * [1.0, 1.0, -1.0] + [0.0, 0.0, dome.radius]
+    return base @ twist, np.einsum("cij,cj->ci", base, off)

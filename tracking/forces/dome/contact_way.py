@@ -11,34 +11,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ....model import Dome
-from ....model.dome import PosedContact, PosedContacts
-from .contact_state import MOVING, OBJECT, PRESS, UNKNOWNS, pose_of, solid_of, units_of
+from ....model import Dome, Solid
+from ....model.dome import PosedContact, PosedContacts, together
+from .contact_state import MOVING, OBJECT, PRESS, UNKNOWNS, poses_of, solid_of, units_of
 
 Array = NDArray[np.float64]
 
 #: What of a contact the next step depends on.
 _HISTORY = ("displacement", "linear", "forces", "friction")
-#: What is compared of two contacts.
-_COMPARED = (*_HISTORY, "normals")
 #: Longest part of a step, in shares of the thickness of the silicone, and the most parts.
 _PART, _MOST = 0.08, 8
 
 
 @dataclass(frozen=True, kw_only=True)
 class Changes:
-    """Change of a contact by each of C unknowns over its unit; arrays of shape (C, N, 3)."""
+    """A contact, and the same changed by each of C unknowns over its unit.
 
-    displacement: Array
-    linear: Array
-    forces: Array
-    friction: Array
-    normals: Array
+    Attributes
+    ----------
+    contact: unchanged
+    changed: C contacts
+    """
 
-    def added(self, contact: PosedContact, k: int) -> PosedContact:
-        """The contact with unknown k changed by its unit."""
-        parts = {name: getattr(contact, name) + getattr(self, name)[k] for name in _COMPARED}
-        return replace(contact, **parts)
+    contact: PosedContact
+    changed: PosedContact
+
+    @property
+    def linear(self) -> Array:
+        """Changes of the forces on the linear skin [N], shape (C, n, 3)."""
+        return self.changed.linear - self.contact.linear
 
 
 class ContactWay:
@@ -53,10 +54,13 @@ class ContactWay:
         self.dome = dome
         self._contacts = PosedContacts(dome)
         self._units = units_of(dome)
+        self._object = np.full(len(OBJECT), np.nan)
+        self._solids: list[Solid] = []
 
     def untouched(self, object_: Array) -> PosedContact:
         """The dome at rest, and an object that just touches it."""
-        return self._contacts.untouched(*self._pose(object_, np.zeros(MOVING)))
+        rotation, place = poses_of(self.dome, object_[None], np.zeros((1, MOVING)))
+        return self._contacts.untouched(rotation[0], place[0])
 
     def step(
         self, contact: PosedContact, object_: Array, before: Array, after: Array
@@ -73,9 +77,10 @@ class ContactWay:
         ConvergenceError
             When the contact has no solution near the one before.
         """
-        solid = solid_of(object_)
-        contact = self._contacts.look(contact, solid, *self._pose(object_, after))
-        return self._parts(contact, object_, before, after)
+        solid = self._solids_of(object_)[0]
+        contact = self._look(contact, solid, object_, after)
+        start, objects = together([contact]), object_[None]
+        return self._parts(start, [solid], objects, before[None], after[None]).at(0)
 
     def step_and_changes(
         self,
@@ -92,46 +97,63 @@ class ContactWay:
         ----------
         contact: before the step
         history: what the unknowns of the object changed of it; None is nothing
-        unknowns: that are changed
+        unknowns: that are changed; all of them where there is a history
 
         Raises
         ------
         ConvergenceError
             As `step`.
         """
-        solid = solid_of(object_)
-        contact = self._contacts.look(contact, solid, *self._pose(object_, after))
-        reached = self._parts(contact, object_, before, after)
-        cases = []
-        for k in unknowns:
-            changed_object, changed_pose, start = object_, after, contact
+        solids = self._solids_of(object_)
+        contact = self._look(contact, solids[0], object_, after)
+        count = 1 + len(unknowns)
+        objects = np.repeat(object_[None], count, axis=0)
+        befores, afters = (np.repeat(pose[None], count, axis=0) for pose in (before, after))
+        start = together([contact] * count)
+        for row, k in enumerate(unknowns, start=1):
             if k in OBJECT:
-                changed_object = object_.copy()
-                changed_object[k - MOVING] += self._units[k]
-                if history is not None:
-                    start = history.added(contact, k)
-                rotation, place = self._pose(changed_object, before)
-                start = replace(start, rotation=rotation, place=place)
+                objects[row, k - MOVING] += self._units[k]
             else:
-                changed_pose = after.copy()
-                changed_pose[k] += self._units[k]
-            cases.append(self._parts(start, changed_object, before, changed_pose))
-        parts = {
-            name: np.stack([getattr(case, name) for case in cases]) - getattr(reached, name)
-            for name in _COMPARED
-        }
-        return reached, Changes(**parts)
+                afters[row, k] += self._units[k]
+        if history is not None:
+            unchanged, changed = map(self._contacts.onto, (history.contact, history.changed))
+            for name in _HISTORY:
+                change = getattr(changed, name) - getattr(unchanged, name)
+                getattr(start, name)[1 + MOVING :] += change[MOVING:]
+        rotation, place = poses_of(self.dome, objects, befores)
+        start = replace(start, rotation=rotation, place=place)
+        own = [solids[0], *(solids[1 + k - MOVING] if k in OBJECT else solids[0] for k in unknowns)]
+        every = self._parts(start, own, objects, befores, afters)
+        reached = every.at(0)
+        return reached, Changes(contact=reached, changed=every.at(slice(1, None)))
 
-    def _pose(self, object_: Array, pose: Array) -> tuple[Array, Array]:
-        return pose_of(self.dome, object_, pose)
+    def _look(
+        self, contact: PosedContact, solid: Solid, object_: Array, after: Array
+    ) -> PosedContact:
+        rotation, place = poses_of(self.dome, object_[None], after[None])
+        return self._contacts.look(contact, solid, rotation[0], place[0])
+
+    def _solids_of(self, object_: Array) -> list[Solid]:
+        """The object, and the same with each of its unknowns changed."""
+        if not np.array_equal(object_, self._object):
+            changed = object_ + np.diag(self._units[MOVING:])
+            self._solids = [solid_of(each) for each in (object_, *changed)]
+            self._object = object_.copy()
+        return self._solids
 
     def _parts(
-        self, contact: PosedContact, object_: Array, before: Array, after: Array
+        self,
+        contacts: PosedContact,
+        solids: list[Solid],
+        objects: Array,
+        before: Array,
+        after: Array,
     ) -> PosedContact:
-        solid = solid_of(object_)
-        way = float(abs(after[: PRESS + 1] - before[: PRESS + 1]).max())
+        way = float(abs(after[0, : PRESS + 1] - before[0, : PRESS + 1]).max())
         parts = int(np.clip(np.ceil(way / (_PART * self.dome.thickness)), 1, _MOST))
         for part in range(1, parts + 1):
             there = before + part / parts * (after - before)
-            contact = self._contacts.step(contact, solid, *self._pose(object_, there))
-        return contact
+            contacts = self._contacts.step_all(
+                contacts, solids, *poses_of(self.dome, objects, there)
+            )
+        return contacts

@@ -8,6 +8,7 @@ from ....model.dome import lattice
 from ....render import DomeMap, Membrane, SensorDesign, areas, centroids, outlines
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 #: Motion and slope over which the image of a marker is differentiated [m, –].
 _MOTION, _SLOPE = 1e-6, 1e-3
@@ -30,27 +31,38 @@ class DomeResponse:
         nodes = len(lattice(dome).ring)
         self._rest = self._measured(self._map(np.zeros((nodes, 3))))
         self._slopes = self._at_rest(places.shape[1])
+        self._forces = np.zeros((nodes, 3))
         self._made = np.zeros(nodes, np.bool_)
         self._columns = np.zeros((nodes, 3, self._rest.size), np.float32)
 
-    def __call__(self, linear: Array) -> Array:
-        """Shifts since rest [px, px, 1] per layer, (P, 6), for forces on the linear skin (N, 3)."""
-        return self._measured(self._map(linear)) - self._rest
+    def __call__(self, nodes: Index, linear: Array) -> Array:
+        """Shifts since rest [px, px, 1] per layer, (P, 6), for forces (n, 3) on the linear skin.
 
-    def along(self, linear: Array) -> Array:
+        Parameters
+        ----------
+        nodes: that the forces [N] act on, shape (n,); no others are loaded
+        """
+        self._forces[nodes] = linear
+        shifts = self._measured(self._map(self._forces)) - self._rest
+        self._forces[nodes] = 0.0
+        return shifts
+
+    def along(self, nodes: Index, linear: Array) -> Array:
         """Change of the shifts for small changes of the forces, linear in them.
 
         Parameters
         ----------
-        linear: changes of forces [N], shape (C, N, 3)
+        nodes: that the forces act on, shape (n,)
+        linear: changes of forces [N], shape (C, n, 3)
 
         Returns
         -------
         Shape (C, P, 6).
         """
-        loaded = np.flatnonzero(linear.any(axis=(0, 2)))
-        if not len(loaded):
+        held = np.flatnonzero(linear.any(axis=(0, 2)))
+        if not len(held):
             return np.zeros((len(linear), *self._rest.shape))
+        loaded = nodes[held]
         missing = loaded[~self._made[loaded]]
         if len(missing):
             field = self._map.field.of_nodes(missing)
@@ -59,7 +71,7 @@ class DomeResponse:
             ).reshape(len(missing), 3, -1)
             self._made[missing] = True
         columns = self._columns[loaded].reshape(3 * len(loaded), -1)
-        changes = linear[:, loaded].reshape(len(linear), -1).astype(np.float32)
+        changes = linear[:, held].reshape(len(linear), -1).astype(np.float32)
         return (changes @ columns).astype(np.float64).reshape(len(linear), *self._rest.shape)
 
     def _at_rest(self, count: int) -> Array:

@@ -95,9 +95,10 @@ class Pressing:
         contact = self._way.step(contact, object_, down, pose)
         axes, _ = pose_of(self.dome, object_, rest)
         force = contact.forces.sum(axis=0) @ axes
-        points = lattice(self.dome).points + contact.displacement
+        points = lattice(self.dome).points[contact.nodes] + contact.displacement
         torque = np.cross(points, contact.forces).sum(axis=0) @ axes[:, 2]
-        return self._response(contact.linear), np.array([-force[2], force[0], force[1], torque])
+        shifts = self._response(contact.nodes, contact.linear)
+        return shifts, np.array([-force[2], force[0], force[1], torque])
 
     def start(self, press: Press, alike: Callable[[Array], float]) -> Array:
         """Unknowns to start from: the place whose image is most alike, and the press of the force.

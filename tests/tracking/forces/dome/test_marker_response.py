@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from chromagrip.model.dome import lattice
 from chromagrip.render import load_sensor
 from chromagrip.tracking.forces.dome.marker_response import DomeResponse
 
@@ -14,13 +13,12 @@ def test_small_changes_of_forces_change_the_image_as_the_derivative_says(name: s
     dome = sensor.dome
     places = np.stack([sensor.places, sensor.places])
     response = DomeResponse(sensor, dome, places)
-    nodes = len(lattice(dome).ring)
+    nodes = np.arange(5, 25)
     random = np.random.default_rng(3)
-    forces = np.zeros((2, nodes, 3))
-    forces[:, :20] = 1e-3 * random.normal(size=(2, 20, 3))
-    along = response.along(forces)
+    forces = 1e-3 * random.normal(size=(2, len(nodes), 3))
+    along = response.along(nodes, forces)
     for change, said in zip(forces, along, strict=True):
-        seen = (response(change) - response(-change)) / 2
+        seen = (response(nodes, change) - response(nodes, -change)) / 2
         assert abs(seen).max() > 1e-4
         assert said == pytest.approx(seen, abs=0.01 * abs(seen).max())
-    assert not response.along(np.zeros((3, nodes, 3))).any()
+    assert not response.along(nodes, np.zeros((3, len(nodes), 3))).any()

@@ -1,0 +1,65 @@
+"""Compliance among the nodes that are looked at, and room for their equations."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.compliance_kernels import displace, fill_block
+from ..kernels.krylov_kernels import System, new_system
+from .compliance import compliance_scale, compliance_table
+from .dome import SoftBody, lattice
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+#: Nodes that room is made for beyond those that are asked for.
+_SPARE = 32
+
+
+class NearBlock:
+    """Compliance among a few nodes of a body, which are changed as the object moves.
+
+    Parameters
+    ----------
+    dome: body
+
+    Attributes
+    ----------
+    near: numbers of the nodes, shape (n,)
+    compliance: among them [m/N], at least (3n, 3n)
+    own: of each of them [m/N], shape (n, 3, 3)
+    system: arrays of their equations
+    """
+
+    def __init__(self, dome: SoftBody) -> None:
+        self._nodes = lattice(dome)
+        self._table, self._scale = compliance_table(dome), compliance_scale(dome)
+        self._room = 0
+        self.near: Index = np.zeros(0, np.int64)
+        self.compliance = np.zeros((0, 0), np.float32)
+        self.own: Array = np.zeros((0, 3, 3))
+        self.system: System = new_system(0)
+
+    def take(self, near: Index, kept: int) -> None:
+        """Look at `near`; the compliance among the first `kept` is there."""
+        nodes = self._nodes
+        if len(near) > self._room:
+            self._room = len(near) + _SPARE
+            room = np.zeros((3 * self._room, 3 * self._room), np.float32)
+            room[: 3 * kept, : 3 * kept] = self.compliance[: 3 * kept, : 3 * kept]
+            self.compliance, self.system = room, new_system(self._room)
+        self.system.gathered[0] = -1  # whatever it held
+        self.near = near
+        fill_block(
+            self._table, len(nodes.angles), nodes.ring, nodes.azimuth, self._scale, near, kept,
+            self.compliance,
+        )  # fmt: skip
+        each, blocks = np.arange(len(near)), self.compliance.reshape(self._room, 3, -1, 3)
+        self.own = np.ascontiguousarray(blocks[each, :, each], np.float64)
+
+    def displace(self, loaded: Index, forces: Array, nodes: Index, out: Array) -> None:
+        """Displacement [m] of nodes by forces (N, 3) [N] on the loaded ones, into `out` (N, 3)."""
+        every = self._nodes
+        displace(
+            self._table, len(every.angles), every.ring, every.azimuth, self._scale, loaded, forces,
+            nodes, out,
+        )  # fmt: skip
