@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.sparse import csr_matrix
 
 from ...kept_arrays import content_key, keep, kept
-from ..kernels.inside_kernels import add_columns, fill_column, fill_skin_columns
+from ..kernels.dome.inside_kernels import add_columns, fill_column, fill_skin_columns
 from .compliance import WIDTH, compliance_scale, compliance_table, nothing
 from .dome import Dome, Pad, SoftBody, lattice
 from .elements import Meridian, loads, mesh, solved

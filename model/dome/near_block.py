@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.compliance_kernels import displace, fill_block
-from ..kernels.krylov_kernels import System, new_system
+from ..kernels.dome.compliance_kernels import displace, fill_block
+from ..kernels.dome.krylov_kernels import System, new_system
 from .compliance import compliance_scale, compliance_table
 from .dome import SoftBody, lattice
 

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from ...errors import UserError
-from ..kernels.newton_kernels import turned
+from ..kernels.dome.newton_kernels import turned
 from ..shapes import distances
 from .dome import SoftBody, lattice, onto_skin
 from .solid import Solid

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ..errors import ConvergenceError
-from ..kernels.posed_kernels import solve_cases
+from ..kernels.dome.posed_kernels import solve_cases
 from ..shapes import distances
 from .dome import Dome, lattice
 from .near_block import NearBlock

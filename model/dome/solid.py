@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ..checks import finite, within
-from ..kernels.touch_kernels import Touched
+from ..kernels.dome.touch_kernels import Touched
 from ..shapes import Shape
 
 #: Distance between nodes of the chain at 251 nodes, π·8 mm/252, and depth of its strip [m].

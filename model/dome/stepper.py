@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConvergenceError, PiercedError
-from ..kernels.compliance_kernels import displace
-from ..kernels.near_kernels import find_near, node_groups
-from ..kernels.newton_kernels import Contact, Outcome, solve_contact, turned
-from ..kernels.touch_kernels import Pose
+from ..kernels.dome.compliance_kernels import displace
+from ..kernels.dome.near_kernels import find_near, node_groups
+from ..kernels.dome.newton_kernels import Contact, Outcome, solve_contact, turned
+from ..kernels.dome.touch_kernels import Pose
 from .compliance import compliance_scale, compliance_table
 from .dome import Lattice, SoftBody, lattice
 from .motion import Motion

@@ -16,8 +16,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.posed_kernels import stiffening_by
-from ..kernels.touch_kernels import Stiffening
+from ..kernels.dome.posed_kernels import stiffening_by
+from ..kernels.dome.touch_kernels import Stiffening
 from .dome import Pad, SoftBody
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from ...errors import UserError, located
 from ...extras import need
 from ...kept_arrays import content_key, keep, kept
 from ..checks import finite
-from ..kernels.distance_kernels import GRID
+from ..kernels.dome.distance_kernels import GRID
 from .mesh_grid import spline_grid
 from .shape import Shape, make_shape
 

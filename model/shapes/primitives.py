@@ -6,7 +6,7 @@ import numpy as np
 
 from ...errors import UserError
 from ..checks import finite, within
-from ..kernels import distance_kernels as kernels
+from ..kernels.dome import distance_kernels as kernels
 from .shape import Shape, make_shape
 
 #: Smallest and largest length of a shape [m].

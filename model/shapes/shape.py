@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import UserError
-from ..kernels import distance_kernels as kernels
+from ..kernels.dome import distance_kernels as kernels
 
 Array = NDArray[np.float64]
 

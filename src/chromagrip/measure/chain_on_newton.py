@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..model import ContactObject, ConvergenceError, Fingertip, chain_compliance, chain_forces
 from ..model.chain import chain, contact
-from ..model.kernels import krylov_kernels, newton_kernels, touch_kernels
+from ..model.kernels.dome import krylov_kernels, newton_kernels, touch_kernels
 from ..model.shapes import cylinder, plane
 
 Array = NDArray[np.float64]

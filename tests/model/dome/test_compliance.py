@@ -9,7 +9,7 @@ from chromagrip.errors import UserError
 from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
 from chromagrip.model.dome.compliance import compliance_scale, compliance_table
 from chromagrip.model.dome.dome import lattice
-from chromagrip.model.kernels.compliance_kernels import fill_block, node_block
+from chromagrip.model.kernels.dome.compliance_kernels import fill_block, node_block
 from chromagrip.model.shapes import plane
 
 SMALL = Dome(pitch=0.8e-3, reach=math.radians(50.0))

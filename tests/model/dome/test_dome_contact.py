@@ -28,9 +28,9 @@ from chromagrip.model.dome.dome import lattice
 from chromagrip.model.dome.solid import touched
 from chromagrip.model.dome.state import resting
 from chromagrip.model.dome.stepper import Stepper, displacements
-from chromagrip.model.kernels.dahl_vector_kernels import dahl_vector
+from chromagrip.model.kernels.dome.dahl_vector_kernels import dahl_vector
+from chromagrip.model.kernels.dome.touch_kernels import Pose, Stiffening, touch
 from chromagrip.model.kernels.friction import dahl_step
-from chromagrip.model.kernels.touch_kernels import Pose, Stiffening, touch
 from chromagrip.model.shapes import Shape, ball, box, cylinder, plane, torus
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
 from chromagrip.model.dome import MarkerField, SkinField, lattice
 from chromagrip.model.dome.inside import _spline
-from chromagrip.model.kernels.inside_kernels import add_columns
+from chromagrip.model.kernels.dome.inside_kernels import add_columns
 from chromagrip.model.shapes import ball, plane
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"

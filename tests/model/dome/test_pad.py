@@ -18,7 +18,7 @@ from chromagrip.model.dome import (
 )
 from chromagrip.model.dome.compliance import WIDTH, compliance_scale
 from chromagrip.model.dome.layer import layer_motion, layer_moved, layer_slopes, wave_amplitudes
-from chromagrip.model.kernels.compliance_kernels import fill_block, node_block
+from chromagrip.model.kernels.dome.compliance_kernels import fill_block, node_block
 from chromagrip.model.shapes import ball, box, plane
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
+from ....compiled import njit
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

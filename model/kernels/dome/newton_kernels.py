@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
+from ....compiled import njit
 from .krylov_kernels import System, invert_three, prepare, product_of, solve
 from .touch_kernels import Pose, Stiffening, Touched, touch
 

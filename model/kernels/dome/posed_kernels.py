@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
+from ....compiled import njit
 from .krylov_kernels import System
 from .newton_kernels import Contact, Outcome, solve_contact
 from .touch_kernels import Pose, Stiffening, Touched

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
+from ....compiled import njit
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ of length one: where none is defined, as at a centre, one of the possible ones i
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
+from ....compiled import njit
 
 Array = NDArray[np.float64]
 #: Distance and outward normal.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
+from ....compiled import njit
 from .dahl_vector_kernels import dahl_vector
 from .distance_kernels import GRID, PLANE, distance
 

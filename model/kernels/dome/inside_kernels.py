@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
+from ....compiled import njit
 from .compliance_kernels import node_block
 
 Array = NDArray[np.float64]

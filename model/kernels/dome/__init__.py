@@ -1,0 +1,1 @@
+"""Compiled mechanics of the dome: distances, compliance, contact and its Newton steps."""
