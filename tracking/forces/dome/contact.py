@@ -6,12 +6,13 @@ has been pressed, shifted and turned (`contact_state`). What no such contact exp
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import UserError
-from ....model import Dome, ForceField, FrictionReading
+from ....model import Dome, ForceField, FrictionReading, margin_within, torsion
 from ....model.dome import PosedContact, lattice
 from ....render import layer_depths
 from ...tracks import Tracks
@@ -229,6 +230,7 @@ class ContactReading:
             contact=np.zeros(len(points), np.bool_),
             totals_covariance=np.zeros((2, 2)),
             directions=np.zeros_like(points),
+            wrench_covariance=np.zeros((4, 4)),
         )
 
     def _field(self) -> ForceField:
@@ -246,32 +248,64 @@ class ContactReading:
         totals = whole[:2, :2] * np.outer(scale, scale)
         totals += np.diag([(_NORMAL_ERROR * sums[0]) ** 2, (_FRICTION_ERROR * sums[1]) ** 2])
         slope = np.array([share, -1.0 / max(mu * sums[0], 1e-12), share])
-        spread = math.hypot(math.sqrt(float(slope @ whole @ slope)), _MARGIN_ERROR)
-        return ForceField(
+        spread = math.hypot(math.sqrt(float(slope @ whole[:3, :3] @ slope)), _MARGIN_ERROR)
+        field = ForceField(
             position=lattice(self.dome).points + contact.displacement,
             normal=normal,
             friction=contact.friction.copy(),
             contact=normal > _TOUCHING * max(normal.sum(), 1e-9),
             totals_covariance=totals,
-            friction_reading=FrictionReading(
-                value=mu,
-                deviation=mu * deviation,
-                observable=deviation < _OBSERVED and 1.0 - share < _OBSERVABLE_MARGIN,
-                totals_covariance=tuple(mu * scale * whole[2, :2]),
-                margin_deviation=spread,
-            ),
             directions=contact.normals.copy(),
+        )
+        # Torsion makes the skin slip as a pull does.
+        slips = margin_within(field, mu) < _OBSERVABLE_MARGIN
+        reading = FrictionReading(
+            value=mu,
+            deviation=mu * deviation,
+            observable=deviation < _OBSERVED and slips,
+            totals_covariance=tuple(mu * scale * whole[2, :2]),
+            margin_deviation=spread,
+        )
+        return replace(
+            field,
+            friction_reading=reading,
+            wrench_covariance=whole[3:, 3:] + _wrench_error(field, mu),
         )
 
     def _spread(self, solution: Solution) -> Array:
-        """Covariance of ln ΣFn, ΣFf [N] and ln µ in the last key frame, shape (3, 3)."""
-        sums = _sums(solution.contact)
-        slopes = np.zeros((3, MOVING + len(OBJECT)))
+        """Covariance of ln ΣFn, ΣFf [N], ln µ and the wrench in the last key frame, shape (7, 7).
+
+        The wrench is the force along x, y, z [N] and the torque about z [N·m].
+        """
+        contact = solution.contact
+        sums, wrench = _sums(contact), self._wrench(contact)
+        slopes = np.zeros((7, MOVING + len(OBJECT)))
         for k, unit in enumerate(self._fit.units):
-            slopes[:2, k] = (_sums(solution.changes.added(solution.contact, k)) - sums) / unit
+            changed = solution.changes.added(contact, k)
+            slopes[:2, k] = (_sums(changed) - sums) / unit
+            slopes[3:, k] = (self._wrench(changed) - wrench) / unit
         slopes[0] /= max(float(sums[0]), 1e-12)
         slopes[2, MOVING + FRICTION] = 1.0
         return np.asarray(slopes @ solution.covariance @ slopes.T)
+
+    def _wrench(self, contact: PosedContact) -> Array:
+        """Force along x, y, z [N] and torque about z [N·m], shape (4,)."""
+        place = lattice(self.dome).points + contact.displacement
+        x, y, _ = contact.forces.T
+        return np.append(contact.forces.sum(axis=0), place[:, 0] @ y - place[:, 1] @ x)
+
+
+def _wrench_error(field: ForceField, mu: float) -> Array:
+    """Covariance of the wrench that the same errors of the sums leave, shape (4, 4).
+
+    That of friction may be along any direction, and turn as much as friction could at most.
+    """
+    assert field.directions is not None
+    press = field.normal @ field.directions
+    out = np.diag([(_FRICTION_ERROR * field.total_friction) ** 2] * 3 + [0.0])
+    out[:3, :3] += _NORMAL_ERROR**2 * np.outer(press, press)
+    out[3, 3] = (_FRICTION_ERROR * mu * torsion(field)[2]) ** 2
+    return out
 
 
 def _sums(contact: PosedContact) -> Array:
