@@ -66,7 +66,7 @@ class MarginInversion:
         """Grip force at which the observed load has the desired margin, or more where it slips."""
         settings = self.settings
         friction = self._cautious_friction(observation)
-        need = observation.field.total_friction / (friction * (1.0 - settings.desired_margin))
+        need = _friction(observation) / (friction * (1.0 - settings.desired_margin))
         if not observation.friction_observable:
             return max(need, settings.start_n)
         if not observation.margin < settings.slip_margin:
@@ -103,6 +103,19 @@ class MarginInversion:
             change *= _share(period, settings.smoothing_s)
         force = self._force + max(change, -settings.release_n_per_s * period)
         self._force = min(max(force, settings.floor_n), settings.ceiling_n)
+
+
+def _friction(observation: GripObservation) -> float:
+    """Friction to be borne [N]; with torsion, the one that alone would have the same margin.
+
+    More grip widens the contact, which then bears more torsion than this says. The next frame shows
+    it, so that the grip settles where the limit surface has the desired margin.
+    """
+    friction = observation.field.total_friction
+    if observation.torsion_counts:
+        bound = observation.friction * observation.field.total_normal
+        return max(friction, (1.0 - observation.margin) * bound)
+    return friction
 
 
 def _share(period: float, constant: float) -> float:
