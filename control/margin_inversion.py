@@ -1,4 +1,4 @@
-"""Margin Inversion: the grip force at which the observed load has the desired safety margin.
+"""Margin Inversion: the grip force at which the estimated load has the desired safety margin.
 
 Γ = 1 − ΣFf/(µ·Fn) is solved for the grip force: Fn = ΣFf/(µ·(1 − Γ_des)). There is no integral and
 no gain, so that a delay does not make the grip oscillate.
@@ -63,7 +63,7 @@ class MarginInversion:
         return GripCommand(force=self._force)
 
     def _needed(self, observation: GripObservation) -> float:
-        """Grip force at which the observed load has the desired margin, or more where it slips."""
+        """Grip force at which the estimated load has the desired margin, or more where it slips."""
         settings = self.settings
         friction = self._cautious_friction(observation)
         need = _friction(observation) / (friction * (1.0 - settings.desired_margin))

@@ -29,14 +29,14 @@ COLUMNS = {
     "friction_true_n": "ΣFf",
     "mu_true": "Σµᵢ·Fn,i/ΣFn, the object's µ over the contact",
     "margin_true": "Γ with the object's µ; NaN without contact",
-    "normal_estimated_n": "ΣFn as observed",
-    "friction_estimated_n": "ΣFf as observed",
-    "normal_deviation_n": "standard deviation of the observed ΣFn",
-    "friction_deviation_n": "standard deviation of the observed ΣFf",
-    "mu_estimated": "µ as observed; this and all observed is NaN of a dropped frame",
+    "normal_estimated_n": "ΣFn as estimated",
+    "friction_estimated_n": "ΣFf as estimated",
+    "normal_deviation_n": "standard deviation of the estimated ΣFn",
+    "friction_deviation_n": "standard deviation of the estimated ΣFf",
+    "mu_estimated": "µ as estimated; all estimates are NaN of a dropped frame",
     "mu_low": "lower end of the 90 % interval of µ",
     "mu_high": "upper end",
-    "margin_estimated": "Γ as observed",
+    "margin_estimated": "Γ as estimated",
     "margin_low": "lower end of the 90 % interval of Γ",
     "margin_high": "upper end",
     "pressure_n_per_m": "ΣFn over the contact's width",
@@ -105,7 +105,7 @@ def row(sample: Sample) -> tuple[float, ...]:
 
 
 def _observed(observation: GripObservation | None) -> tuple[float, ...]:
-    """Columns from ΣFn as observed to the upper end of Γ."""
+    """Columns from ΣFn as estimated to the upper end of Γ."""
     if observation is None:
         return (math.nan,) * 10
     deviation = np.sqrt(np.maximum(np.diag(observation.field.totals_covariance), 0.0))

@@ -103,7 +103,7 @@ class Cell:
     scene, changes: the job
     pressure, pressure_pitch: largest, without and with one node pitch added to the width [N/m]
     displacement, rigid_slip: at the end [mm]
-    margin_rmse: error of the observed Γ
+    margin_rmse: error of the estimated Γ
     final_margin: true
     reactions: of React To Slip
     stopped: why the run ended early, as where the object is let go; else empty
