@@ -267,10 +267,9 @@ def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 
-def scene_text(scene: Scene) -> str:
-    """TOML of a scene with the versions that it was run with."""
+def scene_text(
+    scene: Scene, said: str = "Everything this run was made from; run it again with --scene."
+) -> str:
+    """TOML of a scene with a line about it, and the versions that it was run with."""
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
-    return (
-        f"# Everything this run was made from; run it again with --scene.\n# {listed}\n"
-        + dump_scene(scene)
-    )
+    return f"# {said}\n# {listed}\n" + dump_scene(scene)
