@@ -1,4 +1,4 @@
-"""Margin Inversion: the grip force at which the observed load has the desired safety margin.
+"""Margin Inversion: the grip force at which the estimated load has the desired safety margin.
 
 Γ = 1 − ΣFf/(µ·Fn) is solved for the grip force: Fn = ΣFf/(µ·(1 − Γ_des)). There is no integral and
 no gain, so that a delay does not make the grip oscillate.
@@ -63,10 +63,10 @@ class MarginInversion:
         return GripCommand(force=self._force)
 
     def _needed(self, observation: GripObservation) -> float:
-        """Grip force at which the observed load has the desired margin, or more where it slips."""
+        """Grip force at which the estimated load has the desired margin, or more where it slips."""
         settings = self.settings
         friction = self._cautious_friction(observation)
-        need = observation.field.total_friction / (friction * (1.0 - settings.desired_margin))
+        need = _friction(observation) / (friction * (1.0 - settings.desired_margin))
         if not observation.friction_observable:
             return max(need, settings.start_n)
         if not observation.margin < settings.slip_margin:
@@ -103,6 +103,19 @@ class MarginInversion:
             change *= _share(period, settings.smoothing_s)
         force = self._force + max(change, -settings.release_n_per_s * period)
         self._force = min(max(force, settings.floor_n), settings.ceiling_n)
+
+
+def _friction(observation: GripObservation) -> float:
+    """Friction to be borne [N]; with torsion, the one that alone would have the same margin.
+
+    More grip widens the contact, which then bears more torsion than this says. The next frame shows
+    it, so that the grip settles where the limit surface has the desired margin.
+    """
+    friction = observation.field.total_friction
+    if observation.torsion_counts:
+        bound = observation.friction * observation.field.total_normal
+        return max(friction, (1.0 - observation.margin) * bound)
+    return friction
 
 
 def _share(period: float, constant: float) -> float:

@@ -3,7 +3,15 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..model import ForceField
+
+Array = NDArray[np.float64]
+
+#: An interval that is not known.
+UNKNOWN = (math.nan, math.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,8 +25,10 @@ class GripObservation:
     friction: friction coefficient µ; NaN before the first contact
     friction_interval: 90 % interval of µ
     friction_observable: whether µ was observable in a frame so far; in a pure press it is not (E7)
-    margin: safety margin Γ; NaN without contact
-    margin_interval: 90 % interval of Γ
+    margin: safety margin Γ; NaN without contact. A controller is given the margin that it is to
+        hold in this place: the smaller of Γ and `limit_margin`, where the scene does not say
+        `held_margin = "friction"`
+    margin_interval: 90 % interval of it
     lateral_displacement: of the object over the fingertip [m]; NaN on the camera path, where the
         object's motion is not in the image
     no_estimate: reason for which no forces could be estimated; empty when they were
@@ -27,6 +37,9 @@ class GripObservation:
     out_of_plane: share of the lateral motion of the skin that is across that direction; NaN where
         it was not estimated
     twist: turn of the contact about the grip axis [rad]; NaN where it was not estimated
+    limit_margin: margin of friction and torsion together against what the contact can bear of both,
+        which is at most Γ; NaN without a torque, as of a chain
+    limit_margin_interval: 90 % interval of it
     """
 
     time: float
@@ -41,6 +54,48 @@ class GripObservation:
     direction: float = math.nan
     out_of_plane: float = math.nan
     twist: float = math.nan
+    limit_margin: float = math.nan
+    limit_margin_interval: tuple[float, float] = UNKNOWN
+
+    @property
+    def force(self) -> Array:
+        """Force of the object on the sensor along x, y, z [N], shape (3,); NaN of a chain.
+
+        A press has a negative z.
+        """
+        return self._wrench[:3]
+
+    @property
+    def force_deviation(self) -> Array:
+        """Standard deviations of `force` [N], shape (3,); 0 of the truth, NaN where unknown."""
+        return self._wrench_deviation[:3]
+
+    @property
+    def torque(self) -> float:
+        """Torque of the object on the sensor about the grip axis, its z [N·m]; NaN of a chain."""
+        return float(self._wrench[3])
+
+    @property
+    def torque_deviation(self) -> float:
+        """Standard deviation of `torque` [N·m]; 0 of the truth, NaN where unknown."""
+        return float(self._wrench_deviation[3])
+
+    @property
+    def torsion_counts(self) -> bool:
+        """Whether `margin` is that of friction and torsion together."""
+        return self.margin == self.limit_margin
+
+    @property
+    def _wrench(self) -> Array:
+        known = self.field.directions is not None and not self.no_estimate
+        return self.field.wrench if known else np.full(4, math.nan)
+
+    @property
+    def _wrench_deviation(self) -> Array:
+        covariance = self.field.wrench_covariance
+        if covariance is None or self.no_estimate:
+            return np.full(4, math.nan)
+        return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)

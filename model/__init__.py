@@ -53,7 +53,7 @@ from .force_field import (
     touching,
     whole_friction,
 )
-from .limit_surface import margin_within
+from .limit_surface import margin_within, torsion
 from .objects import ContactObject, Surface, stiffness_from_young
 
 __all__ = [
@@ -119,6 +119,7 @@ __all__ = [
     "step_many",
     "steps",
     "stiffness_from_young",
+    "torsion",
     "touching",
     "whole_friction",
 ]

@@ -73,6 +73,8 @@ class ForceField:
     friction_reading: µ, where it is read off the image together with the forces
     plane: that the forces are in, where it is read off the image; None is the sensor's x–z plane
     directions: of a dome's normal forces, away from the object, shape (N, 3); None for a chain
+    wrench_covariance: covariance of (F_x, F_y, F_z) [N] and the torque M_z about the sensor's axis
+        [N·m], see `wrench`, shape (4, 4); zero for truth, None where it is not known
     """
 
     position: Array
@@ -84,6 +86,7 @@ class ForceField:
     friction_reading: FrictionReading | None = None
     plane: LoadPlane | None = None
     directions: Array | None = None
+    wrench_covariance: Array | None = None
 
     @property
     def total_normal(self) -> float:
@@ -137,6 +140,16 @@ class ForceField:
         direction = np.asarray(axis, float) / np.linalg.norm(axis)
         arms = self.position - np.asarray(through, float)
         return float(np.cross(arms, self._vectors()).sum(axis=0) @ direction)
+
+    @property
+    def wrench(self) -> Array:
+        """Force of the object on a dome along x, y, z [N], and its torque about z [N·m], (4,).
+
+        Raises
+        ------
+        UserError: for a chain.
+        """
+        return np.append(self.total_force, self.torque((0.0, 0.0, 1.0)))
 
     def _vectors(self) -> Array:
         if self.directions is None:

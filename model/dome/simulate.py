@@ -93,6 +93,7 @@ def dome_forces(dome: SoftBody, state: DomeState, whole: bool = True) -> ForceFi
         contact=normal > _TOUCHING * max(normal.sum(), 1e-9),
         totals_covariance=np.zeros((2, 2)),
         directions=state.normals.copy(),
+        wrench_covariance=np.zeros((4, 4)),
     )
 
 

@@ -1,6 +1,7 @@
 """Margin Inversion, against what is known of the grip that it is to find."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -176,3 +177,20 @@ def test_the_grip_stays_between_floor_and_ceiling() -> None:
     controller = MarginInversion(MarginInversionSettings(floor_n=0.2, ceiling_n=5.0))
     assert held(controller, 200, 0.001, 0.5) == 0.2
     assert held(controller, 20, 40.0, 0.5) == 5.0
+
+
+def test_torsion_is_borne_at_the_desired_margin() -> None:
+    """A contact of Hertz bears a torsion that grows with the power 4/3 of the grip."""
+    pull, twist, mu, bound = 0.2, 0.6e-3, 0.5, 0.9e-3  # N, N·m, and N·m at 1 N with µ = 1
+    controller, force = MarginInversion(MarginInversionSettings()), 1.0
+    for k in range(300):
+        borne = mu * bound * force ** (4.0 / 3.0)
+        share = min(math.hypot(pull / (mu * force), twist / borne), 1.0)
+        told = seen(PERIOD * k, pull, mu, force)
+        margin = 1.0 - share
+        force = controller.command(
+            replace(told, margin=margin, margin_interval=(margin, margin), limit_margin=margin)
+        ).force
+    assert margin == pytest.approx(0.3, abs=0.02)
+    # Without the torsion it would be the grip for the pull alone.
+    assert force > 2.5 * pull / (mu * 0.7)

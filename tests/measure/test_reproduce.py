@@ -14,7 +14,7 @@ import pytest
 
 from chromagrip.cli.measure import reproduce as command
 from chromagrip.errors import UserError
-from chromagrip.loop.trace import COLUMNS, Trace
+from chromagrip.loop.trace import COLUMNS, Trace, columns_of
 from chromagrip.measure.reproduce import runs as reproduce_runs
 from chromagrip.measure.reproduce import statements as reproduce_checks
 from chromagrip.measure.reproduce.figure_16_table_2 import (
@@ -400,7 +400,7 @@ def test_interrupted_runs_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     runs = run_jobs(jobs, jobs[:1], tmp_path, 1, seen.append)
     assert ran == jobs[2:]
     assert runs.cells == whole.cells
-    for name in COLUMNS:
+    for name in columns_of("chain"):
         kept, fresh = runs.traces[jobs[0]][name], whole.traces[jobs[0]][name]
         np.testing.assert_array_equal(kept, fresh)
 

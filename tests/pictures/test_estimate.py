@@ -15,12 +15,22 @@ from msgspec.structs import asdict, replace
 
 from chromagrip.cli.calibrate import calibrate_sensor
 from chromagrip.cli.pictures import estimate
+from chromagrip.control import GripObservation
 from chromagrip.errors import UserError
 from chromagrip.loop.poses.poses import Pose, settle
-from chromagrip.model import ContactObject, contact_forces, equilibrium
+from chromagrip.loop.torsion import with_limit_margin
+from chromagrip.model import (
+    ContactObject,
+    ForceField,
+    FrictionReading,
+    contact_forces,
+    equilibrium,
+)
 from chromagrip.output.parquet import FORCES
+from chromagrip.pictures.readings import _force_row
 from chromagrip.render import MembraneMap, add_noise, open_renderer
 from chromagrip.scene.scene import load_scene
+from chromagrip.tracking import CAMERA_RULE
 from chromagrip.tracking.forces.calibration import load_calibration, values_of, with_values
 
 NOISE = 2.0
@@ -278,6 +288,7 @@ def test_a_folder_holds_what_it_says(folders: Folders, estimated: Path) -> None:
         low, high = (column(estimated, end) for end in _ends(name))
         known = np.isfinite(low)
         assert known[-1]
+        assert summary["estimates"][name]["last_interval"] == [low[-1], high[-1]]
         assert (low <= values)[known].all()
         assert (values <= high)[known].all()
     nodes = np.array(table["node_normal_n"].to_pylist())
@@ -286,6 +297,36 @@ def test_a_folder_holds_what_it_says(folders: Folders, estimated: Path) -> None:
     assert picture is not None
     with av.open(str(estimated / "overlay.mp4")) as video:
         assert len(list(video.decode(video=0))) == frames
+
+
+def test_force_and_torque_have_intervals_of_their_own() -> None:
+    """Two nodes of a dome, one pulled along y at 2 mm from its axis."""
+    field = ForceField(
+        position=np.array([[2e-3, 0.0, 0.02], [-2e-3, 0.0, 0.02]]),
+        normal=np.array([1.0, 1.0]),
+        friction=np.array([[0.0, 0.3, 0.0], [0.0, 0.0, 0.0]]),
+        contact=np.ones(2, bool),
+        totals_covariance=np.zeros((2, 2)),
+        directions=np.array([[0.0, 0.0, -1.0]] * 2),
+        friction_reading=FrictionReading(value=0.5, deviation=0.0, observable=True),
+        wrench_covariance=np.diag([0.1, 0.2, 0.3, 1e-4]) ** 2,
+    )
+    margin = field.safety_margin(0.5)
+    observation = GripObservation(
+        time=0.0, field=field, friction=0.5, friction_interval=(0.5, 0.5),
+        friction_observable=True, margin=margin, margin_interval=(margin, margin),
+        lateral_displacement=np.nan,
+    )  # fmt: skip
+    row = _force_row(with_limit_margin(observation), CAMERA_RULE)
+    for name, unit, value, deviation in (
+        ("force_y", "n", 0.3, 0.2),
+        ("force_z", "n", -2.0, 0.3),
+        ("torque", "nmm", 0.6, 0.1),
+    ):
+        assert row[f"{name}_{unit}"] == pytest.approx(value)
+        assert row[f"{name}_low_{unit}"] == pytest.approx(value - 1.645 * deviation, rel=1e-3)
+        assert row[f"{name}_high_{unit}"] == pytest.approx(value + 1.645 * deviation, rel=1e-3)
+    assert row["limit_margin_low"] < row["limit_margin"] < row["margin"]
 
 
 def _ends(name: str) -> tuple[str, str]:

@@ -127,12 +127,13 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
     table.add_row(
         "safety margin at the end",
         f"{number(summary['final_margin_true'])} true, "
-        f"{number(summary['final_margin_estimated'])} observed",
+        f"{number(summary['final_margin_estimated'])} estimated",
     )
     if summary["mechanics"] == "dome":
         table.add_row(
             "the same with torsion",
-            f"{number(summary['final_limit_margin_true'])} true; "
+            f"{number(summary['final_limit_margin_true'])} true, "
+            f"{number(summary['final_limit_margin_estimated'])} estimated; "
             f"the object turned by {number(summary['final_turn_deg'], 1)}°",
         )
     if summary["without_estimate"]:

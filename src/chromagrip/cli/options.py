@@ -4,6 +4,7 @@ import json
 import math
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -182,9 +183,20 @@ def _reporter(line: Status) -> Callable[[str], None]:
 
 
 @contextmanager
-def counting(text: str, unit: str = "", transient: bool = True) -> Iterator[Callable[..., None]]:
-    """Show a bar; yields a function of (done, total or None, text or None) that moves it."""
+def counting(
+    text: str, unit: str = "", transient: bool = True, logged: str = ""
+) -> Iterator[Callable[..., None]]:
+    """Show a bar; yields a function of (done, total or None, text or None) that moves it.
+
+    Parameters
+    ----------
+    text: of the bar
+    unit: of what is counted
+    transient: whether the bar goes away at the end
+    logged: line for a log, once there is something to count; a bar is for a terminal alone
+    """
     console = Console(stderr=True)
+    unsaid = bool(logged) and not console.is_terminal
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -199,6 +211,10 @@ def counting(text: str, unit: str = "", transient: bool = True) -> Iterator[Call
         task = bar.add_task(text, total=None)
 
         def move(done: int, total: int | None = None, words: str | None = None) -> None:
+            nonlocal unsaid
+            if unsaid:
+                print(f"chromagrip: {logged}", file=sys.stderr, flush=True)
+                unsaid = False
             bar.update(task, completed=done, total=total, description=words or text)
             stop_if_interrupted()
 

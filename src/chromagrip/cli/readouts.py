@@ -2,6 +2,8 @@
 
 import json
 import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -55,11 +57,17 @@ def make_dome_tables(scene: "Scene", pictures: bool) -> None:
     depths = layer_depths(scene.build_sensor(), dome) if pictures else ()
     if isinstance(dome, Pad):
         return  # in closed form
-    with counting("elasticity of the dome, once", "harmonics") as progress:
+    with _table("elasticity of the dome") as progress:
         compliance_table(dome, progress)
     for depth in depths:
-        with counting("motion of its markers, once", "harmonics") as progress:
+        with _table(f"motion of the markers {1e3 * depth:.2f} mm deep in the dome") as progress:
             inside_table(dome, depth, progress)
+
+
+def _table(what: str) -> AbstractContextManager[Callable[..., None]]:
+    """Bar of a table that is kept for later commands."""
+    logged = f"solving the {what}, once; this takes some seconds"
+    return counting(f"{what}, once", "harmonics", logged=logged)
 
 
 def readout(

@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,8 +21,26 @@ OBJECTS: dict[str, dict[str, Any]] = {
     "cone": {"object.size_mm": (6.0, 6.0), "object.rounding_mm": 0.5},
 }
 
+#: Values below this are rounding errors of a contact [N, N·mm, mm].
+LEAST = 5e-5
+#: Share of the silicone's thickness up to which its markers were compared with finite elements.
+DEEPEST = 0.5
+#: Radius of the ball [mm].
+BALL_MM = 8.0
+
+
+def _sizes_said() -> str:
+    """Shapes with their usual lengths [mm], as the keys of a scene have them."""
+    sized = [
+        f"{name} ({' '.join(f'{length:g}' for length in keys['object.size_mm'])} mm)"
+        for name, keys in OBJECTS.items()
+    ]
+    return ", ".join(("plane", f"ball (radius {BALL_MM:g} mm)", *sized))
+
+
 if TYPE_CHECKING:
     from ..loop.poses.dome_poses import DomePose
+    from ..loop.poses.folder import Entry
     from ..loop.poses.poses import Pose
 
 
@@ -44,7 +63,11 @@ def render(
     ] = (),
     object: Annotated[
         str | None,
-        option("on a dome of silicone: plane, or a shape or mesh, see object.shape", "SHAPE|FILE"),
+        option(
+            "on a dome of silicone: a file of triangles, or one of "
+            f"{_sizes_said()}; --set object.KEY=VALUE gives other sizes",
+            "SHAPE|FILE",
+        ),
     ] = None,
     twist_deg: Annotated[
         float | None, option("turn about the dome's axis, after the press", "DEG")
@@ -117,18 +140,54 @@ def render(
     from ..loop.poses.folder import render_poses  # OpenCV loads only when something is drawn
 
     make_dome_tables(resolved, pictures=True)
+    again = _again(
+        grip=grip, load=load, press_mm=press_mm, shear_mm=shear_mm, twist_deg=twist_deg,
+        tilt_deg=tilt_deg, azimuth_deg=azimuth_deg, force=force, moment=moment,
+    )  # fmt: skip
     with counting("rendering", "poses") as progress:
-        report = render_poses(resolved, poses, out, overwrite, progress)
+        report = render_poses(resolved, poses, out, overwrite, progress, again)
+    if resolved.body == "dome":
+        _warn_of_depth(resolved, report["poses"])
     if json_only:
         print(json.dumps(report))
         return 0
     for entry in report["poses"]:
         numbers = ", ".join(
-            f"{key} {value:.3g}" for key, value in entry.items() if isinstance(value, float | int)
+            f"{key} {round(value, 4):z.3g}"
+            for key, value in entry.items()
+            if isinstance(value, float | int)
         )
         print(f"{entry['image']}  {numbers}")
     print(f"folder {out}, see {report['poses'][0]['preview']}")
     return 0
+
+
+def _plain(value: float) -> str:
+    """Number of three digits, without what is the solver's."""
+    return f"{0.0 if abs(value) < LEAST else value:.3g}"
+
+
+def _again(**options: tuple[float, ...] | float | None) -> str:
+    """Command that takes the same poses of the scene that is written."""
+    words = ["chromagrip", "render", "--scene", "scene.toml"]
+    for name, value in options.items():
+        values = value if isinstance(value, tuple) else () if value is None else (value,)
+        if values:
+            words += [f"--{name.replace('_', '-')}", *(repr(number) for number in values)]
+    return " ".join(words)
+
+
+def _warn_of_depth(scene: Scene, entries: "list[Entry]") -> None:
+    """Say of poses that are deeper than the silicone's motion was compared with anything."""
+    dome = scene.build_dome()
+    shares = [1e-3 * float(entry["deepest_mm"]) / dome.thickness for entry in entries]  # type: ignore[arg-type]
+    if max(shares) > DEEPEST:
+        print(
+            f"chromagrip: the skin is pressed by {max(shares):.0%} of the silicone's thickness; "
+            f"markers and forces were compared with finite elements up to {DEEPEST:.0%} only, see "
+            "docs/dome.md",
+            file=sys.stderr,
+        )
 
 
 def _poses(
@@ -162,7 +221,7 @@ def _object(name: str | None) -> dict[str, Any]:
     if name == "plane":
         return changes | {"object.radius_mm": math.inf}
     if name == "ball":
-        return changes | {"object.radius_mm": 8.0}
+        return changes | {"object.radius_mm": BALL_MM}
     if name in OBJECTS:
         return changes | {"object.radius_mm": math.inf, "object.shape": name, **OBJECTS[name]}
     if not Path(name).suffix:

@@ -28,14 +28,14 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
 
     for name, style in (("normal", "-"), ("friction", "--")):
         estimated = trace[f"{name}_estimated_n"]
-        contact.plot(time, estimated, style, color=ESTIMATED, lw=1.0, label=f"{name}, observed")
+        contact.plot(time, estimated, style, color=ESTIMATED, lw=1.0, label=f"{name}, estimated")
         contact.plot(time, trace[f"{name}_true_n"], style, color=TRUE, label=f"{name}, true")
     contact.set_ylabel("contact force [N]")
 
     margin.fill_between(
         time, trace["margin_low"], trace["margin_high"], color=ESTIMATED, alpha=0.2, lw=0
     )
-    margin.plot(time, trace["margin_estimated"], color=ESTIMATED, lw=1.0, label="observed, 90 %")
+    margin.plot(time, trace["margin_estimated"], color=ESTIMATED, lw=1.0, label="estimated, 90 %")
     margin.plot(time, trace["margin_true"], color=TRUE, label="true")
     margin.axhline(scene.safety_margin.desired_margin, color=LOAD, lw=0.8, ls=":")
     margin.set_ylim(-0.15, 1.05)

@@ -20,6 +20,7 @@ from .dome_world import DomePlant
 from .latency import DelayedController, arrivals
 from .methods import Methods
 from .observers import CameraObserver, TruthObserver, with_friction_bias
+from .torsion import held, with_limit_margin
 from .world import ChainPlant, Contact, Plant, World
 
 
@@ -35,8 +36,8 @@ class Sample:
     grip: force commanded from now on [N]
     applied: force of the gripper's drive now [N]
     pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
-    observation: of this frame, which the controller is given after the latency; None of a dropped
-        frame
+    observation: of this frame, with Γ as its margin; the controller is given it after the latency,
+        with the margin that it is to hold; None of a dropped frame
     frame, tracks, rest: image, markers in it and at rest; None on the truth path, the first two
         also of a dropped frame
     """
@@ -142,7 +143,8 @@ def grasp(
         read = _truth_readings(scene)
     for index in range(scene.frames):
         reading = read(world, index if due[index] >= 0 else None)
-        grip = controller.command(index, reading.observation)
+        seen = reading.observation
+        grip = controller.command(index, seen and held(seen, scene.held_margin))
         yield _sample(plant, world, index, grip, reading)
         if index + 1 < scene.frames:
             world = plant.next_frame(world, grip, index)
@@ -183,7 +185,8 @@ def _truth_readings(scene: Scene) -> Read:
             return Reading()
         time, exposed = world.now.state.time, world.exposed
         observation = observer.observe(time, exposed.field, exposed.slip.current)
-        return Reading(observation=with_friction_bias(observation, scene.camera.friction_bias))
+        observation = with_friction_bias(observation, scene.camera.friction_bias)
+        return Reading(observation=with_limit_margin(observation))
 
     return read
 
@@ -215,6 +218,7 @@ def _camera_readings(
         frame = camera.expose(state, index)
         observation, tracks = observer.observe(frame)
         observation = with_friction_bias(observation, scene.camera.friction_bias)
+        observation = with_limit_margin(observation)
         return Reading(observation=observation, frame=frame, tracks=tracks, rest=observer.rest)
 
     return read

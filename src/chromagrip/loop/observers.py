@@ -190,6 +190,7 @@ def _observation(
     mu, interval = friction.update(time, field)
     margin = field.safety_margin(mu)
     spread = Z90 * margin_deviation(field, mu, (interval[1] - interval[0]) / (2 * Z90))
+    direction, out_of_plane, twist = _direction(field)
     return GripObservation(
         time=time,
         field=field,
@@ -200,22 +201,20 @@ def _observation(
         margin_interval=(margin - spread, margin + spread),
         lateral_displacement=lateral_displacement,
         no_estimate=no_estimate,
-        **_direction(field),
+        direction=direction,
+        out_of_plane=out_of_plane,
+        twist=twist,
     )
 
 
-def _direction(field: ForceField) -> dict[str, float]:
-    """Azimuth of the friction on the sensor [rad], and what lies outside its plane."""
+def _direction(field: ForceField) -> tuple[float, float, float]:
+    """Azimuth of the friction on the sensor [rad], share out of its plane, and twist [rad]."""
     plane = field.plane
     if plane is None or not field.contact.any():
-        return {}
+        return math.nan, math.nan, math.nan
     backwards = field.friction[field.contact].sum() < 0.0
     azimuth = plane.azimuth + (math.pi if backwards else 0.0)
-    return {
-        "direction": math.remainder(azimuth, 2.0 * math.pi),
-        "out_of_plane": plane.out_of_plane,
-        "twist": plane.twist,
-    }
+    return math.remainder(azimuth, 2.0 * math.pi), plane.out_of_plane, plane.twist
 
 
 def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float:
@@ -254,7 +253,12 @@ def _with_stiffness_deviation(field: ForceField, deviation: float) -> ForceField
     totals = deviation * np.array([field.total_normal, field.total_friction])
     added = np.outer(totals, totals)
     added *= [[1.0, STIFFNESS_CORRELATION], [STIFFNESS_CORRELATION, 1.0]]
-    return replace(field, totals_covariance=field.totals_covariance + added)
+    wrench = field.wrench_covariance
+    if wrench is not None:
+        wrench = wrench + deviation**2 * np.outer(field.wrench, field.wrench)
+    return replace(
+        field, totals_covariance=field.totals_covariance + added, wrench_covariance=wrench
+    )
 
 
 def _no_chain_field(fingertip: Fingertip) -> ForceField:

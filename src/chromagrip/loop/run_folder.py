@@ -27,7 +27,7 @@ from ..tracking.forces.chain import Used, used
 from .camera import SimulatedCamera
 from .grasp import Sample, grasp, known_sensor, open_camera
 from .methods import Methods, choose
-from .trace import COLUMNS, Summary, Trace, make_trace, row, summarise
+from .trace import COLUMNS, Summary, Trace, columns_of, make_trace, row, summarise
 
 if TYPE_CHECKING:
     from .tactile_video import TactileVideo
@@ -258,18 +258,18 @@ def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -
 
     from .figure import draw_figure
 
-    table = pa.table({name: pa.array(column) for name, column in trace.columns.items()})
-    meaning = {name: text.encode() for name, text in COLUMNS.items()}
+    names = columns_of(scene.body)
+    table = pa.table({name: pa.array(trace[name]) for name in names})
+    meaning = {name: COLUMNS[name].encode() for name in names}
     pq.write_table(table.replace_schema_metadata(meaning), folder / "trace.parquet")
     draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 
-def scene_text(scene: Scene) -> str:
-    """TOML of a scene with the versions that it was run with."""
+def scene_text(
+    scene: Scene, said: str = "Everything this run was made from; run it again with --scene."
+) -> str:
+    """TOML of a scene with a line about it, and the versions that it was run with."""
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
-    return (
-        f"# Everything this run was made from; run it again with --scene.\n# {listed}\n"
-        + dump_scene(scene)
-    )
+    return f"# {said}\n# {listed}\n" + dump_scene(scene)

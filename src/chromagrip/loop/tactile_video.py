@@ -62,7 +62,7 @@ class TactileVideo(VideoFile):
         return int(time * FPS * SLOWDOWN + 1e-6)
 
     def add_traction(self, image: Image, sample: Sample) -> None:
-        """Append one sample of a dome with its image, and its traction as it was observed."""
+        """Append one sample of a dome with its image, and its traction as it was estimated."""
         assert self._traction is not None
         assert sample.observation is not None
         seen = sample.tracks is not None

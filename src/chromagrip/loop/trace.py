@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..control import GripObservation
 from ..model import GROSS_SLIP, margin_within
-from ..scene.scene import Scene
+from ..scene.scene import Body, Scene
 from ..tracking.forces import CameraPose
 from ..tracking.forces.chain import Used
 from .grasp import Sample
@@ -29,14 +29,14 @@ COLUMNS = {
     "friction_true_n": "ΣFf",
     "mu_true": "Σµᵢ·Fn,i/ΣFn, the object's µ over the contact",
     "margin_true": "Γ with the object's µ; NaN without contact",
-    "normal_estimated_n": "ΣFn as observed",
-    "friction_estimated_n": "ΣFf as observed",
-    "normal_deviation_n": "standard deviation of the observed ΣFn",
-    "friction_deviation_n": "standard deviation of the observed ΣFf",
-    "mu_estimated": "µ as observed; this and all observed is NaN of a dropped frame",
+    "normal_estimated_n": "ΣFn as estimated",
+    "friction_estimated_n": "ΣFf as estimated",
+    "normal_deviation_n": "standard deviation of the estimated ΣFn",
+    "friction_deviation_n": "standard deviation of the estimated ΣFf",
+    "mu_estimated": "µ as estimated; all estimates are NaN of a dropped frame",
     "mu_low": "lower end of the 90 % interval of µ",
     "mu_high": "upper end",
-    "margin_estimated": "Γ as observed",
+    "margin_estimated": "Γ as estimated",
     "margin_low": "lower end of the 90 % interval of Γ",
     "margin_high": "upper end",
     "pressure_n_per_m": "ΣFn over the contact's width",
@@ -50,7 +50,30 @@ COLUMNS = {
     "object_y_mm": "position of the object along y; 0 on a chain",
     "object_turn_deg": "turn of the object about z; 0 on a chain",
     "limit_margin_true": "margin of force and torsion together; NaN on a chain",
+    "limit_margin_estimated": "the same as estimated",
+    "limit_margin_low": "lower end of its 90 % interval",
+    "limit_margin_high": "upper end",
+    "force_x_true_n": "force of the object on the dome along x",
+    "force_y_true_n": "along y",
+    "force_z_true_n": "along z; a press is negative",
+    "torque_true_nmm": "torque of the object on the dome about z",
+    "force_x_estimated_n": "the same forces and torque as estimated",
+    "force_y_estimated_n": "along y",
+    "force_z_estimated_n": "along z",
+    "torque_estimated_nmm": "about z",
+    "force_x_deviation_n": "standard deviations of these",
+    "force_y_deviation_n": "along y",
+    "force_z_deviation_n": "along z",
+    "torque_deviation_nmm": "about z",
 }
+#: Columns from here on are written of a dome only; a chain has no third dimension.
+FIRST_OF_DOME = "limit_margin_estimated"
+
+
+def columns_of(body: Body) -> tuple[str, ...]:
+    """Names of the columns that the trace of a body is written with."""
+    names = tuple(COLUMNS)
+    return names if body == "dome" else names[: names.index(FIRST_OF_DOME)]
 
 
 def row(sample: Sample) -> tuple[float, ...]:
@@ -77,11 +100,12 @@ def row(sample: Sample) -> tuple[float, ...]:
         sample.truth.place[1] * 1e3,
         math.degrees(sample.truth.turn),
         margin_within(sample.field, sample.friction),
+        *_of_dome(sample),
     )
 
 
 def _observed(observation: GripObservation | None) -> tuple[float, ...]:
-    """Columns from ΣFn as observed to the upper end of Γ."""
+    """Columns from ΣFn as estimated to the upper end of Γ."""
     if observation is None:
         return (math.nan,) * 10
     deviation = np.sqrt(np.maximum(np.diag(observation.field.totals_covariance), 0.0))
@@ -95,6 +119,19 @@ def _observed(observation: GripObservation | None) -> tuple[float, ...]:
         observation.margin,
         *observation.margin_interval,
     )
+
+
+def _of_dome(sample: Sample) -> tuple[float, ...]:
+    """Columns from FIRST_OF_DOME on; NaN on a chain."""
+    out = np.full(15, math.nan)
+    if sample.field.directions is not None:
+        out[3:7] = sample.field.wrench
+    seen = sample.observation
+    if seen is not None:
+        out[:3] = seen.limit_margin, *seen.limit_margin_interval
+        out[7:] = *seen.force, seen.torque, *seen.force_deviation, seen.torque_deviation
+    out[[6, 10, 14]] *= 1e3
+    return tuple(out.tolist())
 
 
 @dataclass(frozen=True)
@@ -162,6 +199,7 @@ def summarise(
         "final_margin_true": _last(trace["margin_true"]),
         "final_margin_estimated": _last(trace["margin_estimated"]),
         "final_limit_margin_true": _last(trace["limit_margin_true"]),
+        "final_limit_margin_estimated": _last(trace["limit_margin_estimated"]),
         "final_turn_deg": _last(trace["object_turn_deg"]),
         "margin_true_min_last_300ms": float(late.min()) if len(late) else math.nan,
         "margin_true_max_last_300ms": float(late.max()) if len(late) else math.nan,

@@ -45,9 +45,10 @@ DEFAULT_WINDOW = 0.3
 
 
 class Typical(TypedDict):
-    """Values of a column: in the last frame, and the median over the frames."""
+    """Values of a column: in the last frame, with its 90 % interval, and the median of all."""
 
     last: float | None
+    last_interval: tuple[float, float] | None
     median: float
 
 
@@ -236,11 +237,13 @@ class _Rows:
         estimated = [row for row in self._rows if not row["no_estimate"]]
         columns: dict[str, Typical] = {}
         for name in VALUES:
-            column = [row.get(name) for row in estimated]
-            values = [value for value in column if isinstance(value, float)]
+            values = [v for row in estimated if (v := _number(row, name)) is not None]
             if values:
-                last = column[-1] if isinstance(column[-1], float) else None
-                columns[name] = {"last": last, "median": float(np.median(values))}
+                columns[name] = {
+                    "last": _number(estimated[-1], name),
+                    "last_interval": _interval(estimated[-1], name),
+                    "median": float(np.median(values)),
+                }
         count = len(self._rows)
         return {
             "without_estimate": len(reasons),
@@ -249,3 +252,16 @@ class _Rows:
             "mu_observable_frames": sum(bool(row.get("mu_observable")) for row in estimated),
             "ms_per_estimate": 1e3 * self._seconds / count if count else None,
         }
+
+
+def _number(row: Row, name: str) -> float | None:
+    value = row.get(name)
+    return value if isinstance(value, float) else None
+
+
+def _interval(row: Row, name: str) -> tuple[float, float] | None:
+    """Interval of a column, whose ends stand before its unit; None where there is none."""
+    stem, _, unit = name.rpartition("_")
+    parts = (stem, f"_{unit}") if unit in ("n", "nmm") else (name, "")
+    low, high = (_number(row, end.join(parts)) for end in ("_low", "_high"))
+    return None if low is None or high is None else (low, high)

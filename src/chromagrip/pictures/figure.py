@@ -65,7 +65,7 @@ def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
         if curves[0][0] == "mu":
             hidden = np.array([row.get("mu_observable") is False for row in rows])
             course = np.where(hidden, _column(rows, "mu"), np.nan)
-            axes.plot(time, course, color=LOAD, lw=3.0, alpha=0.5, label="not shown by the frame")
+            axes.plot(time, course, color=LOAD, lw=3.0, alpha=0.5, label="µ not observable")
         missing = np.array([bool(row["no_estimate"]) for row in rows])
         if missing.any():
             axes.plot(time[missing], np.zeros(missing.sum()), "|", color=LOAD, label="no estimate")

@@ -13,7 +13,7 @@ CONTROLLERS = Registry(
         ),
         "margin-inversion": (
             "..control:MarginInversion",
-            "the grip force at which the observed load has the desired margin",
+            "the grip force at which the estimated load has the desired margin",
         ),
         "react-to-slip": (
             "..control:ReactToSlip",

@@ -50,6 +50,8 @@ from .shapes import PROFILE_KEYS, SHAPE_KEYS, build_shape
 GRIP_KEYS = ("force_n", "start_n", "step_n", "feedforward_n", "floor_n", "ceiling_n")
 
 PathName = Literal["camera", "truth"]
+#: Margin that a controller holds: the smaller of both, or Γ, which knows friction alone.
+HeldMargin = Literal["smaller", "friction"]
 #: What the fingertip is: the thesis's chain of nodes, a slice, or silicone in three dimensions.
 Body = Literal["chain", "dome"]
 
@@ -69,6 +71,8 @@ class Scene(Table, frozen=True):
     renderer, sensor: by name; a sensor may be a file too
     calibration: file of the sensor's calibration; empty for a sensor as designed
     tracker, reconstructor: by name; how markers are followed and how forces are estimated
+    held_margin: margin that the controller holds on a dome: the `smaller` of Γ and the one with
+        torsion, or that of `friction` alone, which is Γ
     """
 
     description: str = ""
@@ -82,6 +86,7 @@ class Scene(Table, frozen=True):
     calibration: str = ""
     tracker: str = "fit"
     reconstructor: str = "auto"
+    held_margin: HeldMargin = "smaller"
     controller_arguments: Values = msgspec.field(default_factory=dict)
     object: ObjectSettings = ObjectSettings()
     load: LoadSettings = LoadSettings()
@@ -132,6 +137,10 @@ class Scene(Table, frozen=True):
                         f'{table}.{key} = {value!r} is for body = "{other}"; this scene\'s body is '
                         f"{self.body}"
                     )
+        if chain and self.held_margin != "smaller":
+            raise UserError(
+                f'held_margin = "{self.held_margin}" is for body = "dome"; a chain has no torsion'
+            )
         if not chain:
             if isinstance(self.build_dome(), Pad) and self.path == "camera":
                 raise UserError(
@@ -333,6 +342,8 @@ def dump_scene(scene: Scene, folder: Path | None = None) -> str:
     values = msgspec.to_builtins(scene)
     if not scene.controller_arguments:
         del values["controller_arguments"]
+    if scene.body == "chain":  # which has one margin
+        del values["held_margin"]
     if folder is not None:
         values["sensor"] = seen_from(folder, scene.sensor)
         if scene.object.mesh:

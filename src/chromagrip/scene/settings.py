@@ -214,7 +214,7 @@ class CameraSettings(Table, frozen=True):
         middle. `defects.motion_blur` is an exposure that also blurs
     dropped: share of frames that never reach the controller; the grip holds
     late: share of frames that reach it one frame later than the latency
-    friction_bias: error of the observed µ, and of Γ with it, as a wrong calibration makes
+    friction_bias: error of the estimated µ, and of Γ with it, as a wrong calibration makes
     noise_levels: standard deviation of a pixel [grey levels]
     rest_frames: frames of the unloaded sensor before the run
     """

@@ -6,13 +6,14 @@ has been pressed, shifted and turned (`contact_state`). What no such contact exp
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import UserError
-from ....model import Dome, ForceField, FrictionReading
+from ....model import Dome, ForceField, FrictionReading, margin_within, torsion
 from ....model.dome import PosedContact, lattice
 from ....render import layer_depths
 from ...tracks import Tracks
@@ -21,7 +22,7 @@ from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from .contact_fit import ContactFit, Key, Shifts, Solution
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT, PLACE, PRESS, prior_of
-from .keys import far_on, thinned
+from .keys import KEYS, far_on, thinned
 from .marker_response import DomeResponse
 
 Array = NDArray[np.float64]
@@ -47,6 +48,8 @@ _ROUNDS, _FEW_ROUNDS = 25, 8
 _DOUBTFUL, _WORSE = 1.2, 1.3
 #: … and their curvatures times the radius.
 _OTHERS = (0.0, 3.0)
+#: Once in so many key frames as are kept, an object of so many times the friction is tried.
+_SLIPPERY = 0.5
 #: Starts of a contact: angles of its place from the apex [rad], and how many around it.
 _STARTS = ((0.0, 1), (0.25, 6), (0.55, 10))
 #: Press of a start over the thickness.
@@ -94,6 +97,8 @@ class ContactReading:
         #: Solution of the last key frame; None where there is none.
         self.last: Solution | None = None
         self._now: tuple[PosedContact, Array] | None = None
+        self._covariance = np.zeros((7, 7))
+        self._added = 0
         self._doubtful = _DOUBTFUL
 
     def update(self, tracks: Tracks) -> ForceField:
@@ -149,6 +154,11 @@ class ContactReading:
             solution = None
         if solution is None or solution.misfit > self._doubtful:
             solution = self._better(solution, last.object_, keys, _FEW_ROUNDS)
+        self._added += 1
+        if self._added % KEYS == 0:
+            slippery = last.object_.copy()
+            slippery[FRICTION] += math.log(_SLIPPERY)
+            solution = self._better(solution, slippery, keys, _FEW_ROUNDS)
         return self._taken(solution, last.object_, keys)
 
     def _found(self, shifts: Shifts) -> bool:
@@ -165,6 +175,7 @@ class ContactReading:
         if solution is None or solution.misfit > _MISFIT:
             return False
         self.last, self._now = solution, (solution.contact, solution.keys[-1].pose)
+        self._covariance = self._spread(solution)
         self._doubtful = max(_DOUBTFUL, _WORSE * solution.misfit)
         return True
 
@@ -230,6 +241,7 @@ class ContactReading:
             contact=np.zeros(len(points), np.bool_),
             totals_covariance=np.zeros((2, 2)),
             directions=np.zeros_like(points),
+            wrench_covariance=np.zeros((4, 4)),
         )
 
     def _field(self) -> ForceField:
@@ -238,7 +250,7 @@ class ContactReading:
         solution, contact = self.last, self._now[0]
         normal = contact.normal
         mu = math.exp(solution.object_[FRICTION])
-        whole = self._spread(solution)
+        whole = self._covariance
         deviation = math.sqrt(whole[2, 2])
         sums = _sums(contact)
         share = sums[1] / max(mu * sums[0], 1e-12)
@@ -247,22 +259,29 @@ class ContactReading:
         totals = whole[:2, :2] * np.outer(scale, scale)
         totals += np.diag([(_NORMAL_ERROR * sums[0]) ** 2, (_FRICTION_ERROR * sums[1]) ** 2])
         slope = np.array([share, -1.0 / max(mu * sums[0], 1e-12), share])
-        spread = math.hypot(math.sqrt(float(slope @ whole @ slope)), _MARGIN_ERROR)
+        spread = math.hypot(math.sqrt(float(slope @ whole[:3, :3] @ slope)), _MARGIN_ERROR)
         nodes = contact.nodes
-        return ForceField(
+        field = ForceField(
             position=lattice(self.dome).points + self._whole(nodes, contact.displacement),
             normal=self._whole(nodes, normal),
             friction=self._whole(nodes, contact.friction),
             contact=self._whole(nodes, normal > _TOUCHING * max(normal.sum(), 1e-9)),
             totals_covariance=totals,
-            friction_reading=FrictionReading(
-                value=mu,
-                deviation=mu * deviation,
-                observable=deviation < _OBSERVED and 1.0 - share < _OBSERVABLE_MARGIN,
-                totals_covariance=tuple(mu * scale * whole[2, :2]),
-                margin_deviation=spread,
-            ),
             directions=self._whole(nodes, contact.normals),
+        )
+        # Torsion makes the skin slip as a pull does.
+        slips = margin_within(field, mu) < _OBSERVABLE_MARGIN
+        reading = FrictionReading(
+            value=mu,
+            deviation=mu * deviation,
+            observable=deviation < _OBSERVED and slips,
+            totals_covariance=tuple(mu * scale * whole[2, :2]),
+            margin_deviation=spread,
+        )
+        return replace(
+            field,
+            friction_reading=reading,
+            wrench_covariance=whole[3:, 3:] + _wrench_error(field, mu),
         )
 
     def _whole(self, nodes: NDArray[np.int64], values: NDArray[Any]) -> NDArray[Any]:
@@ -272,20 +291,45 @@ class ContactReading:
         return out
 
     def _spread(self, solution: Solution) -> Array:
-        """Covariance of ln ΣFn, ΣFf [N] and ln µ in the last key frame, shape (3, 3)."""
-        sums = _sums(solution.changes.contact)
-        slopes = np.zeros((3, MOVING + len(OBJECT)))
-        for k, unit in enumerate(self._fit.units):
-            slopes[:2, k] = (_sums(solution.changes.changed.at(k)) - sums) / unit
+        """Covariance of ln ΣFn, ΣFf [N], ln µ and the wrench in the last key frame, shape (7, 7).
+
+        The wrench is the force along x, y, z [N] and the torque about z [N·m].
+        """
+        changes = solution.changes
+        sums = _sums(changes.contact)
+        slopes = np.zeros((7, MOVING + len(OBJECT)))
+        slopes[:2] = (_sums(changes.changed) - sums).T
+        slopes[3:] = (self._wrench(changes.changed) - self._wrench(changes.contact)).T
+        slopes /= self._fit.units
         slopes[0] /= max(float(sums[0]), 1e-12)
         slopes[2, MOVING + FRICTION] = 1.0
         return np.asarray(slopes @ solution.covariance @ slopes.T)
 
+    def _wrench(self, contact: PosedContact) -> Array:
+        """Force along x, y, z [N] and torque about z [N·m], shape (…, 4)."""
+        place = lattice(self.dome).points[contact.nodes] + contact.displacement
+        turn = place[..., 0] * contact.forces[..., 1] - place[..., 1] * contact.forces[..., 0]
+        return np.concatenate([contact.forces.sum(axis=-2), turn.sum(-1)[..., None]], axis=-1)
+
+
+def _wrench_error(field: ForceField, mu: float) -> Array:
+    """Covariance of the wrench that the same errors of the sums leave, shape (4, 4).
+
+    That of friction may be along any direction, and turn as much as friction could at most.
+    """
+    assert field.directions is not None
+    press = field.normal @ field.directions
+    out = np.diag([(_FRICTION_ERROR * field.total_friction) ** 2] * 3 + [0.0])
+    out[:3, :3] += _NORMAL_ERROR**2 * np.outer(press, press)
+    out[3, 3] = (_FRICTION_ERROR * mu * torsion(field)[2]) ** 2
+    return out
+
 
 def _sums(contact: PosedContact) -> Array:
-    """ΣFn and ΣFf [N], shape (2,)."""
-    axis = (contact.forces - contact.friction).sum(axis=0)
-    whole = contact.friction.sum(axis=0)
-    length = max(float(np.linalg.norm(axis)), 1e-12)
-    across = whole - axis * float(whole @ axis) / length**2
-    return np.array([contact.normal.sum(), np.linalg.norm(across)])
+    """ΣFn and ΣFf [N], shape (…, 2)."""
+    axis = (contact.forces - contact.friction).sum(axis=-2)
+    whole = contact.friction.sum(axis=-2)
+    length = np.maximum(np.linalg.norm(axis, axis=-1), 1e-12)
+    along = (whole * axis).sum(axis=-1) / length**2
+    across = np.linalg.norm(whole - axis * along[..., None], axis=-1)
+    return np.stack([contact.normal.sum(axis=-1), across], axis=-1)

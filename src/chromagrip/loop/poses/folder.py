@@ -28,6 +28,10 @@ from .poses import Pose, Settled, Shot, settle_any
 from .preview import draw_preview
 
 FORMAT = "chromagrip render 1"
+#: First line of the scene.
+_SCENE = "Everything these pictures were made from but their poses, which are in poses.json"
+#: Decimals of forces [N] and torques [N·mm] of a dome; further ones are the solver's.
+_FORCE_DIGITS, _TORQUE_DIGITS = 5, 4
 
 #: One picture of `poses.json`: names of its files, and forces or displacements.
 Entry = dict[str, str | float | list[float] | None]
@@ -39,6 +43,7 @@ class Report(TypedDict):
     format: str
     sensor: str
     renderer: str
+    again: str | None
     files: dict[str, str]
     arrays: dict[str, str]
     poses: list[Entry]
@@ -92,6 +97,7 @@ def render_poses(
     out: Path | None,
     overwrite: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    again: str | None = None,
 ) -> Report:
     """Take a picture of each pose; with a folder, write them with their truth and previews.
 
@@ -102,6 +108,7 @@ def render_poses(
     out: folder, made if missing
     overwrite: write into a folder that is not empty, over an earlier result
     progress: called after every picture
+    again: command that takes the same pictures of the scene.toml that is written
 
     Returns
     -------
@@ -123,7 +130,7 @@ def render_poses(
     entries = []
     try:
         for number, shot in enumerate(_shots(scene, settled, out)):
-            entries.append(_entry(shot, number))
+            entries.append(_entry(scene, shot, number))
             if out is not None:
                 _write(out, number, shot, scene)
                 draw_preview(scene, shot, out / f"preview-{number:03d}.png")
@@ -132,8 +139,9 @@ def render_poses(
             "format": FORMAT,
             "sensor": scene.sensor,
             "renderer": scene.renderer,
+            "again": again,
             "files": {
-                "scene.toml": "everything this was made from",
+                "scene.toml": "everything this was made from but the poses",
                 "camera.yml": "the camera, in OpenCV's format",
                 "rest.png": "the unloaded sensor, same specimen and noise",
             },
@@ -142,7 +150,8 @@ def render_poses(
             "versions": versions(),
         }
         if out is not None:
-            (out / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
+            said = _SCENE + (f"; {again} takes them again" if again else "")
+            (out / "scene.toml").write_text(scene_text(scene, said), encoding="utf-8")
             camera = camera_text(scene.build_sensor().view.camera)
             (out / "camera.yml").write_text(camera, encoding="utf-8")
             # Last, so that a folder that has it is complete.
@@ -158,6 +167,8 @@ def _shots(scene: Scene, settled: list[Settled], out: Path | None) -> Iterator[S
     truth = TruthMap(sensor, scene.fingertip.nodes if chain else scene.build_dome())
     rest = rest_state(scene.build_fingertip()) if chain else _untouched(settled[0].state)
     with closing(open_camera(scene)) as camera, one_thread():
+        still = carried(rest)
+        depth = truth(camera.membrane(still), still).depth
         if out is not None:
             _save_image(out / "rest.png", camera.expose_rest(rest, 1)[0].image)
         for number, one in enumerate(settled):
@@ -171,6 +182,7 @@ def _shots(scene: Scene, settled: list[Settled], out: Path | None) -> Iterator[S
                 settled=one,
                 frame=frame,
                 truth=truth(camera.membrane(drive), drive),
+                rest_depth=depth,
                 seen=seen,
                 traction=traction,
             )
@@ -183,7 +195,7 @@ def _untouched(state: State | DomeState) -> DomeState:
     return replace(state, time=0.0, linear=nothing, memory=nothing)
 
 
-def _entry(shot: Shot, number: int) -> Entry:
+def _entry(scene: Scene, shot: Shot, number: int) -> Entry:
     pose, field, friction = shot.settled.pose, shot.settled.field, shot.settled.friction
     entry: Entry = {
         "image": f"image-{number:03d}.png",
@@ -197,21 +209,31 @@ def _entry(shot: Shot, number: int) -> Entry:
     else:
         entry |= {"grip_n": pose.grip, "load_n": pose.load}
     if field is not None:
+        digits = _FORCE_DIGITS if isinstance(pose, DomePose) else None
         margin = field.safety_margin(friction)
         entry |= {
-            "normal_n": field.total_normal,
-            "friction_n": field.total_friction,
+            "normal_n": _rounded(field.total_normal, digits),
+            "friction_n": _rounded(field.total_friction, digits),
             "mu": friction if np.isfinite(friction) else None,
-            "margin": margin if np.isfinite(margin) else None,
+            "margin": _rounded(margin, digits) if np.isfinite(margin) else None,
         }
         if isinstance(pose, DomePose):
             limit = margin_within(field, friction)
+            torque = [1e3 * field.torque(axis) for axis in np.eye(3)]
+            outwards = lattice(scene.build_dome()).outwards
+            deepest = -1e3 * float(np.einsum("ij,ij->i", shot.seen, outwards).min())
             entry |= {
-                "limit_margin": limit if np.isfinite(limit) else None,
-                "force_n": field.total_force.tolist(),
-                "torque_nmm": [1e3 * field.torque(axis) for axis in np.eye(3)],
+                "limit_margin": _rounded(limit, digits) if np.isfinite(limit) else None,
+                "force_n": [_rounded(force, digits) for force in field.total_force.tolist()],
+                "torque_nmm": [_rounded(part, _TORQUE_DIGITS) for part in torque],
+                "deepest_mm": _rounded(deepest, 4),
             }
     return entry | {"markers_visible": int(shot.truth.visible.all(axis=0).sum())}
+
+
+def _rounded(value: float, digits: int | None) -> float:
+    """Value to so many decimals, and no negative zero."""
+    return value if digits is None else round(value, digits) + 0.0
 
 
 def _dome_pose(pose: DomePose) -> Entry:

@@ -70,6 +70,7 @@ class Shot:
     settled: pose and contact
     frame: image as the camera gives it
     truth: of that image
+    rest_depth: depth of the truth at rest [m], shape (H, W)
     seen: node displacements relative to the rigid part [m], shape (N, 2), of a dome (N, 3)
     traction: of the object on the skin where the image shows it [Pa], (H, W, 3); None of a chain
     """
@@ -77,6 +78,7 @@ class Shot:
     settled: Settled
     frame: Frame
     truth: GroundTruth
+    rest_depth: NDArray[np.float32]
     seen: Array
     traction: NDArray[np.float32] | None = None
 

@@ -1,5 +1,6 @@
 """A labelled picture of an image and its ground truth."""
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,12 @@ YELLOW = "#b58900"
 FORCE = "#1f4fd8"
 #: Spacing of the flow's arrows [px].
 SPACING = 16
-#: Factor by which the flow is magnified.
-MAGNIFY = 4.0
+#: Factor by which the flow is magnified: its longest arrow is longer than the spacing by half.
+MAGNIFY = (4.0, 20.0)
+#: Letters in a line of the title.
+WIDTH = 110
+#: Longest arrow of a force over the height of the picture, and over the width of the contact.
+ARROW, OF_CONTACT = 0.08, 0.35
 
 
 def draw_preview(scene: Scene, shot: Shot, path: Path) -> None:
@@ -27,7 +32,7 @@ def draw_preview(scene: Scene, shot: Shot, path: Path) -> None:
     matplotlib.use("Agg", force=False)
     figure = Figure(figsize=(12.0, 9.4), dpi=100, layout="constrained")
     axes = figure.subplots(2, 2)
-    figure.suptitle(_title(scene, shot))
+    figure.suptitle(textwrap.fill(_title(scene, shot), WIDTH))
     _markers(axes[0, 0], scene, shot)
     _layers(axes[0, 1], shot)
     _flow(axes[1, 0], shot)
@@ -64,10 +69,12 @@ def _dome_title(pose: DomePose, shot: Shot) -> str:
             parts.append("sheared " + " and ".join(f"{1e3 * s:.3g}" for s in pose.shear) + " mm")
     if pose.twist:
         parts.append(f"twisted {np.degrees(pose.twist):.3g}°")
-    parts.append(f"force {x:.2g}, {y:.2g}, {-z:.2g} N")
-    parts.append(f"torque {1e3 * field.torque((0.0, 0.0, 1.0)):.2g} N·mm")
-    margin = margin_within(field, friction)
-    parts.append(f"safety margin {margin:.2f}" if np.isfinite(margin) else "no contact")
+    parts.append(f"force {x:z.2f}, {y:z.2f} and {-z:z.2f} N down")
+    parts.append(f"torque {1e3 * field.torque((0.0, 0.0, 1.0)):z.2f} N·mm")
+    margin, limit = field.safety_margin(friction), margin_within(field, friction)
+    parts.append(
+        f"Γ {margin:z.2f}, with torsion {limit:z.2f}" if np.isfinite(margin) else "no contact"
+    )
     return ", ".join(parts)
 
 
@@ -89,7 +96,9 @@ def _markers(axis: Any, scene: Scene, shot: Shot) -> None:
         base = view.project(places)
         force = (view.project(places + step * friction / longest) - base) / step
         largest = np.linalg.norm(force, axis=1).max()
-        force *= 0.08 * view.height / max(largest, 1e-12)
+        # Longer ones would hide each other where the contact is small in the picture.
+        wide = float(np.ptp(base, axis=0).max())
+        force *= min(ARROW * view.height, OF_CONTACT * wide) / max(largest, 1e-12)
         every = 1
     else:
         x, z = field.position[touching].T
@@ -121,11 +130,12 @@ def _flow(axis: Any, shot: Shot) -> None:
     flow = shot.truth.flow[0]
     length = np.linalg.norm(flow, axis=-1)
     largest = float(np.nanmax(length, initial=0.0))
-    axis.set_title(f"motion of the outer layer since rest, up to {largest:.1f} px, ×{MAGNIFY:g}")
+    magnify = round(float(np.clip(1.5 * SPACING / max(largest, 1e-3), *MAGNIFY)))
+    axis.set_title(f"motion of the outer layer since rest, up to {largest:.1f} px, ×{magnify}")
     axis.imshow(length, cmap="Greys", vmin=0.0, vmax=max(2.0 * largest, 1e-3))
     rows, cols = (slice(SPACING // 2, None, SPACING) for _ in range(2))
     y, x = np.mgrid[: length.shape[0], : length.shape[1]]
-    arrows = MAGNIFY * flow[rows, cols]
+    arrows = magnify * flow[rows, cols]
     axis.quiver(
         x[rows, cols],
         y[rows, cols],
@@ -140,6 +150,7 @@ def _flow(axis: Any, shot: Shot) -> None:
 
 
 def _depth(figure: Figure, axis: Any, shot: Shot) -> None:
-    axis.set_title("distance from the camera to the skin")
-    picture = axis.imshow(1e3 * shot.truth.depth, cmap="viridis")
+    # The distance itself is mostly that the rays of a pad's rim are longer.
+    axis.set_title("how much nearer to the camera the skin is than at rest")
+    picture = axis.imshow(1e3 * (shot.rest_depth - shot.truth.depth), cmap="viridis")
     figure.colorbar(picture, ax=axis, label="mm", shrink=0.85)

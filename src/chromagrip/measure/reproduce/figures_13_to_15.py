@@ -308,7 +308,7 @@ def _bumps(trace: Trace, start: float, stop: float) -> int:
 
 
 def _camera_rows(part: str, runs: Runs, camera: str | None) -> list[Row]:
-    """Quantities of a figure through the camera, and the error of the observed Γ."""
+    """Quantities of a figure through the camera, and the error of the estimated Γ."""
     rows = []
     for name in CONTROLLERS if camera else ():
         job = make_job(name, camera=camera)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from ...errors import UserError
 from ...extras import need
 from ...loop.run_folder import run
-from ...loop.trace import COLUMNS, Trace
+from ...loop.trace import Trace, columns_of
 from ...model import ContactObject
 from ...output.cells import read_cells, resumed
 from ...output.folder import whole_file
@@ -103,7 +103,7 @@ class Cell:
     scene, changes: the job
     pressure, pressure_pitch: largest, without and with one node pitch added to the width [N/m]
     displacement, rigid_slip: at the end [mm]
-    margin_rmse: error of the observed Γ
+    margin_rmse: error of the estimated Γ
     final_margin: true
     reactions: of React To Slip
     stopped: why the run ended early, as where the object is let go; else empty
@@ -205,11 +205,11 @@ def _run(job: Job) -> tuple[Cell, Trace | None]:
 def _write_trace(trace: Trace, path: Path) -> None:
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     path.parent.mkdir(exist_ok=True)
-    table = pa.table({name: pa.array(column) for name, column in trace.columns.items()})
+    table = pa.table({name: pa.array(trace[name]) for name in columns_of("chain")})
     with whole_file(path) as part:
         pq.write_table(table, part)
 
 
 def _read_trace(path: Path) -> Trace:
     table = need("pyarrow.parquet", "data").read_table(path)
-    return Trace({name: table[name].to_numpy() for name in COLUMNS})
+    return Trace({name: table[name].to_numpy() for name in columns_of("chain")})

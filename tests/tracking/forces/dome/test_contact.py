@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from chromagrip.errors import UserError
-from chromagrip.model import DomeState, Motion, Solid, dome_forces, simulate_contact
+from chromagrip.model import (
+    DomeState,
+    Motion,
+    Solid,
+    dome_forces,
+    margin_within,
+    simulate_contact,
+)
 from chromagrip.model.dome import Stepper, resting
 from chromagrip.model.shapes import Shape, ball, cylinder, plane
 from chromagrip.render import load_sensor
@@ -23,17 +30,20 @@ GRIP = 3.0
 
 
 @lru_cache(maxsize=8)
-def grasped(solid: Solid, azimuth: float, margin: float, frames: int = 24) -> tuple[DomeState, ...]:
-    """States of a grip and then a load that leaves a margin, one a frame."""
+def grasped(
+    solid: Solid, azimuth: float, margin: float, frames: int = 24, torque: float = 0.0
+) -> tuple[DomeState, ...]:
+    """States of a grip and then a load that leaves a margin, with a torque [N·m], one a frame."""
     load = (1.0 - margin) * solid.friction * GRIP
     loads = np.zeros((4, 6))
     loads[1:, 2] = -GRIP
     loads[2:, :2] = load * math.cos(azimuth), load * math.sin(azimuth)
+    loads[2:, 5] = torque
     motion = Motion(
         times=np.array([0.0, 0.2, 0.6, 0.7]),
         poses=np.zeros((4, 6)),
-        free=("x", "y", "z"),
-        drag=(2.0, 2.0, 25.0, 0.0, 0.0, 0.0),
+        free=("x", "y", "z", "rz") if torque else ("x", "y", "z"),
+        drag=(2.0, 2.0, 25.0, 0.0, 0.0, 1e-4 if torque else 0.0),
         loads=loads,
     )
     stepper = Stepper(DOME, solid, motion, resting(DOME, solid, motion))
@@ -78,6 +88,33 @@ def test_force_direction_friction_and_margin_are_read(
     off = field.safety_margin(reading.value) - truth.safety_margin(friction)
     assert abs(off) < min(0.15, 2.5 * reading.margin_deviation)
     assert reading.margin_deviation < 0.15
+
+
+@pytest.mark.parametrize(
+    ("shape", "margin", "torque"),
+    [(plane(), 1.0, 2.5e-3), (plane(), 0.5, -2e-3), (ball(12e-3), 0.6, 1e-3)],
+    ids=["turned", "pulled", "ball"],
+)
+def test_torque_and_force_are_read_with_their_intervals(
+    shape: Shape, margin: float, torque: float
+) -> None:
+    states = grasped(Solid(shape=shape, friction=0.6), 0.4, margin, torque=torque)
+    field = read(states).field  # type: ignore[attr-defined]
+    truth = dome_forces(DOME, states[-1])
+    assert truth.wrench[3] == pytest.approx(torque, rel=0.1)
+    deviation = np.sqrt(np.diag(field.wrench_covariance))
+    assert (abs(field.wrench - truth.wrench) < 2.5 * deviation).all()
+    # Narrow enough to tell whether there is a torque, and in which direction a pull.
+    assert deviation[3] < 0.25 * abs(torque)
+    assert (deviation[:3] < 0.1 * abs(truth.wrench[2])).all()
+    # Forces and torque go up and down together with an error of µ: the matrix is a covariance.
+    assert np.linalg.eigvalsh(field.wrench_covariance).min() >= 0.0
+    reading = field.friction_reading
+    assert reading is not None
+    limit = margin_within(field, reading.value)
+    assert limit == pytest.approx(margin_within(truth, 0.6), abs=0.15)
+    # Torsion shows µ where Γ is 1, too.
+    assert reading.observable
 
 
 def test_a_pure_press_shows_force_and_no_friction() -> None:

@@ -1,0 +1,93 @@
+"""Torsion in an observation: the margin of friction and torsion together, and which one is held."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..control import GripObservation
+from ..model import margin_within, torsion
+from ..scene.scene import HeldMargin
+from ..tracking import Z90
+
+Array = NDArray[np.float64]
+
+
+def with_limit_margin(observation: GripObservation) -> GripObservation:
+    """Observation with the margin of friction and torsion together, where a torque is known.
+
+    An interval that a reconstructor does not tell of the torque counts as none.
+    """
+    field, mu = observation.field, observation.friction
+    if field.directions is None or math.isnan(observation.margin):
+        return observation
+    # It is never larger than Γ but for the end of a search.
+    limit = min(margin_within(field, mu), observation.margin)
+    twist, slope, bound = torsion(field)
+    bound *= mu
+    if not bound > 0.0:  # a single node bears no torsion
+        return replace(
+            observation, limit_margin=limit, limit_margin_interval=observation.margin_interval
+        )
+    covariance = field.wrench_covariance
+    error = 0.0 if covariance is None else _deviation(slope, covariance) / bound
+    share = abs(twist) / bound
+    error = math.hypot(error, share * _bound_deviation(observation))
+    low, high = observation.margin_interval
+    ends = (1.0 - high, 1.0 - low), (share - Z90 * error, share + Z90 * error)
+    return replace(
+        observation,
+        limit_margin=limit,
+        limit_margin_interval=_interval(limit, 1.0 - observation.margin, share, ends),
+    )
+
+
+def held(observation: GripObservation, margin: HeldMargin) -> GripObservation:
+    """Observation as a controller is given it, with the margin that it is to hold."""
+    if margin == "friction" or math.isnan(observation.limit_margin):
+        return observation
+    return replace(
+        observation,
+        margin=observation.limit_margin,
+        margin_interval=observation.limit_margin_interval,
+    )
+
+
+def _deviation(slope: Array, covariance: Array) -> float:
+    return math.sqrt(max(float(slope @ covariance @ slope), 0.0))
+
+
+def _bound_deviation(observation: GripObservation) -> float:
+    """Relative standard deviation of µ·ΣFn, of which a contact's bounds are multiples."""
+    field = observation.field
+    low, high = observation.friction_interval
+    friction = 0.0 if math.isnan(low) else (high - low) / (2.0 * Z90 * observation.friction)
+    normal = math.sqrt(max(field.totals_covariance[0, 0], 0.0)) / field.total_normal
+    return math.hypot(friction, normal)
+
+
+def _interval(
+    limit: float,
+    pull: float,
+    twist: float,
+    ends: tuple[tuple[float, float], tuple[float, float]],
+) -> tuple[float, float]:
+    """Interval of the margin, as errors of the pull and of the twist move it together.
+
+    Both share the error of µ·ΣFn. So their effects are added, each as if the limit surface were
+    an ellipsoid: the share of it that is used is the root of the sum of both squares.
+
+    Parameters
+    ----------
+    limit: the margin
+    pull, twist: shares that each uses of what is borne of it alone
+    ends: of the intervals of both
+    """
+    used = math.hypot(pull, twist)
+    pulls, twists = ends
+    least, most = (
+        math.hypot(max(pulls[k], 0.0), twist) + math.hypot(pull, max(twists[k], 0.0)) - 2.0 * used
+        for k in (0, 1)
+    )
+    return limit - most, limit - least

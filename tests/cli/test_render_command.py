@@ -1,0 +1,71 @@
+"""`chromagrip render` as it is typed: what it says, and how its pictures are taken again."""
+
+import json
+import re
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from subprocess import CompletedProcess
+from typing import Any
+
+import pytest
+
+from chromagrip.cli.options import counting
+
+Typed = Callable[..., CompletedProcess[str]]
+#: A coarse and thin dome, so that a command takes a second.
+COARSE = ("--set", "dome.pitch_mm=0.8", "--noise", "1", "--seed", "3")
+
+
+def _poses(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "poses.json").read_text(encoding="utf-8")))
+
+
+def test_a_folder_is_repeated_by_the_command_that_it_names(
+    tmp_path: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    pose = shlex.split("--object ball --press-mm 0.1 0.2 --twist-deg -5 --shear-mm .05")
+    done = typed("render", *COARSE, *pose, "--out", first)
+    assert done.returncode == 0, done.stderr
+    # Nothing pulls along y: what the solver leaves of it is not said.
+    assert not re.search(r"\de-\d", done.stdout)
+    told = _poses(first)
+    assert told["poses"][0]["torque_nmm"][:2] != [0.0, 0.0]
+    assert told["again"] in (first / "scene.toml").read_text(encoding="utf-8")
+    monkeypatch.chdir(first)
+    done = typed(*shlex.split(told["again"])[1:], "--out", second)
+    assert done.returncode == 0, done.stderr
+    assert _poses(second) == told
+    for name in ("image-000.png", "image-001.png", "truth-001.npz", "rest.png", "scene.toml"):
+        assert (first / name).read_bytes() == (second / name).read_bytes(), name
+
+
+def test_a_pure_press_has_no_friction_of_the_solver(tmp_path: Path, typed: Typed) -> None:
+    done = typed(
+        "render", *COARSE, "--object", "ball", "--press-mm", "0.3", "--out", tmp_path / "o"
+    )
+    assert "friction_n 0," in done.stdout
+    entry = _poses(tmp_path / "o")["poses"][0]
+    assert entry["force_n"][:2] == [0.0, 0.0]
+    assert entry["torque_nmm"] == [0.0, 0.0, 0.0]
+    assert entry["friction_n"] == 0.0
+    assert (entry["margin"], entry["limit_margin"]) == (1.0, 1.0)
+
+
+def test_a_press_beyond_what_was_compared_is_said(tmp_path: Path, typed: Typed) -> None:
+    hard = (*COARSE, "--object", "ball", "--set", "object.stiffness_kpa=20000")
+    done = typed("render", *hard, "--press-mm", "0.4", "--out", tmp_path / "shallow")
+    assert "finite elements" not in done.stderr
+    entry = _poses(tmp_path / "shallow")["poses"][0]
+    assert entry["deepest_mm"] == pytest.approx(0.4, rel=0.1)
+    done = typed("render", *hard, "--press-mm", "1.15", "--out", tmp_path / "deep")
+    assert "of the silicone's thickness; markers and forces" in done.stderr
+
+
+def test_a_table_that_is_solved_is_said_in_a_log(capsys: pytest.CaptureFixture[str]) -> None:
+    with counting("bar", logged="solving something, once") as move:
+        assert capsys.readouterr().err == ""  # a table that is kept is not solved
+        move(0, 3)
+        move(1, 3)
+    assert capsys.readouterr().err == "chromagrip: solving something, once\n"
