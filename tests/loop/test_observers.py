@@ -7,7 +7,7 @@ import pytest
 
 from chromagrip import load_scene, run
 from chromagrip.control import GripObservation
-from chromagrip.loop.observers import ForceObserver
+from chromagrip.loop.observers import ForceObserver, margin_deviation, margin_interval
 from chromagrip.model import ForceField, FrictionReading
 from chromagrip.render import load_sensor
 from chromagrip.tracking import Z90, SensorCalibration, Tracks, nominal_calibration
@@ -79,6 +79,26 @@ def test_forces_are_no_surer_than_the_stiffness_they_were_read_with() -> None:
     ratio = 0.1 * FRICTION / (MU * NORMAL)  # of ΣFf to µ·ΣFn, were only one of them off
     alone = np.sqrt(2.0 - 2.0 * 0.95) * ratio
     assert width == pytest.approx(np.hypot(narrow, 2 * Z90 * alone), rel=1e-9)
+
+
+@pytest.mark.parametrize("deviation", [0.02, 0.4])
+def test_the_interval_of_a_doubtful_friction_on_a_dome_is_that_of_its_logarithm(
+    deviation: float,
+) -> None:
+    """Where µ alone is not known, the ends of Γ's interval are the margins at its ends."""
+    reading = FrictionReading(value=MU, deviation=deviation * MU, observable=False)
+    field = replace(
+        Known(CALIBRATION, TRACKS).field,
+        position=np.zeros((2, 3)),
+        friction=np.array([[0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]) * FRICTION,
+        directions=np.array([[0.0, 0.0, 1.0]] * 2),
+        friction_reading=reading,
+    )
+    low, high = margin_interval(field, MU, deviation * MU)
+    ends = [field.safety_margin(MU * np.exp(side * Z90 * deviation)) for side in (-1, 1)]
+    assert (low, high) == pytest.approx(ends, abs=1e-12)
+    spread = Z90 * margin_deviation(field, MU, deviation * MU)
+    assert field.safety_margin(MU) - low > spread > high - field.safety_margin(MU)
 
 
 def test_rigid_slip_is_what_the_object_slides_in_millimetres() -> None:

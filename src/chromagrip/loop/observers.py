@@ -189,7 +189,7 @@ def _observation(
 ) -> GripObservation:
     mu, interval = friction.update(time, field)
     margin = field.safety_margin(mu)
-    spread = Z90 * margin_deviation(field, mu, (interval[1] - interval[0]) / (2 * Z90))
+    deviation = (interval[1] - interval[0]) / (2 * Z90)
     direction, out_of_plane, twist = _direction(field)
     return GripObservation(
         time=time,
@@ -198,7 +198,7 @@ def _observation(
         friction_interval=interval,
         friction_observable=friction.observable,
         margin=margin,
-        margin_interval=(margin - spread, margin + spread),
+        margin_interval=margin_interval(field, mu, deviation),
         lateral_displacement=lateral_displacement,
         no_estimate=no_estimate,
         direction=direction,
@@ -215,6 +215,20 @@ def _direction(field: ForceField) -> tuple[float, float, float]:
     backwards = field.friction[field.contact].sum() < 0.0
     azimuth = plane.azimuth + (math.pi if backwards else 0.0)
     return math.remainder(azimuth, 2.0 * math.pi), plane.out_of_plane, plane.twist
+
+
+def margin_interval(field: ForceField, mu: float, mu_deviation: float) -> tuple[float, float]:
+    """90 % interval of Γ.
+
+    Γ = 1 − ΣFf/(µ·ΣFn) falls faster where µ is less. On a dome µ is often hardly known, and its
+    error is taken as one of its logarithm.
+    """
+    margin = field.safety_margin(mu)
+    spread = Z90 * margin_deviation(field, mu, mu_deviation)
+    doubt = Z90 * mu_deviation / mu if mu > 0.0 else 0.0
+    if field.directions is None or field.friction_reading is None or not 0.0 < doubt < math.inf:
+        return margin - spread, margin + spread
+    return margin - spread * math.expm1(doubt) / doubt, margin - spread * math.expm1(-doubt) / doubt
 
 
 def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float:

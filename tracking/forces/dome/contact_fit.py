@@ -27,10 +27,12 @@ from .marker_response import DomeResponse
 
 Array = NDArray[np.float64]
 
-#: Root mean square of a pair's residuals in deviations from which on it counts less.
-_ODD = 2.0
+#: Root mean square of a pair's residuals in deviations at which it counts half in a fit, …
+_ODD = 1.5
+#: … and from which on it counts less in a misfit.
+_OFF = 2.0
 #: Key frames count as so many independent ones at most: errors of the model are alike in all.
-_INDEPENDENT = 2.5
+_INDEPENDENT = 3.0
 #: Smallest gain of a round, in squared deviations.
 _GAIN = 0.3
 #: Rounds with the derivatives of a former solution, and how far the object may be from it: so many
@@ -62,16 +64,24 @@ class Shifts:
         return self.apply(self.values - predicted[..., self.used, :])
 
     def weights(self, residual: Array) -> Array:
-        """Weight of every value, less than 1 for pairs that nothing explains (Huber's)."""
-        each = residual.reshape(len(self.whiten), -1)
-        size = np.sqrt((each**2).mean(axis=1))
-        return np.repeat(np.minimum(1.0, _ODD / np.maximum(size, _ODD)), each.shape[1])
+        """Weight of every value: the less, the worse its pair is explained (Cauchy's)."""
+        return 1.0 / (1.0 + self._each(residual) / _ODD**2)
+
+    def loss(self, predicted: Array) -> float:
+        """What a fit makes least: of pairs that nothing explains it hardly grows (Cauchy's)."""
+        each = self._each(self.residual(predicted))
+        return float(_ODD**2 * np.log1p(each / _ODD**2).sum())
 
     def cost(self, predicted: Array) -> float:
         """Sum of squares of the residual, of which odd pairs' parts grow linearly (Huber's)."""
-        residual = self.residual(predicted)
-        weights = self.weights(residual)
-        return float((weights * (2.0 - weights)) @ residual**2)
+        size = np.sqrt(self._each(self.residual(predicted)))
+        share = np.minimum(1.0, _OFF / np.maximum(size, _OFF))
+        return float((share * (2.0 - share) * size**2).sum())
+
+    def _each(self, residual: Array) -> Array:
+        """Mean square of its pair's residual for every value, shape (V·W,)."""
+        each = residual.reshape(len(self.whiten), -1)
+        return np.repeat((each**2).mean(axis=1), each.shape[1])
 
     @property
     def count(self) -> int:
@@ -315,7 +325,7 @@ class ContactFit:
     def _cost(
         self, shifts: list[Shifts], object_: Array, poses: Array, predicted: list[Array]
     ) -> float:
-        seen = sum(s.cost(p) for s, p in zip(shifts, predicted, strict=True))
+        seen = sum(s.loss(p) for s, p in zip(shifts, predicted, strict=True))
         off = (object_ - self._prior.mean) / self._prior.deviation
         moves = np.diff(poses, axis=0, prepend=0.0) / moves_of(self.dome, poses)
         return self._share(len(shifts)) * seen + float(off @ off) + float((moves**2).sum())

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...by_name import Choice
 from ...control import GripObservation
 from ...errors import UserError
-from ...loop.observers import ForceObserver, margin_deviation
+from ...loop.observers import ForceObserver, margin_interval
 from ...model import ForceField, FrictionReading
 from ...output.processes import one_thread
 from ...tracking import FRICTION, Z90, NoEstimateError, load_reconstructor
@@ -143,9 +143,9 @@ def reading_name(reconstructor: str, method: str) -> str:
 
 def _read(field: ForceField, reading: FrictionReading) -> Answers:
     mu, margin = reading.value, field.safety_margin(reading.value)
-    off = Z90 * np.array([reading.deviation, margin_deviation(field, mu, reading.deviation)])
-    low, high = np.array([mu, margin]) - off, np.array([mu, margin]) + off
-    return _answer(field, (mu, margin), ((low[0], high[0]), (low[1], high[1])), not np.isfinite(mu))
+    spread = Z90 * reading.deviation
+    intervals = (mu - spread, mu + spread), margin_interval(field, mu, reading.deviation)
+    return _answer(field, (mu, margin), intervals, not np.isfinite(mu))
 
 
 def _answer(
