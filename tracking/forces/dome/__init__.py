@@ -1,5 +1,7 @@
 """Force reconstruction on the dome: a contact that is fitted by synthesis."""
 
+from .contact import ON_CORE, PLACE_ERROR, SIZE_ERROR
+from .contact_fit import INDEPENDENT
 from .contact_state import (
     BRISTLE,
     CURVES,
@@ -9,6 +11,7 @@ from .contact_state import (
     PRESS,
     STIFFNESS,
     TWIST,
+    limited_pose,
     moves_of,
     pose_of,
     prior_of,
@@ -21,13 +24,18 @@ __all__ = [
     "BRISTLE",
     "CURVES",
     "FRICTION",
+    "INDEPENDENT",
     "MOVING",
+    "ON_CORE",
     "PLACE",
+    "PLACE_ERROR",
     "PRESS",
+    "SIZE_ERROR",
     "STIFFNESS",
     "TWIST",
     "ContactWay",
     "DomeResponse",
+    "limited_pose",
     "moves_of",
     "pose_of",
     "prior_of",

@@ -28,11 +28,11 @@ Array = NDArray[np.float64]
 #: Fewer visible pairs than this do not determine a contact.
 MIN_MARKERS = 12
 #: Error of a marker's place [px] and log size that the linear silicone and the round object leave.
-_PLACE_ERROR, _SIZE_ERROR = 0.02, 5e-3
+PLACE_ERROR, SIZE_ERROR = 0.02, 5e-3
 #: Places of the log sizes of both layers among the values of a pair.
 _SIZES = (2, 5)
 #: A layer nearer to the core than this share of the silicone does not move.
-_ON_CORE = 0.05
+ON_CORE = 0.05
 #: Sum of squares of shifts in deviations below which nothing touches.
 _UNTOUCHED = 100.0
 #: Sum of squares that a contact must explain to be one.
@@ -82,9 +82,9 @@ class ContactReading:
         sensor = self._shifts.sensor
         self._response = DomeResponse(sensor, dome, self._shifts.places)
         self._fit = ContactFit(dome, self._response)
-        self._error = np.diag(np.tile([_PLACE_ERROR, _PLACE_ERROR, _SIZE_ERROR], 2) ** 2)
+        self._error = np.diag(np.tile([PLACE_ERROR, PLACE_ERROR, SIZE_ERROR], 2) ** 2)
         # A layer on the core stays where it is, whatever the forces are.
-        moving = np.array(layer_depths(sensor, dome)) < (1.0 - _ON_CORE) * dome.thickness
+        moving = np.array(layer_depths(sensor, dome)) < (1.0 - ON_CORE) * dome.thickness
         self._tells = np.repeat(moving, 3)
         self.reset()
 
