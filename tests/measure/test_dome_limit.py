@@ -17,13 +17,12 @@ from chromagrip.measure.limits.dome.limit import (
     contact_prior,
     moving_layers,
     sum_weights,
-    zone_of,
 )
 from chromagrip.measure.limits.dome.report import NOISES, dome_limit, noise_models
 from chromagrip.model import Dome
 from chromagrip.model.dome import lattice
 from chromagrip.render import Defects, SensorDesign, load_sensor
-from chromagrip.render.design.sensor import Ring
+from chromagrip.render.design import Ring
 from chromagrip.render.drawing import edge_width
 from chromagrip.tracking.forces.dome import CURVES, FRICTION, MOVING, DomeResponse, units_of
 
@@ -214,7 +213,7 @@ def test_limits_do_not_depend_on_where_the_load_points() -> None:
 def test_free_tractions_never_tell_more_than_the_contact(soft: bool) -> None:
     contact = np.array(astuple(seen(soft).contact(BOUND)))
     known, free = (
-        np.array(astuple(seen(soft).tractions([BOUND], zone_of(held(), zone))[0])) for zone in ZONES
+        np.array(astuple(seen(soft).tractions([BOUND], seen(soft).zone(zone))[0])) for zone in ZONES
     )
     assert (contact < known).all()
     assert (known < free).all()
@@ -223,7 +222,7 @@ def test_free_tractions_never_tell_more_than_the_contact(soft: bool) -> None:
 def test_two_soft_layers_tell_what_one_does_not() -> None:
     """Where the zone is open: one layer alone leaves the whole grip open."""
     one, two = (
-        seen(soft).tractions([BOUND], zone_of(held(), ZONES[1]))[0] for soft in (False, True)
+        seen(soft).tractions([BOUND], seen(soft).zone(ZONES[1]))[0] for soft in (False, True)
     )
     assert one.normal > 1.0
     assert two.normal < 0.2 * one.normal
@@ -233,7 +232,7 @@ def test_two_soft_layers_tell_what_one_does_not() -> None:
 
 def test_sums_of_the_forces_of_the_nodes_are_those_of_the_contact() -> None:
     ball = hold(dome_in(ON_CORE), Grip(normal=2.0, load=0.6, radius=15e-3, azimuth=2.0, shears=1))
-    for zone in (ball.touching, zone_of(ball, ZONES[1])):
+    for zone in map(Seen(ON_CORE, ball).zone, ZONES):
         weights, mu = sum_weights(ball, zone)
         sums = np.einsum("snc,nc->s", weights, ball.contact.linear[zone])
         np.testing.assert_allclose(sums[:6], ball.sums, rtol=2e-3, atol=2e-5)

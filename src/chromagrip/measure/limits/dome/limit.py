@@ -101,10 +101,18 @@ class Seen:
     def __init__(self, sensor: SensorDesign, held: Held) -> None:
         self.held = held
         places = np.stack([sensor.places] * 2)
+        self._open = min(OPEN, float(sensor.places[:, 0].max()))
         self._response = DomeResponse(sensor, held.dome, places)
         carry = DomeMap(sensor, held.dome, places)
         self._rest = pair_limits(sensor, carry(np.zeros_like(held.linear[0])))
         self._each = np.stack([pair_limits(sensor, carry(linear)) for linear in held.linear])
+
+    def zone(self, name: str) -> NDArray[np.intp]:
+        """Nodes of a zone of ZONES; an open one ends with the markers."""
+        if name == ZONES[0]:
+            return self.held.touching
+        points, radius = lattice(self.held.dome).points, self.held.dome.radius
+        return np.flatnonzero(points[:, 2] > math.cos(self._open) * radius)
 
     def noise(self, noise: Noise) -> Array:
         """Covariance of each pair's shifts in all K pictures, shape (P, 6·K, 6·K)."""
@@ -165,14 +173,6 @@ class Seen:
             spread = outputs @ np.linalg.solve(information, outputs.T)
             found.append(_deviations(held, spread, mu))
         return found
-
-
-def zone_of(held: Held, name: str) -> NDArray[np.intp]:
-    """Nodes of a zone of ZONES."""
-    if name == ZONES[0]:
-        return held.touching
-    points = lattice(held.dome).points
-    return np.flatnonzero(points[:, 2] > math.cos(OPEN) * held.dome.radius)
 
 
 def moving_layers(sensor: SensorDesign, dome: Dome) -> int:

@@ -12,7 +12,7 @@ from ....model import Dome
 from ....render import SensorDesign
 from ....tracking.forces.dome import PLACE_ERROR, SIZE_ERROR
 from .held import Grip, Held, hold
-from .limit import ZONES, Deviations, Noise, Seen, moving_layers, zone_of
+from .limit import ZONES, Deviations, Noise, Seen, moving_layers
 
 #: Names of the two models of noise.
 NOISES = ("bound", "bound plus misfit")
@@ -103,7 +103,7 @@ def dome_limit(
     tractions = {}
     for zone in ZONES:
         progress(f"free tractions, {zone}")
-        found = seen.tractions(list(noises.values()), zone_of(held, zone))
+        found = seen.tractions(list(noises.values()), seen.zone(zone))
         tractions[zone] = dict(zip(noises, found, strict=True))
     moving, enough = moving_layers(sensor, dome), READ * grip.normal
     able = {
