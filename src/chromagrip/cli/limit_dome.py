@@ -206,7 +206,10 @@ def _print_needs(entries: dict[str, Any], wanted: float) -> None:
     from ..measure.limits.dome.sweep import DOME_DIALS
 
     width = max(14, 2 + max(map(len, entries)))
-    print(f"for an error of Γ of {wanted:g} by a contact, misfit included, all else as designed:")
+    print(
+        f"for an error of Γ of {wanted:g} by a contact, misfit included, all else as designed "
+        "(nearest to the design):"
+    )
     print(" " * 42 + "".join(f"{name:>{width}}" for name in entries))
     for key, dial in DOME_DIALS.items():
         needs = [entry["needed"][key] for entry in entries.values()]

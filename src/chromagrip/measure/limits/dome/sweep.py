@@ -157,7 +157,7 @@ DOME_DIALS = {
     ),
     "camera": DomeDial(
         label="camera towards the apex",
-        unit="radii of the hollow",
+        unit="hollows",
         tried=PLACES,
         multiples=False,
         change=_camera_at,
