@@ -9,7 +9,7 @@ import pytest
 from msgspec import structs
 
 from chromagrip.errors import UserError
-from chromagrip.measure.limits.dome.held import Grip, Held, hold
+from chromagrip.measure.limits.dome.held import Grip, Held, hold, sums_of
 from chromagrip.measure.limits.dome.limit import (
     ZONES,
     Noise,
@@ -25,6 +25,7 @@ from chromagrip.render import Defects, SensorDesign, load_sensor
 from chromagrip.render.design import Ring
 from chromagrip.render.drawing import edge_width
 from chromagrip.tracking.forces.dome import CURVES, FRICTION, MOVING, DomeResponse, units_of
+from chromagrip.tracking.forces.dome.contact_fit import ContactFit, Key, Shifts
 
 BOUND, MISFIT = noise_models(2.0).values()
 GRIP = Grip(normal=3.0, load=1.05, azimuth=0.4, shears=1)
@@ -153,6 +154,30 @@ def test_least_squares_on_drawn_pictures_is_off_by_as_much() -> None:
     assert np.sqrt(np.mean(margin**2)) == pytest.approx(stated.margin, rel=0.12)
 
 
+def test_the_contact_that_is_fitted_reaches_the_bound() -> None:
+    """The reconstructor's own fit, with all that is not linear in it, of pictures with noise."""
+    rng, noise = np.random.default_rng(1), Noise(levels=2.0, rest_frames=10**12)
+    response = DomeResponse(ON_CORE, held().dome, np.stack([ON_CORE.places] * 2))
+    fit, covariance = ContactFit(held().dome, response), seen(False).noise(noise)
+    used = np.ones(len(covariance), np.bool_)
+    off = []
+    for _ in range(12):
+        keys = []
+        for k, pose in enumerate(held().poses):
+            here = slice(6 * k, 6 * k + 6)
+            root = np.linalg.cholesky(covariance[:, here, here])
+            drawn = np.einsum("pij,pj->pi", root, rng.normal(size=(len(root), 6)))
+            values = response(held().linear[k]) + drawn
+            shifts = Shifts(values=values, whiten=np.linalg.inv(root), used=used)
+            keys.append(Key(shifts=shifts, pose=pose))
+        found = fit.fit_keys(held().object_, tuple(keys), 6)
+        sums, mu = sums_of(held().dome, found.contact), math.exp(found.object_[FRICTION])
+        margin = 1.0 - sums[5] / (mu * sums[4])
+        off.append([*(sums - held().sums)[:4], mu - 0.5, margin - held().margin])
+    reached = np.sqrt(np.mean(np.square(off), axis=0))
+    np.testing.assert_allclose(reached, astuple(seen(False).contact(noise)), rtol=0.5)
+
+
 def test_the_prior_is_that_of_the_poses_one_after_another() -> None:
     """A way of equal steps costs each of them; curvatures count by their spread."""
     units, prior = units_of(held().dome), contact_prior(held())
@@ -263,6 +288,15 @@ def test_free_tractions_are_those_of_the_other_form() -> None:
     stated = seen(True).tractions([MISFIT], zone)[0]
     # Friction on a plane that lies across the axis is not stiffened.
     assert np.sqrt(forward @ posterior @ forward) == pytest.approx(stated.x, rel=1e-3)
+
+
+def test_an_open_zone_ends_with_the_markers() -> None:
+    fovea = coarse(load_sensor("fovea"), 0.8)
+    there = Seen(fovea, hold(dome_in(fovea), GRIP))
+    points = lattice(there.held.dome).points[there.zone(ZONES[1])]
+    angle = np.degrees(np.arccos(points[:, 2] / 8e-3))
+    assert 30.0 < angle.max() < 36.0
+    assert set(there.zone(ZONES[0])) < set(there.zone(ZONES[1]))
 
 
 # ---- what is said of a design ----

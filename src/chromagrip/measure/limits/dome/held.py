@@ -70,7 +70,7 @@ class Held:
     Attributes
     ----------
     dome, friction: of the contact
-    poses: in each picture, see `tracking.forces.dome`, shape (K, 4)
+    object_, poses: unknowns of the reconstructor `contact`, shapes (8,) and (K, 4)
     linear: forces on the linear skin in each picture [N], shape (K, N, 3)
     changes: of them in each picture by its own pose and the object, over their units, (K, 12, N, 3)
     contact: in the last picture
@@ -80,6 +80,7 @@ class Held:
 
     dome: Dome
     friction: float
+    object_: Array
     poses: Array
     linear: Array
     changes: Array
@@ -132,6 +133,7 @@ def hold(dome: Dome, grip: Grip) -> Held:
     return Held(
         dome=dome,
         friction=grip.friction,
+        object_=object_,
         poses=np.stack(poses),
         linear=np.stack(linear),
         changes=np.stack(moved),
