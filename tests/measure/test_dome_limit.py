@@ -9,7 +9,7 @@ import pytest
 from msgspec import structs
 
 from chromagrip.errors import UserError
-from chromagrip.measure.limits.dome.held import Grip, Held, hold, sums_of
+from chromagrip.measure.limits.dome.held import Grip, Held, hold, loads_of, sums_of
 from chromagrip.measure.limits.dome.limit import (
     ZONES,
     Noise,
@@ -171,7 +171,8 @@ def test_the_contact_that_is_fitted_reaches_the_bound() -> None:
             shifts = Shifts(values=values, whiten=np.linalg.inv(root), used=used)
             keys.append(Key(shifts=shifts, pose=pose))
         found = fit.fit_keys(held().object_, tuple(keys), 6)
-        sums, mu = sums_of(held().dome, found.contact), math.exp(found.object_[FRICTION])
+        sums = sums_of(held().dome, loads_of(found.contact))
+        mu = math.exp(found.object_[FRICTION])
         margin = 1.0 - sums[5] / (mu * sums[4])
         off.append([*(sums - held().sums)[:4], mu - 0.5, margin - held().margin])
     reached = np.sqrt(np.mean(np.square(off), axis=0))

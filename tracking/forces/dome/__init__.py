@@ -17,7 +17,7 @@ from .contact_state import (
     prior_of,
     units_of,
 )
-from .contact_way import ContactWay
+from .contact_way import Changes, ContactWay
 from .marker_response import DomeResponse
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "SIZE_ERROR",
     "STIFFNESS",
     "TWIST",
+    "Changes",
     "ContactWay",
     "DomeResponse",
     "limited_pose",

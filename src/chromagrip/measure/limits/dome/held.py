@@ -20,6 +20,7 @@ from ....tracking.forces.dome import (
     MOVING,
     PRESS,
     STIFFNESS,
+    Changes,
     ContactWay,
     limited_pose,
     prior_of,
@@ -64,6 +65,29 @@ class Grip:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Loads:
+    """Forces on all N nodes of a dome.
+
+    Attributes
+    ----------
+    linear: that the linear skin carries [N], shape (N, 3)
+    forces: of the object on the nodes [N], shape (N, 3)
+    friction: the part of `forces` in the object's tangent planes [N], shape (N, 3)
+    normals: of the object at the nodes that touch it, zero elsewhere, shape (N, 3)
+    """
+
+    linear: Array
+    forces: Array
+    friction: Array
+    normals: Array
+
+    @property
+    def normal(self) -> Array:
+        """Normal force of each node [N], shape (N,)."""
+        return np.asarray(np.einsum("ij,ij->i", self.forces, self.normals))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Held:
     """A contact in K pictures, the last of which is asked.
 
@@ -73,7 +97,7 @@ class Held:
     object_, poses: unknowns of the reconstructor `contact`, shapes (8,) and (K, 4)
     linear: forces on the linear skin in each picture [N], shape (K, N, 3)
     changes: of them in each picture by its own pose and the object, over their units, (K, 12, N, 3)
-    contact: in the last picture
+    contact: forces in the last picture
     sums: of it, see `sums_of`, shape (6,)
     slopes: of the sums by its pose and the object, over their units, shape (6, 12)
     """
@@ -84,7 +108,7 @@ class Held:
     poses: Array
     linear: Array
     changes: Array
-    contact: PosedContact
+    contact: Loads
     sums: Array
     slopes: Array
 
@@ -124,12 +148,11 @@ def hold(dome: Dome, grip: Grip) -> Held:
                 raise UserError("it would be pressed deeper than the silicone is described")
             contact, changes = way.step_and_changes(contact, changes, object_, before, pose)
             poses.append(pose)
-            linear.append(contact.linear)
+            linear.append(loads_of(contact).linear)
             moved.append(changes.linear)
             before = pose
     assert changes is not None
-    sums = sums_of(dome, contact)
-    ends = [sums_of(dome, changes.added(contact, k)) for k in range(len(changes.linear))]
+    sums, ends = sums_of(dome, loads_of(contact)), _ends(dome, contact, changes)
     return Held(
         dome=dome,
         friction=grip.friction,
@@ -137,13 +160,30 @@ def hold(dome: Dome, grip: Grip) -> Held:
         poses=np.stack(poses),
         linear=np.stack(linear),
         changes=np.stack(moved),
-        contact=contact,
+        contact=loads_of(contact),
         sums=sums,
-        slopes=np.stack(ends, axis=-1) - sums[:, None],
+        slopes=ends - sums[:, None],
     )
 
 
-def sums_of(dome: Dome, contact: PosedContact) -> Array:
+def loads_of(contact: PosedContact) -> Loads:
+    """Forces of a contact on all nodes."""
+    return Loads(
+        linear=contact.linear,
+        forces=contact.forces,
+        friction=contact.friction,
+        normals=contact.normals,
+    )
+
+
+def _ends(dome: Dome, contact: PosedContact, changes: Changes) -> Array:
+    """Sums of a contact with each unknown changed by its unit, shape (6, C)."""
+    count = len(changes.linear)
+    each = [sums_of(dome, loads_of(changes.added(contact, k))) for k in range(count)]
+    return np.stack(each, axis=-1)
+
+
+def sums_of(dome: Dome, contact: Loads) -> Array:
     """Sums of a contact, in the order of SUMS, shape (6,).
 
     F_x, F_y and the force F_n towards the core [N]; the moment about the dome's axis [N·m], with
@@ -156,7 +196,7 @@ def sums_of(dome: Dome, contact: PosedContact) -> Array:
     return np.array([whole[0], whole[1], -whole[2], moment, contact.normal.sum(), sliding])
 
 
-def sliding_of(contact: PosedContact) -> Array:
+def sliding_of(contact: Loads) -> Array:
     """Sum of the friction across the mean normal [N], shape (3,)."""
     axis = (contact.forces - contact.friction).sum(axis=0)
     slides = contact.friction.sum(axis=0)
@@ -191,7 +231,7 @@ def _pose(
         reached, changes = way.step_and_changes(
             contact, None, object_, before, pose, tuple(range(PRESS + 1))
         )
-        error = target - sums_of(dome, reached)[:3]
+        error = target - sums_of(dome, loads_of(reached))[:3]
         size = float(abs(error).max())
         if size < _HELD * grip.normal:
             return pose
@@ -201,8 +241,8 @@ def _pose(
             if size < least:
                 least = size
             best = pose
-            ends = [sums_of(dome, changes.added(reached, k))[:3] for k in range(PRESS + 1)]
-            slope = (np.stack(ends, axis=-1) - (target - error)[:, None]) / units
+            ends = _ends(dome, reached, changes)[:3]
+            slope = (ends - (target - error)[:, None]) / units
             step = np.asarray(np.linalg.solve(slope, error), np.float64)
             step *= min(1.0, _LONGEST * dome.thickness / float(abs(step).max()))
         pose = best.copy()

@@ -141,10 +141,14 @@ class Seen:
         spread = outputs @ np.linalg.solve(information, outputs.T)
         return _deviations(self.held, spread, self.held.friction)
 
+    def _along(self, linear: Array) -> Array:
+        """Change of the shifts (C, P, 6) by changes of the forces on all nodes (C, N, 3)."""
+        return self._response.along(linear)
+
     def contact_slopes(self) -> Array:
         """Shifts in all K pictures by the object, then each pose, over units, (P, 6·K, 8 + 4·K)."""
         count = len(self.held.linear)
-        own = [self._response.along(changes) for changes in self.held.changes]
+        own = [self._along(changes) for changes in self.held.changes]
         pairs, objects = own[0].shape[1], len(own[0]) - MOVING
         slopes = np.zeros((pairs, count, 6, objects + MOVING * count))
         for k, each in enumerate(own):
@@ -163,7 +167,7 @@ class Seen:
         for axis in range(3):
             forces = np.zeros((len(zone), *held.contact.linear.shape))
             forces[np.arange(len(zone)), zone, axis] = 1.0
-            slopes.append(np.moveaxis(self._response.along(forces), 0, -1) @ root)
+            slopes.append(np.moveaxis(self._along(forces), 0, -1) @ root)
             sums.append(weights[..., axis] @ root)
         known, outputs = np.concatenate(slopes, axis=-1), np.concatenate(sums, axis=-1)
         found = []
