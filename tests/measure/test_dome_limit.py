@@ -86,6 +86,11 @@ def test_a_contact_that_cannot_be_is_refused(grip: float) -> None:
         hold(dome_in(ON_CORE), replace(GRIP, normal=grip))
 
 
+def test_an_object_that_is_too_sharp_is_refused() -> None:
+    with pytest.raises(UserError, match=r"of radius 2 mm is sharper .*: 2\.5 mm or more"):
+        hold(dome_in(ON_CORE), replace(GRIP, radius=2e-3))
+
+
 def test_a_dome_that_cannot_bear_the_grip_is_refused() -> None:
     with pytest.raises(UserError, match="a dome of 20 mm cannot hold 300 N"):
         hold(dome_in(ON_CORE), replace(GRIP, normal=300.0))

@@ -11,7 +11,7 @@ import tyro
 from ..errors import UserError
 from ..scene import Scene, load_scene
 from ..scene.scene import Body
-from .limit_dome import DomeCase, print_dome_limits
+from .limit_dome import DOME_LOAD, DomeCase, print_dome_limits
 from .options import JsonOnly, Overwrite, option, status
 
 if TYPE_CHECKING:
@@ -93,7 +93,8 @@ def limit(
     ] = "chain",
     grip: Annotated[float | None, option("grip force; 1.86, of a dome 3", "N")] = None,
     load: Annotated[
-        float | None, option("lateral load, raised after the grip; 0.65, on a dome 1.05", "N")
+        float | None,
+        option("lateral load, raised after the grip; 0.65, on a dome for Γ = 0.3", "N"),
     ] = None,
     azimuth_deg: Annotated[
         float | None, option("direction of the load from the picture's x, on a dome", "DEG")
@@ -129,9 +130,10 @@ def limit(
     if frames < 1:
         raise UserError(f"--frames must be 1 or more, got {frames}")
     if body == "dome":
+        pressed = 3.0 if grip is None else grip
         dome = DomeCase(
-            grip_n=3.0 if grip is None else grip,
-            load_n=1.05 if load is None else load,
+            grip_n=pressed,
+            load_n=DOME_LOAD * friction * pressed if load is None else load,
             azimuth_deg=azimuth_deg or 0.0,
             friction=friction,
             radius_mm=radius_mm,

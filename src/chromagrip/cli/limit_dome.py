@@ -24,6 +24,8 @@ COLUMNS = (
     ("mu", "µ", 1.0),
     ("margin", "Γ", 1.0),
 )
+#: Load of a dome by default, over µ and the grip.
+DOME_LOAD = 0.7
 #: Largest number of pictures of a shear.
 _MOST = 20
 

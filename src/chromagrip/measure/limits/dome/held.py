@@ -22,6 +22,7 @@ from ....tracking.forces.dome import (
     STIFFNESS,
     Changes,
     ContactWay,
+    limited_object,
     limited_pose,
     prior_of,
     units_of,
@@ -139,6 +140,12 @@ def hold(dome: Dome, grip: Grip) -> Held:
             f"of {RESERVE:g} or more, but a friction of {grip.friction:g} leaves {reserve:.3g}"
         )
     way, object_ = ContactWay(dome), _object(dome, grip)
+    sharpest = float(limited_object(dome, object_)[CURVES][0])
+    if object_[CURVES][0] > 1.001 * sharpest:
+        raise UserError(
+            f"an object of radius {1e3 * grip.radius:g} mm is sharper than a contact on a dome of "
+            f"{1e3 * dome.radius:g} mm is described: {1e3 / sharpest:g} mm or more are allowed"
+        )
     contact, changes, before = way.untouched(object_), None, np.zeros(MOVING)
     poses, linear, moved = [], [], []
     with located(f"a dome of {1e3 * dome.radius:g} mm cannot hold {grip.normal:g} N"):
@@ -231,6 +238,8 @@ def _pose(
         reached, changes = way.step_and_changes(
             contact, None, object_, before, pose, tuple(range(PRESS + 1))
         )
+        if not reached.forces.any():
+            raise UserError("the object touches no node of the skin")
         error = target - sums_of(dome, loads_of(reached))[:3]
         size = float(abs(error).max())
         if size < _HELD * grip.normal:
