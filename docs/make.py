@@ -1,12 +1,14 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
 Parts: images, bodies, loop, dataset, control, model, render, track, force, force-dome, ranges,
-tolerances, charts, limit, stability, stability-track, stability-loop, appendix-b, reproduction.
+tolerances, charts, limit, limit-dome, stability, stability-track, stability-loop, appendix-b,
+reproduction.
 Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
 docs/images/, docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand,
 nor what other pages have between two marks of `fill`.
 """
 
+import json
 import os
 import shutil
 import subprocess
@@ -146,6 +148,41 @@ def tolerances() -> None:
     fill("forces", "tolerances", printed.splitlines())
 
 
+def limits_of_domes() -> None:
+    """Chart of designs of domes, and a table of all of them at three margins."""
+    drawn = " ".join(f"--sensor {name}" for name in ("dome-2020", "dome-2022", "chromatouch-next"))
+    keep(f"limit --body dome {drawn}", {"limit.png": IMAGES / "limit-dome.png"})
+    found = []
+    for load in ("1.35", "1.05", "0.6"):
+        words = ["limit", "--body", "dome", "--load", load, "--json"]
+        command = [sys.executable, "-P", "-m", "chromagrip", *words]
+        printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        found.append(json.loads(printed)["sensors"])
+    lines = []
+    for name, entry in found[1].items():
+        told = [each[name]["deviations"] for each in found]
+        noises = ("bound", "bound plus misfit")
+        margins = [
+            " / ".join(number(one["contact"][noise]["margin"], ".2g") for one in told)
+            for noise in noises
+        ]
+        forces = [
+            " / ".join(_whole(1e3 * one[noise]["normal_n"]) for noise in noises)
+            for one in told[1].values()
+        ]
+        read = ", ".join(f"`{one}`" for one in entry["read_by"])
+        lines.append((f"`{name}`", str(entry["moving_layers"]), read, *margins, *forces))
+    header = ("design", "moving layers", "read by", "Γ, bound", "Γ, plus misfit")
+    zones = ("contact", "zone known", "open zone")
+    header = (*header, *(f"F_n [mN], {zone}, bound / plus misfit" for zone in zones))
+    fill("what-the-image-tells", "dome limits", markdown(Table(header, tuple(lines))))
+
+
+def _whole(value: float) -> str:
+    """Two digits, or all of a large number."""
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
+
+
 def force_dome() -> None:
     """The report of estimators on pictures of domes."""
     report = bench("force", quick=False, progress=print, world="dome")
@@ -259,6 +296,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "limit": partial(
         keep, "limit --sensor thesis --sensor fovea", {"limit.png": IMAGES / "limit.png"}
     ),
+    "limit-dome": limits_of_domes,
     "stability": stability_of_the_model,
     "stability-track": partial(
         keep,

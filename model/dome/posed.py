@@ -72,6 +72,19 @@ class PosedContact:
         """Contact k of several."""
         return self._made(lambda name: getattr(self, name)[k])
 
+    def everywhere(self, count: int) -> "PosedContact":
+        """The same on all nodes, so many; zero on those that are not looked at."""
+
+        def spread(name: str) -> Array:
+            values: Array = getattr(self, name)
+            if name in ("rotation", "place"):
+                return values
+            out = np.zeros((*values.shape[:-2], count, 3))
+            out[..., self.nodes, :] = values
+            return out
+
+        return replace(self._made(spread), nodes=np.arange(count))
+
     def _made(self, of: Any) -> "PosedContact":
         values = {each.name: of(each.name) for each in fields(self) if each.name != "nodes"}
         return replace(self, **values)

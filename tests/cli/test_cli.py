@@ -228,7 +228,15 @@ def test_an_interrupted_run_keeps_what_it_had(
         ),
         (
             "sensors",
-            ["dome-2020", "dome-2020-printed", "dome-2022", "flat-2019", "fovea", "thesis"],
+            [
+                "chromatouch-next",
+                "dome-2020",
+                "dome-2020-printed",
+                "dome-2022",
+                "flat-2019",
+                "fovea",
+                "thesis",
+            ],
         ),
         ("controllers", ["safety-margin", "margin-inversion", "react-to-slip", "conservative"]),
         ("renderers", ["painter", "pyrender"]),

@@ -29,6 +29,8 @@ BENCHMARK = load_recipe("benchmark-v1")
 #: SHA-256 over the recorded digests of all sequences. Who changes it makes another benchmark.
 DIGEST = "f34c8d764e93118df6a326493bf1efb1d32571b8090dda936723703832450a00"
 
+#: Designs that are younger than the benchmark.
+YOUNGER = {"chromatouch-next"}
 #: Conditions of each body.
 HOW = ("clean", "worn", "jpeg")
 
@@ -70,7 +72,8 @@ def test_the_record_is_of_every_sequence_and_of_no_other() -> None:
 
 
 def test_every_design_that_a_body_can_be_made_of_is_there_in_every_case() -> None:
-    domes = {name for name in sensor_names() if not load_sensor(name).shape.flat}
+    designs = {*sensor_names()} - YOUNGER
+    domes = {name for name in designs if not load_sensor(name).shape.flat}
     found: dict[str, set[str]] = {}
     for number in range(BENCHMARK.sequences):
         values = drawn(BENCHMARK, number)
@@ -78,7 +81,7 @@ def test_every_design_that_a_body_can_be_made_of_is_there_in_every_case() -> Non
     pads = {case: found.pop(case) for case in ("pad, clean", "pad, worn")}
     assert set(found) == {f"{body}, {how}" for body in ("chain", "dome") for how in HOW}
     assert all(sensors == domes for sensors in found.values())
-    assert all(sensors == {*sensor_names()} - domes for sensors in pads.values())
+    assert all(sensors == designs - domes for sensors in pads.values())
     assert bodies_of(BENCHMARK) == ["chain", "dome"]
 
 

@@ -13,6 +13,8 @@ from chromagrip.render import load_sensor, open_renderer, sensor_names
 from chromagrip.render.drawing.gl import gl_problem
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
+#: Discs on a dome, as the thesis' are.
+ALIKE = ("chromatouch-next", "dome-2022", "fovea")
 
 
 def maker() -> ModuleType:
@@ -41,8 +43,7 @@ def test_the_painter_draws_its_golden_picture_bit_for_bit(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        # Discs on a dome, as the thesis' are.
-        pytest.param(name, marks=pytest.mark.slow if name in ("dome-2022", "fovea") else ())
+        pytest.param(name, marks=pytest.mark.slow if name in ALIKE else ())
         for name in sensor_names()
     ],
 )

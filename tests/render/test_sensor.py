@@ -154,8 +154,8 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     [
         (
             "gelsight",
-            "no sensor design 'gelsight'; there is dome-2020, dome-2020-printed, dome-2022, "
-            "flat-2019, fovea, thesis",
+            "no sensor design 'gelsight'; there is chromatouch-next, dome-2020, "
+            "dome-2020-printed, dome-2022, flat-2019, fovea, thesis",
         ),
         ("none.toml", "sensor file none.toml cannot be read: No such file"),
     ],

@@ -10,6 +10,8 @@ import tyro
 
 from ..errors import UserError
 from ..scene import Scene, load_scene
+from ..scene.scene import Body
+from .limit_dome import DOME_LOAD, DomeCase, print_dome_limits
 from .options import JsonOnly, Overwrite, option, status
 
 if TYPE_CHECKING:
@@ -84,10 +86,22 @@ def limit(
     sensor: Annotated[
         tuple[str, ...],
         tyro.conf.UseAppendAction,
-        option("design, thesis by default; may be repeated", "NAME|FILE.toml"),
+        option("design, thesis or every dome by default; may be repeated", "NAME|FILE.toml"),
     ] = (),
-    grip: Annotated[float, option("grip force", "N")] = 1.86,
-    load: Annotated[float, option("lateral load, raised after the grip", "N")] = 0.65,
+    body: Annotated[
+        Body, option("node chain, or silicone in three dimensions", "chain|dome")
+    ] = "chain",
+    grip: Annotated[float | None, option("grip force; 1.86, of a dome 3", "N")] = None,
+    load: Annotated[
+        float | None,
+        option("lateral load, raised after the grip; 0.65, on a dome for Γ = 0.3", "N"),
+    ] = None,
+    azimuth_deg: Annotated[
+        float | None, option("direction of the load from the picture's x, on a dome", "DEG")
+    ] = None,
+    shears: Annotated[
+        int | None, option("pictures of the shear that are read together, of a dome; 3", "N")
+    ] = None,
     friction: Annotated[float, option("of the object", "MU")] = 0.5,
     radius_mm: Annotated[float, option("of the object; inf is flat", "MM")] = math.inf,
     stiffness_kpa: Annotated[float, option("Young's modulus of the object", "KPA")] = 200.0,
@@ -105,7 +119,8 @@ def limit(
     """Smallest errors of ΣFn, ΣFf, µ and Γ that a picture of a sensor allows, at one pose.
 
     They are the errors of the best estimate from one picture that knows neither the object nor its
-    history; `docs/what-the-image-tells.md` lists what is taken as known.
+    history; `docs/what-the-image-tells.md` lists what is taken as known. Of a dome of silicone they
+    are those of a contact that is fitted to some pictures, and of free tractions.
 
     Example: chromagrip limit --sensor thesis --sensor fovea --margin-error 0.03
     """
@@ -114,9 +129,28 @@ def limit(
             raise UserError(f"{name} must be finite and above 0, got {value:g}")
     if frames < 1:
         raise UserError(f"--frames must be 1 or more, got {frames}")
+    if body == "dome":
+        pressed = 3.0 if grip is None else grip
+        dome = DomeCase(
+            grip_n=pressed,
+            load_n=DOME_LOAD * friction * pressed if load is None else load,
+            azimuth_deg=azimuth_deg or 0.0,
+            friction=friction,
+            radius_mm=radius_mm,
+            stiffness_kpa=stiffness_kpa,
+            shears=3 if shears is None else shears,
+            noise_levels=noise,
+            frames=frames,
+            margin_error=margin_error,
+        )
+        print_dome_limits(dome, sensor, out, overwrite, json_only)
+        return 0
+    for option_name, given in (("--azimuth-deg", azimuth_deg), ("--shears", shears)):
+        if given is not None:
+            raise UserError(f"{option_name} is of a dome: add --body dome")
     case = Case(
-        grip_n=grip,
-        load_n=load,
+        grip_n=1.86 if grip is None else grip,
+        load_n=0.65 if load is None else load,
         friction=friction,
         radius_mm=radius_mm,
         stiffness_kpa=stiffness_kpa,

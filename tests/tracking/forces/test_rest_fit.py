@@ -196,7 +196,9 @@ def test_markers_that_are_missing_do_not_hide_the_pose(defects: Defects, roll: f
     check(rest_pose(SENSOR, projected(SENSOR, pose, defects)), pose)
 
 
-@pytest.mark.parametrize("name", ["dome-2020-printed", "dome-2022", "fovea", "flat-2019"])
+@pytest.mark.parametrize(
+    "name", ["dome-2020-printed", "dome-2022", "chromatouch-next", "fovea", "flat-2019"]
+)
 def test_every_design_tells_a_small_pose(name: str) -> None:
     sensor = load_sensor(name)
     pose = CameraPose(roll=DEGREE, shift=(4.0, -3.0), scale=1.03)

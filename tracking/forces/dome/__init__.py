@@ -1,5 +1,7 @@
 """Force reconstruction on the dome: a contact that is fitted by synthesis."""
 
+from .contact import ON_CORE, PLACE_ERROR, SIZE_ERROR
+from .contact_fit import INDEPENDENT
 from .contact_state import (
     BRISTLE,
     CURVES,
@@ -9,25 +11,34 @@ from .contact_state import (
     PRESS,
     STIFFNESS,
     TWIST,
+    limited_object,
+    limited_pose,
     moves_of,
     pose_of,
     prior_of,
     units_of,
 )
-from .contact_way import ContactWay
+from .contact_way import Changes, ContactWay
 from .marker_response import DomeResponse
 
 __all__ = [
     "BRISTLE",
     "CURVES",
     "FRICTION",
+    "INDEPENDENT",
     "MOVING",
+    "ON_CORE",
     "PLACE",
+    "PLACE_ERROR",
     "PRESS",
+    "SIZE_ERROR",
     "STIFFNESS",
     "TWIST",
+    "Changes",
     "ContactWay",
     "DomeResponse",
+    "limited_object",
+    "limited_pose",
     "moves_of",
     "pose_of",
     "prior_of",

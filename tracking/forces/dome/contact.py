@@ -7,7 +7,6 @@ has been pressed, shifted and turned (`contact_state`). What no such contact exp
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +29,11 @@ Array = NDArray[np.float64]
 #: Fewer visible pairs than this do not determine a contact.
 MIN_MARKERS = 12
 #: Error of a marker's place [px] and log size that the linear silicone and the round object leave.
-_PLACE_ERROR, _SIZE_ERROR = 0.02, 5e-3
+PLACE_ERROR, SIZE_ERROR = 0.02, 5e-3
 #: Places of the log sizes of both layers among the values of a pair.
 _SIZES = (2, 5)
 #: A layer nearer to the core than this share of the silicone does not move.
-_ON_CORE = 0.05
+ON_CORE = 0.05
 #: Sum of squares of shifts in deviations below which nothing touches.
 _UNTOUCHED = 100.0
 #: Sum of squares that a contact must explain to be one.
@@ -86,9 +85,9 @@ class ContactReading:
         sensor = self._shifts.sensor
         self._response = DomeResponse(sensor, dome, self._shifts.places)
         self._fit = ContactFit(dome, self._response)
-        self._error = np.diag(np.tile([_PLACE_ERROR, _PLACE_ERROR, _SIZE_ERROR], 2) ** 2)
+        self._error = np.diag(np.tile([PLACE_ERROR, PLACE_ERROR, SIZE_ERROR], 2) ** 2)
         # A layer on the core stays where it is, whatever the forces are.
-        moving = np.array(layer_depths(sensor, dome)) < (1.0 - _ON_CORE) * dome.thickness
+        moving = np.array(layer_depths(sensor, dome)) < (1.0 - ON_CORE) * dome.thickness
         self._tells = np.repeat(moving, 3)
         self.reset()
 
@@ -260,14 +259,15 @@ class ContactReading:
         totals += np.diag([(_NORMAL_ERROR * sums[0]) ** 2, (_FRICTION_ERROR * sums[1]) ** 2])
         slope = np.array([share, -1.0 / max(mu * sums[0], 1e-12), share])
         spread = math.hypot(math.sqrt(float(slope @ whole[:3, :3] @ slope)), _MARGIN_ERROR)
-        nodes = contact.nodes
+        points = lattice(self.dome).points
+        whole_skin = contact.everywhere(len(points))
         field = ForceField(
-            position=lattice(self.dome).points + self._whole(nodes, contact.displacement),
-            normal=self._whole(nodes, normal),
-            friction=self._whole(nodes, contact.friction),
-            contact=self._whole(nodes, normal > _TOUCHING * max(normal.sum(), 1e-9)),
+            position=points + whole_skin.displacement,
+            normal=whole_skin.normal,
+            friction=whole_skin.friction,
+            contact=whole_skin.normal > _TOUCHING * max(normal.sum(), 1e-9),
             totals_covariance=totals,
-            directions=self._whole(nodes, contact.normals),
+            directions=whole_skin.normals,
         )
         # Torsion makes the skin slip as a pull does.
         slips = margin_within(field, mu) < _OBSERVABLE_MARGIN
@@ -283,12 +283,6 @@ class ContactReading:
             friction_reading=reading,
             wrench_covariance=whole[3:, 3:] + _wrench_error(field, mu),
         )
-
-    def _whole(self, nodes: NDArray[np.int64], values: NDArray[Any]) -> NDArray[Any]:
-        """Values on all nodes of the skin, zero on those that are not among some (n,)."""
-        out = np.zeros((len(lattice(self.dome).ring), *values.shape[1:]), values.dtype)
-        out[nodes] = values
-        return out
 
     def _spread(self, solution: Solution) -> Array:
         """Covariance of ln ΣFn, ΣFf [N], ln µ and the wrench in the last key frame, shape (7, 7).

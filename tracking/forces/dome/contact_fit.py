@@ -32,7 +32,7 @@ _ODD = 1.5
 #: … and from which on it counts less in a misfit.
 _OFF = 2.0
 #: Key frames count as so many independent ones at most: errors of the model are alike in all.
-_INDEPENDENT = 3.0
+INDEPENDENT = 3.0
 #: Smallest gain of a round, in squared deviations.
 _GAIN = 0.3
 #: Rounds with the derivatives of a former solution, and how far the object may be from it: so many
@@ -320,7 +320,7 @@ class ContactFit:
         return float(max(on_object, on_poses))
 
     def _share(self, keys: int) -> float:
-        return min(1.0, _INDEPENDENT / keys)
+        return min(1.0, INDEPENDENT / keys)
 
     def _cost(
         self, shifts: list[Shifts], object_: Array, poses: Array, predicted: list[Array]

@@ -35,11 +35,9 @@ from ...model import (
 )
 from ...model.chain import QUASI_STATIC, chain, contact, march
 from ...model.kernels import contact_frames
-from ...render import MembraneMap, SensorDesign, ground_image
-from ...render.drawing import edge_width
+from ...render import MembraneMap, SensorDesign
 from ...tracking.forces.chain import MarkerResponse
-from .kernels import pair_information
-from .positions import marker_shapes
+from .positions import pair_limits
 
 Array = NDArray[np.float64]
 
@@ -322,24 +320,7 @@ def pair_covariance(sensor: SensorDesign, displacement: Array) -> Array:
     sensor: design, with disc markers
     displacement: node displacements relative to the camera [m], shape (N, 2)
     """
-    shapes, inverses = marker_shapes(sensor, MembraneMap(sensor, len(displacement))(displacement))
-    information = pair_information(
-        shapes,
-        inverses,
-        edge_width(sensor.camera.blur_px),
-        1.0 - sensor.transmittance,
-        _ground(sensor),
-        1.0,
-    )
-    hidden = np.einsum("mii->mi", information) <= 0.0
-    blank = np.einsum("mi,ij->mij", hidden, np.eye(6))
-    return np.linalg.inv(information + blank) + 1e12 * blank
-
-
-@lru_cache(maxsize=4)
-def _ground(sensor: SensorDesign) -> Array:
-    """Linear light without markers, shape (H, W, 3)."""
-    return ground_image(sensor).astype(np.float64)
+    return pair_limits(sensor, MembraneMap(sensor, len(displacement))(displacement))
 
 
 @lru_cache(maxsize=4)

@@ -5,12 +5,14 @@ The bound of a pair takes everything else as known: sizes, colours, light, and a
 is therefore the lowest bound.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ...render import Membrane, SensorDesign, centroids, outlines
+from ...render import Membrane, SensorDesign, centroids, ground_image, outlines
 from ...render.drawing import edge_width
-from .kernels import fisher_information
+from .kernels import fisher_information, pair_information
 
 Array = NDArray[np.float64]
 
@@ -43,6 +45,34 @@ def position_limits(
         contrast,
     )
     return bounds(information, noise)
+
+
+def pair_limits(sensor: SensorDesign, membrane: Membrane) -> Array:
+    """Smallest covariance of (x, y, log size) of both layers' markers, (M, 6, 6), at noise 1 level.
+
+    An invisible marker is infinitely uncertain.
+
+    Parameters
+    ----------
+    sensor: design, with disc markers
+    membrane: of the frame
+    """
+    information = pair_information(
+        *marker_shapes(sensor, membrane),
+        edge_width(sensor.camera.blur_px),
+        1.0 - sensor.transmittance,
+        _ground(sensor),
+        1.0,
+    )
+    hidden = np.einsum("mii->mi", information) <= 0.0
+    blank = np.einsum("mi,ij->mij", hidden, np.eye(6))
+    return np.linalg.inv(information + blank) + 1e12 * blank
+
+
+@lru_cache(maxsize=4)
+def _ground(sensor: SensorDesign) -> Array:
+    """Linear light without markers, shape (H, W, 3)."""
+    return ground_image(sensor).astype(np.float64)
 
 
 def marker_shapes(sensor: SensorDesign, membrane: Membrane) -> tuple[Array, Array]:
