@@ -149,10 +149,14 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
             raise UserError(f"rest frame shows {counts} markers; the sensor has {expected} of each")
     if not all(len(layer.area) for layer in layers):
         raise UserError(f"rest frame shows {counts} markers; wanted: some of each")
+    typical = np.array([np.median(layer.area) for layer in layers])
+    for name, area in zip(palette.names, typical, strict=True):
+        if not area > 0.0:  # as of light that is not that of the dyes
+            raise UserError(f"rest frame shows {counts} markers; those of {name} cover nothing")
     if palette.bright:
         # How bright the dark between markers is says nothing of their light.
         ground = np.broadcast_to(np.median(ground[field], axis=0), ground.shape)
-    radius = np.array([np.sqrt(np.median(layer.area) / np.pi) for layer in layers])
+    radius = np.sqrt(typical / np.pi)
     position = join_layers(
         [layer.position for layer in layers], reach=float(radius.max()) + _own_offset(palette)
     )

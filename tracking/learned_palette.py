@@ -34,6 +34,8 @@ _OTHER = 0.15
 _FEW = 0.05
 #: Quantiles of the angle at which the ray of a single dye may lie.
 _OUTERMOST = (0.01, 0.03, 0.08, 0.16, 0.25)
+#: Rays are of one dye where the cosine of their angle is larger: 2.6° lie between them.
+_ALIKE = 0.999
 #: Pixels of one dye are within this share of the angle between the rays.
 _NEAR = 0.1
 #: Rays of dyes are those of the known sensor where the cosine of their angle is larger.
@@ -68,16 +70,23 @@ def learn_palette(image: NDArray[np.uint8], seen: Sighting) -> Palette:
     strong = size > _MARKED * np.percentile(size, 98.0)
     light, around, share = light[strong], around[strong], share[strong]
     spread = np.percentile(np.ptp(image[seen.field].astype(np.int16), axis=1), 99.5)
-    if seen.bright or spread < COLOURED or not _two_dyes(light, around):
+    two = not seen.bright and spread >= COLOURED and _two_dyes(light, around)
+    rays = _distinct(np.log(around / light), share) if two else []
+    if not rays:
         dye = _one_dye(light, around, seen.bright)
         return _both_known(dye, seen) or _named(dye[None], seen)
-    lost = np.log(around / light)
-    found = [
-        _named(np.maximum(np.exp(-_rays(lost, share, *quantiles)), _TOLD[0]), seen)
-        for quantiles in itertools.product(_OUTERMOST, repeat=2)
-    ]
+    found = [_named(np.maximum(np.exp(-each), _TOLD[0]), seen) for each in rays]
     field = seen.field & lit
     return max(found, key=lambda palette: _score(palette, linear, ground, field))
+
+
+def _distinct(lost: Array, share: Array) -> list[Array]:
+    """Pairs of rays that two dyes may have, see `_rays`; none where each pair is nearly one ray.
+
+    Of few markers that show one dye alone the other spots may hide all.
+    """
+    pairs = [_rays(lost, share, *ends) for ends in itertools.product(_OUTERMOST, repeat=2)]
+    return [pair for pair in pairs if float(np.prod(_units(pair), axis=0).sum()) < _ALIKE]
 
 
 def _even(light: Single, ground: Single) -> Mask:

@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
+from chromagrip.cli import readouts
 from chromagrip.cli.options import counting
+from chromagrip.tracking import sensor_as_designed
 
 Typed = Callable[..., CompletedProcess[str]]
 #: A coarse and thin dome, so that a command takes a second.
@@ -69,3 +71,20 @@ def test_a_table_that_is_solved_is_said_in_a_log(capsys: pytest.CaptureFixture[s
         move(0, 3)
         move(1, 3)
     assert capsys.readouterr().err == "chromagrip: solving something, once\n"
+
+
+def test_tables_of_a_dome_are_solved_before_its_pictures_are_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    solved: list[tuple[object, tuple[float, ...]]] = []
+    trained: list[str] = []
+    monkeypatch.setattr(readouts, "_solve", lambda dome, depths: solved.append((dome, depths)))
+    monkeypatch.setattr(readouts, "train_if_missing", lambda known, name: trained.append(name))
+    known = sensor_as_designed("dome-2022")
+    readouts.prepare(known, "auto")
+    assert [dome for dome, _ in solved] == [known.sensor.dome]
+    assert solved[0][1][0] == pytest.approx(1e-3)  # the magenta layer
+    readouts.prepare(sensor_as_designed("thesis"), "auto")
+    readouts.prepare(known, "gp")
+    assert len(solved) == 1
+    assert trained == ["auto", "gp"]

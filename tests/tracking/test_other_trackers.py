@@ -1,5 +1,7 @@
 """The trackers beside our own, on the sensor's pictures and on dots drawn here."""
 
+from contextlib import closing
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -8,11 +10,15 @@ import pytest
 from scipy.spatial import KDTree
 
 from chromagrip.errors import UserError
-from chromagrip.model import Fingertip
+from chromagrip.loop.grasp import open_camera
+from chromagrip.model import Fingertip, rest_state
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.outlines import centroids, outlines
+from chromagrip.scene.scene import load_scene
 from chromagrip.tracking import Palette, Tracker, Tracks, load_palette, load_tracker
+from chromagrip.tracking.learned_palette import learn_palette
+from chromagrip.tracking.sighting import sight
 
 SENSOR = load_sensor("thesis")
 PALETTE = Palette.of_sensor(SENSOR)
@@ -272,3 +278,34 @@ def test_chromatouch_refuses_layers_without_a_hue() -> None:
     pale = Palette(names=("a", "b"), transmittance=np.array([[0.8, 0.9, 0.9], [0.9, 0.9, 0.8]]))
     with pytest.raises(UserError, match="a and b must be darker than the ground and saturated"):
         load_tracker("chromatouch")(pale, NOISE)
+
+
+@cache
+def worn() -> tuple[list[Frame], Palette]:
+    """A dome whose spots nearly all show both dyes on each other, and its palette as it is seen."""
+    changes = {
+        "sensor": "dome-2020-printed", "seed": 677, "defects.worn_markers": 0.107,
+        "camera.noise_levels": 1.0,
+    }  # fmt: skip
+    scene = load_scene("camera-100hz", changes)
+    with closing(open_camera(scene)) as camera:
+        frames = camera.expose_rest(rest_state(scene.build_fingertip()), 2)
+    return frames, learn_palette(frames[0].image, sight(frames[0].image))
+
+
+@pytest.mark.parametrize("name", ["fit", "thrifty", "sparse", "quick", *NAMES])
+def test_a_worn_dome_whose_colours_are_learned_is_followed(name: str) -> None:
+    frames, palette = worn()
+    # The dyes are not one: only yellow lets red and green through.
+    assert palette.transmittance[1, 1] > 4.0 * palette.transmittance[0, 1]
+    tracks = load_tracker(name)(palette, 1.0).reset(frames)
+    assert tracks.visible[0].sum() > 60
+
+
+@pytest.mark.parametrize("name", ["fit", "thrifty", "sparse", "quick", *NAMES])
+def test_dyes_that_are_not_those_of_the_picture_are_one_sentence(name: str) -> None:
+    """Two dyes of nearly one colour seem to cover less than nothing of some spots."""
+    frames, palette = worn()
+    alike = np.array([[0.63, 0.11, 0.03], [0.64, 0.12, 0.03]])
+    with pytest.raises(UserError, match="markers"):
+        load_tracker(name)(replace(palette, transmittance=alike), 1.0).reset(frames)

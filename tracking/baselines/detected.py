@@ -35,6 +35,8 @@ class DetectedMarkers(Follower):
             number = nearest(markers.position, expected[k], _REACH * self._pitch, mutual=True)
             found = number >= 0
             position[k, found] = markers.position[number[found]]
-            area[k, found] = markers.area[number[found]]
+            # A spot may seem to cover less than nothing; its size is unknown.
+            sizes = np.where(markers.area > 0.0, markers.area, np.nan)
+            area[k, found] = sizes[number[found]]
             hue[k, found] = markers.hue[number[found]]
         return position, 0.5 * np.log(area / self._area), hue[0]

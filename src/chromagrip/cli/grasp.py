@@ -120,7 +120,7 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
     from ..tracking.forces import pose_words
 
     def number(value: float | None, digits: int = 3) -> str:
-        return "–" if value is None else f"{value:.{digits}f}"
+        return "–" if value is None else f"{value:z.{digits}f}"
 
     table = value_table()
     table.add_row("controller", f"{summary['controller']}, {summary['path']} path")

@@ -34,7 +34,7 @@ from .options import (
     stem_of,
     value_table,
 )
-from .readouts import train_if_missing
+from .readouts import prepare
 
 if TYPE_CHECKING:  # OpenCV loads only when something is detected
     from ..pictures.estimate import EstimateSummary
@@ -276,7 +276,7 @@ def estimate(
 
     known = load_calibration(calibration)
     if not known.sensor.shape.flat:
-        train_if_missing(known, reconstructor)
+        prepare(known, reconstructor)
     with _frames("estimating") as (tell, progress):
         outcome = estimate_source(
             rest,
@@ -323,8 +323,8 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     for name, (words, unit) in VALUES.items():
         values = summary["estimates"].get(name)
         if values is not None:
-            last = "–" if values["last"] is None else f"{values['last']:.3f}{unit}"
-            table.add_row(words, f"{last} at the end, median {values['median']:.3f}{unit}")
+            last = "–" if values["last"] is None else f"{values['last']:z.3f}{unit}"
+            table.add_row(words, f"{last} at the end, median {values['median']:z.3f}{unit}")
     if "mu" in summary["estimates"]:
         observable = summary["mu_observable_frames"]
         hint = "" if observable else ": nothing slips, µ and Γ are guesses"

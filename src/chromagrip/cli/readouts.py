@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,8 +13,27 @@ from rich.table import Table
 from .options import CORES, Json, counting, option, print_table, status, value_table
 
 if TYPE_CHECKING:  # OpenCV loads only when something is run
+    from ..model import SoftBody
     from ..scene.scene import Scene
     from ..tracking import SensorCalibration
+
+
+def prepare(known: "SensorCalibration", reconstructor: str) -> None:
+    """Make what a reconstructor needs of a sensor where none is kept: a read-out, or tables.
+
+    Raises
+    ------
+    UserError
+        When it cannot be trained, solved or kept.
+    """
+    from ..render import layer_depths
+    from ..tracking.forces import DOME_METHODS, name_used
+
+    if name_used(reconstructor, known) in DOME_METHODS and known.sensor.silicone is not None:
+        dome = known.sensor.dome
+        _solve(dome, layer_depths(known.sensor, dome))
+    else:
+        train_if_missing(known, reconstructor)
 
 
 def train_if_missing(known: "SensorCalibration", reconstructor: str) -> None:
@@ -47,14 +66,19 @@ def make_dome_tables(scene: "Scene", pictures: bool) -> None:
     """
     if scene.body != "dome":
         return
-    from ..model.dome import Pad, compliance_table, inside_table
     from ..render import layer_depths
 
     shape = scene.build_solid().shape
     for note in shape.notes:
         print(f"chromagrip: {shape.name}: {note}", file=sys.stderr, flush=True)
     dome = scene.build_dome()
-    depths = layer_depths(scene.build_sensor(), dome) if pictures else ()
+    _solve(dome, layer_depths(scene.build_sensor(), dome) if pictures else ())
+
+
+def _solve(dome: "SoftBody", depths: Iterable[float]) -> None:
+    """Solve what is not kept of a dome's elasticity, and of its motion at depths [m]."""
+    from ..model.dome import Pad, compliance_table, inside_table
+
     if isinstance(dome, Pad):
         return  # in closed form
     with _table("elasticity of the dome") as progress:

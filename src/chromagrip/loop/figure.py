@@ -37,6 +37,10 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     )
     margin.plot(time, trace["margin_estimated"], color=ESTIMATED, lw=1.0, label="estimated, 90 %")
     margin.plot(time, trace["margin_true"], color=TRUE, label="true")
+    if scene.body == "dome":
+        for name, colour in (("estimated", ESTIMATED), ("true", TRUE)):
+            course, label = trace[f"limit_margin_{name}"], f"with torsion, {name}"
+            margin.plot(time, course, "--", color=colour, lw=1.0, label=label)
     margin.axhline(scene.safety_margin.desired_margin, color=LOAD, lw=0.8, ls=":")
     margin.set_ylim(-0.15, 1.05)
     margin.set_ylabel("safety margin Γ")

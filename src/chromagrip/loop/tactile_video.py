@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..model import REFERENCE_NODES, ForceField
+from ..model import REFERENCE_NODES, ForceField, margin_within
 from ..output.video import VideoFile
 from ..render import View
 from ..scene.scene import Scene
@@ -84,7 +84,7 @@ class TactileVideo(VideoFile):
         )
         for k, line in enumerate(lines):
             write(column, line, (8, 24 + 18 * k))
-        self._traction.legend(column, (8, 320))
+        self._traction.legend(column, (8, 24 + 18 * (len(lines) + 1)))
         self.append(_beside(image, np.hstack([picture, column])))
 
     def add(self, image: Image, sample: Sample) -> None:
@@ -117,6 +117,7 @@ def _sums(kind: str, field: ForceField, mu: float) -> tuple[str, ...]:
         f"normal {field.total_normal:.2f} N",
         f"friction {field.total_friction:.2f} N",
         f"margin {field.safety_margin(mu):.2f}",
+        f"with torsion {margin_within(field, mu):.2f}",
     )
 
 

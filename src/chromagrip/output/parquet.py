@@ -94,6 +94,7 @@ VALUES = {
     "limit_margin": ("the same with torsion", ""),
     "force_x_n": ("force along x", " N"),
     "force_y_n": ("force along y", " N"),
+    "force_z_n": ("force along z", " N"),
     "torque_nmm": ("torque about z", " N·mm"),
     "depth_mm": ("displacement into the pad", " mm"),
     "shift_x_mm": ("along x", " mm"),

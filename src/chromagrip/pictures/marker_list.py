@@ -77,7 +77,9 @@ def _check_picture(path: Path) -> None:
 
 
 def _rows(layers: list[Markers], palette: Palette) -> list[MarkerRow]:
-    radius = max(np.sqrt(np.median(m.area) / np.pi) for m in layers if len(m.area))
+    # Of light that is not that of the dyes, spots may seem to cover less than nothing.
+    typical = max(0.0, *(float(np.median(m.area)) for m in layers if len(m.area)))
+    radius = np.sqrt(typical / np.pi)
     joined = join_layers([markers.position for markers in layers], reach=float(radius))
     both: NDArray[np.bool_] = np.isfinite(joined[0, :, 0] + joined[-1, :, 0])
     alone = len(layers) == 1

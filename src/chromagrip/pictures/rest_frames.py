@@ -123,7 +123,8 @@ def _most_exact(
         except UserError as error:
             refusal = f"{source.frame_name(index)}: {error}"
             continue
-        radius = math.sqrt(max(float(np.median(layer.area)) for layer in layers) / math.pi)
+        typical = max(1.0, *(float(np.median(layer.area)) for layer in layers))
+        radius = math.sqrt(typical / math.pi)
         first, second = join_layers([layer.position for layer in layers], reach=radius)
         apart = np.linalg.norm(first - second, axis=-1)
         # A marker without a partner counts as one radius apart.
