@@ -40,6 +40,13 @@ _UNTOUCHED = 100.0
 _TOLD = 60.0
 #: Largest mean square of what is left of the shifts in a solution.
 _MISFIT = 2.0
+#: The same for the median of the pairs that have moved, as a few pairs of any specimen are odd,
+#: and for the product of both.
+_TYPICAL, _BOTH = 0.45, 0.4
+#: Curvatures times the radius of the dome that no smooth, convex object of its size has.
+_HOLLOW, _EDGE = -0.2, 4.5
+#: Mean square of a change of the shifts, in deviations, below which a refused frame is the same.
+_SAME = 0.5
 #: Rounds of a fit from rest, and of one that starts near its solution.
 _ROUNDS, _FEW_ROUNDS = 25, 8
 #: Mean square of what is left at which other objects are tried, or so many times that of the
@@ -99,6 +106,7 @@ class ContactReading:
         self._covariance = np.zeros((7, 7))
         self._added = 0
         self._doubtful = _DOUBTFUL
+        self._refused: Shifts | None = None
 
     def update(self, tracks: Tracks) -> ForceField:
         """Force field of a frame.
@@ -113,14 +121,24 @@ class ContactReading:
         if nothing < _UNTOUCHED:
             self.reset()
             return self._untouched()
-        if not self._followed(shifts) and not self._found(shifts):
+        if self._is_refused(shifts) or not (self._followed(shifts) or self._found(shifts)):
+            refused = self._refused if self._is_refused(shifts) else shifts
             self.reset()
+            self._refused = refused
             raise NoEstimateError("no contact of a smooth, convex object explains the markers")
+        self._refused = None
         assert self._now is not None
         if not self._now[0].forces.any() or self._tells_little(shifts, nothing):
             self.reset()
             return self._untouched()
         return self._field()
+
+    def _is_refused(self, shifts: Shifts) -> bool:
+        """Whether markers are where they were in a frame that no contact explained."""
+        if self._refused is None or (shifts.used != self._refused.used).any():
+            return False
+        moved = shifts.apply(shifts.values - self._refused.values)
+        return float(moved @ moved) < _SAME * shifts.count
 
     def _tells_little(self, shifts: Shifts, nothing: float) -> bool:
         """Whether the first frame of a contact is explained by noise hardly worse than by it.
@@ -171,12 +189,21 @@ class ContactReading:
         if solution is None or solution.misfit > self._doubtful:
             for other in self._others(object_):
                 solution = self._better(solution, other, keys, _ROUNDS)
-        if solution is None or solution.misfit > _MISFIT:
+        if solution is None or solution.misfit > _MISFIT or self._unlike(solution):
             return False
         self.last, self._now = solution, (solution.contact, solution.keys[-1].pose)
         self._covariance = self._spread(solution)
         self._doubtful = max(_DOUBTFUL, _WORSE * solution.misfit)
         return True
+
+    def _unlike(self, solution: Solution) -> bool:
+        """Whether an object is hollow, an edge, or not what most markers near it show."""
+        along_x, along_y, mixed = solution.object_[CURVES] * self.dome.radius
+        mean, half = 0.5 * (along_x + along_y), math.hypot(0.5 * (along_x - along_y), mixed)
+        own = np.diag(solution.covariance)[MOVING:][CURVES][:2].max()
+        doubt = self.dome.radius * math.sqrt(own)  # a light touch tells little of a shape
+        off = solution.typical > _TYPICAL or solution.typical * solution.misfit > _BOTH
+        return off or mean - half < _HOLLOW - doubt or mean + half > _EDGE + doubt
 
     def _better(
         self, solution: Solution | None, object_: Array, keys: tuple[Key, ...], rounds: int

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 _ODD = 1.5
 #: … and from which on it counts less in a misfit.
 _OFF = 2.0
+#: Mean square of a pair's shifts in deviations above which it has moved, and how many are not few.
+_MOVED, _SEVERAL = 25.0, 12
 #: Key frames count as so many independent ones at most: errors of the model are alike in all.
 INDEPENDENT = 3.0
 #: Smallest gain of a round, in squared deviations.
@@ -78,6 +80,16 @@ class Shifts:
         share = np.minimum(1.0, _OFF / np.maximum(size, _OFF))
         return float((share * (2.0 - share) * size**2).sum())
 
+    def typical(self, predicted: Array) -> float:
+        """Median of what is left of the pairs that have moved, in squared deviations.
+
+        It is 0 where these are few.
+        """
+        pairs = len(self.whiten)
+        moved = (self.apply(self.values).reshape(pairs, -1) ** 2).mean(axis=1) > _MOVED
+        left = (self.residual(predicted).reshape(pairs, -1) ** 2).mean(axis=1)
+        return float(np.median(left[moved])) if moved.sum() >= _SEVERAL else 0.0
+
     def _each(self, residual: Array) -> Array:
         """Mean square of its pair's residual for every value, shape (V·W,)."""
         each = residual.reshape(len(self.whiten), -1)
@@ -110,6 +122,7 @@ class Solution:
     changes: of it by each unknown
     covariance: of the pose in the last key frame and the object, shape (12, 12)
     misfit: mean square of what is left of the shifts, in deviations, odd pairs held down
+    typical: median over pairs that have moved of what is left of their shifts, squared
     """
 
     object_: Array
@@ -119,6 +132,7 @@ class Solution:
     changes: Changes
     covariance: Array
     misfit: float
+    typical: float
 
 
 class ContactFit:
@@ -229,6 +243,7 @@ class ContactFit:
         information, _ = self._normal(shifts, object_, poses, predicted, slopes)
         misfit = sum(s.cost(p) for s, p in zip(shifts, predicted, strict=True))
         misfit /= sum(s.count for s in shifts)
+        typical = [s.typical(p) for s, p in zip(shifts, predicted, strict=True)]
         places = np.r_[-MOVING:0, 0 : len(OBJECT)]  # the last pose, then the object
         inverse = np.linalg.inv(information)[np.ix_(places, places)]
         return Solution(
@@ -239,6 +254,7 @@ class ContactFit:
             changes=changes,
             covariance=max(1.0, misfit) * inverse * np.outer(self.units, self.units),
             misfit=misfit,
+            typical=float(np.median(typical)),
         )
 
     def follow(
