@@ -21,15 +21,22 @@ _WENT_ON = 0.2
 #: A marker on another one may be another one itself, this far from where the pair's other layer
 #: has it [radii].
 _ASIDE = 0.2
+#: A lost pair is looked at closely in one frame of so many.
+_IN_TURNS = 4
 #: Pairs that moved by this much show how far one layer moves with the other [pitch].
 _MOVED = 0.1
 
 
 def judge(known: AtRest, memory: Memory, image: Image, fits: PairFits, start: PairState) -> Look:
-    """Look of a fit; each layer of pairs that it does not explain is tried alone from a start."""
+    """Look of a fit; each layer of pairs that it does not explain is tried alone from a start.
+
+    Pairs that were lost before are tried so in turns.
+    """
     limit = misfit_limit(fits)
     if (fits.misfit > limit).any():
-        fits = known.fit.fit_apart(image, fits, start, limit, STEPS)
+        turn = (np.arange(len(fits.misfit)) - memory.frames) % _IN_TURNS == 0
+        tried = turn | memory.visible.any(axis=1)
+        fits = known.fit.fit_apart(image, fits, start, tried, limit, STEPS)
     visible = visible_markers(fits)
     return Look(fits, visible, _torn(known, memory, fits.state, visible))
 

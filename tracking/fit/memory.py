@@ -39,7 +39,7 @@ class Memory:
     waited: frames since colours and blur were fitted
     patience: frames to wait before they are fitted again
     glances: frames in a row for which a glance was enough
-    turn: which of the still pairs were fitted last
+    frames: so far; pairs that are fitted now and then take turns by it
     """
 
     start: PairState
@@ -52,7 +52,7 @@ class Memory:
     waited: int = 0
     patience: int = PATIENCE
     glances: int = 0
-    turn: int = 0
+    frames: int = 0
 
     def expected(self) -> PairState:
         """State that the next fit starts from."""

@@ -220,9 +220,17 @@ class PairFit:
         return work.fits()
 
     def fit_apart(
-        self, image: Image, fits: PairFits, start: PairState, limit: float, steps: int
+        self,
+        image: Image,
+        fits: PairFits,
+        start: PairState,
+        tried: Mask,
+        limit: float,
+        steps: int,
     ) -> PairFits:
         """Fit pairs whose misfit is above a limit again, with one layer alone, then with both.
+
+        Of these the ones in `tried`, shape (M,), are; the others are not there.
 
         A layer that is not there casts no shade on the neighbours, which are fitted again as well.
         """
@@ -231,7 +239,7 @@ class PairFit:
         state.present[bad] = False
         covariance, misfit = fits.covariance.copy(), np.where(bad, np.inf, fits.misfit)
         for layers in ([True, False], [False, True], [True, True]):
-            active = (misfit > limit) & (start.present >= layers).all(axis=1)
+            active = tried & (misfit > limit) & (start.present >= layers).all(axis=1)
             if not active.any():
                 continue
             work = self._work(image, PairFits(state.copied(), misfit.copy(), covariance))

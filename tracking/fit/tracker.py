@@ -152,7 +152,7 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
         glance = _glance(known, memory, frame)
         if glance is not None:
             return glance
-    memory = replace(memory, glances=0, turn=(memory.turn + 1) % known.settings.turns)
+    memory = replace(memory, glances=0, frames=memory.frames + 1)
     start = memory.expected()
     look = judge(known, memory, image, _first_fit(known, memory, image, start), start)
     if astray(known, memory, look, 0):
@@ -192,7 +192,7 @@ def _first_fit(known: AtRest, memory: Memory, image: Image, start: PairState) ->
         return np.asarray(which | which[known.fit.near].any(axis=1))
 
     moving = abs(memory.velocity[..., :2]).max(axis=(1, 2)) > _STILL
-    turn = np.arange(len(moving)) % known.settings.turns == memory.turn
+    turn = (np.arange(len(moving)) - memory.frames) % known.settings.turns == 0
     active = and_around(moving) | turn
     fits = np.where(active[:, None, None], start.fits, memory.start.fits)
     last = PairFits(replace(start, fits=fits), before.misfit, before.covariance)
@@ -238,6 +238,7 @@ def _tuned(
     explained worse than by noise alone.
     """
     typical = look.fits.typical
+    least = 1.0
     waited, patience = memory.waited + 1, memory.patience
     worse = typical > WORSE * memory.typical
     tried = worse or (typical > WORSE and waited > patience)
@@ -245,7 +246,10 @@ def _tuned(
         waited, patience = 0, PATIENCE if worse else 2 * patience
         fits = tune(known.fit, image, look.fits, memory.start.fits, STEPS)
         light = fits.state
-        if not faded(known.fit, light):
+        if fits is look.fits:
+            # No light explains more, and it is not tried again where it is as bad again.
+            least = memory.typical
+        elif not faded(known.fit, light):
             start = replace(start, absorbed=light.absorbed, width=light.width, black=light.black)
             look = judge(known, memory, image, fits, start)
             ambiguous = look.visible & (look.torn | ambiguous)
@@ -254,7 +258,7 @@ def _tuned(
                 patience = PATIENCE
     memory = replace(memory, waited=waited, patience=patience)
     if tried or not memory.typical / WORSE < typical < WORSE * memory.typical:
-        memory = replace(memory, typical=max(1.0, min(typical, 1e6)))
+        memory = replace(memory, typical=max(least, min(typical, 1e6)))
     return memory, look, ambiguous
 
 
