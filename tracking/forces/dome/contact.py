@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 MIN_MARKERS = 12
 #: Error of a marker's place [px] and log size that the linear silicone and the round object leave.
 PLACE_ERROR, SIZE_ERROR = 0.02, 5e-3
+#: The same of a place as a share of how far the marker has moved.
+_SHARE_ERROR = 0.015
 #: Places of the log sizes of both layers among the values of a pair.
 _SIZES = (2, 5)
 #: A layer nearer to the core than this share of the silicone does not move.
@@ -42,7 +44,7 @@ _TOLD = 60.0
 _MISFIT = 2.0
 #: The same for the median of the pairs that have moved, as a few pairs of any specimen are odd,
 #: and for the product of both.
-_TYPICAL, _BOTH = 0.45, 0.4
+_TYPICAL, _BOTH = 0.42, 0.32
 #: Curvatures times the radius of the dome that no smooth, convex object of its size has.
 _HOLLOW, _EDGE = -0.2, 4.5
 #: Mean square of a change of the shifts, in deviations, below which a refused frame is the same.
@@ -231,7 +233,13 @@ class ContactReading:
         for size in _SIZES:
             values[:, size] -= np.median(values[certain, size])
         tells = np.flatnonzero(self._tells)
-        noise = (self._shifts.noise(tracks)[certain] + self._error)[:, tells[:, None], tells]
+        noise = self._shifts.noise(tracks)[certain] + self._error
+        # Blurred, crooked markers and the linear silicone are off by a share of the motion.
+        places = values[certain].reshape(-1, 2, 3)[:, :, :2]
+        moved = np.linalg.norm(places, axis=-1).repeat(3, axis=1)
+        moved[:, _SIZES] = 0.0
+        noise[:, range(6), range(6)] += (_SHARE_ERROR * moved) ** 2
+        noise = noise[:, tells[:, None], tells]
         whiten = np.zeros((len(noise), len(tells), len(self._tells)))
         whiten[:, :, tells] = np.linalg.inv(np.linalg.cholesky(noise))
         return Shifts(values=values[certain], whiten=whiten, used=certain)
