@@ -52,6 +52,7 @@ from .reconstructors import (
 )
 from .rest_fit import rest_pose
 from .shifts import MEASURED, MarkerShifts, floor_variances
+from .untouched import untouched_field
 
 __all__ = [
     "AUTOMATIC",
@@ -107,6 +108,7 @@ __all__ = [
     "silicone_of",
     "skin_displacement",
     "training_key",
+    "untouched_field",
     "values_of",
     "with_silicone",
     "with_values",

@@ -18,6 +18,7 @@ from ...tracks import Tracks
 from ..calibration import SensorCalibration
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
+from ..untouched import untouched_field
 from .contact_fit import ContactFit, Key, Shifts, Solution
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT, PLACE, PRESS, prior_of
 from .keys import far_on, thinned
@@ -107,14 +108,14 @@ class ContactReading:
         nothing = shifts.cost(np.zeros((len(shifts.used), 6)))
         if nothing < _UNTOUCHED:
             self.reset()
-            return self._untouched()
+            return untouched_field(self.dome)
         if not self._followed(shifts) and not self._found(shifts):
             self.reset()
             raise NoEstimateError("no contact of a smooth, convex object explains the markers")
         assert self._now is not None
         if not self._now[0].forces.any() or self._tells_little(shifts, nothing):
             self.reset()
-            return self._untouched()
+            return untouched_field(self.dome)
         return self._field()
 
     def _tells_little(self, shifts: Shifts, nothing: float) -> bool:
@@ -218,18 +219,6 @@ class ContactReading:
         pose = np.zeros(MOVING)
         pose[PRESS] = press
         return best, pose
-
-    def _untouched(self) -> ForceField:
-        points = lattice(self.dome).points
-        nothing = np.zeros(len(points))
-        return ForceField(
-            position=points,
-            normal=nothing,
-            friction=np.zeros_like(points),
-            contact=np.zeros(len(points), np.bool_),
-            totals_covariance=np.zeros((2, 2)),
-            directions=np.zeros_like(points),
-        )
 
     def _field(self) -> ForceField:
         assert self.last is not None

@@ -51,16 +51,20 @@ class DomeResponse:
         loaded = np.flatnonzero(linear.any(axis=(0, 2)))
         if not len(loaded):
             return np.zeros((len(linear), *self._rest.shape))
-        missing = loaded[~self._made[loaded]]
+        columns = self.of_nodes(loaded).reshape(3 * len(loaded), -1)
+        changes = linear[:, loaded].reshape(len(linear), -1).astype(np.float32)
+        return (changes @ columns).astype(np.float64).reshape(len(linear), *self._rest.shape)
+
+    def of_nodes(self, nodes: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Change of the shifts by small unit forces on nodes (n,), shape (n, 3, 6·P)."""
+        missing = nodes[~self._made[nodes]]
         if len(missing):
             field = self._map.field.of_nodes(missing)
             self._columns[missing] = np.einsum(
                 "nalmk,lmjk->namlj", field, self._slopes, optimize=True
             ).reshape(len(missing), 3, -1)
             self._made[missing] = True
-        columns = self._columns[loaded].reshape(3 * len(loaded), -1)
-        changes = linear[:, loaded].reshape(len(linear), -1).astype(np.float32)
-        return (changes @ columns).astype(np.float64).reshape(len(linear), *self._rest.shape)
+        return self._columns[nodes]
 
     def _at_rest(self, count: int) -> Array:
         """Derivative of (x, y, log size) by a marker's motion and slopes, (2, P, 3, 9)."""

@@ -1,0 +1,339 @@
+"""Most probable forces on the nodes of a dome, from the whitened shifts of its markers.
+
+Forces are those that the linear skin carries. Traction is smooth (a Gaussian process along the
+skin) within a zone, and zero outside it. Nodes that would be pulled leave the zone, nodes beside it
+may join. The image is not linear in the forces: it is linearised at rest, and what is left of the
+shifts comes from the image itself.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
+
+from ....model import Dome
+from ....model.dome import lattice
+from .marker_response import DomeResponse
+from .traction_map import WhitenedMap
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Table = NDArray[np.float32]
+
+#: Prior of tractions: deviation over Young's modulus, correlation length over the radius, and share
+#: of the variance that is rough.
+_AMPLITUDE, _LENGTH, _ROUGH = 0.25, 0.1, 1e-4
+#: Deviation of a common change of all log sizes of a layer.
+_FOCUS = 3e-3
+#: Nodes that carry less pressure than this share of the largest are not touched, …
+_LEAST = 0.005
+#: … nor are those that carry less than another share, and more friction than any surface has.
+_WEAK, _LARGEST_RATIO = 0.1, 2.0
+#: Pairs that are looked at together, and by how much their mean energy is above a pair's median
+#: energy where something touches.
+_AROUND, _TOUCHED = 7, 4.0
+#: A node beside the zone joins it if it would carry more than this share of the largest pressure.
+_JOINING = 0.015
+#: Most rounds of Gauss–Newton from rest and from the frame before, and changes of the zone in each.
+_ROUNDS, _FEW_ROUNDS, _CHANGES = 12, 3, 5
+#: Largest change of a whitened shift at which forces have settled. The derivative at rest is off by
+#: a tenth of it.
+_SETTLED = 4.0
+#: Zones whose prior is kept.
+_KEPT = 8
+#: Root mean square of a pair's residuals in deviations from which on it counts less, over that of
+#: the worst of so many: where a contact has moved on, many are large and none is odd.
+_ODD, _MOST = 2.5, 0.9
+#: Pairs whose noise is this much larger than at first count less.
+_NOISIER = 1.4
+#: Share of the largest energy of a pair's shift above which nodes under it may be touched, and how
+#: far they may be from it [pitches of the nodes].
+_MOVED, _UNDER = 0.1, 3.0
+#: Bounds of the variance of noise, and of what the model leaves, over what the tracker says.
+_LEVELS = (1.0, 30.0)
+#: Fewest nodes of a contact.
+_FEWEST = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """Shifts of all P pairs in a frame.
+
+    Attributes
+    ----------
+    values: (x, y, log size) of both layers, shape (P, 6)
+    weights: of each pair; 0 for those that are not seen, shape (P,)
+    """
+
+    values: Array
+    weights: Array
+
+    @property
+    def count(self) -> int:
+        """How many independent values there are."""
+        return max(6 * int((self.weights > 0.0).sum()), 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tractions:
+    """Forces that explain a frame, with their covariance.
+
+    Attributes
+    ----------
+    nodes: in contact, shape (n,)
+    linear: forces that the linear skin carries on them [N], shape (n, 3)
+    common: changes of all log sizes of each layer, shape (2,)
+    factor: lower Cholesky factor of the information on `common` and `linear`, (2 + 3n, 2 + 3n)
+    misfit: mean square of what is left of the shifts, in deviations
+    level: variance of the noise that was taken, over the tracker's
+    """
+
+    nodes: Index
+    linear: Array
+    common: Array
+    factor: Array
+    misfit: float
+    level: float
+
+    def spread(self, slopes: Array) -> Array:
+        """Factor S of the covariance S·Sᵀ of values with slopes (k, n, 3) by `linear`."""
+        whole = np.zeros((len(slopes), len(self.factor)))
+        whole[:, len(self.common) :] = slopes.reshape(len(slopes), -1)
+        half = solve_triangular(self.factor, whole.T, lower=True, check_finite=False)
+        return math.sqrt(self.level) * np.asarray(half.T)
+
+
+class TractionFit:
+    """Fits tractions on one dome to the shifts of its markers.
+
+    Parameters
+    ----------
+    dome: body
+    response: of its markers
+    beside: nodes beside each node, see `traction_skin.neighbours`
+    places: of the pairs at rest on the skin [m], shape (P, 3)
+    noise: covariance of the pairs' shifts, shape (P, 6, 6)
+    prepared: angle from the apex up to which nodes are prepared [rad]
+    """
+
+    def __init__(
+        self,
+        dome: Dome,
+        response: DomeResponse,
+        beside: Index,
+        places: Array,
+        noise: Array,
+        prepared: float,
+    ) -> None:
+        nodes = lattice(dome)
+        self._points, self._areas, self._outwards = nodes.points, nodes.areas, nodes.outwards
+        self._beside = beside
+        self._amplitude, self._length = _AMPLITUDE * dome.young, _LENGTH * dome.radius
+        self._response = response
+        under = KDTree(self._points).query_ball_point(places, _UNDER * dome.spacing)
+        self._below = [np.asarray(each, np.int64) for each in under]
+        self._around = KDTree(places).query(places, k=min(_AROUND, len(places)))[1]
+        self._noise = np.einsum("pii->pi", noise)
+        self._whiten = np.linalg.inv(np.linalg.cholesky(noise))
+        near = np.flatnonzero(nodes.angles[nodes.ring] < prepared)
+        self._map = WhitenedMap(response, self._whiten, near)
+        self._priors: dict[bytes, Array] = {}
+
+    def frame(self, values: Array, seen: NDArray[np.bool_], noise: Array) -> Frame:
+        """Shifts of a frame (P, 6), of which pairs `seen` (P,) count, with their noise."""
+        larger = (np.einsum("pii->pi", noise) / self._noise).mean(axis=1)
+        weights = np.where(larger > _NOISIER, 1.0 / np.maximum(larger, 1.0), 1.0)
+        return Frame(
+            values=np.where(seen[:, None], values, 0.0), weights=np.where(seen, weights, 0.0)
+        )
+
+    def cost(self, frame: Frame) -> float:
+        """Sum of squares of the shifts in deviations, less their common changes of size."""
+        residual = self._whitened(frame.values)
+        rows = np.arange(WhitenedMap.COMMON)
+        columns = self._map.columns(rows).astype(np.float64)
+        weights = np.repeat(frame.weights * self._odd(residual), 6)
+        information = (columns * weights) @ columns.T + np.eye(len(rows)) / _FOCUS**2
+        moment = columns @ (weights * residual)
+        return float(weights @ residual**2 - moment @ np.linalg.solve(information, moment))
+
+    def touched(self, frame: Frame) -> bool:
+        """Whether some pairs beside each other have moved more than noise moves pairs."""
+        energy = self._energy(frame)
+        # Most pairs are far from a contact, unless the whole dome is in one.
+        usual = max(min(float(np.median(energy[frame.weights > 0.0])), 6.0), 1e-9)
+        return bool(energy[self._around].mean(axis=1).max() > _TOUCHED * usual)
+
+    def _energy(self, frame: Frame) -> Array:
+        """Sum of squares of each pair's shift in deviations, (P,)."""
+        values, seen = frame.values.copy(), frame.weights > 0.0
+        values[:, [2, 5]] -= np.median(values[seen][:, [2, 5]], axis=0)
+        shifts = self._whitened(values).reshape(-1, 6)
+        return np.asarray(frame.weights * (shifts**2).sum(axis=1))
+
+    def fit(self, frame: Frame, start: Tractions | None) -> Tractions | None:
+        """Forces that explain a frame; None where no node is pressed.
+
+        Parameters
+        ----------
+        start: forces of the frame before; None seeks them from rest
+        """
+        if start is None:
+            nodes = self._under(frame)
+            linear, common = np.zeros((len(nodes), 3)), np.zeros(WhitenedMap.COMMON)
+        else:
+            nodes, linear, common = start.nodes, start.linear, start.common
+        for turn in range(_FEW_ROUNDS if start is not None else _ROUNDS):
+            changes = _CHANGES if start is None or not turn else 1
+            found, moved = self._round(frame, nodes, linear, common, changes)
+            if found is None or moved < _SETTLED:
+                break
+            nodes, linear, common = found.nodes, found.linear, found.common
+        return found
+
+    def _round(
+        self, frame: Frame, nodes: Index, linear: Array, common: Array, changes: int
+    ) -> tuple[Tractions | None, float]:
+        """Step of Gauss–Newton, in which nodes leave and join the zone.
+
+        Parameters
+        ----------
+        changes: how often the forces are solved for, each time in another zone
+
+        Returns
+        -------
+        The forces, and the largest change of a whitened shift by them.
+        """
+        residual = self._residual(frame, nodes, linear, common)
+        weights = frame.weights * self._odd(residual)
+        each = np.repeat(weights, 6).astype(np.float32)
+        weighted = each * residual.astype(np.float32)
+        misfit = float(weighted @ residual) / frame.count
+        level = float(np.clip(misfit, *_LEVELS))
+        # The shifts as they would be if the image were linear: those of all forces together.
+        before = np.concatenate([common, linear.ravel()]).astype(np.float32)
+        before = before @ self._map.columns(self._map.rows(nodes))
+        seen = weighted + each * before
+        after, joined = nodes, changes == 1
+        for _ in range(changes):
+            zone = after
+            if len(zone) < _FEWEST:
+                return None, 0.0
+            rows = self._map.rows(zone)
+            columns = self._map.columns(rows)
+            information = self._map.products(rows, weights)
+            self._add_prior(information, zone, level)
+            factor = cholesky(information, lower=True, overwrite_a=True, check_finite=False)
+            moment = (columns @ seen).astype(np.float64)
+            solved = cho_solve((factor, True), moment, check_finite=False)
+            forces = solved[WhitenedMap.COMMON :].reshape(-1, 3)
+            pressed = self._pressed(zone, forces)
+            if not pressed.all():
+                after = zone[pressed]
+            elif joined:
+                break
+            else:
+                joined = True
+                left = seen - each * (solved.astype(np.float32) @ columns)
+                after = self._joined(zone, forces, left, weights, level)
+                if len(after) == len(zone):
+                    break
+        moved = float(abs(solved.astype(np.float32) @ columns - before).max())
+        found = Tractions(
+            nodes=zone, linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
+            misfit=misfit, level=level,
+        )  # fmt: skip
+        return found, moved
+
+    def _pressed(self, nodes: Index, forces: Array) -> NDArray[np.bool_]:
+        pressure = self._pressure(nodes, forces)
+        largest = pressure.max()
+        along = np.linalg.norm(forces, axis=1) / self._areas[nodes]
+        pulled = pressure < _LEAST * largest
+        slippery = (pressure < _WEAK * largest) & (along > _LARGEST_RATIO * pressure)
+        return np.asarray(~(pulled | slippery))
+
+    def _joined(
+        self, nodes: Index, forces: Array, left: Table, weights: Array, level: float
+    ) -> Index:
+        """The zone with those nodes beside it that what is left of the shifts would press.
+
+        Parameters
+        ----------
+        left: whitened shifts that the forces leave, weighted, shape (6·P,)
+        weights: of the pairs, shape (P,)
+        """
+        reached = np.zeros(len(self._points) + 1, np.bool_)
+        reached[self._beside[nodes]] = True
+        grown = np.flatnonzero(reached[:-1])
+        reached[nodes] = False
+        mine, others = np.searchsorted(grown, nodes), np.flatnonzero(reached[grown])
+        if not len(others):
+            return nodes
+        rows = self._map.rows(grown[others])[WhitenedMap.COMMON :]
+        prior = level * self._inverse(grown)
+        slope = (self._map.columns(rows) @ left).astype(np.float64).reshape(-1, 3)
+        slope -= prior[np.ix_(others, mine)] @ forces
+        information = self._map.products(rows, weights)
+        for k in range(3):
+            information[k::3, k::3] += prior[np.ix_(others, others)]
+        step = np.asarray(np.linalg.solve(information, slope.ravel()), np.float64).reshape(-1, 3)
+        pressure = self._pressure(grown[others], step)
+        join = pressure > _JOINING * self._pressure(nodes, forces).max()
+        return np.sort(np.concatenate([nodes, grown[others[join]]]))
+
+    def _pressure(self, nodes: Index, forces: Array) -> Array:
+        return np.asarray(
+            -np.einsum("ij,ij->i", forces, self._outwards[nodes]) / self._areas[nodes]
+        )
+
+    def _add_prior(self, information: Array, nodes: Index, level: float) -> None:
+        """Add the information of the prior to that of the shifts."""
+        prior, count = level * self._inverse(nodes), WhitenedMap.COMMON
+        for k in range(3):
+            information[count + k :: 3, count + k :: 3] += prior
+        information[np.arange(count), np.arange(count)] += level / _FOCUS**2
+
+    def _inverse(self, nodes: Index) -> Array:
+        """Information of the prior on one component of the forces on nodes [1/N²], (n, n)."""
+        key = nodes.tobytes()
+        found = self._priors.pop(key, None)
+        if found is None:
+            points, areas = self._points[nodes], self._areas[nodes]
+            alike = np.exp(-0.5 * cdist(points, points, "sqeuclidean") / self._length**2)
+            alike[np.diag_indices(len(nodes))] += _ROUGH
+            upper, _ = dpotri(dpotrf(alike)[0])
+            found = np.triu(upper) + np.triu(upper, 1).T
+            found /= self._amplitude**2 * np.outer(areas, areas)
+            if len(self._priors) >= _KEPT:
+                del self._priors[next(iter(self._priors))]
+        self._priors[key] = found
+        return found
+
+    def _residual(self, frame: Frame, nodes: Index, linear: Array, common: Array) -> Array:
+        """What forces leave of the shifts, in deviations, shape (6·P,)."""
+        whole = np.zeros_like(self._points)
+        whole[nodes] = linear
+        left = frame.values - self._response(whole)
+        left[:, [2, 5]] -= common
+        return self._whitened(left)
+
+    def _whitened(self, shifts: Array) -> Array:
+        return np.asarray(np.einsum("pij,pj->pi", self._whiten, shifts).ravel())
+
+    def _odd(self, residual: Array) -> Array:
+        """Weight of each pair, less than 1 for those that nothing explains (Huber's), (P,)."""
+        size = np.sqrt((residual.reshape(-1, 6) ** 2).mean(axis=1))
+        odd = _ODD * max(1.0, float(np.quantile(size, _MOST)))
+        return np.minimum(1.0, odd / np.maximum(size, odd))
+
+    def _under(self, frame: Frame) -> Index:
+        """Nodes under the pairs that have moved most."""
+        energy = self._energy(frame)
+        moved = np.flatnonzero(energy > _MOVED * energy.max())
+        return np.unique(np.concatenate([self._below[pair] for pair in moved]))
