@@ -73,8 +73,8 @@ class ForceField:
     friction_reading: µ, where it is read off the image together with the forces
     plane: that the forces are in, where it is read off the image; None is the sensor's x–z plane
     directions: of a dome's normal forces, away from the object, shape (N, 3); None for a chain
-    wrench_covariance: covariance of an estimate's total force (x, y, z) and torque about z on a dome
-        [N, N·m], shape (4, 4); None where it is not known
+    wrench_covariance: covariance of total force (x, y, z) and torque about z of an estimate on a
+        dome [N, N·m], shape (4, 4); None where it is not known
     """
 
     position: Array

@@ -188,10 +188,13 @@ def test_estimators_are_never_given_the_truth() -> None:
         "Dome",
         "PosedContact",
         "PosedContacts",
+        "SkinField",
+        "SoftBody",
         "Solid",
         "lattice",
         "quadric",
         "rotation_of",
+        "stiffening_of",
     }
     for module in modules():
         more = supposed if module.startswith("tracking.forces.dome.") else set()

@@ -22,6 +22,7 @@ from .calibration import (
     with_silicone,
     with_values,
 )
+from .dome import untouched_field
 from .displacement import DisplacementGains, fit_gains, skin_displacement
 from .friction import (
     CAMERA_RULE,
@@ -52,7 +53,6 @@ from .reconstructors import (
 )
 from .rest_fit import rest_pose
 from .shifts import MEASURED, MarkerShifts, floor_variances
-from .untouched import untouched_field
 
 __all__ = [
     "AUTOMATIC",

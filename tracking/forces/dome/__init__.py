@@ -1,4 +1,4 @@
-"""Force reconstruction on the dome: a contact that is fitted by synthesis."""
+"""Force reconstruction on the dome: a contact that is fitted by synthesis, or free tractions."""
 
 from .contact_state import (
     BRISTLE,
@@ -16,6 +16,7 @@ from .contact_state import (
 )
 from .contact_way import ContactWay
 from .marker_response import DomeResponse
+from .untouched import untouched_field
 
 __all__ = [
     "BRISTLE",
@@ -32,4 +33,5 @@ __all__ = [
     "pose_of",
     "prior_of",
     "units_of",
+    "untouched_field",
 ]

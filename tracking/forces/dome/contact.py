@@ -18,7 +18,7 @@ from ...tracks import Tracks
 from ..calibration import SensorCalibration
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
-from ..untouched import untouched_field
+from .untouched import untouched_field
 from .contact_fit import ContactFit, Key, Shifts, Solution
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT, PLACE, PRESS, prior_of
 from .keys import far_on, thinned

@@ -18,7 +18,7 @@ from ...tracks import Tracks
 from ..calibration import SensorCalibration
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
-from ..untouched import untouched_field
+from .untouched import untouched_field
 from .marker_response import DomeResponse
 from .traction_fit import Frame, TractionFit, Tractions
 from .traction_friction import Slip, read_slip

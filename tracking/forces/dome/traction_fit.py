@@ -44,11 +44,14 @@ _ROUNDS, _FEW_ROUNDS, _CHANGES = 12, 3, 5
 #: Largest change of a whitened shift at which forces have settled. The derivative at rest is off by
 #: a tenth of it.
 _SETTLED = 4.0
+#: Rounds end where they leave more than this share of what the one before has left, and that is
+#: much: nothing will explain it.
+_STUCK, _LARGE = 0.8, 8.0
 #: Zones whose prior is kept.
 _KEPT = 8
-#: Root mean square of a pair's residuals in deviations from which on it counts less, over that of
-#: the worst of so many: where a contact has moved on, many are large and none is odd.
-_ODD, _MOST = 2.5, 0.9
+#: Root mean square of a pair's residuals from which on it counts less, over that of the pairs around
+#: it and in deviations.
+_ODD = 2.5
 #: Pairs whose noise is this much larger than at first count less.
 _NOISIER = 1.4
 #: Share of the largest energy of a pair's shift above which nodes under it may be touched, and how
@@ -56,8 +59,8 @@ _NOISIER = 1.4
 _MOVED, _UNDER = 0.1, 3.0
 #: Bounds of the variance of noise, and of what the model leaves, over what the tracker says.
 _LEVELS = (1.0, 30.0)
-#: Fewest nodes of a contact.
-_FEWEST = 4
+#: Most pairs whose nodes are looked at from rest, and fewest and most nodes of a contact.
+_PAIRS, _FEWEST, _WIDEST = 60, 4, 450
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +140,8 @@ class TractionFit:
         self._response = response
         under = KDTree(self._points).query_ball_point(places, _UNDER * dome.spacing)
         self._below = [np.asarray(each, np.int64) for each in under]
-        self._around = KDTree(places).query(places, k=min(_AROUND, len(places)))[1]
+        around = KDTree(places).query(places, k=min(_AROUND, len(places)))[1]
+        self._around = np.asarray(around, np.int64)
         self._noise = np.einsum("pii->pi", noise)
         self._whiten = np.linalg.inv(np.linalg.cholesky(noise))
         near = np.flatnonzero(nodes.angles[nodes.ring] < prepared)
@@ -188,11 +192,15 @@ class TractionFit:
             linear, common = np.zeros((len(nodes), 3)), np.zeros(WhitenedMap.COMMON)
         else:
             nodes, linear, common = start.nodes, start.linear, start.common
+        misfit = math.inf
         for turn in range(_FEW_ROUNDS if start is not None else _ROUNDS):
             changes = _CHANGES if start is None or not turn else 1
             found, moved = self._round(frame, nodes, linear, common, changes)
             if found is None or moved < _SETTLED:
                 break
+            if turn and found.misfit > max(_STUCK * misfit, _LARGE):
+                break
+            misfit = found.misfit
             nodes, linear, common = found.nodes, found.linear, found.common
         return found
 
@@ -273,7 +281,7 @@ class TractionFit:
         grown = np.flatnonzero(reached[:-1])
         reached[nodes] = False
         mine, others = np.searchsorted(grown, nodes), np.flatnonzero(reached[grown])
-        if not len(others):
+        if not len(others) or len(nodes) > _WIDEST:
             return nodes
         rows = self._map.rows(grown[others])[WhitenedMap.COMMON :]
         prior = level * self._inverse(grown)
@@ -327,13 +335,18 @@ class TractionFit:
         return np.asarray(np.einsum("pij,pj->pi", self._whiten, shifts).ravel())
 
     def _odd(self, residual: Array) -> Array:
-        """Weight of each pair, less than 1 for those that nothing explains (Huber's), (P,)."""
+        """Weight of each pair, less than 1 for those that are unlike the pairs around them, (P,).
+
+        Where a contact has moved on residuals are large, but those of neighbours are alike.
+        """
         size = np.sqrt((residual.reshape(-1, 6) ** 2).mean(axis=1))
-        odd = _ODD * max(1.0, float(np.quantile(size, _MOST)))
-        return np.minimum(1.0, odd / np.maximum(size, odd))
+        around = np.median(size[self._around[:, 1:]], axis=1)
+        odd = _ODD * np.maximum(around, 1.0)
+        return np.minimum(1.0, (odd / np.maximum(size, odd)) ** 2)
 
     def _under(self, frame: Frame) -> Index:
         """Nodes under the pairs that have moved most."""
         energy = self._energy(frame)
         moved = np.flatnonzero(energy > _MOVED * energy.max())
+        moved = moved[np.argsort(-energy[moved], kind="stable")[:_PAIRS]]
         return np.unique(np.concatenate([self._below[pair] for pair in moved]))

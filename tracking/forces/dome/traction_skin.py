@@ -16,10 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from ....model import Dome
-from ....model.dome import compliance_table, lattice
-from ....model.dome.compliance import compliance_scale
-from ....model.dome.stiffening import stiffening_of
-from ....model.kernels.compliance_kernels import displace
+from ....model.dome import SkinField, lattice, stiffening_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -92,7 +89,7 @@ class Skin:
         self._dome = dome
         self._nodes = lattice(dome)
         self.beside = neighbours(dome)
-        self._table, self._scale = compliance_table(dome), compliance_scale(dome)
+        self._field = SkinField(dome)
 
     def __call__(self, nodes: Index, linear: Array, friction: float) -> Parted:
         """Forces on nodes (n,) of which the linear skin carries `linear` (n, 3) [N].
@@ -101,7 +98,9 @@ class Skin:
         ----------
         friction: µ, which tells how much of the contact slips, and so stiffens
         """
-        displacement = self._displaced(nodes, linear)
+        forces = np.zeros_like(self._nodes.points)
+        forces[nodes] = linear
+        displacement = self._field(forces)[nodes]
         places = self._nodes.points[nodes] + displacement
         directions = -self._nodes.outwards[nodes]
         patches = self._patches(nodes)
@@ -119,16 +118,6 @@ class Skin:
             displacement=displacement, directions=directions, normal=normal, friction=tangential,
             stiffening=factor, rim=float(normal[self._at_rim(nodes)].sum() / normal.sum()),
         )  # fmt: skip
-
-    def _displaced(self, nodes: Index, linear: Array) -> Array:
-        lattice_, out = self._nodes, np.zeros_like(self._nodes.points)
-        forces = np.zeros_like(out)
-        forces[nodes] = linear
-        displace(
-            self._table, len(lattice_.angles), lattice_.ring, lattice_.azimuth, self._scale, nodes,
-            forces, nodes, out,
-        )  # fmt: skip
-        return out[nodes]
 
     def _parted(
         self, nodes: Index, linear: Array, directions: Array, displacement: Array, friction: float

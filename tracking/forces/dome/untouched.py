@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ...model import ForceField, SoftBody
-from ...model.dome import lattice
+from ....model import ForceField, SoftBody
+from ....model.dome import lattice
 
 
 def untouched_field(body: SoftBody, variance: float = 0.0) -> ForceField:
