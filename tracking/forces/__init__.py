@@ -22,8 +22,8 @@ from .calibration import (
     with_silicone,
     with_values,
 )
-from .dome import untouched_field
 from .displacement import DisplacementGains, fit_gains, skin_displacement
+from .dome import untouched_field
 from .friction import (
     CAMERA_RULE,
     FRICTION,

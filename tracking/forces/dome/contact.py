@@ -18,11 +18,11 @@ from ...tracks import Tracks
 from ..calibration import SensorCalibration
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
-from .untouched import untouched_field
 from .contact_fit import ContactFit, Key, Shifts, Solution
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT, PLACE, PRESS, prior_of
 from .keys import far_on, thinned
 from .marker_response import DomeResponse
+from .untouched import untouched_field
 
 Array = NDArray[np.float64]
 

@@ -18,11 +18,11 @@ from ...tracks import Tracks
 from ..calibration import SensorCalibration
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
-from .untouched import untouched_field
 from .marker_response import DomeResponse
 from .traction_fit import Frame, TractionFit, Tractions
 from .traction_friction import Slip, read_slip
 from .traction_skin import Parted, Skin
+from .untouched import untouched_field
 
 Array = NDArray[np.float64]
 

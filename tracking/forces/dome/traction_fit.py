@@ -23,7 +23,6 @@ from .traction_map import WhitenedMap
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Table = NDArray[np.float32]
 
 #: Prior of tractions: deviation over Young's modulus, correlation length over the radius, and share
 #: of the variance that is rough.
@@ -31,26 +30,26 @@ _AMPLITUDE, _LENGTH, _ROUGH = 0.25, 0.1, 1e-4
 #: Deviation of a common change of all log sizes of a layer.
 _FOCUS = 3e-3
 #: Nodes that carry less pressure than this share of the largest are not touched, …
-_LEAST = 0.005
+_LEAST = 0.0
 #: … nor are those that carry less than another share, and more friction than any surface has.
 _WEAK, _LARGEST_RATIO = 0.1, 2.0
 #: Pairs that are looked at together, and by how much their mean energy is above a pair's median
 #: energy where something touches.
 _AROUND, _TOUCHED = 7, 4.0
 #: A node beside the zone joins it if it would carry more than this share of the largest pressure.
-_JOINING = 0.015
+_JOINING = 0.02
 #: Most rounds of Gauss–Newton from rest and from the frame before, and changes of the zone in each.
-_ROUNDS, _FEW_ROUNDS, _CHANGES = 12, 3, 5
-#: Largest change of a whitened shift at which forces have settled. The derivative at rest is off by
-#: a tenth of it.
-_SETTLED = 4.0
+_ROUNDS, _FEW_ROUNDS, _CHANGES = 12, 3, 6
+#: Root of the sum of squares of the change of all whitened shifts at which forces have settled. The
+#: derivative at rest is off by a tenth of it.
+_SETTLED = 15.0
 #: Rounds end where they leave more than this share of what the one before has left, and that is
 #: much: nothing will explain it.
 _STUCK, _LARGE = 0.8, 8.0
 #: Zones whose prior is kept.
 _KEPT = 8
-#: Root mean square of a pair's residuals from which on it counts less, over that of the pairs around
-#: it and in deviations.
+#: Root mean square of a pair's residuals from which on it counts less, in deviations and over that
+#: of the pairs around it.
 _ODD = 2.5
 #: Pairs whose noise is this much larger than at first count less.
 _NOISIER = 1.4
@@ -215,48 +214,47 @@ class TractionFit:
 
         Returns
         -------
-        The forces, and the largest change of a whitened shift by them.
+        The forces, and the root of the sum of squares of what they change the whitened shifts by.
         """
         residual = self._residual(frame, nodes, linear, common)
         weights = frame.weights * self._odd(residual)
-        each = np.repeat(weights, 6).astype(np.float32)
-        weighted = each * residual.astype(np.float32)
+        weighted = np.repeat(weights, 6) * residual
         misfit = float(weighted @ residual) / frame.count
         level = float(np.clip(misfit, *_LEVELS))
-        # The shifts as they would be if the image were linear: those of all forces together.
-        before = np.concatenate([common, linear.ravel()]).astype(np.float32)
-        before = before @ self._map.columns(self._map.rows(nodes))
-        seen = weighted + each * before
-        after, joined = nodes, changes == 1
-        for _ in range(changes):
-            zone = after
+        # Everything is first summed up for the zone and what is beside it.
+        wide = self._with_beside(nodes) if changes > 1 else nodes
+        rows = self._map.rows(wide)
+        products = self._map.products(rows, weights)
+        before = np.zeros(len(rows))
+        before[_unknowns(np.searchsorted(wide, nodes))] = np.concatenate([common, linear.ravel()])
+        moment = self._map.columns(rows) @ weighted.astype(np.float32) + products @ before
+        zone, joined = np.searchsorted(wide, nodes), changes == 1
+        for left in reversed(range(changes)):
             if len(zone) < _FEWEST:
                 return None, 0.0
-            rows = self._map.rows(zone)
-            columns = self._map.columns(rows)
-            information = self._map.products(rows, weights)
-            self._add_prior(information, zone, level)
+            some = _unknowns(zone)
+            information = products[np.ix_(some, some)]
+            self._add_prior(information, wide[zone], level)
             factor = cholesky(information, lower=True, overwrite_a=True, check_finite=False)
-            moment = (columns @ seen).astype(np.float64)
-            solved = cho_solve((factor, True), moment, check_finite=False)
+            solved = cho_solve((factor, True), moment[some], check_finite=False)
             forces = solved[WhitenedMap.COMMON :].reshape(-1, 3)
-            pressed = self._pressed(zone, forces)
-            if not pressed.all():
-                after = zone[pressed]
-            elif joined:
+            pressed = self._pressed(wide[zone], forces)
+            if not left or (joined and pressed.all()):
                 break
-            else:
-                joined = True
-                left = seen - each * (solved.astype(np.float32) @ columns)
-                after = self._joined(zone, forces, left, weights, level)
+            if pressed.all():
+                joined, after = True, self._joined(wide, zone, solved, moment, products, level)
                 if len(after) == len(zone):
                     break
-        moved = float(abs(solved.astype(np.float32) @ columns - before).max())
+                zone = after
+            else:
+                zone = zone[pressed]
+        change = -before
+        change[some] += solved
         found = Tractions(
-            nodes=zone, linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
+            nodes=wide[zone], linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
             misfit=misfit, level=level,
         )  # fmt: skip
-        return found, moved
+        return found, math.sqrt(max(float(change @ products @ change), 0.0))
 
     def _pressed(self, nodes: Index, forces: Array) -> NDArray[np.bool_]:
         pressure = self._pressure(nodes, forces)
@@ -266,34 +264,43 @@ class TractionFit:
         slippery = (pressure < _WEAK * largest) & (along > _LARGEST_RATIO * pressure)
         return np.asarray(~(pulled | slippery))
 
+    def _with_beside(self, nodes: Index) -> Index:
+        """Nodes and those beside them."""
+        if len(nodes) > _WIDEST:
+            return nodes
+        reached = np.zeros(len(self._points) + 1, np.bool_)
+        reached[self._beside[nodes]] = True
+        return np.flatnonzero(reached[:-1])
+
     def _joined(
-        self, nodes: Index, forces: Array, left: Table, weights: Array, level: float
+        self, wide: Index, zone: Index, solved: Array, moment: Array, products: Array, level: float
     ) -> Index:
         """The zone with those nodes beside it that what is left of the shifts would press.
 
         Parameters
         ----------
-        left: whitened shifts that the forces leave, weighted, shape (6·P,)
-        weights: of the pairs, shape (P,)
+        wide: nodes of the zone and beside it, shape (w,)
+        zone: places of the zone among them
+        solved: common changes of size, and the forces of the zone
+        moment, products: of all of `wide`
         """
-        reached = np.zeros(len(self._points) + 1, np.bool_)
-        reached[self._beside[nodes]] = True
-        grown = np.flatnonzero(reached[:-1])
-        reached[nodes] = False
-        mine, others = np.searchsorted(grown, nodes), np.flatnonzero(reached[grown])
-        if not len(others) or len(nodes) > _WIDEST:
-            return nodes
-        rows = self._map.rows(grown[others])[WhitenedMap.COMMON :]
-        prior = level * self._inverse(grown)
-        slope = (self._map.columns(rows) @ left).astype(np.float64).reshape(-1, 3)
-        slope -= prior[np.ix_(others, mine)] @ forces
-        information = self._map.products(rows, weights)
+        others = np.setdiff1d(np.arange(len(wide)), zone, assume_unique=True)
+        if not len(others):
+            return zone
+        count = WhitenedMap.COMMON
+        some, free = _unknowns(zone), _unknowns(others)[count:]
+        prior, forces = level * self._inverse(wide), solved[count:].reshape(-1, 3)
+        slope = (moment[free] - products[np.ix_(free, some)] @ solved).reshape(-1, 3)
+        slope -= prior[np.ix_(others, zone)] @ forces
+        information = products[np.ix_(free, free)]
         for k in range(3):
             information[k::3, k::3] += prior[np.ix_(others, others)]
-        step = np.asarray(np.linalg.solve(information, slope.ravel()), np.float64).reshape(-1, 3)
-        pressure = self._pressure(grown[others], step)
-        join = pressure > _JOINING * self._pressure(nodes, forces).max()
-        return np.sort(np.concatenate([nodes, grown[others[join]]]))
+        step = cho_solve(
+            (cholesky(information, lower=True, check_finite=False), True), slope.ravel()
+        )
+        pressure = self._pressure(wide[others], step.reshape(-1, 3))
+        join = pressure > _JOINING * self._pressure(wide[zone], forces).max()
+        return np.sort(np.concatenate([zone, others[join]]))
 
     def _pressure(self, nodes: Index, forces: Array) -> Array:
         return np.asarray(
@@ -350,3 +357,9 @@ class TractionFit:
         moved = np.flatnonzero(energy > _MOVED * energy.max())
         moved = moved[np.argsort(-energy[moved], kind="stable")[:_PAIRS]]
         return np.unique(np.concatenate([self._below[pair] for pair in moved]))
+
+
+def _unknowns(places: Index) -> Index:
+    """Places of common changes of size, and of the forces on nodes at places among others."""
+    each = WhitenedMap.COMMON + 3 * places[:, None] + np.arange(3)
+    return np.concatenate([np.arange(WhitenedMap.COMMON), each.ravel()])

@@ -33,7 +33,7 @@ _HEIGHT, _SLOPE, _CURVE = 0.1, 0.5, 3.0
 #: Sharpest curvature times the radius, and the least slope of the surface towards its side.
 _SHARPEST, _UPRIGHT = 4.0, 0.2
 #: Rounds of parting the forces and fitting the surface, and of that fit.
-_PASSES, _ROUNDS = 3, 4
+_PASSES, _ROUNDS = 2, 3
 #: Least pressure that counts in a fit, over the largest.
 _LEAST = 0.01
 
