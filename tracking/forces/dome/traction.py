@@ -43,8 +43,9 @@ _OBSERVED, _OBSERVABLE_MARGIN = 0.2, 0.85
 _LEAST, _NARROW = (0.008, 0.003), 0.25
 #: Least deviation of Γ.
 _MARGIN = 0.01
-#: Where a force's torque about z acts at most otherwise than told [m].
-_ARM = 2e-5
+#: How far from where it is told the normal force may act, over the radius: at least, and factor of
+#: the squared share of the rim.
+_ARM = (4e-5, 2.5e-3)
 
 
 class TractionReading:
@@ -156,8 +157,20 @@ class TractionReading:
                 margin_deviation=_margin_deviation(slip, whole, load, totals),
             ),
             directions=_on_all(points, found, parted.directions),
-            wrench_covariance=covariance[2:, 2:] + _unsure_wrench(parted, unsure),
+            wrench_covariance=covariance[2:, 2:] + self._unsure_wrench(parted, unsure[0]),
         )
+
+    def _unsure_wrench(self, parted: Parted, unsure: float) -> Array:
+        """Covariance of force and torque about z that the unknown surface leaves, shape (4, 4).
+
+        Normals that are wrong change how much is stiffened, and where to.
+        """
+        out = np.zeros((4, 4))
+        added = float((parted.stiffening - 1.0) @ parted.normal) / float(parted.normal.sum())
+        out[:3, :3] = unsure**2 * (np.outer(parted.axis, parted.axis) + added**2 * np.eye(3))
+        arm = self.dome.radius * math.hypot(_ARM[0], _ARM[1] * parted.rim**2)
+        out[3, 3] = (arm * float(parted.normal.sum())) ** 2
+        return out
 
 
 def _across(parted: Parted) -> Array:
@@ -186,15 +199,6 @@ def _margin_deviation(slip: Slip, whole: float, load: float, totals: Array) -> f
     slope = np.array([share / whole, -1.0 / (slip.friction * whole)])
     sums = math.sqrt(max(float(slope @ totals @ slope), 0.0))
     return math.hypot(share * slip.deviation, sums, _MARGIN)
-
-
-def _unsure_wrench(parted: Parted, unsure: Array) -> Array:
-    """Covariance of force and torque about z that the unknown surface leaves, shape (4, 4)."""
-    out = np.zeros((4, 4))
-    # Normals that are wrong change how much is stiffened, along them.
-    out[:3, :3] = unsure[0] ** 2 * np.outer(parted.axis, parted.axis)
-    out[3, 3] = (_ARM * float(parted.normal.sum())) ** 2
-    return out
 
 
 def _on_all(points: Array, found: Tractions, values: NDArray[np.generic]) -> NDArray:  # type: ignore[type-arg]

@@ -39,10 +39,10 @@ _AROUND, _TOUCHED = 7, 4.0
 #: A node beside the zone joins it if it would carry more than this share of the largest pressure.
 _JOINING = 0.02
 #: Most rounds of Gauss–Newton from rest and from the frame before, and changes of the zone in each.
-_ROUNDS, _FEW_ROUNDS, _CHANGES = 12, 3, 6
+_ROUNDS, _FEW_ROUNDS, _CHANGES, _FEW_CHANGES = 12, 3, 6, 3
 #: Root of the sum of squares of the change of all whitened shifts at which forces have settled. The
 #: derivative at rest is off by a tenth of it.
-_SETTLED = 15.0
+_SETTLED = 25.0
 #: Rounds end where they leave more than this share of what the one before has left, and that is
 #: much: nothing will explain it.
 _STUCK, _LARGE = 0.8, 8.0
@@ -193,7 +193,7 @@ class TractionFit:
             nodes, linear, common = start.nodes, start.linear, start.common
         misfit = math.inf
         for turn in range(_FEW_ROUNDS if start is not None else _ROUNDS):
-            changes = _CHANGES if start is None or not turn else 1
+            changes = _CHANGES if start is None else 1 if turn else _FEW_CHANGES
             found, moved = self._round(frame, nodes, linear, common, changes)
             if found is None or moved < _SETTLED:
                 break

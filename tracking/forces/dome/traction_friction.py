@@ -27,7 +27,7 @@ _SLIPPING = (0.6, 2.5)
 _ROUNDS = 20
 #: Deviation of µ as a share: at least; factor and power of Γ, for how little slips; and factor of
 #: the squared share of the rim, for contacts too narrow to be resolved.
-_LEAST, _STICKING, _NARROW = 0.05, (0.45, 1.5), 1.6
+_LEAST, _STICKING, _NARROW = 0.045, (0.4, 1.5), 1.6
 #: Bounds of µ.
 _SMALLEST, _LARGEST = 0.02, 3.0
 
