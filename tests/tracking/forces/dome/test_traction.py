@@ -149,7 +149,7 @@ def test_a_scene_that_is_turned_turns_the_forces() -> None:
     turned = np.array([[c, -s], [s, c]]) @ fields[0].net_friction[:2]
     assert np.linalg.norm(turned) > 0.2
     assert fields[1].net_friction[:2] == pytest.approx(turned, abs=0.01)
-    assert fields[1].total_normal == pytest.approx(fields[0].total_normal, rel=0.01)
+    assert fields[1].total_normal == pytest.approx(fields[0].total_normal, rel=0.02)
 
 
 def test_the_scatter_of_forces_is_what_their_covariance_says() -> None:
@@ -160,10 +160,10 @@ def test_the_scatter_of_forces_is_what_their_covariance_says() -> None:
     scatter = np.std([wrench(field) for field in fields], axis=0)
     assert fields[-1].wrench_covariance is not None
     stated = np.sqrt(np.diag(fields[-1].wrench_covariance))
-    # Beside the noise of a frame, x and y have that of the rest frame and the calibration's floor,
-    # each as large: a third of the variance scatters. z and the torque have errors of the model.
+    # The noise of the rest frame and the calibration's floor, each as large, do not scatter, nor
+    # does what the unknown surface leaves. x and y have a half of that in all, z and the torque more.
     assert (scatter[:2] < stated[:2]).all()
-    assert (scatter[:2] > 0.35 * stated[:2]).all()
+    assert (scatter[:2] > 0.2 * stated[:2]).all()
     assert (scatter[2:] < stated[2:]).all()
 
 
