@@ -38,9 +38,12 @@ _MISFIT, _LEFT = 4.0, 0.02
 _USUAL = 0.5
 #: Share by which µ may be off to be observable, and the margin from which on it is not.
 _OBSERVED, _OBSERVABLE_MARGIN = 0.2, 0.85
-#: Deviations of ΣFn and ΣFf that the unknown surface leaves, as shares of ΣFn: at least, and factor
-#: of the squared share of the rim.
-_LEAST, _NARROW = (0.008, 0.003), 0.25
+#: What the unknown surface leaves unsure, as a share of ΣFn: factors of the squared share of the
+#: rim, and of the misfit beyond noise.
+_NARROW, _UNEXPLAINED = 0.25, 0.05
+#: Other deviations as shares of ΣFn: of ΣFn at least, and over the force that stiffening adds; of
+#: ΣFf; and across the normals, over the force that stiffening adds.
+_NORMAL, _STIFFENING, _FRICTION, _TILT = 0.004, 0.1, 0.003, 0.006
 #: Least deviation of Γ.
 _MARGIN = 0.01
 #: How far from where it is told the normal force may act, over the radius: at least, and factor of
@@ -138,7 +141,10 @@ class TractionReading:
         if observable:
             self._friction = slip.friction
         points = lattice(self.dome).points
-        unsure = whole * np.hypot(_LEAST, _NARROW * parted.rim**2)
+        narrow = math.hypot(_NARROW * parted.rim**2, _UNEXPLAINED * max(found.misfit - 1.0, 0.0))
+        unsure = whole * np.array(
+            [math.hypot(_NORMAL, _STIFFENING * parted.added, narrow), math.hypot(_FRICTION, narrow)]
+        )
         spread = found.spread(_slopes(parted, net, points[found.nodes]))
         covariance = spread @ spread.T
         totals = covariance[:2, :2] + np.diag(unsure**2)
@@ -157,19 +163,19 @@ class TractionReading:
                 margin_deviation=_margin_deviation(slip, whole, load, totals),
             ),
             directions=_on_all(points, found, parted.directions),
-            wrench_covariance=covariance[2:, 2:] + self._unsure_wrench(parted, unsure[0]),
+            wrench_covariance=covariance[2:, 2:] + self._unsure_wrench(parted, unsure[0], narrow),
         )
 
-    def _unsure_wrench(self, parted: Parted, unsure: float) -> Array:
+    def _unsure_wrench(self, parted: Parted, unsure: float, narrow: float) -> Array:
         """Covariance of force and torque about z that the unknown surface leaves, shape (4, 4).
 
         Normals that are wrong change how much is stiffened, and where to.
         """
-        out = np.zeros((4, 4))
-        added = float((parted.stiffening - 1.0) @ parted.normal) / float(parted.normal.sum())
-        out[:3, :3] = unsure**2 * (np.outer(parted.axis, parted.axis) + added**2 * np.eye(3))
+        out, whole = np.zeros((4, 4)), float(parted.normal.sum())
+        tilted = whole * parted.added * math.hypot(_TILT, narrow)
+        out[:3, :3] = unsure**2 * np.outer(parted.axis, parted.axis) + tilted**2 * np.eye(3)
         arm = self.dome.radius * math.hypot(_ARM[0], _ARM[1] * parted.rim**2)
-        out[3, 3] = (arm * float(parted.normal.sum())) ** 2
+        out[3, 3] = (arm * whole) ** 2
         return out
 
 

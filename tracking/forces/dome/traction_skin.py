@@ -60,6 +60,11 @@ class Parted:
     rim: float
 
     @property
+    def added(self) -> float:
+        """Share of the linear skin's normal force that stiffening adds."""
+        return float(self.normal.sum() / (self.normal / self.stiffening).sum() - 1.0)
+
+    @property
     def axis(self) -> Array:
         """Mean direction of the normal forces, shape (3,)."""
         whole = self.normal @ self.directions

@@ -10,6 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from chromagrip.errors import UserError
+from chromagrip.measure.domes.readings import read as read_scene
+from chromagrip.measure.domes.scenes import scene
 from chromagrip.model import DomeState, ForceField, Motion, Solid, dome_forces, simulate_contact
 from chromagrip.model.dome import Stepper, lattice, resting
 from chromagrip.model.shapes import ball, cylinder, plane
@@ -161,7 +163,7 @@ def test_the_scatter_of_forces_is_what_their_covariance_says() -> None:
     assert fields[-1].wrench_covariance is not None
     stated = np.sqrt(np.diag(fields[-1].wrench_covariance))
     # The noise of the rest frame and the calibration's floor, each as large, do not scatter, nor
-    # does what the unknown surface leaves. x and y have a half of that in all, z and the torque more.
+    # does what the unknown surface leaves, of which z and the torque have more.
     assert (scatter[:2] < stated[:2]).all()
     assert (scatter[:2] > 0.2 * stated[:2]).all()
     assert (scatter[2:] < stated[2:]).all()
@@ -270,3 +272,21 @@ def test_a_pad_is_refused() -> None:
     known = sensor_as_designed("flat-2019")
     with pytest.raises(UserError, match="not a flat pad"):
         load_reconstructor("traction")(known, None)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_pictures_are_read_with_honest_intervals() -> None:
+    """Objects, loads and defects at random, painted with noise and tracked."""
+    inside, off = [], []
+    for index in range(6):
+        watched = scene(SENSOR, "soft", index)
+        found = read_scene("traction", watched)
+        assert not found.answers.flagged.any()
+        low, high = np.moveaxis(found.answers.interval, -1, 0)
+        inside.append((low <= watched.true) & (watched.true <= high))
+        off.append(found.answers.value - watched.true)
+        assert found.side == pytest.approx(watched.side, abs=0.01)
+        assert found.answers.value[:, 0] == pytest.approx(watched.true[:, 0], rel=0.05)
+    assert (np.mean(np.concatenate(inside), axis=0) > 0.8).all()
+    # The best constant answer is off by 0.35.
+    assert math.sqrt((np.concatenate(off)[:, 3] ** 2).mean()) < 0.08
