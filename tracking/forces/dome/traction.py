@@ -34,8 +34,8 @@ _ON_CORE = 0.05
 _PREPARED = math.radians(22.0)
 #: Largest mean square of what is left of the shifts, in deviations, and as a share of the shifts.
 _MISFIT, _LEFT = 4.0, 0.02
-#: µ before one has been observed.
-_USUAL = 0.5
+#: µ before one has been observed, and share by which it may be off.
+_USUAL, _UNSEEN = 0.5, 0.4
 #: Share by which µ may be off to be observable, and the margin from which on it is not.
 _OBSERVED, _OBSERVABLE_MARGIN = 0.2, 0.85
 #: What the unknown surface leaves unsure, as a share of ΣFn: factors of the squared share of the
@@ -102,10 +102,11 @@ class TractionReading:
         found = self._fit.fit(frame, self._last)
         if found is not None and self._odd(frame, found) and self._last is not None:
             found = self._fit.fit(frame, None)
-        if found is None:
+        light = not self._fit.touched(frame, clearly=True)
+        if found is None and light:
             self.reset()
             return untouched_field(self.dome)
-        if self._odd(frame, found):
+        if found is None or self._odd(frame, found):
             self.reset()
             raise NoEstimateError("no tractions on the skin explain the markers")
         self._last = found
@@ -136,10 +137,14 @@ class TractionReading:
         load = float(np.linalg.norm(net))
         slip = read_slip(self.dome, found.nodes, parted.normal, parted.friction, load, parted.rim)
         whole = float(parted.normal.sum())
-        share = load / (slip.friction * whole)
-        observable = slip.deviation < _OBSERVED and 1.0 - share < _OBSERVABLE_MARGIN
+        margin = 1.0 - load / (slip.friction * whole)
+        observable = slip.deviation < _OBSERVED and margin < _OBSERVABLE_MARGIN
         if observable:
             self._friction = slip.friction
+        else:
+            # Where nothing slips ratios say little, and a µ that is too large would be unsafe.
+            usual = min(slip.friction, self._friction)
+            slip = Slip(friction=usual, deviation=max(slip.deviation, _UNSEEN))
         points = lattice(self.dome).points
         narrow = math.hypot(_NARROW * parted.rim**2, _UNEXPLAINED * max(found.misfit - 1.0, 0.0))
         unsure = whole * np.array(

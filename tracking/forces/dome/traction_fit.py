@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
@@ -23,6 +23,7 @@ from .traction_map import WhitenedMap
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Table = NDArray[np.float32]
 
 #: Prior of tractions: deviation over Young's modulus, correlation length over the radius, and share
 #: of the variance that is rough.
@@ -34,8 +35,8 @@ _LEAST = 0.0
 #: … nor are those that carry less than another share, and more friction than any surface has.
 _WEAK, _LARGEST_RATIO = 0.1, 2.0
 #: Pairs that are looked at together, and by how much their mean energy is above a pair's median
-#: energy where something touches.
-_AROUND, _TOUCHED = 7, 4.0
+#: energy where something touches, and where that is beyond doubt.
+_AROUND, _TOUCHED, _CLEARLY = 7, 4.0, 100.0
 #: A node beside the zone joins it if it would carry more than this share of the largest pressure.
 _JOINING = 0.02
 #: Most rounds of Gauss–Newton from rest and from the frame before, and changes of the zone in each.
@@ -165,12 +166,14 @@ class TractionFit:
         moment = columns @ (weights * residual)
         return float(weights @ residual**2 - moment @ np.linalg.solve(information, moment))
 
-    def touched(self, frame: Frame) -> bool:
+    def touched(self, frame: Frame, clearly: bool = False) -> bool:
         """Whether some pairs beside each other have moved more than noise moves pairs."""
         energy = self._energy(frame)
         # Most pairs are far from a contact, unless the whole dome is in one.
         usual = max(min(float(np.median(energy[frame.weights > 0.0])), 6.0), 1e-9)
-        return bool(energy[self._around].mean(axis=1).max() > _TOUCHED * usual)
+        return bool(
+            energy[self._around].mean(axis=1).max() > (_CLEARLY if clearly else _TOUCHED) * usual
+        )
 
     def _energy(self, frame: Frame) -> Array:
         """Sum of squares of each pair's shift in deviations, (P,)."""
@@ -225,18 +228,18 @@ class TractionFit:
         wide = self._with_beside(nodes) if changes > 1 else nodes
         rows = self._map.rows(wide)
         products = self._map.products(rows, weights)
-        before = np.zeros(len(rows))
+        before = np.zeros(len(rows), np.float32)
         before[_unknowns(np.searchsorted(wide, nodes))] = np.concatenate([common, linear.ravel()])
         moment = self._map.columns(rows) @ weighted.astype(np.float32) + products @ before
+        moment = moment.astype(np.float64)
         zone, joined = np.searchsorted(wide, nodes), changes == 1
         for left in reversed(range(changes)):
             if len(zone) < _FEWEST:
                 return None, 0.0
             some = _unknowns(zone)
-            information = products[np.ix_(some, some)]
+            information = products[some[:, None], some].astype(np.float64)
             self._add_prior(information, wide[zone], level)
-            factor = cholesky(information, lower=True, overwrite_a=True, check_finite=False)
-            solved = cho_solve((factor, True), moment[some], check_finite=False)
+            factor, solved = _solved(information, moment[some])
             forces = solved[WhitenedMap.COMMON :].reshape(-1, 3)
             pressed = self._pressed(wide[zone], forces)
             if not left or (joined and pressed.all()):
@@ -249,7 +252,7 @@ class TractionFit:
             else:
                 zone = zone[pressed]
         change = -before
-        change[some] += solved
+        change[some] += solved.astype(np.float32)
         found = Tractions(
             nodes=wide[zone], linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
             misfit=misfit, level=level,
@@ -273,7 +276,7 @@ class TractionFit:
         return np.flatnonzero(reached[:-1])
 
     def _joined(
-        self, wide: Index, zone: Index, solved: Array, moment: Array, products: Array, level: float
+        self, wide: Index, zone: Index, solved: Array, moment: Array, products: Table, level: float
     ) -> Index:
         """The zone with those nodes beside it that what is left of the shifts would press.
 
@@ -290,14 +293,13 @@ class TractionFit:
         count = WhitenedMap.COMMON
         some, free = _unknowns(zone), _unknowns(others)[count:]
         prior, forces = level * self._inverse(wide), solved[count:].reshape(-1, 3)
-        slope = (moment[free] - products[np.ix_(free, some)] @ solved).reshape(-1, 3)
+        left = moment[free] - products[free[:, None], some] @ solved.astype(np.float32)
+        slope = left.reshape(-1, 3)
         slope -= prior[np.ix_(others, zone)] @ forces
-        information = products[np.ix_(free, free)]
+        information = products[free[:, None], free].astype(np.float64)
         for k in range(3):
             information[k::3, k::3] += prior[np.ix_(others, others)]
-        step = cho_solve(
-            (cholesky(information, lower=True, check_finite=False), True), slope.ravel()
-        )
+        _, step = _solved(information, slope.ravel())
         pressure = self._pressure(wide[others], step.reshape(-1, 3))
         join = pressure > _JOINING * self._pressure(wide[zone], forces).max()
         return np.sort(np.concatenate([zone, others[join]]))
@@ -363,3 +365,10 @@ def _unknowns(places: Index) -> Index:
     """Places of common changes of size, and of the forces on nodes at places among others."""
     each = WhitenedMap.COMMON + 3 * places[:, None] + np.arange(3)
     return np.concatenate([np.arange(WhitenedMap.COMMON), each.ravel()])
+
+
+def _solved(information: Array, moment: Array) -> tuple[Array, Array]:
+    """Lower Cholesky factor of the information, which is lost, and the solution for a moment."""
+    # By LAPACK itself: the wrappers cost as much as the factor of a small zone.
+    factor, _ = dpotrf(information.T, lower=1, clean=1, overwrite_a=1)
+    return factor, dpotrs(factor, moment, lower=1)[0]

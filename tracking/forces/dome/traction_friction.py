@@ -26,8 +26,8 @@ _SLIPPING = (0.6, 2.5)
 #: Rounds of finding µ and the part that slips from each other.
 _ROUNDS = 20
 #: Deviation of µ as a share: at least; factor and power of Γ, for how little slips; and factor of
-#: the squared share of the rim, for contacts too narrow to be resolved.
-_LEAST, _STICKING, _NARROW = 0.045, (0.4, 1.5), 1.6
+#: the cubed share of the rim, for contacts too narrow to be resolved.
+_LEAST, _STICKING, _NARROW = 0.045, (0.4, 1.5), 6.0
 #: Bounds of µ.
 _SMALLEST, _LARGEST = 0.02, 3.0
 
@@ -76,5 +76,5 @@ def read_slip(
     margin = max(1.0 - used / mu, 0.0)
     return Slip(
         friction=mu,
-        deviation=math.hypot(_LEAST, factor * margin**power, _NARROW * rim**2),
+        deviation=math.hypot(_LEAST, factor * margin**power, _NARROW * rim**3),
     )

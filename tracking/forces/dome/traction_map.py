@@ -65,9 +65,9 @@ class WhitenedMap:
         """Whitened shifts for unit changes of unknowns, shape (len(rows), 6·P)."""
         return self._columns[rows]
 
-    def products(self, rows: Index, weights: Array) -> Array:
+    def products(self, rows: Index, weights: Array) -> Table:
         """Products of the columns of unknowns, each pair with its weight (P,), (r, r)."""
-        whole = self._gram[np.ix_(rows, rows)].astype(np.float64)
+        whole = self._gram[rows[:, None], rows]
         less = np.flatnonzero(weights < 1.0)
         if len(less):
             columns = self._columns.reshape(len(self._columns), -1, 6)

@@ -125,6 +125,7 @@ def test_friction_is_not_read_off_a_pure_press() -> None:
     reading = field.friction_reading
     assert reading is not None
     assert not reading.observable
+    assert reading.deviation > 0.3 * reading.value
     assert field.total_friction < 0.01
 
 
@@ -236,6 +237,13 @@ def test_markers_that_no_tractions_move_are_refused() -> None:
     ways = np.random.default_rng(1).normal(size=tracks.position.shape)
     with pytest.raises(NoEstimateError, match="no tractions on the skin explain the markers"):
         reading.update(replace(tracks, position=tracks.position + 2.0 * ways))
+
+
+def test_a_pull_is_no_contact() -> None:
+    """Silicone that is drawn out of the dome: no object does that."""
+    state = grasped(Solid(shape=plane(), friction=0.6), 0.0, 1.0)
+    with pytest.raises(NoEstimateError, match="no tractions on the skin explain the markers"):
+        read(-state.linear)
 
 
 def test_too_few_markers_are_refused() -> None:
