@@ -59,6 +59,8 @@ _NOISIER = 1.4
 _MOVED, _UNDER = 0.1, 3.0
 #: Bounds of the variance of noise, and of what the model leaves, over what the tracker says.
 _LEVELS = (1.0, 30.0)
+#: Mean energy of pairs beside each other that says that something touches there, too.
+_ELSEWHERE = 100.0
 #: Most pairs whose nodes are looked at from rest, and fewest and most nodes of a contact.
 _PAIRS, _FEWEST, _WIDEST = 60, 4, 450
 
@@ -94,6 +96,7 @@ class Tractions:
     factor: lower Cholesky factor of the information on `common` and `linear`, (2 + 3n, 2 + 3n)
     misfit: mean square of what is left of the shifts, in deviations
     level: variance of the noise that was taken, over the tracker's
+    worst: largest mean energy of what is left of the shifts of pairs beside each other
     """
 
     nodes: Index
@@ -102,6 +105,7 @@ class Tractions:
     factor: Array
     misfit: float
     level: float
+    worst: float
 
     def spread(self, slopes: Array) -> Array:
         """Factor S of the covariance S·Sᵀ of values with slopes (k, n, 3) by `linear`."""
@@ -204,6 +208,8 @@ class TractionFit:
                 break
             misfit = found.misfit
             nodes, linear, common = found.nodes, found.linear, found.common
+        if start is not None and found is not None and found.worst > _ELSEWHERE:
+            return self.fit(frame, None)
         return found
 
     def _round(
@@ -224,6 +230,7 @@ class TractionFit:
         weighted = np.repeat(weights, 6) * residual
         misfit = float(weighted @ residual) / frame.count
         level = float(np.clip(misfit, *_LEVELS))
+        energy = frame.weights * (residual.reshape(-1, 6) ** 2).sum(axis=1)
         # Everything is first summed up for the zone and what is beside it.
         wide = self._with_beside(nodes) if changes > 1 else nodes
         rows = self._map.rows(wide)
@@ -255,7 +262,7 @@ class TractionFit:
         change[some] += solved.astype(np.float32)
         found = Tractions(
             nodes=wide[zone], linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
-            misfit=misfit, level=level,
+            misfit=misfit, level=level, worst=float(energy[self._around].mean(axis=1).max()),
         )  # fmt: skip
         return found, math.sqrt(max(float(change @ products @ change), 0.0))
 

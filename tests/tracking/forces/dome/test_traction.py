@@ -184,7 +184,9 @@ def press_beside(side: float, shift: float) -> DomeState:
 
 def test_two_contacts_are_read_apart() -> None:
     one, other = press_beside(-5e-3, 0.1e-3), press_beside(5e-3, -0.1e-3)
-    field = read(one.linear + other.linear)
+    reading, drawn = reader()
+    reading.update(drawn(one.linear))
+    field = reading.update(drawn(one.linear + other.linear))
     for state, side in ((one, POINTS[:, 0] < 0.0), (other, POINTS[:, 0] > 0.0)):
         truth = state.forces.sum(axis=0)
         assert field.directions is not None
