@@ -1,8 +1,8 @@
 """µ from how the ratios of friction to normal force are spread over a contact.
 
 Where the skin slips the ratio is µ, and anything below where it sticks. Slip begins at the rim and
-grows inwards as the load grows. So µ is the middle of the ratios of the part that slips, which has
-the largest ones; how large that part is follows from µ and the load.
+grows inwards as the load grows. So µ is the mean ratio of the part that slips, which has the
+largest ones; how large that part is follows from µ and the load, as of two balls.
 """
 
 import math
@@ -18,16 +18,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 #: Ratios are those of forces that are smoothed over this share of the radius.
-_SMOOTH = 0.044
-#: Share of the normal force on nodes whose smoothed ratio is µ: factor and power of the load over
-#: µ times the normal force. In partial slip of two balls (Cattaneo, Mindlin) it is .7, .4 and .15
-#: at Γ = .1, .3 and .6; here it is a little less, because smoothing takes a rim off it.
-_SLIPPING = (0.6, 2.5)
-#: Rounds of finding µ and the part that slips from each other.
-_ROUNDS = 20
+_SMOOTH = 0.035
+#: Rounds of finding µ and the part that slips from each other, and fewest nodes of that part.
+_ROUNDS, _FEWEST = 20, 3
 #: Deviation of µ as a share: at least; factor and power of Γ, for how little slips; and factor of
 #: the cubed share of the rim, for contacts too narrow to be resolved.
-_LEAST, _STICKING, _NARROW = 0.045, (0.4, 1.5), 6.0
+_LEAST, _STICKING, _NARROW = 0.04, (0.3, 1.1), 6.0
 #: Bounds of µ.
 _SMALLEST, _LARGEST = 0.02, 3.0
 
@@ -66,11 +62,11 @@ def read_slip(
     ratios, weights = ratios[order], normal[order]
     below = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
     used = load / max(float(normal.sum()), 1e-12)
-    factor, power = _SLIPPING
     mu = float(np.interp(0.75, below, ratios))
     for _ in range(_ROUNDS):
-        slipping = factor * min(used / max(mu, _SMALLEST), 1.0) ** power
-        mu = 0.5 * (mu + float(np.interp(1.0 - 0.5 * slipping, below, ratios)))
+        first = np.searchsorted(below, 1.0 - _slipping(1.0 - used / max(mu, _SMALLEST)))
+        part = slice(min(int(first), max(len(ratios) - _FEWEST, 0)), None)
+        mu = 0.5 * (mu + float(ratios[part] @ weights[part] / weights[part].sum()))
     mu = min(max(mu, _SMALLEST), _LARGEST)
     factor, power = _STICKING
     margin = max(1.0 - used / mu, 0.0)
@@ -78,3 +74,8 @@ def read_slip(
         friction=mu,
         deviation=math.hypot(_LEAST, factor * margin**power, _NARROW * rim**3),
     )
+
+
+def _slipping(margin: float) -> float:
+    """Share of the normal force where two balls slip on each other at a Γ (Cattaneo, Mindlin)."""
+    return float((1.0 - max(margin, 0.0) ** (2.0 / 3.0)) ** 1.5)

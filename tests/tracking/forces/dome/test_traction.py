@@ -141,7 +141,7 @@ def test_friction_of_balls_in_partial_slip() -> None:
         load = float(np.linalg.norm(friction.sum(axis=0)))
         assert 1.0 - load / (0.5 * pressure.sum()) == pytest.approx(margin, abs=0.03)
         slip = read_slip(DOME, nodes, pressure, friction, load, rim=0.1)
-        assert slip.friction == pytest.approx(0.5, abs=1.3 * slip.deviation * 0.5)
+        assert slip.friction == pytest.approx(0.5, rel=0.12)
         assert slip.deviation < 0.1
 
 
