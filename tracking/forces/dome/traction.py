@@ -31,7 +31,7 @@ MIN_MARKERS = 40
 #: A layer nearer to the core than this share of the silicone does not move.
 _ON_CORE = 0.05
 #: Nodes up to this angle from the apex are prepared before the first frame [rad].
-_PREPARED = math.radians(22.0)
+_PREPARED = math.radians(28.0)
 #: Largest mean square of what is left of the shifts, in deviations, and as a share of the shifts.
 _MISFIT, _LEFT = 4.0, 0.02
 #: µ before one has been observed, and share by which it may be off.
@@ -77,6 +77,9 @@ class TractionReading:
         self.dome = dome
         self._shifts = MarkerShifts(calibration, rest, math.pi / 2)
         self._response = DomeResponse(self._shifts.sensor, dome, self._shifts.places)
+        nodes = lattice(dome)
+        self._prepared = np.flatnonzero(nodes.angles[nodes.ring] < _PREPARED)
+        self._response.of_nodes(self._prepared)
         self._skin = Skin(dome)
         self._fit: TractionFit | None = None
         self.reset()
@@ -121,7 +124,7 @@ class TractionReading:
             first = np.where(certain[:, None, None], noise, usual)
             places = self._shifts.sensor.shape.points(self._shifts.places[0], 0.0)
             self._fit = TractionFit(
-                self.dome, self._response, self._skin.beside, places, first, _PREPARED
+                self.dome, self._response, self._skin.beside, places, first, self._prepared
             )
         return self._fit.frame(values, certain, noise)
 

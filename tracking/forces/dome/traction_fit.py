@@ -125,7 +125,7 @@ class TractionFit:
     beside: nodes beside each node, see `traction_skin.neighbours`
     places: of the pairs at rest on the skin [m], shape (P, 3)
     noise: covariance of the pairs' shifts, shape (P, 6, 6)
-    prepared: angle from the apex up to which nodes are prepared [rad]
+    prepared: nodes whose products are made at once, shape (n,)
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class TractionFit:
         beside: Index,
         places: Array,
         noise: Array,
-        prepared: float,
+        prepared: Index,
     ) -> None:
         nodes = lattice(dome)
         self._points, self._areas, self._outwards = nodes.points, nodes.areas, nodes.outwards
@@ -148,8 +148,7 @@ class TractionFit:
         self._around = np.asarray(around, np.int64)
         self._noise = np.einsum("pii->pi", noise)
         self._whiten = np.linalg.inv(np.linalg.cholesky(noise))
-        near = np.flatnonzero(nodes.angles[nodes.ring] < prepared)
-        self._map = WhitenedMap(response, self._whiten, near)
+        self._map = WhitenedMap(response, self._whiten, prepared)
         self._priors: dict[bytes, Array] = {}
 
     def frame(self, values: Array, seen: NDArray[np.bool_], noise: Array) -> Frame:
