@@ -34,7 +34,7 @@ _FOCUS = 3e-3
 _LEAST = 0.0
 #: … nor are those that carry less than another share, and more friction than any surface has.
 _WEAK, _LARGEST_RATIO = 0.1, 2.0
-#: Pairs that are looked at together, and by how much their mean energy is above a pair's median
+#: Pairs that are looked at together, and by how much their median energy is above a pair's median
 #: energy where something touches, and where that is beyond doubt.
 _AROUND, _TOUCHED, _CLEARLY = 7, 4.0, 100.0
 #: A node beside the zone joins it if it would carry more than this share of the largest pressure.
@@ -59,7 +59,7 @@ _NOISIER = 1.4
 _MOVED, _UNDER = 0.1, 3.0
 #: Bounds of the variance of noise, and of what the model leaves, over what the tracker says.
 _LEVELS = (1.0, 30.0)
-#: Mean energy of pairs beside each other that says that something touches there, too.
+#: Median energy of pairs beside each other that says that something touches there, too.
 _ELSEWHERE = 100.0
 #: Most pairs whose nodes are looked at from rest, and fewest and most nodes of a contact.
 _PAIRS, _FEWEST, _WIDEST = 60, 4, 450
@@ -96,7 +96,7 @@ class Tractions:
     factor: lower Cholesky factor of the information on `common` and `linear`, (2 + 3n, 2 + 3n)
     misfit: mean square of what is left of the shifts, in deviations
     level: variance of the noise that was taken, over the tracker's
-    worst: largest mean energy of what is left of the shifts of pairs beside each other
+    worst: largest median energy of what is left of the shifts of pairs beside each other
     """
 
     nodes: Index
@@ -171,19 +171,18 @@ class TractionFit:
 
     def touched(self, frame: Frame, clearly: bool = False) -> bool:
         """Whether some pairs beside each other have moved more than noise moves pairs."""
-        energy = self._energy(frame)
-        # Most pairs are far from a contact, unless the whole dome is in one.
-        usual = max(min(float(np.median(energy[frame.weights > 0.0])), 6.0), 1e-9)
-        return bool(
-            energy[self._around].mean(axis=1).max() > (_CLEARLY if clearly else _TOUCHED) * usual
-        )
+        most = float(self._energy(frame).max())
+        return most > (_CLEARLY if clearly else _TOUCHED)
 
     def _energy(self, frame: Frame) -> Array:
-        """Sum of squares of each pair's shift in deviations, (P,)."""
+        """Median energy of the shifts of pairs beside each other, over what noise has, (P,)."""
         values, seen = frame.values.copy(), frame.weights > 0.0
         values[:, [2, 5]] -= np.median(values[seen][:, [2, 5]], axis=0)
         shifts = self._whitened(values).reshape(-1, 6)
-        return np.asarray(frame.weights * (shifts**2).sum(axis=1))
+        energy = frame.weights * (shifts**2).sum(axis=1)
+        # Most pairs are far from a contact, unless the whole dome is in one.
+        usual = max(min(float(np.median(energy[seen])), 6.0), 1e-9)
+        return np.asarray(np.median(energy[self._around], axis=1) / usual)
 
     def fit(self, frame: Frame, start: Tractions | None) -> Tractions | None:
         """Forces that explain a frame; None where no node is pressed.
@@ -261,7 +260,7 @@ class TractionFit:
         change[some] += solved.astype(np.float32)
         found = Tractions(
             nodes=wide[zone], linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
-            misfit=misfit, level=level, worst=float(energy[self._around].mean(axis=1).max()),
+            misfit=misfit, level=level, worst=float(np.median(energy[self._around], axis=1).max()),
         )  # fmt: skip
         return found, math.sqrt(max(float(change @ products @ change), 0.0))
 
@@ -362,7 +361,7 @@ class TractionFit:
     def _under(self, frame: Frame) -> Index:
         """Nodes under the pairs that have moved most."""
         energy = self._energy(frame)
-        moved = np.flatnonzero(energy > _MOVED * energy.max())
+        moved = np.flatnonzero(energy > max(_MOVED * float(energy.max()), _TOUCHED))
         moved = moved[np.argsort(-energy[moved], kind="stable")[:_PAIRS]]
         return np.unique(np.concatenate([self._below[pair] for pair in moved]))
 
