@@ -190,9 +190,13 @@ def test_estimators_are_never_given_the_truth() -> None:
         "PosedContact",
         "PosedContacts",
         "together",
+        "SkinField",
+        "SoftBody",
         "Solid",
         "lattice",
         "quadric",
+        "rotation_of",
+        "stiffening_of",
     }
     for module in modules():
         more = supposed if module.startswith("tracking.forces.dome.") else set()

@@ -25,6 +25,7 @@ from .slip import DomeSlip, follow_dome_slip, no_dome_slip
 from .solid import Solid, per_area, solid_stiffness
 from .state import DomeState, StepCount, resting
 from .stepper import Stepper, displacements
+from .stiffening import stiffening_of
 
 __all__ = [
     "AXES",
@@ -62,6 +63,7 @@ __all__ = [
     "save_dome_state",
     "simulate_contact",
     "solid_stiffness",
+    "stiffening_of",
     "together",
     "touching_place",
 ]

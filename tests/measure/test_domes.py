@@ -19,7 +19,7 @@ from chromagrip.measure.domes.grips import MARGINS, SMOOTH, UNLIKE, Grip, random
 from chromagrip.measure.domes.readings import UNITS, Reading, constant, read, scores
 from chromagrip.measure.domes.report import report_of
 from chromagrip.measure.domes.scenes import Watched, watch
-from chromagrip.measure.domes.sets import Result, counts_of, joined
+from chromagrip.measure.domes.sets import Result, counts_of, joined, readers_of
 from chromagrip.measure.domes.specimens import OFF, SPECIMENS, matched, mismatched, signs
 from chromagrip.measure.worlds.force_scores import Answers
 from chromagrip.model import ForceField, Solid, simulate_contact
@@ -287,6 +287,7 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
         ),
         ("dome-2022", "mismatched"): _result(0.07, ("contact",)),
         ("thesis", "chain"): _result(0.5, ("gp", "contact")),
+        ("thesis", "soft"): _result(0.01, ("traction", "contact")),
     }
     report = report_of(sets, True)
     rows = {row.name: row for row in report.rows}
@@ -297,6 +298,9 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
     assert rows["dome/dome-2020/mismatched/constant/normal_share"].target is None
     assert rows["dome/dome-2020/mismatched/normal_share"].note == "a constant answer passes"
     assert rows["dome/thesis/chain/gp/normal_share"].value == pytest.approx(50.0)
+    assert rows["dome/thesis/soft/traction/normal_share"].met is True
+    assert rows["dome/thesis/soft/traction/rate"].met is False
+    assert rows["dome/thesis/soft/contact/normal_share"].target is None
     assert rows["dome/dome-2020/mismatched/frames"].value == 6
     assert [line[0] for line in report.tables[-1].lines] == ["constant", "gp", "contact"]
 
@@ -304,6 +308,10 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
 def test_groups_of_the_world_are_chosen() -> None:
     assert counts_of(False, ["across"]).keys() == {("thesis", world) for world in WORLDS}
     assert counts_of(True, ["light"]) == {("dome-2020", "light"): 1}
+    assert counts_of(True, ["soft"]) == {("thesis", "soft"): 1}
+    assert readers_of("thesis", "soft") == ("traction", "contact")
+    assert "traction" in readers_of("thesis", "dome")
+    assert readers_of("dome-2020", "matched") == ("contact",)
     with pytest.raises(UserError, match="no group 'roll'; there is matched"):
         bench("force", True, print, world="dome", groups=["roll"])
 

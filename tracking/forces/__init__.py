@@ -23,6 +23,7 @@ from .calibration import (
     with_values,
 )
 from .displacement import DisplacementGains, fit_gains, skin_displacement
+from .dome import untouched_field
 from .friction import (
     CAMERA_RULE,
     FRICTION,
@@ -107,6 +108,7 @@ __all__ = [
     "silicone_of",
     "skin_displacement",
     "training_key",
+    "untouched_field",
     "values_of",
     "with_silicone",
     "with_values",

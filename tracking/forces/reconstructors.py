@@ -56,6 +56,10 @@ METHODS = {
         ".dome.contact:ContactReading",
         "a contact fitted by synthesis, on a dome of silicone",
     ),
+    "traction": (
+        ".dome.traction:TractionReading",
+        "free tractions, on a dome of silicone with two soft layers",
+    ),
 }
 #: Reads forces unless another is chosen.
 DEFAULT_RECONSTRUCTOR = "auto"
@@ -64,7 +68,7 @@ Body = Literal["chain", "dome"]
 #: Method that `auto` stands for, by body.
 AUTOMATIC: dict[Body, str] = {"chain": "sequential", "dome": "contact"}
 #: Methods of ours that read a dome of silicone; the others read a chain.
-DOME_METHODS = ("contact",)
+DOME_METHODS = ("contact", "traction")
 #: Every name that can be chosen.
 RECONSTRUCTORS = Registry(
     protocol=Reconstructor,

@@ -7,8 +7,7 @@ import numpy as np
 
 from ..by_name import Choice, blaming, name_of
 from ..control import GripObservation
-from ..model import Fingertip, ForceField, SoftBody
-from ..model.dome import lattice
+from ..model import Fingertip, ForceField
 from ..render import Frame
 from ..tracking import (
     CAMERA_RULE,
@@ -23,7 +22,7 @@ from ..tracking import (
     load_reconstructor,
     load_tracker,
 )
-from ..tracking.forces import DOME_METHODS, name_used
+from ..tracking.forces import DOME_METHODS, name_used, untouched_field
 
 #: Correlation of the errors of ΣFn and ΣFf where stiffnesses are wrong: the tissue's turn both
 #: alike, the membrane's do not.
@@ -104,7 +103,7 @@ class ForceObserver:
         self._friction = FrictionEstimate(rule, window)
         name = name_used(reconstructor, calibration)
         self._nothing = (
-            _no_dome_field(calibration.sensor.dome)
+            untouched_field(calibration.sensor.dome, math.inf)
             if name in DOME_METHODS
             else _no_chain_field(calibration.fingertip)
         )
@@ -283,17 +282,4 @@ def _no_chain_field(fingertip: Fingertip) -> ForceField:
         friction=np.zeros(n),
         contact=np.zeros(n, dtype=bool),
         totals_covariance=np.full((2, 2), np.inf),
-    )
-
-
-def _no_dome_field(dome: SoftBody) -> ForceField:
-    points = lattice(dome).points
-    n = len(points)
-    return ForceField(
-        position=points,
-        normal=np.zeros(n),
-        friction=np.zeros((n, 3)),
-        contact=np.zeros(n, dtype=bool),
-        totals_covariance=np.full((2, 2), np.inf),
-        directions=np.zeros((n, 3)),
     )

@@ -1,4 +1,4 @@
-"""Force reconstruction on the dome: a contact that is fitted by synthesis."""
+"""Force reconstruction on the dome: a contact that is fitted by synthesis, or free tractions."""
 
 from .contact import ON_CORE, PLACE_ERROR, SIZE_ERROR
 from .contact_fit import INDEPENDENT
@@ -20,6 +20,7 @@ from .contact_state import (
 )
 from .contact_way import Changes, ContactWay
 from .marker_response import DomeResponse
+from .untouched import untouched_field
 
 __all__ = [
     "BRISTLE",
@@ -43,4 +44,5 @@ __all__ = [
     "pose_of",
     "prior_of",
     "units_of",
+    "untouched_field",
 ]

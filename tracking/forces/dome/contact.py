@@ -23,6 +23,7 @@ from .contact_fit import ContactFit, Key, Shifts, Solution
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT, PLACE, PRESS, prior_of
 from .keys import KEYS, far_on, thinned
 from .marker_response import DomeResponse
+from .untouched import untouched_field
 
 Array = NDArray[np.float64]
 
@@ -122,7 +123,7 @@ class ContactReading:
         nothing = shifts.cost(np.zeros((len(shifts.used), 6)))
         if nothing < _UNTOUCHED:
             self.reset()
-            return self._untouched()
+            return untouched_field(self.dome)
         if self._is_refused(shifts) or not (self._followed(shifts) or self._found(shifts)):
             refused = self._refused if self._is_refused(shifts) else shifts
             self.reset()
@@ -132,7 +133,7 @@ class ContactReading:
         assert self._now is not None
         if not self._now[0].forces.any() or self._tells_little(shifts, nothing):
             self.reset()
-            return self._untouched()
+            return untouched_field(self.dome)
         return self._field()
 
     def _is_refused(self, shifts: Shifts) -> bool:
@@ -264,19 +265,6 @@ class ContactReading:
         pose = np.zeros(MOVING)
         pose[PRESS] = press
         return best, pose
-
-    def _untouched(self) -> ForceField:
-        points = lattice(self.dome).points
-        nothing = np.zeros(len(points))
-        return ForceField(
-            position=points,
-            normal=nothing,
-            friction=np.zeros_like(points),
-            contact=np.zeros(len(points), np.bool_),
-            totals_covariance=np.zeros((2, 2)),
-            directions=np.zeros_like(points),
-            wrench_covariance=np.zeros((4, 4)),
-        )
 
     def _field(self) -> ForceField:
         assert self.last is not None

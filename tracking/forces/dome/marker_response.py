@@ -62,17 +62,20 @@ class DomeResponse:
         held = np.flatnonzero(linear.any(axis=(0, 2)))
         if not len(held):
             return np.zeros((len(linear), *self._rest.shape))
-        loaded = nodes[held]
-        missing = loaded[~self._made[loaded]]
+        columns = self.of_nodes(nodes[held]).reshape(3 * len(held), -1)
+        changes = linear[:, held].reshape(len(linear), -1).astype(np.float32)
+        return (changes @ columns).astype(np.float64).reshape(len(linear), *self._rest.shape)
+
+    def of_nodes(self, nodes: Index) -> NDArray[np.float32]:
+        """Change of the shifts by small unit forces on nodes (n,), shape (n, 3, 6·P)."""
+        missing = nodes[~self._made[nodes]]
         if len(missing):
             field = self._map.field.of_nodes(missing)
             self._columns[missing] = np.einsum(
                 "nalmk,lmjk->namlj", field, self._slopes, optimize=True
             ).reshape(len(missing), 3, -1)
             self._made[missing] = True
-        columns = self._columns[loaded].reshape(3 * len(loaded), -1)
-        changes = linear[:, held].reshape(len(linear), -1).astype(np.float32)
-        return (changes @ columns).astype(np.float64).reshape(len(linear), *self._rest.shape)
+        return self._columns[nodes]
 
     def _at_rest(self, count: int) -> Array:
         """Derivative of (x, y, log size) by a marker's motion and slopes, (2, P, 3, 9)."""

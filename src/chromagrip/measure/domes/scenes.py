@@ -27,6 +27,7 @@ SETS: dict[str, tuple[bool, tuple[str, ...], float]] = {
     "light": (False, SMOOTH, 1.0),
     "mismatched": (True, SMOOTH, 3.0),
     "unlike": (False, UNLIKE, 3.0),
+    "soft": (False, SMOOTH, 1.0),
 }
 #: How far a grip is off that force, as a share: a constant answer is to be told from an estimate.
 _AROUND = 0.2

@@ -18,15 +18,25 @@ Array = NDArray[np.float64]
 
 #: Designs that `contact` reads, and a set of theirs that finite elements draw.
 DESIGNS, ELEMENTS = ("dome-2020", "dome-2022"), "elements"
-#: Name of the sets that all estimators read in all worlds.
-ACROSS = "across"
+#: Name of the sets that all estimators read in all worlds, and of the one of their design that is
+#: read by those of domes.
+ACROSS, SOFT = "across", "soft"
 #: Groups that can be asked for.
 DOME_GROUPS = (*SETS, ELEMENTS, ACROSS)
 #: Scenes of each group, of each design or world, and of a quick run of one design.
-COUNTS = {"matched": 40, "light": 8, "mismatched": 16, "unlike": 10, ELEMENTS: 4, ACROSS: 6}
+COUNTS = {
+    "matched": 40,
+    "light": 8,
+    "mismatched": 16,
+    "unlike": 10,
+    ELEMENTS: 4,
+    ACROSS: 6,
+    SOFT: 16,
+}
 QUICK = {"matched": 2, ELEMENTS: 1}
-#: The estimator of domes, and those that read the sets of all worlds.
-BEST, COMPARED = "contact", ("sequential", "gp", "contact")
+#: The estimator of domes, of domes of two soft layers, and those that read the sets of all worlds.
+BEST, FREE = "contact", "traction"
+COMPARED = ("sequential", "gp", BEST, FREE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +45,7 @@ class Task:
 
     Attributes
     ----------
-    design, kind: `kind` is of SETS or ELEMENTS; of the design DESIGN it is a world
+    design, kind: `kind` is of SETS or ELEMENTS; of the design DESIGN it is a world, or SOFT
     index: of the scene
     reconstructors: by name
     """
@@ -67,7 +77,8 @@ def counts_of(quick: bool, groups: Sequence[str]) -> dict[tuple[str, str], int]:
     wanted = {g: n for g, n in (QUICK if quick else COUNTS).items() if not groups or g in groups}
     wanted |= {g: 1 for g in groups if g not in wanted}
     designs = DESIGNS[:1] if quick else DESIGNS
-    counts = {(d, g): n for g, n in wanted.items() if g != ACROSS for d in designs}
+    counts = {(d, g): n for g, n in wanted.items() if g not in (ACROSS, SOFT) for d in designs}
+    counts |= {(DESIGN, SOFT): wanted[SOFT]} if SOFT in wanted else {}
     return counts | {(DESIGN, world): wanted[ACROSS] for world in WORLDS if ACROSS in wanted}
 
 
@@ -81,7 +92,7 @@ def measure_domes(
     Parameters
     ----------
     counts: of scenes by design and set
-    reconstructors: by name; none are COMPARED where they are compared, else BEST
+    reconstructors: by name; none are COMPARED in WORLDS, FREE and BEST in SOFT, else BEST
     progress: called after each scene
     """
     tasks = [
@@ -89,8 +100,7 @@ def measure_domes(
             design=design,
             kind=kind,
             index=index,
-            reconstructors=reconstructors
-            or {name: name for name in (COMPARED if design == DESIGN else (BEST,))},
+            reconstructors=reconstructors or {name: name for name in readers_of(design, kind)},
         )
         for (design, kind), count in counts.items()
         for index in range(count)
@@ -101,6 +111,13 @@ def measure_domes(
         parts.setdefault((task.design, task.kind), []).append(result)
         progress(f"{task.design}, {task.kind}: scene {done} of {len(tasks)}")
     return {key: joined(found) for key, found in parts.items()}
+
+
+def readers_of(design: str, kind: str) -> tuple[str, ...]:
+    """Estimators that read a set of a design where none are asked for."""
+    if kind == SOFT:
+        return FREE, BEST
+    return COMPARED if design == DESIGN else (BEST,)
 
 
 def measure_scene(task: Task) -> Result:
@@ -114,7 +131,7 @@ def measure_scene(task: Task) -> Result:
 
 
 def _scene(task: Task) -> Watched:
-    if task.design == DESIGN:
+    if task.design == DESIGN and task.kind in WORLDS:
         return across_scene(task.kind, task.index)
     if task.kind == ELEMENTS:
         return pressed_scene(task.design, task.index)

@@ -1,0 +1,377 @@
+"""Most probable forces on the nodes of a dome, from the whitened shifts of its markers.
+
+Forces are those that the linear skin carries. Traction is smooth (a Gaussian process along the
+skin) within a zone, and zero outside it. Nodes that would be pulled leave the zone, nodes beside it
+may join. The image is not linear in the forces: it is linearised at rest, and what is left of the
+shifts comes from the image itself.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
+
+from ....model import Dome
+from ....model.dome import lattice
+from .marker_response import DomeResponse
+from .traction_map import WhitenedMap
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Table = NDArray[np.float32]
+
+#: Prior of tractions: deviation over Young's modulus, correlation length over the radius, and share
+#: of the variance that is rough.
+_AMPLITUDE, _LENGTH, _ROUGH = 0.25, 0.1, 1e-4
+#: Deviation of a common change of all log sizes of a layer.
+_FOCUS = 3e-3
+#: Nodes that carry less pressure than this share of the largest are not touched, …
+_LEAST = 0.0
+#: … nor are those that carry less than another share, and more friction than any surface has.
+_WEAK, _LARGEST_RATIO = 0.1, 2.0
+#: Pairs that are looked at together, and by how much their median energy is above a pair's median
+#: energy where something touches, and where that is beyond doubt.
+_AROUND, _TOUCHED, _CLEARLY = 7, 4.0, 100.0
+#: A node beside the zone joins it if it would carry more than this share of the largest pressure.
+_JOINING = 0.02
+#: Most rounds of Gauss–Newton from rest and from the frame before, and changes of the zone in each.
+_ROUNDS, _FEW_ROUNDS, _CHANGES, _FEW_CHANGES = 12, 3, 6, 3
+#: Root of the sum of squares of the change of all whitened shifts at which forces have settled. The
+#: derivative at rest is off by a tenth of it.
+_SETTLED = 25.0
+#: Rounds end where they leave more than this share of what the one before has left, and that is
+#: much: nothing will explain it.
+_STUCK, _LARGE = 0.8, 8.0
+#: Zones whose prior is kept.
+_KEPT = 8
+#: Root mean square of a pair's residuals from which on it counts less, in deviations and over that
+#: of the pairs around it.
+_ODD = 2.5
+#: Pairs whose noise is this much larger than at first count less.
+_NOISIER = 1.4
+#: Share of the largest energy of a pair's shift above which nodes under it may be touched, and how
+#: far they may be from it [pitches of the nodes].
+_MOVED, _UNDER = 0.1, 3.0
+#: Bounds of the variance of noise, and of what the model leaves, over what the tracker says.
+_LEVELS = (1.0, 30.0)
+#: Median energy of pairs beside each other that says that something touches there, too.
+_ELSEWHERE = 100.0
+#: Most pairs whose nodes are looked at from rest, and fewest and most nodes of a contact.
+_PAIRS, _FEWEST, _WIDEST = 60, 4, 450
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """Shifts of all P pairs in a frame.
+
+    Attributes
+    ----------
+    values: (x, y, log size) of both layers, shape (P, 6)
+    weights: of each pair; 0 for those that are not seen, shape (P,)
+    """
+
+    values: Array
+    weights: Array
+
+    @property
+    def count(self) -> int:
+        """How many independent values there are."""
+        return max(6 * int((self.weights > 0.0).sum()), 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tractions:
+    """Forces that explain a frame, with their covariance.
+
+    Attributes
+    ----------
+    nodes: in contact, shape (n,)
+    linear: forces that the linear skin carries on them [N], shape (n, 3)
+    common: changes of all log sizes of each layer, shape (2,)
+    factor: lower Cholesky factor of the information on `common` and `linear`, (2 + 3n, 2 + 3n)
+    misfit: mean square of what is left of the shifts, in deviations
+    level: variance of the noise that was taken, over the tracker's
+    worst: largest median energy of what is left of the shifts of pairs beside each other
+    """
+
+    nodes: Index
+    linear: Array
+    common: Array
+    factor: Array
+    misfit: float
+    level: float
+    worst: float
+
+    def spread(self, slopes: Array) -> Array:
+        """Factor S of the covariance S·Sᵀ of values with slopes (k, n, 3) by `linear`."""
+        whole = np.zeros((len(slopes), len(self.factor)))
+        whole[:, len(self.common) :] = slopes.reshape(len(slopes), -1)
+        half = solve_triangular(self.factor, whole.T, lower=True, check_finite=False)
+        return math.sqrt(self.level) * np.asarray(half.T)
+
+
+class TractionFit:
+    """Fits tractions on one dome to the shifts of its markers.
+
+    Parameters
+    ----------
+    dome: body
+    response: of its markers
+    beside: nodes beside each node, see `traction_skin.neighbours`
+    places: of the pairs at rest on the skin [m], shape (P, 3)
+    noise: covariance of the pairs' shifts, shape (P, 6, 6)
+    prepared: nodes whose products are made at once, shape (n,)
+    """
+
+    def __init__(
+        self,
+        dome: Dome,
+        response: DomeResponse,
+        beside: Index,
+        places: Array,
+        noise: Array,
+        prepared: Index,
+    ) -> None:
+        nodes = lattice(dome)
+        self._points, self._areas, self._outwards = nodes.points, nodes.areas, nodes.outwards
+        self._beside = beside
+        self._amplitude, self._length = _AMPLITUDE * dome.young, _LENGTH * dome.radius
+        self._response = response
+        under = KDTree(self._points).query_ball_point(places, _UNDER * dome.spacing)
+        self._below = [np.asarray(each, np.int64) for each in under]
+        around = KDTree(places).query(places, k=min(_AROUND, len(places)))[1]
+        self._around = np.asarray(around, np.int64)
+        self._noise = np.einsum("pii->pi", noise)
+        self._whiten = np.linalg.inv(np.linalg.cholesky(noise))
+        self._map = WhitenedMap(response, self._whiten, prepared)
+        self._priors: dict[bytes, Array] = {}
+
+    def frame(self, values: Array, seen: NDArray[np.bool_], noise: Array) -> Frame:
+        """Shifts of a frame (P, 6), of which pairs `seen` (P,) count, with their noise."""
+        larger = (np.einsum("pii->pi", noise) / self._noise).mean(axis=1)
+        weights = np.where(larger > _NOISIER, 1.0 / np.maximum(larger, 1.0), 1.0)
+        return Frame(
+            values=np.where(seen[:, None], values, 0.0), weights=np.where(seen, weights, 0.0)
+        )
+
+    def cost(self, frame: Frame) -> float:
+        """Sum of squares of the shifts in deviations, less their common changes of size."""
+        residual = self._whitened(frame.values)
+        rows = np.arange(WhitenedMap.COMMON)
+        columns = self._map.columns(rows).astype(np.float64)
+        weights = np.repeat(frame.weights * self._odd(residual), 6)
+        information = (columns * weights) @ columns.T + np.eye(len(rows)) / _FOCUS**2
+        moment = columns @ (weights * residual)
+        return float(weights @ residual**2 - moment @ np.linalg.solve(information, moment))
+
+    def touched(self, frame: Frame, clearly: bool = False) -> bool:
+        """Whether some pairs beside each other have moved more than noise moves pairs."""
+        most = float(self._energy(frame).max())
+        return most > (_CLEARLY if clearly else _TOUCHED)
+
+    def _energy(self, frame: Frame) -> Array:
+        """Median energy of the shifts of pairs beside each other, over what noise has, (P,)."""
+        values, seen = frame.values.copy(), frame.weights > 0.0
+        values[:, [2, 5]] -= np.median(values[seen][:, [2, 5]], axis=0)
+        shifts = self._whitened(values).reshape(-1, 6)
+        energy = frame.weights * (shifts**2).sum(axis=1)
+        # Most pairs are far from a contact, unless the whole dome is in one.
+        usual = max(min(float(np.median(energy[seen])), 6.0), 1e-9)
+        return np.asarray(np.median(energy[self._around], axis=1) / usual)
+
+    def fit(self, frame: Frame, start: Tractions | None) -> Tractions | None:
+        """Forces that explain a frame; None where no node is pressed.
+
+        Parameters
+        ----------
+        start: forces of the frame before; None seeks them from rest
+        """
+        if start is None:
+            nodes = self._under(frame)
+            linear, common = np.zeros((len(nodes), 3)), np.zeros(WhitenedMap.COMMON)
+        else:
+            nodes, linear, common = start.nodes, start.linear, start.common
+        misfit = math.inf
+        for turn in range(_FEW_ROUNDS if start is not None else _ROUNDS):
+            changes = _CHANGES if start is None else 1 if turn else _FEW_CHANGES
+            found, moved = self._round(frame, nodes, linear, common, changes)
+            if found is None or moved < _SETTLED:
+                break
+            if turn and found.misfit > max(_STUCK * misfit, _LARGE):
+                break
+            misfit = found.misfit
+            nodes, linear, common = found.nodes, found.linear, found.common
+        if start is not None and found is not None and found.worst > _ELSEWHERE:
+            return self.fit(frame, None)
+        return found
+
+    def _round(
+        self, frame: Frame, nodes: Index, linear: Array, common: Array, changes: int
+    ) -> tuple[Tractions | None, float]:
+        """Step of Gauss–Newton, in which nodes leave and join the zone.
+
+        Parameters
+        ----------
+        changes: how often the forces are solved for, each time in another zone
+
+        Returns
+        -------
+        The forces, and the root of the sum of squares of what they change the whitened shifts by.
+        """
+        residual = self._residual(frame, nodes, linear, common)
+        weights = frame.weights * self._odd(residual)
+        weighted = np.repeat(weights, 6) * residual
+        misfit = float(weighted @ residual) / frame.count
+        level = float(np.clip(misfit, *_LEVELS))
+        energy = frame.weights * (residual.reshape(-1, 6) ** 2).sum(axis=1)
+        # Everything is first summed up for the zone and what is beside it.
+        wide = self._with_beside(nodes) if changes > 1 else nodes
+        rows = self._map.rows(wide)
+        products = self._map.products(rows, weights)
+        before = np.zeros(len(rows), np.float32)
+        before[_unknowns(np.searchsorted(wide, nodes))] = np.concatenate([common, linear.ravel()])
+        moment = self._map.columns(rows) @ weighted.astype(np.float32) + products @ before
+        moment = moment.astype(np.float64)
+        zone, joined = np.searchsorted(wide, nodes), changes == 1
+        for left in reversed(range(changes)):
+            if len(zone) < _FEWEST:
+                return None, 0.0
+            some = _unknowns(zone)
+            information = products[some[:, None], some].astype(np.float64)
+            self._add_prior(information, wide[zone], level)
+            factor, solved = _solved(information, moment[some])
+            forces = solved[WhitenedMap.COMMON :].reshape(-1, 3)
+            pressed = self._pressed(wide[zone], forces)
+            if not left or (joined and pressed.all()):
+                break
+            if pressed.all():
+                joined, after = True, self._joined(wide, zone, solved, moment, products, level)
+                if len(after) == len(zone):
+                    break
+                zone = after
+            else:
+                zone = zone[pressed]
+        change = -before
+        change[some] += solved.astype(np.float32)
+        found = Tractions(
+            nodes=wide[zone], linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
+            misfit=misfit, level=level, worst=float(np.median(energy[self._around], axis=1).max()),
+        )  # fmt: skip
+        return found, math.sqrt(max(float(change @ products @ change), 0.0))
+
+    def _pressed(self, nodes: Index, forces: Array) -> NDArray[np.bool_]:
+        pressure = self._pressure(nodes, forces)
+        largest = pressure.max()
+        along = np.linalg.norm(forces, axis=1) / self._areas[nodes]
+        pulled = pressure < _LEAST * largest
+        slippery = (pressure < _WEAK * largest) & (along > _LARGEST_RATIO * pressure)
+        return np.asarray(~(pulled | slippery))
+
+    def _with_beside(self, nodes: Index) -> Index:
+        """Nodes and those beside them."""
+        if len(nodes) > _WIDEST:
+            return nodes
+        reached = np.zeros(len(self._points) + 1, np.bool_)
+        reached[self._beside[nodes]] = True
+        return np.flatnonzero(reached[:-1])
+
+    def _joined(
+        self, wide: Index, zone: Index, solved: Array, moment: Array, products: Table, level: float
+    ) -> Index:
+        """The zone with those nodes beside it that what is left of the shifts would press.
+
+        Parameters
+        ----------
+        wide: nodes of the zone and beside it, shape (w,)
+        zone: places of the zone among them
+        solved: common changes of size, and the forces of the zone
+        moment, products: of all of `wide`
+        """
+        others = np.setdiff1d(np.arange(len(wide)), zone, assume_unique=True)
+        if not len(others):
+            return zone
+        count = WhitenedMap.COMMON
+        some, free = _unknowns(zone), _unknowns(others)[count:]
+        prior, forces = level * self._inverse(wide), solved[count:].reshape(-1, 3)
+        left = moment[free] - products[free[:, None], some] @ solved.astype(np.float32)
+        slope = left.reshape(-1, 3)
+        slope -= prior[np.ix_(others, zone)] @ forces
+        information = products[free[:, None], free].astype(np.float64)
+        for k in range(3):
+            information[k::3, k::3] += prior[np.ix_(others, others)]
+        _, step = _solved(information, slope.ravel())
+        pressure = self._pressure(wide[others], step.reshape(-1, 3))
+        join = pressure > _JOINING * self._pressure(wide[zone], forces).max()
+        return np.sort(np.concatenate([zone, others[join]]))
+
+    def _pressure(self, nodes: Index, forces: Array) -> Array:
+        return np.asarray(
+            -np.einsum("ij,ij->i", forces, self._outwards[nodes]) / self._areas[nodes]
+        )
+
+    def _add_prior(self, information: Array, nodes: Index, level: float) -> None:
+        """Add the information of the prior to that of the shifts."""
+        prior, count = level * self._inverse(nodes), WhitenedMap.COMMON
+        for k in range(3):
+            information[count + k :: 3, count + k :: 3] += prior
+        information[np.arange(count), np.arange(count)] += level / _FOCUS**2
+
+    def _inverse(self, nodes: Index) -> Array:
+        """Information of the prior on one component of the forces on nodes [1/N²], (n, n)."""
+        key = nodes.tobytes()
+        found = self._priors.pop(key, None)
+        if found is None:
+            points, areas = self._points[nodes], self._areas[nodes]
+            alike = np.exp(-0.5 * cdist(points, points, "sqeuclidean") / self._length**2)
+            alike[np.diag_indices(len(nodes))] += _ROUGH
+            upper, _ = dpotri(dpotrf(alike)[0])
+            found = np.triu(upper) + np.triu(upper, 1).T
+            found /= self._amplitude**2 * np.outer(areas, areas)
+            if len(self._priors) >= _KEPT:
+                del self._priors[next(iter(self._priors))]
+        self._priors[key] = found
+        return found
+
+    def _residual(self, frame: Frame, nodes: Index, linear: Array, common: Array) -> Array:
+        """What forces leave of the shifts, in deviations, shape (6·P,)."""
+        left = frame.values - self._response(nodes, linear)
+        left[:, [2, 5]] -= common
+        return self._whitened(left)
+
+    def _whitened(self, shifts: Array) -> Array:
+        return np.asarray(np.einsum("pij,pj->pi", self._whiten, shifts).ravel())
+
+    def _odd(self, residual: Array) -> Array:
+        """Weight of each pair, less than 1 for those that are unlike the pairs around them, (P,).
+
+        Where a contact has moved on residuals are large, but those of neighbours are alike.
+        """
+        size = np.sqrt((residual.reshape(-1, 6) ** 2).mean(axis=1))
+        around = np.median(size[self._around[:, 1:]], axis=1)
+        odd = _ODD * np.maximum(around, 1.0)
+        return np.minimum(1.0, (odd / np.maximum(size, odd)) ** 2)
+
+    def _under(self, frame: Frame) -> Index:
+        """Nodes under the pairs that have moved most."""
+        energy = self._energy(frame)
+        moved = np.flatnonzero(energy > max(_MOVED * float(energy.max()), _TOUCHED))
+        moved = moved[np.argsort(-energy[moved], kind="stable")[:_PAIRS]]
+        return np.unique(np.concatenate([self._below[pair] for pair in moved]))
+
+
+def _unknowns(places: Index) -> Index:
+    """Places of common changes of size, and of the forces on nodes at places among others."""
+    each = WhitenedMap.COMMON + 3 * places[:, None] + np.arange(3)
+    return np.concatenate([np.arange(WhitenedMap.COMMON), each.ravel()])
+
+
+def _solved(information: Array, moment: Array) -> tuple[Array, Array]:
+    """Lower Cholesky factor of the information, which is lost, and the solution for a moment."""
+    # By LAPACK itself: the wrappers cost as much as the factor of a small zone.
+    factor, _ = dpotrf(information.T, lower=1, clean=1, overwrite_a=1)
+    return factor, dpotrs(factor, moment, lower=1)[0]

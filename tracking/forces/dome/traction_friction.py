@@ -1,0 +1,81 @@
+"""µ from how the ratios of friction to normal force are spread over a contact.
+
+Where the skin slips the ratio is µ, and anything below where it sticks. Slip begins at the rim and
+grows inwards as the load grows. So µ is the mean ratio of the part that slips, which has the
+largest ones; how large that part is follows from µ and the load, as of two balls.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....model import Dome
+from ....model.dome import lattice
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+#: Ratios are those of forces that are smoothed over this share of the radius.
+_SMOOTH = 0.035
+#: Rounds of finding µ and the part that slips from each other, and fewest nodes of that part.
+_ROUNDS, _FEWEST = 20, 3
+#: Deviation of µ as a share: at least; factor and power of Γ, for how little slips; and factor of
+#: the cubed share of the rim, for contacts too narrow to be resolved.
+_LEAST, _STICKING, _NARROW = 0.04, (0.3, 1.1), 6.0
+#: Bounds of µ.
+_SMALLEST, _LARGEST = 0.02, 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slip:
+    """What the ratios say.
+
+    Attributes
+    ----------
+    friction: µ
+    deviation: of it, as a share
+    """
+
+    friction: float
+    deviation: float
+
+
+def read_slip(
+    dome: Dome, nodes: Index, normal: Array, friction: Array, load: float, rim: float
+) -> Slip:
+    """µ of a contact.
+
+    Parameters
+    ----------
+    nodes: in contact, shape (n,)
+    normal, friction: forces on them [N], shapes (n,) and (n, 3)
+    load: size of the friction that counts in Γ [N]
+    rim: share of the normal force at the rim of the contact
+    """
+    points = lattice(dome).points[nodes] / (_SMOOTH * dome.radius)
+    squares = (points**2).sum(axis=1)
+    near = np.exp(np.minimum(points @ points.T - 0.5 * (squares[:, None] + squares), 0.0))
+    ratios = np.linalg.norm(near @ friction, axis=1) / np.maximum(near @ normal, 1e-12)
+    order = np.argsort(ratios)
+    ratios, weights = ratios[order], normal[order]
+    below = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
+    used = load / max(float(normal.sum()), 1e-12)
+    mu = float(np.interp(0.75, below, ratios))
+    for _ in range(_ROUNDS):
+        first = np.searchsorted(below, 1.0 - _slipping(1.0 - used / max(mu, _SMALLEST)))
+        part = slice(min(int(first), max(len(ratios) - _FEWEST, 0)), None)
+        mu = 0.5 * (mu + float(ratios[part] @ weights[part] / weights[part].sum()))
+    mu = min(max(mu, _SMALLEST), _LARGEST)
+    factor, power = _STICKING
+    margin = max(1.0 - used / mu, 0.0)
+    return Slip(
+        friction=mu,
+        deviation=math.hypot(_LEAST, factor * margin**power, _NARROW * rim**3),
+    )
+
+
+def _slipping(margin: float) -> float:
+    """Share of the normal force where two balls slip on each other at a Γ (Cattaneo, Mindlin)."""
+    return float((1.0 - max(margin, 0.0) ** (2.0 / 3.0)) ** 1.5)

@@ -1,0 +1,97 @@
+"""What unit forces on nodes do to the whitened shifts of all markers, and the products of it.
+
+The products are made once for each node that comes near a contact. A frame then has only to gather
+those of its zone.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .marker_response import DomeResponse
+
+Array = NDArray[np.float64]
+Table = NDArray[np.float32]
+Index = NDArray[np.int64]
+
+#: Most nodes whose products are kept: beyond them all are made anew.
+_MOST = 700
+
+
+class WhitenedMap:
+    """Whitened derivatives of one sensor's shifts by forces, node by node.
+
+    The first unknowns are not forces: they are common changes of all log sizes of a layer, as a
+    change of focus or light makes them.
+
+    Parameters
+    ----------
+    response: of the markers
+    whiten: of each pair's shifts, to independent values, shape (P, 6, 6)
+    nodes: that are prepared, shape (n,)
+    """
+
+    #: Number of unknowns that are no forces.
+    COMMON = 2
+
+    def __init__(self, response: DomeResponse, whiten: Array, nodes: Index) -> None:
+        self._response = response
+        self._whiten = whiten.astype(np.float32)
+        self._empty()
+        self.rows(nodes)
+
+    def _empty(self) -> None:
+        self._slot: dict[int, int] = {}
+        self._nodes: list[int] = []
+        pairs = len(self._whiten)
+        # Log sizes are the third and the sixth value of a pair.
+        common = np.zeros((self.COMMON, pairs, 6), np.float32)
+        common[[0, 1], :, [2, 5]] = 1.0
+        self._columns = self._whitened(common)
+        self._gram = self._columns @ self._columns.T
+
+    def rows(self, nodes: Index) -> Index:
+        """Places of the unknowns of nodes (n,) among the rows, (COMMON + 3n,), made if missing."""
+        missing = [int(node) for node in nodes if int(node) not in self._slot]
+        if missing:
+            if len(self._nodes) + len(missing) > _MOST:
+                self._empty()
+                missing = [int(node) for node in nodes]
+            self._make(np.array(missing, np.int64))
+        slots = np.array([self._slot[int(node)] for node in nodes], np.int64)
+        each = self.COMMON + 3 * slots[:, None] + np.arange(3)
+        return np.concatenate([np.arange(self.COMMON), each.ravel()])
+
+    def columns(self, rows: Index) -> Table:
+        """Whitened shifts for unit changes of unknowns, shape (len(rows), 6·P)."""
+        return self._columns[rows]
+
+    def products(self, rows: Index, weights: Array) -> Table:
+        """Products of the columns of unknowns, each pair with its weight (P,), (r, r)."""
+        whole = self._gram[rows[:, None], rows]
+        less = np.flatnonzero(weights < 1.0)
+        if len(less):
+            columns = self._columns.reshape(len(self._columns), -1, 6)
+            missing = np.sqrt(1.0 - weights[less, None], dtype=np.float32)
+            some = (columns[np.ix_(rows, less)] * missing).reshape(len(rows), -1)
+            whole -= some @ some.T
+        return whole
+
+    def _make(self, nodes: Index) -> None:
+        columns = self._response.of_nodes(nodes).reshape(3 * len(nodes), -1, 6)
+        added = self._whitened(columns)
+        whole = np.concatenate([self._columns, added])
+        across = whole @ added.T
+        old = len(self._columns)
+        gram = np.empty((len(whole), len(whole)), np.float32)
+        gram[:old, :old] = self._gram
+        gram[:, old:] = across
+        gram[old:, :old] = across[:old].T
+        self._columns, self._gram = whole, gram
+        for node in nodes:
+            self._slot[int(node)] = len(self._nodes)
+            self._nodes.append(int(node))
+
+    def _whitened(self, shifts: Table) -> Table:
+        """Shifts (c, P, 6) whitened, shape (c, 6·P)."""
+        turned = np.matmul(self._whiten, shifts.transpose(1, 2, 0))  # (P, 6, c)
+        return np.ascontiguousarray(turned.transpose(2, 0, 1)).reshape(len(shifts), -1)

@@ -1,0 +1,201 @@
+"""Normal force and friction on each node, from the forces that the linear skin carries.
+
+The object is not known, but the skin lies on it. Where nodes touch beside each other, a surface of
+two curvatures is fitted to the places that their forces move them to. Its normals part the forces,
+and the normal part is stiffened as the body's own is. How far the object itself is pressed in
+cannot be told from its curvature: both are round. So it is taken to be of usual softness.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from ....model import Dome
+from ....model.dome import SkinField, lattice, stiffening_of
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+#: Nodes within so many pitches lie beside each other.
+_BESIDE = 1.6
+#: Depth of an object per pressure [m³/N]: that of an object of 250 kPa. Objects of 60 kPa to 1 MPa
+#: have a quarter to four times as much.
+_SOFTNESS = 0.8e-9
+#: Deviation of the skin from a surface of two curvatures [m].
+_ROUGHNESS = 20e-6
+#: Prior deviations of height over the radius, of slopes, and of curvatures times the radius.
+_HEIGHT, _SLOPE, _CURVE = 0.1, 0.5, 3.0
+#: Sharpest curvature times the radius, and the least slope of the surface towards its side.
+_SHARPEST, _UPRIGHT = 4.0, 0.2
+#: Rounds of parting the forces and fitting the surface, and of that fit.
+_PASSES, _ROUNDS = 2, 3
+#: Least pressure that counts in a fit, over the largest.
+_LEAST = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parted:
+    """Forces on n nodes in contact, along the object's normals and across them.
+
+    Attributes
+    ----------
+    displacement: of the nodes [m], shape (n, 3)
+    directions: of the normal forces, away from the object, shape (n, 3)
+    normal: normal force [N], shape (n,)
+    friction: [N], shape (n, 3)
+    stiffening: factor on the linear skin's normal force, shape (n,)
+    rim: share of the normal force that is on nodes at the rim of the contact
+    """
+
+    displacement: Array
+    directions: Array
+    normal: Array
+    friction: Array
+    stiffening: Array
+    rim: float
+
+    @property
+    def added(self) -> float:
+        """Share of the linear skin's normal force that stiffening adds."""
+        return float(self.normal.sum() / (self.normal / self.stiffening).sum() - 1.0)
+
+    @property
+    def axis(self) -> Array:
+        """Mean direction of the normal forces, shape (3,)."""
+        whole = self.normal @ self.directions
+        return np.asarray(whole / max(float(np.linalg.norm(whole)), 1e-12))
+
+
+def neighbours(dome: Dome) -> Index:
+    """Nodes beside each node, itself among them, (N, K); filled up with N."""
+    points = lattice(dome).points
+    tree = KDTree(points)
+    lists = [tree.query_ball_point(point, _BESIDE * dome.spacing) for point in points]
+    out = np.full((len(points), max(len(each) for each in lists)), len(points))
+    for row, each in zip(out, lists, strict=True):
+        row[: len(each)] = each
+    return out
+
+
+class Skin:
+    """Parts forces on one dome.
+
+    Parameters
+    ----------
+    dome: body
+    """
+
+    def __init__(self, dome: Dome) -> None:
+        self._dome = dome
+        self._nodes = lattice(dome)
+        self.beside = neighbours(dome)
+        self._field = SkinField(dome)
+
+    def __call__(self, nodes: Index, linear: Array, friction: float) -> Parted:
+        """Forces on nodes (n,) of which the linear skin carries `linear` (n, 3) [N].
+
+        Parameters
+        ----------
+        friction: µ, which tells how much of the contact slips, and so stiffens
+        """
+        forces = np.zeros_like(self._nodes.points)
+        forces[nodes] = linear
+        displacement = self._field(forces)[nodes]
+        places = self._nodes.points[nodes] + displacement
+        directions = -self._nodes.outwards[nodes]
+        patches = self._patches(nodes)
+        for _ in range(_PASSES):
+            normal, _, _ = self._parted(nodes, linear, directions, displacement, friction)
+            pressure = normal / self._nodes.areas[nodes]
+            pressure = np.maximum(pressure, _LEAST * pressure.max())
+            surface = places + _SOFTNESS * pressure[:, None] * directions
+            turned = np.empty_like(directions)
+            for patch in patches:
+                turned[patch] = self._normals(surface[patch], directions[patch], pressure[patch])
+            directions = turned
+        normal, tangential, factor = self._parted(nodes, linear, directions, displacement, friction)
+        return Parted(
+            displacement=displacement, directions=directions, normal=normal, friction=tangential,
+            stiffening=factor, rim=float(normal[self._at_rim(nodes)].sum() / normal.sum()),
+        )  # fmt: skip
+
+    def _parted(
+        self, nodes: Index, linear: Array, directions: Array, displacement: Array, friction: float
+    ) -> tuple[Array, Array, Array]:
+        """Normal force (n,), friction (n, 3) and the factor of stiffening (n,)."""
+        along = np.einsum("ij,ij->i", linear, directions)
+        tangential = linear - along[:, None] * directions
+        along = np.maximum(along, 1e-12)
+        depth = -np.einsum("ij,ij->i", displacement, self._nodes.outwards[nodes])
+        depth = np.maximum(depth, 0.0) / self._dome.thickness
+        forces = along[:, None] * directions + tangential
+        law = stiffening_of(self._dome, friction, self._nodes.areas[nodes], forces, tangential)
+        factor = 1.0 + law.share * depth**law.power
+        return factor * along, tangential, factor
+
+    def _normals(self, surface: Array, directions: Array, pressure: Array) -> Array:
+        """Normals, away from the object, of a surface through places (p, 3), shape (p, 3).
+
+        In axes along its mean normal it is z = a + b·x + c·y + (d·x² + 2e·xy + f·y² + g·z²)/2. With
+        g its largest curvature that is a ball or a cylinder exactly, however far around it touches.
+        """
+        radius = self._dome.radius
+        curve = _CURVE / radius
+        prior = np.array([_HEIGHT * radius, _SLOPE, _SLOPE, curve, 0.5 * curve, curve])
+        weights = pressure / pressure.max()
+        middle = weights @ surface / weights.sum()
+        axis = -(pressure @ directions)
+        bend, steep = 0.0, np.ones(len(surface))
+        normals = directions
+        for _ in range(_ROUNDS):
+            axes = _axes(axis)
+            x, y, z = ((surface - middle) @ axes).T
+            design = np.stack([np.ones_like(x), x, y, x**2 / 2, x * y, y**2 / 2], axis=1)
+            weighted = design * (weights / (_ROUGHNESS * steep) ** 2)[:, None]
+            information = weighted.T @ design + np.diag(prior**-2)
+            a = np.linalg.solve(information, weighted.T @ (z - bend * z**2 / 2))
+            curves = np.linalg.eigvalsh([[a[3], a[4]], [a[4], a[5]]])
+            most = _SHARPEST / radius
+            bend = float(np.clip(curves[np.argmax(abs(curves))], -most, most))
+            upright = np.maximum(1.0 - bend * z, _UPRIGHT)
+            slopes = np.stack([a[1] + a[3] * x + a[4] * y, a[2] + a[4] * x + a[5] * y], axis=1)
+            normals = np.column_stack([slopes, -upright])
+            steep = np.linalg.norm(normals, axis=1)
+            normals = normals / steep[:, None] @ axes.T
+            axis = -(weights @ normals)
+        return np.asarray(normals)
+
+    def _patches(self, nodes: Index) -> list[Index]:
+        """Places among the nodes of those that touch beside each other."""
+        beside = self._among(nodes)
+        row, column = np.nonzero(beside < len(nodes))
+        links = csr_matrix(
+            (np.ones(len(row)), (row, beside[row, column])), shape=(len(nodes), len(nodes))
+        )
+        count, label = connected_components(links, directed=False)
+        return [np.flatnonzero(label == k) for k in range(count)]
+
+    def _at_rim(self, nodes: Index) -> NDArray[np.bool_]:
+        """Which of the nodes have one beside them that does not touch."""
+        return np.asarray((self._among(nodes) == len(nodes) + 1).any(axis=1))
+
+    def _among(self, nodes: Index) -> Index:
+        """Places among the nodes of those beside each; n is none, n + 1 one that does not touch."""
+        place = np.full(len(self.beside) + 1, len(nodes) + 1)
+        place[nodes], place[-1] = np.arange(len(nodes)), len(nodes)
+        return place[self.beside[nodes]]
+
+
+def _axes(axis: Array) -> Array:
+    """Columns: two unit vectors across an axis, and its own, shape (3, 3)."""
+    third = axis / np.linalg.norm(axis)
+    x, y, z = third
+    first = np.array([0.0, z, -y] if abs(x) < 0.8 else [-z, 0.0, x])
+    first /= math.sqrt(first @ first)
+    a, b, c = first
+    return np.array([[a, y * c - z * b, x], [b, z * a - x * c, y], [c, x * b - y * a, z]])
