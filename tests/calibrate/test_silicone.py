@@ -175,8 +175,9 @@ def read(calibration: SensorCalibration, calibrated: Calibrated) -> float:
 def test_an_unseen_press_is_read_better_than_as_designed(calibrated: Calibrated) -> None:
     before = read(nominal_calibration(DESIGN), calibrated) / calibrated.force - 1.0
     after = read(calibrated.calibration, calibrated) / calibrated.force - 1.0
-    assert before > 0.06
-    assert abs(after) < 0.03
+    # E is a tenth too high, and the core a tenth of a millimetre too small: they partly cancel.
+    assert before > 0.04
+    assert abs(after) < min(0.03, 0.5 * before)
 
 
 def test_a_file_gives_back_the_silicone(calibrated: Calibrated, tmp_path: Path) -> None:

@@ -123,7 +123,7 @@ def _fit_colours(sums: Array, known: Array) -> tuple[Array, Array, Array]:
     model, product = _explained(sums, known)
     gain = product / model
     left = sums[:, :, 4, 4] - product**2 / model
-    most = _ODD * np.median(left, axis=0)
+    most = _ODD * np.median(left, axis=0) if len(left) else np.zeros(3)
     sums = sums * np.minimum(1.0, most / np.maximum(left, most))[..., None, None]
     # Only what differs from the mean over the pair depends on the colours.
     mean = sums[:, :, 0, 1:4] / sums[:, :, :1, 0]

@@ -76,7 +76,7 @@ RECONSTRUCTORS = Registry(
     entries={
         DEFAULT_RECONSTRUCTOR: (
             ".reconstructors:automatic",
-            "sequential, or contact for a design whose inner layer lies on its rigid core",
+            "sequential, or contact for a dome with soft markers or a layer on its rigid core",
         ),
         **METHODS,
     },
@@ -101,14 +101,13 @@ def automatic(calibration: SensorCalibration, rest: Tracks) -> Reconstructor:
 def body_read(calibration: SensorCalibration) -> Body:
     """Body that `auto` takes a sensor's pictures to be of.
 
-    Where the inner layer lies on the rigid core it does not move, and forces cannot be told
-    without a contact: such a sensor is read as a dome. A sensor with two soft layers is read by its
-    trained read-out.
+    Markers that stretch as the silicone does, or lie on its rigid core, are those of a dome that
+    can be built: it is read as one. The designs of the thesis are read by their trained read-out.
     """
     sensor = calibration.nominal
-    on_core = sensor.silicone is not None and not sensor.yellow.follow
-    on_core &= not sensor.shape.flat  # no method reads a pad
-    return "dome" if on_core else "chain"
+    built = bool(sensor.markers.swell_mm) or not sensor.yellow.follow
+    built &= sensor.silicone is not None and not sensor.shape.flat  # no method reads a pad
+    return "dome" if built else "chain"
 
 
 def load_reconstructor(
