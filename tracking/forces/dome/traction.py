@@ -41,9 +41,10 @@ _OBSERVED, _OBSERVABLE_MARGIN = 0.2, 0.85
 #: What the unknown surface leaves unsure, as a share of ΣFn: factors of the squared share of the
 #: rim, and of the misfit beyond noise.
 _NARROW, _UNEXPLAINED = 0.25, 0.05
-#: Other deviations as shares of ΣFn: of ΣFn at least, and over the force that stiffening adds; of
-#: ΣFf; and across the normals, over the force that stiffening adds.
-_NORMAL, _STIFFENING, _FRICTION, _TILT = 0.004, 0.1, 0.003, 0.006
+#: Other deviations as shares of ΣFn: of ΣFn at least, over the force that stiffening adds, and over
+#: the depth of the press in thicknesses, as silicone moves its markers more than the linear one
+#: does; of ΣFf; and across the normals, over the force that stiffening adds.
+_NORMAL, _STIFFENING, _DEEP, _FRICTION, _TILT = 0.004, 0.1, 0.25, 0.003, 0.006
 #: Least deviation of Γ.
 _MARGIN = 0.01
 #: How far from where it is told the normal force may act, over the radius: at least, and factor of
@@ -150,8 +151,13 @@ class TractionReading:
             slip = Slip(friction=usual, deviation=max(slip.deviation, _UNSEEN))
         points = lattice(self.dome).points
         narrow = math.hypot(_NARROW * parted.rim**2, _UNEXPLAINED * max(found.misfit - 1.0, 0.0))
+        inwards = -(parted.displacement * points[found.nodes]).sum(axis=1) / self.dome.radius
+        deep = _DEEP * max(float(inwards.max()), 0.0) / self.dome.thickness
         unsure = whole * np.array(
-            [math.hypot(_NORMAL, _STIFFENING * parted.added, narrow), math.hypot(_FRICTION, narrow)]
+            [
+                math.hypot(_NORMAL, _STIFFENING * parted.added, deep, narrow),
+                math.hypot(_FRICTION, narrow),
+            ]
         )
         spread = found.spread(_slopes(parted, net, points[found.nodes]))
         covariance = spread @ spread.T
