@@ -106,7 +106,7 @@ class PosedContacts:
     def __init__(self, dome: Dome) -> None:
         self.dome = dome
         self._lattice = nodes = lattice(dome)
-        beside = KDTree(nodes.points).query_ball_point(nodes.points, _BESIDE * dome.spacing)
+        beside: Any = KDTree(nodes.points).query_ball_point(nodes.points, _BESIDE * dome.spacing)
         most = max(len(each) for each in beside)
         self._beside = np.array(
             [[*each, *[k] * (most - len(each))] for k, each in enumerate(beside)]

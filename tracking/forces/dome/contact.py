@@ -48,6 +48,8 @@ _MISFIT = 2.0
 _TYPICAL, _BOTH = 0.42, 0.32
 #: Curvatures times the radius of the dome that no smooth, convex object of its size has.
 _HOLLOW, _EDGE = -0.2, 4.5
+#: Mean square of what is left of the shifts above which such an object is refused.
+_SHAPED = 0.8
 #: Mean square of a change of the shifts, in deviations, below which a refused frame is the same.
 _SAME = 0.5
 #: Rounds of a fit from rest, and of one that starts near its solution.
@@ -205,8 +207,11 @@ class ContactReading:
         mean, half = 0.5 * (along_x + along_y), math.hypot(0.5 * (along_x - along_y), mixed)
         own = np.diag(solution.covariance)[MOVING:][CURVES][:2].max()
         doubt = self.dome.radius * math.sqrt(own)  # a light touch tells little of a shape
-        off = solution.typical > _TYPICAL or solution.typical * solution.misfit > _BOTH
-        return off or mean - half < _HOLLOW - doubt or mean + half > _EDGE + doubt
+        if solution.typical > _TYPICAL or solution.typical * solution.misfit > _BOTH:
+            return True
+        # A soft plane is as well explained by a hollow: only what fits badly is one.
+        shaped = mean - half < _HOLLOW - doubt or mean + half > _EDGE + doubt
+        return shaped and solution.misfit > _SHAPED
 
     def _better(
         self, solution: Solution | None, object_: Array, keys: tuple[Key, ...], rounds: int

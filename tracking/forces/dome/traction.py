@@ -18,6 +18,7 @@ from ...tracks import Tracks
 from ..calibration import SensorCalibration
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
+from .contact import ON_CORE
 from .marker_response import DomeResponse
 from .traction_fit import Frame, TractionFit, Tractions
 from .traction_friction import Slip, read_slip
@@ -28,8 +29,6 @@ Array = NDArray[np.float64]
 
 #: Fewer visible pairs than this do not determine tractions.
 MIN_MARKERS = 40
-#: A layer nearer to the core than this share of the silicone does not move.
-_ON_CORE = 0.05
 #: Nodes up to this angle from the apex are prepared before the first frame [rad].
 _PREPARED = math.radians(28.0)
 #: Largest mean square of what is left of the shifts, in deviations, and as a share of the shifts.
@@ -70,7 +69,7 @@ class TractionReading:
         dome = calibration.sensor.dome
         if not isinstance(dome, Dome):
             raise UserError("reconstructor traction reads a dome of silicone, not a flat pad")
-        if max(layer_depths(calibration.sensor, dome)) > (1.0 - _ON_CORE) * dome.thickness:
+        if max(layer_depths(calibration.sensor, dome)) > (1.0 - ON_CORE) * dome.thickness:
             raise UserError(
                 "a layer of markers lies on the rigid core, and one moving layer does not tell "
                 "tractions; use the reconstructor contact"

@@ -13,17 +13,13 @@ from ...model import ModelError
 from ...render import layer_depths
 from ...tracking import SensorCalibration
 from ...tracking.forces import FitReport, MarkerShifts, rest_pose, with_silicone
+from ...tracking.forces.dome import INDEPENDENT, ON_CORE, PLACE_ERROR, SIZE_ERROR
 from ..press_fit import whitening
 from ..presses import Pressed
 from .fit import VALUES, YOUNG, Data, SiliconeFit, fit_silicone
 
 Array = NDArray[np.float64]
 
-#: Error of a marker's place [px] and log size that tracker and linear silicone leave. It is alike
-#: in all presses, which count as so many independent ones at most.
-_PLACE_ERROR, _SIZE_ERROR, _INDEPENDENT = 0.02, 5e-3, 2.5
-#: A layer nearer to the core than this share of the silicone does not move.
-_ON_CORE = 0.05
 #: Variance of a pair that was not visible [px²].
 _UNKNOWN = 1e6
 #: Rounds of the presses alone, and most of the silicone.
@@ -115,7 +111,7 @@ def _data(nominal: SensorCalibration, shifts: MarkerShifts, pressed: Pressed) ->
     both = [shifts(tracks, 0) for tracks in pressed.tracks]
     visible = np.array([mask for _, mask in both])
     moved = np.array([moved for moved, _ in both])
-    moving = np.array(layer_depths(nominal.sensor, dome)) < (1.0 - _ON_CORE) * dome.thickness
+    moving = np.array(layer_depths(nominal.sensor, dome)) < (1.0 - ON_CORE) * dome.thickness
     data = Data(
         presses=pressed.presses,
         shifts=np.where(visible[..., None], moved, 0.0),
@@ -129,8 +125,9 @@ def _data(nominal: SensorCalibration, shifts: MarkerShifts, pressed: Pressed) ->
 def _weighted(shifts: MarkerShifts, pressed: Pressed, data: Data) -> Data:
     """The data with the weights of their visible pairs."""
     square = data.tells[:, None], data.tells
-    floor = np.tile([_PLACE_ERROR, _PLACE_ERROR, _SIZE_ERROR], 2) ** 2
-    floor *= max(1.0, len(data.presses) / _INDEPENDENT)
+    # It is alike in all presses, which count as a few independent ones.
+    floor = np.tile([PLACE_ERROR, PLACE_ERROR, SIZE_ERROR], 2) ** 2
+    floor *= max(1.0, len(data.presses) / INDEPENDENT)
     own = np.array([shifts.covariance(tracks) for tracks in pressed.tracks]) + np.diag(floor)
     own = np.where(data.visible[..., None, None], own, _UNKNOWN * np.eye(6))
     shared = shifts.rest_covariance
@@ -140,7 +137,7 @@ def _weighted(shifts: MarkerShifts, pressed: Pressed, data: Data) -> Data:
 
 def _without_outliers(seen: Array, data: Data) -> NDArray[np.bool_]:
     """Pairs (K, P) whose shifts are about as far from what is to be seen as the median."""
-    scale = np.tile([_PLACE_ERROR, _PLACE_ERROR, _SIZE_ERROR], 2)[data.tells]
+    scale = np.tile([PLACE_ERROR, PLACE_ERROR, SIZE_ERROR], 2)[data.tells]
     missed, moved = (
         np.linalg.norm(v[..., data.tells] / scale, axis=-1)
         for v in (seen - data.shifts, data.shifts)
