@@ -24,6 +24,8 @@ from ..tracking import (
 )
 from ..tracking.forces import DOME_METHODS, name_used, untouched_field
 
+#: Largest half-width of the interval of ln µ by which that of Γ is skewed: about that of the prior.
+_MOST_DOUBT = 1.0
 #: Correlation of the errors of ΣFn and ΣFf where stiffnesses are wrong: the tissue's turn both
 #: alike, the membrane's do not.
 STIFFNESS_CORRELATION = 0.95
@@ -224,8 +226,8 @@ def margin_interval(field: ForceField, mu: float, mu_deviation: float) -> tuple[
     """
     margin = field.safety_margin(mu)
     spread = Z90 * margin_deviation(field, mu, mu_deviation)
-    doubt = Z90 * mu_deviation / mu if mu > 0.0 else 0.0
-    if field.directions is None or field.friction_reading is None or not 0.0 < doubt < math.inf:
+    doubt = min(Z90 * mu_deviation / mu, _MOST_DOUBT) if mu > 0.0 else 0.0
+    if field.directions is None or field.friction_reading is None or not doubt > 0.0:
         return margin - spread, margin + spread
     return margin - spread * math.expm1(doubt) / doubt, margin - spread * math.expm1(-doubt) / doubt
 
