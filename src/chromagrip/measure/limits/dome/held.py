@@ -66,29 +66,6 @@ class Grip:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Loads:
-    """Forces on all N nodes of a dome.
-
-    Attributes
-    ----------
-    linear: that the linear skin carries [N], shape (N, 3)
-    forces: of the object on the nodes [N], shape (N, 3)
-    friction: the part of `forces` in the object's tangent planes [N], shape (N, 3)
-    normals: of the object at the nodes that touch it, zero elsewhere, shape (N, 3)
-    """
-
-    linear: Array
-    forces: Array
-    friction: Array
-    normals: Array
-
-    @property
-    def normal(self) -> Array:
-        """Normal force of each node [N], shape (N,)."""
-        return np.asarray(np.einsum("ij,ij->i", self.forces, self.normals))
-
-
-@dataclass(frozen=True, kw_only=True)
 class Held:
     """A contact in K pictures, the last of which is asked.
 
@@ -109,7 +86,7 @@ class Held:
     poses: Array
     linear: Array
     changes: Array
-    contact: Loads
+    contact: PosedContact
     sums: Array
     slopes: Array
 
@@ -173,15 +150,9 @@ def hold(dome: Dome, grip: Grip) -> Held:
     )
 
 
-def loads_of(dome: Dome, contact: PosedContact) -> Loads:
-    """Forces of a contact, or of several, on all nodes."""
-    contact = contact.everywhere(len(lattice(dome).ring))
-    return Loads(
-        linear=contact.linear,
-        forces=contact.forces,
-        friction=contact.friction,
-        normals=contact.normals,
-    )
+def loads_of(dome: Dome, contact: PosedContact) -> PosedContact:
+    """A contact, or several, on all nodes."""
+    return contact.everywhere(len(lattice(dome).ring))
 
 
 def _ends(dome: Dome, changes: Changes) -> Array:
@@ -190,7 +161,7 @@ def _ends(dome: Dome, changes: Changes) -> Array:
     return np.stack([sums_of(dome, loads_of(dome, one)) for one in each], axis=-1)
 
 
-def sums_of(dome: Dome, contact: Loads) -> Array:
+def sums_of(dome: Dome, contact: PosedContact) -> Array:
     """Sums of a contact, in the order of SUMS, shape (6,).
 
     F_x, F_y and the force F_n towards the core [N]; the moment about the dome's axis [N·m], with
@@ -203,7 +174,7 @@ def sums_of(dome: Dome, contact: Loads) -> Array:
     return np.array([whole[0], whole[1], -whole[2], moment, contact.normal.sum(), sliding])
 
 
-def sliding_of(contact: Loads) -> Array:
+def sliding_of(contact: PosedContact) -> Array:
     """Sum of the friction across the mean normal [N], shape (3,)."""
     axis = (contact.forces - contact.friction).sum(axis=0)
     slides = contact.friction.sum(axis=0)
