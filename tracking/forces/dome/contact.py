@@ -126,8 +126,9 @@ class ContactReading:
         if nothing < _UNTOUCHED:
             self.reset()
             return untouched_field(self.dome)
-        if self._is_refused(shifts) or not (self._followed(shifts) or self._found(shifts)):
-            refused = self._refused if self._is_refused(shifts) else shifts
+        again = self._is_refused(shifts)
+        if again or not (self._followed(shifts) or self._found(shifts)):
+            refused = self._refused if again else shifts
             self.reset()
             self._refused = refused
             raise NoEstimateError("no contact of a smooth, convex object explains the markers")
