@@ -201,7 +201,7 @@ def render() -> None:
     """The renderers' report and chart, a pose's preview, and domes as printed and as built."""
     table("render")
     draw_chart("render")
-    keep("render --grip 2 --load 0.6", {"preview-000.png": IMAGES / "render-preview.png"})
+    keep("render --grip 2 --load 0.6", {"previews/preview-000.png": IMAGES / "render-preview.png"})
     keep_domes()
 
 

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
+from scipy.spatial import KDTree
 
 from chromagrip import UserError, load_scene
 from chromagrip.loop.poses.folder import ARRAYS, render_poses
@@ -36,7 +38,8 @@ def test_a_folder_holds_all_that_it_lists(sweep: Path) -> None:
         listed |= {entry["image"], entry["truth"], entry["preview"]}
         with np.load(sweep / entry["truth"]) as truth:
             assert list(truth) == list(report["arrays"]) == list(ARRAYS)
-    assert {path.name for path in sweep.iterdir()} == listed
+    files = {path for path in sweep.rglob("*") if path.is_file()}
+    assert {path.relative_to(sweep).as_posix() for path in files} == listed
     assert report["poses"][1]["grip_n"] == 3.0
     # In balance: what is gripped and pulled is what the contact carries.
     assert report["poses"][1]["normal_n"] == pytest.approx(3.0, rel=0.01)
@@ -172,3 +175,19 @@ def test_motion_blur_is_seen_in_a_grasp_and_not_at_rest() -> None:
     assert (frames[0][0] == frames[1][0]).all()
     assert (frames[0][1] != frames[1][1]).any()
     assert (frames[0][2] == frames[1][2]).all()
+
+
+def test_its_folder_can_be_tracked(
+    sweep: Path, tmp_path: Path, typed: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
+    """Each image is a frame, and nothing else is; markers are where the truth has them."""
+    done = typed("track", sweep / "rest.png", sweep, "--out", tmp_path / "tracks")
+    assert done.returncode == 0, done.stderr
+    rows = pq.read_table(tmp_path / "tracks" / "tracks.parquet").to_pylist()
+    assert {row["frame"] for row in rows} == {0, 1}
+    for number in range(2):
+        with np.load(sweep / f"truth-{number:03d}.npz") as truth:
+            centres = truth["image_centres_px"].reshape(-1, 2)
+        mine = [row for row in rows if row["frame"] == number and row["visible"]]
+        apart, _ = KDTree(centres).query([(row["x_px"], row["y_px"]) for row in mine])
+        assert np.median(apart) < 0.1

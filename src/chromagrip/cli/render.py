@@ -98,6 +98,7 @@ def render(
 
     One pose by default (2 N of grip, 0.3 N of load); lists of forces make a sweep. Each picture
     comes with marker centres, visibility, overlaps, masks, flow, depth and forces, and a preview.
+    The folder can be read by `chromagrip track` and `estimate`, with its rest.png.
     With --object, or a scene with body = "dome", the fingertip is a dome or a flat pad of silicone
     in three dimensions: the object is tilted and turned, pressed to each depth, then sheared and
     twisted.

@@ -30,6 +30,8 @@ from .preview import draw_preview
 FORMAT = "chromagrip render 1"
 #: First line of the scene.
 _SCENE = "Everything these pictures were made from but their poses, which are in poses.json"
+#: Folder of the previews: beside the images they would be read as frames of another size.
+PREVIEWS = "previews"
 #: Decimals of forces [N] and torques [N·mm] of a dome; further ones are the solver's.
 _FORCE_DIGITS, _TORQUE_DIGITS = 5, 4
 
@@ -126,6 +128,7 @@ def render_poses(
         progress(0, len(poses))
     if out is not None:
         prepare(out, overwrite)
+        prepare(out / PREVIEWS, overwrite)
         (out / "poses.json").unlink(missing_ok=True)
     entries = []
     try:
@@ -133,7 +136,7 @@ def render_poses(
             entries.append(_entry(scene, shot, number))
             if out is not None:
                 _write(out, number, shot, scene)
-                draw_preview(scene, shot, out / f"preview-{number:03d}.png")
+                draw_preview(scene, shot, out / str(entries[-1]["preview"]))
             progress(number + 1, len(poses))
         report: Report = {
             "format": FORMAT,
@@ -200,7 +203,7 @@ def _entry(scene: Scene, shot: Shot, number: int) -> Entry:
     entry: Entry = {
         "image": f"image-{number:03d}.png",
         "truth": f"truth-{number:03d}.npz",
-        "preview": f"preview-{number:03d}.png",
+        "preview": f"{PREVIEWS}/preview-{number:03d}.png",
     }
     if isinstance(pose, DomePose):
         entry |= _dome_pose(pose)
