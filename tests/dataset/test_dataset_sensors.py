@@ -107,7 +107,7 @@ def test_other_sensors_are_other_datasets(made: Path, tmp_path: Path, bytes_of: 
             ('[draw]\n"object.friction" = { uniform = [0.3, 0.6] }\n', "nodes = 3"),
             "unknown key nodes",
         ),
-        (("duration_s", 'calibration = "c.toml"\nduration_s'), "nothing is estimated"),
+        (("duration_s", 'calibration = "c.toml"\nduration_s'), "are read as designed"),
     ],
 )
 def test_what_cannot_be_is_refused(change: tuple[str, str], said: str, tmp_path: Path) -> None:

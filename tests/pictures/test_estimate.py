@@ -17,6 +17,7 @@ from chromagrip.cli.calibrate import calibrate_sensor
 from chromagrip.cli.pictures import estimate
 from chromagrip.control import GripObservation
 from chromagrip.errors import UserError
+from chromagrip.loop.force_row import force_row
 from chromagrip.loop.poses.poses import Pose, settle
 from chromagrip.loop.torsion import with_limit_margin
 from chromagrip.model import (
@@ -27,7 +28,6 @@ from chromagrip.model import (
     equilibrium,
 )
 from chromagrip.output.parquet import FORCES
-from chromagrip.pictures.readings import _force_row
 from chromagrip.render import MembraneMap, add_noise, open_renderer
 from chromagrip.scene.scene import load_scene
 from chromagrip.tracking import CAMERA_RULE
@@ -317,7 +317,7 @@ def test_force_and_torque_have_intervals_of_their_own() -> None:
         friction_observable=True, margin=margin, margin_interval=(margin, margin),
         lateral_displacement=np.nan,
     )  # fmt: skip
-    row = _force_row(with_limit_margin(observation), CAMERA_RULE)
+    row = force_row(with_limit_margin(observation), CAMERA_RULE)
     for name, unit, value, deviation in (
         ("force_y", "n", 0.3, 0.2),
         ("force_z", "n", -2.0, 0.3),

@@ -38,6 +38,14 @@ def make(
             "flow|depth|masks|traction|contact...",
         ),
     ] = (),
+    reading: Annotated[
+        str | None,
+        option(
+            "reconstructor whose estimates from the pictures stand beside the labels; auto is that "
+            "of a sequence's body",
+            "NAME",
+        ),
+    ] = None,
     meshes: Annotated[
         Path | None, option("folder of the objects of a dome, instead of the recipe's", "DIR")
     ] = None,
@@ -69,6 +77,8 @@ def make(
             raise UserError(f"--n {n}: expected 1 to {MOST_SEQUENCES}")
         loaded = replace(loaded, sequences=n)
     loaded = replace(loaded, truth=tuple(dict.fromkeys((*loaded.truth, *truth))))
+    if reading is not None:
+        loaded = replace(loaded, reading=reading)
     check_least(workers=(workers, 1))
     with counting("sequences", transient=False) as progress:
         manifest = make_dataset(

@@ -20,6 +20,7 @@ from .folder import (
     to_parquet,
 )
 from .labels import COMMON, STATES, columns_of
+from .labels.reading import reading_lines
 from .read import tables
 from .recipe import CASE, Case, Recipe, Values, bodies_of, dotted
 
@@ -53,7 +54,8 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
             parts[name].append(table[name].combine_chunks())
     pa = need("pyarrow", "data")
     values = {name: pa.chunked_array(parts[name]) for name in columns}
-    write_whole(folder / CARD, _card(recipe, drawn, values).encode())
+    read = reading_lines(recipe.reading, (table for _, table in tables(folder, "frames")))
+    write_whole(folder / CARD, _card(recipe, drawn, values, read).encode())
     write_whole(folder / SHEET, encode_png(_sheet(folder, numbers)))
 
 
@@ -67,7 +69,9 @@ def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
     return pa.table(columns)
 
 
-def _card(recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArray]") -> str:
+def _card(
+    recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArray]", read: list[str]
+) -> str:
     counted = values.pop("slip_state").value_counts().to_pylist()
     states = {one["values"]: one["counts"] for one in counted}
     bodies = bodies_of(recipe)
@@ -90,11 +94,12 @@ def _card(recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArra
     for name, column in values.items():
         lines += [f"`{name}`: {COMMON[name]}", "", "```", *_histogram(column), "```", ""]
     lines += [
+        *read,
         "![pictures](contact-sheet.png)",
         "",
     ]
     for body in bodies:
-        frame, markers, nodes = columns_of(body)
+        frame, markers, nodes = columns_of(body, bool(recipe.reading))
         of = f", body {body}" if len(bodies) > 1 else ""
         lines += [
             f"## Columns of `frames.parquet`{of}",

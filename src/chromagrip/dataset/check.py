@@ -23,7 +23,7 @@ from .folder import (
     sequence_name,
 )
 from .frozen import content_of, frozen_as
-from .labels import columns_of
+from .labels import INTERVALS, READ, columns_of
 from .labels.chain_physics import unbalanced_chain, wrong_chain
 from .labels.dome_physics import wrong_dome, wrong_motion
 from .read import stacked
@@ -60,7 +60,8 @@ def check(folder: Place, progress: Callable[[int, int], None] = lambda done, tot
             raise UserError(f"{folder / name} was made with other versions than the rest")
         if sequence_name(number) != name or number >= recipe.sequences:
             raise UserError(f"{folder / name} is not sequence {number} of its recipe")
-        for wrong in _wrong(folder / name, str(listed["values"].get("motion", "press"))):
+        motion = str(listed["values"].get("motion", "press"))
+        for wrong in _wrong(folder / name, motion, bool(recipe.reading)):
             raise UserError(f"{folder / name}, {wrong}")
         if frozen:
             like = frozen.likeness(name, content_of(folder / name))
@@ -112,7 +113,7 @@ def check_files(folder: Path, digest: str) -> None:
             raise UserError(f"{folder / name} has changed")
 
 
-def _wrong(folder: Path, motion: str) -> Iterator[str]:
+def _wrong(folder: Path, motion: str, reading: bool) -> Iterator[str]:
     """Yield what is wrong with a sequence of that kind of motion, frame by frame."""
     try:
         scene = load_scene(str(folder / "scene.toml"))
@@ -122,7 +123,7 @@ def _wrong(folder: Path, motion: str) -> Iterator[str]:
     pq = need("pyarrow.parquet", "data")
     frames = pq.read_table(folder / "frames.parquet").to_pydict()
     markers = pq.read_table(folder / "markers.parquet")
-    chain, expected = scene.body == "chain", list(columns_of(scene.body).frame)
+    chain, expected = scene.body == "chain", list(columns_of(scene.body, reading).frame)
     if list(frames) != expected:
         yield f"frames.parquet: columns {list(frames)}, expected {expected}"
         return
@@ -142,6 +143,7 @@ def _wrong(folder: Path, motion: str) -> Iterator[str]:
             *(wrong_chain(row, own) if chain else wrong_dome(row, own)),
             *_wrong_places(view, own),
             *_wrong_picture(view, folder / f"frame-{index:03d}.png"),
+            *(_wrong_reading(row) if reading else ()),
         ):
             yield f"frame {index}: {wrong}"
     if chain:
@@ -163,6 +165,16 @@ def _wrong_places(view: View, own: dict[str, NDArray[Any]]) -> Iterator[str]:
     overlap = own["overlap"][np.isfinite(own["overlap"])]
     if ((overlap < 0.0) | (overlap > 1.0)).any():
         yield "an overlap is not from 0 to 1"
+
+
+def _wrong_reading(row: dict[str, Any]) -> Iterator[str]:
+    """Yield estimates out of their own intervals, or beside a reason for having none."""
+    for columns in INTERVALS.values():
+        low, value, high = (row[name] for name in columns)
+        if row[f"{READ}no_estimate"] and not np.isnan([low, value, high]).all():
+            yield f"{columns[1]} has a value beside a reason for having none"
+        if low > value or value > high:  # a NaN is in no order
+            yield f"{columns[1]} is out of its interval"
 
 
 def _wrong_picture(view: View, path: Path) -> Iterator[str]:

@@ -133,7 +133,7 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
             digests[path.name] = file_digest(path)
         # Pictures are on the disk; a long sequence must not keep them.
         rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
-    columns = columns_of(made.scene.body)
+    columns = columns_of(made.scene.body, bool(recipe.reading))
     tables = {"frames": frame_table(rows, columns), "markers": marker_table(rows, columns)}
     for name, table in tables.items():
         keep(f"{name}.parquet", to_parquet(table))
@@ -152,8 +152,8 @@ def frame_table(rows: list[Shot], meaning: Columns) -> "pa.Table":
     columns = {}
     for name in meaning.frame:
         values = [row.values[name] for row in rows]
-        if name == "slip_state":
-            columns[name] = pa.array(values, pa.string())
+        if isinstance(values[0], str | bool):
+            columns[name] = pa.array(values)
         else:
             whole = name in ("frame", "contact_nodes")
             columns[name] = pa.array(values, pa.int32() if whole else pa.float64())

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..output.pictures import read_picture
 from .folder import Place, open_recipe, read_manifest
+from .labels import READING
 from .read import load_sequence
 from .recipe import SHIPPED, Recipe, load_recipe
 from .remote import fetched
@@ -79,12 +80,13 @@ class Frozen:
 
 
 def frozen_as(recipe: Recipe) -> Frozen | None:
-    """The frozen recipe that this is, with any number of sequences and labels of pixels."""
+    """The frozen recipe that this is, with any sequences, labels of pixels and reading."""
     for file in sorted(SHIPPED.iterdir(), key=lambda file: file.name):
         name = file.name.removesuffix(".json")
         if name == file.name:
             continue
-        if replace(load_recipe(name), sequences=recipe.sequences, truth=recipe.truth) == recipe:
+        asked = {"truth": recipe.truth, "reading": recipe.reading}
+        if replace(load_recipe(name), sequences=recipe.sequences, **asked) == recipe:
             recorded = msgspec.json.decode(file.read_bytes(), type=dict[str, Content])
             return Frozen(name=name, sequences=recorded)
     return None
@@ -94,7 +96,8 @@ def content_of(folder: Path) -> Content:
     """What a sequence's folder shows."""
     one = load_sequence(folder)
     levels = np.stack([read_picture(path) for path in (one.rest, *one.pictures)])
-    columns = [*one.frames.items(), *one.markers.items()]
+    labels = {name: values for name, values in one.frames.items() if name not in READING}
+    columns = [*labels.items(), *one.markers.items()]
     numbers = [values.ravel() for _, values in columns if values.dtype.kind == "f"]
     known = np.concatenate(numbers).astype(float)
     known = known[np.isfinite(known)]

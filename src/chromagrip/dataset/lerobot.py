@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..extras import need
 from ..output.video import VideoFile
-from .labels import STATES
+from .labels import INTERVALS, STATES
 from .read import Loaded
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ CAMERA = "observation.images.tactile"
 STATE = ("grip_n", "load_n", "rigid_part_mm", "object_mm")
 #: Columns of a frame in the feature `label.forces`.
 FORCES = ("normal_n", "friction_n", "mu", "margin", "slipped_share")
+#: Columns of a frame in the feature `reading.forces`, where the dataset has a reading.
+READ_FORCES = tuple(name for columns in INTERVALS.values() for name in columns)
 #: Columns of a frame in the feature `action`.
 _ACTION = ("grip_n",)
 #: Name of every file: a dataset has one chunk with one file.
@@ -170,10 +172,12 @@ def _columns(one: Loaded, episode: int, start: int, task: int) -> Columns:
     def stacked(names: tuple[str, ...]) -> NDArray[np.float32]:
         return np.stack([one.frames[name] for name in names], axis=1).astype(np.float32)
 
+    read = READ_FORCES[0] in one.frames
     return {
         "observation.state": stacked(STATE),
         "action": stacked(_ACTION),
         "label.forces": stacked(FORCES),
+        **({"reading.forces": stacked(READ_FORCES)} if read else {}),
         "label.slip_state": np.array([STATES.index(s) for s in one.frames["slip_state"]]),
         "timestamp": (frames / one.scene.camera.rate_hz).astype(np.float32),
         "frame_index": frames,
@@ -255,7 +259,10 @@ def _features(
     columns: Columns, rate: int, shape: tuple[int, int, int]
 ) -> dict[str, dict[str, object]]:
     """Type, shape and names of each feature; `shape` is that of the pictures."""
-    names = {"observation.state": STATE, "action": _ACTION, "label.forces": FORCES}
+    names = {
+        "observation.state": STATE, "action": _ACTION, "label.forces": FORCES,
+        "reading.forces": READ_FORCES,
+    }  # fmt: skip
     features: dict[str, dict[str, object]] = {
         CAMERA: {
             "dtype": "video",

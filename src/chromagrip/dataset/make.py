@@ -36,7 +36,7 @@ from .folder import (
     write_sequence,
 )
 from .own_files import keep_files
-from .recipe import Recipe, check_truth, portable
+from .recipe import Recipe, check_asked, portable
 from .remote import Sender, fetch_begun, fetched, has_dataset, is_address, staged
 
 Backend = Literal["joblib", "dask", "ray"]
@@ -81,7 +81,7 @@ def make(
         answer.
     """
     require("data")
-    check_truth(recipe)
+    check_asked(recipe)
     if is_address(out):
         how: dict[str, Any] = {"workers": workers, "shard": shard, "backend": backend}
         return _make_at(recipe, os.fspath(out), resume, progress, {**how, "address": address})

@@ -17,9 +17,11 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from ..errors import UserError
+from ..loop.methods import reconstructor_for
 from ..loop.poses.dome_poses import DomePose
 from ..scene.scene import Body, Scene, parse_scene, relative
 from ..strict_toml import Table, convert, parse_toml, read_toml
+from ..tracking import DEFAULT_RECONSTRUCTOR, METHODS
 from .draws import How, check_draw, draw, ends
 from .labels import DOME_TRUTH
 
@@ -80,6 +82,8 @@ class Recipe(Table, frozen=True):
     sequences: number of them, unless the command line gives another
     seed: of everything that is drawn; sequence k depends on it and k alone
     truth: labels of every pixel that are kept beside those of markers and forces
+    reading: reconstructor whose estimates from the pictures stand beside the labels; `auto` is that
+        of a sequence's body; empty for none
     scene: tables of a scene, the same in every sequence
     draw: key of a scene, with dots, or one of OWN → how it is drawn: `{ uniform = [low, high] }`,
         `{ log_uniform = [low, high] }`, `{ normal = [mean, deviation, low, high] }` (outside of the
@@ -91,6 +95,7 @@ class Recipe(Table, frozen=True):
     sequences: Annotated[int, Meta(ge=1, le=10_000_000)] = 100
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
     truth: tuple[Truth, ...] = ()
+    reading: str = ""
     scene: Values = msgspec.field(default_factory=dict)
     draw: dict[str, How] = msgspec.field(default_factory=dict)
     cases: tuple[Case, ...] = ()
@@ -284,7 +289,7 @@ def _check_case(recipe: Recipe, name: str) -> None:
     for key, how in recipe.draw.items():
         check_draw(how, f"recipe {name}: draw.{key}")
     if "calibration" in {**recipe.scene, **recipe.draw}:
-        raise UserError(f"recipe {name}: calibration: nothing is estimated in a dataset")
+        raise UserError(f"recipe {name}: calibration: sensors of a dataset are read as designed")
     motions = ends(recipe.draw.get("motion", {"choice": ["press"]}))
     _check_body(recipe, name, motions)
     if "grasp" in motions and "share" not in recipe.draw:
@@ -308,14 +313,20 @@ def _check_case(recipe: Recipe, name: str) -> None:
             raise UserError(f"recipe {name}: {at}{reason}") from None
 
 
-def check_truth(recipe: Recipe) -> None:
-    """Refuse labels of pixels that the recipe's body does not have.
+def check_asked(recipe: Recipe) -> None:
+    """Refuse labels of pixels and readings that the recipe's bodies do not have.
 
     Raises
     ------
     UserError
-        With the label.
+        With the label or the reconstructor.
     """
+    if recipe.reading:
+        if recipe.reading not in (DEFAULT_RECONSTRUCTOR, *METHODS):
+            allowed = ", ".join((DEFAULT_RECONSTRUCTOR, *METHODS))
+            raise UserError(f"no reading {recipe.reading!r}; there is {allowed}")
+        for body in bodies_of(recipe):
+            reconstructor_for(body, recipe.reading)
     for label in recipe.truth:
         if label in DOME_TRUTH and set(bodies_of(recipe)) != {"dome"}:
             raise UserError(f'truth {label!r} needs a recipe with scene.body = "dome"')
@@ -329,7 +340,7 @@ def _check_body(recipe: Recipe, name: str, motions: list[Any]) -> None:
         raise UserError(f"recipe {name}: draw.motion: allowed are {', '.join(allowed)}")
     if "body" in recipe.draw:
         raise UserError(f"recipe {name}: draw.body: a body is not drawn, set it in scene.body")
-    check_truth(recipe)
+    check_asked(recipe)
     poses = [key for key in recipe.draw if key in POSE]
     if poses and "move" not in motions:
         raise UserError(f'recipe {name}: draw.{poses[0]} needs draw.motion to have "move"')

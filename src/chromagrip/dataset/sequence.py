@@ -19,6 +19,7 @@ from ..scene.scene import Scene
 from .labels import Shot
 from .labels.chain import chain_shots
 from .labels.dome import DomeSample, dome_shots
+from .labels.reading import with_readings
 from .recipe import Recipe, Values, drawn, pose_of, scene_of
 
 Image = NDArray[np.uint8]
@@ -95,7 +96,10 @@ def shots(recipe: Recipe, made: Sequence) -> tuple[Image, Iterator[Shot]]:
         assert isinstance(first, DomeState)
         rest = first
         frames = dome_shots(scene, dome, camera, recipe.truth)
-    return camera.expose_rest(rest, 1)[0].image, frames
+    still = camera.expose_rest(rest, 1)[0].image
+    if recipe.reading:
+        frames = with_readings(scene, recipe.reading, still, frames)
+    return still, frames
 
 
 def _camera(scene: Scene) -> SimulatedCamera:

@@ -122,6 +122,8 @@ def _numbers(values: NDArray[Any], label: str) -> NDArray[Any]:
     """Labels as numbers: float32, or bool."""
     if label == _WORDS:
         return np.array([STATES.index(word) for word in values])
+    if values.dtype == object:
+        raise UserError(f"label {label!r} is words; only numbers can be stacked")
     return values if values.dtype == np.bool_ else values.astype(np.float32)
 
 

@@ -1,19 +1,18 @@
 """Rows of estimates: forces with µ and Γ of a dome, or displacements of a flat pad."""
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..control import GripObservation
 from ..errors import UserError
+from ..loop.force_row import force_row
 from ..loop.observers import ForceObserver
 from ..loop.torsion import with_limit_margin
 from ..output.parquet import Row
 from ..render import Frame, View
-from ..tracking import DEFAULT_TRACKER, Z90, DisplacementGains, FrictionRule, Tracks
+from ..tracking import DEFAULT_TRACKER, DisplacementGains, FrictionRule, Tracks
 from ..tracking.forces import CameraPose, aligned, alignment, seen_by, skin_displacement
 from .figure import draw_forces
 from .opening import Opened
@@ -21,8 +20,6 @@ from .overlay import TrackDrawing
 
 #: Quantile of the markers' depths that stands for the pad: a single marker's error does not count.
 _DEEPEST = 0.95
-#: Names of force and torque of a dome, and their units in columns.
-_WRENCH, _WRENCH_UNITS = ("force_x", "force_y", "force_z", "torque"), ("_n", "_n", "_n", "_nmm")
 
 
 class Reading(NamedTuple):
@@ -67,7 +64,7 @@ def force_reading(
 
     def read(frame: Frame, tracks: Tracks) -> Reading:
         observation = with_limit_margin(observer.observe(frame.time, tracks))
-        row = _force_row(observation, rule)
+        row = force_row(observation, rule)
         row["markers_seen"] = _visible_pairs(tracks)
         return Reading(row, lambda: draw_forces(frame.image, place, tracks, rest, observation))
 
@@ -76,38 +73,6 @@ def force_reading(
 
 def _visible_pairs(tracks: Tracks) -> int:
     return int(tracks.visible.all(axis=0).sum())
-
-
-def _force_row(observation: GripObservation, rule: FrictionRule) -> Row:
-    """Values of an observation and their intervals; None for those that it does not have."""
-    if observation.no_estimate:
-        return {"no_estimate": observation.no_estimate}
-    field = observation.field
-    row: Row = {"no_estimate": ""}
-    values = [
-        ("mu", "", observation.friction, observation.friction_interval),
-        ("margin", "", observation.margin, observation.margin_interval),
-        ("limit_margin", "", observation.limit_margin, observation.limit_margin_interval),
-    ]
-    for k, (name, total) in enumerate(
-        (("normal", field.total_normal), ("friction", field.total_friction))
-    ):
-        half = Z90 * math.sqrt(field.totals_covariance[k, k])
-        # In this order a NaN stays one.
-        values.append((name, "_n", total, (max(total - half, 0.0), total + half)))
-    deviations = [*observation.force_deviation, 1e3 * observation.torque_deviation]
-    wrench = [*observation.force, 1e3 * observation.torque]
-    for name, unit, value, deviation in zip(
-        _WRENCH, _WRENCH_UNITS, wrench, deviations, strict=True
-    ):
-        values.append((name, unit, value, (value - Z90 * deviation, value + Z90 * deviation)))
-    for name, unit, value, (low, high) in values:
-        for end, number in (("", value), ("_low", low), ("_high", high)):
-            row[f"{name}{end}{unit}"] = float(number) if math.isfinite(number) else None
-    row["mu_observable"] = rule.read(field).observable
-    row["node_normal_n"] = field.normal.astype(np.float32)
-    row["node_friction_n"] = field.friction.astype(np.float32).ravel()
-    return row
 
 
 def displacement_reading(

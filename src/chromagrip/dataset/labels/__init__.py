@@ -1,12 +1,28 @@
-"""Labels of the frames of a dataset: what they mean, how they are made, and the physics in them."""
+"""Labels of the frames of a dataset: what they mean, how they are made, and the physics in them.
 
-from .columns import COMMON, DOME_TRUTH, MARKERS, STATES, Columns, columns_of
+Beside them stands what a reconstructor reads from the pictures, where a recipe asks for it.
+"""
+
+from .columns import (
+    COMMON,
+    DOME_TRUTH,
+    INTERVALS,
+    MARKERS,
+    READ,
+    READING,
+    STATES,
+    Columns,
+    columns_of,
+)
 from .shot import SLIPPING, Shot
 
 __all__ = [
     "COMMON",
     "DOME_TRUTH",
+    "INTERVALS",
     "MARKERS",
+    "READ",
+    "READING",
     "SLIPPING",
     "STATES",
     "Columns",

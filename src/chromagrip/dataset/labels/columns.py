@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from ...output.parquet import FORCES
 from ...scene.scene import Body
 
 
@@ -107,6 +108,31 @@ _OF = {
 }
 
 
-def columns_of(body: Body) -> Columns:
-    """Columns of the tables of a sequence with that body."""
-    return _OF[body]
+#: Columns of estimates that no reading has: the frame's own, and lists of nodes.
+_NOT_READ = ("frame", "time_s", "markers_seen", "node_normal_n", "node_friction_n")
+#: Start of the name of every column of a reading; what follows is the label's name.
+READ = "reading_"
+#: Columns of a reading, which are estimates and no labels, with those of `FORCES` that they are of.
+READING = {
+    READ + name.replace("torque", "torque_z"): name for name in FORCES if name not in _NOT_READ
+}
+
+#: Labels that a reading estimates, by the start of their names, and their units.
+_ESTIMATED = {
+    "normal": "_n", "friction": "_n", "mu": "", "margin": "", "limit_margin": "",
+    "force_x": "_n", "force_y": "_n", "force_z": "_n", "torque_z": "_nmm",
+}  # fmt: skip
+#: Columns of an estimate's lower end, value and upper end, by the label that it is of.
+INTERVALS = {
+    stem + unit: (f"{READ}{stem}_low{unit}", f"{READ}{stem}{unit}", f"{READ}{stem}_high{unit}")
+    for stem, unit in _ESTIMATED.items()
+}
+
+
+def columns_of(body: Body, reading: bool = False) -> Columns:
+    """Columns of the tables of a sequence with that body, and with or without a reading."""
+    columns = _OF[body]
+    if not reading:
+        return columns
+    read = {name: f"read from the picture: {FORCES[of][1]}" for name, of in READING.items()}
+    return columns._replace(frame=columns.frame | read)

@@ -1,0 +1,120 @@
+"""What a reconstructor reads from the pictures of a sequence: a baseline beside the labels.
+
+It knows the pictures, that of the sensor at rest, the design of the sensor and the camera's noise.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ...loop.force_row import force_row
+from ...loop.grasp import known_sensor
+from ...loop.methods import reconstructor_for
+from ...loop.observers import CameraObserver
+from ...loop.torsion import with_limit_margin
+from ...loop.trace import counted_kinds
+from ...output.parquet import Row
+from ...output.processes import one_thread
+from ...render import Frame
+from ...scene.scene import Scene
+from ...tracking import CAMERA_RULE, DEFAULT_TRACKER, check_reconstructor
+from .columns import INTERVALS, READ, READING
+from .shot import Image, Shot
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+Values = dict[str, float | int | str]
+
+
+def with_readings(
+    scene: Scene, reconstructor: str, rest: Image, shots: Iterator[Shot]
+) -> Iterator[Shot]:
+    """Frames with their reading beside their labels.
+
+    Parameters
+    ----------
+    scene: of the sequence, of which sensor and camera are used
+    reconstructor: name; `auto` is that of the scene's body
+    rest: picture of the unloaded sensor
+    """
+    with one_thread():
+        read = _reader(scene, reconstructor, rest)
+        for shot in shots:
+            reading = read(Frame(image=shot.image, time=float(shot.values["time_s"])))
+            yield replace(shot, values=shot.values | reading)
+
+
+def _reader(scene: Scene, reconstructor: str, rest: Image) -> Callable[[Frame], Values]:
+    """Reads frames one after the other; of a sensor that cannot be read it says why."""
+    try:
+        known, method = known_sensor(scene), reconstructor_for(scene.body, reconstructor)
+        check_reconstructor(method, known)
+        noise, window = scene.camera.noise_levels, scene.safety_margin.friction_window_s
+        still = [Frame(image=rest, time=0.0)]
+        observer = CameraObserver(known, DEFAULT_TRACKER, method, noise, window, still)
+    except UserError as error:
+        reason = str(error)
+        return lambda frame: _values({"no_estimate": reason})
+
+    def read(frame: Frame) -> Values:
+        observation, _ = observer.observe(frame)
+        return _values(force_row(with_limit_margin(observation), CAMERA_RULE))
+
+    return read
+
+
+def _values(row: Row) -> Values:
+    """Values by column of `READING`: NaN for a number that a row does not have."""
+    values: Values = {}
+    for name, of in READING.items():
+        value = row.get(of)
+        if of == "mu_observable":
+            value = bool(value)
+        assert not isinstance(value, np.ndarray)  # no lists of nodes are read
+        values[name] = math.nan if value is None else value
+    return values
+
+
+def reading_lines(reconstructor: str, tables: "Iterable[pa.Table]") -> list[str]:
+    """Lines of a card on the reading of frames in contact; none where there is no reading.
+
+    Parameters
+    ----------
+    reconstructor: that the recipe names
+    tables: of the frames of each sequence
+    """
+    if not reconstructor:
+        return []
+    reasons: list[str] = []
+    found: dict[str, list[Array]] = {name: [] for name in INTERVALS}
+    for table in tables:
+        touching = table["contact_nodes"].to_numpy() > 0
+        reasons += [reason for reason in table[f"{READ}no_estimate"].to_pylist() if reason]
+        for name in set(INTERVALS) & set(table.column_names):
+            columns = [table[column].to_numpy() for column in (name, *INTERVALS[name])]
+            found[name].append(np.stack(columns)[:, touching])
+    lines = [
+        f"## Reading: `{reconstructor}`",
+        "",
+        "What a reconstructor reads from the pictures, beside what is true. It knows the pictures, "
+        "`rest.png`, the sensor's design and the camera's noise. Frames in contact:",
+        "",
+        "| of | frames | median error | within its 90 % interval |",
+        "|---|---|---|---|",
+    ]
+    for name, parts in found.items():
+        truth, low, value, high = np.concatenate([np.empty((4, 0)), *parts], axis=1)
+        read = np.isfinite(truth + value)
+        if read.any():
+            error = float(np.median(abs(value - truth)[read]))
+            covered = float(((low <= truth) & (truth <= high))[read].mean())
+            lines.append(f"| `{name}` | {read.sum()} | {error:.2g} | {covered:.0%} |")
+    counted = [f"- {reason}: {count} frames" for reason, count in counted_kinds(reasons).items()]
+    return [*lines, "", "Frames without an estimate:", "", *(counted or ["- none"]), ""]
