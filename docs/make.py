@@ -88,9 +88,10 @@ def table(part: str) -> None:
     write(f"bench-{part}", TITLES[part], f"chromagrip bench {part}", report_markdown(report))
 
 
-def draw_chart(part: str) -> None:
-    """The chart of `chromagrip chart PART`."""
-    keep(f"chart {part}", {f"{part}.png": IMAGES / f"chart-{part}.png"})
+def draw_chart(part: str, *others: str) -> None:
+    """The chart of `chromagrip chart PART`, and others that the command draws."""
+    names = (part, *others)
+    keep(f"chart {part}", {f"{name}.png": IMAGES / f"chart-{name}.png" for name in names})
 
 
 def draw_charts() -> None:
@@ -138,7 +139,7 @@ def bodies() -> None:
 def force() -> None:
     """The report of reconstructors, and their chart."""
     table("force")
-    draw_chart("force")
+    draw_chart("force", "force-dome")
 
 
 def tolerances() -> None:

@@ -17,9 +17,12 @@ from hypothesis import strategies as st
 from chromagrip import UserError
 from chromagrip.measure.bench.force_sets import Measured
 from chromagrip.measure.charts import force as chart_force
+from chromagrip.measure.charts import force_dome
 from chromagrip.measure.charts.chart import Axis, Chart, Peer, Point, front
 from chromagrip.measure.charts.loop import settings as settings_of_the_loop
 from chromagrip.measure.charts.page import PARTS, charts, write_charts
+from chromagrip.measure.domes.readings import Reading
+from chromagrip.measure.domes.sets import Result
 from chromagrip.measure.worlds import force_scores
 from chromagrip.measure.worlds.force_scores import Answers
 
@@ -207,6 +210,54 @@ def test_a_stage_yields_its_points(part: str, tmp_path: Path) -> None:
         assert values["track/chromatouch/clean/rms"] > 5.0 * values["track/fit/clean/rms"]
     for name in (f"{part}.svg", f"{part}.png", f"{part}.csv", "charts.json", "index.html"):
         assert (tmp_path / "new" / name).stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    ("quick", "chosen", "others"),
+    [
+        (False, (), {"dome-2020", "dome-2022", "chromatouch-next"}),
+        (True, (), set()),
+        (False, ("traction",), set()),
+    ],
+)
+def test_a_chart_of_domes_has_all_that_read_them(
+    quick: bool, chosen: tuple[str, ...], others: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Errors are those of the frames that are not flagged; the constant answer is the mean."""
+    true = np.array([[1.0, 0.2, 0.5, 0.6], [2.0, 0.4, 0.5, 0.6], [4.0, 1.0, 0.5, 0.5]])
+    off = np.array([0.1, 0.2, 4.0])  # the last one is flagged
+    value = true + off[:, None] * [1.0, 0.0, 0.0, 0.3]
+    answers = Answers(
+        value=value,
+        interval=np.stack([value - 1.0, value + 1.0], axis=-1),
+        flagged=np.array([False, False, True]),
+    )
+    side = np.zeros((3, 2))
+    said = Reading(
+        answers=answers, side=side, spent=np.array([0.02, np.nan, 0.04]), late=np.zeros(3, bool)
+    )
+    asked: list[tuple[str, str]] = []
+
+    def measured(
+        counts: dict[tuple[str, str], int], methods: dict[str, object], _: object
+    ) -> dict[tuple[str, str], Result]:
+        asked.extend(counts)
+        found = Result(true=true, side=side, readings=dict.fromkeys(methods, said))
+        return dict.fromkeys(counts, found)
+
+    monkeypatch.setattr(force_dome, "measure_domes", measured)
+    chart = force_dome.chart_force_dome(quick, lambda _: None, chosen)
+    names = [*chosen] or ["sequential", "gp", "contact", "traction"]
+    assert [point.name for point in chart.points] == names
+    assert {design for design, _ in asked} == {"thesis", *others}
+    for point in chart.points:
+        assert point.times == [20.0, 40.0]
+        assert point.errors["normal_error"] == pytest.approx(10.0)  # of 1 N and of 2 N
+        assert point.errors["margin_error"] == pytest.approx(0.3 * np.sqrt(0.025))
+        assert "33 % of the frames flagged" in point.settings
+    lines = {axis.key: axis.lines["constant"] for axis in chart.axes}
+    assert lines["margin_error"] == pytest.approx(np.std(true[:, 3]))
+    assert len(chart.axes[0].peers) == (4 if others else 0)
 
 
 def test_every_stage_has_a_chart() -> None:

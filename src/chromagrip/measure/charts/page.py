@@ -14,18 +14,19 @@ from .chart import Chart, front, write_points
 from .dome import chart_dome
 from .drawing import draw, svg
 from .force import chart_force
+from .force_dome import chart_force_dome
 from .loop import chart_loop
 from .model import chart_model
 from .render import chart_render
 from .track import chart_track
 
-#: Function that measures the methods of each stage.
-PARTS: dict[str, Callable[..., Chart]] = {
-    "model": chart_model,
-    "render": chart_render,
-    "track": chart_track,
-    "force": chart_force,
-    "loop": chart_loop,
+#: Functions that measure the methods of each stage, one for each chart: some are of two bodies.
+PARTS: dict[str, tuple[Callable[..., Chart], ...]] = {
+    "model": (chart_model, chart_dome),
+    "render": (chart_render,),
+    "track": (chart_track,),
+    "force": (chart_force, chart_force_dome),
+    "loop": (chart_loop,),
 }
 
 
@@ -43,8 +44,8 @@ def charts(
     ----------
     parts: keys of PARTS
     quick: less of everything
-    out: folder for PART.svg, .png and .csv (of model, model-dome.svg … too), charts.json and
-        index.html; None writes nothing
+    out: folder for PART.svg, .png and .csv (of model and force, PART-dome.svg … too), charts.json
+        and index.html; None writes nothing
     overwrite: write into a folder that is not empty
     progress: called with the name of each measurement
     reconstructors: of force: names or module:Class; none are all of ours
@@ -67,9 +68,7 @@ def charts(
             progress(f"{part}: {what}")
 
         choice = (reconstructors,) if part == "force" else ()
-        made.append(PARTS[part](quick, tell, *choice))
-        if part == "model":  # of two bodies
-            made.append(chart_dome(quick, tell))
+        made += [measured(quick, tell, *choice) for measured in PARTS[part]]
     report = Report(rows=tuple(row for chart in made for row in chart.rows()), quick=quick)
     if out is not None:
         text = json.dumps(report.as_json(), indent=2, ensure_ascii=False)
