@@ -53,7 +53,7 @@ TrackScenes = Annotated[
     option("of track: only this scene; may be repeated", "NAME", "scene"),
 ]
 BenchPart = Literal["control", "dataset", "force", "loop", "model", "render", "track"]
-StabilityPart = Literal["loop", "model", "track"]
+StabilityPart = Literal["force", "loop", "model", "track"]
 ChartPart = Literal["all", "force", "loop", "model", "render", "track"]
 ThesisPart = Literal[
     "all",
@@ -154,34 +154,36 @@ def stability(
     *,
     trackers: Trackers = (),
     workers: Annotated[
-        int | None, option("of loop: processes; by default one for each core", "N")
+        int | None, option("of force and loop: processes; by default one for each core", "N")
     ] = None,
     quick: Quick = False,
     out: Out = None,
     overwrite: Overwrite = False,
     json_only: JsonOnly = False,
 ) -> int:
-    """Map where integrators, trackers or controllers stop working.
+    """Map where integrators, trackers, reconstructors or controllers stop working.
 
     Example: chromagrip stability track --tracker lk --quick
     """
     if trackers and part != "track":
         raise UserError(f"--tracker goes with stability track, not with stability {part}")
-    if workers is not None and part != "loop":
-        raise UserError(f"--workers goes with stability loop, not with stability {part}")
+    if workers is not None and part not in ("force", "loop"):
+        raise UserError(f"--workers goes with stability force and loop, not with stability {part}")
     check_least(workers=(workers, 1))
     if out is None and not json_only:
         out = new_folder(f"stability-{part}")
 
-    from ..measure.stability.parts import stability_loop, stability_model, stability_track
+    from ..measure.stability import parts
 
     with status() as report:
         if part == "loop":
-            result = stability_loop(quick, out, overwrite, report, workers or CORES)
+            result = parts.stability_loop(quick, out, overwrite, report, workers or CORES)
+        elif part == "force":
+            result = parts.stability_force(quick, out, overwrite, report, workers or CORES)
         elif part == "track":
-            result = stability_track(quick, out, overwrite, report, trackers)
+            result = parts.stability_track(quick, out, overwrite, report, trackers)
         else:
-            result = stability_model(quick, out, overwrite, report)
+            result = parts.stability_model(quick, out, overwrite, report)
     return _print(result, out, json_only)
 
 

@@ -105,7 +105,7 @@ def random_grip(rng: np.random.Generator, dome: Dome, kind: str, normal: float) 
     elif kind == "rod":
         shape = cylinder(radius * rng.uniform(*RODS))
     else:
-        shape, pose = _unlike(rng, kind, radius)
+        shape, pose = unlike_shape(rng, kind, radius)
     return Grip(
         solid=Solid(
             shape=shape,
@@ -143,7 +143,7 @@ def ends_of(times: Array) -> tuple[float, ...]:
     return tuple(float(time) for time in times[2::2])
 
 
-def _unlike(rng: np.random.Generator, kind: str, radius: float) -> tuple[Shape, Array]:
+def unlike_shape(rng: np.random.Generator, kind: str, radius: float) -> tuple[Shape, Array]:
     """A shape that is not smooth or not convex, and how it lies."""
     angle, place = rng.uniform(0.0, math.pi), np.zeros(3)
     turn = Rotation.from_rotvec([0.0, 0.0, angle])

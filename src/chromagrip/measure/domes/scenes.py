@@ -13,7 +13,7 @@ from ...model.dome import Stepper, resting
 from ...output.processes import one_thread
 from ...render import Frame
 from ...tracking import SensorCalibration, Tracks, sensor_as_designed
-from ..worlds.force_scenes import NOISE, REST_FRAMES, tracked
+from ..worlds.force_scenes import REST_FRAMES, tracked
 from .grips import SMOOTH, UNLIKE, Grip, random_grip
 from .specimens import SPECIMENS, Specimen, matched, mismatched
 
@@ -101,7 +101,7 @@ def watch(
         with closing(specimen.camera(seed)) as camera:
             rest = camera.expose_rest(states[0], REST_FRAMES)
             frames: dict[int, Frame] = {k: camera.expose(s, k) for k, s in enumerate(states)}
-        at_rest, tracks = tracked(known, NOISE, rest, frames)
+        at_rest, tracks = tracked(known, specimen.noise, rest, frames)
     fields = [dome_forces(specimen.dome, states[end], whole=False) for end in ends]
     return Watched(
         known=known,

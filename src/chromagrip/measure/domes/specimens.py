@@ -43,12 +43,14 @@ class Specimen:
     dome: silicone
     renderer: name of the renderer that draws it
     roll: turn of its camera about the axis [rad]
+    noise: of its camera [grey levels]
     """
 
     sensor: SensorDesign
     dome: Dome
     renderer: str = "painter"
     roll: float = 0.0
+    noise: float = NOISE
 
     def camera(
         self, seed: int, field: Callable[[Array, Array], tuple[Array, Array]] | None = None
@@ -75,7 +77,7 @@ class Specimen:
             sensor,
             open_renderer(self.renderer, sensor),
             self.dome,
-            NOISE,
+            self.noise,
             seed,
             sensor.defects,
             membrane,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...output.figure import legend_below, new_figure, png
 from ...tracking import DEFAULT_TRACKER
 from ..worlds.track_scores import RIGHT
-from . import cells, dome, model, track
+from . import cells, dome, force, model, track
 from .cells import Setting
 from .maps import CRUSHING, LINEAR, Line, Map, Panel
 
@@ -230,6 +230,51 @@ def _panel_of_dome(axes: Axes, part: Sequence[dome.Cell]) -> None:
     axes.set_xticks(range(len(travel)), [f"{1e6 * step:g}" for step in travel])
     powers = [f"$10^{{{np.log10(level):.0f}}}$" for level in stiffness]
     axes.set_yticks(range(len(stiffness)), powers)
+    axes.tick_params(labelsize=7, length=0)
+
+
+def draw_force(results: Sequence[force.Cell], path: Path, quick: bool) -> None:
+    """Write the map of the reconstructors: a panel for each dial, a line for each of them.
+
+    A cell has the largest error of ΣFn of the frames that are read, in percent.
+    """
+    dials = list(dict.fromkeys(cell.dial for cell in results))
+    readers = list(dict.fromkeys((cell.method, cell.design) for cell in results))
+    columns = min(4, len(dials))
+    rows = -(-len(dials) // columns)
+    title = _title("Domes, pressed and pulled to Γ ≈ .1: what each reconstructor reads", quick)
+    height = rows * (0.34 * len(readers) + 0.8) + 1.2
+    figure = new_figure(title, max(3.5 * columns, 9.0), height)
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for axes, dial in zip(panels.flat, dials, strict=False):
+        _panel_of_force(axes, [cell for cell in results if cell.dial == dial], readers)
+        axes.set_xlabel(force.DIALS[dial].label, fontsize=8)
+    for axes in panels.flat[len(dials) :]:
+        axes.axis("off")
+    for axes in panels[:, 1:].flat:
+        axes.set_yticklabels([])
+    handles = _patches((cell.outcome for cell in results), force.OUTCOMES)
+    handles.append(Line2D([], [], ls="", label="numbers: largest error of ΣFn [%]"))
+    legend_below(figure, handles, 3)
+    path.write_bytes(png(figure))
+
+
+def _panel_of_force(
+    axes: Axes, part: Sequence[force.Cell], readers: Sequence[tuple[str, str]]
+) -> None:
+    values = list(dict.fromkeys(cell.value for cell in part))
+    at = {(cell.method, cell.design, cell.value): cell for cell in part}
+    outcomes = [[at[*reader, value].outcome for value in values] for reader in readers]
+    x, y = np.arange(len(values) + 1.0) - 0.5, np.arange(len(readers) + 1.0) - 0.5
+    _mesh(axes, x, y, outcomes, force.OUTCOMES)
+    for cell in part:
+        place = values.index(cell.value), readers.index((cell.method, cell.design))
+        error = cell.normal_percent
+        text = "" if np.isnan(error) else f"{error:.0f}" if error >= 0.95 else "<1"
+        axes.annotate(text, place, ha="center", va="center", fontsize=7)
+    axes.set_xticks(range(len(values)), values)
+    axes.set_yticks(range(len(readers)), [", ".join(reader) for reader in readers])
+    axes.invert_yaxis()
     axes.tick_params(labelsize=7, length=0)
 
 

@@ -13,10 +13,10 @@ from ...output.cells import open_unfinished, read_cells, resumed, write_cells
 from ...output.processes import map_processes
 from ...output.report import Report, Row, reported
 from ..bench.track import choose
-from . import dome, model, track
+from . import dome, force, model, track
 from .boundaries import boundaries, ratio_rows, sentences
 from .cells import Cell, Setting, cell
-from .figures import draw_dome, draw_map, draw_model, draw_track
+from .figures import draw_dome, draw_force, draw_map, draw_model, draw_track
 from .maps import PRESETS, Map, maps
 
 Progress = Callable[[str], None]
@@ -89,6 +89,29 @@ def stability_track(
     cells = _cells(unfinished, track.Cell, track.settings(choices, quick), run)
     _finish(out, "map", cells, draw)
     return track.report(cells, quick)
+
+
+def stability_force(
+    quick: bool, out: Path | None, overwrite: bool, progress: Progress, workers: int
+) -> Report:
+    """Map the reconstructors on domes over one condition at a time.
+
+    Parameters
+    ----------
+    quick: a few values of two dials, one design
+    out, overwrite, progress: as of `stability_model`
+    workers: processes; one runs in this one
+
+    Returns
+    -------
+    Outcomes of each reconstructor, with a sentence for each place where one that was made for domes
+    is wrong, narrow and unflagged.
+    """
+    run = partial(force.cells, workers=workers, progress=progress)
+    unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
+    cells = _cells(unfinished, force.Cell, force.settings(quick), run)
+    _finish(out, "map", cells, partial(draw_force, quick=quick))
+    return force.report(cells, quick)
 
 
 def _cells(

@@ -1,0 +1,277 @@
+"""Map of the reconstructors on domes: one condition changed at a time, until forces are wrong.
+
+A ball is pressed onto the dome and pulled to Γ ≈ .6, .3 and .1. Each reconstructor reads the
+pictures from before the touch on, and is scored where grip and load are held.
+"""
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ...model import Solid
+from ...model.dome import solid_stiffness
+from ...model.shapes import ball, plane
+from ...output.processes import map_processes
+from ...output.report import Report, Row, reported
+from ...tracking import sensor_as_designed
+from ..domes.grips import MARGINS, UNLIKE, Grip, unlike_shape
+from ..domes.readings import Reading, read
+from ..domes.scenes import SEED, Watched, watch
+from ..domes.sets import BEST, COMPARED
+from ..domes.specimens import Specimen, dome_of, matched
+from ..worlds.force_scores import QUANTITIES
+
+Array = NDArray[np.float64]
+
+#: Outcomes, best first, with their colours. Where several hold, the last counts.
+OUTCOMES = {
+    "accurate": "#2a9d8f",
+    "off, inside twice its interval": "#8ac9a4",
+    "frames flagged": "#9db4c0",
+    "wrong, narrow and unflagged": "#d1495b",
+    "not held": "#eeeeee",
+}
+#: The same as parts of the names of figures.
+_KEYS = {name: name.replace(",", "").replace(" ", "_") for name in OUTCOMES}
+#: Largest errors of ΣFn, as a share, and of Γ of a frame that is read accurately.
+ACCURATE = {"normal": 0.1, "margin": 0.1}
+#: Usual force of the grip [N] of each design, and the reconstructors that read it.
+READERS: dict[str, tuple[float, tuple[str, ...]]] = {
+    "thesis": (1.0, COMPARED),
+    "dome-2022": (3.0, (BEST,)),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A grip of a sensor, and what is off in it.
+
+    Attributes
+    ----------
+    noise: of the camera, which is told [grey levels]
+    grip: force over the design's usual one
+    ball: its radius over that of the dome; infinite for a plane
+    tilt: of the plane and of the grip [°]
+    modulus: Young's modulus of the object [kPa]
+    friction: µ
+    young: Young's modulus of the silicone over the one that is told
+    shape: `ball`, or one of UNLIKE
+    """
+
+    noise: float = 2.0
+    grip: float = 1.0
+    ball: float = 1.0
+    tilt: float = 0.0
+    modulus: float = 300.0
+    friction: float = 0.5
+    young: float = 1.0
+    shape: str = "ball"
+
+
+@dataclass(frozen=True)
+class Dial:
+    """One condition that is changed: the field of `Case` of its name.
+
+    Attributes
+    ----------
+    label: of the axis, with its unit
+    values: from one end to the other
+    base: what else is not as usual
+    """
+
+    label: str
+    values: tuple[float | str, ...]
+    base: Case = Case()
+
+
+DIALS = {
+    "noise": Dial("noise [grey levels]", (1.0, 2.0, 4.0, 8.0, 16.0)),
+    "grip": Dial("grip over the usual", (0.03, 0.1, 0.3, 1.0, 3.0)),
+    "ball": Dial("radius of the ball over the dome's", (math.inf, 2.0, 1.0, 0.5, 0.25, 0.12)),
+    "tilt": Dial("tilt of a plane [°]", (0.0, 5.0, 10.0, 20.0, 30.0), Case(ball=math.inf)),
+    "modulus": Dial("E of the object [kPa]", (30.0, 100.0, 300.0, 1000.0, 10000.0)),
+    "friction": Dial("µ", (0.1, 0.2, 0.5, 0.9, 1.5)),
+    "young": Dial("E of the silicone over what is told", (0.7, 0.9, 1.0, 1.1, 1.3)),
+    "shape": Dial("shape", ("ball", *UNLIKE)),
+}
+#: Dials and values of a quick map, of the first design alone.
+QUICK: dict[str, tuple[float | str, ...]] = {"noise": (8.0,), "shape": ("ball", "edge")}
+#: Direction of the load [°].
+_AZIMUTH = 30.0
+
+
+class Setting(NamedTuple):
+    """Design, reconstructor, dial and its value in words."""
+
+    design: str
+    method: str
+    dial: str
+    value: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One reconstructor at one value of one dial; NaN where no frame was read.
+
+    Attributes
+    ----------
+    design, method, dial, value: the setting
+    outcome: one of OUTCOMES
+    normal_percent: largest error of ΣFn of a frame that is read [%]
+    margin_error: largest error of Γ
+    flagged: frames without an estimate
+    frames: of the scene that are scored
+    note: why the scene could not be made
+    """
+
+    design: str
+    method: str
+    dial: str
+    value: str
+    outcome: str
+    normal_percent: float
+    margin_error: float
+    flagged: int
+    frames: int
+    note: str
+
+    @property
+    def setting(self) -> Setting:
+        """Setting of this cell."""
+        return Setting(self.design, self.method, self.dial, self.value)
+
+
+def text_of(value: float | str) -> str:
+    """Value of a dial in words."""
+    if value == math.inf:
+        return "flat"
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def settings(quick: bool) -> list[Setting]:
+    """Every cell of the map; those of one scene follow each other."""
+    dials = QUICK if quick else {name: dial.values for name, dial in DIALS.items()}
+    return [
+        Setting(design, method, dial, text_of(value))
+        for dial, values in dials.items()
+        for value in values
+        for design, (_, methods) in list(READERS.items())[: 1 if quick else None]
+        for method in methods
+    ]
+
+
+def case_of(dial: str, value: str) -> Case:
+    """Case at a value of a dial."""
+    known = next(one for one in DIALS[dial].values if text_of(one) == value)
+    changed: dict[str, Any] = {dial: known}
+    return replace(DIALS[dial].base, **changed)
+
+
+def cells(
+    wanted: Sequence[Setting], workers: int, progress: Callable[[str], None]
+) -> Generator[Cell]:
+    """Make the scene of each dial and value, and let the wanted reconstructors read it."""
+    groups: dict[tuple[str, str, str], list[Setting]] = {}
+    for one in wanted:
+        groups.setdefault((one.design, one.dial, one.value), []).append(one)
+    tasks = list(groups.values())
+    results = map_processes(_cells_of_scene, tasks, workers, ordered=True)
+    for done, made in enumerate(results, 1):
+        progress(f"{made[0].dial} {made[0].value}: scene {done} of {len(tasks)}")
+        yield from made
+
+
+def _cells_of_scene(group: list[Setting]) -> list[Cell]:
+    design, _, dial, value = group[0]
+    try:
+        watched = _watched(design, case_of(dial, value))
+        if not (watched.true[:, 0] > 0.0).all():
+            raise UserError("the object slides off")
+    except UserError as error:
+        return [Cell(*one, "not held", math.nan, math.nan, 0, 0, str(error)) for one in group]
+    return [cell(one, read(one.method, watched), watched.true) for one in group]
+
+
+def _watched(design: str, case: Case) -> Watched:
+    """Pictures of a case, with the truth in its frames."""
+    made = matched(design)
+    sensor, silicone = made.sensor, made.sensor.silicone
+    assert silicone is not None
+    stiffer = msgspec.structs.replace(silicone, young_kpa=silicone.young_kpa * case.young)
+    sensor = msgspec.structs.replace(sensor, silicone=stiffer)
+    specimen = Specimen(sensor=sensor, dome=dome_of(sensor), noise=case.noise)
+    usual, _ = READERS[design]
+    grip = _grip(case, specimen.dome.radius, usual)
+    return watch(sensor_as_designed(design), specimen, grip, SEED, case.shape)
+
+
+def _grip(case: Case, radius: float, usual: float) -> Grip:
+    """Grip of a case on a dome of that radius [m], whose usual force is that [N]."""
+    lean = np.array([0.0, math.radians(case.tilt), 0.0])
+    pose = np.concatenate([np.zeros(3), lean])
+    shape = ball(radius * case.ball) if math.isfinite(case.ball) else plane()
+    if case.shape != "ball":
+        shape, pose = unlike_shape(np.random.default_rng(SEED), case.shape, radius)
+    return Grip(
+        solid=Solid(
+            shape=shape,
+            stiffness=solid_stiffness(1e3 * case.modulus),
+            friction=case.friction,
+        ),
+        pose=pose,
+        lean=lean,
+        normal=usual * case.grip,
+        azimuth=math.radians(_AZIMUTH),
+        margins=MARGINS,
+    )
+
+
+def cell(setting: Setting, reading: Reading, true: Array) -> Cell:
+    """What a reconstructor made of a scene with that truth, shape (I, 4)."""
+    answers = reading.answers
+    kept = ~answers.flagged
+    off = abs(answers.value - true)[kept]
+    half = 0.5 * np.nan_to_num(np.ptp(answers.interval, axis=-1), nan=0.0, posinf=np.inf)[kept]
+    accurate, honest, worst = True, True, {}
+    for name, most in ACCURATE.items():
+        k = QUANTITIES.index(name)
+        scale = true[kept, k] if name == "normal" else np.ones(len(off))
+        share = off[:, k] / scale
+        accurate &= bool((share <= most).all())
+        honest &= bool(((share <= most) | (off[:, k] <= 2.0 * half[:, k])).all())
+        worst[name] = float(share.max()) if len(share) else math.nan
+    happened = {
+        "off, inside twice its interval": not accurate,
+        "frames flagged": not kept.all(),
+        "wrong, narrow and unflagged": not honest,
+    }
+    outcome = [name for name, did in {"accurate": True, **happened}.items() if did][-1]
+    flagged = int(answers.flagged.sum())
+    percent = 100.0 * worst["normal"]
+    return Cell(*setting, outcome, percent, worst["margin"], flagged, len(true), "")
+
+
+def report(results: Sequence[Cell], quick: bool) -> Report:
+    """Outcomes of each reconstructor, and each place where one of domes is wrong and narrow."""
+    rows: list[Row] = []
+    for design, method in dict.fromkeys((one.design, one.method) for one in results):
+        outcomes = [one.outcome for one in results if (one.design, one.method) == (design, method)]
+        rows += [
+            reported(("force", design, method, key), outcomes.count(name), f"of {len(outcomes)}")
+            for name, key in _KEYS.items()
+        ]
+    wrong = [one for one in results if one.outcome == "wrong, narrow and unflagged"]
+    told = [
+        f"{one.method} on {one.design} is wrong, narrow and unflagged at {one.dial} {one.value}: "
+        f"ΣFn {one.normal_percent:.0f} % off, Γ {one.margin_error:.2f}"
+        for one in wrong
+        if one.method not in COMPARED[:2]
+    ]
+    notes = [f"{one.design}, {one.dial} {one.value}: {one.note}" for one in results if one.note]
+    return Report(rows=tuple(rows), notes=(*told, *dict.fromkeys(notes)), quick=quick)
