@@ -129,6 +129,29 @@ def test_workers_end_with_the_process_that_waits(number, tmp_path):
         time.sleep(0.1)
 
 
+GROWING = """
+import sys, time
+from chromagrip.output.processes import map_processes
+
+def work(task):
+    if task == 2:
+        sys.held = b"x" * 400_000_000  # what is global here is copied for each task
+    time.sleep(1.2)
+    return task
+
+if __name__ == "__main__":
+    print(*map_processes(work, range(8), 2, ordered=True))
+"""
+
+
+def test_nothing_is_said_of_a_worker_that_has_grown_and_is_replaced(tmp_path):
+    script = tmp_path / "growing.py"
+    script.write_text(GROWING, encoding="utf-8")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == [str(task) for task in range(8)]
+    assert done.stderr == ""
+
+
 @pytest.fixture
 def no_handler():
     before = signal.signal(signal.SIGTERM, signal.SIG_DFL)

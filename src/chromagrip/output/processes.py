@@ -128,6 +128,8 @@ def _results(
     from joblib import Parallel, delayed, parallel_config
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+    # Kernels and tables make a worker grow, and loky replaces one that has grown; nothing is lost.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     with parallel_config("loky", inner_max_num_threads=1):
         parallel = Parallel(
             n_jobs=workers,
