@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...kept_arrays import content_key, keep, kept
+from ..kernels.dome.compliance_kernels import SkinCompliance
 from .dome import Dome, Pad, SoftBody, lattice
 from .elements import half_solved, loads, mesh
 from .layer import layer_motion, layer_moved
@@ -70,6 +71,13 @@ def _shape(dome: Dome) -> tuple[float, float, float]:
 def compliance_scale(body: SoftBody) -> float:
     """Metres per newton of a unit of the table."""
     return 1.0 / (body.young * body.radius)
+
+
+def skin_compliance(body: SoftBody) -> SkinCompliance:
+    """Compliance among all nodes of a body's skin."""
+    nodes = lattice(body)
+    table, scale = compliance_table(body), compliance_scale(body)
+    return SkinCompliance(table, len(nodes.angles), nodes.ring, nodes.azimuth, scale)
 
 
 def _pad_table(pad: Pad) -> Table:

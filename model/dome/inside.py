@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 
 from ...kept_arrays import content_key, keep, kept
 from ..kernels.dome.inside_kernels import add_columns, fill_column, fill_skin_columns
-from .compliance import WIDTH, compliance_scale, compliance_table, nothing
+from .compliance import WIDTH, compliance_scale, nothing, skin_compliance
 from .dome import Dome, Pad, SoftBody, lattice
 from .elements import Meridian, loads, mesh, solved
 from .layer import layer_motion, layer_moved, layer_slopes
@@ -176,14 +176,12 @@ class SkinField:
     """Displacement of the nodes of the skin, as `displacements` has it, for many frames."""
 
     def __init__(self, body: SoftBody) -> None:
-        nodes, table, scale = lattice(body), compliance_table(body), compliance_scale(body)
+        skin = skin_compliance(body)
 
         def fill(missing: NDArray[np.int64], out: Table) -> None:
-            fill_skin_columns(
-                table, len(nodes.angles), nodes.ring, nodes.azimuth, scale, missing, out
-            )
+            fill_skin_columns(skin, missing, out)
 
-        self._columns = _Columns(len(nodes.ring), 3 * len(nodes.ring), fill)
+        self._columns = _Columns(len(skin.ring), 3 * len(skin.ring), fill)
 
     def __call__(self, forces: Array) -> Array:
         """Displacement [m] for forces on the nodes of the linear skin [N], both (N, 3)."""

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from ..kernels.dome.compliance_kernels import displace, fill_block
 from ..kernels.dome.krylov_kernels import System, new_system
-from .compliance import compliance_scale, compliance_table
-from .dome import SoftBody, lattice
+from .compliance import skin_compliance
+from .dome import SoftBody
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -31,8 +31,7 @@ class NearBlock:
     """
 
     def __init__(self, dome: SoftBody) -> None:
-        self._nodes = lattice(dome)
-        self._table, self._scale = compliance_table(dome), compliance_scale(dome)
+        self._skin = skin_compliance(dome)
         self._room = 0
         self.near: Index = np.zeros(0, np.int64)
         self.compliance = np.zeros((0, 0), np.float32)
@@ -41,7 +40,6 @@ class NearBlock:
 
     def take(self, near: Index, kept: int) -> None:
         """Look at `near`; the compliance among the first `kept` is there."""
-        nodes = self._nodes
         if len(near) > self._room:
             self._room = len(near) + _SPARE
             room = np.zeros((3 * self._room, 3 * self._room), np.float32)
@@ -49,17 +47,10 @@ class NearBlock:
             self.compliance, self.system = room, new_system(self._room)
         self.system.gathered[0] = -1  # whatever it held
         self.near = near
-        fill_block(
-            self._table, len(nodes.angles), nodes.ring, nodes.azimuth, self._scale, near, kept,
-            self.compliance,
-        )  # fmt: skip
+        fill_block(self._skin, near, kept, self.compliance)
         each, blocks = np.arange(len(near)), self.compliance.reshape(self._room, 3, -1, 3)
         self.own = np.ascontiguousarray(blocks[each, :, each], np.float64)
 
     def displace(self, loaded: Index, forces: Array, nodes: Index, out: Array) -> None:
         """Displacement [m] of nodes by forces (N, 3) [N] on the loaded ones, into `out` (N, 3)."""
-        every = self._nodes
-        displace(
-            self._table, len(every.angles), every.ring, every.azimuth, self._scale, loaded, forces,
-            nodes, out,
-        )  # fmt: skip
+        displace(self._skin, loaded, forces, nodes, out)

@@ -8,7 +8,7 @@ from ..kernels.dome.compliance_kernels import displace
 from ..kernels.dome.near_kernels import find_near, node_groups
 from ..kernels.dome.newton_kernels import Contact, Outcome, solve_contact, turned
 from ..kernels.dome.touch_kernels import Pose
-from .compliance import compliance_scale, compliance_table
+from .compliance import skin_compliance
 from .dome import Lattice, SoftBody, lattice
 from .motion import Motion
 from .near_block import NearBlock
@@ -336,12 +336,8 @@ def displacements(dome: SoftBody, state: DomeState) -> Array:
     UserError: for a state of another dome.
     """
     check_state(dome, state)
-    nodes = lattice(dome)
     out = np.zeros_like(state.displacement)
     forces = state.memory if dome.relaxation else state.linear
-    displace(
-        compliance_table(dome), len(nodes.angles), nodes.ring, nodes.azimuth,
-        compliance_scale(dome), np.flatnonzero(forces.any(axis=1)), forces,
-        np.arange(len(nodes.ring)), out,
-    )  # fmt: skip
+    loaded = np.flatnonzero(forces.any(axis=1))
+    displace(skin_compliance(dome), loaded, forces, np.arange(len(out)), out)
     return out

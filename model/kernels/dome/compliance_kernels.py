@@ -1,11 +1,31 @@
 """Compliance of two nodes of a dome, from a table over their rings and the angle between them."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ....compiled import njit
 
 Array = NDArray[np.float64]
+
+
+class SkinCompliance(NamedTuple):
+    """Compliance among all nodes of a skin.
+
+    Attributes
+    ----------
+    table: of `compliance.compliance_table`, float32 (P, K + 3, 9)
+    rings: number of rings
+    ring, azimuth: of each node [1, rad], shape (N,)
+    scale: metres per newton of a unit of the table
+    """
+
+    table: NDArray[np.float32]
+    rings: int
+    ring: NDArray[np.int64]
+    azimuth: Array
+    scale: float
 
 
 @njit()
@@ -83,43 +103,32 @@ def _turn_columns(block: Array, azimuth: float) -> None:
 
 
 @njit()
-def fill_block(
-    table: Array,
-    rings: int,
-    ring: NDArray[np.int64],
-    azimuth: Array,
-    scale: float,
-    nodes: NDArray[np.int64],
-    first: int,
-    out: Array,
-) -> None:
-    """Compliance among nodes, into the leading square of `out`; those before `first` are there.
+def pair_block(skin: SkinCompliance, p: int, q: int, out: Array) -> None:
+    """`node_block` of nodes p and q, in units of the table."""
+    node_block(
+        skin.table, skin.rings, skin.ring[p], skin.azimuth[p], skin.ring[q], skin.azimuth[q], out
+    )
 
-    Parameters
-    ----------
-    scale: metres per newton of a unit of the table
-    nodes: shape (n,)
-    out: float32, at least (3n, 3n)
+
+@njit()
+def fill_block(skin: SkinCompliance, nodes: NDArray[np.int64], first: int, out: Array) -> None:
+    """Compliance among nodes (n,), into the leading square of `out`, float32 (3n, 3n) at least.
+
+    Those before `first` are there.
     """
     block = np.empty((3, 3))
     for i in range(first, nodes.size):
-        p = nodes[i]
         for j in range(i + 1):
-            q = nodes[j]
-            node_block(table, rings, ring[p], azimuth[p], ring[q], azimuth[q], block)
+            pair_block(skin, nodes[i], nodes[j], block)
             for a in range(3):
                 for b in range(3):
-                    out[3 * i + a, 3 * j + b] = scale * block[a, b]
-                    out[3 * j + b, 3 * i + a] = scale * block[a, b]
+                    out[3 * i + a, 3 * j + b] = skin.scale * block[a, b]
+                    out[3 * j + b, 3 * i + a] = skin.scale * block[a, b]
 
 
 @njit()
 def displace(
-    table: Array,
-    rings: int,
-    ring: NDArray[np.int64],
-    azimuth: Array,
-    scale: float,
+    skin: SkinCompliance,
     loaded: NDArray[np.int64],
     forces: Array,
     nodes: NDArray[np.int64],
@@ -132,7 +141,7 @@ def displace(
         total = np.zeros(3)
         for j in range(loaded.size):
             q = loaded[j]
-            node_block(table, rings, ring[p], azimuth[p], ring[q], azimuth[q], block)
+            pair_block(skin, p, q, block)
             for a in range(3):
                 total[a] += (
                     block[a, 0] * forces[q, 0]
@@ -140,4 +149,4 @@ def displace(
                     + block[a, 2] * forces[q, 2]
                 )
         for a in range(3):
-            out[p, a] = scale * total[a]
+            out[p, a] = skin.scale * total[a]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....compiled import njit
-from .compliance_kernels import node_block
+from .compliance_kernels import SkinCompliance, pair_block
 
 Array = NDArray[np.float64]
 Column = NDArray[np.float32]
@@ -128,20 +128,13 @@ def add_columns(
 
 @njit()
 def fill_skin_columns(
-    table: Array,
-    rings: int,
-    ring: NDArray[np.int64],
-    azimuth: Array,
-    scale: float,
-    nodes: NDArray[np.int64],
-    out: NDArray[np.float32],
+    skin: SkinCompliance, nodes: NDArray[np.int64], out: NDArray[np.float32]
 ) -> None:
     """Displacement of all nodes of the skin for unit forces on some, into (n, 3, 3·N)."""
     block = np.empty((3, 3))
     for j in range(nodes.size):
-        q = nodes[j]
-        for i in range(ring.size):
-            node_block(table, rings, ring[i], azimuth[i], ring[q], azimuth[q], block)
+        for i in range(skin.ring.size):
+            pair_block(skin, i, nodes[j], block)
             for a in range(3):
                 for b in range(3):
-                    out[j, b, 3 * i + a] = scale * block[a, b]
+                    out[j, b, 3 * i + a] = skin.scale * block[a, b]

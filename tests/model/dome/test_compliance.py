@@ -7,7 +7,7 @@ import pytest
 
 from chromagrip.errors import UserError
 from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
-from chromagrip.model.dome.compliance import compliance_scale, compliance_table
+from chromagrip.model.dome.compliance import compliance_scale, compliance_table, skin_compliance
 from chromagrip.model.dome.dome import lattice
 from chromagrip.model.kernels.dome.compliance_kernels import fill_block, node_block
 from chromagrip.model.shapes import plane
@@ -16,12 +16,8 @@ SMALL = Dome(pitch=0.8e-3, reach=math.radians(50.0))
 
 
 def _block(dome: Dome, nodes: np.ndarray) -> np.ndarray:
-    points = lattice(dome)
     out = np.zeros((3 * len(nodes), 3 * len(nodes)), np.float32)
-    table = compliance_table(dome)
-    scale = compliance_scale(dome)
-    rings = len(points.angles)
-    fill_block(table, rings, points.ring, points.azimuth, scale, nodes, 0, out)
+    fill_block(skin_compliance(dome), nodes, 0, out)
     return out.astype(float)
 
 

@@ -16,7 +16,7 @@ from chromagrip.model.dome import (
     lattice,
     resting,
 )
-from chromagrip.model.dome.compliance import WIDTH, compliance_scale
+from chromagrip.model.dome.compliance import WIDTH, compliance_scale, skin_compliance
 from chromagrip.model.dome.layer import layer_motion, layer_moved, layer_slopes, wave_amplitudes
 from chromagrip.model.kernels.dome.compliance_kernels import fill_block, node_block
 from chromagrip.model.shapes import ball, box, plane
@@ -26,9 +26,8 @@ SMALL = Pad(radius=6e-3, pitch=0.6e-3)
 
 
 def _block(pad: Pad, nodes: np.ndarray) -> np.ndarray:
-    points, table, scale = lattice(pad), compliance_table(pad), compliance_scale(pad)
     out = np.zeros((3 * len(nodes), 3 * len(nodes)), np.float32)
-    fill_block(table, len(points.angles), points.ring, points.azimuth, scale, nodes, 0, out)
+    fill_block(skin_compliance(pad), nodes, 0, out)
     return out.astype(float)
 
 
