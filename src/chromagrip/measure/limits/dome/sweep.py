@@ -197,7 +197,7 @@ def sweep_dome(
     The contact is that of the design: it does not depend on markers and camera.
     """
     held = held_by(dome_of(sensor), grip)
-    own = Seen(sensor, held)
+    designed = Seen(sensor, held)
     points = []
     for name in dials:
         dial = DOME_DIALS[name]
@@ -213,25 +213,24 @@ def sweep_dome(
             some = noises
             if name == "noise":
                 some = {key: replace(noise, levels=value) for key, noise in noises.items()}
-            point = DomePoint(dial=name, value=value, own=value == before)
+            own = value == before
             try:
-                if value == before or name == "noise":
-                    seen = own
-                else:
+                seen, at = designed, value
+                if not own and dial.value:
                     changed = dial.change(sensor, values[value])
-                    seen = Seen(changed, held)
-                    assert dial.value is not None
-                    point = replace(point, value=dial.value(changed))
-                points.append(_filled(point, seen, some))
+                    seen, at = Seen(changed, held), dial.value(changed)
+                points.append(_point(name, at, own, seen, some))
             except UserError as error:
-                points.append(replace(point, note=str(error)))
+                points.append(DomePoint(dial=name, value=value, own=own, note=str(error)))
     return points
 
 
-def _filled(point: DomePoint, seen: Seen, noises: dict[str, Noise]) -> DomePoint:
+def _point(dial: str, value: float, own: bool, seen: Seen, noises: dict[str, Noise]) -> DomePoint:
     bound, misfit = (noises[name] for name in NOISES)
-    return replace(
-        point,
+    return DomePoint(
+        dial=dial,
+        value=value,
+        own=own,
         margin_bound=seen.contact(bound).margin,
         margin=seen.contact(misfit).margin,
         normal=seen.tractions([misfit], seen.held.touching)[0].normal,
