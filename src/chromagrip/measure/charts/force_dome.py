@@ -14,7 +14,7 @@ from ..worlds.force_scores import CONSTANT
 from .chart import Axis, Chart, Peer, Point
 
 #: Scenes of the design that all reconstructors read, those of a quick run, and of each other one.
-_SCENES, _QUICK_SCENES, _OF_OTHERS = 4, 2, 2
+_SCENES, _QUICK_SCENES, _OF_OTHERS = 4, 1, 2
 #: Errors that are drawn, their labels and units.
 _ERRORS = {"normal_error": ("ΣFn, RMS error [%]", "%"), "margin_error": ("Γ, RMS error", "")}
 #: Designs that fewer reconstructors read, as they are used, with those that do.
