@@ -94,6 +94,7 @@ class Tractions:
     linear: forces that the linear skin carries on them [N], shape (n, 3)
     common: changes of all log sizes of each layer, shape (2,)
     factor: lower Cholesky factor of the information on `common` and `linear`, (2 + 3n, 2 + 3n)
+    weights: of each pair in the information, shape (P,)
     misfit: mean square of what is left of the shifts, in deviations
     level: variance of the noise that was taken, over the tracker's
     worst: largest median energy of what is left of the shifts of pairs beside each other
@@ -103,6 +104,7 @@ class Tractions:
     linear: Array
     common: Array
     factor: Array
+    weights: Array
     misfit: float
     level: float
     worst: float
@@ -210,6 +212,14 @@ class TractionFit:
             return self.fit(frame, None)
         return found
 
+    def answer(self, found: Tractions, change: Array) -> Array:
+        """Change of the forces (n, 3) that makes up for a change of what they show, (P, 6)."""
+        columns = self._map.columns(self._map.rows(found.nodes))
+        weighted = np.repeat(found.weights, 6) * self._whitened(change)
+        moment = columns @ weighted.astype(np.float32)
+        solved = dpotrs(found.factor, moment.astype(np.float64), lower=1)[0]
+        return -np.asarray(solved[WhitenedMap.COMMON :]).reshape(-1, 3)
+
     def _round(
         self, frame: Frame, nodes: Index, linear: Array, common: Array, changes: int
     ) -> tuple[Tractions | None, float]:
@@ -260,7 +270,8 @@ class TractionFit:
         change[some] += solved.astype(np.float32)
         found = Tractions(
             nodes=wide[zone], linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
-            misfit=misfit, level=level, worst=float(np.median(energy[self._around], axis=1).max()),
+            weights=weights, misfit=misfit, level=level,
+            worst=float(np.median(energy[self._around], axis=1).max()),
         )  # fmt: skip
         return found, math.sqrt(max(float(change @ products @ change), 0.0))
 
