@@ -184,7 +184,7 @@ class TractionFit:
         energy = frame.weights * (shifts**2).sum(axis=1)
         # Most pairs are far from a contact, unless the whole dome is in one.
         usual = max(min(float(np.median(energy[seen])), 6.0), 1e-9)
-        return np.asarray(np.median(energy[self._around], axis=1) / usual)
+        return _medians(energy[self._around]) / usual
 
     def fit(self, frame: Frame, start: Tractions | None) -> Tractions | None:
         """Forces that explain a frame; None where no node is pressed.
@@ -271,7 +271,7 @@ class TractionFit:
         found = Tractions(
             nodes=wide[zone], linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
             weights=weights, misfit=misfit, level=level,
-            worst=float(np.median(energy[self._around], axis=1).max()),
+            worst=float(_medians(energy[self._around]).max()),
         )  # fmt: skip
         return found, math.sqrt(max(float(change @ products @ change), 0.0))
 
@@ -363,7 +363,7 @@ class TractionFit:
         Where a contact has moved on residuals are large, but those of neighbours are alike.
         """
         size = np.sqrt((residual.reshape(-1, 6) ** 2).mean(axis=1))
-        around = np.median(size[self._around[:, 1:]], axis=1)
+        around = _medians(size[self._around[:, 1:]])
         odd = _ODD * np.maximum(around, 1.0)
         return np.minimum(1.0, (odd / np.maximum(size, odd)) ** 2)
 
@@ -373,6 +373,14 @@ class TractionFit:
         moved = np.flatnonzero(energy > max(_MOVED * float(energy.max()), _TOUCHED))
         moved = moved[np.argsort(-energy[moved], kind="stable")[:_PAIRS]]
         return np.unique(np.concatenate([self._below[pair] for pair in moved]))
+
+
+def _medians(values: Array) -> Array:
+    """Median of each of a few numbers, (n, k), as `np.median` has it in ten times as long."""
+    ordered, half = np.sort(values, axis=1), values.shape[1] // 2
+    if values.shape[1] % 2:
+        return ordered[:, half]
+    return 0.5 * (ordered[:, half - 1] + ordered[:, half])
 
 
 def _unknowns(places: Index) -> Index:
