@@ -25,6 +25,7 @@ from chromagrip.measure.domes.sets import DESIGNS, NEXT, Result, counts_of, join
 from chromagrip.measure.domes.specimens import (
     OFF,
     SPECIMENS,
+    Specimen,
     calibrated,
     calibration_file,
     matched,
@@ -32,7 +33,7 @@ from chromagrip.measure.domes.specimens import (
     signs,
 )
 from chromagrip.measure.worlds.force_scores import Answers
-from chromagrip.model import ForceField, Solid, simulate_contact
+from chromagrip.model import Dome, DomeState, ForceField, Solid, dome_forces, simulate_contact
 from chromagrip.model.dome import MarkerField, press_and_move
 from chromagrip.model.shapes import plane
 from chromagrip.render import Defects
@@ -152,8 +153,7 @@ def test_calibrations_are_nearer_to_the_specimens_than_the_design(name: str) -> 
 # ---- pictures ----
 
 
-@pytest.fixture(scope="module")
-def watched() -> Watched:
+def coarse_grip() -> tuple[Specimen, Grip]:
     """A flat object on a coarse dome without defects, loaded to one margin."""
     made = matched("dome-2020")
     coarse = replace(
@@ -169,7 +169,25 @@ def watched() -> Watched:
         azimuth=2.0,
         margins=(0.4,),
     )
-    return watch(sensor_as_designed("dome-2020"), coarse, grip, 1)
+    return coarse, grip
+
+
+@pytest.fixture(scope="module")
+def watched() -> Watched:
+    """Pictures of that grip."""
+    return watch(sensor_as_designed("dome-2020"), *coarse_grip(), 1)
+
+
+def test_frames_in_which_nothing_touches_are_not_scored(monkeypatch: pytest.MonkeyPatch) -> None:
+    def forces(dome: Dome, state: DomeState, whole: bool = True) -> ForceField:
+        field = dome_forces(dome, state, whole)
+        slid = state.time > 0.5
+        return replace(field, contact=np.zeros_like(field.contact)) if slid else field
+
+    monkeypatch.setattr(scenes, "dome_forces", forces)
+    found = watch(sensor_as_designed("dome-2020"), *coarse_grip(), 1)
+    assert len(found.scored) == len(found.true) == len(found.side) == 1
+    assert found.true[0, 0] == pytest.approx(3.0, rel=0.01)
 
 
 def test_true_forces_are_grip_and_load(watched: Watched) -> None:
