@@ -1,5 +1,6 @@
 """Pictures of domes for estimators: grips, specimens and scores are what they say."""
 
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -9,24 +10,35 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from msgspec import structs
+from scipy.spatial.transform import Rotation
 
 from chromagrip.errors import UserError
 from chromagrip.measure.bench.parts import bench
-from chromagrip.measure.domes import readings
+from chromagrip.measure.domes import readings, scenes
 from chromagrip.measure.domes.across import WORLDS, across_scene, random_grasp
 from chromagrip.measure.domes.elements import CASES, ElementField, presses
-from chromagrip.measure.domes.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip
+from chromagrip.measure.domes.grips import MARGINS, SMOOTH, UNLIKE, Grip, random_grip, turned
 from chromagrip.measure.domes.readings import UNITS, Reading, constant, read, scores
 from chromagrip.measure.domes.report import report_of
 from chromagrip.measure.domes.scenes import Watched, watch
-from chromagrip.measure.domes.sets import Result, counts_of, joined, readers_of
-from chromagrip.measure.domes.specimens import OFF, SPECIMENS, matched, mismatched, signs
+from chromagrip.measure.domes.sets import DESIGNS, NEXT, Result, counts_of, joined, readers_of
+from chromagrip.measure.domes.specimens import (
+    OFF,
+    SPECIMENS,
+    Specimen,
+    calibrated,
+    calibration_file,
+    matched,
+    mismatched,
+    signs,
+)
 from chromagrip.measure.worlds.force_scores import Answers
-from chromagrip.model import ForceField, Solid, simulate_contact
+from chromagrip.model import Dome, DomeState, ForceField, Solid, dome_forces, simulate_contact
 from chromagrip.model.dome import MarkerField, press_and_move
 from chromagrip.model.shapes import plane
 from chromagrip.render import Defects
-from chromagrip.tracking import NoEstimateError, Tracks, sensor_as_designed
+from chromagrip.tracking import NoEstimateError, Tracks, load_calibration, sensor_as_designed
+from chromagrip.tracking.forces import nominal_calibration, silicone_names, silicone_of
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 
@@ -49,6 +61,23 @@ def test_a_grip_is_loaded_to_its_margins(kind: str) -> None:
     # A plane and a rod are pressed along their own normal, however they are tilted.
     assert math.degrees(math.acos(-down[2])) <= (8.0 if kind in ("rod", "tilted") else 1e-6)
     assert set(UNLIKE).isdisjoint(SMOOTH)
+
+
+@pytest.mark.parametrize("kind", SMOOTH)
+def test_an_object_is_turned_about_the_axis_and_not_loaded(kind: str) -> None:
+    rng = np.random.default_rng(7)
+    grip = turned(rng, random_grip(rng, matched("chromatouch-next").dome, kind, 3.0))
+    motion, (pressed, end) = grip.motion, grip.ends
+    assert motion.duration == end
+    ways = [Rotation.from_rotvec(motion.pose_at(time)[3:]) for time in (0.0, pressed, end)]
+    assert (ways[0].inv() * ways[1]).magnitude() < 1e-12
+    about = (ways[2] * ways[0].inv()).as_rotvec()
+    assert about[:2] == pytest.approx([0.0, 0.0])
+    assert about[2] == pytest.approx(grip.turn)
+    assert 5.0 <= abs(math.degrees(grip.turn)) <= 25.0
+    middle = Rotation.from_rotvec(motion.pose_at(0.5 * (pressed + end))[3:])
+    assert (middle * ways[0].inv()).magnitude() < abs(grip.turn) + 1e-9
+    assert np.linalg.norm(motion.loads[-1, :3]) == pytest.approx(3.0)
 
 
 def test_each_deviation_is_up_in_half_of_the_specimens_whatever_another_is() -> None:
@@ -76,11 +105,55 @@ def test_a_mismatched_specimen_is_off_by_what_is_said() -> None:
     assert shift == pytest.approx([0.5 * up["centre_x_px"], 0.5 * up["centre_y_px"]])
 
 
+def test_both_layers_are_off_where_both_are_soft() -> None:
+    nominal = matched("chromatouch-next").sensor.depths
+    moved = [1e3 * (mismatched("chromatouch-next", k).sensor.depths - nominal) for k in range(8)]
+    assert abs(np.array(moved)) == pytest.approx(np.full((8, 2), 0.05))
+    # Each layer is off up and down, and not always as the other.
+    assert np.sum(moved, axis=0) == pytest.approx([0.0, 0.0])
+    assert np.prod(moved, axis=1).sum() == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("name", [*DESIGNS, NEXT])
+def test_mismatched_scenes_are_of_all_specimens_and_pairs(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    made = [mismatched(name, k) for k in range(SPECIMENS)]
+    monkeypatch.setattr(scenes, "mismatched", lambda _, k: made[k])
+    monkeypatch.setattr(scenes, "watch", lambda *given: given)
+    read = calibrated(name)
+    taken = [scenes.scene(name, scenes.CALIBRATED, k) for k in range(4 * len(read))]
+    pairs = {(made.index(s), label) for _, s, _, _, label in taken}
+    assert pairs == set(itertools.product(read, SMOOTH))
+    for place, (known, specimen, *rest) in enumerate(taken[: len(read)]):
+        which = read[place]
+        assert specimen is made[which]
+        assert known == load_calibration(str(calibration_file(name, which)))
+        assert known.sensor != sensor_as_designed(name).sensor
+        assert known.stiffness_deviation < 0.04
+        nominal, same, *also = scenes.scene(name, scenes.NOMINAL, place)
+        assert nominal == sensor_as_designed(name)
+        assert same is specimen
+        assert rest[1:] == also[1:]
+
+
+@pytest.mark.parametrize("name", [*DESIGNS, NEXT])
+def test_calibrations_are_nearer_to_the_specimens_than_the_design(name: str) -> None:
+    design, off = silicone_of(sensor_as_designed(name)), []
+    for k in calibrated(name):
+        known = load_calibration(str(calibration_file(name, k)))
+        true = silicone_of(nominal_calibration(mismatched(name, k).sensor))
+        assert np.shape(known.silicone_covariance) == (len(silicone_names(known.sensor)),) * 2
+        off.append([one.young_kpa / true.young_kpa - 1.0 for one in (silicone_of(known), design)])
+    found, nominal = np.sqrt(np.mean(np.square(off), axis=0))
+    assert nominal == pytest.approx(0.1, abs=0.01)
+    assert found < 0.6 * nominal  # their finer mesh is in it
+
+
 # ---- pictures ----
 
 
-@pytest.fixture(scope="module")
-def watched() -> Watched:
+def coarse_grip() -> tuple[Specimen, Grip]:
     """A flat object on a coarse dome without defects, loaded to one margin."""
     made = matched("dome-2020")
     coarse = replace(
@@ -96,14 +169,33 @@ def watched() -> Watched:
         azimuth=2.0,
         margins=(0.4,),
     )
-    return watch(sensor_as_designed("dome-2020"), coarse, grip, 1)
+    return coarse, grip
+
+
+@pytest.fixture(scope="module")
+def watched() -> Watched:
+    """Pictures of that grip."""
+    return watch(sensor_as_designed("dome-2020"), *coarse_grip(), 1)
+
+
+def test_frames_in_which_nothing_touches_are_not_scored(monkeypatch: pytest.MonkeyPatch) -> None:
+    def forces(dome: Dome, state: DomeState, whole: bool = True) -> ForceField:
+        field = dome_forces(dome, state, whole)
+        slid = state.time > 0.5
+        return replace(field, contact=np.zeros_like(field.contact)) if slid else field
+
+    monkeypatch.setattr(scenes, "dome_forces", forces)
+    found = watch(sensor_as_designed("dome-2020"), *coarse_grip(), 1)
+    assert len(found.scored) == len(found.true) == len(found.side) == 1
+    assert found.true[0, 0] == pytest.approx(3.0, rel=0.01)
 
 
 def test_true_forces_are_grip_and_load(watched: Watched) -> None:
     assert watched.true[:, 0] == pytest.approx([3.0, 3.0], rel=0.01)
     assert watched.true[:, 3] == pytest.approx([1.0, 0.4], abs=0.03)
     load = 0.6 * 3.0 * 0.6
-    assert watched.side[1] == pytest.approx([load * math.cos(2.0), load * math.sin(2.0)], abs=0.03)
+    pulled = load * math.cos(2.0), load * math.sin(2.0)
+    assert watched.side[1, :2] == pytest.approx(pulled, abs=0.03)
     assert len(watched.tracks) == watched.scored[-1] + 1
 
 
@@ -209,7 +301,7 @@ def _frames(watched: Watched, count: int) -> Watched:
     tracks = [replace(watched.rest, time=float(k)) for k in range(count)]
     true = np.array([[2.0, 0.5, 0.5, 0.5]] * 2)
     return replace(
-        watched, tracks=tracks, scored=(6, 7), true=true, side=np.array([[0.3, -0.4]] * 2)
+        watched, tracks=tracks, scored=(6, 7), true=true, side=np.array([[0.3, -0.4, 0.0]] * 2)
     )
 
 
@@ -219,7 +311,7 @@ def test_a_scene_is_read_in_order_and_refusals_are_flags(watched: Watched) -> No
     assert Counting.given == list(range(8))
     assert list(reading.answers.flagged) == [False, True]
     assert reading.answers.value[0, :2] == pytest.approx([2.0, 0.5])
-    assert reading.side[0] == pytest.approx([0.3, -0.4])
+    assert reading.side[0] == pytest.approx([0.3, -0.4, 0.0])
     found = scores(reading, few.true, few.side)
     assert found["flagged"] == 50.0
     assert found["normal_share"] == pytest.approx(0.0)
@@ -250,15 +342,17 @@ def _reading(value: np.ndarray, half: np.ndarray, side: np.ndarray) -> Reading:
 
 def test_scores_are_the_errors_that_are_put_in() -> None:
     true = np.array([[3.0, 1.0, 0.5, 0.1], [3.0, 1.0, 0.5, 0.3], [3.0, 1.0, 0.5, 0.6]])
-    side = np.array([[0.6, 0.8]] * 3)
+    side = np.array([[0.6, 0.8, 0.002]] * 3)
     off = np.array([[0.3, 0.0, 0.0, 0.05], [-0.3, 0.0, 0.0, 0.1], [0.3, 0.0, 0.0, -0.2]])
     half = np.full((3, 4), 0.14)
     half[:, 1] = 1e-3
-    found = scores(_reading(true + off, half, side + np.array([0.03, -0.04])), true, side)
+    found = scores(_reading(true + off, half, side + np.array([0.03, -0.04, 1e-4])), true, side)
     assert found.keys() == UNITS.keys()
     assert found["normal_share"] == pytest.approx(10.0)
     assert found["side_x"] == pytest.approx(0.03)
     assert found["side_share"] == pytest.approx(5.0)
+    assert found["torque"] == pytest.approx(0.1)  # N·mm
+    assert found["torque_share"] == pytest.approx(5.0)
     assert [found[f"margin_{n}"] for n in ("10", "30", "60")] == pytest.approx([0.05, 0.1, 0.2])
     assert found["normal_narrow"] == 100.0  # 0.3 is further than twice 0.14
     assert found["margin_narrow"] == 0.0
@@ -275,7 +369,7 @@ def test_scores_are_the_errors_that_are_put_in() -> None:
 
 def _result(off: float, names: tuple[str, ...]) -> Result:
     true = np.array([[3.0, 1.0, 0.5, g] for g in (0.1, 0.3, 0.6)])
-    side = np.array([[0.6, 0.8]] * 3)
+    side = np.array([[0.6, 0.8, 0.002]] * 3)
     reading = _reading(true * (1.0 + off), np.full((3, 4), 0.02), side * (1.0 + off))
     return Result(true=true, side=side, readings=dict.fromkeys(names, reading))
 
@@ -286,6 +380,8 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
             [_result(0.0, ("contact",)), _result(0.0, ("contact",))]
         ),
         ("dome-2022", "mismatched"): _result(0.07, ("contact",)),
+        ("dome-2022", "mismatched-nominal"): _result(0.07, ("contact",)),
+        (NEXT, "mismatched"): _result(0.01, ("traction",)),
         ("thesis", "chain"): _result(0.5, ("gp", "contact")),
         ("thesis", "soft"): _result(0.01, ("traction", "contact")),
     }
@@ -296,6 +392,8 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
     assert rows["dome/dome-2022/mismatched/side_share"].met is False
     assert rows["dome/dome-2022/mismatched/normal_narrow"].met is False
     assert rows["dome/dome-2020/mismatched/constant/normal_share"].target is None
+    assert rows["dome/dome-2022/mismatched-nominal/normal_share"].target is None
+    assert rows["dome/chromatouch-next/mismatched/traction/normal_share"].met is True
     assert rows["dome/dome-2020/mismatched/normal_share"].note == "a constant answer passes"
     assert rows["dome/thesis/chain/gp/normal_share"].value == pytest.approx(50.0)
     assert rows["dome/thesis/soft/traction/normal_share"].met is True
@@ -307,6 +405,10 @@ def test_rows_have_stable_names_and_targets_that_can_be_missed() -> None:
 
 def test_groups_of_the_world_are_chosen() -> None:
     assert counts_of(False, ["across"]).keys() == {("thesis", world) for world in WORLDS}
+    found = counts_of(False, ["mismatched"])
+    assert found == {(name, "mismatched"): 16 for name in DESIGNS} | {(NEXT, "mismatched"): 4}
+    assert readers_of(NEXT, "mismatched") == ("traction",)
+    assert counts_of(False, ["turned"]) == {(NEXT, "turned"): 4}
     assert counts_of(True, ["light"]) == {("dome-2020", "light"): 1}
     assert counts_of(True, ["soft"]) == {("thesis", "soft"): 1}
     assert readers_of("thesis", "soft") == ("traction", "contact")

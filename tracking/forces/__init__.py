@@ -7,7 +7,6 @@ name. `chain` and `dome` hold the reconstructors of each body.
 from .calibration import (
     FitReport,
     SensorCalibration,
-    SiliconeValues,
     Values,
     calibration_table,
     check_stiff,
@@ -53,6 +52,7 @@ from .reconstructors import (
 )
 from .rest_fit import rest_pose
 from .shifts import MEASURED, MarkerShifts, floor_variances
+from .silicone_values import SILICONE_ERROR, SiliconeValues, silicone_names, yellow_moves
 
 __all__ = [
     "AUTOMATIC",
@@ -63,6 +63,7 @@ __all__ = [
     "MEASURED",
     "METHODS",
     "RECONSTRUCTORS",
+    "SILICONE_ERROR",
     "THESIS_RULE",
     "TRAINING",
     "Z90",
@@ -105,6 +106,7 @@ __all__ = [
     "seen_by",
     "sensor_as_designed",
     "shipped_readout",
+    "silicone_names",
     "silicone_of",
     "skin_displacement",
     "training_key",
@@ -112,4 +114,5 @@ __all__ = [
     "values_of",
     "with_silicone",
     "with_values",
+    "yellow_moves",
 ]

@@ -14,6 +14,7 @@ from ...render import SensorDesign, load_sensor, sensor_names
 from ...strict_toml import Table, convert, read_toml
 from .displacement import DisplacementGains
 from .kept_readouts import kept_readout
+from .silicone_values import SiliconeValues, silicone_names, yellow_moves
 
 FORMAT: Literal["chromagrip calibration 1"] = "chromagrip calibration 1"
 
@@ -33,15 +34,6 @@ class Values(Table, frozen=True, kw_only=True):
     yellow_follow: Annotated[float, Meta(ge=0.0, le=1.0)]
     magenta_depth_mm: NotNegative
     yellow_depth_mm: NotNegative
-
-
-class SiliconeValues(Table, frozen=True, kw_only=True):
-    """Values of a dome of silicone that presses can determine; see `Silicone` of a design."""
-
-    core_mm: Positive
-    young_kpa: Positive
-    poisson: Annotated[float, Meta(ge=0.0, le=0.495)]
-    magenta_depth_mm: NotNegative
 
 
 class FitReport(Table, frozen=True, kw_only=True):
@@ -79,6 +71,7 @@ class SensorCalibration:
     readout: trained read-out of this kind of sensor; None if it has none
     name: of the sensor or of the calibration's file, for messages
     displacement: gains from image to displacement; None where they were not calibrated
+    silicone_covariance: of the values in `silicone_names`, (V, V); empty where it is not known
     design: that the values of `sensor` were calibrated from; None where it is as designed
     """
 
@@ -90,6 +83,7 @@ class SensorCalibration:
     readout: Path | None = None
     name: str = field(default="", compare=False)
     displacement: DisplacementGains | None = None
+    silicone_covariance: tuple[tuple[float, ...], ...] = ()
     design: SensorDesign | None = field(default=None, compare=False)
 
     @property
@@ -190,11 +184,12 @@ def silicone_of(calibration: SensorCalibration) -> SiliconeValues | None:
         young_kpa=sensor.silicone.young_kpa,
         poisson=sensor.silicone.poisson,
         magenta_depth_mm=sensor.magenta.depth_mm,
+        yellow_depth_mm=sensor.yellow.depth_mm if yellow_moves(sensor) else None,
     )
 
 
 def with_silicone(calibration: SensorCalibration, values: SiliconeValues) -> SensorCalibration:
-    """The calibration with other silicone; the yellow layer keeps its distance from the core.
+    """The calibration with other silicone, see `SiliconeValues`.
 
     Raises
     ------
@@ -204,7 +199,9 @@ def with_silicone(calibration: SensorCalibration, values: SiliconeValues) -> Sen
     sensor = calibration.sensor
     if sensor.silicone is None or sensor.shape.flat:
         raise UserError("[silicone] is of a design with a dome of silicone; this one has none")
-    yellow = sensor.yellow.depth_mm - (values.core_mm - sensor.silicone.core_mm)
+    yellow = values.yellow_depth_mm
+    if yellow is None:
+        yellow = sensor.yellow.depth_mm - (values.core_mm - sensor.silicone.core_mm)
     if not yellow >= 0.0:
         raise UserError(
             f"silicone.core_mm = {values.core_mm:g} puts the yellow layer above the skin; allowed: "
@@ -275,6 +272,7 @@ def load_calibration(name: str) -> SensorCalibration:
     if file.silicone is not None:
         with located(title):
             calibration = with_silicone(calibration, file.silicone)
+            calibration = replace(calibration, silicone_covariance=_covariance(calibration, file))
     return replace(
         calibration,
         name=name,
@@ -288,6 +286,26 @@ def load_calibration(name: str) -> SensorCalibration:
         readout=folder / file.readout if file.readout else calibration.readout,
         displacement=file.displacement,
     )
+
+
+def _covariance(calibration: SensorCalibration, file: _File) -> tuple[tuple[float, ...], ...]:
+    """Covariance of the silicone's values in a file; empty where it has none.
+
+    Raises
+    ------
+    UserError
+        When it is not that of the silicone's values.
+    """
+    if file.fit is None or not file.fit.covariance:
+        return ()
+    names, rows = silicone_names(calibration.sensor), file.fit.covariance
+    if tuple(file.fit.deviations) != names or {len(rows), *map(len, rows)} != {len(names)}:
+        raise UserError(
+            f"fit.deviations has {', '.join(file.fit.deviations) or 'nothing'}, and "
+            f"fit.covariance {len(rows)} rows; wanted: {', '.join(names)}, and as many rows of as "
+            "many numbers"
+        )
+    return rows
 
 
 def check_trainable(calibration: SensorCalibration) -> None:

@@ -130,7 +130,7 @@ def calibrate_sensor(
     """Calibrate a sensor from pictures of known presses: its mechanics, or a pad's displacements.
 
     Of a sensor that is read as a dome of silicone (dome-2020, dome-2022) it finds core, Young's
-    modulus, Poisson's ratio and the depth of the magenta layer.
+    modulus, Poisson's ratio and the depths of the layers that lie in the silicone.
 
     Example: chromagrip calibrate sensor presses --out mine.toml
     """
@@ -169,6 +169,8 @@ def _print_sensor(result: "SensorCalibration", report: "FitReport", out: Path | 
     silicone = silicone_of(result) if report.covariance else None
     found = asdict(silicone or values_of(result)) if result.displacement is None else {}
     for name, value in found.items():
+        if value is None:  # a layer on the core, of no depth of its own
+            continue
         by = report.deviations.get(name)
         said = ", as designed" if by is None else f" ± {by:.2g}"
         if name in report.undetermined:

@@ -109,7 +109,10 @@ class ForceObserver:
             if name in DOME_METHODS
             else _no_chain_field(calibration.fingertip)
         )
-        self._stiffness_deviation = calibration.stiffness_deviation
+        # A reader that carries its calibration's covariance says what that leaves.
+        self._stiffness_deviation = float(
+            getattr(self._forces, "stiffness_deviation", calibration.stiffness_deviation)
+        )
 
     def observe(self, time: float, tracks: Tracks) -> GripObservation:
         """Observation of a frame's tracks.

@@ -1,6 +1,7 @@
 """Force reconstruction on the dome: a contact that is fitted by synthesis, or free tractions."""
 
-from .contact import ON_CORE, PLACE_ERROR, SIZE_ERROR
+from ..silicone_values import ON_CORE
+from .contact import PLACE_ERROR, SIZE_ERROR
 from .contact_fit import INDEPENDENT
 from .contact_state import (
     BRISTLE,

@@ -19,6 +19,7 @@ from ...tracks import Tracks
 from ..calibration import SensorCalibration
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
+from ..silicone_values import ON_CORE
 from .contact_fit import ContactFit, Key, Shifts, Solution
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT, PLACE, PRESS, prior_of
 from .keys import KEYS, far_on, thinned
@@ -35,8 +36,6 @@ PLACE_ERROR, SIZE_ERROR = 0.02, 5e-3
 _SHARE_ERROR = 0.015
 #: Places of the log sizes of both layers among the values of a pair.
 _SIZES = (2, 5)
-#: A layer nearer to the core than this share of the silicone does not move.
-ON_CORE = 0.05
 #: Sum of squares of shifts in deviations below which nothing touches.
 _UNTOUCHED = 100.0
 #: Sum of squares that a contact must explain to be one.

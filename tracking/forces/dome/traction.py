@@ -18,10 +18,11 @@ from ...tracks import Tracks
 from ..calibration import SensorCalibration
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
-from .contact import ON_CORE
+from ..silicone_values import ON_CORE, SILICONE_ERROR
 from .marker_response import DomeResponse
 from .traction_fit import Frame, TractionFit, Tractions
 from .traction_friction import Slip, read_slip
+from .traction_silicone import Sums, UnsureSilicone
 from .traction_skin import Parted, Skin
 from .untouched import untouched_field
 
@@ -29,6 +30,8 @@ Array = NDArray[np.float64]
 
 #: Fewer visible pairs than this do not determine tractions.
 MIN_MARKERS = 40
+#: Pairs up to this angle from the apex are read [rad].
+_REACH = math.pi / 2
 #: Nodes up to this angle from the apex are prepared before the first frame [rad].
 _PREPARED = math.radians(28.0)
 #: Largest mean square of what is left of the shifts, in deviations, and as a share of the shifts.
@@ -59,6 +62,10 @@ class TractionReading:
     calibration: of the sensor
     rest: tracks of the unloaded sensor
 
+    Attributes
+    ----------
+    stiffness_deviation: share by which all forces may be off, beside what their covariance says
+
     Raises
     ------
     UserError
@@ -75,19 +82,26 @@ class TractionReading:
                 "tractions; use the reconstructor contact"
             )
         self.dome = dome
-        self._shifts = MarkerShifts(calibration, rest, math.pi / 2)
+        self._shifts = MarkerShifts(calibration, rest, _REACH)
         self._response = DomeResponse(self._shifts.sensor, dome, self._shifts.places)
         nodes = lattice(dome)
         self._prepared = np.flatnonzero(nodes.angles[nodes.ring] < _PREPARED)
         self._response.of_nodes(self._prepared)
         self._skin = Skin(dome)
         self._fit: TractionFit | None = None
+        self._silicone: UnsureSilicone | None = None
+        self.stiffness_deviation = calibration.stiffness_deviation
+        if calibration.silicone_covariance:
+            self._silicone = UnsureSilicone(calibration, rest, self._shifts.pose, _REACH)
+            self.stiffness_deviation = SILICONE_ERROR
         self.reset()
 
     def reset(self) -> None:
         """Forget the frames before: the next one is sought from rest."""
         self._last: Tractions | None = None
         self._friction = _USUAL
+        if self._silicone is not None:
+            self._silicone.reset()
 
     def update(self, tracks: Tracks) -> ForceField:
         """Force field of a frame.
@@ -135,7 +149,8 @@ class TractionReading:
         return found.misfit > _MISFIT and left > _LEFT
 
     def _field(self, found: Tractions) -> ForceField:
-        parted = self._skin(found.nodes, found.linear, self._friction)
+        before = self._friction
+        parted = self._skin(found.nodes, found.linear, before)
         net = _across(parted)
         load = float(np.linalg.norm(net))
         slip = read_slip(self.dome, found.nodes, parted.normal, parted.friction, load, parted.rim)
@@ -158,9 +173,16 @@ class TractionReading:
                 math.hypot(_FRICTION, narrow),
             ]
         )
-        spread = found.spread(_slopes(parted, net, points[found.nodes]))
+        slopes = _slopes(parted, net, points[found.nodes])
+        spread = found.spread(slopes)
         covariance = spread @ spread.T
         totals = covariance[:2, :2] + np.diag(unsure**2)
+        margin_deviation = _margin_deviation(slip, whole, load, totals)
+        if self._silicone is not None:
+            # What is alike in both sums and in µ leaves Γ as it is: it is told apart.
+            more = self._calibrated(found, parted, before, slip, observable)
+            covariance, totals = covariance + more[:6, :6], totals + more[:2, :2]
+            margin_deviation = math.hypot(margin_deviation, math.sqrt(max(more[6, 6], 0.0)))
         position = points.copy()
         position[found.nodes] += parted.displacement
         return ForceField(
@@ -173,11 +195,35 @@ class TractionReading:
                 value=slip.friction,
                 deviation=slip.deviation * slip.friction,
                 observable=observable,
-                margin_deviation=_margin_deviation(slip, whole, load, totals),
+                margin_deviation=margin_deviation,
             ),
             directions=_on_all(points, found, parted.directions),
             wrench_covariance=covariance[2:, 2:] + self._unsure_wrench(parted, unsure[0], narrow),
         )
+
+    def _calibrated(
+        self, found: Tractions, parted: Parted, before: float, slip: Slip, observable: bool
+    ) -> Array:
+        """Covariance that the calibration leaves, see `UnsureSilicone`, shape (7, 7).
+
+        Parameters
+        ----------
+        before: µ that the forces were parted with
+        slip: what was read, or taken where µ is not `observable`
+        """
+        assert self._fit is not None
+        assert self._silicone is not None
+        points = lattice(self.dome).points[found.nodes]
+
+        def read(skin: Skin, linear: Array) -> Sums:
+            other, mu = skin(found.nodes, linear, before), slip.friction
+            if observable:
+                load, both = float(np.linalg.norm(_across(other))), (other.normal, other.friction)
+                mu = read_slip(self.dome, found.nodes, *both, load, other.rim).friction
+            return _sums(other, points, mu)
+
+        sums = _sums(parted, points, slip.friction)
+        return self._silicone(self._fit, self._response, found, sums, read)
 
     def _unsure_wrench(self, parted: Parted, unsure: float, narrow: float) -> Array:
         """Covariance of force and torque about z that the unknown surface leaves, shape (4, 4).
@@ -196,6 +242,21 @@ def _across(parted: Parted) -> Array:
     """Friction that counts in Γ [N], shape (3,), see `ForceField.net_friction`."""
     whole, axis = parted.friction.sum(axis=0), parted.axis
     return np.asarray(whole - axis * (whole @ axis))
+
+
+def _sums(parted: Parted, points: Array, friction: float) -> Sums:
+    """What is read off forces on nodes at rest at points (n, 3), with a µ."""
+    forces = parted.normal[:, None] * parted.directions + parted.friction
+    x, y, _ = (points + parted.displacement).T
+    net, whole = _across(parted), float(parted.normal.sum())
+    load = float(np.linalg.norm(net))
+    torque = float((x * forces[:, 1] - y * forces[:, 0]).sum())
+    return Sums(
+        values=np.array([whole, load, *forces.sum(axis=0), torque]),
+        margin=1.0 - load / (friction * whole),
+        net=net,
+        middle=parted.normal @ points / whole,
+    )
 
 
 def _slopes(parted: Parted, net: Array, points: Array) -> Array:

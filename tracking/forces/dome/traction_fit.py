@@ -94,6 +94,7 @@ class Tractions:
     linear: forces that the linear skin carries on them [N], shape (n, 3)
     common: changes of all log sizes of each layer, shape (2,)
     factor: lower Cholesky factor of the information on `common` and `linear`, (2 + 3n, 2 + 3n)
+    weights: of each pair in the information, shape (P,)
     misfit: mean square of what is left of the shifts, in deviations
     level: variance of the noise that was taken, over the tracker's
     worst: largest median energy of what is left of the shifts of pairs beside each other
@@ -103,6 +104,7 @@ class Tractions:
     linear: Array
     common: Array
     factor: Array
+    weights: Array
     misfit: float
     level: float
     worst: float
@@ -182,7 +184,7 @@ class TractionFit:
         energy = frame.weights * (shifts**2).sum(axis=1)
         # Most pairs are far from a contact, unless the whole dome is in one.
         usual = max(min(float(np.median(energy[seen])), 6.0), 1e-9)
-        return np.asarray(np.median(energy[self._around], axis=1) / usual)
+        return _medians(energy[self._around]) / usual
 
     def fit(self, frame: Frame, start: Tractions | None) -> Tractions | None:
         """Forces that explain a frame; None where no node is pressed.
@@ -209,6 +211,14 @@ class TractionFit:
         if start is not None and found is not None and found.worst > _ELSEWHERE:
             return self.fit(frame, None)
         return found
+
+    def answer(self, found: Tractions, change: Array) -> Array:
+        """Change of the forces (n, 3) that makes up for a change of what they show, (P, 6)."""
+        columns = self._map.columns(self._map.rows(found.nodes))
+        weighted = np.repeat(found.weights, 6) * self._whitened(change)
+        moment = columns @ weighted.astype(np.float32)
+        solved = dpotrs(found.factor, moment.astype(np.float64), lower=1)[0]
+        return -np.asarray(solved[WhitenedMap.COMMON :]).reshape(-1, 3)
 
     def _round(
         self, frame: Frame, nodes: Index, linear: Array, common: Array, changes: int
@@ -260,7 +270,8 @@ class TractionFit:
         change[some] += solved.astype(np.float32)
         found = Tractions(
             nodes=wide[zone], linear=forces, common=solved[: WhitenedMap.COMMON], factor=factor,
-            misfit=misfit, level=level, worst=float(np.median(energy[self._around], axis=1).max()),
+            weights=weights, misfit=misfit, level=level,
+            worst=float(_medians(energy[self._around]).max()),
         )  # fmt: skip
         return found, math.sqrt(max(float(change @ products @ change), 0.0))
 
@@ -352,7 +363,7 @@ class TractionFit:
         Where a contact has moved on residuals are large, but those of neighbours are alike.
         """
         size = np.sqrt((residual.reshape(-1, 6) ** 2).mean(axis=1))
-        around = np.median(size[self._around[:, 1:]], axis=1)
+        around = _medians(size[self._around[:, 1:]])
         odd = _ODD * np.maximum(around, 1.0)
         return np.minimum(1.0, (odd / np.maximum(size, odd)) ** 2)
 
@@ -362,6 +373,14 @@ class TractionFit:
         moved = np.flatnonzero(energy > max(_MOVED * float(energy.max()), _TOUCHED))
         moved = moved[np.argsort(-energy[moved], kind="stable")[:_PAIRS]]
         return np.unique(np.concatenate([self._below[pair] for pair in moved]))
+
+
+def _medians(values: Array) -> Array:
+    """Median of each of a few numbers, (n, k), as `np.median` has it in ten times as long."""
+    ordered, half = np.sort(values, axis=1), values.shape[1] // 2
+    if values.shape[1] % 2:
+        return ordered[:, half]
+    return 0.5 * (ordered[:, half - 1] + ordered[:, half])
 
 
 def _unknowns(places: Index) -> Index:

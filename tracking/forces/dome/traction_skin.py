@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from ....model import Dome
@@ -108,7 +106,8 @@ class Skin:
         displacement = self._field(forces)[nodes]
         places = self._nodes.points[nodes] + displacement
         directions = -self._nodes.outwards[nodes]
-        patches = self._patches(nodes)
+        among = self._among(nodes)
+        patches = _patches(among)
         for _ in range(_PASSES):
             normal, _, _ = self._parted(nodes, linear, directions, displacement, friction)
             pressure = normal / self._nodes.areas[nodes]
@@ -121,7 +120,7 @@ class Skin:
         normal, tangential, factor = self._parted(nodes, linear, directions, displacement, friction)
         return Parted(
             displacement=displacement, directions=directions, normal=normal, friction=tangential,
-            stiffening=factor, rim=float(normal[self._at_rim(nodes)].sum() / normal.sum()),
+            stiffening=factor, rim=float(normal[_at_rim(among)].sum() / normal.sum()),
         )  # fmt: skip
 
     def _parted(
@@ -170,25 +169,32 @@ class Skin:
             axis = -(weights @ normals)
         return np.asarray(normals)
 
-    def _patches(self, nodes: Index) -> list[Index]:
-        """Places among the nodes of those that touch beside each other."""
-        beside = self._among(nodes)
-        row, column = np.nonzero(beside < len(nodes))
-        links = csr_matrix(
-            (np.ones(len(row)), (row, beside[row, column])), shape=(len(nodes), len(nodes))
-        )
-        count, label = connected_components(links, directed=False)
-        return [np.flatnonzero(label == k) for k in range(count)]
-
-    def _at_rim(self, nodes: Index) -> NDArray[np.bool_]:
-        """Which of the nodes have one beside them that does not touch."""
-        return np.asarray((self._among(nodes) == len(nodes) + 1).any(axis=1))
-
     def _among(self, nodes: Index) -> Index:
         """Places among the nodes of those beside each; n is none, n + 1 one that does not touch."""
         place = np.full(len(self.beside) + 1, len(nodes) + 1)
         place[nodes], place[-1] = np.arange(len(nodes)), len(nodes)
         return place[self.beside[nodes]]
+
+
+def _patches(among: Index) -> list[Index]:
+    """Places among n nodes of those that touch beside each other, see `Skin._among`."""
+    out, left = [], np.ones(len(among), np.bool_)
+    while left.any():
+        patch = np.zeros(len(among), np.bool_)
+        reached = np.array([np.argmax(left)])
+        while len(reached):
+            patch[reached] = True
+            near = among[reached].ravel()
+            near = near[near < len(among)]
+            reached = np.unique(near[~patch[near]])
+        out.append(np.flatnonzero(patch))
+        left &= ~patch
+    return out
+
+
+def _at_rim(among: Index) -> NDArray[np.bool_]:
+    """Which of the nodes have one beside them that does not touch, see `Skin._among`."""
+    return np.asarray((among == len(among) + 1).any(axis=1))
 
 
 def _axes(axis: Array) -> Array:

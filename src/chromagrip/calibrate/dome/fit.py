@@ -1,10 +1,10 @@
 """Least squares on known presses of a dome: its silicone, and what is not known of each press.
 
-The unknowns of the silicone are x: core, Poisson's ratio, depth of the magenta layer, ln E, and the
+The unknowns of the silicone are x: core, Poisson's ratio, depths of the layers in it, ln E, and the
 gains of the markers' places and sizes, each as its distance from the design in prior standard
 deviations. E scales all forces alike and moves no marker. A gain stands for what a tracker and the
-linear silicone get wrong in all presses alike. The first three change the elasticity, which takes
-seconds to solve: their derivatives are taken on a coarse skin.
+linear silicone get wrong in all presses alike. What comes before ln E changes the elasticity, which
+takes seconds to solve: those derivatives are taken on a coarse skin.
 """
 
 import math
@@ -17,18 +17,21 @@ from numpy.typing import NDArray
 
 from ...model import ModelError
 from ...tracking import SensorCalibration, Tracks
-from ...tracking.forces import CameraPose, SiliconeValues, silicone_of, with_silicone
+from ...tracking.forces import (
+    CameraPose,
+    SiliconeValues,
+    silicone_names,
+    silicone_of,
+    with_silicone,
+)
 from ..presses import Press
 from .pressing import OWN, Pressing
 
 Array = NDArray[np.float64]
 
-#: Values of the silicone, in the order of x; two gains follow.
-VALUES = ("core_mm", "poisson", "magenta_depth_mm", "young_kpa")
-#: Which of x is ln E, and how many are x.
-YOUNG, COUNT = 3, 6
-#: Prior deviations: of the layer's thickness and the magenta depth as shares, of ν, and of ln E.
-_SHARES, _POISSON, _YOUNG = 0.05, 0.01, 0.2
+#: Prior deviations: of the layer's thickness and the depths of markers as shares, of the depths at
+#: least [mm], of ν, and of ln E.
+_SHARES, _DEPTH, _POISSON, _YOUNG = 0.05, 0.05, 0.01, 0.2
 #: Prior deviations of the gains of places and sizes.
 _GAINS = (0.02, 0.05)
 #: Highest ν.
@@ -83,7 +86,7 @@ class Point:
 
     Attributes
     ----------
-    x: of the silicone, shape (6,)
+    x: of the silicone and two gains, shape (V + 2,)
     own: unknowns of each press, shape (K, 8)
     shifts: shape (K, P, 6)
     held: forces and torques at the design's Young's modulus, shape (K, 4)
@@ -104,6 +107,11 @@ class SiliconeFit:
     rest: tracks of the unloaded sensor
     pose: of its camera
     data: of the presses
+
+    Attributes
+    ----------
+    names: of the V values of the silicone, in the order of x; the last one is Young's modulus
+    spread: their prior deviations and those of the gains, shape (V + 2,)
     """
 
     def __init__(
@@ -113,21 +121,29 @@ class SiliconeFit:
         design = silicone_of(nominal)
         assert design is not None
         self._design = design
-        thickness = 1e3 * nominal.sensor.dome.thickness
-        self.spread = np.array(
-            [_SHARES * thickness, _POISSON, _SHARES * design.magenta_depth_mm, _YOUNG, *_GAINS]
-        )
-        self._pressing = self._supposed(np.zeros(COUNT))
+        known = {
+            "core_mm": _SHARES * 1e3 * nominal.sensor.dome.thickness,
+            "poisson": _POISSON,
+            "magenta_depth_mm": max(_SHARES * design.magenta_depth_mm, _DEPTH),
+            "yellow_depth_mm": max(_SHARES * (design.yellow_depth_mm or 0.0), _DEPTH),
+            "young_kpa": _YOUNG,
+        }
+        self.names = silicone_names(nominal.sensor)
+        self.spread = np.array([*(known[name] for name in self.names), *_GAINS])
+        #: Which of x is ln E.
+        self._young = len(self.names) - 1
+        self._pressing = self._supposed(np.zeros(len(self.spread)))
 
     def values(self, x: Array) -> SiliconeValues:
         """The silicone at x."""
-        core, poisson, depth, young = (float(v) for v in (self.spread * x)[: len(VALUES)])
-        design = self._design
+        off = dict(zip(self.names, (self.spread * x).tolist(), strict=False))
+        design, inner = self._design, self._design.yellow_depth_mm
         return SiliconeValues(
-            core_mm=design.core_mm + core,
-            young_kpa=design.young_kpa * math.exp(young),
-            poisson=min(design.poisson + poisson, _HIGHEST),
-            magenta_depth_mm=design.magenta_depth_mm + depth,
+            core_mm=design.core_mm + off["core_mm"],
+            young_kpa=design.young_kpa * math.exp(off["young_kpa"]),
+            poisson=min(design.poisson + off["poisson"], _HIGHEST),
+            magenta_depth_mm=design.magenta_depth_mm + off["magenta_depth_mm"],
+            yellow_depth_mm=None if inner is None else inner + off["yellow_depth_mm"],
         )
 
     def start(self) -> Point:
@@ -145,7 +161,7 @@ class SiliconeFit:
                 return float(seen @ target) / max(float(np.linalg.norm(seen)), 1e-9)
 
             owns.append(self._pressing.start(press, alike))
-        return self._at(np.zeros(COUNT), np.stack(owns))
+        return self._at(np.zeros(len(self.spread)), np.stack(owns))
 
     def settled(self, point: Point, rounds: int) -> Point:
         """The point with the unknowns of its presses, ln E and the gains fitted anew."""
@@ -168,12 +184,12 @@ class SiliconeFit:
         return point
 
     def elastic_slopes(self, point: Point) -> Array:
-        """Derivatives of the residual by core, ν and depth, shape (rows, 3)."""
+        """Derivatives of the residual by what comes before ln E, shape (rows, V − 1)."""
         coarse = Point(**{**vars(point), **self._shown(self._supposed(point.x, True), point.own)})
         here, columns = self.residual(coarse), []
-        for k in range(YOUNG):
+        for k, name in enumerate(self.names[:-1]):
             # Away from the edge of what ν may be.
-            step = -1.0 if VALUES[k] == "poisson" else 1.0
+            step = -1.0 if name == "poisson" else 1.0
             x = point.x.copy()
             x[k] += step
             there = replace(coarse, **self._shown(self._supposed(x, True), point.own))
@@ -190,21 +206,21 @@ class SiliconeFit:
         Returns
         -------
         point: the next one
-        covariance: of the four values of x, and of ln of the forces of the presses, as they are
-            read off the markers and the gauge together, shape (4 + K, 4 + K)
-        held: which of the values the presses do not determine, shape (4,)
+        covariance: of the V values of x, and of ln of the forces of the presses, as they are
+            read off the markers and the gauge together, shape (V + K, V + K)
+        held: which of the values the presses do not determine, shape (V,)
         """
         slopes = self._slopes(point)
-        count = len(VALUES)
+        count, young = len(self.names), self._young
         whole = np.concatenate([elastic, slopes], axis=1)
-        whole[self._prior_rows()[:YOUNG], np.arange(YOUNG)] = 1.0
+        whole[self._prior_rows()[:young], np.arange(young)] = 1.0
         inverse = np.linalg.inv(whole.T @ whole)
         rows = np.zeros((count + len(point.own), whole.shape[1]))
         rows[:count, :count] = np.eye(count)
         rows[count:] = _FORCE * whole[self._force_rows()]
         covariance = rows @ inverse @ rows.T
         held = np.sqrt(np.diag(covariance)[:count]) > _OPEN
-        held[YOUNG] = False
+        held[young] = False
         free = np.ones(whole.shape[1], np.bool_)
         free[:count] = ~held
         # What is not determined goes back to the design.
@@ -212,12 +228,13 @@ class SiliconeFit:
         step[:count][held] = -point.x[:count][held]
         residual = self.residual(point) + whole @ step
         step[free] = np.linalg.lstsq(whole[:, free], -residual, rcond=None)[0]
-        step[:YOUNG] = np.clip(step[:YOUNG], -_LONGEST, _LONGEST)
+        step[:young] = np.clip(step[:young], -_LONGEST, _LONGEST)
         x = point.x.copy()
-        x[:YOUNG] = np.clip(x[:YOUNG] + step[:YOUNG], -_FARTHEST, _FARTHEST)
-        x[1] = min(x[1], (_HIGHEST - self._design.poisson) / self.spread[1])
+        x[:young] = np.clip(x[:young] + step[:young], -_FARTHEST, _FARTHEST)
+        ratio = self.names.index("poisson")
+        x[ratio] = min(x[ratio], (_HIGHEST - self._design.poisson) / self.spread[ratio])
         self._pressing = self._supposed(x)
-        moved = self._moved(replace(point, x=x), step[YOUNG:])
+        moved = self._moved(replace(point, x=x), step[young:])
         if moved is None:
             moved = self._at(x, point.own)
         return moved, covariance, held
@@ -225,7 +242,7 @@ class SiliconeFit:
     def residual(self, point: Point) -> Array:
         """What is left of the pictures, the forces and the priors, in deviations."""
         scaled = self.spread * point.x
-        forces = point.held * math.exp(scaled[YOUNG])
+        forces = point.held * math.exp(scaled[self._young])
         known = self.data.presses
         normal = np.array([press.normal for press in known])
         lateral = np.array([press.lateral for press in known])
@@ -246,7 +263,7 @@ class SiliconeFit:
 
     def seen(self, point: Point) -> Array:
         """Shifts as a tracker is to see them, shape (K, P, 6)."""
-        place, size = (self.spread * point.x)[YOUNG + 1 :]
+        place, size = (self.spread * point.x)[len(self.names) :]
         return point.shifts * (1.0 + np.tile([place, place, size], 2))
 
     def _prior(self, own: Array) -> tuple[Array, Array]:
@@ -260,12 +277,12 @@ class SiliconeFit:
     def _prior_rows(self) -> NDArray[np.int64]:
         count = len(self.data.presses)
         first = self.data.weights[..., 0].size + count * (4 + OWN)
-        return first + np.arange(COUNT)
+        return first + np.arange(len(self.spread))
 
     def _supposed(self, x: Array, coarse: bool = False) -> Pressing:
         """Presses on a dome of that elasticity, with the design's Young's modulus."""
         elastic = x.copy()
-        elastic[YOUNG] = 0.0
+        elastic[self._young] = 0.0
         known = with_silicone(self._nominal, self.values(elastic))
         silicone = known.sensor.silicone
         if coarse and silicone is not None:
@@ -285,9 +302,9 @@ class SiliconeFit:
 
     def _moved(self, point: Point, step: Array) -> Point | None:
         """The point with ln E, gains and unknowns of its presses moved, if it can be there."""
-        x = point.x.copy()
-        x[YOUNG:] += step[: COUNT - YOUNG]
-        own_step = step[COUNT - YOUNG :].reshape(point.own.shape)
+        x, count = point.x.copy(), len(point.x) - self._young
+        x[self._young :] += step[:count]
+        own_step = step[count:].reshape(point.own.shape)
         own = point.own + _UNITS * self._pressing.units * own_step
         try:
             return self._at(x, self._pressing.limited(own))
@@ -297,11 +314,11 @@ class SiliconeFit:
     def _slopes(self, point: Point) -> Array:
         """Derivatives by ln E, gains and the presses' unknowns over their units, (rows, 3 + 8K)."""
         here = self.residual(point)
-        first = COUNT - YOUNG
+        first = len(point.x) - self._young
         columns = np.zeros((len(here), first + point.own.size))
         for k in range(first):
             x = point.x.copy()
-            x[YOUNG + k] += 1e-3
+            x[self._young + k] += 1e-3
             columns[:, k] = (self.residual(replace(point, x=x)) - here) / 1e-3
         units = _UNITS * self._pressing.units
         for k, press in enumerate(self.data.presses):
@@ -338,7 +355,8 @@ def fit_silicone(
         before = point
         point, covariance, held = fit.stepped(point, elastic)
         point = fit.settled(point, 2)
-        spread = np.sqrt(np.diag(covariance)[: len(VALUES)])
-        if (abs(point.x - before.x)[: len(VALUES)] < _ARRIVED * spread).all():
+        count = len(fit.names)
+        spread = np.sqrt(np.diag(covariance)[:count])
+        if (abs(point.x - before.x)[:count] < _ARRIVED * spread).all():
             break
     return point, covariance, held

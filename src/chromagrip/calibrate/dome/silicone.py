@@ -12,11 +12,17 @@ from ...errors import UserError
 from ...model import ModelError
 from ...render import layer_depths
 from ...tracking import SensorCalibration
-from ...tracking.forces import FitReport, MarkerShifts, rest_pose, with_silicone
+from ...tracking.forces import (
+    SILICONE_ERROR,
+    FitReport,
+    MarkerShifts,
+    rest_pose,
+    with_silicone,
+)
 from ...tracking.forces.dome import INDEPENDENT, ON_CORE, PLACE_ERROR, SIZE_ERROR
 from ..press_fit import whitening
 from ..presses import Pressed
-from .fit import VALUES, YOUNG, Data, SiliconeFit, fit_silicone
+from .fit import Data, SiliconeFit, fit_silicone
 
 Array = NDArray[np.float64]
 
@@ -31,8 +37,6 @@ _OUTLIER, _OUTLIERS = 5.0, 0.1
 _LEFT, _LEFT_FORCE = 0.2, 0.1
 #: Largest deviation of Young's modulus that counts as determined, as a share of it.
 _VAGUE = 0.1
-#: Error of the model of the silicone, as a share of forces.
-_MODEL_ERROR = 0.02
 #: Ends the refusal of presses that no silicone near the design explains.
 _HINT = "Check forces and radii, that each press began unloaded, and that plates and balls are hard"
 
@@ -71,28 +75,31 @@ def fit_presses(
     fit = SiliconeFit(nominal, pressed.rest, pose, data)
     with _calculable():
         point, covariance, held = fit_silicone(fit, point, _ROUNDS, tell)
-    values = fit.values(point.x)
-    # By their own names: core, ν and depth as they are, E over the share.
-    scale = fit.spread[: len(VALUES)].copy()
-    scale[YOUNG] *= values.young_kpa
-    own = covariance[: len(VALUES), : len(VALUES)] * np.outer(scale, scale)
+    values, count = fit.values(point.x), len(fit.names)
+    young = count - 1
+    # By their own names: all as they are but E, which is over its share.
+    scale = fit.spread[:count].copy()
+    scale[young] *= values.young_kpa
+    own = covariance[:count, :count] * np.outer(scale, scale)
     spread = np.sqrt(np.diag(own))
-    share = point.held[:, 0] * math.exp(fit.spread[YOUNG] * point.x[YOUNG])
+    share = point.held[:, 0] * math.exp(fit.spread[young] * point.x[young])
     forces = share / [press.normal for press in data.presses] - 1.0
     error = (fit.seen(point) - data.shifts)[kept][:, data.tells]
-    _check(error, data.shifts[kept][:, data.tells], forces, float(spread[YOUNG] / values.young_kpa))
-    read = math.sqrt(float(np.diag(covariance)[len(VALUES) :].max()))
+    _check(error, data.shifts[kept][:, data.tells], forces, float(spread[young] / values.young_kpa))
+    read = math.sqrt(float(np.diag(covariance)[count:].max()))
     calibration = replace(
-        with_silicone(nominal, values), stiffness_deviation=math.hypot(_MODEL_ERROR, read)
+        with_silicone(nominal, values),
+        stiffness_deviation=math.hypot(SILICONE_ERROR, read),
+        silicone_covariance=tuple(tuple(row) for row in own.tolist()),
     )
     return calibration, FitReport(
         presses=tuple(press.name for press in data.presses),
         noise_levels=pressed.noise,
         error_px=_places_rms(error),
         normal_error_share=float(np.sqrt(np.mean(forces**2))),
-        deviations=dict(zip(VALUES, spread.tolist(), strict=True)),
-        covariance=tuple(tuple(row) for row in own.tolist()),
-        undetermined=tuple(name for name, out in zip(VALUES, held, strict=True) if out),
+        deviations=dict(zip(fit.names, spread.tolist(), strict=True)),
+        covariance=calibration.silicone_covariance,
+        undetermined=tuple(name for name, out in zip(fit.names, held, strict=True) if out),
     )
 
 
@@ -138,12 +145,18 @@ def _weighted(shifts: MarkerShifts, pressed: Pressed, data: Data) -> Data:
 def _without_outliers(seen: Array, data: Data) -> NDArray[np.bool_]:
     """Pairs (K, P) whose shifts are about as far from what is to be seen as the median."""
     scale = np.tile([PLACE_ERROR, PLACE_ERROR, SIZE_ERROR], 2)[data.tells]
+    off = (seen - data.shifts)[..., data.tells] / scale
     missed, moved = (
-        np.linalg.norm(v[..., data.tells] / scale, axis=-1)
-        for v in (seen - data.shifts, data.shifts)
+        np.linalg.norm(v, axis=-1) for v in (off, data.shifts[..., data.tells] / scale)
     )
     limit = _OUTLIER * max(float(np.median(missed[data.visible])), 1.0)
     kept, moving = data.visible & (missed < limit), data.visible & (moved > limit)
+    # Who is off alike in all presses was read wrong at rest, as at a seam: no press is to blame.
+    seen_in = data.visible[..., None]
+    alike = np.where(seen_in, off, 0.0).sum(axis=0) / np.maximum(seen_in.sum(axis=0), 1)
+    varied = np.where(data.visible, np.linalg.norm(off - alike, axis=-1), 0.0).max(axis=0)
+    own = (np.linalg.norm(alike, axis=-1) > limit) & (varied < limit)
+    kept, moving = kept & ~own, moving & ~own
     lost = float((moving & ~kept).sum() / max(1, moving.sum()))
     if lost > _OUTLIERS:
         raise UserError(

@@ -115,6 +115,6 @@ def pressed_scene(name: str, index: int) -> Watched:
         tracks=list(tracks.values()),
         scored=tuple((k + 1) * (_PRESSING + _HOLDING) for k in range(len(NORMALS))),
         true=np.array([[normal, 0.0, np.nan, 1.0] for normal in NORMALS]),
-        side=np.zeros((len(NORMALS), 2)),
+        side=np.zeros((len(NORMALS), 3)),
         label=case,
     )

@@ -1,7 +1,7 @@
 """Random grips of objects on a dome: pressed, then loaded to one margin after another."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ TILT = math.radians(8.0)
 MARGINS, _AROUND = (0.6, 0.3, 0.1), 0.03
 #: Times to press, to load to the next margin, and to hold each [s].
 _PRESSING, _LOADING, _HOLDING = 0.3, 0.15, 0.1
+#: Least and largest turn of an object about the axis [rad].
+_TURNS = (math.radians(5.0), math.radians(25.0))
 #: Damper of an object along the skin [N·s/m].
 _DRAG = 2.0
 #: Objects of convex, smooth shape, and others, in turns.
@@ -33,7 +35,7 @@ UNLIKE = ("bumps", "two", "edge", "beside", "ring")
 
 @dataclass(frozen=True, kw_only=True)
 class Grip:
-    """An object that is pressed onto a dome and loaded.
+    """An object that is pressed onto a dome and loaded, or turned.
 
     Attributes
     ----------
@@ -42,7 +44,8 @@ class Grip:
     lean: rotation vector of the axes that grip and load act along, shape (3,)
     normal: force that presses it [N]
     azimuth: direction of the load [rad]
-    margins: that it is loaded to, 1 − load/(µ·grip) of a flat object
+    margins: that it is loaded to, 1 − load/(µ·grip) of a flat object; 1 holds it
+    turn: about the axis of the dome, from the end of the press to that of the first load [rad]
     """
 
     solid: Solid
@@ -51,6 +54,7 @@ class Grip:
     normal: float
     azimuth: float
     margins: tuple[float, ...]
+    turn: float = 0.0
 
     @property
     def ends(self) -> tuple[float, ...]:
@@ -59,16 +63,20 @@ class Grip:
 
     @property
     def motion(self) -> Motion:
-        """Forces over time; turns are held."""
+        """Forces over time, and turns."""
         times, (normal, load) = self._staged[0], self._staged[1].T
         cos, sin = math.cos(self.azimuth), math.sin(self.azimuth)
         forces = np.zeros((len(times), 6))
         forces[:, :3] = Rotation.from_rotvec(self.lean).apply(
             np.stack([load * cos, load * sin, -normal], axis=-1)
         )
+        poses = np.tile(self.pose, (len(times), 1))
+        if self.turn:
+            turned = Rotation.from_rotvec([0.0, 0.0, self.turn])
+            poses[3:, 3:] = (turned * Rotation.from_rotvec(self.pose[3:])).as_rotvec()
         return Motion(
             times=times,
-            poses=np.tile(self.pose, (len(times), 1)),
+            poses=poses,
             free=("x", "y", "z"),
             loads=forces,
             drag=(_DRAG, _DRAG, PRESS_DRAG, 0.0, 0.0, 0.0),
@@ -118,6 +126,14 @@ def random_grip(rng: np.random.Generator, dome: Dome, kind: str, normal: float) 
         azimuth=rng.uniform(0.0, 2.0 * math.pi),
         margins=random_margins(rng),
     )
+
+
+def turned(rng: np.random.Generator, grip: Grip) -> Grip:
+    """The grip without a load, its object turned back by a random angle."""
+    angle = rng.uniform(*_TURNS) * (1.0 if rng.uniform() < 0.5 else -1.0)
+    # A rotation vector grows up to half a turn.
+    angle = -abs(angle) if grip.pose[5] > 0.0 else angle
+    return replace(grip, margins=(1.0,), turn=angle)
 
 
 def random_margins(rng: np.random.Generator) -> tuple[float, ...]:

@@ -38,6 +38,8 @@ UNITS = {
     "side_x": "N",
     "side_y": "N",
     "side_share": "%",
+    "torque": "N·mm",
+    "torque_share": "%",
     "mu_error": "",
     "mu_bias": "",
     **{f"margin_{near}": "" for near in NEAR},
@@ -60,7 +62,7 @@ class Reading:
     Attributes
     ----------
     answers: of (ΣFn, ΣFf, µ, Γ)
-    side: ΣFf along x and y [N], shape (I, 2)
+    side: ΣFf along x and y [N] and torque about z [N·m], shape (I, 3)
     spent: processor time of a field in each scene, refusals included [s], shape (S,)
     late: whether the estimator took too long over a scene, shape (S,)
     """
@@ -112,7 +114,7 @@ def read(reconstructor: Choice, watched: Watched) -> Reading:
 
 
 def constant(true: Array, side: Array) -> Reading:
-    """The best answer without an image: mean and scatter of the truth, (I, 4) and (I, 2)."""
+    """The best answer without an image: mean and scatter of the truth, (I, 4) and (I, 3)."""
     return Reading(
         answers=constant_answers(true),
         side=np.broadcast_to(side.mean(axis=0), side.shape),
@@ -128,7 +130,7 @@ def _refused(count: int) -> Reading:
             interval=np.full((count, 4, 2), np.nan),
             flagged=np.ones(count, dtype=np.bool_),
         ),
-        side=np.zeros((count, 2)),
+        side=np.zeros((count, 3)),
         spent=np.array([np.nan]),
         late=np.array([False]),
     )
@@ -141,20 +143,23 @@ def scores(reading: Reading, true: Array, side: Array) -> dict[str, float]:
     ----------
     reading: of I frames
     true: (ΣFn, ΣFf, µ, Γ) of each, shape (I, 4)
-    side: ΣFf along x and y [N], shape (I, 2)
+    side: ΣFf along x and y [N] and torque about z [N·m], shape (I, 3)
     """
     answers = reading.answers
     found = beyond_scores(answers, true)
     kept = ~answers.flagged
     error = (answers.value - true)[kept]
-    across, loaded = (reading.side - side)[kept], true[kept, 3] < OBSERVABLE
+    across, turned = np.split((reading.side - side)[kept], [2], axis=1)
+    (force, torque), loaded = np.split(side[kept], [2], axis=1), true[kept, 3] < OBSERVABLE
     found |= {
         "normal_share": found["normal_error"],
         "side_x": rms(across[:, 0]),
         "side_y": rms(across[:, 1]),
         "side_share": 100.0
         * rms(np.linalg.norm(across[loaded], axis=1))
-        / max(rms(np.linalg.norm(side[kept][loaded], axis=1)), 1e-12),
+        / max(rms(np.linalg.norm(force[loaded], axis=1)), 1e-12),
+        "torque": 1e3 * rms(turned),
+        "torque_share": 100.0 * rms(turned) / max(rms(torque), 1e-12),
         "frames": float(len(true)),
         "late": 100.0 * average(reading.late),
         "rate": 1.0 / float(np.nanmedian(reading.spent))

@@ -12,22 +12,29 @@ from ...model import DomeState, ForceField, dome_forces
 from ...model.dome import Stepper, resting
 from ...output.processes import one_thread
 from ...render import Frame
-from ...tracking import SensorCalibration, Tracks, sensor_as_designed
+from ...tracking import SensorCalibration, Tracks, load_calibration, sensor_as_designed
 from ..worlds.force_scenes import REST_FRAMES, tracked
-from .grips import SMOOTH, UNLIKE, Grip, random_grip
-from .specimens import SPECIMENS, Specimen, matched, mismatched
+from .grips import SMOOTH, UNLIKE, Grip, random_grip, turned
+from .specimens import Specimen, calibrated, calibration_file, matched, mismatched
 
 Array = NDArray[np.float64]
 
 #: Time between frames, and steps of the silicone in it [s].
 PERIOD, _STEPS = 1.0 / 60.0, 3
-#: Sets of scenes of a design: whether the specimen is off it, objects, and force of the grip [N].
-SETS: dict[str, tuple[bool, tuple[str, ...], float]] = {
-    "matched": (False, SMOOTH, 3.0),
-    "light": (False, SMOOTH, 1.0),
-    "mismatched": (True, SMOOTH, 3.0),
-    "unlike": (False, UNLIKE, 3.0),
-    "soft": (False, SMOOTH, 1.0),
+#: Sets whose specimens are off their design. Estimators are told a calibration of the specimen, or
+#: the design as it is; the scenes are the same.
+CALIBRATED, NOMINAL = "mismatched", "mismatched-nominal"
+#: Set of calibrated specimens whose objects are turned, not loaded.
+TURNED = "turned"
+#: Sets of scenes of a design: objects, and force of the grip [N].
+SETS: dict[str, tuple[tuple[str, ...], float]] = {
+    "matched": (SMOOTH, 3.0),
+    "light": (SMOOTH, 1.0),
+    CALIBRATED: (SMOOTH, 3.0),
+    "unlike": (UNLIKE, 3.0),
+    "soft": (SMOOTH, 1.0),
+    NOMINAL: (SMOOTH, 3.0),
+    TURNED: (SMOOTH, 3.0),
 }
 #: How far a grip is off that force, as a share: a constant answer is to be told from an estimate.
 _AROUND = 0.2
@@ -46,7 +53,7 @@ class Watched:
     tracks: of all frames, from before the touch
     scored: numbers of the I frames that are scored
     true: (ΣFn [N], ΣFf [N], µ, Γ) in these, shape (I, 4)
-    side: ΣFf along the sensor's x and y [N], shape (I, 2); along x alone on a chain
+    side: see `side`, shape (I, 3)
     label: kind of the object
     """
 
@@ -68,19 +75,31 @@ def scene(name: str, kind: str, index: int) -> Watched:
     kind: of SETS
     index: of the scene; kinds of objects take turns, and so do mismatched specimens
     """
-    off, objects, normal = SETS[kind]
-    rng = np.random.default_rng([SEED, list(SETS).index(kind), index, 1])
-    # Four kinds of objects and eight specimens: all pairs of them come about.
-    specimen = mismatched(name, (index // len(objects)) % SPECIMENS) if off else matched(name)
-    label, pressed = objects[index % len(objects)], normal * (1.0 + rng.uniform(-_AROUND, _AROUND))
+    objects, normal = SETS[kind]
+    known, specimen, number = sensor_as_designed(name), matched(name), index
+    if kind in (CALIBRATED, NOMINAL, TURNED):
+        turn, place = divmod(index, len(calibrated(name)))
+        # In each turn every specimen, with another kind of object: all pairs come about.
+        which = calibrated(name)[place]
+        number = len(objects) * which + (place + turn) % len(objects)
+        specimen = mismatched(name, which)
+        if kind != NOMINAL:
+            known = load_calibration(str(calibration_file(name, which)))
+    seeds = list(SETS).index(CALIBRATED if kind == NOMINAL else kind)
+    rng = np.random.default_rng([SEED, seeds, number, 1])
+    label, pressed = objects[number % len(objects)], normal * (1.0 + rng.uniform(-_AROUND, _AROUND))
     grip = random_grip(rng, specimen.dome, label, pressed)
-    return watch(sensor_as_designed(name), specimen, grip, int(rng.integers(2**32)), label)
+    if kind == TURNED:
+        grip = turned(rng, grip)
+    return watch(known, specimen, grip, int(rng.integers(2**32)), label)
 
 
 def watch(
     known: SensorCalibration, specimen: Specimen, grip: Grip, seed: int, label: str = ""
 ) -> Watched:
     """Take pictures of a grip and track the markers in all of them.
+
+    Frames in which the object has slid off the dome are not scored.
 
     Parameters
     ----------
@@ -102,12 +121,14 @@ def watch(
             rest = camera.expose_rest(states[0], REST_FRAMES)
             frames: dict[int, Frame] = {k: camera.expose(s, k) for k, s in enumerate(states)}
         at_rest, tracks = tracked(known, specimen.noise, rest, frames)
-    fields = [dome_forces(specimen.dome, states[end], whole=False) for end in ends]
+    held = {end: dome_forces(specimen.dome, states[end], whole=False) for end in ends}
+    held = {end: field for end, field in held.items() if field.contact.any()}
+    fields = list(held.values())
     return Watched(
         known=known,
         rest=at_rest,
         tracks=list(tracks.values()),
-        scored=ends,
+        scored=tuple(held),
         true=np.array([truth(field, grip.solid.friction) for field in fields]),
         side=np.array([side(field) for field in fields]),
         label=label,
@@ -141,6 +162,11 @@ def truth(field: ForceField, friction: float) -> Array:
 
 
 def side(field: ForceField) -> Array:
-    """ΣFf of a field of forces along the sensor's x and y [N], shape (2,); 0 across a chain."""
+    """ΣFf along the sensor's x and y [N] and torque about its z [N·m], shape (3,).
+
+    A chain has nothing but ΣFf along x.
+    """
     whole: Sequence[float] = list(field.net_friction)
-    return np.array([whole[0], whole[1] if len(whole) > 1 else 0.0])
+    if field.directions is None:
+        return np.array([whole[0], 0.0, 0.0])
+    return np.array([whole[0], whole[1], field.torque((0.0, 0.0, 1.0))])

@@ -12,12 +12,14 @@ from ...output.processes import map_processes
 from .across import DESIGN, WORLDS, across_scene
 from .elements import pressed_scene
 from .readings import Reading, read
-from .scenes import SETS, Watched, scene
+from .scenes import CALIBRATED, NOMINAL, SETS, TURNED, Watched, scene
 
 Array = NDArray[np.float64]
 
 #: Designs that `contact` reads, and a set of theirs that finite elements draw.
 DESIGNS, ELEMENTS = ("dome-2020", "dome-2022"), "elements"
+#: Design of two soft layers whose mismatched specimens are read too, and its share of the scenes.
+NEXT, _FEWER = "chromatouch-next", 4
 #: Name of the sets that all estimators read in all worlds, and of the one of their design that is
 #: read by those of domes.
 ACROSS, SOFT = "across", "soft"
@@ -27,7 +29,9 @@ DOME_GROUPS = (*SETS, ELEMENTS, ACROSS)
 COUNTS = {
     "matched": 40,
     "light": 8,
-    "mismatched": 16,
+    CALIBRATED: 16,
+    NOMINAL: 8,
+    TURNED: 4,
     "unlike": 10,
     ELEMENTS: 4,
     ACROSS: 6,
@@ -63,7 +67,7 @@ class Result:
     Attributes
     ----------
     true: (ΣFn [N], ΣFf [N], µ, Γ), shape (I, 4)
-    side: ΣFf along x and y [N], shape (I, 2)
+    side: ΣFf along x and y [N] and torque about z [N·m], shape (I, 3)
     readings: by estimator
     """
 
@@ -77,8 +81,12 @@ def counts_of(quick: bool, groups: Sequence[str]) -> dict[tuple[str, str], int]:
     wanted = {g: n for g, n in (QUICK if quick else COUNTS).items() if not groups or g in groups}
     wanted |= {g: 1 for g in groups if g not in wanted}
     designs = DESIGNS[:1] if quick else DESIGNS
-    counts = {(d, g): n for g, n in wanted.items() if g not in (ACROSS, SOFT) for d in designs}
+    other = (ACROSS, SOFT, TURNED)
+    counts = {(d, g): n for g, n in wanted.items() if g not in other for d in designs}
     counts |= {(DESIGN, SOFT): wanted[SOFT]} if SOFT in wanted else {}
+    counts |= {(NEXT, TURNED): wanted[TURNED]} if TURNED in wanted else {}
+    if CALIBRATED in wanted and not quick:
+        counts[NEXT, CALIBRATED] = wanted[CALIBRATED] // _FEWER
     return counts | {(DESIGN, world): wanted[ACROSS] for world in WORLDS if ACROSS in wanted}
 
 
@@ -92,7 +100,7 @@ def measure_domes(
     Parameters
     ----------
     counts: of scenes by design and set
-    reconstructors: by name; none are COMPARED in WORLDS, FREE and BEST in SOFT, else BEST
+    reconstructors: by name; none are those of `readers_of`
     progress: called after each scene
     """
     tasks = [
@@ -115,6 +123,8 @@ def measure_domes(
 
 def readers_of(design: str, kind: str) -> tuple[str, ...]:
     """Estimators that read a set of a design where none are asked for."""
+    if design == NEXT:
+        return (FREE,)
     if kind == SOFT:
         return FREE, BEST
     return COMPARED if design == DESIGN else (BEST,)

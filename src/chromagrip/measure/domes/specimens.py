@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
@@ -11,12 +12,14 @@ from numpy.typing import NDArray
 from ...loop.camera import SimulatedCamera
 from ...model import Dome
 from ...render import DomeMap, Flaws, Membrane, SensorDesign, load_sensor, open_renderer
+from ...tracking.forces import yellow_moves
 from ..worlds.force_scenes import NOISE
 
 Array = NDArray[np.float64]
 
 #: What is off the design in a mismatched specimen, up or down: shares of E and of the silicone's
-#: thickness, depth of the outer layer [mm], ν, centre of the image [px], roll of the camera [°].
+#: thickness, depth of a layer in the silicone [mm], ν, centre of the image [px], roll of the camera
+#: [°]. An inner layer that does not lie on the core is off up and down as the roll is.
 OFF = {
     "young": 0.10,
     "thickness": 0.03,
@@ -29,8 +32,13 @@ OFF = {
 #: Mismatched specimens of a design: an orthogonal array of two levels, so that each of OFF is up in
 #: half of them, whatever another is.
 SPECIMENS = 8
+#: Those that are calibrated and read, of a design of two soft layers, which takes longest. E,
+#: thickness and depths are up in one of them and down in the other.
+_FEW = (3, 4)
 #: Pitch of their nodes over the design's.
 _FINER = 0.8
+#: Calibrations of them; `fixtures/calibrated/make.py` makes them and says what they are.
+_CALIBRATED = Path(__file__).parent / "calibrated"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +103,7 @@ def mismatched(name: str, index: int) -> Specimen:
 
     Parameters
     ----------
-    name: of a design whose inner layer lies on the core
+    name: of the design
     index: of the specimen; there are SPECIMENS
     """
     nominal = load_sensor(name)
@@ -103,6 +111,9 @@ def mismatched(name: str, index: int) -> Specimen:
     dome, camera, silicone = dome_of(nominal), nominal.camera, nominal.silicone
     assert silicone is not None
     thickness = 1e3 * dome.thickness * (1.0 + off["thickness"])
+    inner = thickness
+    if yellow_moves(nominal):
+        inner = nominal.yellow.depth_mm + math.copysign(off["depth_mm"], off["roll_deg"])
     sensor = replace(
         nominal,
         silicone=replace(
@@ -113,7 +124,7 @@ def mismatched(name: str, index: int) -> Specimen:
             pitch_mm=1e3 * dome.spacing * _FINER,
         ),
         magenta=replace(nominal.magenta, depth_mm=nominal.magenta.depth_mm + off["depth_mm"]),
-        yellow=replace(nominal.yellow, depth_mm=thickness),
+        yellow=replace(nominal.yellow, depth_mm=inner),
         camera=replace(
             camera,
             centre_px=(
@@ -128,6 +139,21 @@ def mismatched(name: str, index: int) -> Specimen:
         renderer="pyrender",
         roll=math.radians(off["roll_deg"]),
     )
+
+
+def calibrated(name: str) -> tuple[int, ...]:
+    """Mismatched specimens of a design that are calibrated and read."""
+    return _FEW if yellow_moves(load_sensor(name)) else tuple(range(SPECIMENS))
+
+
+def calibration_file(name: str, index: int) -> Path:
+    """Calibration of a mismatched specimen from eight presses, one of `calibrated`.
+
+    Parameters
+    ----------
+    name, index: as of `mismatched`
+    """
+    return _CALIBRATED / f"{name}-{index}.toml"
 
 
 def dome_of(sensor: SensorDesign) -> Dome:

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from msgspec import structs
 from numpy.typing import NDArray
 
 from chromagrip.errors import UserError
@@ -18,9 +19,16 @@ from chromagrip.model.shapes import ball, cylinder, plane
 from chromagrip.render import load_sensor
 from chromagrip.tracking import (
     NoEstimateError,
+    SensorCalibration,
     Tracks,
     load_reconstructor,
     sensor_as_designed,
+)
+from chromagrip.tracking.forces import (
+    SILICONE_ERROR,
+    silicone_names,
+    silicone_of,
+    with_silicone,
 )
 from chromagrip.tracking.forces.dome.traction import TractionReading
 from chromagrip.tracking.forces.dome.traction_friction import read_slip
@@ -269,6 +277,85 @@ def test_the_same_frames_give_the_same_field_and_reset_forgets() -> None:
     fresh.update(first)
     fresh.reset()
     assert np.array_equal(one.update(second).normal, fresh.update(second).normal)
+
+
+def calibrated(deviations: dict[str, float]) -> SensorCalibration:
+    """The design, with silicone that is known to deviations; what is not named is known."""
+    known = sensor_as_designed(SENSOR)
+    spread = [deviations.get(name, 0.0) ** 2 for name in silicone_names(known.sensor)]
+    return replace(known, silicone_covariance=tuple(map(tuple, np.diag(spread).tolist())))
+
+
+def read_as(known: SensorCalibration, state: DomeState) -> ForceField:
+    """What is read off a frame without noise."""
+    drawn = Drawn(DESIGN, DOME, 0, 0.0)
+    reading = TractionReading(known, drawn(NOTHING))
+    for share in (0.5, *[1.0] * 5):
+        field = reading.update(drawn(share * state.linear))
+    return field
+
+
+def margin_of(field: ForceField) -> tuple[float, float]:
+    """Γ and its deviation."""
+    assert field.friction_reading is not None
+    reading = field.friction_reading
+    return field.safety_margin(reading.value), reading.margin_deviation
+
+
+def test_silicone_that_is_known_adds_nothing() -> None:
+    state = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
+    plain, known = read_as(sensor_as_designed(SENSOR), state), read_as(calibrated({}), state)
+    assert np.array_equal(plain.normal, known.normal)
+    assert np.array_equal(plain.totals_covariance, known.totals_covariance)
+    assert np.array_equal(plain.wrench_covariance, known.wrench_covariance)
+    assert margin_of(plain) == margin_of(known)
+
+
+def test_an_unsure_modulus_widens_all_forces_by_its_share_and_not_the_margin() -> None:
+    state = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
+    plain, known = read_as(calibrated({}), state), read_as(calibrated({"young_kpa": 12.0}), state)
+    sums = np.array([plain.total_normal, plain.total_friction])
+    more = known.totals_covariance - plain.totals_covariance
+    assert more == pytest.approx(0.03**2 * np.outer(sums, sums), rel=1e-6)
+    assert known.wrench_covariance is not None
+    more = known.wrench_covariance - plain.wrench_covariance
+    assert more == pytest.approx(0.03**2 * np.outer(plain.wrench, plain.wrench), rel=1e-6)
+    assert margin_of(plain) == margin_of(known)
+
+
+@pytest.mark.parametrize(
+    ("name", "by"),
+    [
+        ("core_mm", 0.03),
+        pytest.param("poisson", 0.005, marks=pytest.mark.slow),
+        ("magenta_depth_mm", 0.02),
+        ("yellow_depth_mm", 0.03),
+    ],
+)
+def test_unsure_silicone_widens_as_much_as_other_silicone_changes(name: str, by: float) -> None:
+    """A deviation widens by about what the same frame reads where the silicone is told that off."""
+    state = grasped(Solid(shape=plane(), friction=0.6), 0.4, 0.2)
+    plain, known = read_as(calibrated({}), state), read_as(calibrated({name: by}), state)
+    values = silicone_of(calibrated({}))
+    assert values is not None
+    both = [structs.replace(values, **{name: getattr(values, name) + k * by}) for k in (-1, 1)]
+    low, high = (read_as(with_silicone(calibrated({}), other), state) for other in both)
+    more = math.sqrt((known.totals_covariance - plain.totals_covariance)[0, 0])
+    # To first order: nodes at the rim that leave or join the contact are left out.
+    off = math.hypot(*(f.total_normal - plain.total_normal for f in (low, high))) / math.sqrt(2.0)
+    assert more == pytest.approx(off, rel=0.4)
+    assert 0.004 < off / plain.total_normal < 0.06
+    off = math.hypot(*(margin_of(f)[0] - margin_of(plain)[0] for f in (low, high))) / math.sqrt(2.0)
+    stated = math.sqrt(margin_of(known)[1] ** 2 - margin_of(plain)[1] ** 2)
+    assert stated == pytest.approx(off, rel=0.6, abs=0.015)
+
+
+def test_what_the_covariance_says_is_not_added_twice() -> None:
+    drawn = Drawn(DESIGN, DOME)
+    rest, known = drawn(NOTHING), replace(calibrated({"young_kpa": 12.0}), stiffness_deviation=0.05)
+    assert TractionReading(known, rest).stiffness_deviation == SILICONE_ERROR
+    plain = replace(known, silicone_covariance=())
+    assert TractionReading(plain, rest).stiffness_deviation == 0.05
 
 
 @pytest.mark.parametrize("name", ["dome-2020", "dome-2022"])

@@ -1,0 +1,143 @@
+"""What a calibration leaves unsure of tractions: the silicone's values are known to a covariance.
+
+Young's modulus scales all forces. The other values change what forces show, and how they are
+parted. If one of them is a little other than told, the most probable forces are those that make up
+for the change of the shifts that it brings (to first order, within the same zone).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec.structs import replace as changed
+from numpy.typing import NDArray
+
+from ....model import Dome
+from ...tracks import Tracks
+from ..calibration import SensorCalibration, silicone_of, with_silicone
+from ..pose import CameraPose
+from ..shifts import MarkerShifts
+from ..silicone_values import silicone_names
+from .marker_response import DomeResponse
+from .traction_fit import TractionFit, Tractions
+from .traction_skin import Skin
+
+Array = NDArray[np.float64]
+
+#: Highest ν whose elasticity is solved for.
+_HIGHEST = 0.494
+#: Slopes are found anew when ΣFn, or a component of the friction, has changed by this share of
+#: ΣFn, and when the contact has moved on by this share of the radius.
+_CHANGED, _MOVED = 0.1, 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sums:
+    """What is read off forces, and how a contact lies.
+
+    Attributes
+    ----------
+    values: ΣFn, ΣFf, Fx, Fy, Fz [N] and Mz [N·m], shape (6,)
+    margin: Γ
+    net: friction that counts in Γ [N], shape (3,)
+    middle: of the normal forces at rest [m], shape (3,)
+    """
+
+    values: Array
+    margin: float
+    net: Array
+    middle: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Other:
+    """Silicone of which one value is other than told, by `step`."""
+
+    step: float
+    response: DomeResponse
+    skin: Skin
+
+
+class UnsureSilicone:
+    """Carries the covariance of one calibration's silicone to what is read.
+
+    Parameters
+    ----------
+    calibration: of the sensor, with its covariance
+    rest: tracks of the unloaded sensor
+    pose: of the specimen's camera
+    reach: of the markers that are read [rad]
+    """
+
+    def __init__(
+        self, calibration: SensorCalibration, rest: Tracks, pose: CameraPose, reach: float
+    ) -> None:
+        values = silicone_of(calibration)
+        assert values is not None
+        covariance = np.array(calibration.silicone_covariance)
+        names = silicone_names(calibration.sensor)
+        # The last value is Young's modulus: its deviation counts as a share.
+        share = np.ones(len(names))
+        share[-1] = values.young_kpa
+        self._covariance = covariance / np.outer(share, share)
+        self._others: dict[int, _Other] = {}
+        for k, name in enumerate(names[:-1]):
+            step, now = float(np.sqrt(covariance[k, k])), getattr(values, name)
+            if not step > 0.0:
+                continue
+            if name == "poisson" and now + step > _HIGHEST:
+                step = -step
+            known = with_silicone(calibration, changed(values, **{name: now + step}))
+            shifts = MarkerShifts(known, rest, reach, pose)
+            dome = known.sensor.dome
+            assert isinstance(dome, Dome)
+            self._others[k] = _Other(
+                step=step,
+                response=DomeResponse(shifts.sensor, dome, shifts.places),
+                skin=Skin(dome),
+            )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the slopes that were found."""
+        self._last: Sums | None = None
+        self._slopes = np.zeros((7, len(self._covariance)))
+
+    def __call__(
+        self,
+        fit: TractionFit,
+        response: DomeResponse,
+        found: Tractions,
+        sums: Sums,
+        read: Callable[[Skin, Array], Sums],
+    ) -> Array:
+        """Covariance of ΣFn, ΣFf, Fx, Fy, Fz, Mz and Γ, shape (7, 7).
+
+        Parameters
+        ----------
+        fit: that found the forces
+        response: of the silicone as told
+        found, sums: forces, and what is read off them
+        read: reads forces (n, 3) on the same nodes as they lie on a skin
+        """
+        if self._last is None or _far(self._last, sums):
+            self._last = sums
+            shown = response(found.nodes, found.linear)
+            for k, other in self._others.items():
+                change = other.response(found.nodes, found.linear) - shown
+                made = read(other.skin, found.linear + fit.answer(found, change))
+                moved = (made.values - sums.values) / sums.values[0]
+                self._slopes[:6, k] = moved / other.step
+                self._slopes[6, k] = (made.margin - sums.margin) / other.step
+        slopes = self._slopes.copy()
+        slopes[:6] *= sums.values[0]
+        slopes[:6, -1] = sums.values
+        return slopes @ self._covariance @ slopes.T
+
+
+def _far(before: Sums, now: Sums) -> bool:
+    """Whether a contact is another one than before."""
+    whole = before.values[0]
+    off = np.append(now.net - before.net, now.values[0] - whole)
+    away = np.linalg.norm(now.middle - before.middle)
+    return bool(abs(off).max() > _CHANGED * whole or away > _MOVED * np.linalg.norm(now.middle))
