@@ -55,11 +55,13 @@ _SHAPED = 0.8
 _SAME = 0.5
 #: Rounds of a fit from rest, and of one that starts near its solution.
 _ROUNDS, _FEW_ROUNDS = 25, 8
+#: Rounds of a rival: of a better one there are more in the next turn.
+_RIVAL_ROUNDS = 4
 #: Mean square of what is left at which other objects are tried, or so many times that of the
 #: solution before.
 _DOUBTFUL, _WORSE = 1.2, 1.3
 #: Deviation of ln µ below which µ is observable, and the margin from which on it is not.
-_OBSERVED, _OBSERVABLE_MARGIN = 0.25, 0.85
+_OBSERVED, _OBSERVABLE_MARGIN = 0.3, 0.85
 #: Deviation of Γ that the layer's thickness and the friction law leave, and of ΣFn and ΣFf as
 #: shares.
 _MARGIN_ERROR, _NORMAL_ERROR, _FRICTION_ERROR = 0.03, 0.04, 0.04
@@ -173,7 +175,7 @@ class ContactReading:
         if solution is not None:
             rival = self._rivals.next(solution.object_, solution.keys)
             if rival is not None:
-                before, solution = solution, self._better(solution, rival, _FEW_ROUNDS)
+                before, solution = solution, self._better(solution, rival, _RIVAL_ROUNDS)
                 self._rivals.tried(better=solution is not before)
         return self._taken(solution, (last.object_, keys))
 
