@@ -30,6 +30,8 @@ class FrictionReading:
     totals_covariance: covariance of µ with (ΣFn, ΣFf) [N], shape (2,)
     margin_deviation: standard deviation of Γ with this µ, where it was learned; NaN where it
         follows from those of µ and the sums
+    logarithmic: whether the error is one of ln µ, of which the deviation over µ is the standard
+        deviation, also where µ is not observable: what was known before the image is part of it
     """
 
     value: float
@@ -37,6 +39,7 @@ class FrictionReading:
     observable: bool
     totals_covariance: tuple[float, float] = (0.0, 0.0)
     margin_deviation: float = math.nan
+    logarithmic: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

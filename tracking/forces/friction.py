@@ -143,11 +143,15 @@ class _Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class _Memory:
-    """Readings that are averaged, µ that is held, and whether µ was observable since the reset."""
+    """Readings that are averaged, µ that is held, and whether µ was observable since the reset.
+
+    `logarithmic`: whether the last reading is one of ln µ.
+    """
 
     readings: tuple[_Reading, ...] = ()
     held: float = -math.inf
     observable: bool = False
+    logarithmic: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,7 +191,7 @@ class FrictionEstimate:
 
         Until µ has been observable once, the average of the ratios stands in: it saturates near the
         tissue's Poisson factor (E7) and is low rather than high. Any µ above it explains the frames
-        as well, and the interval says so.
+        as well, and the interval says so. A reading of ln µ knows its error without that.
         """
         memory = self._with_reading(time, field)
         start = time - self._window + _ROUNDING
@@ -214,6 +218,9 @@ class FrictionEstimate:
         # The error of a reading stays the same from frame to frame: it does not average out.
         known = [x for x in (average.scatter, average.stated) if not math.isnan(x)]
         spread = Z90 * max(known, default=math.nan)
+        if memory.logarithmic:
+            factor = math.exp(spread / mean)
+            return mean, (mean / factor, mean * factor)
         bounded = memory.observable or self._rule.every
         return mean, (mean - spread, mean + spread if bounded else LARGEST_FRICTION)
 
@@ -225,6 +232,7 @@ class FrictionEstimate:
         if reading.observable and not memory.observable:
             # Readings from before µ was observable stood in for it.
             memory = replace(memory, observable=True, readings=memory.readings if every else ())
+        memory = replace(memory, logarithmic=reading.logarithmic)
         if not (reading.observable or every or not memory.observable):
             return memory
         this = _Reading(

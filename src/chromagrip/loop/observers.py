@@ -193,7 +193,7 @@ def _observation(
 ) -> GripObservation:
     mu, interval = friction.update(time, field)
     margin = field.safety_margin(mu)
-    deviation = (interval[1] - interval[0]) / (2 * Z90)
+    deviation = _friction_deviation(field, mu, interval)
     direction, out_of_plane, twist = _direction(field)
     return GripObservation(
         time=time,
@@ -209,6 +209,14 @@ def _observation(
         out_of_plane=out_of_plane,
         twist=twist,
     )
+
+
+def _friction_deviation(field: ForceField, mu: float, interval: tuple[float, float]) -> float:
+    """Standard deviation of µ that its 90 % interval says."""
+    low, high = interval
+    if field.friction_reading is not None and field.friction_reading.logarithmic:
+        return mu * math.log(high / low) / (2.0 * Z90)
+    return (high - low) / (2.0 * Z90)
 
 
 def _direction(field: ForceField) -> tuple[float, float, float]:

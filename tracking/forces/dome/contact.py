@@ -21,8 +21,9 @@ from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from ..silicone_values import ON_CORE
 from .contact_fit import ContactFit, Key, Shifts, Solution
-from .contact_state import CURVES, FRICTION, MOVING, OBJECT, PLACE, PRESS, prior_of
-from .keys import KEYS, far_on, thinned
+from .contact_starts import Rivals, Start, other_objects, start_from_rest
+from .contact_state import CURVES, FRICTION, MOVING, OBJECT
+from .keys import far_on, thinned
 from .marker_response import DomeResponse
 from .untouched import untouched_field
 
@@ -53,19 +54,13 @@ _SHAPED = 0.8
 _SAME = 0.5
 #: Rounds of a fit from rest, and of one that starts near its solution.
 _ROUNDS, _FEW_ROUNDS = 25, 8
+#: Rounds of a rival: of a better one there are more in the next turn.
+_RIVAL_ROUNDS = 4
 #: Mean square of what is left at which other objects are tried, or so many times that of the
-#: solution before, …
+#: solution before.
 _DOUBTFUL, _WORSE = 1.2, 1.3
-#: … and their curvatures times the radius.
-_OTHERS = (0.0, 3.0)
-#: Once in so many key frames as are kept, an object of so many times the friction is tried.
-_SLIPPERY = 0.5
-#: Starts of a contact: angles of its place from the apex [rad], and how many around it.
-_STARTS = ((0.0, 1), (0.25, 6), (0.55, 10))
-#: Press of a start over the thickness.
-_START_PRESS = 0.1
 #: Deviation of ln µ below which µ is observable, and the margin from which on it is not.
-_OBSERVED, _OBSERVABLE_MARGIN = 0.25, 0.85
+_OBSERVED, _OBSERVABLE_MARGIN = 0.3, 0.85
 #: Deviation of Γ that the layer's thickness and the friction law leave, and of ΣFn and ΣFf as
 #: shares.
 _MARGIN_ERROR, _NORMAL_ERROR, _FRICTION_ERROR = 0.03, 0.04, 0.04
@@ -108,7 +103,7 @@ class ContactReading:
         self.last: Solution | None = None
         self._now: tuple[PosedContact, Array] | None = None
         self._covariance = np.zeros((7, 7))
-        self._added = 0
+        self._rivals = Rivals(self.dome)
         self._doubtful = _DOUBTFUL
         self._refused: Shifts | None = None
 
@@ -175,25 +170,24 @@ class ContactReading:
         except UserError:
             solution = None
         if solution is None or solution.misfit > self._doubtful:
-            solution = self._better(solution, last.object_, keys, _FEW_ROUNDS)
-        self._added += 1
-        if self._added % KEYS == 0:
-            slippery = last.object_.copy()
-            slippery[FRICTION] += math.log(_SLIPPERY)
-            solution = self._better(solution, slippery, keys, _FEW_ROUNDS)
-        return self._taken(solution, last.object_, keys)
+            solution = self._better(solution, (last.object_, keys), _FEW_ROUNDS)
+        if solution is not None:
+            rival = self._rivals.next(solution.object_, solution.keys)
+            if rival is not None:
+                before, solution = solution, self._better(solution, rival, _RIVAL_ROUNDS)
+                self._rivals.tried(better=solution is not before)
+        return self._taken(solution, (last.object_, keys))
 
     def _found(self, shifts: Shifts) -> bool:
         """Find the contact of a frame from rest."""
-        object_, pose = self._start(shifts)
-        keys = (Key(shifts=shifts, pose=pose),)
-        return self._taken(self._better(None, object_, keys, _ROUNDS), object_, keys)
+        start = start_from_rest(self._fit, shifts)
+        return self._taken(self._better(None, start, _ROUNDS), start)
 
-    def _taken(self, solution: Solution | None, object_: Array, keys: tuple[Key, ...]) -> bool:
+    def _taken(self, solution: Solution | None, start: Start) -> bool:
         """Go on with a solution, or with one from another object where it is doubtful."""
         if solution is None or solution.misfit > self._doubtful:
-            for other in self._others(object_):
-                solution = self._better(solution, other, keys, _ROUNDS)
+            for other in other_objects(self.dome, *start):
+                solution = self._better(solution, other, _ROUNDS)
         if solution is None or solution.misfit > _MISFIT or self._unlike(solution):
             return False
         self.last, self._now = solution, (solution.contact, solution.keys[-1].pose)
@@ -213,25 +207,13 @@ class ContactReading:
         shaped = mean - half < _HOLLOW - doubt or mean + half > _EDGE + doubt
         return shaped and solution.misfit > _SHAPED
 
-    def _better(
-        self, solution: Solution | None, object_: Array, keys: tuple[Key, ...], rounds: int
-    ) -> Solution | None:
+    def _better(self, solution: Solution | None, start: Start, rounds: int) -> Solution | None:
         """The better of a solution and that from another start."""
         try:
-            other = self._fit.fit_keys(object_, keys, rounds)
+            other = self._fit.fit_keys(*start, rounds)
         except UserError:
             return solution
         return other if solution is None or other.misfit < solution.misfit else solution
-
-    def _others(self, object_: Array) -> list[Array]:
-        """Objects of other curvature at the same place, to start from."""
-        out = []
-        for curve in _OTHERS:
-            other = prior_of(self.dome).mean.copy()
-            other[PLACE] = object_[PLACE]
-            other[CURVES] = np.array([curve, curve, 0.0]) / self.dome.radius
-            out.append(other)
-        return out
 
     def _read(self, tracks: Tracks) -> Shifts:
         values, certain = self._shifts(tracks, MIN_MARKERS)
@@ -249,27 +231,6 @@ class ContactReading:
         whiten = np.zeros((len(noise), len(tells), len(self._tells)))
         whiten[:, :, tells] = np.linalg.inv(np.linalg.cholesky(noise))
         return Shifts(values=values[certain], whiten=whiten, used=certain)
-
-    def _start(self, shifts: Shifts) -> tuple[Array, Array]:
-        """Object and pose to start from: the place of a light press whose image is most alike."""
-        best, most, press = prior_of(self.dome).mean, -math.inf, 0.0
-        target = shifts.apply(shifts.values)
-        light = np.zeros(MOVING)
-        light[PRESS] = _START_PRESS * self.dome.thickness
-        for angle, count in _STARTS:
-            for turn in 2.0 * math.pi * np.arange(count) / count:
-                tried = prior_of(self.dome).mean.copy()
-                tried[PLACE] = angle * math.cos(turn), angle * math.sin(turn)
-                image = shifts.apply(self._fit.image(tried, light)[shifts.used])
-                length = max(float(np.linalg.norm(image)), 1e-9)
-                score = float(image @ target) / length
-                if score > most:
-                    # A force, and so the image, grows about as the press to the power of 3/2.
-                    larger = float(np.clip(max(score / length, 0.05) ** (2.0 / 3.0), 0.2, 4.0))
-                    best, most, press = tried, score, larger * light[PRESS]
-        pose = np.zeros(MOVING)
-        pose[PRESS] = press
-        return best, pose
 
     def _field(self) -> ForceField:
         assert self.last is not None
@@ -305,6 +266,7 @@ class ContactReading:
             observable=deviation < _OBSERVED and slips,
             totals_covariance=tuple(mu * scale * whole[2, :2]),
             margin_deviation=spread,
+            logarithmic=True,
         )
         return replace(
             field,

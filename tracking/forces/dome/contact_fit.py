@@ -13,6 +13,8 @@ from ....errors import UserError
 from ....model import Dome
 from ....model.dome import PosedContact
 from .contact_state import (
+    CURVES,
+    HOLLOW,
     MOVING,
     OBJECT,
     limited_object,
@@ -151,6 +153,7 @@ class ContactFit:
         self._way = ContactWay(dome)
         self._longest = longest_of(dome)
         self._prior = prior_of(dome)
+        self._hollow = HOLLOW / dome.radius
 
     def fit_keys(self, object_: Array, keys: tuple[Key, ...], rounds: int) -> Solution:
         """Object and poses that explain key frames best, near given ones.
@@ -343,8 +346,10 @@ class ContactFit:
     ) -> float:
         seen = sum(s.loss(p) for s, p in zip(shifts, predicted, strict=True))
         off = (object_ - self._prior.mean) / self._prior.deviation
+        hollow = np.minimum(object_[CURVES], 0.0)[:2] / self._hollow
         moves = np.diff(poses, axis=0, prepend=0.0) / moves_of(self.dome, poses)
-        return self._share(len(shifts)) * seen + float(off @ off) + float((moves**2).sum())
+        known = float(off @ off + hollow @ hollow)
+        return self._share(len(shifts)) * seen + known + float((moves**2).sum())
 
     def _normal(
         self,
@@ -369,6 +374,10 @@ class ContactFit:
         known = (self.units[MOVING:] / self._prior.deviation) ** 2
         information[:first, :first] += np.diag(known)
         gradient[:first] += known * (self._prior.mean - object_) / self.units[MOVING:]
+        hollow = np.flatnonzero(object_[CURVES][:2] < 0.0) + CURVES.start
+        units = self.units[MOVING:][hollow]
+        information[hollow, hollow] += (units / self._hollow) ** 2
+        gradient[hollow] -= units * object_[hollow] / self._hollow**2
         # Each pose is near the one before, the first one near rest.
         each = (self.units[:MOVING] / moves_of(self.dome, poses)) ** 2
         moves = np.diff(poses, axis=0, prepend=0.0) / self.units[:MOVING]

@@ -31,6 +31,9 @@ STIFFNESS, FRICTION, BRISTLE = 5, 6, 7
 _DAHL = 0.7
 #: Deviation of a shift: at least so much of the thickness, and so much of the press.
 _LIGHT = (0.02, 0.6)
+#: Deviation of a curvature below 0, times the dome's radius: what is gripped is hardly ever hollow,
+#: and a soft plane shows almost the same markers as a hollow that is stiffer.
+HOLLOW = 0.1
 #: Deepest press, as a share of the thickness of the silicone.
 _DEEPEST = 0.75
 #: Bounds of curvature times the dome's radius; deeper hollows fit the dome nowhere.
@@ -56,10 +59,10 @@ def prior_of(dome: Dome) -> Prior:
     radius = dome.radius
     mean, deviation = np.zeros(len(OBJECT)), np.empty(len(OBJECT))
     mean[CURVES] = np.array([0.8, 0.8, 0.0]) / radius
-    mean[STIFFNESS:] = math.log(1e9), math.log(0.5), math.log(5e9)
+    mean[STIFFNESS:] = math.log(7e8), math.log(0.5), math.log(5e9)
     deviation[PLACE] = 0.35
     deviation[CURVES] = np.array([1.6, 1.6, 0.8]) / radius
-    deviation[STIFFNESS:] = 1.2, 0.6, 0.7
+    deviation[STIFFNESS:] = 1.6, 0.6, 0.7
     return Prior(mean=mean, deviation=deviation)
 
 

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 #: Most key frames.
 KEYS = 8
 #: Way from one key pose to the next: shift and press in thicknesses of the silicone, twist [rad].
-_APART = (0.02, 0.02, 0.03, 0.06)
+_APART = (0.01, 0.01, 0.015, 0.03)
 
 
 def far_on(dome: Dome, keys: tuple[Key, ...], pose: Array) -> bool:
