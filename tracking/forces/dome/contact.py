@@ -17,11 +17,12 @@ from ....model.dome import PosedContact, lattice
 from ....render import layer_depths
 from ...tracks import Tracks
 from ..calibration import SensorCalibration
+from ..friction import Z90
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from ..silicone_values import ON_CORE
 from .contact_fit import ContactFit, Key, Shifts, Solution
-from .contact_starts import Rivals, Start, other_objects, start_from_rest
+from .contact_starts import Rivals, Start, light_press, other_objects, start_from_rest
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT
 from .keys import far_on, thinned
 from .marker_response import DomeResponse
@@ -95,6 +96,7 @@ class ContactReading:
         # A layer on the core stays where it is, whatever the forces are.
         moving = np.array(layer_depths(sensor, dome)) < (1.0 - ON_CORE) * dome.thickness
         self._tells = np.repeat(moving, 3)
+        self._light = light_press(self._fit)
         self.reset()
 
     def reset(self) -> None:
@@ -119,7 +121,7 @@ class ContactReading:
         nothing = shifts.cost(np.zeros((len(shifts.used), 6)))
         if nothing < _UNTOUCHED:
             self.reset()
-            return untouched_field(self.dome)
+            return untouched_field(self.dome, self._hidden(shifts) ** 2)
         again = self._is_refused(shifts)
         if again or not (self._followed(shifts) or self._found(shifts)):
             refused = self._refused if again else shifts
@@ -130,8 +132,14 @@ class ContactReading:
         assert self._now is not None
         if not self._now[0].forces.any() or self._tells_little(shifts, nothing):
             self.reset()
-            return untouched_field(self.dome)
+            return untouched_field(self.dome, self._hidden(shifts) ** 2)
         return self._field()
+
+    def _hidden(self, shifts: Shifts) -> float:
+        """Standard deviation of a force that noise hides [N]: that of a press just not told."""
+        force, image = self._light
+        seen = float(np.linalg.norm(shifts.apply(image[shifts.used])))
+        return force * math.sqrt(_TOLD) / max(seen, 1e-9) / Z90
 
     def _is_refused(self, shifts: Shifts) -> bool:
         """Whether markers are where they were in a frame that no contact explained."""

@@ -288,11 +288,11 @@ class ContactFit:
             reached = self._way.step(contact, object_, pose, now)
         return reached, now, shifts.cost(self._seen(reached)) / shifts.count
 
-    def image(self, object_: Array, pose: Array) -> Array:
-        """Shifts of all pairs in a contact that is pressed from rest, (P, 6)."""
+    def image(self, object_: Array, pose: Array) -> tuple[float, Array]:
+        """ΣFn [N] and shifts of all pairs in a contact that is pressed from rest, (P, 6)."""
         rest = np.zeros(MOVING)
         contact = self._way.step(self._way.untouched(object_), object_, rest, pose)
-        return self._seen(contact)
+        return float(contact.normal.sum()), self._seen(contact)
 
     def _seen(self, contact: PosedContact) -> Array:
         """Shifts of all pairs in a contact, (P, 6)."""

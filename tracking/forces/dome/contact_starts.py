@@ -34,16 +34,14 @@ _OFTEN, _SELDOM = 2, 8
 
 def start_from_rest(fit: ContactFit, shifts: Shifts) -> Start:
     """The place of a light press whose image is most like the shifts."""
-    mean, thickness = prior_of(fit.dome).mean, fit.dome.thickness
+    mean, light = prior_of(fit.dome).mean, _light(fit.dome)
     best, most, press = mean, -math.inf, 0.0
     target = shifts.apply(shifts.values)
-    light = np.zeros(MOVING)
-    light[PRESS] = _PRESS * thickness
     for angle, count in _PLACES:
         for turn in 2.0 * math.pi * np.arange(count) / count:
             tried = mean.copy()
             tried[PLACE] = angle * math.cos(turn), angle * math.sin(turn)
-            image = shifts.apply(fit.image(tried, light)[shifts.used])
+            image = shifts.apply(fit.image(tried, light)[1][shifts.used])
             length = max(float(np.linalg.norm(image)), 1e-9)
             score = float(image @ target) / length
             if score > most:
@@ -53,6 +51,11 @@ def start_from_rest(fit: ContactFit, shifts: Shifts) -> Start:
     pose = np.zeros(MOVING)
     pose[PRESS] = press
     return best, (Key(shifts=shifts, pose=pose),)
+
+
+def light_press(fit: ContactFit) -> tuple[float, Array]:
+    """ΣFn [N] of a light press at the apex, and the shifts of all pairs, (P, 6)."""
+    return fit.image(prior_of(fit.dome).mean, _light(fit.dome))
 
 
 def other_objects(dome: Dome, object_: Array, keys: tuple[Key, ...]) -> Iterator[Start]:
@@ -104,3 +107,9 @@ class Rivals:
         elif self._turn % len(_RIVALS) == 0:
             self._wait = min(2 * self._wait, _SELDOM)
             self._left = self._wait
+
+
+def _light(dome: Dome) -> Array:
+    pose = np.zeros(MOVING)
+    pose[PRESS] = _PRESS * dome.thickness
+    return pose

@@ -11,7 +11,8 @@ def untouched_field(body: SoftBody, variance: float = 0.0) -> ForceField:
 
     Parameters
     ----------
-    variance: of both sums [N²]; infinite where it is not known that nothing touches
+    variance: of both sums [N²], of a touch too light to be seen; infinite where it is not known
+        that nothing touches
     """
     points = lattice(body).points
     return ForceField(
@@ -21,5 +22,8 @@ def untouched_field(body: SoftBody, variance: float = 0.0) -> ForceField:
         contact=np.zeros(len(points), np.bool_),
         totals_covariance=np.full((2, 2), variance),
         directions=np.zeros_like(points),
-        wrench_covariance=np.zeros((4, 4)) if variance == 0.0 else None,
+        # A light contact is about as wide as the silicone is thick.
+        wrench_covariance=np.diag([variance] * 3 + [variance * body.thickness**2])
+        if np.isfinite(variance)
+        else None,
     )

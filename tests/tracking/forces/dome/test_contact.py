@@ -1,10 +1,12 @@
 """A contact is read off the markers of a dome: forces, friction, and what it refuses."""
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from chromagrip.errors import UserError
 from chromagrip.model import (
@@ -18,11 +20,12 @@ from chromagrip.model import (
 from chromagrip.model.dome import Stepper, resting
 from chromagrip.model.shapes import Shape, ball, cylinder, plane
 from chromagrip.render import load_sensor
-from chromagrip.tracking import NoEstimateError, load_reconstructor, sensor_as_designed
+from chromagrip.tracking import NoEstimateError, Tracks, load_reconstructor, sensor_as_designed
 from chromagrip.tracking.forces.dome.contact import ContactReading
 
 from .drawn import Drawn
 
+Array = NDArray[np.float64]
 SENSOR = "dome-2020"
 DESIGN = load_sensor(SENSOR)
 DOME = DESIGN.dome
@@ -136,6 +139,25 @@ def test_nothing_touches_at_rest() -> None:
     assert not field.contact.any()
     assert field.total_normal == 0.0
     assert math.isnan(field.safety_margin(0.5))
+
+
+@pytest.mark.parametrize("noise_px", [0.05, 0.3, 3.0])
+def test_a_press_that_noise_hides_is_inside_the_interval_of_nothing(noise_px: float) -> None:
+    """Whatever the noise is, either a press of 3 N is read, or "nothing" holds it."""
+    states = grasped(Solid(shape=plane()), 0.0, 1.0)
+    drawn = Drawn(DESIGN, DOME)
+    noise = np.diag([noise_px**2, noise_px**2, (0.1 * noise_px) ** 2] * 2)
+
+    def tracks(linear: Array) -> Tracks:
+        clear = drawn(linear)
+        return replace(clear, covariance=np.broadcast_to(noise, clear.covariance.shape))
+
+    rest = tracks(np.zeros_like(states[0].linear))
+    field = ContactReading(sensor_as_designed(SENSOR), rest).update(tracks(states[-1].linear))
+    deviation = math.sqrt(field.totals_covariance[0, 0])
+    assert abs(field.total_normal - GRIP) < 2.5 * deviation
+    assert field.contact.any() == (noise_px < 0.1)
+    assert np.isfinite(field.wrench_covariance).all()
 
 
 def test_two_contacts_are_refused() -> None:
