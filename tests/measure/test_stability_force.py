@@ -84,7 +84,7 @@ def test_a_scene_is_as_its_case_says() -> None:
     np.testing.assert_allclose(plain.true[:, 0], 1.5, rtol=0.03)
     np.testing.assert_allclose(plain.true[:, 2], 0.3)
     np.testing.assert_allclose(plain.true[:, 3], [1.0, 0.6, 0.3, 0.1], atol=0.05)
-    along, across = plain.side[-1]
+    along, across, _ = plain.side[-1]
     assert math.degrees(math.atan2(across, along)) == pytest.approx(30.0, abs=0.05)
     stiffer = force._watched("dome-2022", Case(young=1.3))
     assert stiffer.known == force._watched("dome-2022", Case()).known

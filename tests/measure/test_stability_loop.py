@@ -347,7 +347,7 @@ def test_every_camera_cell_has_its_twin_on_the_truth_path() -> None:
 
 def test_processes_are_for_the_loop_only(typed: Callable[..., CompletedProcess[str]]) -> None:
     for words, said in (
-        (["stability", "track", "--workers", "2"], "--workers goes with stability loop"),
+        (["stability", "track", "--workers", "2"], "--workers goes with stability force and loop"),
         (["stability", "loop", "--workers", "0"], "expected 1 or more"),
     ):
         done = typed(*words)

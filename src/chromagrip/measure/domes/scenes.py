@@ -129,8 +129,8 @@ def watch(
         rest=at_rest,
         tracks=list(tracks.values()),
         scored=tuple(held),
-        true=np.array([truth(field, grip.solid.friction) for field in fields]),
-        side=np.array([side(field) for field in fields]),
+        true=np.reshape([truth(field, grip.solid.friction) for field in fields], (-1, 4)),
+        side=np.reshape([side(field) for field in fields], (-1, 3)),
         label=label,
     )
 
