@@ -97,8 +97,8 @@ def grasp(
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
-    from ..loop.grasp import known_sensor  # OpenCV loads only when something is run
-    from ..loop.methods import reconstructor_for
+    from ..loop.methods import reconstructor_for  # OpenCV loads only when something is run
+    from ..loop.observers import known_sensor
     from ..loop.run_folder import run
 
     make_dome_tables(resolved, pictures=out is not None or resolved.path == "camera")

@@ -15,18 +15,19 @@ from typing import TYPE_CHECKING, Self
 
 from ..by_name import Choice
 from ..control import Controller
-from ..errors import UserError, located
+from ..errors import UserError
 from ..extras import need, require
 from ..output.folder import prepare
 from ..output.processes import one_thread
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
-from ..tracking import SensorCalibration, Tracks, check_reconstructor
+from ..tracking import SensorCalibration, Tracks
 from ..tracking.forces import CameraPose, rest_pose
 from ..tracking.forces.chain import Used, used
-from .camera import SimulatedCamera
-from .grasp import Sample, grasp, known_sensor, open_camera
+from .camera import SimulatedCamera, open_camera
+from .grasp import grasp
 from .methods import Methods, choose
+from .rig import Sample, readable
 from .trace import COLUMNS, Summary, Trace, columns_of, make_trace, row, summarise
 
 if TYPE_CHECKING:
@@ -98,12 +99,8 @@ def run(
         renderer=renderer,
     )
     methods.build_controller(scene)  # a controller that cannot be made leaves no folder
-    known = read_with = None
-    if scene.path == "camera" and not scene.build_sensor().shape.flat:
-        with located(f"sensor {scene.sensor}"):
-            known = known_sensor(scene)
-            check_reconstructor(methods.reconstructor, known)
-            read_with = used(methods.reconstructor, known)
+    known = readable(scene, methods)
+    read_with = None if known is None else used(methods.reconstructor, known)
     if out is not None:
         require("data", "video", purpose="writing a run folder")
     with ExitStack() as stack, one_thread():
