@@ -261,6 +261,24 @@ class Rig:
         return self._world.now.state.time
 
     @property
+    def truth(self) -> Contact:
+        """True contact; not for a controller."""
+        self._check_begun("truth")
+        return self._world.now
+
+    @property
+    def applied(self) -> float:
+        """Force of the gripper's drive [N]."""
+        self._check_begun("applied")
+        return self._world.applied
+
+    @property
+    def reading(self) -> Reading:
+        """What was read of this frame, before the latency."""
+        self._check_begun("reading")
+        return self._reading
+
+    @property
     def done(self) -> bool:
         """Whether this is the scene's last frame."""
         return self._index + 1 == self.scene.frames
