@@ -49,7 +49,10 @@ def same(one: list[Step], other: list[Step]) -> bool:
     )
 
 
-@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize(
+    "observation",
+    ["image", pytest.param("markers", marks=pytest.mark.slow), "forces", "margin"],
+)
 def test_gymnasium_finds_nothing_wrong(
     observation: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

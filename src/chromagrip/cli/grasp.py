@@ -72,6 +72,9 @@ def grasp(
         FrameFormat | None,
         option("keep the camera's raw pictures too, lossless, in DIR/frames", "png|ffv1"),
     ] = None,
+    answer_within: Annotated[
+        float, option("time in which a module:Class must answer; inf is no limit", "SECONDS")
+    ] = 60.0,
     json_only: Annotated[
         Flag,
         option("print the summary as JSON; a folder is written only with --out", name="json"),
@@ -99,6 +102,8 @@ def grasp(
         changed[f"controller_arguments.{name}"] = value
     changed |= dict(parse_change(text) for text in changes)
     resolved = load_scene(scene, changed)
+    if not answer_within > 0.0:
+        raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")
     if frames is not None and out is None and json_only:
         raise UserError(f"--frames {frames} needs a folder: give --out beside --json")
     if out is None and not json_only:
@@ -114,7 +119,14 @@ def grasp(
             name = reconstructor_for(resolved.body, resolved.reconstructor)
             train_if_missing(known_sensor(resolved), name)
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
-        result = run(resolved, out, overwrite=overwrite, progress=progress, frames=frames)
+        result = run(
+            resolved,
+            out,
+            overwrite=overwrite,
+            progress=progress,
+            frames=frames,
+            answer_within_s=answer_within,
+        )
     if json_only:
         print(json.dumps(result.summary))
     else:

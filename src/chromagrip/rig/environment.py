@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..loop.methods import choose
-from ..loop.rig import Rig, RigState, readable
+from ..loop.steps.rig import Rig, RigState, readable
 from ..output.processes import one_thread
 from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
 from ..tracking import Tracks
