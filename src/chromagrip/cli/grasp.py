@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ..errors import UserError, located
+from ..errors import UserError
 from ..output.frames import FrameFormat
 from ..scene import load_scene
 from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
@@ -22,7 +22,7 @@ from .options import (
     print_table,
     value_table,
 )
-from .readouts import make_dome_tables, train_if_missing
+from .readouts import prepare_scene
 
 if TYPE_CHECKING:
     from ..loop.trace import Summary
@@ -109,15 +109,9 @@ def grasp(
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
-    from ..loop.methods import reconstructor_for  # OpenCV loads only when something is run
-    from ..loop.observers import known_sensor
-    from ..loop.run_folder import run
+    from ..loop.run_folder import run  # OpenCV loads only when something is run
 
-    make_dome_tables(resolved, pictures=out is not None or resolved.path == "camera")
-    if resolved.path == "camera" and not resolved.build_sensor().shape.flat:
-        with located(f"sensor {resolved.sensor}"):
-            name = reconstructor_for(resolved.body, resolved.reconstructor)
-            train_if_missing(known_sensor(resolved), name)
+    prepare_scene(resolved, pictures=out is not None or resolved.path == "camera")
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
         result = run(
             resolved,
