@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, TextIO
+from typing import TYPE_CHECKING, Self
 
 from ..by_name import Choice
 from ..control import Controller
@@ -30,7 +30,7 @@ from .grasp import grasp
 from .methods import Methods, choose
 from .steps.rig import readable
 from .steps.sample import Sample
-from .trace import COLUMNS, Summary, Trace, columns_of, make_trace, row, summarise
+from .trace import COLUMNS, Summary, Trace, TraceLines, columns_of, make_trace, row, summarise
 
 if TYPE_CHECKING:
     from .tactile_video import TactileVideo
@@ -210,8 +210,8 @@ class RunFiles:
         self._video: TactileVideo | None = None
         self._frames: FrameFiles | None = None
         self._slot = -1
-        self._lines: TextIO | None = None
-        _refuse_killed(folder, overwrite)
+        self._lines: TraceLines | None = None
+        refuse_killed(folder, overwrite)
         prepare(folder, overwrite)
         with self._writing():
             self._discard()
@@ -222,8 +222,7 @@ class RunFiles:
             part = self._parts / "scene.toml"
             part.write_text(scene_text(scene), encoding="utf-8")
             part.replace(folder / part.name)
-            self._lines = (self._parts / LINES).open("w", encoding="utf-8", newline="\n")
-            self._lines.write(",".join(COLUMNS) + "\n")
+            self._lines = TraceLines(self._parts / LINES)
             self._video = _open_video(self._parts, scene)
             if frames is not None:
                 self._frames = FrameFiles(self._parts / FRAMES, frames, scene.camera.rate_hz)
@@ -240,8 +239,7 @@ class RunFiles:
         """Append a line of the trace to what a kill leaves."""
         if self._lines is not None:
             with self._writing():
-                self._lines.write(",".join(map(repr, line)) + "\n")
-                self._lines.flush()
+                self._lines.add(line)
 
     def show(self, sample: Sample, camera: SimulatedCamera | None) -> None:
         """Append a sample to the video, when its next picture is due, and keep its picture."""
@@ -275,15 +273,10 @@ class RunFiles:
             if self._frames is not None:
                 self._frames.close()
             _write_results(self._parts, self._scene, trace, summary)
-            self._drop_lines()
+            if self._lines is not None:
+                self._lines.drop()
             for part in sorted(self._parts.iterdir()):
                 part.replace(self.folder / part.name)
-
-    def _drop_lines(self) -> None:
-        """Remove the lines of the trace, once the trace is written."""
-        if self._lines is not None:
-            self._lines.close()
-            (self._parts / LINES).unlink(missing_ok=True)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -308,7 +301,7 @@ class RunFiles:
         shutil.rmtree(self._parts, ignore_errors=True)
 
 
-def _refuse_killed(folder: Path, overwrite: bool) -> None:
+def refuse_killed(folder: Path, overwrite: bool) -> None:
     """Refuse a folder of a run that was killed, and say where its trace is."""
     lines = folder / PARTS / LINES
     if not overwrite and lines.is_file():
@@ -325,18 +318,22 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo":
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
-    pa = need("pyarrow", "data")
-    pq = need("pyarrow.parquet", "data")
-
     from .figure import draw_figure
 
-    names = columns_of(scene.body)
-    table = pa.table({name: pa.array(trace[name]) for name in names})
-    meaning = {name: COLUMNS[name].encode() for name in names}
-    pq.write_table(table.replace_schema_metadata(meaning), folder / "trace.parquet")
+    write_trace(scene, trace, folder / "trace.parquet")
     draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+
+
+def write_trace(scene: Scene, trace: Trace, path: Path) -> None:
+    """Write a trace as a Parquet table, which holds the meaning of its columns."""
+    pa = need("pyarrow", "data")
+    pq = need("pyarrow.parquet", "data")
+    names = columns_of(scene.body)
+    table = pa.table({name: pa.array(trace[name]) for name in names})
+    meaning = {name: COLUMNS[name].encode() for name in names}
+    pq.write_table(table.replace_schema_metadata(meaning), path)
 
 
 def scene_text(

@@ -69,7 +69,9 @@ def _field(
         [[_value(name, at({x[0]: a, y[0]: b}))[0] for a in x[1]] for b in y[1]], dtype=float
     )
     most = 1.0 if name == "lost" else None
-    place.imshow(values, origin="lower", aspect="auto", cmap="YlOrBr", vmin=0.0, vmax=most)
+    place.imshow(
+        values, origin="lower", aspect="auto", cmap="YlOrBr", alpha=0.5, vmin=0.0, vmax=most
+    )
     for (row, column), value in np.ndenumerate(values):
         text = "–" if math.isnan(value) else f"{value:.3g}"
         place.text(column, row, text, ha="center", va="center", fontsize=8, color="0.2")
