@@ -200,7 +200,7 @@ def test_an_action_may_be_a_rate() -> None:
 
 def test_a_reset_may_change_the_scene_for_one_grasp() -> None:
     env = made()
-    env.reset(seed=0, options={"changes": {"object.friction": 0.9}})
+    env.reset(seed=0, options={"changes": {"object.friction": np.float64(0.9)}})
     rolled(env, [action(2.0)] * 8)
     assert env._rig.truth.friction == pytest.approx(0.9, abs=1e-9)
     env.reset(seed=0)

@@ -235,7 +235,8 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     def _open(self, changes: dict[str, Any]) -> Rig:
         """Rig of the scene with changes; one of two fingers has its place here."""
         given = {"path": self._path} | self._changes | changes
-        scene, methods = choose(load_scene(self._name, given))
+        plain = {key: _plain(value) for key, value in given.items()}
+        scene, methods = choose(load_scene(self._name, plain))
         rig = Rig(scene, methods, known=readable(scene, methods))
         self._opened = changes
         return rig
@@ -317,6 +318,11 @@ def _path_of(observation: ViewName, path: PathName | None) -> PathName:
     if observation == "image":  # which nothing reads
         return "truth"
     return path or "truth"
+
+
+def _plain(value: Any) -> Any:
+    """Value without NumPy's types, which draws have and scenes do not know."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def _check(**options: tuple[object, tuple[object, ...]]) -> None:

@@ -266,7 +266,7 @@ class Rig:
         if not 0 <= seed < 2**32:
             raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
         self.close()
-        self.scene = msgspec.structs.replace(self.scene, seed=seed)
+        self.scene = msgspec.structs.replace(self.scene, seed=int(seed))
 
     def _opened(self) -> SimulatedCamera:
         if self._camera is None:
