@@ -198,6 +198,20 @@ def test_an_action_may_be_a_rate() -> None:
     assert grips == pytest.approx([0.5, 0.75, 0.5, 1.0, 1.5, 2.0, 2.0, 2.0])
 
 
+def test_a_dome_is_an_environment_too() -> None:
+    env = made(scene="dome-1", observation="forces", changes={"duration_s": 0.2})
+    env.reset(seed=0)
+    steps = rolled(env, [action(2.0)] * 5)
+    shown = dict(zip(FORCES, steps[-1][0].tolist(), strict=True))
+    assert shown["normal_n"] == pytest.approx(-shown["force_z_n"], rel=0.05)
+    assert shown["normal_n"] > 0.5
+    for _, reward, terminated, truncated, info in steps:
+        kinds = [type(reward), type(terminated), type(truncated), type(info["rigid_slip_mm"])]
+        assert kinds == [float, bool, bool, float]
+    env.reset(seed=0)
+    assert same(steps, rolled(env, [action(2.0)] * 5))
+
+
 def test_a_reset_may_change_the_scene_for_one_grasp() -> None:
     env = made()
     env.reset(seed=0, options={"changes": {"object.friction": np.float64(0.9)}})

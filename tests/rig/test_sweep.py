@@ -111,6 +111,25 @@ def test_own_controllers_in_processes(typed: Typed, tmp_path: Path) -> None:
     assert "folder swept" in done.stdout
 
 
+def test_ctrl_c_says_how_to_go_on(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, made = runs.cell, list[str]()
+
+    def cell(task: Task) -> Cell:
+        if made:
+            raise KeyboardInterrupt
+        made.append(task.key)
+        return real(task)
+
+    monkeypatch.setattr(runs, "cell", cell)
+    line = ["sweep", "--vary", f"{MU}=0.4,0.5", "--path", "truth", "--set", "duration_s=0.1"]
+    line += ["--seeds", "1", "--workers", "1", "--out", "swept"]
+    done = typed(*line)
+    assert done.returncode == 130
+    assert "what is done is in swept; call it again with --out swept to go on" in done.stderr
+    monkeypatch.setattr(runs, "cell", real)
+    assert typed(*line).returncode == 0
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
