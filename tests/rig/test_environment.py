@@ -143,6 +143,22 @@ def test_worker_processes_give_the_same_bytes() -> None:
     assert (runs[0][:, 0] != runs[0][:, 1]).any()
 
 
+def test_a_state_goes_from_process_to_process() -> None:
+    name = f"chromagrip.rig:{NAME}"
+    make = [lambda: gymnasium.make(name, observation="forces", changes=NOISY)]
+    vector = AsyncVectorEnv(make, context="forkserver")
+    vector.reset(seed=[9])
+    for one in drawn(4):
+        vector.step(one[None])
+    (state,) = vector.call("save")
+    there = [vector.step(one[None])[0][0].tobytes() for one in drawn(6, 1)]
+    vector.close()
+    env = made(observation="forces", changes=NOISY)
+    env.reset(seed=0)
+    env.restore(state)
+    assert [step[0].tobytes() for step in rolled(env, drawn(6, 1))] == there
+
+
 def test_holding_gently_pays_best_and_dropping_ends_it() -> None:
     env = made(changes={"duration_s": 2.0})
     returns = {}
