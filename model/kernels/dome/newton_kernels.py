@@ -50,6 +50,28 @@ class Contact(NamedTuple):
     own: Array
 
 
+class Second(NamedTuple):
+    """A second fingertip on the same object; its nodes come after those of the first one.
+
+    Both are described along the same axes, each from a place of its own, and close along z: the
+    first one moves to +z and the second one to −z by the seventh entry of ξ.
+
+    Attributes
+    ----------
+    first: number of its first node
+    compliance: among its nodes [m/N]
+    place: of the object as this fingertip sees it, before the step and on entry [m], (2, 3)
+    stiff: of its skin
+    share: of its compliance that acts within a step
+    """
+
+    first: int
+    compliance: Single
+    place: Array
+    stiff: Stiffening
+    share: float
+
+
 class Outcome(NamedTuple):
     """What a step leaves, arrays of shape (n, 3) that are written to.
 
@@ -60,7 +82,8 @@ class Outcome(NamedTuple):
     tangential: friction, the part of `true` in the object's tangent plane [N]
     normal: of the object at the nodes
     displacement: of the nodes [m]
-    motion: δξ of the object's free axes, from the pose on entry [m, rad], (6,)
+    motion: δξ of the object's free axes, from the pose on entry [m, rad], (6,), or (7,) between
+        two fingertips
     """
 
     linear: Array
@@ -104,6 +127,7 @@ def solve_contact(
     warm: bool,
     system: System,
     outcome: Outcome,
+    second: Second | None = None,
 ) -> tuple[float, int, int, int]:
     """Forces at the end of a step, and the object's pose on its free axes.
 
@@ -112,21 +136,27 @@ def solve_contact(
     share: of the compliance that acts within a step; viscosity makes it less than 1
     free: axes of the pose (3 translations, 3 rotations) that are not prescribed
     inertia: M of the free axes [N/m, N·m]: the object's reaction is `wanted` − M·ξ
-    wanted: wrench on the object about its place without the fingertip [N, N·m]
+    wanted: wrench on the object about its place without the fingertip [N, N·m]; with a second
+        fingertip, then the force with which both close, and M and `free` are as long
     tolerance: relative change of the forces at which the step is solved
     warm: whether the guess is near the solution: then no node is tried to stick first
+    second: fingertip on the other side; None is no other
 
     Returns
     -------
     Relative change that another round would make, rounds, products with the compliance, nodes
     that touch.
     """
-    n = len(near.rest)
-    size = 3 * n
+    n, axes = len(near.rest), len(free)
+    size, split = 3 * n, n
     moves = free.any()
     forces, u = outcome.linear.reshape(-1), outcome.displacement.reshape(-1)
     offset = near.offset.reshape(-1)
     at = Pose(pose.old_rotation, pose.old_place, pose.rotation.copy(), pose.place.copy())
+    there, firm, part = at, stiff, share
+    if second is not None:
+        split, firm, part = second.first, second.stiff, second.share
+        there = Pose(at.old_rotation, second.place[0].copy(), at.rotation, second.place[1].copy())
     motion = outcome.motion
     motion[:] = 0.0
     turn = at.rotation @ at.old_rotation.T
@@ -140,24 +170,28 @@ def solve_contact(
                 + turn[a, 2] * near.friction[i, 2]
             )
     active = np.empty(n, np.int64)
-    right, change = np.empty(size + 6), np.empty(size + 6)
+    right, change = np.empty(size + axes), np.empty(size + axes)
     linear, slope, stiffened = np.empty(3), np.empty((3, 3)), np.empty(2)
     own, answer, now, work = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(11)
     room = np.empty((3, 3, 3))
     products, touching = 0, 0
     secants, former, error = 0, np.inf, _TIGHT if warm else 1.0
     rounds, length = 0, 1.0
-    _displace(near.compliance, forces, offset, share, u, size)
+    _displace(near.compliance, forces[: 3 * split], offset[: 3 * split], share, u[: 3 * split])
+    if second is not None:
+        _displace(second.compliance, forces[3 * split :], offset[3 * split :], part, u[3 * split :])
     while True:
         count, touching, residual = 0, 0, 0.0
-        reaction = np.zeros(6)
+        reaction = np.zeros(axes)
+        firsts = 0
         for i in range(n):
+            its, law, acting = (at, stiff, share) if i < split else (there, firm, part)
             for a in range(3):
                 now[a] = near.rest[i, a] + u[3 * i + a]
                 for b in range(3):
-                    own[a, b] = share * near.own[i, a, b]
+                    own[a, b] = acting * near.own[i, a, b]
             touches = _settle(
-                near, thing, at, stiff, i, forces, own, old[i], tries and rounds == 0, secants > 0,
+                near, thing, its, law, i, forces, own, old[i], tries and rounds == 0, secants > 0,
                 outcome, now, linear, slope, answer, stiffened, work, room,
             )  # fmt: skip
             held = forces[3 * i] != 0.0 or forces[3 * i + 1] != 0.0 or forces[3 * i + 2] != 0.0
@@ -173,10 +207,13 @@ def solve_contact(
                     system.own[count, a, b] = own[a, b]
                     system.answer[count, a, b] = answer[a, b]
             if moves:
-                _lever(system.arm, free, now, at.place, count)
-                _wrench(outcome.true[i], now, at.place, reaction)
+                _lever(system.arm, free, now, its.place, count)
+                _wrench(outcome.true[i], now, its.place, reaction)
+                if second is not None:
+                    _closing(system.arm, outcome.true[i], i < split, reaction, count)
                 _true_force(system, outcome.normal[i], near.radial[i], stiffened, count)
             count += 1
+            firsts += i < split
         if rounds > 0 and secants == 0 and residual < 4.0 * former:
             # Another round would change the forces by less than this one, as the residual did.
             following = error * min(1.0, np.sqrt(residual / former))
@@ -193,9 +230,11 @@ def solve_contact(
                 for a in range(3):
                     forces[3 * system.gathered[2 + k] + a] -= length * change[3 * k + a]
             if moves:
-                for c in range(6):
+                for c in range(axes):
                     motion[c] -= length * change[3 * gathered + c]
                 _carry(at, pose, motion)
+                if second is not None:
+                    _close(at, there, second.place[1], motion)
             for k in range(size):
                 u[k] -= length * system.vectors[6, k]
             continue
@@ -207,7 +246,11 @@ def solve_contact(
             rounds += 1
             continue  # the same forces again, with the secants
         former = residual
-        _gather(near.compliance, share, active, count, system)
+        if not _gathered(system, share, part, active, firsts, count):
+            _gather(near.compliance, share, active, firsts, 0, system.block)
+            if second is not None:
+                others = count - firsts
+                _gather(second.compliance, part, active[firsts:], others, split, system.second)
         if moves:
             _reaction(system, right, free, wanted, reaction, inertia, motion, count)
             if not prepare(system, count, inertia, free):
@@ -223,11 +266,19 @@ def solve_contact(
                 load += forces[3 * i + a] ** 2
         error = np.sqrt(moved / load)
         if moves:
-            for c in range(6):
+            for c in range(axes):
                 motion[c] += change[3 * count + c]
             _carry(at, pose, motion)
+            if second is not None:
+                _close(at, there, second.place[1], motion)
         length = 1.0
-        _displace_more(near.compliance, active, count, change, share, system, u, size)
+        x, more = system.vectors[7], system.vectors[6]
+        _displace_more(near.compliance, active, firsts, change, share, x, more, u[: 3 * split], 0)
+        if second is not None:
+            _displace_more(
+                second.compliance, active[firsts:], count - firsts, change[3 * firsts :], part,
+                x[3 * split :], more[3 * split :], u[3 * split :], split,
+            )  # fmt: skip
         products += 1
         rounds += 1
     for i in range(n):
@@ -357,11 +408,12 @@ def _reaction(
     count: int,
 ) -> None:
     """Right-hand side of the object's free axes, after those of its nodes."""
-    for c in range(6):
+    axes = len(free)
+    for c in range(axes):
         total = 0.0
         if free[c]:
             total = wanted[c] - reaction[c]
-            for d in range(6):
+            for d in range(axes):
                 total -= inertia[c, d] * motion[d]
             for k in range(count):
                 for a in range(3):
@@ -376,10 +428,9 @@ def _reaction(
 
 
 @njit()
-def _displace(
-    compliance: Single, forces: Array, offset: Array, share: float, out: Array, size: int
-) -> None:
+def _displace(compliance: Single, forces: Array, offset: Array, share: float, out: Array) -> None:
     """Displacement by all forces, in double precision."""
+    size = len(out)
     loaded = np.empty(size, np.int64)
     count = 0
     for j in range(size):
@@ -398,22 +449,26 @@ def _displace_more(
     count: int,
     change: Array,
     share: float,
-    system: System,
+    x: Single,
+    more: Single,
     out: Array,
-    size: int,
+    split: int,
 ) -> None:
     """Add the displacement by a change of forces, which is small: in single precision.
 
-    What is added is left in `system.vectors[6]`.
+    Parameters
+    ----------
+    x: to work in
+    more: what is added (output)
+    split: number of the fingertip's first node
     """
-    x, more = system.vectors[7], system.vectors[6]
     columns = np.empty(3 * count, np.int64)
     for k in range(count):
         for a in range(3):
-            columns[3 * k + a] = 3 * active[k] + a
-            x[3 * active[k] + a] = share * change[3 * k + a]
-    product_of(compliance, columns, 3 * count, x, more, size)
-    for k in range(size):
+            columns[3 * k + a] = 3 * (active[k] - split) + a
+            x[columns[3 * k + a]] = share * change[3 * k + a]
+    product_of(compliance, columns, 3 * count, x, more, len(out))
+    for k in range(len(out)):
         out[k] += more[k]
 
 
@@ -426,24 +481,52 @@ def _carry(at: Pose, pose: Pose, motion: Array) -> None:
 
 
 @njit()
-def _gather(compliance: Single, share: float, active: Index, count: int, system: System) -> None:
-    """Compliance among the active nodes, unless it is that of the round before."""
-    gathered, out = system.gathered, system.block
-    part = np.float32(share)
-    same = count == gathered[0] and part == system.share[0]
+def _close(at: Pose, there: Pose, start: Array, motion: Array) -> None:
+    """Put the object, and with it where both fingertips see it after they have closed."""
+    for a in range(3):
+        there.place[a] = start[a] + motion[a]
+    at.place[2] -= motion[6]
+    there.place[2] += motion[6]
+
+
+@njit()
+def _closing(arm: Single, force: Array, first: bool, out: Array, k: int) -> None:
+    """The force on node k of a fingertip, and those of units, against the way of both."""
+    sign = -1.0 if first else 1.0
+    arm[6, 3 * k], arm[6, 3 * k + 1], arm[6, 3 * k + 2] = 0.0, 0.0, sign
+    out[6] += sign * force[2]
+
+
+@njit()
+def _gathered(
+    system: System, share: float, part: float, active: Index, firsts: int, count: int
+) -> bool:
+    """Whether the system has the compliance of these nodes; it is marked to have it from now on."""
+    gathered, shares = system.gathered, system.share
+    same = count == gathered[0] and firsts == gathered[1]
+    same = same and np.float32(share) == shares[0] and np.float32(part) == shares[1]
     for k in range(count):
         if not same:
             break
         same = active[k] == gathered[2 + k]
-    if same:
-        return
-    gathered[0], system.share[0] = count, part
+    if not same:
+        gathered[0], gathered[1], shares[0], shares[1] = count, firsts, share, part
+        for k in range(count):
+            gathered[2 + k] = active[k]
+    return same
+
+
+@njit()
+def _gather(
+    compliance: Single, share: float, active: Index, count: int, split: int, out: Single
+) -> None:
+    """Compliance among the active nodes of a fingertip whose first node is `split`."""
+    part = np.float32(share)
     for k in range(count):
-        gathered[2 + k] = active[k]
         for a in range(3):
-            source, target = compliance[3 * active[k] + a], out[3 * k + a]
+            source, target = compliance[3 * (active[k] - split) + a], out[3 * k + a]
             for j in range(count):
-                i = 3 * active[j]
+                i = 3 * (active[j] - split)
                 target[3 * j] = part * source[i]
                 target[3 * j + 1] = part * source[i + 1]
                 target[3 * j + 2] = part * source[i + 2]
