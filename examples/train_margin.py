@@ -17,8 +17,7 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 
 from chromagrip import dataset
-from chromagrip.loop.grasp import known_sensor
-from chromagrip.loop.observers import CameraObserver
+from chromagrip.loop.observers import CameraObserver, known_sensor
 from chromagrip.output.pictures import read_picture
 from chromagrip.render import Frame, gl_problem
 

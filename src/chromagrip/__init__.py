@@ -12,21 +12,35 @@ from .links import guard as _guard
 
 if TYPE_CHECKING:
     from .errors import UserError
+    from .loop.rig import Rig
+    from .loop.rig import open_rig as open
     from .loop.run_folder import Result, run
     from .scene.scene import Scene, load_scene, scene_names
 
     __version__: str
 
 _HOMES = {
-    "Result": "loop.run_folder",
-    "Scene": "scene.scene",
-    "UserError": "errors",
-    "load_scene": "scene.scene",
-    "run": "loop.run_folder",
-    "scene_names": "scene.scene",
+    "Result": "loop.run_folder:Result",
+    "Rig": "loop.rig:Rig",
+    "Scene": "scene.scene:Scene",
+    "UserError": "errors:UserError",
+    "load_scene": "scene.scene:load_scene",
+    "open": "loop.rig:open_rig",
+    "run": "loop.run_folder:run",
+    "scene_names": "scene.scene:scene_names",
 }
 
-__all__ = ["Result", "Scene", "UserError", "__version__", "load_scene", "run", "scene_names"]
+__all__ = [
+    "Result",
+    "Rig",
+    "Scene",
+    "UserError",
+    "__version__",
+    "load_scene",
+    "open",
+    "run",
+    "scene_names",
+]
 
 _guard()
 
@@ -34,7 +48,8 @@ _guard()
 def __getattr__(name: str) -> Any:
     # Imported where used: `import chromagrip.model` must not pull in OpenCV or matplotlib.
     if name in _HOMES:
-        return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+        module, _, inside = _HOMES[name].partition(":")
+        return getattr(import_module(f".{module}", __name__), inside)
     if name == "__version__":
         from importlib.metadata import version
 

@@ -25,13 +25,14 @@ class Extra:
     purpose: str
 
 
-#: By name; each is an extra of `pyproject.toml`, where `all` holds the first five.
+#: By name; each is an extra of `pyproject.toml`, where `all` holds the first six.
 EXTRAS = {
     "images": Extra("skimage", "comparing pictures with each other"),
     "gl": Extra("pyrender", "the renderer pyrender"),
     "data": Extra("pyarrow", "reading and writing Parquet tables"),
     "video": Extra("av", "reading and writing videos"),
     "mesh": Extra("trimesh", "reading triangle meshes of objects"),
+    "rl": Extra("gymnasium", "environments for Gymnasium"),
     "dask": Extra("distributed", "making datasets on a Dask cluster"),
     "ray": Extra("ray", "making datasets on a Ray cluster"),
     "cloud": Extra("fsspec", "a dataset at an address"),

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from chromagrip.calibrate.readout import train
-from chromagrip.loop.grasp import grasp, known_sensor, open_camera
+from chromagrip.loop.camera import open_camera
+from chromagrip.loop.grasp import grasp
+from chromagrip.loop.observers import known_sensor
 from chromagrip.loop.run_folder import run
 from chromagrip.scene.scene import load_scene
 from chromagrip.tracking import sensor_as_designed

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from chromagrip.errors import UserError
-from chromagrip.loop.grasp import open_camera
+from chromagrip.loop.camera import open_camera
 from chromagrip.model import Fingertip, rest_state
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb

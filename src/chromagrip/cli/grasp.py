@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ..errors import UserError, located
+from ..output.frames import FrameFormat
 from ..scene import load_scene
 from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
 from .options import (
@@ -67,6 +68,10 @@ def grasp(
         Path | None, option("run folder; by default a new one under runs/", "DIR")
     ] = None,
     overwrite: Overwrite = False,
+    frames: Annotated[
+        FrameFormat | None,
+        option("keep the camera's raw pictures too, lossless, in DIR/frames", "png|ffv1"),
+    ] = None,
     json_only: Annotated[
         Flag,
         option("print the summary as JSON; a folder is written only with --out", name="json"),
@@ -94,11 +99,13 @@ def grasp(
         changed[f"controller_arguments.{name}"] = value
     changed |= dict(parse_change(text) for text in changes)
     resolved = load_scene(scene, changed)
+    if frames is not None and out is None and json_only:
+        raise UserError(f"--frames {frames} needs a folder: give --out beside --json")
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
-    from ..loop.grasp import known_sensor  # OpenCV loads only when something is run
-    from ..loop.methods import reconstructor_for
+    from ..loop.methods import reconstructor_for  # OpenCV loads only when something is run
+    from ..loop.observers import known_sensor
     from ..loop.run_folder import run
 
     make_dome_tables(resolved, pictures=out is not None or resolved.path == "camera")
@@ -107,7 +114,7 @@ def grasp(
             name = reconstructor_for(resolved.body, resolved.reconstructor)
             train_if_missing(known_sensor(resolved), name)
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
-        result = run(resolved, out, overwrite=overwrite, progress=progress)
+        result = run(resolved, out, overwrite=overwrite, progress=progress, frames=frames)
     if json_only:
         print(json.dumps(result.summary))
     else:

@@ -1,8 +1,10 @@
 """The grip loop: model, camera, observer and controller, frame after frame."""
 
+from .camera import open_camera
 from .fidelity import Fidelity
-from .grasp import Sample, grasp, open_camera
+from .grasp import grasp
 from .latency import arrivals
+from .rig import Rig, RigState, Sample, open_rig
 from .run_folder import Result, run
 from .trace import COLUMNS, Trace, summarise
 
@@ -10,11 +12,14 @@ __all__ = [
     "COLUMNS",
     "Fidelity",
     "Result",
+    "Rig",
+    "RigState",
     "Sample",
     "Trace",
     "arrivals",
     "grasp",
     "open_camera",
+    "open_rig",
     "run",
     "summarise",
 ]

@@ -1,6 +1,7 @@
 """The simulated camera: membrane, flaws, renderer, defects and noise."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,11 @@ from ..render import (
     Renderer,
     SensorDesign,
     add_noise,
+    open_renderer,
     shutter_times,
 )
+from ..scene.scene import Scene
+from .methods import Methods
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -36,6 +40,20 @@ def carried(state: State | DomeState) -> Array:
     if isinstance(state, State):
         return state.deformation.seen
     return state.memory if state.memory.any() else state.linear
+
+
+@dataclass(frozen=True)
+class CameraMemory:
+    """What a camera remembers of the frames before.
+
+    Attributes
+    ----------
+    before: what `carried` said of the last frame's state; None before the first frame
+    still: picture of it, where nothing moved since
+    """
+
+    before: Array | None
+    still: Image | None
 
 
 class SimulatedCamera:
@@ -109,6 +127,15 @@ class SimulatedCamera:
             images = [self._still.copy()]
         return self._finish(images, state.time, index)
 
+    def memory(self) -> CameraMemory:
+        """What the next frame depends on, beside its state and number."""
+        return CameraMemory(self._before, self._still)
+
+    def recall(self, memory: CameraMemory | None) -> None:
+        """Go on after the frames that are remembered; None is before the first frame."""
+        memory = memory or CameraMemory(None, None)
+        self._before, self._still = memory.before, memory.still
+
     def expose_rest(self, state: State | DomeState, count: int) -> list[Frame]:
         """`count` frames of one state at rest, with noise that is in no frame of a run."""
         image = self._render(carried(state))
@@ -131,3 +158,23 @@ class SimulatedCamera:
         if self._picture is not None:
             image = self._picture(image)
         return Frame(image=image, time=time)
+
+
+def open_camera(scene: Scene, methods: Methods | None = None) -> SimulatedCamera:
+    """Camera of a scene; close it after the run.
+
+    Raises
+    ------
+    UserError
+        When the renderer cannot run on this machine.
+    """
+    sensor = scene.build_sensor()
+    renderer = open_renderer(methods.renderer if methods else scene.renderer, sensor)
+    return SimulatedCamera(
+        sensor,
+        renderer,
+        scene.build_dome() if scene.body == "dome" else scene.fingertip.nodes,
+        scene.camera.noise_levels,
+        scene.seed,
+        scene.defects,
+    )

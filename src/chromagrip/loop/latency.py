@@ -5,7 +5,9 @@ frame arrives, the grip holds: at first at the controller's answer to the first 
 """
 
 import math
-from collections import deque
+from collections.abc import Iterable
+from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,44 +33,87 @@ def arrivals(scene: Scene) -> NDArray[np.intp]:
     return due
 
 
-class DelayedController:
-    """A controller that is given each frame's observation after the latency.
+@dataclass(frozen=True)
+class Arrived:
+    """Observation that reaches the controller.
+
+    Attributes
+    ----------
+    index: of the frame that it is of
+    observation: with the margin that is to be held
+    """
+
+    index: int
+    observation: GripObservation
+
+
+class Delivery:
+    """Observations on their way from the camera to the controller, in the order of their frames.
+
+    Parameters
+    ----------
+    due: frame at which each frame's observation arrives; see `arrivals`
+    """
+
+    def __init__(self, due: NDArray[np.intp]) -> None:
+        self.due = due
+        self._waiting: tuple[Arrived, ...] = ()
+
+    def send(self, index: int, observation: GripObservation) -> None:
+        """Send the observation of a frame; what had arrived before this frame is forgotten."""
+        self._waiting = (*self._later(index - 1), Arrived(index, observation))
+
+    def arrived(self, index: int) -> tuple[Arrived, ...]:
+        """What arrives at a frame."""
+        waiting = self._later(index - 1)
+        return waiting[: len(waiting) - len(self._later(index))]
+
+    def copied(self) -> "Delivery":
+        """Delivery that goes on from here by itself."""
+        return copy(self)
+
+    def _later(self, index: int) -> tuple[Arrived, ...]:
+        """What arrives after a frame; none overtakes another."""
+        gone = sum(1 for one in self._waiting if self.due[one.index] <= index)
+        return self._waiting[gone:]
+
+
+class HoldingController:
+    """A controller whose answers are checked, and hold until the next one.
 
     Parameters
     ----------
     controller: that answers
     name: of the controller, for messages
-    due: frame at which each frame's observation arrives; see `arrivals`
     """
 
-    def __init__(self, controller: Controller, name: str, due: NDArray[np.intp]) -> None:
+    def __init__(self, controller: Controller, name: str) -> None:
         self._controller = controller
         self._name = name
-        self._due = due
-        self._waiting: deque[tuple[int, GripObservation]] = deque()
         self._grip = math.nan
         self._reset()
 
-    def command(self, index: int, observation: GripObservation | None) -> float:
-        """Force commanded from frame `index` on [N].
-
-        Parameters
-        ----------
-        index: of the frame
-        observation: of the frame; None of a dropped one
+    def start(self, observation: GripObservation) -> None:
+        """Hold the answer to the first frame, which the controller forgets.
 
         Raises
         ------
         UserError
             When the controller raises, or its answer is not a finite force of at least 0.
         """
-        if observation is not None:
-            self._waiting.append((index, observation))
-            if index == 0:
-                self._grip = self._answer(index, observation)
-                self._reset()
-        while self._waiting and self._due[self._waiting[0][0]] <= index:
-            self._grip = self._answer(*self._waiting.popleft())
+        self._grip = self._answer(Arrived(0, observation))
+        self._reset()
+
+    def command(self, arrived: Iterable[Arrived]) -> float:
+        """Force commanded from now on [N]: the answer to the last of what arrived.
+
+        Raises
+        ------
+        UserError
+            As in `start`.
+        """
+        for one in arrived:
+            self._grip = self._answer(one)
         return self._grip
 
     def _reset(self) -> None:
@@ -76,14 +121,24 @@ class DelayedController:
         with blaming(failure, Exception, SystemExit):
             self._controller.reset()
 
-    def _answer(self, index: int, observation: GripObservation) -> float:
-        """Force that the controller commands for the observation of frame `index` [N]."""
-        place = f"at t = {observation.time:.4g} s, sample {index}"
+    def _answer(self, arrived: Arrived) -> float:
+        """Force that the controller commands for an observation [N]."""
+        place = f"at t = {arrived.observation.time:.4g} s, sample {arrived.index}"
         with blaming(f"controller {self._name} failed {place}", Exception, SystemExit):
-            force = float(self._controller.command(observation).force)
-        if math.isfinite(force) and force >= 0.0:
-            return force
-        raise UserError(
-            f"controller {self._name} commanded {force!r} N {place}; a grip force is finite and "
-            "not negative"
-        )
+            force = float(self._controller.command(arrived.observation).force)
+        return checked_force(force, f"controller {self._name} commanded", place)
+
+
+def checked_force(force: float, who: str, place: str = "") -> float:
+    """Grip force that can be commanded [N].
+
+    Raises
+    ------
+    UserError
+        When it is not finite, or negative.
+    """
+    force = float(force)
+    if math.isfinite(force) and force >= 0.0:
+        return force
+    where = f" {place}" if place else ""
+    raise UserError(f"{who} {force!r} N{where}; a grip force is finite and not negative")

@@ -1,7 +1,9 @@
 """Observers: from a frame (camera path) or from the model (truth path) to a GripObservation."""
 
 import math
+from copy import copy, deepcopy
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from ..by_name import Choice, blaming, name_of
 from ..control import GripObservation
 from ..model import Fingertip, ForceField
 from ..render import Frame
+from ..scene.scene import Scene
 from ..tracking import (
     CAMERA_RULE,
     THESIS_RULE,
@@ -19,8 +22,10 @@ from ..tracking import (
     Palette,
     SensorCalibration,
     Tracks,
+    load_calibration,
     load_reconstructor,
     load_tracker,
+    sensor_as_designed,
 )
 from ..tracking.forces import DOME_METHODS, name_used, untouched_field
 
@@ -58,6 +63,12 @@ class TruthObserver:
         if self._noise == 0.0 or math.isnan(observation.margin):
             return observation
         return _with_margin_noise(observation, self._noise, float(self._random.standard_normal()))
+
+    def copied(self) -> Self:
+        """Observer that goes on from here by itself."""
+        other = copy(self)
+        other._friction, other._random = copy(self._friction), deepcopy(self._random)
+        return other
 
 
 def _with_margin_noise(
@@ -128,6 +139,12 @@ class ForceObserver:
             field, reason = self._nothing, str(error)
         return _observation(time, field, self._friction, math.nan, reason)
 
+    def copied(self) -> Self:
+        """Observer that goes on from here by itself."""
+        other = copy(self)
+        other._friction, other._forces = copy(self._friction), deepcopy(self._forces)
+        return other
+
 
 def with_friction_bias(observation: GripObservation, bias: float) -> GripObservation:
     """Observation with a bias on µ, which stays above 0.01, and with the Γ of that µ."""
@@ -182,6 +199,13 @@ class CameraObserver:
         with blaming(self._failure, SystemExit):
             tracks = self._tracker.update(frame)
         return self._forces.observe(frame.time, tracks), tracks
+
+    def copied(self) -> Self:
+        """Observer that goes on from here by itself."""
+        other = copy(self)
+        other._tracker, other._forces = copy(self._tracker), self._forces.copied()
+        other._tracker.state = deepcopy(self._tracker.state)  # a plug-in may change its own
+        return other
 
 
 def _observation(
@@ -296,3 +320,10 @@ def _no_chain_field(fingertip: Fingertip) -> ForceField:
         contact=np.zeros(n, dtype=bool),
         totals_covariance=np.full((2, 2), np.inf),
     )
+
+
+def known_sensor(scene: Scene) -> SensorCalibration:
+    """Calibration of a scene's sensor: from its file, or that of a sensor as designed."""
+    if scene.calibration:
+        return load_calibration(scene.calibration)
+    return sensor_as_designed(scene.sensor, scene.fingertip.model)

@@ -15,18 +15,20 @@ from typing import TYPE_CHECKING, Self
 
 from ..by_name import Choice
 from ..control import Controller
-from ..errors import UserError, located
+from ..errors import UserError
 from ..extras import need, require
 from ..output.folder import prepare
+from ..output.frames import FrameFiles, FrameFormat
 from ..output.processes import one_thread
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
-from ..tracking import SensorCalibration, Tracks, check_reconstructor
+from ..tracking import SensorCalibration, Tracks
 from ..tracking.forces import CameraPose, rest_pose
 from ..tracking.forces.chain import Used, used
-from .camera import SimulatedCamera
-from .grasp import Sample, grasp, known_sensor, open_camera
+from .camera import SimulatedCamera, open_camera
+from .grasp import grasp
 from .methods import Methods, choose
+from .rig import Sample, readable
 from .trace import COLUMNS, Summary, Trace, columns_of, make_trace, row, summarise
 
 if TYPE_CHECKING:
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 
 #: Files of a run folder.
 FILES = ("summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml")
+#: Folder of the camera's raw pictures in it, where they were asked for.
+FRAMES = "frames"
 
 #: Called after each frame with the frames done and all frames.
 Progress = Callable[[int, int], None]
@@ -67,6 +71,7 @@ def run(
     tracker: Choice | None = None,
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
+    frames: FrameFormat | None = None,
 ) -> Result:
     """Run a scene; with `out`, write summary, trace, figure, video and scene into that folder.
 
@@ -82,12 +87,15 @@ def run(
     controller: in place of the scene's: an object with `reset` and `command`, a class or other
         factory without arguments, or a name
     tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
+    frames: keep the camera's raw pictures too, in the folder `frames` of `out`
 
     Raises
     ------
     UserError
         For a scene, a method, a folder or a renderer that cannot be used.
     """
+    if frames is not None and out is None:
+        raise UserError(f"pictures as {frames} need a folder: give `out`")
     if isinstance(scene, str):
         scene = load_scene(scene)
     scene, methods = choose(
@@ -98,12 +106,8 @@ def run(
         renderer=renderer,
     )
     methods.build_controller(scene)  # a controller that cannot be made leaves no folder
-    known = read_with = None
-    if scene.path == "camera" and not scene.build_sensor().shape.flat:
-        with located(f"sensor {scene.sensor}"):
-            known = known_sensor(scene)
-            check_reconstructor(methods.reconstructor, known)
-            read_with = used(methods.reconstructor, known)
+    known = readable(scene, methods)
+    read_with = None if known is None else used(methods.reconstructor, known)
     if out is not None:
         require("data", "video", purpose="writing a run folder")
     with ExitStack() as stack, one_thread():
@@ -112,7 +116,7 @@ def run(
             camera = stack.enter_context(closing(open_camera(scene, methods)))
         if out is None:
             return _record(scene, methods, camera, known, read_with, None, progress)
-        with RunFiles(Path(out), overwrite, scene) as files:
+        with RunFiles(Path(out), overwrite, scene, frames) as files:
             return _record(scene, methods, camera, known, read_with, files, progress)
 
 
@@ -175,24 +179,31 @@ class RunFiles:
     folder: run folder, made if missing
     overwrite: remove an earlier run's files
     scene: that is run
+    frames: how the camera's pictures are kept; None does not keep them
     """
 
-    def __init__(self, folder: Path, overwrite: bool, scene: Scene) -> None:
+    def __init__(
+        self, folder: Path, overwrite: bool, scene: Scene, frames: FrameFormat | None = None
+    ) -> None:
         self.folder = folder
         self._parts = folder / ".parts"
         self._scene = scene
         self._video: TactileVideo | None = None
+        self._frames: FrameFiles | None = None
         self._slot = -1
         prepare(folder, overwrite)
         with self._writing():
             self._discard()
             for name in FILES:
                 (folder / name).unlink(missing_ok=True)
+            shutil.rmtree(folder / FRAMES, ignore_errors=True)
             self._parts.mkdir()
             part = self._parts / "scene.toml"
             part.write_text(scene_text(scene), encoding="utf-8")
             part.replace(folder / part.name)
             self._video = _open_video(self._parts, scene)
+            if frames is not None:
+                self._frames = FrameFiles(self._parts / FRAMES, frames, scene.camera.rate_hz)
 
     def __enter__(self) -> Self:
         """Use as a context, which removes unfinished files."""
@@ -203,17 +214,27 @@ class RunFiles:
         self._discard()
 
     def show(self, sample: Sample, camera: SimulatedCamera | None) -> None:
-        """Append a sample to the video, when its next picture is due."""
-        slot = 0 if self._video is None else self._video.slot(sample.time)
-        if self._video is not None and slot > self._slot and sample.observation is not None:
-            self._slot = slot
-            assert camera is not None  # a run with files has one
-            frame = sample.frame or camera.expose(sample.truth.state, sample.index)
-            with self._writing():
-                if self._scene.body == "dome":
-                    self._video.add_traction(frame.image, sample)
-                else:
-                    self._video.add(frame.image, sample)
+        """Append a sample to the video, when its next picture is due, and keep its picture."""
+        if self._video is None or sample.observation is None:  # writing failed, or no picture came
+            return
+        slot = self._video.slot(sample.time)
+        if slot <= self._slot and self._frames is None:
+            return
+        assert camera is not None  # a run with files has one
+        frame = sample.frame or camera.expose(sample.truth.state, sample.index)
+        with self._writing():
+            if self._frames is not None:
+                if sample.index == 0:
+                    self._frames.add_rest(camera.expose_rest(sample.truth.state, 1)[0])
+                self._frames.add(sample.index, frame)
+            if slot > self._slot:
+                self._slot = slot
+                show = self._video.add_traction if self._on_dome else self._video.add
+                show(frame.image, sample)
+
+    @property
+    def _on_dome(self) -> bool:
+        return self._scene.body == "dome"
 
     def write(self, trace: Trace, summary: Summary) -> None:
         """Write the results, and give all files their names."""
@@ -221,6 +242,8 @@ class RunFiles:
             return
         with self._writing():
             self._video.close()
+            if self._frames is not None:
+                self._frames.close()
             _write_results(self._parts, self._scene, trace, summary)
             for part in sorted(self._parts.iterdir()):
                 part.replace(self.folder / part.name)
@@ -239,10 +262,12 @@ class RunFiles:
 
     def _discard(self) -> None:
         """Close and remove unfinished files."""
-        video, self._video = self._video, None
-        if video is not None:
-            with suppress(OSError, UserError):
-                video.close()
+        unfinished = (self._video, self._frames)
+        self._video = self._frames = None
+        for file in unfinished:
+            if file is not None:
+                with suppress(OSError, UserError):
+                    file.close()
         shutil.rmtree(self._parts, ignore_errors=True)
 
 

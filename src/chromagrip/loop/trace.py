@@ -15,7 +15,7 @@ from ..model import GROSS_SLIP, margin_within
 from ..scene.scene import Body, Scene
 from ..tracking.forces import CameraPose
 from ..tracking.forces.chain import Used
-from .grasp import Sample
+from .rig import Sample
 
 Array = NDArray[np.float64]
 

@@ -1,1 +1,26 @@
-"""Two fingers and environments around the grip loop; not built yet."""
+"""Two fingers, and environments around the grip loop.
+
+Importing this room registers its environments with Gymnasium, where that is installed:
+
+    import chromagrip.rig
+    import gymnasium
+
+    env = gymnasium.make("chromagrip/Grasp-v0", observation="forces")
+"""
+
+from importlib.util import find_spec
+
+#: Keyword arguments of each environment, by its name.
+ENVIRONMENTS: dict[str, dict[str, object]] = {"chromagrip/Grasp-v0": {}}
+
+
+def _register() -> None:
+    from gymnasium.envs.registration import register, registry
+
+    for name, arguments in ENVIRONMENTS.items():
+        if name not in registry:
+            register(name, entry_point=f"{__name__}.environment:GripEnv", kwargs=arguments)
+
+
+if find_spec("gymnasium") is not None:
+    _register()

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...loop.force_row import force_row
-from ...loop.grasp import known_sensor
 from ...loop.methods import reconstructor_for
-from ...loop.observers import CameraObserver
+from ...loop.observers import CameraObserver, known_sensor
 from ...loop.torsion import with_limit_margin
 from ...loop.trace import counted_kinds
 from ...output.parquet import Row

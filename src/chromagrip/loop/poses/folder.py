@@ -20,8 +20,7 @@ from ...output.processes import one_thread
 from ...output.versions import versions
 from ...render import TruthMap, camera_text
 from ...scene.scene import Scene
-from ..camera import carried
-from ..grasp import open_camera
+from ..camera import carried, open_camera
 from ..run_folder import scene_text
 from .dome_poses import DomePose
 from .poses import Pose, Settled, Shot, settle_any

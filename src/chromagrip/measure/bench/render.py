@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...extras import require
-from ...loop.grasp import grasp, open_camera
+from ...loop.camera import open_camera
+from ...loop.grasp import grasp
 from ...model import Solid, press_and_move, simulate_contact
 from ...model.dome import contact_steps
 from ...model.shapes import Shape, ball, plane

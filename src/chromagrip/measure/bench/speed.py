@@ -10,9 +10,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from ...errors import UserError
+from ...loop.camera import open_camera
 from ...loop.fidelity import Fidelity
-from ...loop.grasp import grasp, known_sensor, open_camera
-from ...loop.observers import ForceObserver
+from ...loop.grasp import grasp
+from ...loop.observers import ForceObserver, known_sensor
 from ...loop.run_folder import run
 from ...output.processes import map_processes, one_thread
 from ...output.report import Bounds, Row, at_least, at_most, measured, reported

@@ -7,8 +7,8 @@ from itertools import islice
 import numpy as np
 
 from ...errors import UserError
-from ...loop.camera import SimulatedCamera
-from ...loop.grasp import grasp, open_camera
+from ...loop.camera import SimulatedCamera, open_camera
+from ...loop.grasp import grasp
 from ...loop.run_folder import run
 from ...loop.trace import Trace, make_trace, row
 from ...model import GROSS_SLIP

@@ -20,7 +20,8 @@ from functools import lru_cache
 import numpy as np
 from msgspec.structs import replace
 
-from ...loop.grasp import grasp, open_camera
+from ...loop.camera import open_camera
+from ...loop.grasp import grasp
 from ...model import ContactObject, Drive, Fingertip, History, contact_forces
 from ...render import Defects
 from ...scene.scene import load_scene

@@ -1,0 +1,508 @@
+"""A grasp, frame by frame: `reset`, then a grip force for each step, until the scene is over.
+
+    with open_rig("margin-60hz") as rig:
+        seen = rig.reset(seed=1)
+        while not rig.done:
+            seen = rig.step(grip=2.0)
+
+`grasp` is this loop with a controller in it.
+"""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, Self
+
+import msgspec
+
+from ..by_name import Choice
+from ..control import GripObservation
+from ..errors import UserError, located
+from ..model import Fingertip, ForceField, SlipRecord, State, pressure
+from ..model.dome import DomeSlip
+from ..output.processes import one_thread
+from ..render import Frame
+from ..scene.scene import Scene, load_scene
+from ..tracking import SensorCalibration, Tracks, check_reconstructor
+from .camera import CameraMemory, SimulatedCamera, open_camera
+from .dome_world import DomePlant
+from .latency import Arrived, Delivery, arrivals, checked_force
+from .methods import Methods, choose
+from .observers import CameraObserver, TruthObserver, known_sensor, with_friction_bias
+from .torsion import held, with_limit_margin
+from .world import ChainPlant, Contact, Plant, World
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """Observation of a frame, with its image and tracks; attributes as in `Sample`."""
+
+    observation: GripObservation | None = None
+    frame: Frame | None = None
+    tracks: Tracks | None = None
+    rest: Tracks | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """One frame of a run, truth beside estimate.
+
+    Attributes
+    ----------
+    index: of the frame
+    truth: of the contact
+    load: lateral load on the object [N]
+    grip: force commanded from now on [N]
+    applied: force of the gripper's drive now [N]
+    pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
+    observation: of this frame, with Γ as its margin; the controller is given it after the latency,
+        with the margin that it is to hold; None of a dropped frame
+    frame, tracks, rest: image, markers in it and at rest; None on the truth path, the first two
+        also of a dropped frame
+    """
+
+    index: int
+    truth: Contact
+    load: float
+    grip: float
+    applied: float
+    pressure: float
+    pressure_pitch: float
+    observation: GripObservation | None
+    frame: Frame | None
+    tracks: Tracks | None
+    rest: Tracks | None
+
+    @property
+    def state(self) -> State:
+        """State of the chain.
+
+        Raises
+        ------
+        UserError
+            For a dome.
+        """
+        if not isinstance(self.truth.state, State):
+            raise UserError('the scene has body = "dome"; this needs body = "chain"')
+        return self.truth.state
+
+    @property
+    def time(self) -> float:
+        """Instant of the frame [s]."""
+        return self.truth.state.time
+
+    @property
+    def field(self) -> ForceField:
+        """True forces."""
+        return self.truth.field
+
+    @property
+    def slip(self) -> SlipRecord | DomeSlip:
+        """True slip of the object so far."""
+        return self.truth.slip
+
+    @property
+    def friction(self) -> float:
+        """True µ of the contact as a whole, see `whole_friction`."""
+        return self.truth.friction
+
+
+class Reader(Protocol):
+    """Reads frames, one after another."""
+
+    def read(self, world: World, index: int | None, camera: SimulatedCamera | None) -> Reading:
+        """Reading of the frame of that index; None is a dropped one."""
+        ...
+
+    def copied(self) -> Self:
+        """Reader that goes on from here by itself."""
+        ...
+
+
+class TruthReader:
+    """Reads the true forces in the middle of a frame's exposure."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._bias = scene.camera.friction_bias
+        window = scene.safety_margin.friction_window_s
+        self._observer = TruthObserver(window, scene.truth.margin_noise, scene.seed)
+
+    def read(self, world: World, index: int | None, camera: SimulatedCamera | None) -> Reading:
+        """Reading of a frame, as `Reader` says."""
+        if index is None:
+            return Reading()
+        time, exposed = world.now.state.time, world.exposed
+        observation = self._observer.observe(time, exposed.field, exposed.slip.current)
+        observation = with_friction_bias(observation, self._bias)
+        return Reading(observation=with_limit_margin(observation))
+
+    def copied(self) -> "TruthReader":
+        """Reader that goes on from here by itself."""
+        copy = object.__new__(TruthReader)
+        copy._bias, copy._observer = self._bias, self._observer.copied()
+        return copy
+
+
+class CameraReader:
+    """Reads a camera's frames, by an observer that was given frames at rest."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        camera: SimulatedCamera,
+        world: World,
+        known: SensorCalibration,
+        methods: Methods,
+    ) -> None:
+        self._bias = scene.camera.friction_bias
+        rest = camera.expose_rest(world.now.state, scene.camera.rest_frames)
+        with located(f"sensor {scene.sensor}"):
+            self._observer = CameraObserver(
+                known,
+                methods.tracker,
+                methods.reconstructor,
+                scene.camera.noise_levels,
+                scene.safety_margin.friction_window_s,
+                rest,
+            )
+
+    def read(self, world: World, index: int | None, camera: SimulatedCamera | None) -> Reading:
+        """Reading of a frame, as `Reader` says."""
+        rest = self._observer.rest
+        if index is None:
+            return Reading(rest=rest)
+        assert camera is not None
+        frame = camera.expose(exposed_state(world), index)
+        observation, tracks = self._observer.observe(frame)
+        observation = with_friction_bias(observation, self._bias)
+        observation = with_limit_margin(observation)
+        return Reading(observation=observation, frame=frame, tracks=tracks, rest=rest)
+
+    def copied(self) -> "CameraReader":
+        """Reader that goes on from here by itself."""
+        copy = object.__new__(CameraReader)
+        copy._bias, copy._observer = self._bias, self._observer.copied()
+        return copy
+
+
+def exposed_state(world: World) -> Any:
+    """State that the picture of a frame shows: the exposure's middle, with the frame's time."""
+    return replace(world.exposed.state, time=world.now.state.time)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigState:
+    """Everything that the next step of a rig starts from; for rigs of the same scene.
+
+    Attributes
+    ----------
+    scene: with the seed that the grasp was reset with
+    index: of the frame
+    world, reading: of that frame
+    reader: that goes on from there
+    delivery: observations on their way
+    camera: what the camera remembers of the frames before; None without a camera
+    """
+
+    scene: Scene
+    index: int
+    world: World
+    reading: Reading
+    reader: Reader
+    delivery: Delivery
+    camera: CameraMemory | None
+
+
+class Rig:
+    """A scene that is gripped frame by frame; the same seed and grips give the same bytes.
+
+    Parameters
+    ----------
+    scene: object, load, fingertip, camera and methods
+    methods: tracker and reconstructor; None are the scene's
+    camera: that takes the frames; None opens the scene's when a picture is needed first
+    fingertip, known: chain that grips, and calibration of the estimator; None are the scene's
+
+    Raises
+    ------
+    UserError
+        For a flat sensor.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        methods: Methods | None = None,
+        *,
+        camera: SimulatedCamera | None = None,
+        fingertip: Fingertip | None = None,
+        known: SensorCalibration | None = None,
+    ) -> None:
+        self.scene = scene
+        self.methods = methods or Methods.of_scene(scene)
+        self._plant = _plant(scene, fingertip)
+        self._known = known
+        self._camera, self._own = camera, camera is None
+        self._index = -1
+        self._world: World
+        self._reading: Reading
+        self._reader: Reader
+        self._delivery: Delivery
+
+    @property
+    def index(self) -> int:
+        """Number of the frame, from 0; −1 before the first reset."""
+        return self._index
+
+    @property
+    def time(self) -> float:
+        """Instant of the frame [s]."""
+        self._check_begun("time")
+        return self._world.now.state.time
+
+    @property
+    def truth(self) -> Contact:
+        """True contact; not for a controller."""
+        self._check_begun("truth")
+        return self._world.now
+
+    @property
+    def applied(self) -> float:
+        """Force of the gripper's drive [N]."""
+        self._check_begun("applied")
+        return self._world.applied
+
+    @property
+    def reading(self) -> Reading:
+        """What was read of this frame, before the latency."""
+        self._check_begun("reading")
+        return self._reading
+
+    @property
+    def done(self) -> bool:
+        """Whether this is the scene's last frame."""
+        return self._index + 1 == self.scene.frames
+
+    @property
+    def arrived(self) -> tuple[Arrived, ...]:
+        """Frames that reach a controller at this one, in their order, each with its observation.
+
+        After the latency; a late frame comes together with the next one.
+        """
+        self._check_begun("arrived")
+        return self._delivery.arrived(self._index)
+
+    def reset(self, seed: int | None = None) -> GripObservation:
+        """Begin the grasp anew, with the object at the fingertip and nothing gripped yet.
+
+        Parameters
+        ----------
+        seed: of all random numbers; None is the one that the rig has
+
+        Returns
+        -------
+        Observation of the first frame, which is there at once: a grip starts from it.
+        """
+        if seed is not None and seed != self.scene.seed:
+            self._reseed(seed)
+        self._index = -1  # until everything below has gone well
+        self._world = self._plant.rest()
+        if self._camera is not None:
+            self._camera.recall(None)
+        self._reader = self._new_reader()
+        self._delivery = Delivery(arrivals(self.scene))
+        self._read(0)
+        assert self._reading.observation is not None  # the first frame is never dropped
+        return held(self._reading.observation, self.scene.held_margin)
+
+    def step(self, grip: float) -> GripObservation | None:
+        """Grip with a force until the next frame.
+
+        Parameters
+        ----------
+        grip: force that is commanded from now on [N]
+
+        Returns
+        -------
+        The newest observation that arrives at the next frame, with the margin that is to be held;
+        None where none arrives, because of the latency or of a dropped frame.
+
+        Raises
+        ------
+        UserError
+            Before `reset`; after the scene's last frame; for a force that is not finite or is
+            negative; when the model cannot go on.
+        """
+        self._check_begun("step()")
+        if self.done:
+            raise UserError(
+                f"the grasp ended with frame {self._index} at t = {self.time:.4g} s; "
+                "call reset() before the next step()"
+            )
+        grip = checked_force(grip, f"step() at frame {self._index} was given")
+        self._world = self._plant.next_frame(self._world, grip, self._index)
+        self._read(self._index + 1)
+        arrived = self.arrived
+        return arrived[-1].observation if arrived else None
+
+    def sample(self, grip: float = float("nan")) -> Sample:
+        """The frame, truth beside estimate.
+
+        Parameters
+        ----------
+        grip: force that is commanded from now on [N]
+        """
+        self._check_begun("sample()")
+        now = self._world.now
+        return Sample(
+            index=self._index,
+            truth=now,
+            load=self.scene.load.force(now.state.time + 1e-9),
+            grip=grip,
+            applied=self._world.applied,
+            pressure=pressure(now.field),
+            pressure_pitch=pressure(now.field, self._plant.pitch),
+            observation=self._reading.observation,
+            frame=self._reading.frame,
+            tracks=self._reading.tracks,
+            rest=self._reading.rest,
+        )
+
+    def picture(self) -> Frame:
+        """Camera's picture of this frame, also on the truth path and of a dropped frame."""
+        self._check_begun("picture()")
+        if self._reading.frame is None:
+            frame = self._opened().expose(exposed_state(self._world), self._index)
+            self._reading = replace(self._reading, frame=frame)
+        return self._reading.frame or frame
+
+    def save(self) -> RigState:
+        """State of the grasp, from which it can go on later, as often as is wanted."""
+        self._check_begun("save()")
+        return RigState(
+            scene=self.scene,
+            index=self._index,
+            world=self._world,
+            reading=self._reading,
+            reader=self._reader.copied(),
+            delivery=self._delivery.copied(),
+            camera=None if self._camera is None else self._camera.memory(),
+        )
+
+    def restore(self, state: RigState) -> None:
+        """Go on from a saved state: the next steps give the same bytes as they would have then.
+
+        Raises
+        ------
+        UserError
+            For a state of another scene.
+        """
+        if msgspec.structs.replace(state.scene, seed=self.scene.seed) != self.scene:
+            raise UserError("the state was saved of another scene; restore it in a rig of that one")
+        if state.scene.seed != self.scene.seed:
+            self._reseed(state.scene.seed)
+        self._index, self._world, self._reading = state.index, state.world, state.reading
+        self._reader, self._delivery = state.reader.copied(), state.delivery.copied()
+        if state.camera is not None:
+            self._opened().recall(state.camera)
+        elif self._camera is not None:
+            self._camera.recall(None)
+
+    def close(self) -> None:
+        """Release the camera; closing it again does nothing."""
+        if self._own and self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+    def _check_begun(self, what: str) -> None:
+        if self._index < 0:
+            raise UserError(f"{what} is not possible before reset(); call reset() first")
+
+    def _reseed(self, seed: int) -> None:
+        """Take another seed, with another camera, whose noise and defects it decides."""
+        if not 0 <= seed < 2**32:
+            raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
+        self.close()
+        self.scene = msgspec.structs.replace(self.scene, seed=seed)
+
+    def _opened(self) -> SimulatedCamera:
+        if self._camera is None:
+            self._camera = open_camera(self.scene, self.methods)
+        return self._camera
+
+    def _new_reader(self) -> Reader:
+        if self.scene.path == "truth":
+            return TruthReader(self.scene)
+        with located(f"sensor {self.scene.sensor}"):
+            if self._known is None:
+                self._known = known_sensor(self.scene)
+        camera = self._opened()
+        return CameraReader(self.scene, camera, self._world, self._known, self.methods)
+
+    def _read(self, index: int) -> None:
+        """Read the frame of that index, and send its observation on its way."""
+        seen = index if self._delivery.due[index] >= 0 else None
+        self._reading = self._reader.read(self._world, seen, self._camera)
+        self._index = index
+        observation = self._reading.observation
+        if observation is not None:
+            self._delivery.send(index, held(observation, self.scene.held_margin))
+
+
+def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant:
+    """Body of a scene, with a fingertip in place of the scene's chain."""
+    if scene.body == "dome":
+        return DomePlant(scene)
+    if scene.build_sensor().shape.flat:
+        raise UserError(
+            f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
+        )
+    return ChainPlant(scene, scene.build_fingertip() if fingertip is None else fingertip)
+
+
+@contextmanager
+def open_rig(
+    scene: Scene | str,
+    *,
+    tracker: Choice | None = None,
+    reconstructor: Choice | None = None,
+    renderer: Choice | None = None,
+) -> Iterator[Rig]:
+    """Open a scene to grip it frame by frame; a context, at whose end its camera is closed.
+
+    Inside it, BLAS, OpenMP and OpenCV have one thread in this process, as in a run.
+
+    Parameters
+    ----------
+    scene: a Scene, or a name or file as in `load_scene`; its controller is not used
+    tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
+
+    Raises
+    ------
+    UserError
+        For a scene or a method that cannot be used.
+    """
+    if isinstance(scene, str):
+        scene = load_scene(scene)
+    scene, methods = choose(scene, tracker=tracker, reconstructor=reconstructor, renderer=renderer)
+    with ExitStack() as stack:
+        stack.enter_context(one_thread())
+        rig = Rig(scene, methods, known=readable(scene, methods))
+        stack.callback(rig.close)
+        yield rig
+
+
+def readable(scene: Scene, methods: Methods) -> SensorCalibration | None:
+    """Calibration that a scene's pictures are read with; None on the truth path and of a pad.
+
+    Raises
+    ------
+    UserError
+        For a reconstructor that cannot read them.
+    """
+    if scene.path == "truth" or scene.build_sensor().shape.flat:
+        return None
+    with located(f"sensor {scene.sensor}"):
+        known = known_sensor(scene)
+        check_reconstructor(methods.reconstructor, known)
+    return known

@@ -1,0 +1,327 @@
+"""The environment for Gymnasium: hold an object gently, with one grip force.
+
+Observation: `margin`, `forces`, `markers` or `image`, see `views`.
+Action: in [−1, 1], shape (1,): the grip force from 0 to `most_n`, or its rate.
+Reward: in each frame 1 − applied force/`most_n` where the object is held, which is touched and
+slides by less than 0.1 mm/s, less 50·(sliding in this frame)/`dropped_mm`.
+Terminated: the object slid by `dropped_mm`, or was let go under its load, or the model gave up;
+either of the last two costs 50.
+Truncated: the scene is over.
+"""
+
+import math
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from ..loop.methods import choose
+from ..loop.rig import Rig, RigState, readable
+from ..output.processes import one_thread
+from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
+from ..tracking import Tracks
+from .views import Image, Seen, ViewName, view_of
+from .window import Window
+
+#: Reward that is lost on the way to a drop.
+DROP_COST = 50.0
+#: Slowest motion of the whole contact that counts as sliding [m/s].
+SLIDING = 0.1e-3
+
+Observation = NDArray[np.generic]
+Action = NDArray[np.float32]
+Info = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvState:
+    """Everything that the next step of an environment starts from.
+
+    Attributes
+    ----------
+    rig: state of the grasp
+    grip: force that is commanded [N]
+    seen: what arrived last
+    waiting: tracks and image of frames on their way, by the frame's number
+    touched: whether there was a contact
+    random: state of the generator that seeds are drawn from
+    """
+
+    rig: RigState
+    grip: float
+    seen: Seen
+    waiting: dict[int, tuple[Tracks | None, Image | None]]
+    touched: bool
+    random: Mapping[str, Any]
+
+
+class GripEnv(gymnasium.Env[Observation, Action]):
+    """A grasp as an environment of Gymnasium, which makes it with `gymnasium.make`.
+
+    Parameters
+    ----------
+    scene: name of a shipped scene, or a `.toml` file
+    observation: what is observed; `image` and `markers` come from the camera
+    action: whether an action is a `force` or the `rate` of the force
+    path: where `margin` and `forces` come from; None is the true forces, which are fast
+    changes: of the scene, by dotted key, as `{"object.friction": 0.3}`
+    most_n: largest grip force [N]
+    rate_n_per_s: largest rate of the grip force [N/s]
+    dropped_mm: sliding of the whole contact that counts as a drop [mm]
+    render_mode: `rgb_array` gives the camera's picture, `human` shows it in a window
+
+    Raises
+    ------
+    UserError
+        For a scene or an option that cannot be used.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (as in the base class)
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 100,
+    }
+
+    def __init__(
+        self,
+        scene: str = DEFAULT_SCENE,
+        observation: ViewName = "margin",
+        action: Literal["force", "rate"] = "force",
+        path: PathName | None = None,
+        changes: Mapping[str, Any] | None = None,
+        most_n: float = 5.0,
+        rate_n_per_s: float = 20.0,
+        dropped_mm: float = 1.0,
+        render_mode: str | None = None,
+    ) -> None:
+        _check(observation=(observation, ("image", "markers", "forces", "margin")))
+        _check(action=(action, ("force", "rate")))
+        _check(render_mode=(render_mode, (None, *self.metadata["render_modes"])))
+        for name, value in (
+            ("most_n", most_n),
+            ("rate_n_per_s", rate_n_per_s),
+            ("dropped_mm", dropped_mm),
+        ):
+            if not (math.isfinite(value) and value > 0.0):
+                raise UserError(f"{name} = {value} must be finite and above 0")
+        self._name, self._changes = scene, dict(changes or {})
+        self._path = _path_of(observation, path)
+        self._kind, self._action = observation, action
+        self._most, self._rate, self._dropped = most_n, rate_n_per_s, 1e-3 * dropped_mm
+        self.render_mode = render_mode
+        self._window: Window | None = None
+        self._opened: dict[str, Any] | None = None
+        self._rig = self._open({})
+        self.metadata = {**self.metadata, "render_fps": self._rig.scene.camera.rate_hz}
+        rest = None
+        if observation == "markers":
+            with self._threads():
+                self._rig.reset()
+            rest = self._rig.reading.rest
+        self._view = view_of(observation, self._rig.scene, rest)
+        self.observation_space = self._view.space
+        self.action_space = Box(-1.0, 1.0, (1,), np.float32)
+        self._over = True
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
+        """Begin a grasp, with a seed of the scene that is drawn from the environment's.
+
+        Parameters
+        ----------
+        seed: of the environment
+        options: `changes` of the scene for this grasp, on top of the environment's own
+        """
+        super().reset(seed=seed)
+        changes = dict((options or {}).get("changes", {}))
+        if changes != self._opened:
+            self._rig.close()
+            self._rig = self._open(changes)
+        with self._threads():
+            first = self._rig.reset(seed=int(self.np_random.integers(2**32)))
+            self._grip, self._touched, self._over = 0.0, False, False
+            self._waiting: dict[int, tuple[Tracks | None, Image | None]] = {}
+            tracks, image = self._shown()
+            rest = self._rig.reading.rest
+            self._seen = Seen(
+                observation=first, tracks=tracks, rest=rest, image=image, grip=self._grip
+            )
+            self._arrive()
+            self._show()
+        return self._view.look(self._seen), self._info()
+
+    def step(self, action: Action) -> tuple[Observation, float, bool, bool, Info]:
+        """Grip until the next frame; what is returned is in the module's table.
+
+        Raises
+        ------
+        UserError
+            Before `reset`, after the end, and for an action that is not finite.
+        """
+        if self._over:
+            raise UserError("step() is not possible before reset() or after the end; call reset()")
+        self._grip = self._force(action)
+        before = self._rig.truth.slip.rigid_slip
+        gave_up = ""
+        with self._threads():
+            try:
+                self._rig.step(self._grip)
+            except UserError as error:  # of the model, as the force is checked
+                gave_up = str(error)
+            else:
+                self._arrive()
+            self._show()
+        slid = self._rig.truth.slip.rigid_slip - before
+        touched = bool(self._rig.truth.field.contact.any())
+        self._touched |= touched
+        held = touched and slid < SLIDING * self._rig.scene.period
+        reward = held * (1.0 - self._rig.applied / self._most) - DROP_COST * slid / self._dropped
+        # On a chain a load on an object that nothing touches has no answer.
+        let_go = self._let_go() or (bool(gave_up) and not touched)
+        dropped = let_go or self._slid_off()
+        if let_go or gave_up:
+            reward = -DROP_COST
+        terminated, truncated = dropped or bool(gave_up), self._rig.done
+        self._over = terminated or truncated
+        info = self._info(dropped)
+        if gave_up:
+            info["gave_up"] = gave_up
+        return self._view.look(self._seen), float(reward), terminated, truncated, info
+
+    def render(self) -> Any:
+        """Camera's picture, uint8, shape (H, W, 3), of the mode `rgb_array`; else None."""
+        if self.render_mode == "rgb_array" and self._rig.index >= 0:
+            with self._threads():
+                return self._rig.picture().image.copy()
+        return None
+
+    def close(self) -> None:
+        """Release the camera and the window; closing it again does nothing."""
+        self._rig.close()
+        if self._window is not None:
+            self._window.close()
+
+    def save(self) -> EnvState:
+        """State of the environment, from which it can go on later, as often as is wanted."""
+        return EnvState(
+            rig=self._rig.save(),
+            grip=self._grip,
+            seen=self._seen,
+            waiting=dict(self._waiting),
+            touched=self._touched,
+            random=self.np_random.bit_generator.state,
+        )
+
+    def restore(self, state: EnvState) -> None:
+        """Go on from a saved state, with the same bytes as then.
+
+        Raises
+        ------
+        UserError
+            For a state of another scene.
+        """
+        self._rig.restore(state.rig)
+        self._grip, self._seen, self._touched = state.grip, state.seen, state.touched
+        self._waiting = dict(state.waiting)
+        self.np_random.bit_generator.state = state.random
+        self._over = self._rig.done or self._let_go() or self._slid_off()
+
+    def _open(self, changes: dict[str, Any]) -> Rig:
+        """Rig of the scene with changes; one of two fingers has its place here."""
+        given = {"path": self._path} | self._changes | changes
+        scene, methods = choose(load_scene(self._name, given))
+        rig = Rig(scene, methods, known=readable(scene, methods))
+        self._opened = changes
+        return rig
+
+    def _force(self, action: Action) -> float:
+        """Grip force of an action [N]."""
+        share = float(np.asarray(action, dtype=float).reshape(-1)[0])
+        if not math.isfinite(share):
+            raise UserError(f"action {share} is not finite; allowed is -1 to 1")
+        share = min(max(share, -1.0), 1.0)
+        if self._action == "force":
+            return 0.5 * (share + 1.0) * self._most
+        change = share * self._rate * self._rig.scene.period
+        return min(max(self._grip + change, 0.0), self._most)
+
+    def _arrive(self) -> None:
+        """Send this frame's tracks and image on their way, and take what arrives."""
+        rig = self._rig
+        if rig.reading.observation is not None:
+            self._waiting[rig.index] = self._shown()
+        for one in rig.arrived:
+            tracks, image = self._waiting.pop(one.index)
+            self._seen = Seen(
+                observation=one.observation,
+                tracks=tracks,
+                rest=rig.reading.rest,
+                image=image,
+                grip=self._grip,
+            )
+        if not rig.arrived:
+            self._seen = replace(self._seen, grip=self._grip)
+
+    def _shown(self) -> tuple[Tracks | None, Image | None]:
+        """Tracks and image of this frame, where they are observed."""
+        if self._kind == "image":
+            return None, self._rig.picture().image
+        return (self._rig.reading.tracks if self._kind == "markers" else None), None
+
+    def _slid_off(self) -> bool:
+        """Whether the object slid too far."""
+        return self._rig.truth.slip.rigid_slip >= self._dropped
+
+    def _let_go(self) -> bool:
+        """Whether nothing touches the object any more, while something pulls at it."""
+        rig = self._rig
+        pulled = rig.scene.load.force(rig.time + 1e-9) != 0.0
+        return self._touched and pulled and not rig.truth.field.contact.any()
+
+    def _info(self, dropped: bool = False) -> Info:
+        """The truth of this frame; not for a policy."""
+        truth = self._rig.truth
+        return {
+            "time_s": self._rig.time,
+            "grip_n": self._grip,
+            "applied_n": self._rig.applied,
+            "margin_true": float(truth.field.safety_margin(truth.friction)),
+            "rigid_slip_mm": 1e3 * truth.slip.rigid_slip,
+            "dropped": dropped,
+        }
+
+    def _show(self) -> None:
+        """Draw the window, in the mode `human`."""
+        if self.render_mode == "human":
+            self._window = self._window or Window(f"chromagrip: {self._name}")
+            self._window.draw(self._rig.picture().image)
+
+    def _threads(self) -> Any:
+        """Limit this process to one thread where pictures are made or read."""
+        pictures = self._path == "camera" or self._kind == "image" or self.render_mode is not None
+        return one_thread() if pictures else nullcontext()
+
+
+def _path_of(observation: ViewName, path: PathName | None) -> PathName:
+    """Path of the scene that an observation needs."""
+    if observation == "markers":
+        if path == "truth":
+            raise UserError('observation = "markers" comes from the camera; path must be "camera"')
+        return "camera"
+    if observation == "image":  # which nothing reads
+        return "truth"
+    return path or "truth"
+
+
+def _check(**options: tuple[object, tuple[object, ...]]) -> None:
+    """Refuse options that are none of those allowed."""
+    for name, (value, allowed) in options.items():
+        if value not in allowed:
+            words = ", ".join(str(one) for one in allowed)
+            raise UserError(f"{name} = {value!r}: allowed are {words}")

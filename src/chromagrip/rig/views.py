@@ -1,0 +1,154 @@
+"""What an environment shows of a grasp: one array for each choice of observation.
+
+Values that are not known are 0. Bounds are finite, and values are clipped to them.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from ..control import GripObservation
+from ..scene.scene import Scene
+from ..tracking import Tracks
+
+#: Observations that can be chosen.
+ViewName = Literal["image", "markers", "forces", "margin"]
+
+Values = NDArray[np.float32]
+Image = NDArray[np.uint8]
+
+#: Columns of `margin` with their bounds.
+MARGIN = {
+    "margin": (-10.0, 1.0),
+    "margin_low": (-10.0, 1.0),
+    "margin_high": (-10.0, 10.0),
+    "grip_n": (0.0, 100.0),
+    "known": (0.0, 1.0),
+}
+#: Columns of `forces` with their bounds.
+FORCES = {
+    "normal_n": (-100.0, 100.0),
+    "friction_n": (-100.0, 100.0),
+    "normal_deviation_n": (0.0, 100.0),
+    "friction_deviation_n": (0.0, 100.0),
+    "mu": (0.0, 10.0),
+    "mu_low": (0.0, 10.0),
+    "mu_high": (0.0, 10.0),
+    "force_x_n": (-100.0, 100.0),
+    "force_y_n": (-100.0, 100.0),
+    "force_z_n": (-100.0, 100.0),
+    "torque_nmm": (-1000.0, 1000.0),
+    "grip_n": (0.0, 100.0),
+    "known": (0.0, 1.0),
+}
+#: Largest shift of a marker along x and y [px], and logarithm of its growth, in `markers`.
+_MOST = (100.0, 100.0, 3.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """What reached an environment, and when it asks.
+
+    Attributes
+    ----------
+    observation: of the frame that arrived last
+    tracks, rest: of that frame and at rest; None on the truth path
+    image: of that frame; None where no image is shown
+    grip: force that is commanded now [N]
+    """
+
+    observation: GripObservation
+    tracks: Tracks | None
+    rest: Tracks | None
+    image: Image | None
+    grip: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """A choice of observation.
+
+    Attributes
+    ----------
+    space: of its arrays
+    look: makes a new array
+    """
+
+    space: Box
+    look: Callable[[Seen], NDArray[np.generic]]
+
+
+def view_of(name: ViewName, scene: Scene, rest: Tracks | None) -> View:
+    """The observation of that name.
+
+    Parameters
+    ----------
+    name: of the observation
+    scene: that is gripped
+    rest: tracks at rest, which `markers` needs
+    """
+    if name == "image":
+        view = scene.build_sensor().view
+        space = Box(0, 255, (view.height, view.width, 3), np.uint8)
+        return View(space=space, look=_image)
+    if name == "markers":
+        assert rest is not None
+        most = np.tile(np.array(_MOST, np.float32), rest.visible.size)
+        return View(space=Box(-most, most, dtype=np.float32), look=_markers)
+    columns, values = (MARGIN, _margin) if name == "margin" else (FORCES, _forces)
+    low, high = np.array(list(columns.values()), np.float32).T
+
+    def look(seen: Seen) -> Values:
+        known = np.nan_to_num(np.array(values(seen)), nan=0.0, posinf=math.inf, neginf=-math.inf)
+        clipped: Values = np.clip(known, low, high).astype(np.float32)
+        return clipped
+
+    return View(space=Box(low, high, dtype=np.float32), look=look)
+
+
+def _image(seen: Seen) -> Image:
+    assert seen.image is not None
+    return seen.image.copy()
+
+
+def _markers(seen: Seen) -> Values:
+    """Shift of each marker from rest along x and y [px], and growth; 0 where it is not seen.
+
+    First those of the outer layer, three numbers a marker.
+    """
+    tracks, rest = seen.tracks, seen.rest
+    assert tracks is not None
+    assert rest is not None
+    values = np.empty((*tracks.visible.shape, 3))
+    values[..., :2] = tracks.position - rest.position
+    values[..., 2] = tracks.log_size
+    values[~tracks.visible] = 0.0
+    clipped: Values = np.clip(np.nan_to_num(values), np.negative(_MOST), _MOST).astype(np.float32)
+    return clipped.reshape(-1)
+
+
+def _margin(seen: Seen) -> tuple[float, ...]:
+    now = seen.observation
+    return (now.margin, *now.margin_interval, seen.grip, float(not now.no_estimate))
+
+
+def _forces(seen: Seen) -> tuple[float, ...]:
+    now = seen.observation
+    normal, friction = np.sqrt(np.maximum(np.diag(now.field.totals_covariance), 0.0)).tolist()
+    return (
+        now.field.total_normal,
+        now.field.total_friction,
+        normal,
+        friction,
+        now.friction,
+        *now.friction_interval,
+        *now.force.tolist(),
+        1e3 * now.torque,
+        seen.grip,
+        float(not now.no_estimate),
+    )

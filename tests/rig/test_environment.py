@@ -1,0 +1,249 @@
+"""The environment for Gymnasium: what it promises, and that a seed decides every byte."""
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+
+import chromagrip.rig
+from chromagrip import UserError, load_scene
+from chromagrip.rig.environment import DROP_COST, GripEnv
+from chromagrip.rig.views import FORCES, MARGIN
+
+NAME = "chromagrip/Grasp-v0"
+QUICK = {"camera.rest_frames": 2, "duration_s": 0.3}
+NOISY = QUICK | {"truth.margin_noise": 0.05, "camera.dropped": 0.2, "camera.late": 0.2}
+OBSERVATIONS = ("image", "markers", "forces", "margin")
+
+
+def made(**options: Any) -> GripEnv:
+    env = gymnasium.make(NAME, **({"changes": QUICK} | options)).unwrapped
+    assert isinstance(env, GripEnv)
+    return env
+
+
+def action(force: float, most: float = 5.0) -> np.ndarray:
+    return np.array([2.0 * force / most - 1.0], np.float32)
+
+
+Step = tuple[np.ndarray, float, bool, bool, dict[str, Any]]
+
+
+def rolled(env: GripEnv, actions: list[np.ndarray]) -> list[Step]:
+    return [env.step(one) for one in actions]  # type: ignore[misc]
+
+
+def drawn(count: int, seed: int = 0) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-0.6, 0.6, 1).astype(np.float32) for _ in range(count)]
+
+
+def same(one: list[Step], other: list[Step]) -> bool:
+    return all(
+        a[0].tobytes() == b[0].tobytes() and a[1:4] == b[1:4] and repr(a[4]) == repr(b[4])
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_gymnasium_finds_nothing_wrong(
+    observation: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Warnings are errors here; without a display the mode human says so."""
+    env = gymnasium.make(NAME, observation=observation, changes=QUICK | {"duration_s": 0.1})
+    check_env(env.unwrapped, skip_render_check=observation != "margin")
+    assert ("no display" in capsys.readouterr().err) == (observation == "margin")
+
+
+def test_a_policy_is_told_what_a_controller_is_told() -> None:
+    changes = NOISY | {"camera.latency_frames": 2}
+    env = made(observation="forces", changes=changes)
+    env.reset(seed=3)
+    steps = rolled(env, [action(1.0)] * 20)
+    scene = load_scene("camera-100hz", changes | {"path": "truth"})
+    seed = int(np.random.Generator(np.random.PCG64(3)).integers(2**32))
+    last: Any = None
+    with chromagrip.open(scene) as rig:
+        rig.reset(seed=seed)
+        for shown, *_, info in steps:
+            rig.step(info["grip_n"])
+            if rig.arrived:
+                last = rig.arrived[-1].observation
+                fresh = dict(zip(FORCES, shown.tolist(), strict=True))
+                assert fresh["normal_n"] == np.float32(last.field.total_normal)
+                assert fresh["mu_high"] == np.nan_to_num(np.float32(last.friction_interval[1]))
+                assert (fresh["grip_n"], fresh["known"]) == pytest.approx((1.0, 1.0))
+                assert fresh["torque_nmm"] == 0.0  # not known of a chain
+    assert last is not None
+
+
+def test_the_image_arrives_with_the_latency_and_is_the_cameras() -> None:
+    env = made(observation="image", changes=QUICK | {"camera.latency_frames": 2})
+    first, _ = env.reset(seed=0)
+    steps = rolled(env, [action(2.0)] * 4)
+    assert (steps[0][0] == first).all()
+    pictures = []
+    with chromagrip.open(env._rig.scene) as rig:
+        rig.reset()
+        pictures.append(rig.picture().image)
+        for _ in range(4):
+            rig.step(2.0)
+            pictures.append(rig.picture().image)
+    for k in range(2, 5):
+        np.testing.assert_array_equal(steps[k - 1][0], pictures[k - 2])
+
+
+def test_markers_move_where_the_skin_moves() -> None:
+    env = made(observation="markers")
+    still, _ = env.reset(seed=0)
+    assert still.shape == env.observation_space.shape
+    shifts = still.reshape(2, -1, 3)[..., :2]
+    assert np.abs(shifts).max() < 0.3
+    pressed = rolled(env, [action(3.0)] * 5)[-1][0]
+    assert np.abs(pressed.reshape(2, -1, 3)[..., :2]).max() > 1.0
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_a_restored_environment_goes_on_with_the_same_bytes(observation: str) -> None:
+    count = 3 if observation in ("image", "markers") else 12
+    env = made(observation=observation, changes=NOISY | {"camera.latency_frames": 2})
+    env.reset(seed=1)
+    rolled(env, drawn(4))
+    state = env.save()
+    straight = rolled(env, drawn(count, 1))
+    rolled(env, drawn(2, 2))
+    env.restore(state)
+    assert same(straight, rolled(env, drawn(count, 1)))
+    again, _ = env.reset()
+    env.restore(state)
+    assert (env.reset()[0] == again).all()  # the next seed is drawn as it would have been
+
+
+def test_worker_processes_give_the_same_bytes() -> None:
+    makers = [
+        lambda: gymnasium.make(f"chromagrip.rig:{NAME}", observation="forces", changes=NOISY)
+    ] * 2
+    runs = []
+    for vector in (SyncVectorEnv(makers), AsyncVectorEnv(makers, context="forkserver")):
+        first, _ = vector.reset(seed=[4, 5])
+        steps = [first]
+        rng = np.random.default_rng(0)
+        for _ in range(40):  # beyond the end, where a new grasp begins
+            steps.append(vector.step(rng.uniform(-0.5, 0.5, (2, 1)).astype(np.float32))[0])
+        vector.close()
+        runs.append(np.stack(steps))
+    assert runs[0].tobytes() == runs[1].tobytes()
+    assert (runs[0][:, 0] != runs[0][:, 1]).any()
+
+
+def test_holding_gently_pays_best_and_dropping_ends_it() -> None:
+    env = made(changes={"duration_s": 2.0})
+    returns = {}
+    for force in (0.2, 2.0, 4.0):
+        env.reset(seed=0)
+        total, ended = 0.0, (False, False)
+        while not any(ended):
+            _, reward, *ended_now, info = env.step(action(force))
+            total, ended = total + reward, (ended_now[0], ended_now[1])
+        returns[force] = total
+        assert ended == ((True, False) if force == 0.2 else (False, True))
+        assert info["dropped"] == (force == 0.2)
+    assert returns[2.0] > returns[4.0] > returns[0.2]
+    env.reset(seed=0)
+    crept = rolled(env, [action(2.0)] * 200)[-1][4]["rigid_slip_mm"]
+    assert returns[2.0] == pytest.approx(200 * (1.0 - 2.0 / 5.0) - DROP_COST * crept)
+
+
+def test_what_slides_pays_for_it() -> None:
+    env = made(changes={"duration_s": 2.0}, dropped_mm=0.5)
+    env.reset(seed=0)
+    slid, total, held = 0.0, 0.0, 0.0
+    while True:
+        _, reward, terminated, _, info = env.step(action(0.6 if slid == 0.0 else 0.4))
+        if info["rigid_slip_mm"] - slid < 1e-3:
+            held += 1.0 - info["applied_n"] / 5.0
+        slid, total = info["rigid_slip_mm"], total + reward
+        if terminated:
+            break
+    assert 0.5 <= slid < 0.6
+    assert total == pytest.approx(held - DROP_COST * slid / 0.5)
+
+
+def test_letting_go_under_a_load_is_a_drop() -> None:
+    env = made(changes={"duration_s": 1.0})
+    env.reset(seed=0)
+    rolled(env, [action(2.0)] * 10)
+    for _ in range(5):
+        *_, terminated, _, info = env.step(action(0.0))
+        if terminated:
+            break
+    assert terminated
+    assert info["dropped"]
+    with pytest.raises(UserError, match=r"after the end; call reset\(\)"):
+        env.step(action(2.0))
+
+
+def test_an_action_may_be_a_rate() -> None:
+    env = made(action="rate", rate_n_per_s=50.0, most_n=2.0)
+    env.reset(seed=0)
+    one, half = np.ones(1, np.float32), np.full(1, 0.5, np.float32)
+    grips = [step[4]["grip_n"] for step in rolled(env, [one, half, -half, *[one] * 5])]
+    assert grips == pytest.approx([0.5, 0.75, 0.5, 1.0, 1.5, 2.0, 2.0, 2.0])
+
+
+def test_a_reset_may_change_the_scene_for_one_grasp() -> None:
+    env = made()
+    env.reset(seed=0, options={"changes": {"object.friction": 0.9}})
+    rolled(env, [action(2.0)] * 8)
+    assert env._rig.truth.friction == pytest.approx(0.9, abs=1e-9)
+    env.reset(seed=0)
+    rolled(env, [action(2.0)] * 8)
+    assert env._rig.truth.friction == pytest.approx(0.5, abs=1e-9)
+    with pytest.raises(UserError, match=r"object\.friction"):
+        env.reset(options={"changes": {"object.friction": -1.0}})
+
+
+def test_pictures_are_drawn_on_request() -> None:
+    env = made(render_mode="rgb_array")
+    assert env.metadata["render_fps"] == 100.0
+    env.reset(seed=0)
+    before = env.render()
+    rolled(env, [action(3.0)] * 3)
+    assert before.shape == (480, 640, 3)
+    assert (env.render() != before).any()
+    assert made().render() is None
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"observation": "sound"}, "observation = 'sound': allowed are image, markers"),
+        ({"action": "torque"}, "action = 'torque': allowed are force, rate"),
+        ({"observation": "markers", "path": "truth"}, "comes from the camera"),
+        ({"most_n": 0.0}, r"most_n = 0\.0 must be finite and above 0"),
+        ({"scene": "nowhere"}, "no scene 'nowhere'"),
+    ],
+)
+def test_what_cannot_be_made_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        made(**options)
+
+
+def test_an_action_that_is_no_number_is_refused() -> None:
+    env = made()
+    with pytest.raises(UserError, match=r"step\(\) is not possible before reset\(\)"):
+        env.step(action(1.0))
+    env.reset(seed=0)
+    with pytest.raises(UserError, match="action nan is not finite; allowed is -1 to 1"):
+        env.step(np.array([math.nan], np.float32))
+
+
+def test_columns_are_as_many_as_values() -> None:
+    for observation, columns in (("margin", MARGIN), ("forces", FORCES)):
+        assert made(observation=observation).reset(seed=0)[0].shape == (len(columns),)
