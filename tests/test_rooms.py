@@ -42,7 +42,7 @@ MAY_IMPORT = {
     "rig": "model render tracking control output scene loop",
     "live": "model render tracking control output scene loop",
     "measure": "model render tracking control output scene loop pictures calibrate dataset",
-    "cli": "model render tracking control output scene loop pictures calibrate dataset measure",
+    "cli": "model render tracking control output scene loop pictures calibrate dataset measure rig",
 }
 #: Modules beside the rooms: the entry points.
 DOORS = {"__init__": "scene loop", "__main__": "cli"}

@@ -50,7 +50,7 @@ class PinchRecord:
         the skins apart [m]
     turn: of the object about that axis, the elastic twist apart [rad]
     elastic: twist of both skins, their mean [rad]
-    pressure: mean of the contact that is pressed more [Pa]
+    pressure: mean of the contact that is pressed more, see `mean_pressure` [Pa]
     largest_turn, largest_pressure: so far
     dropped: whether it slid too far, or left the fingertips above the table
     """
@@ -114,9 +114,16 @@ def follow_pinch(
 
 
 def mean_pressure(dome: SoftBody, field: ForceField) -> float:
-    """ΣFn over the area of the nodes in contact [Pa]; 0 with nothing in contact."""
+    """Mean pressure of a contact [Pa]; 0 with nothing in contact.
+
+    It is 8/9 of ΣFn·p/ΣFn, each node's force times its pressure. For a contact of Hertz this is ΣFn
+    over its area, and it does not jump where a ring of nodes joins the contact.
+    """
     on = field.contact
-    return float(field.normal[on].sum() / lattice(dome).areas[on].sum()) if on.any() else 0.0
+    if not on.any():
+        return 0.0
+    normal = field.normal[on]
+    return float(8.0 / 9.0 * (normal**2 / lattice(dome).areas[on]).sum() / normal.sum())
 
 
 def _moved(dome: SoftBody, state: DomeState, field: ForceField) -> tuple[Array, float]:

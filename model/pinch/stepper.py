@@ -18,6 +18,7 @@ from .pinch import FACING, Pinch, bases
 from .state import PinchState
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 #: A step in which the object might leap out of the pinch is halved up to so many times.
 _LEAPS = 10
@@ -61,7 +62,7 @@ class PinchStepper:
         self._centre = np.array(pinch.body.centre)
         self._gravity = pinch.body.mass * np.array(pinch.gravity)
         self._system: System = new_system(0, 1)
-        self._blocks: list[Array] = []
+        self._blocks: list[Index] = []
         self._facing = np.zeros((0, 0), np.float32)
         self._now(state)
 
@@ -262,9 +263,15 @@ class PinchStepper:
         for k, skin in enumerate(self.skins):
             part = slice(0, split) if k == 0 else slice(split, None)
             axes = _axes(k)
-            skin.take_over(
-                Outcome(*(axes * values[part] for values in outcome[:5]), _NONE), lags[k]
+            its = Outcome(
+                axes * outcome.linear[part],
+                axes * outcome.true[part],
+                axes * outcome.tangential[part],
+                axes * outcome.normal[part],
+                axes * outcome.displacement[part],
+                outcome.motion,
             )
+            skin.take_over(its, lags[k])
             skin.place = axes * (found.place - self._base(k, found.closing))
             skin.rotation = axes[:, None] * found.rotation
             skin.time = until
@@ -307,12 +314,12 @@ class PinchStepper:
             np.concatenate([first.own, own]),
         )
         if guess is None:
-            a, b = self.skins
-            linear = np.concatenate([a.linear[a.near], FACING * b.linear[b.near]])
+            one, other = self.skins
+            linear = np.concatenate([one.linear[one.near], FACING * other.linear[other.near]])
         else:
             linear = guess.linear
-        new = [np.zeros_like(linear) for _ in range(4)]
-        return contact, Outcome(linear, *new, np.zeros(7))
+        a, b, c, d = np.zeros((4, *linear.shape))
+        return contact, Outcome(linear, a, b, c, d, np.zeros(7))
 
     def _find(self, place: Array, rotation: Array, closing: float) -> bool:
         """Take new nodes into the unknowns where the object comes near; whether they changed."""
@@ -349,7 +356,7 @@ class PinchStepper:
         return out
 
 
-_NONE, _OWN = np.zeros(6), np.ones(3)
+_OWN = np.ones(3)
 
 
 def _axes(k: int) -> Array:

@@ -22,6 +22,7 @@ from .options import (
     print_table,
     value_table,
 )
+from .pinch import run_two
 from .readouts import make_dome_tables, train_if_missing
 
 if TYPE_CHECKING:
@@ -103,6 +104,11 @@ def grasp(
         raise UserError(f"--frames {frames} needs a folder: give --out beside --json")
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
+
+    if resolved.pinch.mass_g:
+        if frames is not None:
+            raise UserError("--frames keeps the pictures of one finger; this scene is a pinch")
+        return run_two(resolved, out, overwrite, json_only)
 
     from ..loop.methods import reconstructor_for  # OpenCV loads only when something is run
     from ..loop.observers import known_sensor
