@@ -92,6 +92,14 @@ def run_pinch(
     if folder is not None:
         require("data", purpose="writing a run folder")
         prepare(folder, overwrite)
+    return _record(rig, held, folder, progress)
+
+
+def _record(
+    rig: PinchRig, held: HoldingController, folder: Path | None, progress: Progress | None
+) -> PinchResult:
+    """Run the loop, and write its results however it ends."""
+    scene = rig.scene
     rows, reasons, seconds = Rows(scene), list[str](), 0.0
     try:
         with one_thread():
