@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dome.skin import Skin
+from ..dome.skin import MARGIN, Skin
 from ..dome.solid import Solid
 from ..dome.state import StepCount
 from ..dome.stepper import ENOUGH, HALVINGS, ROUNDS, TOLERANCE
@@ -26,6 +26,8 @@ _LEAPS = 10
 _SOLVES = 6
 #: Force that the inertia of the pose found may lack, of what acts on the object.
 _LACKS = 1e-4
+#: Way in pitches within which no node can have been missed: half the margin of `Skin.find`.
+_SURE = 0.5 * MARGIN
 #: Force below which a lack does not matter [N].
 _FORCE = 1e-6
 _FREE = np.ones(7, np.bool_)
@@ -60,6 +62,7 @@ class PinchStepper:
             Skin(pinch.second, pinch.solid, state.second),
         )
         self._centre = np.array(pinch.body.centre)
+        self._reach = float(np.linalg.norm(abs(pinch.solid.shape.bounds).max(axis=0)))
         self._gravity = pinch.body.mass * np.array(pinch.gravity)
         self._system: System = new_system(0, 1)
         self._blocks: list[Index] = []
@@ -162,7 +165,8 @@ class PinchStepper:
             motion = outcome.motion
             place, rotation = place + motion[:3], turned(rotation, motion[3:6])
             closing += motion[6]
-            if turn + 1 < _SOLVES and self._missed(place, rotation, closing):
+            far = turn + 1 < _SOLVES and self._came_near(contact, outcome)
+            if far and self._missed(place, rotation, closing):
                 continue
             found, lacks, pushed = self._carried(
                 s, hand, (place, rotation, closing), contact, outcome
@@ -233,7 +237,10 @@ class PinchStepper:
         arm = rotation @ self._centre
         centre = origin + turn @ (place + arm)
         force = -(turn @ outcome.true.sum(axis=0)) + self._gravity
-        torque = -(turn @ np.cross(nodes - place - arm, outcome.true).sum(axis=0))
+        moments = (nodes - place - arm).T @ outcome.true
+        torque = -(
+            turn @ np.array([moments[k - 2, k - 1] - moments[k - 1, k - 2] for k in range(3)])
+        )
         pushed = 0.0
         if self.pinch.table:
             pushed = self._pushed(centre)
@@ -327,6 +334,16 @@ class PinchStepper:
             axes = _axes(k)
             skin.find(axes[:, None] * rotation, axes * (place - self._base(k, closing)))
         return self._room()
+
+    def _came_near(self, contact: Contact, outcome: Outcome) -> bool:
+        """Whether object and skin may have met where no node was looked at.
+
+        All nodes within a margin of the object were; it is enough to look at how far both came.
+        """
+        motion, moved = outcome.motion, contact.rest + outcome.displacement - contact.before
+        way = np.linalg.norm(motion[:3]) + abs(motion[6]) + abs(moved).max(initial=0.0)
+        way += np.linalg.norm(motion[3:6]) * self._reach
+        return bool(way > _SURE * min(skin.dome.spacing for skin in self.skins))
 
     def _missed(self, place: Array, rotation: Array, closing: float) -> bool:
         missed = [
