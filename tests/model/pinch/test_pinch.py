@@ -1,8 +1,10 @@
 """A pinch against analysis, conservation, symmetry and one dome alone."""
 
+import json
 import math
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from chromagrip.errors import UserError
-from chromagrip.model import Dome, Motion, Solid, dome_forces, simulate_contact
+from chromagrip.model import Dome, Motion, Solid, dome_forces, simulate_contact, torsion
 from chromagrip.model.pinch import (
     HandPath,
     Limits,
@@ -28,6 +30,7 @@ from chromagrip.model.pinch import (
 )
 from chromagrip.model.shapes import ball, box, plane
 
+FIXTURES = Path(__file__).parents[3] / "fixtures"
 COARSE = Dome(pitch=0.7e-3, reach=math.radians(45.0))
 OTHER = Dome(radius=10e-3, core=6e-3, pitch=0.9e-3, reach=math.radians(45.0), young=0.3e6)
 SIZE = (20e-3, 20e-3, 16e-3)
@@ -108,35 +111,71 @@ def test_too_little_friction_lets_it_slide_down() -> None:
     assert found == pytest.approx(G - 2.0 * mu * grip / MASS, rel=0.03)
 
 
-def _swing(dt: float, young: float = 4e6) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times and angles of a body that swings on a small ball, and its period at first."""
+def _swing(dt: float) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """A body that swings on a small ball between nearly rigid fingertips.
+
+    Returns
+    -------
+    Times since it was let go [s], angles from straight down [rad], the period of small swings [s],
+    and the torsion that friction bears over the normal force [m].
+    """
     arm, mass, own, start = 10e-3, 0.01, 1e-6, math.radians(80.0)
-    dome = Dome(young=young, pitch=0.15e-3, reach=math.radians(20.0), stiffening=False)
+    dome = Dome(young=40e6, pitch=0.14e-3, reach=math.radians(20.0), stiffening=False)
     body = RigidBody(
         mass=mass, inertia=(own,) * 3, centre=(arm * math.cos(start), arm * math.sin(start), 0.0)
     )
-    solid = Solid(shape=ball(1e-3), friction=1.0, stiffness=1e10, dahl_stiffness=5e10)
+    solid = Solid(shape=ball(1e-3), friction=1.0, stiffness=1e11, dahl_stiffness=5e11)
     free = Pinch(first=dome, second=dome, solid=solid, body=body, table=False)
-    grip = ramp(0.15)
-    rest = simulate_pinch(replace(free, gravity=(0.0, 0.0, 0.0)), 0.1, grip, dt).end  # type: ignore[arg-type]
-    run = simulate_pinch(free, 0.55, grip, dt, rest)  # type: ignore[arg-type]
+    rest = simulate_pinch(
+        replace(free, gravity=(0.0, 0.0, 0.0)), 0.1, lambda t: 0.15 * min(1.0, t / 0.08), dt
+    ).end
+    run = simulate_pinch(free, 0.7, lambda _: 0.15, dt, rest)
     small = 2.0 * math.pi * math.sqrt((own + mass * arm**2) / (mass * G * arm))
-    return run.times, run.turns + start, small
+    field = dome_forces(dome, rest.first)
+    return run.times - 0.1, run.turns + start, small, torsion(field)[2] / field.total_normal
 
 
-def test_a_swing_about_the_axis_has_the_period_of_a_pendulum() -> None:
-    times, angles, small = _swing(DT)
+def _halves(times: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Durations of the half swings, and their amplitudes."""
     k = np.flatnonzero(angles[:-1] * angles[1:] <= 0.0)
     crossed = times[k] - angles[k] * (times[k + 1] - times[k]) / (angles[k + 1] - angles[k])
-    top = np.array([abs(angles[a:b]).max() for a, b in pairwise(k)])
-    assert len(crossed) >= 3
-    expected = small / math.pi * ellipk(np.sin(top / 2.0) ** 2)
-    assert np.diff(crossed) == pytest.approx(expected, rel=0.03)
-    # Friction on the ball takes little of a swing, and the step nearly nothing.
-    assert top[0] > math.radians(65.0)
-    shorter = _swing(DT / 2.0)[1]
-    assert abs(angles).max() == pytest.approx(abs(shorter).max(), rel=0.01)
-    assert angles.min() == pytest.approx(shorter.min(), rel=0.015)
+    return np.diff(crossed), np.array([abs(angles[a:b]).max() for a, b in pairwise(k)])
+
+
+@pytest.fixture(scope="module")
+def swung() -> tuple[np.ndarray, np.ndarray, float, float]:
+    return _swing(DT)
+
+
+def test_a_swing_about_the_axis_has_the_period_of_a_pendulum(
+    swung: tuple[np.ndarray, np.ndarray, float, float],
+) -> None:
+    times, angles, small, _ = swung
+    halves, tops = _halves(times, angles)
+    assert len(halves) >= 2
+    assert tops[0] > math.radians(70.0)  # far from small swings, whose period is 12 % less
+    assert halves == pytest.approx(small / math.pi * ellipk(np.sin(tops / 2.0) ** 2), rel=0.03)
+    # The step takes nearly nothing of a swing.
+    shorter = _halves(*_swing(DT / 2.0)[:2])[1]
+    assert tops / tops[0] == pytest.approx(shorter[: len(tops)] / shorter[0], rel=0.01)
+
+
+def test_the_swing_is_that_of_another_engine(
+    swung: tuple[np.ndarray, np.ndarray, float, float],
+) -> None:
+    """MuJoCo with rigid fingers, and the torsion that our contact bears."""
+    times, angles, _, length = swung
+    theirs = json.loads((FIXTURES / "pinch" / "mujoco.json").read_text(encoding="utf-8"))
+    at = [1e-3 * swing["torsion_mm"] for swing in theirs["swings"]]
+    halves, tops = _halves(times, angles)
+    for k, (half, top) in enumerate(zip(halves, tops, strict=True)):
+        durations = [np.diff(swing["crossed_s"])[k] for swing in theirs["swings"]]
+        assert half == pytest.approx(np.interp(length, at, durations), rel=0.03)
+        angles_there = [math.radians(swing["tops_deg"][k]) for swing in theirs["swings"]]
+        assert top == pytest.approx(np.interp(length, at, angles_there), rel=0.03)
+    for slide in theirs["slides"]:  # what we are held to below
+        held = 2.0 * slide["friction"] * slide["grip_n"] / 0.01
+        assert slide["acceleration"] == pytest.approx(G - held, rel=0.01)
 
 
 def _tumbled(dt: float) -> tuple[np.ndarray, np.ndarray]:
