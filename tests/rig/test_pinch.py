@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 
 import chromagrip
 from chromagrip import UserError, load_scene
-from chromagrip.control import GripObservation
+from chromagrip.control import GripCommand, GripObservation
 from chromagrip.rig.pinch_rig import PinchRig, smaller
 from chromagrip.rig.pinch_run import FILES, run_pinch
 from chromagrip.rig.pinch_trace import COLUMNS
@@ -94,21 +95,68 @@ def test_same_seed_and_grips_same_bytes() -> None:
     assert abs(noise[0] - noise[1])[20:].max() > 0.01
 
 
-def _seen(margin: float) -> GripObservation:
-    field = PinchRig(scene()).reset().field
-    return GripObservation(
-        time=0.0, field=field, friction=0.5, friction_interval=(0.4, 0.6),
-        friction_observable=True, margin=margin, margin_interval=(margin, margin),
-        lateral_displacement=math.nan,
-    )  # fmt: skip
+def _seen(margin: float | str) -> GripObservation:
+    """Observation with a margin, or with a reason for which there is none."""
+    seen = PinchRig(scene()).reset()
+    if isinstance(margin, str):
+        return replace(seen, no_estimate=margin)
+    return replace(seen, margin=margin)
 
 
 @pytest.mark.parametrize(
     ("first", "second", "told"),
-    [(0.2, 0.4, 0), (0.4, 0.2, 1), (math.nan, 0.4, 1), (0.4, math.nan, 0), (math.nan, math.nan, 0)],
+    [
+        (0.2, 0.4, 0),
+        (0.4, 0.2, 1),
+        (math.nan, 0.4, 0),
+        (0.4, math.nan, 1),
+        ("dark", 0.4, 1),
+        (0.4, "dark", 0),
+        ("dark", math.nan, 1),
+        ("dark", "dark", 0),
+    ],
 )
-def test_a_controller_is_told_of_the_smaller_margin(first: float, second: float, told: int) -> None:
+def test_a_controller_is_told_of_the_smaller_margin(
+    first: float | str, second: float | str, told: int
+) -> None:
     assert smaller(_seen(first), _seen(second)) == told
+
+
+def test_a_finger_that_lets_go_is_told_of() -> None:
+    """The weight comes to lie along the pinch: no friction is needed, and one finger lets go."""
+    tilts = {
+        "pinch__hand_times_s": [0.0, 0.2, 0.6, 1.4],
+        "pinch__hand_mm": [[0.0, 0.0, 0.0]] * 2 + [[-60.0, 0.0, 0.0]] * 2,
+        "pinch__hand_turns_deg": [[0.0, 0.0, 0.0]] * 3 + [[0.0, 90.0, 0.0]],
+    }
+    done = run_pinch(scene(**tilts, duration_s=2.0))
+    trace = done.trace
+    gone = (trace["first_contact_nodes"] == 0) & (trace["time_s"] > 0.6)
+    assert gone.any()
+    assert (trace["smaller_finger"][gone] == 1.0).all()
+    assert done.summary["outcome"] == "held"
+
+
+class Failing:
+    """A controller that grips, and then raises."""
+
+    def reset(self) -> None:
+        self._frames = 0
+
+    def command(self, observation: GripObservation) -> GripCommand:
+        self._frames += 1
+        if self._frames > 9:
+            raise RuntimeError("out of ideas")
+        return GripCommand(force=1.0)
+
+
+def test_what_happened_before_a_failure_is_kept(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="out of ideas"):
+        run_pinch(scene(), tmp_path / "run", controller=Failing())
+    written = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+    assert not written["complete"]
+    assert written["frames"] == 10
+    assert {path.name for path in (tmp_path / "run").iterdir()} == set(FILES)
 
 
 def test_latency_delays_what_arrives() -> None:

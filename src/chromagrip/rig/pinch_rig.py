@@ -211,12 +211,15 @@ class PinchRig:
 
 
 def smaller(first: GripObservation, second: GripObservation) -> int:
-    """Finger that a controller is told of, 0 or 1: with the smaller margin, as far as known.
+    """Finger that a controller is told of, 0 or 1: the one with the smaller margin.
 
-    A finger that has no estimate is left out while the other one has.
+    A finger that touches nothing comes before all others, and controllers grip anew. A finger
+    without an estimate is left out while the other one has one.
     """
-    if math.isnan(second.margin):
-        return 0
-    if math.isnan(first.margin):
-        return 1
-    return int(second.margin < first.margin)
+    return int(_urgency(second) < _urgency(first))
+
+
+def _urgency(observation: GripObservation) -> float:
+    if observation.no_estimate:
+        return math.inf
+    return -math.inf if math.isnan(observation.margin) else observation.margin
