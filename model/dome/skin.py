@@ -116,9 +116,8 @@ class Skin:
             self.friction[near],
         )  # fmt: skip
 
-    def take_over(self, outcome: Outcome, lag: float) -> None:
-        """Go on from what a step left on the nodes that are looked at."""
-        near = self.near
+    def take_over(self, near: Index, outcome: Outcome, lag: float) -> None:
+        """Go on from what a step left on the nodes that it looked at."""
         self.linear[near] = outcome.linear
         self.forces[near], self.friction[near] = outcome.true, outcome.tangential
         on = np.asarray(outcome.true.any(axis=1))

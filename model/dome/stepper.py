@@ -142,7 +142,7 @@ class Stepper(Skin):
         if step > 0.0:
             self.velocity = self._velocity(step, new_place, moved)
         self.place, self.rotation, self.time = new_place, new_rotation, until
-        self.take_over(outcome, lag)
+        self.take_over(near, outcome, lag)
         return StepCount(rounds, products, touching, 0, error)
 
     def _guess(self, until: float) -> tuple[Array, Array]:

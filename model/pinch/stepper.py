@@ -278,7 +278,7 @@ class PinchStepper:
                 axes * outcome.displacement[part],
                 outcome.motion,
             )
-            skin.take_over(its, lags[k])
+            skin.take_over(skin.near, its, lags[k])
             skin.place = axes * (found.place - self._base(k, found.closing))
             skin.rotation = axes[:, None] * found.rotation
             skin.time = until
