@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from ..errors import PiercedError
 from ..kernels.dome.near_kernels import find_near, node_groups
-from ..kernels.dome.newton_kernels import Contact, Outcome
+from ..kernels.dome.node_kernels import Contact, Outcome
 from ..kernels.dome.touch_kernels import Pose, Stiffening
 from .dome import Lattice, SoftBody, lattice
 from .near_block import NearBlock

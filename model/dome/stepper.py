@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from ..errors import ConvergenceError
 from ..kernels.dome.compliance_kernels import displace
-from ..kernels.dome.newton_kernels import Outcome, solve_contact, turned
+from ..kernels.dome.newton_kernels import solve_contact, turned
+from ..kernels.dome.node_kernels import Outcome
 from ..kernels.dome.touch_kernels import Pose
 from .compliance import skin_compliance
 from .dome import SoftBody

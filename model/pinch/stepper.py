@@ -11,7 +11,8 @@ from ..dome.state import StepCount
 from ..dome.stepper import ENOUGH, HALVINGS, ROUNDS, TOLERANCE
 from ..errors import ConvergenceError
 from ..kernels.dome.krylov_kernels import System, new_system
-from ..kernels.dome.newton_kernels import Contact, Outcome, Second, solve_contact, turned
+from ..kernels.dome.newton_kernels import Second, solve_contact, turned
+from ..kernels.dome.node_kernels import Contact, Outcome
 from ..kernels.dome.touch_kernels import Pose
 from .body import Moving, Scheme, carried, rotation_vector, scheme, wanted
 from .pinch import FACING, Pinch, bases
