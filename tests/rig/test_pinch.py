@@ -173,10 +173,26 @@ def test_latency_delays_what_arrives() -> None:
         rig.step(math.nan)
 
 
-def test_each_finger_has_its_own_camera() -> None:
-    rig = PinchRig(scene(path="camera", duration_s=0.1, camera__rest_frames=4))
-    rig.reset()
-    for _ in range(4):
+def _goes_on_alike(rig: PinchRig) -> None:
+    """Two rigs that go on from the same state do so with the same bytes."""
+    saved = rig.save()
+    ends = []
+    for again in (rig, PinchRig(rig.scene)):
+        again.restore(saved)
+        again.step(1.2)
+        seen = again.sample().readings[1].observation
+        assert seen is not None
+        ends.append((seen.margin, again.sample().truth.state.second.linear.tobytes()))
+        again.close()
+    assert ends[0] == ends[1]
+    with pytest.raises(UserError, match="another scene"):
+        PinchRig(scene(duration_s=1.1)).restore(saved)
+
+
+def test_each_finger_has_its_own_camera_and_a_saved_pinch_goes_on() -> None:
+    rig = PinchRig(scene(path="camera", duration_s=0.1, camera__rest_frames=2))
+    rig.reset(seed=3)
+    for _ in range(3):
         rig.step(1.0)
     first, second = rig.sample().readings
     assert first.frame is not None
@@ -185,7 +201,15 @@ def test_each_finger_has_its_own_camera() -> None:
     for reading in (first, second):
         assert reading.observation is not None
         assert reading.observation.field.total_normal == pytest.approx(1.0, rel=0.25)
-    rig.close()
+    _goes_on_alike(rig)
+
+
+def test_a_saved_pinch_goes_on_on_the_truth_path() -> None:
+    rig = PinchRig(scene(truth__margin_noise=0.02))
+    rig.reset(seed=3)
+    for _ in range(20):
+        rig.step(1.0)
+    _goes_on_alike(rig)
 
 
 def test_friction_that_changes_is_felt() -> None:

@@ -7,7 +7,7 @@ import msgspec
 
 from ..control import GripObservation
 from ..errors import UserError, located
-from ..loop.camera import SimulatedCamera, open_camera
+from ..loop.camera import CameraMemory, SimulatedCamera, open_camera
 from ..loop.latency import Arrived, Delivery, arrivals, checked_force
 from ..loop.methods import Methods
 from ..loop.observers import known_sensor
@@ -44,6 +44,30 @@ class PinchSample:
     def time(self) -> float:
         """Instant of the frame [s]."""
         return self.truth.state.time
+
+
+@dataclass(frozen=True, kw_only=True)
+class PinchRigState:
+    """Everything that the next step of a pinch's rig starts from; for rigs of the same scene.
+
+    Attributes
+    ----------
+    scene: with the seed that the pinch was reset with
+    index: of the frame
+    world, readings, smaller: of that frame
+    readers: of each finger, that go on from there
+    delivery: observations on their way
+    cameras: what each camera remembers; empty on the truth path
+    """
+
+    scene: Scene
+    index: int
+    world: PinchWorld
+    readings: tuple[Reading, Reading]
+    smaller: int
+    readers: tuple[Reader, ...]
+    delivery: Delivery
+    cameras: tuple[CameraMemory, ...]
 
 
 class PinchRig:
@@ -106,10 +130,7 @@ class PinchRig:
         Observation of the first frame, which is there at once.
         """
         if seed is not None and seed != self.scene.seed:
-            if not 0 <= seed < 2**32:
-                raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
-            self.close()
-            self.scene = msgspec.structs.replace(self.scene, seed=seed)
+            self._reseed(seed)
         self._index = -1  # until everything below has gone well
         self._world = self.plant.rest()
         self._readers = [self._reader(k, each) for k, each in enumerate(fingers(self.scene))]
@@ -164,10 +185,56 @@ class PinchRig:
             smaller=self._smaller,
         )
 
+    def save(self) -> PinchRigState:
+        """State of the pinch, from which it can go on later, as often as is wanted."""
+        self._check_begun("save()")
+        return PinchRigState(
+            scene=self.scene,
+            index=self._index,
+            world=self._world,
+            readings=self._readings,
+            smaller=self._smaller,
+            readers=tuple(reader.copied() for reader in self._readers),
+            delivery=self._delivery.copied(),
+            cameras=tuple(camera.memory() for camera in self._cameras),
+        )
+
+    def restore(self, state: PinchRigState) -> None:
+        """Go on from a saved state: the next steps give the same bytes as they would have then.
+
+        Raises
+        ------
+        UserError
+            For a state of another scene.
+        """
+        if msgspec.structs.replace(state.scene, seed=self.scene.seed) != self.scene:
+            raise UserError("the state was saved of another scene; restore it in a rig of that one")
+        if state.scene.seed != self.scene.seed:
+            self._reseed(state.scene.seed)
+        self._index, self._world = state.index, state.world
+        self._readings, self._smaller = state.readings, state.smaller
+        self._readers = [reader.copied() for reader in state.readers]
+        self._delivery = state.delivery.copied()
+        for k, memory in enumerate(state.cameras):
+            self._camera(k).recall(memory)
+
     def close(self) -> None:
         """Release the cameras; closing them again does nothing."""
         while self._cameras:
             self._cameras.pop().close()
+
+    def _reseed(self, seed: int) -> None:
+        """Take another seed, with other cameras, whose noise and defects it decides."""
+        if not 0 <= seed < 2**32:
+            raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
+        self.close()
+        self.scene = msgspec.structs.replace(self.scene, seed=seed)
+
+    def _camera(self, k: int) -> SimulatedCamera:
+        """Camera of a finger; both are opened together."""
+        if not self._cameras:
+            self._cameras = [open_camera(each, self.methods) for each in fingers(self.scene)]
+        return self._cameras[k]
 
     def _check_begun(self, what: str) -> None:
         if self._index < 0:
@@ -186,9 +253,7 @@ class PinchRig:
         known = self._known[k]
         if known is None:
             return TruthReader(finger)
-        if len(self._cameras) <= k:
-            self._cameras.append(open_camera(finger, self.methods))
-        camera = self._cameras[k]
+        camera = self._camera(k)
         camera.recall(None)
         return CameraReader(finger, camera, self._world.finger(k), known, self.methods)
 
