@@ -15,6 +15,7 @@ from chromagrip.dataset.labels import columns_of
 from chromagrip.loop import COLUMNS
 from chromagrip.loop.poses.folder import ARRAYS, DOME_ARRAYS
 from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
+from chromagrip.rig.pinch_trace import COLUMNS as PINCH_COLUMNS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "fixtures/README.md"])
@@ -112,7 +113,7 @@ def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:
 
 def test_the_page_on_files_names_every_key_and_column() -> None:
     text = (ROOT / "docs/file-formats.md").read_text(encoding="utf-8")
-    tables = (COLUMNS, TRACKS, FORCES, DISPLACEMENTS, ARRAYS, DOME_ARRAYS)
+    tables = (COLUMNS, PINCH_COLUMNS, TRACKS, FORCES, DISPLACEMENTS, ARRAYS, DOME_ARRAYS)
     tables += (*columns_of("chain"), *columns_of("dome", reading=True))
     names = {*scene_keys(chromagrip.Scene), *(name for table in tables for name in table)}
     assert {name for name in names if f"`{name}`" not in text} == set()
@@ -156,6 +157,13 @@ def test_the_mechanics_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     (block,) = [block for language, block in blocks(text) if language == "python"]
     exec(block, {})
     assert 0.3 < float(capsys.readouterr().out) < 0.45  # 1 − 0.5/(0.4·2), a little friction to come
+
+
+def test_the_example_of_the_pinch_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "docs/pinch.md").read_text(encoding="utf-8")
+    (block,) = [block for language, block in blocks(text) if language == "python"]
+    exec(block, {})
+    assert "held 0.49 N" in capsys.readouterr().out
 
 
 def test_the_examples_of_the_dome_run(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,9 @@ the compliance without each node's own 3 × 3,
 are the changes of the forces and of the object's pose. M is the inertia and drag of the object over
 the step, and Q and κ make the true force of the linear one, see `touch`. However stiff the object
 is, B is at most 1/A_kk.
+
+Where two fingertips hold one object, A has a square for each and nothing between them, and ξ has a
+seventh entry: the way on which both close.
 """
 
 from typing import NamedTuple
@@ -24,25 +27,28 @@ Index = NDArray[np.int64]
 
 
 class System(NamedTuple):
-    """Arrays of the linear system of m nodes, with room for more.
+    """Arrays of the linear system of m nodes, with room for more; x axes of the object, 6 or 7.
 
     Attributes
     ----------
-    block: A, compliance among the nodes [m/N], (3c, 3c)
+    block: A, compliance among the nodes of the first fingertip [m/N], (3c, 3c)
+    second: that among the nodes of the second, which come after them; (0, 0) where there is none
     own: A_kk, (c, 3, 3)
     answer: B [N/m], (c, 3, 3)
     true: Q, (c, 3, 3)
     bend: n·κ·r̂ᵀ [N/m], (c, 3, 3)
-    arm: J, wrench on the object of a force on each of its nodes, (6, 3c)
-    inertia: M [N/m, N·m], (6, 6)
-    pose_inverse: inverse of the pose's equations with the nodes eliminated, (6, 6)
-    pose_share: J·(Q − n·κ·r̂ᵀ·A_kk), (6, 3c)
-    vectors: of the iteration, (9, 3c + 6)
-    gathered: how many nodes `block` is of, and from [2] on which, (c + 2,)
-    share: of the compliance that is in `block`, (1,)
+    arm: J, wrench on the object of a force on each of its nodes, (x, 3c)
+    inertia: M [N/m, N·m], (x, x)
+    pose_inverse: inverse of the pose's equations with the nodes eliminated, (x, x)
+    pose_share: J·(Q − n·κ·r̂ᵀ·A_kk), (x, 3c)
+    vectors: of the iteration, (9, 3c + x)
+    gathered: how many nodes both blocks are of, how many of them are the first fingertip's, and
+        from [2] on which, (c + 2,)
+    share: of the compliance that is in each block, (2,)
     """
 
     block: Single
+    second: Single
     own: Single
     answer: Single
     true: Single
@@ -56,26 +62,28 @@ class System(NamedTuple):
     share: Single
 
 
-def new_system(nodes: int) -> System:
-    """System with room for so many nodes."""
+def new_system(nodes: int, second: int = 0) -> System:
+    """System with room for so many nodes of a fingertip, and of a second one."""
 
     def zeros(*shape: int) -> Single:
         return np.zeros(shape, np.float32)
 
-    size = 3 * nodes
+    both, axes = nodes + second, 7 if second else 6
+    size = 3 * both
     return System(
-        block=zeros(size, size),
-        own=zeros(nodes, 3, 3),
-        answer=zeros(nodes, 3, 3),
-        true=zeros(nodes, 3, 3),
-        bend=zeros(nodes, 3, 3),
-        arm=zeros(6, size),
-        inertia=zeros(6, 6),
-        pose_inverse=zeros(6, 6),
-        pose_share=zeros(6, size),
-        vectors=zeros(9, size + 6),
-        gathered=np.full(nodes + 2, -1, np.int64),
-        share=zeros(1),
+        block=zeros(3 * nodes, 3 * nodes),
+        second=zeros(3 * second, 3 * second),
+        own=zeros(both, 3, 3),
+        answer=zeros(both, 3, 3),
+        true=zeros(both, 3, 3),
+        bend=zeros(both, 3, 3),
+        arm=zeros(axes, size),
+        inertia=zeros(axes, axes),
+        pose_inverse=zeros(axes, axes),
+        pose_share=zeros(axes, size),
+        vectors=zeros(9, size + axes),
+        gathered=np.full(both + 2, -1, np.int64),
+        share=zeros(2),
     )
 
 
@@ -193,9 +201,10 @@ def prepare(system: System, nodes: int, inertia: Array, free: Array) -> bool:
 
     Parameters
     ----------
-    inertia: M, (6, 6)
-    free: whether each axis of the pose is free, (6,); `system.arm` is zero along the others
+    inertia: M, (x, x)
+    free: whether each axis of the pose is free, (x,); `system.arm` is zero along the others
     """
+    axes = len(free)
     pose = inertia.copy()
     part = np.empty((3, 3))
     for k in range(nodes):
@@ -205,14 +214,14 @@ def prepare(system: System, nodes: int, inertia: Array, free: Array) -> bool:
                 for d in range(3):
                     total -= system.bend[k, a, d] * system.own[k, d, b]
                 part[a, b] = total
-        for c in range(6):
+        for c in range(axes):
             for b in range(3):
                 total = 0.0
                 for d in range(3):
                     total += system.arm[c, 3 * k + d] * part[d, b]
                 system.pose_share[c, 3 * k + b] = total
-        for c in range(6):
-            for d in range(6):
+        for c in range(axes):
+            for d in range(axes):
                 for a in range(3):
                     for b in range(3):
                         pose[c, d] -= (
@@ -220,16 +229,16 @@ def prepare(system: System, nodes: int, inertia: Array, free: Array) -> bool:
                             * system.answer[k, a, b]
                             * system.arm[d, 3 * k + b]
                         )
-    for c in range(6):
-        for d in range(6):
+    for c in range(axes):
+        for d in range(axes):
             system.inertia[c, d] = inertia[c, d] if free[c] and free[d] else 0.0
             if not (free[c] and free[d]):
                 pose[c, d] = 1.0 if c == d else 0.0
-    inverse = np.empty((6, 6))
-    if not invert(pose, inverse, 6):
+    inverse = np.empty((axes, axes))
+    if not invert(pose, inverse, axes):
         return False
-    for c in range(6):
-        for d in range(6):
+    for c in range(axes):
+        for d in range(axes):
             system.pose_inverse[c, d] = inverse[c, d] if free[c] and free[d] else 0.0
     return True
 
@@ -247,20 +256,21 @@ def _answer(system: System, w: Single, y: Single, size: int) -> None:
 
 @njit()
 def _precondition(system: System, y: Single, size: int) -> None:
-    """Solve for the pose as if no node moved another, in place, (size + 6,)."""
+    """Solve for the pose as if no node moved another, in place, (size + x,)."""
+    axes = len(system.arm)
     w = system.vectors[8]
     for k in range(size):
         w[k] = 0.0
-    right = np.empty(6, np.float32)
-    for c in range(6):
+    right = np.empty(axes, np.float32)
+    for c in range(axes):
         total = np.float32(0.0)
         row = system.pose_share[c]
         for k in range(size):
             total += row[k] * y[k]
         right[c] = y[size + c] - total
-    for c in range(6):
+    for c in range(axes):
         step = np.float32(0.0)
-        for d in range(6):
+        for d in range(axes):
             step += system.pose_inverse[c, d] * right[d]
         y[size + c] = step
         row = system.arm[c]
@@ -271,15 +281,18 @@ def _precondition(system: System, y: Single, size: int) -> None:
 
 @njit()
 def _apply(system: System, x: Single, y: Single, size: int, moves: bool) -> None:
-    """The system times x, preconditioned, into y; both (size + 6,)."""
+    """The system times x, preconditioned, into y; both (size + x,)."""
+    axes, first = len(system.arm), 3 * system.gathered[1]
     w = system.vectors[8]
-    product(system.block, x, w, size)
+    product(system.block, x, w, first)
+    if first < size:
+        product(system.second, x[first:], w[first:], size - first)
     for k in range(size):
         y[k] = x[k]
     if moves:
-        for c in range(6):
+        for c in range(axes):
             y[size + c] = 0.0
-            for d in range(6):
+            for d in range(axes):
                 y[size + c] += system.inertia[c, d] * x[size + d]
     for k in range(size // 3):
         if moves:
@@ -288,7 +301,7 @@ def _apply(system: System, x: Single, y: Single, size: int, moves: bool) -> None
                 force = np.float32(0.0)
                 for d in range(3):
                     force += q[a, d] * x[3 * k + d] - n[a, d] * w[3 * k + d]
-                for c in range(6):
+                for c in range(axes):
                     y[size + c] += system.arm[c, 3 * k + a] * force
         own = system.own[k]
         x0, x1, x2 = x[3 * k], x[3 * k + 1], x[3 * k + 2]
@@ -296,7 +309,7 @@ def _apply(system: System, x: Single, y: Single, size: int, moves: bool) -> None
         w[3 * k + 1] -= own[1, 0] * x0 + own[1, 1] * x1 + own[1, 2] * x2
         w[3 * k + 2] -= own[2, 0] * x0 + own[2, 1] * x1 + own[2, 2] * x2
     if moves:
-        for c in range(6):
+        for c in range(axes):
             step, row = x[size + c], system.arm[c]
             for k in range(size):
                 w[k] -= row[k] * step
@@ -313,12 +326,12 @@ def solve(
 
     Parameters
     ----------
-    right: r of the nodes, then q of the pose, (3·nodes + 6,)
+    right: r of the nodes, then q of the pose, (3·nodes + x,)
     moves: whether the object's pose is free on any axis
-    out: δg, then δξ, (3·nodes + 6,)
+    out: δg, then δξ, (3·nodes + x,)
     """
     size = 3 * nodes
-    whole = size + 6 if moves else size
+    whole = size + len(system.arm) if moves else size
     x, r, r0, p, v, t = (
         system.vectors[0], system.vectors[1], system.vectors[2], system.vectors[3],
         system.vectors[4], system.vectors[5],

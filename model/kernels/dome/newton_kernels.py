@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....compiled import njit
-from .krylov_kernels import System, invert_three, prepare, product_of, solve
-from .touch_kernels import Pose, Stiffening, Touched, touch
+from .krylov_kernels import System, prepare, product_of, solve
+from .node_kernels import SHORTEST, Contact, Outcome, closing, lever, settle, true_force, wrench
+from .touch_kernels import Pose, Stiffening, Touched
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -17,58 +18,30 @@ Single = NDArray[np.float32]
 _LOOSE, _TIGHT = 0.1, 0.005
 #: Share of the tolerance that is left for the change by another round, which is estimated.
 _SURE = 0.03
-#: Rounds of a node's own law, and the squared relative error at which it is solved.
-_SETTLING, _SETTLED = 40, 1e-12
-#: Shortest part of a change of a node's place that is tried.
-_SHORTEST = 0.02
 #: Rounds with the secant, where the residual does not halve.
 _SECANTS = 2
 
 
-class Contact(NamedTuple):
-    """Nodes near the object at the start of a step, all of shape (n, …).
+class Second(NamedTuple):
+    """A second fingertip on the same object; its nodes come after those of the first one.
+
+    Both are described along the same axes, each from a place of its own, and close along z: the
+    first one moves to +z and the second one to −z by the seventh entry of ξ.
 
     Attributes
     ----------
-    rest: places of the undeformed nodes [m]
-    radial: unit vectors from the centre
-    areas: [m²]
-    before: places before the step [m]
-    offset: displacement that does not come from the forces of this step [m]
-    friction: before the step [N]
-    compliance: among the nodes [m/N], at least (3n, 3n)
-    own: of each node [m/N], at least (n, 3, 3)
+    first: number of its first node
+    compliance: among its nodes [m/N]
+    place: of the object as this fingertip sees it, before the step and on entry [m], (2, 3)
+    stiff: of its skin
+    share: of its compliance that acts within a step
     """
 
-    rest: Array
-    radial: Array
-    areas: Array
-    before: Array
-    offset: Array
-    friction: Array
+    first: int
     compliance: Single
-    own: Array
-
-
-class Outcome(NamedTuple):
-    """What a step leaves, arrays of shape (n, 3) that are written to.
-
-    Attributes
-    ----------
-    linear: forces that the linear skin carries [N]: the guess on entry, the solution on return
-    true: forces of the object on the nodes [N]
-    tangential: friction, the part of `true` in the object's tangent plane [N]
-    normal: of the object at the nodes
-    displacement: of the nodes [m]
-    motion: δξ of the object's free axes, from the pose on entry [m, rad], (6,)
-    """
-
-    linear: Array
-    true: Array
-    tangential: Array
-    normal: Array
-    displacement: Array
-    motion: Array
+    place: Array
+    stiff: Stiffening
+    share: float
 
 
 @njit()
@@ -104,6 +77,7 @@ def solve_contact(
     warm: bool,
     system: System,
     outcome: Outcome,
+    second: Second | None = None,
 ) -> tuple[float, int, int, int]:
     """Forces at the end of a step, and the object's pose on its free axes.
 
@@ -112,21 +86,27 @@ def solve_contact(
     share: of the compliance that acts within a step; viscosity makes it less than 1
     free: axes of the pose (3 translations, 3 rotations) that are not prescribed
     inertia: M of the free axes [N/m, N·m]: the object's reaction is `wanted` − M·ξ
-    wanted: wrench on the object about its place without the fingertip [N, N·m]
+    wanted: wrench on the object about its place without the fingertip [N, N·m]; with a second
+        fingertip, then the force with which both close, and M and `free` are as long
     tolerance: relative change of the forces at which the step is solved
     warm: whether the guess is near the solution: then no node is tried to stick first
+    second: fingertip on the other side; None is no other
 
     Returns
     -------
     Relative change that another round would make, rounds, products with the compliance, nodes
     that touch.
     """
-    n = len(near.rest)
-    size = 3 * n
+    n, axes = len(near.rest), len(free)
+    size, split = 3 * n, n
     moves = free.any()
     forces, u = outcome.linear.reshape(-1), outcome.displacement.reshape(-1)
     offset = near.offset.reshape(-1)
     at = Pose(pose.old_rotation, pose.old_place, pose.rotation.copy(), pose.place.copy())
+    there, firm, part = at, stiff, share
+    if second is not None:
+        split, firm, part = second.first, second.stiff, second.share
+        there = Pose(at.old_rotation, second.place[0].copy(), at.rotation, second.place[1].copy())
     motion = outcome.motion
     motion[:] = 0.0
     turn = at.rotation @ at.old_rotation.T
@@ -140,24 +120,28 @@ def solve_contact(
                 + turn[a, 2] * near.friction[i, 2]
             )
     active = np.empty(n, np.int64)
-    right, change = np.empty(size + 6), np.empty(size + 6)
+    right, change = np.empty(size + axes), np.empty(size + axes)
     linear, slope, stiffened = np.empty(3), np.empty((3, 3)), np.empty(2)
     own, answer, now, work = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(11)
     room = np.empty((3, 3, 3))
     products, touching = 0, 0
     secants, former, error = 0, np.inf, _TIGHT if warm else 1.0
     rounds, length = 0, 1.0
-    _displace(near.compliance, forces, offset, share, u, size)
+    _displace(near.compliance, forces[: 3 * split], offset[: 3 * split], share, u[: 3 * split])
+    if second is not None:
+        _displace(second.compliance, forces[3 * split :], offset[3 * split :], part, u[3 * split :])
     while True:
         count, touching, residual = 0, 0, 0.0
-        reaction = np.zeros(6)
+        reaction = np.zeros(axes)
+        firsts = 0
         for i in range(n):
+            its, law, acting = (at, stiff, share) if i < split else (there, firm, part)
             for a in range(3):
                 now[a] = near.rest[i, a] + u[3 * i + a]
                 for b in range(3):
-                    own[a, b] = share * near.own[i, a, b]
-            touches = _settle(
-                near, thing, at, stiff, i, forces, own, old[i], tries and rounds == 0, secants > 0,
+                    own[a, b] = acting * near.own[i, a, b]
+            touches = settle(
+                near, thing, its, law, i, forces, own, old[i], tries and rounds == 0, secants > 0,
                 outcome, now, linear, slope, answer, stiffened, work, room,
             )  # fmt: skip
             held = forces[3 * i] != 0.0 or forces[3 * i + 1] != 0.0 or forces[3 * i + 2] != 0.0
@@ -173,10 +157,13 @@ def solve_contact(
                     system.own[count, a, b] = own[a, b]
                     system.answer[count, a, b] = answer[a, b]
             if moves:
-                _lever(system.arm, free, now, at.place, count)
-                _wrench(outcome.true[i], now, at.place, reaction)
-                _true_force(system, outcome.normal[i], near.radial[i], stiffened, count)
+                lever(system.arm, free, now, its.place, count)
+                wrench(outcome.true[i], now, its.place, reaction)
+                if second is not None:
+                    closing(system.arm, outcome.true[i], i < split, reaction, count)
+                true_force(system, outcome.normal[i], near.radial[i], stiffened, count)
             count += 1
+            firsts += i < split
         if rounds > 0 and secants == 0 and residual < 4.0 * former:
             # Another round would change the forces by less than this one, as the residual did.
             following = error * min(1.0, np.sqrt(residual / former))
@@ -186,16 +173,18 @@ def solve_contact(
         if (count == 0 and not moves) or rounds == most_rounds:
             error = 0.0 if count == 0 else max(error, tolerance)
             break
-        if rounds > 1 and residual > former and length > _SHORTEST and secants == 0:
+        if rounds > 1 and residual > former and length > SHORTEST and secants == 0:
             length *= 0.5  # too far: back by half
             gathered = int(system.gathered[0])
             for k in range(gathered):
                 for a in range(3):
                     forces[3 * system.gathered[2 + k] + a] -= length * change[3 * k + a]
             if moves:
-                for c in range(6):
+                for c in range(axes):
                     motion[c] -= length * change[3 * gathered + c]
                 _carry(at, pose, motion)
+                if second is not None:
+                    _close(at, there, second.place[1], motion)
             for k in range(size):
                 u[k] -= length * system.vectors[6, k]
             continue
@@ -207,7 +196,11 @@ def solve_contact(
             rounds += 1
             continue  # the same forces again, with the secants
         former = residual
-        _gather(near.compliance, share, active, count, system)
+        if not _gathered(system, share, part, active, firsts, count):
+            _gather(near.compliance, share, active, firsts, 0, system.block)
+            if second is not None:
+                others = count - firsts
+                _gather(second.compliance, part, active[firsts:], others, split, system.second)
         if moves:
             _reaction(system, right, free, wanted, reaction, inertia, motion, count)
             if not prepare(system, count, inertia, free):
@@ -223,11 +216,19 @@ def solve_contact(
                 load += forces[3 * i + a] ** 2
         error = np.sqrt(moved / load)
         if moves:
-            for c in range(6):
+            for c in range(axes):
                 motion[c] += change[3 * count + c]
             _carry(at, pose, motion)
+            if second is not None:
+                _close(at, there, second.place[1], motion)
         length = 1.0
-        _displace_more(near.compliance, active, count, change, share, system, u, size)
+        x, more = system.vectors[7], system.vectors[6]
+        _displace_more(near.compliance, active, firsts, change, share, x, more, u[: 3 * split], 0)
+        if second is not None:
+            _displace_more(
+                second.compliance, active[firsts:], count - firsts, change[3 * firsts :], part,
+                x[3 * split :], more[3 * split :], u[3 * split :], split,
+            )  # fmt: skip
         products += 1
         rounds += 1
     for i in range(n):
@@ -245,106 +246,6 @@ def solve_contact(
     return error, rounds, products, touching
 
 
-@njit(forceinline=True)
-def _settle(
-    near: Contact,
-    thing: Touched,
-    at: Pose,
-    stiff: Stiffening,
-    i: int,
-    forces: Array,
-    own: Array,
-    old: Array,
-    trial: bool,
-    secant: bool,
-    outcome: Outcome,
-    now: Array,
-    linear: Array,
-    slope: Array,
-    answer: Array,
-    stiffened: Array,
-    work: Array,
-    room: Array,
-) -> bool:
-    """Force on node i that its own displacement agrees with, the other forces held.
-
-    Parameters
-    ----------
-    own: A_ii [m/N], (3, 3)
-    now: place of the node [m]; changed to that which agrees
-    linear: its force [N], (3,) (output)
-    answer: B = dΦ/du*, see `krylov_kernels` [N/m], (3, 3) (output)
-    work, room: to work in, (11,) and (3, 3, 3)
-    """
-    base, step, moved = room[0, 0], room[0, 1], room[0, 2]
-    matrix, inverse = room[1], room[2]
-    carried = 0.0
-    for a in range(3):
-        base[a] = now[a]
-        for b in range(3):
-            base[a] -= own[a, b] * forces[3 * i + b]
-        carried += abs(forces[3 * i + a])
-    touches = False
-    former, length = np.inf, 1.0
-    for turn in range(_SETTLING):
-        inwards = 0.0
-        for a in range(3):
-            inwards -= (now[a] - near.rest[i, a]) * near.radial[i, a]
-        touches = touch(
-            thing, at, stiff, near.areas[i], near.before[i], now, inwards, near.radial[i], old,
-            trial, secant, outcome.normal[i], work, linear, outcome.true[i], slope, stiffened,
-        )  # fmt: skip
-        if not touches and carried == 0.0 and turn == 0:
-            return False  # as before, and `answer` is not used
-        off, size = 0.0, 0.0
-        for a in range(3):
-            push = 0.0
-            for b in range(3):
-                push += own[a, b] * linear[b]
-            step[a] = base[a] + push - now[a]
-            off += step[a] * step[a]
-            size += push * push
-        if off > former and length > _SHORTEST:  # too far: back by half
-            length *= 0.5
-            for a in range(3):
-                now[a] -= length * moved[a]
-            continue
-        former, length = off, 1.0
-        for a in range(3):
-            for b in range(3):
-                total = 1.0 if a == b else 0.0
-                for d in range(3):
-                    total -= own[a, d] * slope[d, b]
-                matrix[a, b] = total
-        if not invert_three(matrix, inverse):
-            break
-        if off <= _SETTLED * size + 1e-24 or turn == _SETTLING - 1:
-            break
-        for a in range(3):
-            moved[a] = 0.0
-            for b in range(3):
-                moved[a] += inverse[a, b] * step[b]
-            now[a] += moved[a]
-    # B = T·(1 − A_ii·T)⁻¹
-    for a in range(3):
-        for b in range(3):
-            total = 0.0
-            for d in range(3):
-                total += slope[a, d] * inverse[d, b]
-            answer[a, b] = total
-    return touches
-
-
-@njit()
-def _true_force(system: System, normal: Array, radial: Array, stiffened: Array, k: int) -> None:
-    """Q and n·κ·r̂ᵀ of a node: its true force changes by Q·δf − n·κ·r̂·δu."""
-    for a in range(3):
-        for b in range(3):
-            whole = 1.0 if a == b else 0.0
-            system.true[k, a, b] = whole + (stiffened[0] - 1.0) * normal[a] * normal[b]
-            system.bend[k, a, b] = stiffened[1] * normal[a] * radial[b]
-
-
 @njit()
 def _reaction(
     system: System,
@@ -357,11 +258,12 @@ def _reaction(
     count: int,
 ) -> None:
     """Right-hand side of the object's free axes, after those of its nodes."""
-    for c in range(6):
+    axes = len(free)
+    for c in range(axes):
         total = 0.0
         if free[c]:
             total = wanted[c] - reaction[c]
-            for d in range(6):
+            for d in range(axes):
                 total -= inertia[c, d] * motion[d]
             for k in range(count):
                 for a in range(3):
@@ -376,10 +278,9 @@ def _reaction(
 
 
 @njit()
-def _displace(
-    compliance: Single, forces: Array, offset: Array, share: float, out: Array, size: int
-) -> None:
+def _displace(compliance: Single, forces: Array, offset: Array, share: float, out: Array) -> None:
     """Displacement by all forces, in double precision."""
+    size = len(out)
     loaded = np.empty(size, np.int64)
     count = 0
     for j in range(size):
@@ -398,22 +299,26 @@ def _displace_more(
     count: int,
     change: Array,
     share: float,
-    system: System,
+    x: Single,
+    more: Single,
     out: Array,
-    size: int,
+    split: int,
 ) -> None:
     """Add the displacement by a change of forces, which is small: in single precision.
 
-    What is added is left in `system.vectors[6]`.
+    Parameters
+    ----------
+    x: to work in
+    more: what is added (output)
+    split: number of the fingertip's first node
     """
-    x, more = system.vectors[7], system.vectors[6]
     columns = np.empty(3 * count, np.int64)
     for k in range(count):
         for a in range(3):
-            columns[3 * k + a] = 3 * active[k] + a
-            x[3 * active[k] + a] = share * change[3 * k + a]
-    product_of(compliance, columns, 3 * count, x, more, size)
-    for k in range(size):
+            columns[3 * k + a] = 3 * (active[k] - split) + a
+            x[columns[3 * k + a]] = share * change[3 * k + a]
+    product_of(compliance, columns, 3 * count, x, more, len(out))
+    for k in range(len(out)):
         out[k] += more[k]
 
 
@@ -426,50 +331,44 @@ def _carry(at: Pose, pose: Pose, motion: Array) -> None:
 
 
 @njit()
-def _gather(compliance: Single, share: float, active: Index, count: int, system: System) -> None:
-    """Compliance among the active nodes, unless it is that of the round before."""
-    gathered, out = system.gathered, system.block
-    part = np.float32(share)
-    same = count == gathered[0] and part == system.share[0]
+def _close(at: Pose, there: Pose, start: Array, motion: Array) -> None:
+    """Put the object, and with it where both fingertips see it after they have closed."""
+    for a in range(3):
+        there.place[a] = start[a] + motion[a]
+    at.place[2] -= motion[6]
+    there.place[2] += motion[6]
+
+
+@njit()
+def _gathered(
+    system: System, share: float, part: float, active: Index, firsts: int, count: int
+) -> bool:
+    """Whether the system has the compliance of these nodes; it is marked to have it from now on."""
+    gathered, shares = system.gathered, system.share
+    same = count == gathered[0] and firsts == gathered[1]
+    same = same and np.float32(share) == shares[0] and np.float32(part) == shares[1]
     for k in range(count):
         if not same:
             break
         same = active[k] == gathered[2 + k]
-    if same:
-        return
-    gathered[0], system.share[0] = count, part
+    if not same:
+        gathered[0], gathered[1], shares[0], shares[1] = count, firsts, share, part
+        for k in range(count):
+            gathered[2 + k] = active[k]
+    return same
+
+
+@njit()
+def _gather(
+    compliance: Single, share: float, active: Index, count: int, split: int, out: Single
+) -> None:
+    """Compliance among the active nodes of a fingertip whose first node is `split`."""
+    part = np.float32(share)
     for k in range(count):
-        gathered[2 + k] = active[k]
         for a in range(3):
-            source, target = compliance[3 * active[k] + a], out[3 * k + a]
+            source, target = compliance[3 * (active[k] - split) + a], out[3 * k + a]
             for j in range(count):
-                i = 3 * active[j]
+                i = 3 * (active[j] - split)
                 target[3 * j] = part * source[i]
                 target[3 * j + 1] = part * source[i + 1]
                 target[3 * j + 2] = part * source[i + 2]
-
-
-@njit()
-def _lever(arm: Single, free: NDArray[np.bool_], now: Array, place: Array, k: int) -> None:
-    """Wrench about the object's place of unit forces on node k; zero along axes that are held."""
-    x, y, z = now[0] - place[0], now[1] - place[1], now[2] - place[2]
-    for c in range(6):
-        for a in range(3):
-            arm[c, 3 * k + a] = 1.0 if free[c] and c == a else 0.0
-    if free[3]:
-        arm[3, 3 * k + 1], arm[3, 3 * k + 2] = -z, y
-    if free[4]:
-        arm[4, 3 * k], arm[4, 3 * k + 2] = z, -x
-    if free[5]:
-        arm[5, 3 * k], arm[5, 3 * k + 1] = -y, x
-
-
-@njit()
-def _wrench(force: Array, now: Array, place: Array, out: Array) -> None:
-    """Add the wrench of a node's force about the object's place."""
-    x, y, z = now[0] - place[0], now[1] - place[1], now[2] - place[2]
-    for a in range(3):
-        out[a] += force[a]
-    out[3] += y * force[2] - z * force[1]
-    out[4] += z * force[0] - x * force[2]
-    out[5] += x * force[1] - y * force[0]

@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from ....compiled import njit
 from .krylov_kernels import System
-from .newton_kernels import Contact, Outcome, solve_contact
+from .newton_kernels import solve_contact
+from .node_kernels import Contact, Outcome
 from .touch_kernels import Pose, Stiffening, Touched
 
 Array = NDArray[np.float64]

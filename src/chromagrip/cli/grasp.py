@@ -22,6 +22,7 @@ from .options import (
     print_table,
     value_table,
 )
+from .pinch import run_two
 from .readouts import prepare_scene
 
 if TYPE_CHECKING:
@@ -138,6 +139,13 @@ def grasp(
         raise UserError(f"--frame-within {frame_within}: expected more than 0; inf is no limit")
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
+
+    if resolved.pinch.mass_g:
+        if frames is not None:
+            raise UserError("--frames keeps the pictures of one finger; this scene is a pinch")
+        if source is not None:
+            raise UserError("--source reads the frames of one finger; this scene is a pinch")
+        return run_two(resolved, out, overwrite, json_only)
 
     from ..loop.run_folder import run  # OpenCV loads only when something is run
 

@@ -109,7 +109,7 @@ class DomePlant:
 
     def _step(self, contact: Contact, time: float, end: float, forces: Array) -> Contact:
         """Contact after a step from the stepper's state, under grip and load [N]."""
-        solid = self._solid_at(time)
+        solid = solid_at(self.scene, self._solid, time)
         if solid is not self._stepper.solid:
             self._stepper.touch(solid)
         load = self.scene.load
@@ -124,18 +124,17 @@ class DomePlant:
         slip = follow_dome_slip(slip, self.dome, before, after, field)
         return dome_contact(solid, self._start, after, slip, field)
 
-    def _solid_at(self, time: float) -> Solid:
-        """The object at a time; always the same one where nothing of it changes."""
-        if not self.scene.object.changes:
-            return self._solid
-        settings = self.scene.object
-        return replace(
-            self._solid,
-            stiffness=self._solid.stiffness
-            * settings.stiffness_kpa_at(time)
-            / settings.stiffness_kpa,
-            friction=settings.friction_at(time),
-        )
+
+def solid_at(scene: Scene, solid: Solid, time: float) -> Solid:
+    """A scene's object at a time; always the same one where nothing of it changes."""
+    settings = scene.object
+    if not settings.changes:
+        return solid
+    return replace(
+        solid,
+        stiffness=solid.stiffness * settings.stiffness_kpa_at(time) / settings.stiffness_kpa,
+        friction=settings.friction_at(time),
+    )
 
 
 def dome_contact(

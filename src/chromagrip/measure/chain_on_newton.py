@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..model import ContactObject, ConvergenceError, Fingertip, chain_compliance, chain_forces
 from ..model.chain import chain, contact
-from ..model.kernels.dome import krylov_kernels, newton_kernels, touch_kernels
+from ..model.kernels.dome import krylov_kernels, newton_kernels, node_kernels, touch_kernels
 from ..model.shapes import cylinder, plane
 
 Array = NDArray[np.float64]
@@ -140,11 +140,11 @@ def _solved(
     zero = np.zeros((count, 3))
     each = np.arange(count)
     own = np.ascontiguousarray(compliance.reshape(count, 3, count, 3)[each, :, each], np.float64)
-    near = newton_kernels.Contact(
+    near = node_kernels.Contact(
         rest, radial, ch.share.copy(), rest + before.seen, offset, before.friction, compliance, own
     )
     system.gathered[0] = -1  # the compliance is another one
-    out = newton_kernels.Outcome(
+    out = node_kernels.Outcome(
         guess.forces.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), np.zeros(6)
     )
     turn = np.eye(3)

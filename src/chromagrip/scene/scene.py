@@ -37,6 +37,7 @@ from ..strict_toml import Table, Values, convert, read_toml
 from .actuator import ActuatorSettings
 from .controllers import CONTROLLERS
 from .dome import DomeSettings
+from .pinch import PinchSettings
 from .settings import (
     CameraSettings,
     FingertipSettings,
@@ -92,6 +93,7 @@ class Scene(Table, frozen=True):
     load: LoadSettings = LoadSettings()
     fingertip: FingertipSettings = FingertipSettings()
     dome: DomeSettings = DomeSettings()
+    pinch: PinchSettings = PinchSettings()
     camera: CameraSettings = CameraSettings()
     actuator: ActuatorSettings = ActuatorSettings()
     safety_margin: SafetyMarginSettings = SafetyMarginSettings()
@@ -148,6 +150,20 @@ class Scene(Table, frozen=True):
                     'path = "truth"'
                 )
             self.build_solid()
+        self._check_pinch()
+
+    def _check_pinch(self) -> None:
+        """Refuse keys that two fingers, or one, do not know."""
+        if not self.pinch.mass_g:
+            if self.pinch != PinchSettings():
+                raise UserError("pinch.mass_g = 0 is no pinch; give the object a mass")
+            return
+        if self.body != "dome":
+            raise UserError('a pinch is of two domes; set body = "dome"')
+        if self.load != LoadSettings():
+            raise UserError("load is for one fingertip; in a pinch the weight and the hand pull")
+        dome = self.build_dome()
+        self.pinch.build(dome, dome, self.build_solid(), self.object)
 
     def _check_times(self) -> None:
         """Refuse frames, exposures, latencies and steps that do not fit each other."""
@@ -344,6 +360,8 @@ def dump_scene(scene: Scene, folder: Path | None = None) -> str:
         del values["controller_arguments"]
     if scene.body == "chain":  # which has one margin
         del values["held_margin"]
+    if not scene.pinch.mass_g:
+        del values["pinch"]
     if folder is not None:
         values["sensor"] = seen_from(folder, scene.sensor)
         if scene.object.mesh:

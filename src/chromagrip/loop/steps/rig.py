@@ -294,6 +294,11 @@ class Rig:
 
 def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant:
     """Body of a scene, with a fingertip in place of the scene's chain."""
+    if scene.pinch.mass_g:
+        raise UserError(
+            "the scene is a pinch of two fingers; run it with `chromagrip grasp`, or with "
+            "chromagrip.rig.pinch_run.run_pinch"
+        )
     if scene.body == "dome":
         return DomePlant(scene)
     if scene.build_sensor().shape.flat:

@@ -1,0 +1,187 @@
+"""The skin of a body beside an object: the nodes that are looked at, and what they remember."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import PiercedError
+from ..kernels.dome.near_kernels import find_near, node_groups
+from ..kernels.dome.node_kernels import Contact, Outcome
+from ..kernels.dome.touch_kernels import Pose, Stiffening
+from .dome import Lattice, SoftBody, lattice
+from .near_block import NearBlock
+from .solid import Solid, touched
+from .state import DomeState, check_state
+from .stiffening import stiffening_of
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+#: Distance at which a node is taken into a step's unknowns, in pitches, …
+MARGIN = 0.25
+#: … and how much further those are that come with it.
+WIDER = 2.2
+#: Part of the thickness beyond which the silicone is not described.
+DEEPEST = 0.8
+#: Forces that viscosity remembers below this are forgotten [N].
+_FORGOTTEN = 1e-9
+
+
+class Skin:
+    """Arrays of a body's skin, which the steps of whoever owns it change."""
+
+    def __init__(self, dome: SoftBody, solid: Solid, state: DomeState) -> None:
+        self.dome, self.solid = dome, solid
+        self.thing = touched(solid)
+        self.lattice: Lattice = lattice(dome)
+        self.radial = self.lattice.outwards
+        self.groups = node_groups(self.lattice.points)
+        self.block = NearBlock(dome)
+        self.is_near = np.zeros(len(self.radial), np.bool_)
+        self.flags = np.zeros(len(self.radial), np.bool_)
+        self.restore(state)
+
+    @property
+    def near(self) -> Index:
+        """Nodes that are looked at, shape (n,)."""
+        return self.block.near
+
+    def touch(self, solid: Solid) -> None:
+        """Go on with another material of the same object."""
+        self.solid, self.thing = solid, touched(solid)
+
+    def restore(self, state: DomeState) -> None:
+        """Take over a state.
+
+        Raises
+        ------
+        UserError: for a state of another dome.
+        """
+        check_state(self.dome, state)
+        self.time = state.time
+        self.place, self.rotation = state.place.copy(), state.rotation.copy()
+        self.velocity = state.velocity.copy()
+        self.displacement = state.displacement.copy()
+        self.linear, self.memory = state.linear.copy(), state.memory.copy()
+        self.forces, self.friction = state.forces.copy(), state.friction.copy()
+        self.normals = state.normals.copy()
+        if not np.array_equal(self.near, state.near):
+            self._take(state.near.copy(), 0)
+
+    def state(self) -> DomeState:
+        """Copy of everything that the next step starts from."""
+        return DomeState(
+            time=self.time,
+            place=self.place.copy(),
+            rotation=self.rotation.copy(),
+            velocity=self.velocity.copy(),
+            displacement=self.displacement.copy(),
+            linear=self.linear.copy(),
+            memory=self.memory.copy(),
+            forces=self.forces.copy(),
+            friction=self.friction.copy(),
+            normals=self.normals.copy(),
+            near=self.near.copy(),
+        )
+
+    def contact(self, lag: float) -> Contact:
+        """Nodes that are looked at, as a step begins with them.
+
+        Parameters
+        ----------
+        lag: time constant of the viscosity over the step
+        """
+        near = self.near
+        offset = np.zeros((len(near), 3))
+        if lag:
+            size, share = 3 * len(near), 1.0 / (1.0 + lag)
+            offset.ravel()[:] = self.block.compliance[:size, :size] @ (
+                lag * share * self.memory[near].ravel()
+            )
+        return Contact(
+            self.lattice.points[near],
+            self.radial[near],
+            self.lattice.areas[near],
+            self.lattice.points[near] + self.displacement[near],
+            offset,
+            self.friction[near],
+            self.block.compliance,
+            self.block.own,
+        )
+
+    def stiffening(self) -> Stiffening:
+        """Law by which the skin stiffens in the next step."""
+        near = self.near
+        return stiffening_of(
+            self.dome, self.solid.friction, self.lattice.areas[near], self.forces[near],
+            self.friction[near],
+        )  # fmt: skip
+
+    def take_over(self, near: Index, outcome: Outcome, lag: float) -> None:
+        """Go on from what a step left on the nodes that it looked at."""
+        self.linear[near] = outcome.linear
+        self.forces[near], self.friction[near] = outcome.true, outcome.tangential
+        on = np.asarray(outcome.true.any(axis=1))
+        self.normals[near] = np.where(on[:, None], outcome.normal, 0.0)
+        self.displacement[near] = outcome.displacement
+        if lag:
+            share = 1.0 / (1.0 + lag)
+            self.memory[near] = share * (outcome.linear + lag * self.memory[near])
+            self.memory[abs(self.memory) < _FORGOTTEN] = 0.0
+
+    def find(self, rotation: Array, place: Array) -> None:
+        """Take new nodes into the unknowns where the object comes near them."""
+        margin = MARGIN * self.dome.spacing
+        pose = Pose(rotation, place, rotation, place)
+        count = self._flag(pose, margin)
+        near = self.near
+        if count and not (self.flags & ~self.is_near).any() and len(near) <= 1.5 * count + 20:
+            return
+        if not count and not len(near):
+            return
+        self._flag(pose, WIDER * margin)
+        stay = near[self.flags[near]]
+        new = np.flatnonzero(self.flags & ~self.is_near)
+        kept = len(stay) if len(stay) == len(near) else 0
+        self._take(np.concatenate([stay, new]), kept)
+        if len(new):
+            source = self.memory if self.memory.any() else self.linear
+            loaded = np.flatnonzero(source.any(axis=1))
+            self.block.displace(loaded, source, new, self.displacement)
+
+    def missed(self, rotation: Array, place: Array) -> bool:
+        """Whether the object came to nodes that were not looked at; they are from now on."""
+        self._flag(Pose(rotation, place, rotation, place), 0.0)
+        if not (self.flags & ~self.is_near).any():
+            return False
+        self.find(rotation, place)
+        return True
+
+    def check_depth(self) -> None:
+        """Refuse a press that is deeper than the silicone is described.
+
+        Raises
+        ------
+        PiercedError
+        """
+        near = self.near
+        if not len(near):
+            return
+        depth = -np.einsum("ij,ij->i", self.displacement[near], self.radial[near])
+        deepest = depth.max() / self.dome.thickness
+        if deepest > DEEPEST:
+            raise PiercedError(
+                f"at {self.time:.6g} s the object is pressed to {deepest:.0%} of the silicone of "
+                f"{1e3 * self.dome.thickness:.3g} mm; it is described to {DEEPEST:.0%}"
+            )
+
+    def _flag(self, pose: Pose, margin: float) -> int:
+        return find_near(
+            self.thing, pose, margin, self.lattice.points, self.displacement, self.linear,
+            self.memory, self.near, self.groups, self.flags,
+        )  # fmt: skip
+
+    def _take(self, near: Index, kept: int) -> None:
+        """Make the equations those of `near`; the compliance of the first `kept` is there."""
+        self.block.take(near, kept)
+        self.is_near[:] = False
+        self.is_near[near] = True

@@ -1,0 +1,38 @@
+"""Two fingertips that pinch a rigid body: its weight, its swing, and the hand that carries them.
+
+The unknowns of a step are the forces on the nodes of both skins, the pose of the body in the hand
+and the way on which the drive closes: two blocks of compliance with one border. The body's inertia
+is that of the world, see `body`.
+"""
+
+from .body import Moving, RigidBody, box_body, kinetic_energy, rotation_vector
+from .hand import HandPath, Shake
+from .outcome import Limits, Outcome, PinchRecord, follow_pinch, mean_pressure
+from .pinch import FACING, Pinch
+from .simulate import PinchRun, simulate_pinch
+from .state import PinchState, load_pinch_state, pinch_rest, save_pinch_state
+from .stepper import PinchStepper
+
+__all__ = [
+    "FACING",
+    "HandPath",
+    "Limits",
+    "Moving",
+    "Outcome",
+    "Pinch",
+    "PinchRecord",
+    "PinchRun",
+    "PinchState",
+    "PinchStepper",
+    "RigidBody",
+    "Shake",
+    "box_body",
+    "follow_pinch",
+    "kinetic_energy",
+    "load_pinch_state",
+    "mean_pressure",
+    "pinch_rest",
+    "rotation_vector",
+    "save_pinch_state",
+    "simulate_pinch",
+]

@@ -1,0 +1,209 @@
+"""The rigid body between two fingertips, and how it moves over a step.
+
+Its momentum and its angular momentum about the centre of mass follow the formula of second order
+with three points (BDF2), with steps of any length: of a value y at the ends of the last steps,
+
+    h·ẏ₁ = a₀·y₁ − a₁·y₀ + a₂·y₋₁,    a₀ = (1 + 2r)/(1 + r),  a₁ = 1 + r,  a₂ = r²/(1 + r)
+
+with r the step over the one before; r = 0 is backward Euler, which starts. A swing loses a share
+(ω·h)⁴/4 of its amplitude a step, and what is stiffer than a step resolves is damped at once.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ..checks import finite
+from ..kernels.dome.newton_kernels import turned
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidBody:
+    """Mass of an object.
+
+    Attributes
+    ----------
+    mass: [kg]
+    inertia: about the centre of mass, along the object's own axes [kg·m²], shape (3,)
+    centre: of mass, in the object's own frame [m], shape (3,)
+    """
+
+    mass: float
+    inertia: tuple[float, float, float]
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        finite("mass of the object", self.mass, "kg", above=0.0)
+        if len(self.inertia) != 3 or len(self.centre) != 3:
+            raise UserError("a body has 3 moments of inertia and 3 coordinates of its centre")
+        for value in self.inertia:
+            finite("moment of inertia", value, "kg·m²", above=0.0)
+        for value in self.centre:
+            finite("centre of mass", value, "m", above=-1.0, below=1.0)
+
+
+def box_body(
+    mass: float,
+    size: tuple[float, float, float],
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> RigidBody:
+    """A body with the moments of inertia of a homogeneous box about its centre of mass.
+
+    Parameters
+    ----------
+    mass: [kg]
+    size: edges [m]
+    centre: of mass [m]
+    """
+    x, y, z = (edge**2 for edge in size)
+    inertia = (mass * (y + z) / 12, mass * (x + z) / 12, mass * (x + y) / 12)
+    return RigidBody(mass=mass, inertia=inertia, centre=centre)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moving:
+    """A rigid body in the world, now and a step before.
+
+    Attributes
+    ----------
+    place: of the centre of mass [m], shape (3,)
+    rotation: from the body's own frame to the world's, shape (3, 3)
+    momentum: [N·s], shape (3,)
+    spin: angular momentum about the centre of mass [N·m·s], shape (3,)
+    place_before, momentum_before, spin_before: a step before, shape (3,)
+    turn_before: rotation vector of the last step [rad], shape (3,)
+    step_before: length of the last step [s]; 0 starts anew
+    """
+
+    place: Array
+    rotation: Array
+    momentum: Array
+    spin: Array
+    place_before: Array
+    momentum_before: Array
+    spin_before: Array
+    turn_before: Array
+    step_before: float
+
+
+def at_rest(place: Array, rotation: Array) -> Moving:
+    """A body that has not moved."""
+    none = np.zeros(3)
+    return Moving(
+        place=place, rotation=rotation, momentum=none, spin=none, place_before=place,
+        momentum_before=none, spin_before=none, turn_before=none, step_before=0.0,
+    )  # fmt: skip
+
+
+class Scheme(NamedTuple):
+    """Coefficients of a step: h·ẏ₁ = now·y₁ − last·y₀ + before·y₋₁, with h = `step` [s]."""
+
+    now: float
+    last: float
+    before: float
+    step: float
+
+
+def scheme(moving: Moving, step: float) -> Scheme:
+    """Coefficients of a body's next step [s]."""
+    r = step / moving.step_before if moving.step_before > 0.0 else 0.0
+    return Scheme((1.0 + 2.0 * r) / (1.0 + r), 1.0 + r, r * r / (1.0 + r), step)
+
+
+class Wanted(NamedTuple):
+    """What a body's inertia asks for at a guess of its pose.
+
+    Attributes
+    ----------
+    force, torque: with which it would be where the guess says, negative [N, N·m], shape (3,)
+    mass: further force for a way from the guess [N/m]
+    inertia: further torque for a turn from it [N·m], shape (3, 3)
+    """
+
+    force: Array
+    torque: Array
+    mass: float
+    inertia: Array
+
+
+def wanted(body: RigidBody, moving: Moving, s: Scheme, place: Array, rotation: Array) -> Wanted:
+    """Inertia of a step that ends near a guess of the pose in the world."""
+    momentum = body.mass * _rate(s, place, moving.place, moving.place_before)
+    tensor = rotation @ np.diag(body.inertia) @ rotation.T
+    spin = tensor @ _turning(s, moving, rotation)
+    square = (s.now / s.step) ** 2
+    return Wanted(
+        -_rate(s, momentum, moving.momentum, moving.momentum_before),
+        -_rate(s, spin, moving.spin, moving.spin_before),
+        square * body.mass,
+        square * tensor,
+    )
+
+
+def carried(
+    moving: Moving, s: Scheme, place: Array, rotation: Array, force: Array, torque: Array
+) -> Moving:
+    """Body after a step to a pose, under a force and a torque about the centre of mass.
+
+    Momentum and angular momentum are those that force and torque give.
+    """
+    turn = rotation_vector(rotation @ moving.rotation.T)
+    return Moving(
+        place=place,
+        rotation=rotation,
+        momentum=(s.last * moving.momentum - s.before * moving.momentum_before + s.step * force)
+        / s.now,
+        spin=(s.last * moving.spin - s.before * moving.spin_before + s.step * torque) / s.now,
+        place_before=moving.place,
+        momentum_before=moving.momentum,
+        spin_before=moving.spin,
+        turn_before=turn,
+        step_before=s.step,
+    )
+
+
+def kinetic_energy(body: RigidBody, moving: Moving) -> float:
+    """[J]."""
+    own = moving.rotation.T @ moving.spin
+    turning = float((own**2 / np.array(body.inertia)).sum())
+    return 0.5 * (float(moving.momentum @ moving.momentum) / body.mass + turning)
+
+
+def _rate(s: Scheme, now: Array, last: Array, before: Array) -> Array:
+    return (s.now * now - s.last * last + s.before * before) / s.step
+
+
+def _turning(s: Scheme, moving: Moving, rotation: Array) -> Array:
+    """Angular velocity at the end of a step [rad/s], as the rate of its rotation vector.
+
+    The two differ by their cross product, which is of second order in the step.
+    """
+    turn = rotation_vector(rotation @ moving.rotation.T)
+    return np.asarray((s.now * turn - s.before * moving.turn_before) / s.step)
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Rotation vector [rad] of a rotation by less than half a turn, shape (3,)."""
+    sine = 0.5 * np.array(
+        [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+    )
+    size = math.sqrt(float(sine @ sine))
+    if size < 1e-12:
+        return sine
+    angle = math.atan2(size, 0.5 * (float(np.trace(rotation)) - 1.0))
+    return np.asarray(sine * (angle / size))
+
+
+def rotation_by(vector: Array) -> Array:
+    """Rotation (3, 3) by a rotation vector [rad]."""
+    return np.asarray(turned(np.eye(3), np.ascontiguousarray(vector, float)))

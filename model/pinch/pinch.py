@@ -1,0 +1,94 @@
+"""Two fingertips that face each other, an object between them, and the hand that carries both."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ..checks import finite
+from ..dome.dome import SoftBody
+from ..dome.placing import rotation_of, touching_place
+from ..dome.solid import Solid
+from .body import RigidBody
+from .hand import HandPath
+
+Array = NDArray[np.float64]
+
+#: Axes of the second fingertip in the hand's: turned by half a turn about x.
+FACING = np.array([1.0, -1.0, -1.0])
+#: Damper of each fingertip's way on which the drive closes it [N·s/m]: that of the whole chain.
+CLOSING_DRAG = 25.2
+#: How far a body's weight presses into the table [m].
+_TABLE_GIVES = 10e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pinch:
+    """Two fingertips, an object and a hand.
+
+    The world's axes are those of the hand at the start: x is down, along gravity, and z goes from
+    the first fingertip to the second one. The first fingertip has the hand's axes; the second one
+    is turned by half a turn about x, so that both feel a weight along their own +x.
+
+    Attributes
+    ----------
+    first, second: fingertips
+    solid: shape and material of the object
+    body: its mass
+    hand: its path
+    turned: rotation vector of the object at the start [rad]
+    beside: place of the object's origin beside the axis of the pinch, along x and y [m]
+    drag: damper of each fingertip's way [N·s/m]
+    gravity: [m/s²]
+    table: whether the object stands on one that holds it until it is lifted. The table pushes
+        along x through the centre of mass: it has no friction and holds no torque
+    """
+
+    first: SoftBody
+    second: SoftBody
+    solid: Solid
+    body: RigidBody
+    hand: HandPath = field(default_factory=HandPath)
+    turned: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    beside: tuple[float, float] = (0.0, 0.0)
+    drag: float = CLOSING_DRAG
+    gravity: tuple[float, float, float] = (9.81, 0.0, 0.0)
+    table: bool = True
+
+    def __post_init__(self) -> None:
+        finite("drag of the drive", self.drag, "N·s/m", above=0.0)
+        if len(self.gravity) != 3 or not all(math.isfinite(part) for part in self.gravity):
+            raise UserError(f"gravity must be three finite numbers, got {self.gravity}")
+        if self.table and not any(self.gravity):
+            raise UserError("an object without gravity stands on no table")
+        if not np.isfinite(self.solid.shape.bounds).all():
+            raise UserError(f"a pinch needs an object with an end: not a {self.solid.shape.name}")
+
+    @property
+    def down(self) -> Array:
+        """Direction of gravity, shape (3,)."""
+        gravity = np.array(self.gravity)
+        return np.asarray(gravity / np.linalg.norm(gravity))
+
+    @property
+    def table_stiffness(self) -> float:
+        """Of the table under the centre of mass [N/m]."""
+        return self.body.mass * float(np.linalg.norm(self.gravity)) / _TABLE_GIVES
+
+
+def bases(pinch: Pinch) -> tuple[Array, Array]:
+    """Places of the fingertips' centres in the hand, where both just touch the object, (3,).
+
+    The object's origin is at the hand's, moved by `beside`.
+
+    Raises
+    ------
+    UserError: where the object cannot lie on a fingertip
+    """
+    rotation = rotation_of(np.array([0.0, 0.0, 0.0, *pinch.turned]))
+    x, y = pinch.beside
+    low = touching_place(pinch.first, pinch.solid, rotation, (x, y))[2]
+    high = touching_place(pinch.second, pinch.solid, FACING[:, None] * rotation, (x, -y))[2]
+    return np.array([0.0, 0.0, -low]), np.array([0.0, 0.0, high])

@@ -1,0 +1,33 @@
+"""The two fingers of a scene that is a pinch, each as a scene of its own."""
+
+import msgspec
+
+from ..model.pinch import Pinch
+from .pinch import PinchSettings
+from .scene import Scene
+
+#: What the seed of the second finger's camera is more than the scene's.
+_SECOND_SEED = 7_919
+
+
+def fingers(scene: Scene) -> tuple[Scene, Scene]:
+    """Scene as each finger has it: with its own sensor, and a seed of its own."""
+    single = msgspec.structs.replace(scene, pinch=PinchSettings())
+    second = msgspec.structs.replace(
+        single,
+        sensor=scene.pinch.second_sensor or scene.sensor,
+        seed=(scene.seed + _SECOND_SEED) % 2**32,
+    )
+    return single, second
+
+
+def build_pinch(scene: Scene) -> Pinch:
+    """Both fingertips of a pinch, and what they hold.
+
+    Raises
+    ------
+    UserError
+        For a second sensor without silicone.
+    """
+    first, second = (each.build_dome() for each in fingers(scene))
+    return scene.pinch.build(first, second, scene.build_solid(), scene.object)

@@ -1,0 +1,144 @@
+"""The second finger of a scene: what both hold, and the path of the hand."""
+
+import math
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from ..errors import UserError, located
+from ..model import SoftBody, Solid
+from ..model.pinch import HandPath, Limits, Pinch, RigidBody, Shake
+from ..strict_toml import NotNegative, Positive, Table
+from .settings import ObjectSettings
+
+Way = Annotated[float, Meta(ge=-1e4, le=1e4)]
+Turn = Annotated[float, Meta(ge=-360.0, le=360.0)]
+Vector = tuple[Way, Way, Way]
+
+
+class PinchSettings(Table, frozen=True):
+    """Two fingers that hold one object with a weight; x is down, z from the first to the second.
+
+    Attributes
+    ----------
+    mass_g: of the object [g]; 0 is no pinch: one fingertip and a load
+    centre_mm: centre of mass in the object's own frame [mm]
+    inertia_g_mm2: moments of inertia about it, along the object's axes [g·mm²]; empty are those of
+        a homogeneous box as large as the object
+    second_sensor: design of the second finger; empty is that of the first
+    hand_times_s: knots of the hand's path [s]; empty stays where it is
+    hand_mm: place of the hand at each knot [mm]
+    hand_turns_deg: rotation vector of the hand at each knot [°]; empty is not turned
+    shake_mm, shake_hz: amplitude [mm] and frequency of a sine on the hand's place
+    shake_s: start and end of that sine [s]; empty is none
+    table: whether the object stands on a table until it is lifted
+    closing_n_s_per_m: damper of each finger's way as the drive closes it [N·s/m]
+    dropped_mm: slide in the hand from which on an object counts as dropped [mm]
+    turned_deg: turn about z, without the elastic twist, from which on it counts as turned [°]
+    crushed_kpa: mean pressure of a contact that crushes it [kPa]; 0 is none
+    """
+
+    mass_g: NotNegative = 0.0
+    centre_mm: Vector = (0.0, 0.0, 0.0)
+    inertia_g_mm2: tuple[Positive, ...] = ()
+    second_sensor: str = ""
+    hand_times_s: tuple[NotNegative, ...] = ()
+    hand_mm: tuple[Vector, ...] = ()
+    hand_turns_deg: tuple[tuple[Turn, Turn, Turn], ...] = ()
+    shake_mm: Vector = (0.0, 0.0, 0.0)
+    shake_hz: Positive = 1.0
+    shake_s: tuple[NotNegative, ...] = ()
+    table: bool = True
+    closing_n_s_per_m: Positive = 25.2
+    dropped_mm: Positive = 5.0
+    turned_deg: Positive = 20.0
+    crushed_kpa: NotNegative = 0.0
+
+    def __post_init__(self) -> None:
+        for name, values in (("hand_mm", self.hand_mm), ("hand_turns_deg", self.hand_turns_deg)):
+            if len(values) != len(self.hand_times_s) and (values or name == "hand_mm"):
+                raise UserError(
+                    f"hand_times_s has {len(self.hand_times_s)} entries and {name} {len(values)}; "
+                    "both need the same number"
+                )
+        if len(self.inertia_g_mm2) not in (0, 3):
+            raise UserError(f"inertia_g_mm2 must be three numbers, got {list(self.inertia_g_mm2)}")
+        if len(self.shake_s) not in (0, 2):
+            raise UserError(f"shake_s must be a start and an end, got {list(self.shake_s)}")
+        with located("pinch"):
+            self.build_hand()
+
+    @property
+    def limits(self) -> Limits:
+        """What counts as dropped, turned and crushed."""
+        return Limits(
+            slide=1e-3 * self.dropped_mm,
+            turn=math.radians(self.turned_deg),
+            pressure=1e3 * self.crushed_kpa if self.crushed_kpa else math.inf,
+        )
+
+    @property
+    def lifts_at(self) -> float:
+        """Time at which the hand begins to move, after a first knot at rest [s]; 0 without one."""
+        moves = [a != b for a, b in zip(self.hand_mm[:-1], self.hand_mm[1:], strict=True)]
+        return self.hand_times_s[moves.index(True)] if True in moves else 0.0
+
+    def build_hand(self) -> HandPath:
+        """Path of the hand.
+
+        Raises
+        ------
+        UserError
+            For times that do not increase from 0, and too short a shake.
+        """
+        shake = None
+        if self.shake_s:
+            x, y, z = (1e-3 * way for way in self.shake_mm)
+            start, stop = self.shake_s
+            shake = Shake(amplitude=(x, y, z), frequency=self.shake_hz, start=start, stop=stop)
+        if not self.hand_times_s:
+            return HandPath(shake=shake)
+        return HandPath(
+            times=self.hand_times_s,
+            places=tuple((1e-3 * x, 1e-3 * y, 1e-3 * z) for x, y, z in self.hand_mm),
+            turns=tuple(
+                (math.radians(a), math.radians(b), math.radians(c))
+                for a, b, c in self.hand_turns_deg
+            ),
+            shake=shake,
+        )
+
+    def build(self, first: SoftBody, second: SoftBody, solid: Solid, held: ObjectSettings) -> Pinch:
+        """Both fingertips and the object between them.
+
+        Raises
+        ------
+        UserError
+            For an object without an end.
+        """
+        if not np.isfinite(solid.shape.bounds).all():
+            raise UserError(
+                f"pinch: two fingers hold an object with an end, not a {solid.shape.name}; set "
+                "object.shape or object.radius_mm"
+            )
+        mass = 1e-3 * self.mass_g
+        x, y, z = (float(edge) ** 2 for edge in np.ptp(solid.shape.bounds, axis=0))
+        moments = (mass * (y + z) / 12.0, mass * (x + z) / 12.0, mass * (x + y) / 12.0)
+        if self.inertia_g_mm2:
+            a, b, c = (1e-9 * value for value in self.inertia_g_mm2)
+            moments = (a, b, c)
+        cx, cy, cz = (1e-3 * way for way in self.centre_mm)
+        tx, ty, tz = (math.radians(angle) for angle in held.turned_deg)
+        bx, by = (1e-3 * way for way in held.beside_mm)
+        return Pinch(
+            first=first,
+            second=second,
+            solid=solid,
+            body=RigidBody(mass=mass, inertia=moments, centre=(cx, cy, cz)),
+            hand=self.build_hand(),
+            turned=(tx, ty, tz),
+            beside=(bx, by),
+            drag=self.closing_n_s_per_m,
+            table=self.table,
+        )
