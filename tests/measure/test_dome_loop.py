@@ -16,10 +16,10 @@ FRAMES = {"frames": 100.0, "outside": 10.0, "unsafe": 5.0, "wrong": 2.0, "flagge
 
 
 def held(margin: float = 0.3) -> Grip:
-    return Grip(slid=False, margin=margin, force=5.0, counts=FRAMES, rate=20.0)
+    return Grip(lost=False, margin=margin, force=5.0, counts=FRAMES, rate=20.0)
 
 
-SLID = Grip(slid=True, margin=0.0, force=15.0, counts=FRAMES, rate=20.0)
+LOST = Grip(lost=True, margin=0.0, force=15.0, counts=FRAMES, rate=20.0)
 
 
 def scored(runs: dict[Task, Grip | str]) -> dict[str, float | None]:
@@ -29,10 +29,10 @@ def scored(runs: dict[Task, Grip | str]) -> dict[str, float | None]:
 def test_what_slides_with_the_true_forces_is_told_apart() -> None:
     runs: dict[Task, Grip | str] = {
         Task(SET, "truth", 0, 0): held(),
-        Task(SET, "truth", 1, 0): SLID,
-        Task(SET, "camera", 0, 0): SLID,
+        Task(SET, "truth", 1, 0): LOST,
+        Task(SET, "camera", 0, 0): LOST,
         Task(SET, "camera", 0, 1): held(),
-        Task(SET, "camera", 1, 0): SLID,
+        Task(SET, "camera", 1, 0): LOST,
         Task(SET, "camera", 1, 1): "the dome gave up",
     }
     found = scored(runs)
@@ -47,7 +47,7 @@ def test_margins_are_judged_of_the_runs_that_hold() -> None:
         Task(SET, "camera", 1, 0): held(0.44),
         Task(SET, "camera", 2, 0): held(0.16),
         Task(SET, "camera", 3, 0): held(0.50),
-        Task(SET, "camera", 4, 0): SLID,
+        Task(SET, "camera", 4, 0): LOST,
     }
     found = scored(runs)
     assert found["within"] == pytest.approx(75.0)
@@ -74,7 +74,7 @@ def test_every_set_is_a_scene_whose_grip_is_as_meant() -> None:
 
 def test_each_object_is_gripped_with_each_specimen() -> None:
     runs = [task for task in tasks(False) if task.name == SET]
-    assert len(runs) == len(set(runs)) == 27 * (1 + loop.SEEDS)
+    assert len(runs) == len(set(runs)) == 27 * (1 + SETS[SET].seeds)
     assert len(tasks(True)) == 2 * len(SETS)
 
 
