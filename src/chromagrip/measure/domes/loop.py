@@ -60,11 +60,11 @@ SETS = {
 
 
 class Task(NamedTuple):
-    """A run: set, path, object, and seed of specimen and noise."""
+    """A run: set, path, number of the object, and seed of specimen and noise."""
 
     name: str
     path: str
-    index: int
+    thing: int
     seed: int
 
 
@@ -141,7 +141,7 @@ def tasks(quick: bool) -> list[Task]:
 def grip_of(task: Task) -> Grip | str:
     """What a run came to, or why it stopped."""
     chosen = SETS[task.name]
-    changes = {**object_changes(task.index), "path": task.path, "seed": task.seed}
+    changes = {**object_changes(task.thing), "path": task.path, "seed": task.seed}
     try:
         result = run(load_scene(chosen.scene, {**chosen.changes, **changes}))
     except UserError as error:
@@ -164,7 +164,7 @@ def _rows(name: str, runs: Mapping[Task, Grip | str]) -> Iterator[Row]:
     if not mine:
         return
     gone = {task: isinstance(grip, str) or grip.lost for task, grip in mine.items()}
-    hopeless = {task.index for task in mine if task.path == "truth" and gone[task]}
+    hopeless = {task.thing for task in mine if task.path == "truth" and gone[task]}
     seen = [task for task in mine if task.path == "camera"]
     lost = [task for task in seen if gone[task]]
     held = [grip for task in seen if not gone[task] and not isinstance(grip := mine[task], str)]
@@ -177,7 +177,7 @@ def _rows(name: str, runs: Mapping[Task, Grip | str]) -> Iterator[Row]:
         "runs": float(len(seen)),
         "lost": float(len(lost)),
         "lost_by_truth": float(len(hopeless)),
-        "lost_where_truth_holds": float(sum(task.index not in hopeless for task in lost)),
+        "lost_where_truth_holds": float(sum(task.thing not in hopeless for task in lost)),
         "within": _percent((errors <= within).sum(), len(held)),
         "error": float(np.median(errors)) if len(errors) else None,
         "grip": float(np.median([grip.force for grip in held])) if held else None,
@@ -187,7 +187,7 @@ def _rows(name: str, runs: Mapping[Task, Grip | str]) -> Iterator[Row]:
         "rate": float(np.median([grip.rate for grip in held])) if held else None,
     }
     targets = {"lost": Bounds(high=1.0), "within": Bounds(low=90.0)}
-    note = "; ".join(f"object {task.index}, seed {task.seed}" for task in lost)
+    note = "; ".join(f"object {task.thing}, seed {task.seed}" for task in lost)
     for score, value in scores.items():
         words = note if score == "lost" else ""
         yield measured((name, score), value, UNITS[score], targets.get(score), words)
