@@ -1,7 +1,7 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
-Parts: images, bodies, loop, dataset, control, model, render, track, force, force-dome, ranges,
-tolerances, charts, limit, limit-dome, stability, stability-track, stability-force,
+Parts: images, bodies, loop, dataset, control, model, render, track, force, force-dome,
+loop-dome, ranges, tolerances, charts, limit, limit-dome, stability, stability-track, stability-force,
 stability-loop, appendix-b, reproduction.
 Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
 docs/images/, docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand,
@@ -45,6 +45,7 @@ TITLES = {
     "track": "The trackers, measured",
     "force": "Forces and friction, measured",
     "force-dome": "Forces from pictures of domes, measured",
+    "loop-dome": "Built domes in the closed loop, measured",
     "dataset": "Datasets, measured",
 }
 
@@ -184,11 +185,11 @@ def _whole(value: float) -> str:
     return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
 
 
-def force_dome() -> None:
-    """The report of estimators on pictures of domes."""
-    report = bench("force", quick=False, progress=print, world="dome")
-    command = "chromagrip bench force --world dome"
-    write("bench-force-dome", TITLES["force-dome"], command, report_markdown(report))
+def domes(part: str) -> None:
+    """The report of `chromagrip bench PART --world dome`."""
+    report = bench(part, quick=False, progress=print, world="dome")
+    command = f"chromagrip bench {part} --world dome"
+    write(f"bench-{part}-dome", TITLES[f"{part}-dome"], command, report_markdown(report))
 
 
 def ranges() -> None:
@@ -290,7 +291,8 @@ PARTS: dict[str, Callable[[], None]] = {
     "render": render,
     "track": partial(table, "track"),
     "force": force,
-    "force-dome": force_dome,
+    "force-dome": partial(domes, "force"),
+    "loop-dome": partial(domes, "loop"),
     "ranges": ranges,
     "tolerances": tolerances,
     "charts": draw_charts,

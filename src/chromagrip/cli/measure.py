@@ -40,7 +40,10 @@ Controllers = Annotated[
 ]
 World = Annotated[
     Literal["", "matched", "mismatched", "beyond", "dome"],
-    option("of force: only this world, without the speed", "matched|mismatched|beyond|dome"),
+    option(
+        "of force: only this world, without the speed; of loop: dome",
+        "matched|mismatched|beyond|dome",
+    ),
 ]
 Groups = Annotated[
     tuple[str, ...],

@@ -45,8 +45,9 @@ _TOLD = 60.0
 #: Largest mean square of what is left of the shifts in a solution.
 _MISFIT = 2.0
 #: The same for the median of the pairs that have moved, as a few pairs of any specimen are odd,
-#: and for the product of both.
-_TYPICAL, _BOTH = 0.42, 0.32
+#: and for the product of both: of a design whose markers are straight, and how much more per
+#: crookedness over size of its markers. Crooked markers are tracked worse.
+_TYPICAL, _BOTH = (0.25, 3.6), (0.06, 4.0)
 #: Curvatures times the radius of the dome that no smooth, convex object of its size has.
 _HOLLOW, _EDGE = -0.2, 4.5
 #: Mean square of what is left of the shifts above which such an object is refused.
@@ -96,6 +97,8 @@ class ContactReading:
         # A layer on the core stays where it is, whatever the forces are.
         moving = np.array(layer_depths(sensor, dome)) < (1.0 - ON_CORE) * dome.thickness
         self._tells = np.repeat(moving, 3)
+        crooked = 1e-3 * sensor.defects.crookedness_mm / (2.0 * float(sensor.half_sizes.max()))
+        self._typical, self._both = (well + more * crooked for well, more in (_TYPICAL, _BOTH))
         self._light = light_press(self._fit)
         self.reset()
 
@@ -209,7 +212,7 @@ class ContactReading:
         mean, half = 0.5 * (along_x + along_y), math.hypot(0.5 * (along_x - along_y), mixed)
         own = np.diag(solution.covariance)[MOVING:][CURVES][:2].max()
         doubt = self.dome.radius * math.sqrt(own)  # a light touch tells little of a shape
-        if solution.typical > _TYPICAL or solution.typical * solution.misfit > _BOTH:
+        if solution.typical > self._typical or solution.typical * solution.misfit > self._both:
             return True
         # A soft plane is as well explained by a hollow: only what fits badly is one.
         shaped = mean - half < _HOLLOW - doubt or mean + half > _EDGE + doubt

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from ...by_name import Choice
 from ...errors import UserError
 from ...output.report import Report
+from ..domes.loop import bench_dome_loop
 from ..domes.report import DOME, bench_domes
 from .control import bench_control
 from .dataset import bench_dataset
@@ -47,7 +48,8 @@ def bench(
     trackers: of `track`: names, module:Class or classes; none are all
     reconstructors: of `force`: names, module:Class or classes; none are all
     controllers: of `control`: names or module:Class; none are all
-    world, groups: of `force`: only this world, and only these groups of `beyond` or `dome`
+    world, groups: of `force`: only this world, and only these groups of `beyond` or `dome`; of
+        `loop`: the world `dome`, none is the chain
     scenes: of `track`: only these
 
     Raises
@@ -72,6 +74,11 @@ def bench(
         return bench_domes(quick, progress, asked, groups)
     if part == "force":
         return bench_force(quick, progress, reconstructors, world, groups)
+    if part == "loop" and world == DOME and not groups:
+        return bench_dome_loop(quick, progress)
     if world or groups:
-        raise UserError(f"--world and --group go with bench force, not with bench {part}")
+        raise UserError(
+            f"--world and --group go with bench force, and --world dome with bench loop, not with "
+            f"bench {part}"
+        )
     return PARTS[part](quick, progress, *(methods[part][1:] if part in methods else ()))

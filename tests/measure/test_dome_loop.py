@@ -1,0 +1,86 @@
+"""The 27 objects on built domes: runs are counted as what they are."""
+
+import json
+
+import pytest
+
+from chromagrip.measure.bench.parts import bench
+from chromagrip.measure.domes import loop
+from chromagrip.measure.domes.loop import SETS, Grip, Task, report_of, tasks
+from chromagrip.output.report import values
+from chromagrip.scene.scene import load_scene
+from chromagrip.thesis import DESIRED_MARGIN
+
+SET = "chromatouch-2020"
+FRAMES = {"frames": 100.0, "outside": 10.0, "unsafe": 5.0, "wrong": 2.0, "flagged": 25.0}
+
+
+def held(margin: float = 0.3) -> Grip:
+    return Grip(lost=False, margin=margin, force=5.0, counts=FRAMES, rate=20.0)
+
+
+LOST = Grip(lost=True, margin=0.0, force=15.0, counts=FRAMES, rate=20.0)
+
+
+def scored(runs: dict[Task, Grip | str]) -> dict[str, float | None]:
+    return {name[-1]: value for name, value in values(report_of(runs, True).rows).items()}
+
+
+def test_what_slides_with_the_true_forces_is_told_apart() -> None:
+    runs: dict[Task, Grip | str] = {
+        Task(SET, "truth", 0, 0): held(),
+        Task(SET, "truth", 1, 0): LOST,
+        Task(SET, "camera", 0, 0): LOST,
+        Task(SET, "camera", 0, 1): held(),
+        Task(SET, "camera", 1, 0): LOST,
+        Task(SET, "camera", 1, 1): "the dome gave up",
+    }
+    found = scored(runs)
+    assert (found["runs"], found["lost"]) == (4.0, 3.0)
+    assert (found["lost_by_truth"], found["lost_where_truth_holds"]) == (1.0, 1.0)
+    assert found["stopped"] == 1.0
+
+
+def test_margins_are_judged_of_the_runs_that_hold() -> None:
+    runs: dict[Task, Grip | str] = {
+        Task(SET, "camera", 0, 0): held(0.30),
+        Task(SET, "camera", 1, 0): held(0.44),
+        Task(SET, "camera", 2, 0): held(0.16),
+        Task(SET, "camera", 3, 0): held(0.50),
+        Task(SET, "camera", 4, 0): LOST,
+    }
+    found = scored(runs)
+    assert found["within"] == pytest.approx(75.0)
+    assert found["error"] == pytest.approx(0.14)
+
+
+def test_frames_of_the_camera_alone_are_counted() -> None:
+    camera = held()
+    truth = camera._replace(counts=dict.fromkeys(FRAMES, 1000.0))
+    found = scored({Task(SET, "truth", 0, 0): truth, Task(SET, "camera", 0, 0): camera})
+    assert found["inside"] == pytest.approx(90.0)
+    assert found["wrong"] == pytest.approx(2.0)
+    assert found["flagged"] == pytest.approx(20.0)
+
+
+def test_every_set_is_a_scene_whose_grip_is_as_meant() -> None:
+    for name, chosen in SETS.items():
+        scene = load_scene(chosen.scene, dict(chosen.changes))
+        grip = max(scene.load.forces_n) / (scene.object.friction * (1.0 - DESIRED_MARGIN))
+        meant = 3.0 if "3 N" in name else 1.0 if "1 N" in name else 5.7
+        assert grip == pytest.approx(meant, rel=0.01)
+        assert scene.path == "camera"
+
+
+def test_each_object_is_gripped_with_each_specimen() -> None:
+    runs = [task for task in tasks(False) if task.name == SET]
+    assert len(runs) == len(set(runs)) == 27 * (1 + SETS[SET].seeds)
+    assert len(tasks(True)) == 2 * len(SETS)
+
+
+def test_the_command_reports_rows_of_each_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop, "map_processes", lambda work, todo, *_, **__: map(work, todo))
+    monkeypatch.setattr(loop, "grip_of", lambda _: held())
+    report = bench("loop", True, lambda _: None, world="dome")
+    assert {row.subject for row in report.rows} == {(name,) for name in SETS}
+    assert json.dumps([row.value for row in report.rows])
