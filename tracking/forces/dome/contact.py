@@ -66,6 +66,8 @@ _OBSERVED, _OBSERVABLE_MARGIN = 0.3, 0.85
 #: Deviation of Γ that the layer's thickness and the friction law leave, and of ΣFn and ΣFf as
 #: shares.
 _MARGIN_ERROR, _NORMAL_ERROR, _FRICTION_ERROR = 0.03, 0.04, 0.04
+#: Why a frame is refused.
+_UNLIKE = "no contact of a smooth, convex object explains the markers"
 #: Normal force above which a node is in contact, over the force of all.
 _TOUCHING = 1e-6
 
@@ -111,6 +113,8 @@ class ContactReading:
         self._rivals = Rivals(self.dome)
         self._doubtful = _DOUBTFUL
         self._refused: Shifts | None = None
+        #: Whether the last object is none that is read. It is followed: it may become one again.
+        self._odd = False
 
     def update(self, tracks: Tracks) -> ForceField:
         """Force field of a frame.
@@ -130,8 +134,10 @@ class ContactReading:
             refused = self._refused if again else shifts
             self.reset()
             self._refused = refused
-            raise NoEstimateError("no contact of a smooth, convex object explains the markers")
+            raise NoEstimateError(_UNLIKE)
         self._refused = None
+        if self._odd:
+            raise NoEstimateError(_UNLIKE)
         assert self._now is not None
         if not self._now[0].forces.any() or self._tells_little(shifts, nothing):
             self.reset()
@@ -199,8 +205,9 @@ class ContactReading:
         if solution is None or solution.misfit > self._doubtful:
             for other in other_objects(self.dome, *start):
                 solution = self._better(solution, other, _ROUNDS)
-        if solution is None or solution.misfit > _MISFIT or self._unlike(solution):
+        if solution is None or solution.misfit > _MISFIT:
             return False
+        self._odd = self._unlike(solution)
         self.last, self._now = solution, (solution.contact, solution.keys[-1].pose)
         self._covariance = self._spread(solution)
         self._doubtful = max(_DOUBTFUL, _WORSE * solution.misfit)

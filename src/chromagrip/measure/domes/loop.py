@@ -30,32 +30,36 @@ class GripSet:
     Attributes
     ----------
     scene: of all grips
-    changes: of the scene
     within: largest distance of the last true Γ from the desired one that is asked for
+    sensor: in place of the scene's
+    grip: force with which the load of each object leaves the desired margin [N]; None is the load
+        of the scene, for every object the same
     seeds: number of specimens, each with noise of its own
     """
 
     scene: str
-    changes: Mapping[str, Any]
     within: float
+    sensor: str | None = None
+    grip: float | None = None
     seeds: int = 3
 
-
-def _next(grip: float) -> dict[str, Any]:
-    """Changes by which `chromatouch-next` holds an object of µ .5 with about this grip [N]."""
-    held = 0.5 * (1.0 - DESIRED_MARGIN) * grip
-    return {
-        "sensor": NEXT,
-        "load.forces_n": [0.0, 0.6 * held, 0.6 * held, held],
-        "margin_inversion.start_n": 0.5 * grip,
-    }
+    def changes(self, thing: int) -> dict[str, Any]:
+        """Changes of the scene for one of the 27 objects."""
+        changed: dict[str, Any] = dict(object_changes(thing))
+        if self.sensor is not None:
+            changed["sensor"] = self.sensor
+        if self.grip is not None:
+            load = OBJECTS[thing].friction * (1.0 - DESIRED_MARGIN) * self.grip
+            changed["load.forces_n"] = [0.0, 0.6 * load, 0.6 * load, load]
+            changed["margin_inversion.start_n"] = 0.5 * self.grip
+        return changed
 
 
 SETS = {
-    "chromatouch-2020": GripSet(scene="chromatouch-2020", changes={}, within=0.15),
-    "chromatouch-2022": GripSet(scene="chromatouch-2022", changes={}, within=0.12),
-    f"{NEXT}, 3 N": GripSet(scene="chromatouch-2022", changes=_next(3.0), within=0.09, seeds=1),
-    f"{NEXT}, 1 N": GripSet(scene="chromatouch-2022", changes=_next(1.0), within=0.09, seeds=1),
+    "chromatouch-2020": GripSet(scene="chromatouch-2020", within=0.15),
+    "chromatouch-2022": GripSet(scene="chromatouch-2022", within=0.12),
+    f"{NEXT}, 3 N": GripSet(scene="chromatouch-2022", within=0.09, sensor=NEXT, grip=3.0, seeds=1),
+    f"{NEXT}, 1 N": GripSet(scene="chromatouch-2022", within=0.09, sensor=NEXT, grip=1.0, seeds=1),
 }
 
 
@@ -141,9 +145,9 @@ def tasks(quick: bool) -> list[Task]:
 def grip_of(task: Task) -> Grip | str:
     """What a run came to, or why it stopped."""
     chosen = SETS[task.name]
-    changes = {**object_changes(task.thing), "path": task.path, "seed": task.seed}
+    changes = {**chosen.changes(task.thing), "path": task.path, "seed": task.seed}
     try:
-        result = run(load_scene(chosen.scene, {**chosen.changes, **changes}))
+        result = run(load_scene(chosen.scene, changes))
     except UserError as error:
         return str(error)
     trace = result.trace
