@@ -31,12 +31,16 @@ class Body:
     shape: in its own frame
     place, rotation: of that frame in the world [m], shapes (3,) and (3, 3)
     colour: RGB
+    above, other: direction in the shape's own frame, shape (3,), and colour of the half of the
+        shape on that side of its origin, so that a turn is seen; None is one colour
     """
 
     shape: Shape
     place: Array
     rotation: Array
     colour: Colour
+    above: Array | None = None
+    other: Colour = (0, 0, 0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +114,7 @@ def draw_bodies(bodies: Sequence[Body], view: Viewpoint) -> Image:
     corner = view.middle + view.pixel * (left * view.right + top * view.up)
     for body in bodies:
         shape, own = body.shape, body.rotation.T
+        above = np.zeros(3) if body.above is None else np.ascontiguousarray(body.above, float)
         reach = float(np.linalg.norm(np.abs(shape.bounds).max(axis=0)))
         if not np.isfinite(reach):
             raise UserError(f"a {shape.name} without an end cannot be drawn")
@@ -117,6 +122,7 @@ def draw_bodies(bodies: Sequence[Body], view: Viewpoint) -> Image:
             shape.kind, shape.numbers, shape.grid, shape.origin, shape.cells, reach,
             own @ (corner - body.place), own @ (view.pixel * view.right),
             own @ (-view.pixel * view.up), own @ view.towards, _MET * view.pixel, own @ light,
-            _DARK, np.array(body.colour, float), nearest, picture,
+            _DARK, np.array(body.colour, float), above, np.array(body.other, float),
+            nearest, picture,
         )  # fmt: skip
     return picture

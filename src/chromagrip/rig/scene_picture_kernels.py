@@ -29,6 +29,8 @@ def draw_solid(
     light: Array,
     dark: float,
     colour: Array,
+    above: Array,
+    other: Array,
     nearest: Array,
     picture: Image,
 ) -> None:
@@ -45,6 +47,8 @@ def draw_solid(
     light: unit vector to the light, (3,)
     dark: brightness of what the light does not reach
     colour: RGB, (3,)
+    above: direction of the half that has the other colour, (3,); zeros are none
+    other: its colour, RGB, (3,)
     nearest: height above the picture's plane of what is drawn [m], (H, W) (changed)
     picture: RGB, (H, W, 3) (changed)
     """
@@ -62,18 +66,18 @@ def draw_solid(
             half = np.sqrt(reach * reach - beside)
             height = half - along
             for _ in range(_STEPS):
-                gap, n_x, n_y, n_z = distance(
-                    kind, numbers, grid, origin, cells,
-                    start[0] + height * back[0],
-                    start[1] + height * back[1],
-                    start[2] + height * back[2],
-                )  # fmt: skip
+                x = start[0] + height * back[0]
+                y = start[1] + height * back[1]
+                z = start[2] + height * back[2]
+                gap, n_x, n_y, n_z = distance(kind, numbers, grid, origin, cells, x, y, z)
                 if gap < met:
                     if height > nearest[row, column]:
                         nearest[row, column] = height
                         lit = max(0.0, n_x * light[0] + n_y * light[1] + n_z * light[2])
+                        half_above = x * above[0] + y * above[1] + z * above[2] > 0.0
                         for a in range(3):
-                            shade = colour[a] * (dark + (1.0 - dark) * lit)
+                            plain = other[a] if half_above else colour[a]
+                            shade = plain * (dark + (1.0 - dark) * lit)
                             picture[row, column, a] = np.uint8(shade + 0.5)
                     break
                 height -= gap
