@@ -37,16 +37,19 @@ class TractionPicture:
     Attributes
     ----------
     top: largest pressure so far, rounded up, which the darkest colour means [Pa]
+    radius: of the dome [m]
+    pixels: of a metre
     """
 
     def __init__(self, dome: SoftBody, size: int = SIZE) -> None:
+        self.radius = dome.radius
         self._size, self._arrow = size, ARROW * size
         nodes = lattice(dome)
         self._areas = nodes.areas
-        self._pixels = (size / 2 - BORDER) / dome.radius
-        self._outline = round(dome.radius * self._pixels)
+        self.pixels = (size / 2 - BORDER) / dome.radius
+        self._outline = round(dome.radius * self.pixels)
         mesh = Delaunay(nodes.points[:, :2])
-        at = (np.arange(size) - (size - 1) / 2) / self._pixels
+        at = (np.arange(size) - (size - 1) / 2) / self.pixels
         places = np.stack(np.meshgrid(at, -at), axis=-1).reshape(-1, 2)
         found = mesh.find_simplex(places)
         self._inside = found >= 0
@@ -84,7 +87,7 @@ class TractionPicture:
             cv2.arrowedLine(canvas, a, b, colour, 1, cv2.LINE_AA, tipLength=0.25)
 
     def _pixel(self, place: Array) -> Array:
-        return (self._size - 1) / 2 + self._pixels * place * [1.0, -1.0]
+        return (self._size - 1) / 2 + self.pixels * place * [1.0, -1.0]
 
     def legend(self, canvas: Image, place: tuple[int, int]) -> None:
         """Say on a picture what colours and arrows mean, from a place downwards [px]."""

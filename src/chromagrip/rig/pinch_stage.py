@@ -83,8 +83,8 @@ def set_stage(
     ]
     table = _table(pinch, bodies[0][0]) if pinch.table else None
     ends = np.concatenate(
-        [_ends(body) for posed in bodies for body in posed]
-        + ([_ends(table)] if table is not None else [])
+        [body.corners for posed in bodies for body in posed]
+        + ([table.corners] if table is not None else [])
     )
     reach = 1.15 * max(pinch.first.radius, pinch.second.radius, _reach(pinch.solid.shape))
     start = bodies[0][0]
@@ -105,7 +105,13 @@ def draw_side(stage: Stage, now: Pinched) -> Image:
     """Picture from the side, with a scale of heights, RGB."""
     posed = _now(stage, now, stage.pinch.hand.at(now.state.time))
     table = [] if stage.table is None else [stage.table]
-    picture = draw_bodies([*table, *posed], stage.side)
+    picture = draw_bodies([*posed, *table], stage.side)
+    for name, housing in (("1", posed[2]), ("2", posed[4])):
+        x, y = _pixel(stage.side, housing.place)
+        cv2.putText(
+            picture, name, (x - 6, y + 7), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (235, 235, 235), 1,
+            cv2.LINE_AA,
+        )  # fmt: skip
     _draw_heights(picture, stage, now.state.moving.place)
     return picture
 
@@ -113,8 +119,8 @@ def draw_side(stage: Stage, now: Pinched) -> Image:
 def draw_along(stage: Stage, now: Pinched) -> Image:
     """Picture in the hand, from the first finger, which is a ring, towards the second one, RGB."""
     object_, *others = _now(stage, now, (np.zeros(3), np.eye(3)))
-    silicone, housing = others[2:]
-    picture = draw_bodies([silicone, housing, object_], stage.along)
+    silicone = others[2]
+    picture = draw_bodies([object_, silicone], stage.along)
     radius = round(stage.pinch.first.radius / stage.along.pixel)
     cv2.circle(picture, _pixel(stage.along, np.zeros(3)), radius, FINGER_COLOURS[0], 2, cv2.LINE_AA)
     centre = object_.place + object_.rotation @ np.array(stage.pinch.body.centre)
@@ -194,27 +200,15 @@ def _parts(dome: SoftBody, colour: Colour) -> tuple[tuple[Shape, float, Colour],
 
 def _table(pinch: Pinch, start: Body) -> Body:
     """Slab right below the object at the start, no wider than leaves room for the fingers."""
-    corners = _corners(start.shape) @ start.rotation.T
-    y, z = np.ptp(corners[:, 1:], axis=0) + 2.0 * _BORDER
+    y, z = np.ptp(start.corners[:, 1:], axis=0) + 2.0 * _BORDER
     # Turned so that the world's x is the shape's z, which `reach_down` measures.
     low = reach_down(start.shape, np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ start.rotation)
     place = start.place + (low + 0.5 * _TABLE) * DOWN
     return Body(shape=box((_TABLE, y, z)), place=place, rotation=np.eye(3), colour=TABLE)
 
 
-def _corners(shape: Shape) -> Array:
-    """Corners of the box around a shape in its own frame [m], shape (8, 3)."""
-    low, high = shape.bounds
-    choice = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).reshape(-1, 3)
-    return np.where(choice == 1, high, low)
-
-
 def _reach(shape: Shape) -> float:
     return float(np.linalg.norm(np.abs(shape.bounds).max(axis=0)))
-
-
-def _ends(body: Body) -> Array:
-    return np.asarray(body.place + _corners(body.shape) @ body.rotation.T)
 
 
 def _holding(points: Array, size: tuple[int, int]) -> Viewpoint:

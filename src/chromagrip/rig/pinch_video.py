@@ -28,6 +28,8 @@ WIDTH, HEIGHT = 1280, 720
 HEAD = 32
 #: Side of a camera's picture and of a traction [px].
 SIDE = 232
+#: Magnification of a traction as long as the contact is in its middle.
+ZOOM = 2
 #: Width and height of the scene from the side [px].
 SCENE = (1280 - 3 * SIDE, 2 * SIDE)
 #: Size of the plots [px].
@@ -35,6 +37,8 @@ PLOTS = (WIDTH, HEIGHT - HEAD - 2 * SIDE)
 #: Colours of an outcome: held, and any other.
 GOOD: Colour = (30, 120, 60)
 BAD: Colour = (200, 40, 40)
+#: Colour of the frame of a traction.
+FRAME: Colour = (215, 215, 215)
 _WHITE = 255
 
 
@@ -57,8 +61,9 @@ class PinchVideo(VideoFile):
         self.stage = set_stage(pinch, scene.duration_s, SCENE, (SIDE, SIDE))
         domes = [each.build_sensor().dome for each in fingers(scene)] if self._seen else []
         self._tractions = [
-            TractionPicture(dome, SIDE) for dome in domes or (pinch.first, pinch.second)
+            TractionPicture(dome, ZOOM * SIDE) for dome in domes or (pinch.first, pinch.second)
         ]
+        self._zoomed = True
         self.courses = Courses()
         self.plot = CoursePlot(
             PLOTS, scene.duration_s, scene.safety_margin.desired_margin,
@@ -118,19 +123,37 @@ class PinchVideo(VideoFile):
                 break
             for each in self._tractions:
                 each.top = top
-        pictures = [np.ascontiguousarray(each.transpose(1, 0, 2)) for each in pictures]
-        for picture in pictures:
-            write(picture, "estimated traction" if self._seen else "true traction", (6, 14), INK)
-        return pictures
+        self._zoomed &= not any(
+            (abs(field.position[field.contact, :2]) > 0.95 * each.radius / ZOOM).any()
+            for each, (field, _) in zip(self._tractions, shown, strict=True)
+        )
+        return [self._shown(*each) for each in zip(self._tractions, pictures, strict=True)]
+
+    def _shown(self, traction: TractionPicture, picture: Image) -> Image:
+        """A traction as a camera sees it, with its length of 5 mm."""
+        turned = np.ascontiguousarray(picture.transpose(1, 0, 2))
+        if self._zoomed:
+            first = (ZOOM - 1) * SIDE // 2
+            turned = turned[first : first + SIDE, first : first + SIDE].copy()
+        else:
+            size = (SIDE, SIDE)
+            turned = np.asarray(cv2.resize(turned, size, interpolation=cv2.INTER_AREA), np.uint8)
+        write(turned, "estimated traction" if self._seen else "true traction", (6, 14), INK)
+        pixels = traction.pixels if self._zoomed else traction.pixels / ZOOM
+        right, row = SIDE - 8, SIDE - 8
+        cv2.line(turned, (round(right - 5e-3 * pixels), row), (right, row), INK, 2)
+        write(turned, "5 mm", (right - 34, row - 6), INK)
+        cv2.rectangle(turned, (0, 0), (SIDE - 1, SIDE - 1), FRAME, 1)
+        return turned
 
     def _legend(self, sample: PinchSample) -> Image:
         legend = np.full((SIDE, SIDE, 3), _WHITE, np.uint8)
         truth = sample.truth.record
         lines = (
-            f"rise {1e3 * self._rise(sample):.1f} mm",
+            f"rise {1e3 * self._rise(sample):z.1f} mm",
             f"slid by {1e3 * truth.slide:.2f} mm",
-            f"turned by {math.degrees(truth.turn):.1f} deg",
-            f"skins twisted by {math.degrees(truth.elastic):.1f} deg",
+            f"turned by {math.degrees(truth.turn):z.1f} deg",
+            f"skins twisted by {math.degrees(truth.elastic):z.1f} deg",
             f"mean pressure {1e-3 * truth.pressure:.0f} kPa",
         )
         for k, line in enumerate(lines):

@@ -42,6 +42,13 @@ class Body:
     above: Array | None = None
     other: Colour = (0, 0, 0)
 
+    @property
+    def corners(self) -> Array:
+        """Corners of the box around the shape, in the world [m], shape (8, 3)."""
+        low, high = self.shape.bounds
+        choice = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1]), axis=-1).reshape(-1, 3)
+        return np.asarray(self.place + np.where(choice == 1, high, low) @ self.rotation.T)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Viewpoint:
@@ -123,6 +130,14 @@ def draw_bodies(bodies: Sequence[Body], view: Viewpoint) -> Image:
             own @ (corner - body.place), own @ (view.pixel * view.right),
             own @ (-view.pixel * view.up), own @ view.towards, _MET * view.pixel, own @ light,
             _DARK, np.array(body.colour, float), above, np.array(body.other, float),
-            nearest, picture,
+            _window(body, view), nearest, picture,
         )  # fmt: skip
     return picture
+
+
+def _window(body: Body, view: Viewpoint) -> NDArray[np.int64]:
+    """First row, row after the last, and the same of columns, that hold a body, shape (4,)."""
+    x, y = view.project(body.corners).T
+    rows = np.clip([np.floor(y.min()), np.ceil(y.max()) + 1.0], 0, view.height)
+    columns = np.clip([np.floor(x.min()), np.ceil(x.max()) + 1.0], 0, view.width)
+    return np.concatenate([rows, columns]).astype(np.int64)

@@ -8,6 +8,7 @@ from ..model.kernels.dome.distance_kernels import distance
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Index = NDArray[np.int64]
 
 #: Steps of a ray at most.
 _STEPS = 100
@@ -31,6 +32,7 @@ def draw_solid(
     colour: Array,
     above: Array,
     other: Array,
+    window: Index,
     nearest: Array,
     picture: Image,
 ) -> None:
@@ -49,12 +51,13 @@ def draw_solid(
     colour: RGB, (3,)
     above: direction of the half that has the other colour, (3,); zeros are none
     other: its colour, RGB, (3,)
+    window: first row, row after the last, and the same of columns, where the shape may be, (4,)
     nearest: height above the picture's plane of what is drawn [m], (H, W) (changed)
     picture: RGB, (H, W, 3) (changed)
     """
     start = np.empty(3)
-    for row in range(picture.shape[0]):
-        for column in range(picture.shape[1]):
+    for row in range(window[0], window[1]):
+        for column in range(window[2], window[3]):
             along, square = 0.0, 0.0
             for a in range(3):
                 start[a] = corner[a] + column * right[a] + row * down[a]
