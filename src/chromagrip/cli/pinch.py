@@ -21,7 +21,7 @@ def run_two(scene: "Scene", out: Path | None, overwrite: bool, json_only: bool) 
     from ..rig.pinch_run import run_pinch
 
     for finger in fingers(scene):
-        make_dome_tables(finger, pictures=scene.path == "camera")
+        make_dome_tables(finger, pictures=out is not None or scene.path == "camera")
         if scene.path == "camera":
             with located(f"sensor {finger.sensor}"):
                 name = reconstructor_for(scene.body, scene.reconstructor)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -12,15 +13,20 @@ from ..loop.figure import ESTIMATED, LOAD, TRUE
 from ..model import margin_within
 from .pinch_rig import PinchSample
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
+
+Curves = dict[str, list[float]]
 
 #: Lowest and highest margin that is drawn.
 MARGINS = (-0.15, 1.05)
 #: Highest force of the axes at first; it grows by steps [N].
 FIRST_FORCE = 5.0
-#: Width of the drawing in matplotlib's inches is its pixels by this.
+#: Pixels of an inch of matplotlib's.
 _DPI = 100
 #: Curves of a finger: Γ true and estimated, the same with torsion, and the ends of its interval.
 MARGIN_NAMES = ("true", "seen", "limit_true", "limit_seen", "low", "high")
@@ -35,7 +41,8 @@ def _rgb(colour: str) -> Colour:
 
 #: Colours of the truth, of what was estimated, of its interval, and of further lines.
 TRUTH, SEEN, OTHER = _rgb(TRUE), _rgb(ESTIMATED), _rgb(LOAD)
-BAND: Colour = (246, 214, 218)
+_BAND = "#f6d6da"
+BAND = _rgb(_BAND)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,15 +57,10 @@ class Courses:
     """
 
     times: list[float] = field(default_factory=list)
-    margins: tuple[dict[str, list[float]], dict[str, list[float]]] = field(
-        default_factory=lambda: (
-            {name: [] for name in MARGIN_NAMES},
-            {name: [] for name in MARGIN_NAMES},
-        )
+    margins: tuple[Curves, Curves] = field(
+        default_factory=lambda: (_curves(MARGIN_NAMES), _curves(MARGIN_NAMES))
     )
-    forces: dict[str, list[float]] = field(
-        default_factory=lambda: {name: [] for name in FORCE_NAMES}
-    )
+    forces: Curves = field(default_factory=lambda: _curves(FORCE_NAMES))
 
     def add(self, sample: PinchSample) -> None:
         """Append a frame."""
@@ -68,15 +70,19 @@ class Courses:
         for k, contact in enumerate(sample.truth.fingers):
             field_, mu = contact.field, contact.friction
             true = (field_.safety_margin(mu), margin_within(field_, mu))
-            values = (true[0], math.nan, true[1], math.nan, math.nan, math.nan)
-            seen = sample.readings[k].observation
-            if seen is not None:
-                values = _with_seen(true, seen)
+            values = _margins(true, sample.readings[k].observation)
             for name, value in zip(MARGIN_NAMES, values, strict=True):
                 self.margins[k][name].append(value)
 
 
-def _with_seen(true: tuple[float, float], seen: GripObservation) -> tuple[float, ...]:
+def _curves(names: tuple[str, ...]) -> Curves:
+    return {name: [] for name in names}
+
+
+def _margins(true: tuple[float, float], seen: GripObservation | None) -> tuple[float, ...]:
+    """Values of `MARGIN_NAMES`."""
+    if seen is None:
+        return true[0], math.nan, true[1], math.nan, math.nan, math.nan
     low, high = seen.limit_margin_interval
     return true[0], seen.margin, true[1], seen.limit_margin, low, high
 
@@ -157,10 +163,12 @@ class CoursePlot:
 
         width, height = self._size
         figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         grid = figure.subplots(1, 3)
         figure.subplots_adjust(left=0.045, right=0.985, bottom=0.2, top=0.8, wspace=0.16)
-        for axes, title in zip(grid, ("margins, finger 1", "margins, finger 2", "force"), strict=True):
+        for axes, title in zip(
+            grid, ("margins, finger 1", "margins, finger 2", "force"), strict=True
+        ):
             axes.set_xlim(0.0, self._duration)
             axes.set_xlabel("time [s]", fontsize=9, labelpad=1)
             axes.set_ylabel(f"{title} [N]" if title == "force" else title, fontsize=9)
@@ -173,7 +181,7 @@ class CoursePlot:
             Line2D([], [], color=true, lw=2, label="true, with torsion"),
             Line2D([], [], color=true, lw=0.8, label="Γ, without"),
             Line2D([], [], color=seen, lw=2, label=f"{self._kind}, with torsion"),
-            Patch(color=np.array(BAND) / 255.0, label="its 90 % interval"),
+            Patch(color=_BAND, label="its 90 % interval"),
             Line2D([], [], color=seen, lw=0.8, label="Γ, without"),
             Line2D([], [], color=LOAD, lw=1, ls=":", label=f"{100 * self._desired:g} %"),
         ]
@@ -183,16 +191,18 @@ class CoursePlot:
             Line2D([], [], color=true, lw=2, label="grip of each finger"),
             Line2D([], [], color=LOAD, lw=2, label="force of the table"),
         ]
-        figure.legend(handles=forces, loc="upper right", bbox_to_anchor=(0.99, 1.01), ncol=2, **look)
+        figure.legend(
+            handles=forces, loc="upper right", bbox_to_anchor=(0.99, 1.01), ncol=2, **look
+        )
         canvas.draw()
         self._empty = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
         self.panels = tuple(_panel(axes, height, self._duration) for axes in grid)
 
 
-def _panel(axes: "object", height: int, duration: float) -> Panel:
+def _panel(axes: "Axes", height: int, duration: float) -> Panel:
     """Where axes lie in the picture."""
-    box = axes.get_window_extent()  # type: ignore[attr-defined]
-    low, high = axes.get_ylim()  # type: ignore[attr-defined]
+    box = axes.get_window_extent()
+    low, high = axes.get_ylim()
     return Panel(
         left=box.x0, right=box.x1, bottom=height - box.y0, top=height - box.y1,
         duration=duration, low=low, high=high,

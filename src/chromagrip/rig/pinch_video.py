@@ -142,7 +142,7 @@ class PinchVideo(VideoFile):
         pixels = traction.pixels if self._zoomed else traction.pixels / ZOOM
         right, row = SIDE - 8, SIDE - 8
         cv2.line(turned, (round(right - 5e-3 * pixels), row), (right, row), INK, 2)
-        write(turned, "5 mm", (right - 34, row - 6), INK)
+        write(turned, "5 mm", (right - 36, row - 6), INK)
         cv2.rectangle(turned, (0, 0), (SIDE - 1, SIDE - 1), FRAME, 1)
         return turned
 
