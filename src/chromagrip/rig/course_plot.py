@@ -179,10 +179,10 @@ class CoursePlot:
         true, seen = TRUE, ESTIMATED
         keys = [
             Line2D([], [], color=true, lw=2, label="true, with torsion"),
-            Line2D([], [], color=true, lw=0.8, label="Γ, without"),
+            Line2D([], [], color=true, lw=0.8, label="true Γ"),
             Line2D([], [], color=seen, lw=2, label=f"{self._kind}, with torsion"),
             Patch(color=_BAND, label="its 90 % interval"),
-            Line2D([], [], color=seen, lw=0.8, label="Γ, without"),
+            Line2D([], [], color=seen, lw=0.8, label=f"{self._kind} Γ"),
             Line2D([], [], color=LOAD, lw=1, ls=":", label=f"{100 * self._desired:g} %"),
         ]
         look = {"frameon": False, "fontsize": 8.5, "handlelength": 1.4, "columnspacing": 1.3}

@@ -194,7 +194,7 @@ def _parts(dome: SoftBody, colour: Colour) -> tuple[tuple[Shape, float, Colour],
     else:
         silicone, below = box((2 * radius, dome.thickness, 2 * radius)), 0.5 * dome.thickness
     length = _HOUSING * radius
-    housing = cylinder(1.02 * radius, length, 0.1 * radius)
+    housing = cylinder(1.02 * radius, length, 0.02 * radius)
     return (silicone, below, colour), (housing, 2 * below + 0.5 * length, HOUSING)
 
 
