@@ -32,6 +32,8 @@ SIDE = 232
 ZOOM = 2
 #: Width and height of the scene from the side [px].
 SCENE = (1280 - 3 * SIDE, 2 * SIDE)
+#: Height of the text below the view along the pinch [px].
+CAPTION = 22
 #: Size of the plots [px].
 PLOTS = (WIDTH, HEIGHT - HEAD - 2 * SIDE)
 #: Colours of an outcome: held, and any other.
@@ -58,7 +60,7 @@ class PinchVideo(VideoFile):
         super().__init__(path, FPS, QUALITY)
         self._scene, self._seen = scene, scene.path == "camera"
         pinch = build_pinch(scene)
-        self.stage = set_stage(pinch, scene.duration_s, SCENE, (SIDE, SIDE))
+        self.stage = set_stage(pinch, scene.duration_s, SCENE, (SIDE, SIDE - CAPTION))
         domes = [each.build_sensor().dome for each in fingers(scene)] if self._seen else []
         self._tractions = [
             TractionPicture(dome, ZOOM * SIDE) for dome in domes or (pinch.first, pinch.second)
@@ -97,10 +99,10 @@ class PinchVideo(VideoFile):
             _put(whole, camera, (left, HEAD))
             _put(whole, tractions[k], (left, HEAD + SIDE))
         _put(whole, draw_side(self.stage, sample.truth), (SIDE, HEAD))
-        along = draw_along(self.stage, sample.truth)
-        write(along, "along the pinch, from finger 1", (8, SIDE - 8), INK)
-        _put(whole, along, (SIDE + SCENE[0], HEAD))
-        _put(whole, self._legend(sample), (SIDE + SCENE[0], HEAD + SIDE))
+        column = SIDE + SCENE[0]
+        _put(whole, draw_along(self.stage, sample.truth), (column, HEAD))
+        write(whole, "along the pinch, from finger 1", (column + 8, HEAD + SIDE - 6), INK)
+        _put(whole, self._legend(sample), (column, HEAD + SIDE))
         _put(whole, self.plot.draw(self.courses), (0, HEAD + 2 * SIDE))
         self._head(whole, sample)
         return whole
