@@ -152,6 +152,7 @@ class PinchVideo(VideoFile):
         legend = np.full((SIDE, SIDE, 3), _WHITE, np.uint8)
         truth = sample.truth.record
         lines = (
+            "the object in truth:",
             f"rise {1e3 * self._rise(sample):z.1f} mm",
             f"slid by {1e3 * truth.slide:.2f} mm",
             f"turned by {math.degrees(truth.turn):z.1f} deg",
@@ -159,8 +160,8 @@ class PinchVideo(VideoFile):
             f"mean pressure {1e-3 * truth.pressure:.0f} kPa",
         )
         for k, line in enumerate(lines):
-            write(legend, line, (10, 20 + 19 * k), INK)
-        self._tractions[0].legend(legend, (10, 20 + 19 * len(lines) + 16))
+            write(legend, line, (10, 16 + 19 * k), INK)
+        self._tractions[0].legend(legend, (10, 20 + 19 * len(lines) + 10))
         return legend
 
     def _rise(self, sample: PinchSample) -> float:
