@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import njit
-from ..model.kernels.dome.distance_kernels import distance
+from ..model.shapes import distance
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
