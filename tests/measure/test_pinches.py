@@ -1,0 +1,104 @@
+"""Scorecards of pinches: outcomes are counted as they are, beside the constant grip that holds."""
+
+import math
+
+import pytest
+
+from chromagrip.errors import UserError
+from chromagrip.measure.bench.parts import bench
+from chromagrip.measure.pinches import bench as pinches
+from chromagrip.measure.pinches.bench import (
+    CONSTANT,
+    GRIPS,
+    LIFT,
+    OTHERS,
+    Outcome,
+    Task,
+    constant_that_holds,
+    object_in_hand,
+    outcome_of,
+    report_of,
+    tasks,
+)
+from chromagrip.output.report import values
+from chromagrip.scene.fingers import build_pinch
+from chromagrip.scene.scene import load_scene
+from chromagrip.thesis import OBJECTS
+
+
+def run(outcome: str = "held", pressure: float = 50.0) -> Outcome:
+    return Outcome(outcome, pressure, turn=1.0, elastic=2.0, grip=3.0, energy=4.0, rate=5.0)
+
+
+def lifts(path: str, name: str, *runs: Outcome | str) -> dict[Task, Outcome | str]:
+    return {Task(LIFT, path, name, thing, 0): each for thing, each in enumerate(runs)}
+
+
+def test_outcomes_are_counted_and_a_run_that_stopped_is_none_of_them() -> None:
+    runs = lifts("truth", "a", run(), run("dropped"), run("dropped"), run("crushed"), "gave up")
+    found = values(report_of(runs, 3.0, True).rows)
+    case = (LIFT, "truth", "a")
+    counts = [found[*case, name] for name in ("runs", "held", "dropped", "turned", "crushed")]
+    assert counts == [5, 1, 2, 0, 1]
+    assert found[*case, "stopped"] == 1
+
+
+def test_pressure_is_compared_with_the_constant_grip() -> None:
+    runs = lifts("camera", "a", run(pressure=30.0), run(pressure=50.0))
+    runs |= lifts("truth", CONSTANT, run(pressure=80.0), run(pressure=80.0))
+    found = values(report_of(runs, 4.0, True).rows)
+    assert found[LIFT, "camera", "a", "gentler"] == pytest.approx(50.0)
+    assert found[LIFT, "truth", CONSTANT, "smallest"] == 4.0
+    without = values(report_of(runs, None, True).rows)
+    assert (LIFT, "camera", "a", "gentler") not in without
+
+
+def test_the_constant_grip_is_the_smallest_that_lifts_every_object(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def outcome(task: Task) -> Outcome:
+        assert task.grip is not None
+        assert task.thing is not None
+        return run("held" if task.grip >= 3.0 + task.thing else "dropped")
+
+    monkeypatch.setattr(pinches, "map_processes", lambda _, todo, *__, **___: map(outcome, todo))
+    grip, runs = constant_that_holds((0, 2), lambda _: None)
+    assert grip == 5.0
+    assert {task.grip for task in runs} == {5.0}
+    grip, runs = constant_that_holds((0, 20), lambda _: None)
+    assert grip is None
+    assert {task.grip for task in runs} == {GRIPS[-1]}
+
+
+@pytest.mark.parametrize("thing", [0, 1, 2])
+def test_objects_have_the_radius_of_the_thesis_across_the_pinch(thing: int) -> None:
+    pinch = build_pinch(load_scene(LIFT, object_in_hand(thing)))
+    radius = OBJECTS[thing].radius_mm
+    across = float(pinch.solid.shape.bounds[1, 2] - pinch.solid.shape.bounds[0, 2])
+    expected = 30e-3 if math.isinf(radius) else 2e-3 * radius
+    assert across == pytest.approx(expected)
+
+
+def test_every_scene_and_controller_is_run() -> None:
+    todo = tasks(False, ("margin-inversion", "conservative"))
+    assert {task.scene for task in todo} == {LIFT, *OTHERS}
+    seen = [task for task in todo if task.path == "camera"]
+    assert {task.controller for task in seen} == {"margin-inversion"}
+    assert len(seen) == 3 * len(OBJECTS)
+    assert len(set(todo)) == len(todo)
+
+
+def test_too_small_a_grip_drops_and_a_large_one_holds() -> None:
+    small, large = (outcome_of(Task(LIFT, "truth", CONSTANT, 9, 0, grip)) for grip in (1.0, 6.0))
+    assert isinstance(small, Outcome)
+    assert isinstance(large, Outcome)
+    # Both fingers hold 200 g: 2·µ·N has to be above 1.96 N, with µ = 0.5.
+    assert (small.outcome, large.outcome) == ("dropped", "held")
+    assert large.grip == pytest.approx(6.0, rel=0.02)
+
+
+def test_a_controller_that_is_none_is_refused_before_anything_runs() -> None:
+    with pytest.raises(UserError, match="no controller 'mine'"):
+        bench("control", True, print, controllers=("mine",), world="pinch")
+    with pytest.raises(UserError, match="--world pinch with bench control"):
+        bench("model", True, print, world="pinch")
