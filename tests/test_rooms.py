@@ -41,7 +41,7 @@ MAY_IMPORT = {
     "dataset": "model render tracking control output scene loop",
     "rig": "model render tracking control output scene loop",
     "live": "model render tracking control output scene loop",
-    "measure": "model render tracking control output scene loop pictures calibrate dataset",
+    "measure": "model render tracking control output scene loop pictures calibrate dataset rig",
     "cli": "model render tracking control output scene loop pictures calibrate dataset measure rig",
 }
 #: Modules beside the rooms: the entry points.

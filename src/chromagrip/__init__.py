@@ -12,20 +12,20 @@ from .links import guard as _guard
 
 if TYPE_CHECKING:
     from .errors import UserError
-    from .loop.rig import Rig
-    from .loop.rig import open_rig as open
     from .loop.run_folder import Result, run
+    from .loop.steps.rig import Rig
+    from .loop.steps.rig import open_rig as open
     from .scene.scene import Scene, load_scene, scene_names
 
     __version__: str
 
 _HOMES = {
     "Result": "loop.run_folder:Result",
-    "Rig": "loop.rig:Rig",
+    "Rig": "loop.steps.rig:Rig",
     "Scene": "scene.scene:Scene",
     "UserError": "errors:UserError",
     "load_scene": "scene.scene:load_scene",
-    "open": "loop.rig:open_rig",
+    "open": "loop.steps.rig:open_rig",
     "run": "loop.run_folder:run",
     "scene_names": "scene.scene:scene_names",
 }

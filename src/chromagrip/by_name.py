@@ -1,6 +1,7 @@
 """Methods by name: ours, installed plug-ins, any other `module:Class`, and objects from Python.
 
-Each kind of method (tracker, reconstructor, controller, renderer, integrator) has one `Registry`.
+Each kind of method (tracker, reconstructor, controller, renderer, integrator, gripper) has one
+`Registry`.
 """
 
 import traceback

@@ -49,7 +49,10 @@ def same(one: list[Step], other: list[Step]) -> bool:
     )
 
 
-@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize(
+    "observation",
+    ["image", pytest.param("markers", marks=pytest.mark.slow), "forces", "margin"],
+)
 def test_gymnasium_finds_nothing_wrong(
     observation: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -140,6 +143,22 @@ def test_worker_processes_give_the_same_bytes() -> None:
     assert (runs[0][:, 0] != runs[0][:, 1]).any()
 
 
+def test_a_state_goes_from_process_to_process() -> None:
+    name = f"chromagrip.rig:{NAME}"
+    make = [lambda: gymnasium.make(name, observation="forces", changes=NOISY)]
+    vector = AsyncVectorEnv(make, context="forkserver")
+    vector.reset(seed=[9])
+    for one in drawn(4):
+        vector.step(one[None])
+    (state,) = vector.call("save")
+    there = [vector.step(one[None])[0][0].tobytes() for one in drawn(6, 1)]
+    vector.close()
+    env = made(observation="forces", changes=NOISY)
+    env.reset(seed=0)
+    env.restore(state)
+    assert [step[0].tobytes() for step in rolled(env, drawn(6, 1))] == there
+
+
 def test_holding_gently_pays_best_and_dropping_ends_it() -> None:
     env = made(changes={"duration_s": 2.0})
     returns = {}
@@ -195,9 +214,23 @@ def test_an_action_may_be_a_rate() -> None:
     assert grips == pytest.approx([0.5, 0.75, 0.5, 1.0, 1.5, 2.0, 2.0, 2.0])
 
 
+def test_a_dome_is_an_environment_too() -> None:
+    env = made(scene="dome-1", observation="forces", changes={"duration_s": 0.2})
+    env.reset(seed=0)
+    steps = rolled(env, [action(2.0)] * 5)
+    shown = dict(zip(FORCES, steps[-1][0].tolist(), strict=True))
+    assert shown["normal_n"] == pytest.approx(-shown["force_z_n"], rel=0.05)
+    assert shown["normal_n"] > 0.5
+    for _, reward, terminated, truncated, info in steps:
+        kinds = [type(reward), type(terminated), type(truncated), type(info["rigid_slip_mm"])]
+        assert kinds == [float, bool, bool, float]
+    env.reset(seed=0)
+    assert same(steps, rolled(env, [action(2.0)] * 5))
+
+
 def test_a_reset_may_change_the_scene_for_one_grasp() -> None:
     env = made()
-    env.reset(seed=0, options={"changes": {"object.friction": 0.9}})
+    env.reset(seed=0, options={"changes": {"object.friction": np.float64(0.9)}})
     rolled(env, [action(2.0)] * 8)
     assert env._rig.truth.friction == pytest.approx(0.9, abs=1e-9)
     env.reset(seed=0)

@@ -121,14 +121,26 @@ class FrictionRule:
     every: bool = False
 
 
+# Functions with names, so that a saved grasp can be sent to another process.
+
+
+def _always(field: ForceField) -> bool:
+    return True
+
+
+def _read(field: ForceField) -> FrictionReading:
+    return field.friction_reading or FRICTION["core-quantile"](field)
+
+
+def _may_fall(field: ForceField) -> bool:
+    return field.friction_reading is not None or mostly_slipping(field)
+
+
 #: As the thesis does it: maximum ratio, every frame counts (Eq. 8).
-THESIS_RULE = FrictionRule(read=FRICTION["max-ratio"], may_fall=lambda field: True, every=True)
+THESIS_RULE = FrictionRule(read=FRICTION["max-ratio"], may_fall=_always, every=True)
 #: For forces with noise: the reconstructor's own reading, or else the ratios' upper quartile; held
 #: while µ cannot be seen.
-CAMERA_RULE = FrictionRule(
-    read=lambda field: field.friction_reading or FRICTION["core-quantile"](field),
-    may_fall=lambda field: field.friction_reading is not None or mostly_slipping(field),
-)
+CAMERA_RULE = FrictionRule(read=_read, may_fall=_may_fall)
 
 
 @dataclass(frozen=True, kw_only=True)

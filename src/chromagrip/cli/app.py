@@ -22,7 +22,19 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from ..errors import UserError
-from . import calibrate, dataset, grasp, limit, lists, measure, pictures, readouts, render, score
+from . import (
+    calibrate,
+    dataset,
+    grasp,
+    limit,
+    lists,
+    measure,
+    pictures,
+    readouts,
+    render,
+    score,
+    sweep,
+)
 from .options import signal_exit_code, take_signals
 
 NAME = "chromagrip"
@@ -38,6 +50,7 @@ KINDS = {"FLOAT": "a number", "INT": "a whole number"}
 COMMANDS: dict[str, Command] = {
     "grasp": grasp.grasp,
     "plan": grasp.plan,
+    "sweep": sweep.sweep,
     "render": render.render,
     "detect": pictures.detect,
     "track": pictures.track,

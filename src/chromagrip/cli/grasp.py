@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ..errors import UserError, located
+from ..errors import UserError
 from ..output.frames import FrameFormat
 from ..scene import load_scene
 from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
@@ -23,7 +23,7 @@ from .options import (
     value_table,
 )
 from .pinch import run_two
-from .readouts import make_dome_tables, train_if_missing
+from .readouts import prepare_scene
 
 if TYPE_CHECKING:
     from ..loop.trace import Summary
@@ -73,6 +73,29 @@ def grasp(
         FrameFormat | None,
         option("keep the camera's raw pictures too, lossless, in DIR/frames", "png|ffv1"),
     ] = None,
+    answer_within: Annotated[
+        float, option("time in which a module:Class must answer; inf is no limit", "SECONDS")
+    ] = 60.0,
+    source: Annotated[
+        str | None,
+        option(
+            "frames from outside instead of the simulation: camera:0, a folder, a video or "
+            "pipe:FILE; the first ones show the unloaded sensor",
+            "SOURCE",
+        ),
+    ] = None,
+    gripper: Annotated[
+        str | None,
+        option("of --source: class with command(force); by default simulated", "NAME|MODULE:CLASS"),
+    ] = None,
+    gripper_arguments: Annotated[
+        tuple[str, ...],
+        tyro.conf.UseAppendAction,
+        option("argument of the gripper's class", "NAME=VALUE", "gripper-arg"),
+    ] = (),
+    frame_within: Annotated[
+        float | None, option("of --source: time in which the next frame must come", "SECONDS")
+    ] = None,
     json_only: Annotated[
         Flag,
         option("print the summary as JSON; a folder is written only with --out", name="json"),
@@ -93,39 +116,59 @@ def grasp(
         "seed": seed,
     }
     changed: dict[str, Any] = {key: v for key, v in shortcuts.items() if v is not None}
-    for text in arguments:
-        if "=" not in text:
-            raise UserError(f"--arg {text}: expected name=value, such as gain=2")
-        name, value = parse_change(text)
+    for name, value in _arguments("--arg", arguments).items():
         changed[f"controller_arguments.{name}"] = value
     changed |= dict(parse_change(text) for text in changes)
     resolved = load_scene(scene, changed)
+    if not answer_within > 0.0:
+        raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")
     if frames is not None and out is None and json_only:
         raise UserError(f"--frames {frames} needs a folder: give --out beside --json")
+    outside: dict[str, Any] = {
+        "gripper": gripper,
+        "gripper_arguments": _arguments("--gripper-arg", gripper_arguments) or None,
+        "frame_within_s": frame_within,
+    }
+    chosen = {name: value for name, value in outside.items() if value is not None}
+    if source is None and chosen:
+        flag = next(iter(chosen)).removesuffix("_s").replace("_", "-").removesuffix("uments")
+        raise UserError(f"--{flag} goes with --source")
+    if source is not None and frames is not None:
+        raise UserError(f"--frames {frames} does not go with --source, whose frames are there")
+    if frame_within is not None and not frame_within > 0.0:
+        raise UserError(f"--frame-within {frame_within}: expected more than 0; inf is no limit")
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
     if resolved.pinch.mass_g:
-        if frames is not None:
-            raise UserError("--frames keeps the pictures of one finger; this scene is a pinch")
-        return run_two(resolved, out, overwrite, json_only)
+        if frames is not None or source is not None:
+            raise UserError("--frames and --source are for one finger; this scene is a pinch")
+        return run_two(resolved, out, overwrite, answer_within, json_only)
 
-    from ..loop.methods import reconstructor_for  # OpenCV loads only when something is run
-    from ..loop.observers import known_sensor
-    from ..loop.run_folder import run
+    from ..loop.run_folder import run  # OpenCV loads only when something is run
 
-    make_dome_tables(resolved, pictures=out is not None or resolved.path == "camera")
-    if resolved.path == "camera" and not resolved.build_sensor().shape.flat:
-        with located(f"sensor {resolved.sensor}"):
-            name = reconstructor_for(resolved.body, resolved.reconstructor)
-            train_if_missing(known_sensor(resolved), name)
+    prepare_scene(resolved, pictures=out is not None or resolved.path == "camera")
+    shared: dict[str, Any] = {"overwrite": overwrite, "answer_within_s": answer_within}
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
-        result = run(resolved, out, overwrite=overwrite, progress=progress, frames=frames)
+        if source is not None:
+            from ..rig.outside_run import run_outside
+
+            result = run_outside(resolved, source, out, progress=progress, **shared, **chosen)
+        else:
+            result = run(resolved, out, progress=progress, frames=frames, **shared)
     if json_only:
         print(json.dumps(result.summary))
     else:
         _print_summary(result.summary, result.folder)
     return 0
+
+
+def _arguments(flag: str, texts: tuple[str, ...]) -> dict[str, Any]:
+    """Arguments of a class by name, from texts NAME=VALUE."""
+    for text in texts:
+        if "=" not in text:
+            raise UserError(f"{flag} {text}: expected name=value, such as gain=2")
+    return dict(parse_change(text) for text in texts)
 
 
 def _print_summary(summary: "Summary", folder: Path | None) -> None:
@@ -149,6 +192,8 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
             f"{number(summary['final_limit_margin_estimated'])} estimated; "
             f"the object turned by {number(summary['final_turn_deg'], 1)}°",
         )
+    if summary.get("frames_skipped"):
+        table.add_row("frames left out", f"{summary['frames_skipped']}: the loop was too slow")
     if summary["without_estimate"]:
         because = next(iter(summary["without_estimate_because"]))
         frames = f"{summary['without_estimate']} of {summary['frames']} frames"
@@ -156,11 +201,12 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
     table.add_row("error of the margin, RMS", number(summary["margin_rmse"]))
     if summary["camera_pose"] and summary["camera_pose"]["notable"]:
         table.add_row("camera", pose_words(summary["camera_pose"]))
-    table.add_row(
-        "lateral displacement",
-        f"{number(summary['lateral_displacement_mm'])} mm, "
-        f"{'gross slip' if summary['gross_slip'] else 'no gross slip'}",
-    )
+    if summary["gross_slip"] is not None:  # which frames from outside do not tell
+        table.add_row(
+            "lateral displacement",
+            f"{number(summary['lateral_displacement_mm'])} mm, "
+            f"{'gross slip' if summary['gross_slip'] else 'no gross slip'}",
+        )
     for event in summary["slip_reactions"]:
         table.add_row(
             "reacted to slip at",

@@ -96,7 +96,7 @@ def bench(
         result = measure(
             part, quick, report, trackers, reconstructors, controllers, world, groups, scenes
         )
-    return _print(result, None, json_only)
+    return print_result(result, None, json_only)
 
 
 def chart(
@@ -129,7 +129,7 @@ def chart(
     parts = list(PARTS) if part == "all" else [part]
     with status() as report:
         result = charts(parts, quick, out, overwrite, report, reconstructors)
-    return _print(result, out, json_only)
+    return print_result(result, out, json_only)
 
 
 def _update(part: str) -> int:
@@ -184,7 +184,7 @@ def stability(
             result = parts.stability_track(quick, out, overwrite, report, trackers)
         else:
             result = parts.stability_model(quick, out, overwrite, report)
-    return _print(result, out, json_only)
+    return print_result(result, out, json_only)
 
 
 def reproduce(
@@ -228,10 +228,11 @@ def reproduce(
     parts: list[str] = list(PARTS) if part == "all" else [part]
     with status() as report:
         result, _ = compare(parts, Plan(quick, camera), out, overwrite, workers, report)
-    return _print(result, out, json_only)
+    return print_result(result, out, json_only)
 
 
-def _print(result: Report, folder: Path | None, json_only: bool) -> int:
+def print_result(result: Report, folder: Path | None, json_only: bool) -> int:
+    """Print a report, and the folder that holds more."""
     if json_only:
         print(json.dumps(result.as_json()))
         return 0

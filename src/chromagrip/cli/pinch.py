@@ -4,30 +4,27 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import located
 from ..scene.fingers import fingers
 from .options import counting, print_table, value_table
-from .readouts import make_dome_tables, train_if_missing
+from .readouts import prepare_scene
 
 if TYPE_CHECKING:
     from ..loop.trace import Summary
     from ..scene.scene import Scene
 
 
-def run_two(scene: "Scene", out: Path | None, overwrite: bool, json_only: bool) -> int:
+def run_two(
+    scene: "Scene", out: Path | None, overwrite: bool, answer_within: float, json_only: bool
+) -> int:
     """Run a pinch, and print its summary."""
-    from ..loop.methods import reconstructor_for  # OpenCV loads only when something is run
-    from ..loop.observers import known_sensor
-    from ..rig.pinch_run import run_pinch
+    from ..rig.pinch_run import run_pinch  # OpenCV loads only when something is run
 
     for finger in fingers(scene):
-        make_dome_tables(finger, pictures=scene.path == "camera")
-        if scene.path == "camera":
-            with located(f"sensor {finger.sensor}"):
-                name = reconstructor_for(scene.body, scene.reconstructor)
-                train_if_missing(known_sensor(finger), name)
+        prepare_scene(finger, pictures=scene.path == "camera")
     with counting(f"{scene.controller}, {scene.path}", "frames") as progress:
-        result = run_pinch(scene, out, overwrite=overwrite, progress=progress)
+        result = run_pinch(
+            scene, out, overwrite=overwrite, progress=progress, answer_within_s=answer_within
+        )
     if json_only:
         print(json.dumps(result.summary))
     else:

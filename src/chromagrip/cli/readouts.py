@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.table import Table
 
+from ..errors import located
 from .options import CORES, Json, counting, option, print_table, status, value_table
 
 if TYPE_CHECKING:  # OpenCV loads only when something is run
@@ -54,6 +55,24 @@ def train_if_missing(known: "SensorCalibration", reconstructor: str) -> None:
     print(f"chromagrip: {training_notice(known)}", file=sys.stderr, flush=True)
     with status() as report:
         ensure_readout(known, report, CORES)
+
+
+def prepare_scene(scene: "Scene", pictures: bool) -> None:
+    """Make what a run of a scene needs and is not kept yet: a dome's tables and a read-out.
+
+    Parameters
+    ----------
+    scene: that will be run
+    pictures: whether pictures of it are drawn
+    """
+    from ..loop.methods import reconstructor_for
+    from ..loop.observers import known_sensor
+
+    make_dome_tables(scene, pictures)
+    if scene.path == "camera" and not scene.build_sensor().shape.flat:
+        with located(f"sensor {scene.sensor}"):
+            name = reconstructor_for(scene.body, scene.reconstructor)
+            train_if_missing(known_sensor(scene), name)
 
 
 def make_dome_tables(scene: "Scene", pictures: bool) -> None:

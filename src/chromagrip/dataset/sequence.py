@@ -12,7 +12,7 @@ from ..errors import UserError
 from ..loop.camera import SimulatedCamera
 from ..loop.grasp import grasp
 from ..loop.poses.moves import moves
-from ..loop.rig import Sample
+from ..loop.steps.sample import Sample
 from ..model import DomeState, SoftBody, State, rest_state
 from ..output.processes import one_thread
 from ..render import DomeMap, Flaws, Renderer, load_sensor, open_renderer

@@ -4,8 +4,9 @@ from .camera import open_camera
 from .fidelity import Fidelity
 from .grasp import grasp
 from .latency import arrivals
-from .rig import Rig, RigState, Sample, open_rig
 from .run_folder import Result, run
+from .steps.rig import Rig, RigState, open_rig
+from .steps.sample import Sample
 from .trace import COLUMNS, Trace, summarise
 
 __all__ = [

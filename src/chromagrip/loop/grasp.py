@@ -1,14 +1,17 @@
 """The closed loop: model → camera → tracking → control → model, one sample a frame."""
 
+import math
 from collections.abc import Iterator
 
 from ..model import Fingertip
+from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Scene
 from ..tracking import SensorCalibration
 from .camera import SimulatedCamera
 from .latency import HoldingController
 from .methods import Methods
-from .rig import Rig, Sample
+from .steps.rig import Rig
+from .steps.sample import Sample
 
 
 def grasp(
@@ -17,6 +20,7 @@ def grasp(
     fingertip: Fingertip | None = None,
     known: SensorCalibration | None = None,
     methods: Methods | None = None,
+    answer_within: float = math.inf,
 ) -> Iterator[Sample]:
     """Samples of a grasp, as they happen.
 
@@ -26,16 +30,18 @@ def grasp(
     camera: that takes the frames; the truth path needs none
     fingertip, known: chain that grips, and calibration of the estimator; None are the scene's
     methods: controller, tracker and reconstructor; None are the scene's
+    answer_within: time in which a controller that is not ours must answer [s]
 
     Raises
     ------
     UserError
-        For a flat sensor; when the node model cannot go on; when a controller raises, or its
-        answer is not a finite force of at least 0.
+        For a flat sensor; when the node model cannot go on; when a controller raises, does not
+        answer in time, or answers with what is not a finite force of at least 0.
     """
     methods = methods or Methods.of_scene(scene)
     rig = Rig(scene, methods, camera=camera, fingertip=fingertip, known=known)
-    controller = HoldingController(methods.build_controller(scene), scene.controller)
+    limit = math.inf if scene.controller in CONTROLLERS.entries else answer_within
+    controller = HoldingController(methods.build_controller(scene), scene.controller, limit)
     controller.start(rig.reset())
     while True:
         grip = controller.command(rig.arrived)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..by_name import blaming
 from ..control import Controller, GripObservation
 from ..errors import UserError
+from ..output.time_limit import NoAnswerError, TimeLimit
 from ..scene.scene import Scene
 
 #: Stream of random numbers that lost and late frames are drawn from; those below are defects'.
@@ -85,11 +86,13 @@ class HoldingController:
     ----------
     controller: that answers
     name: of the controller, for messages
+    limit: time in which it must answer [s]; infinite is none
     """
 
-    def __init__(self, controller: Controller, name: str) -> None:
+    def __init__(self, controller: Controller, name: str, limit: float = math.inf) -> None:
         self._controller = controller
         self._name = name
+        self._limit = TimeLimit(limit)
         self._grip = math.nan
         self._reset()
 
@@ -99,7 +102,8 @@ class HoldingController:
         Raises
         ------
         UserError
-            When the controller raises, or its answer is not a finite force of at least 0.
+            When the controller raises, does not answer in time, or answers with what is not a
+            finite force of at least 0; it says at which force the grip stays.
         """
         self._grip = self._answer(Arrived(0, observation))
         self._reset()
@@ -119,14 +123,30 @@ class HoldingController:
     def _reset(self) -> None:
         failure = f"controller {self._name} failed before the first sample"
         with blaming(failure, Exception, SystemExit):
-            self._controller.reset()
+            self._limit.call(self._controller.reset)
 
     def _answer(self, arrived: Arrived) -> float:
         """Force that the controller commands for an observation [N]."""
+        try:
+            return self._checked(arrived)
+        except UserError as error:
+            if math.isnan(self._grip):
+                raise
+            raise UserError(f"{error}; the grip stays at {self._grip:.4g} N") from error.__cause__
+
+    def _checked(self, arrived: Arrived) -> float:
+        who = f"controller {self._name}"
         place = f"at t = {arrived.observation.time:.4g} s, sample {arrived.index}"
-        with blaming(f"controller {self._name} failed {place}", Exception, SystemExit):
-            force = float(self._controller.command(arrived.observation).force)
-        return checked_force(force, f"controller {self._name} commanded", place)
+        with blaming(f"{who} failed {place}", Exception, SystemExit):
+            try:
+                answer = self._limit.call(self._controller.command, arrived.observation)
+            except NoAnswerError:
+                answer = None
+            else:
+                force = float(answer.force)
+        if answer is None:
+            raise UserError(f"{who} did not answer within {self._limit.seconds:g} s {place}")
+        return checked_force(force, f"{who} commanded", place)
 
 
 def checked_force(force: float, who: str, place: str = "") -> float:

@@ -7,7 +7,7 @@ import json
 import shutil
 import time
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +28,9 @@ from ..tracking.forces.chain import Used, used
 from .camera import SimulatedCamera, open_camera
 from .grasp import grasp
 from .methods import Methods, choose
-from .rig import Sample, readable
-from .trace import COLUMNS, Summary, Trace, columns_of, make_trace, row, summarise
+from .steps.rig import readable
+from .steps.sample import Sample
+from .trace import COLUMNS, Summary, Trace, TraceLines, columns_of, make_trace, row, summarise
 
 if TYPE_CHECKING:
     from .tactile_video import TactileVideo
@@ -38,6 +39,12 @@ if TYPE_CHECKING:
 FILES = ("summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml")
 #: Folder of the camera's raw pictures in it, where they were asked for.
 FRAMES = "frames"
+#: Folder of unfinished files in it.
+PARTS = ".parts"
+#: Lines of the trace until now, in `PARTS`, for a run that is killed.
+LINES = "trace.csv"
+#: Time in which a controller that is not ours must answer [s].
+ANSWER_WITHIN_S = 60.0
 
 #: Called after each frame with the frames done and all frames.
 Progress = Callable[[int, int], None]
@@ -72,6 +79,7 @@ def run(
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
     frames: FrameFormat | None = None,
+    answer_within_s: float = ANSWER_WITHIN_S,
 ) -> Result:
     """Run a scene; with `out`, write summary, trace, figure, video and scene into that folder.
 
@@ -88,6 +96,7 @@ def run(
         factory without arguments, or a name
     tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
     frames: keep the camera's raw pictures too, in the folder `frames` of `out`
+    answer_within_s: time in which a controller that is not ours must answer; inf is no limit
 
     Raises
     ------
@@ -105,6 +114,7 @@ def run(
         reconstructor=reconstructor,
         renderer=renderer,
     )
+    within = _positive(answer_within_s)
     methods.build_controller(scene)  # a controller that cannot be made leaves no folder
     known = readable(scene, methods)
     read_with = None if known is None else used(methods.reconstructor, known)
@@ -115,9 +125,9 @@ def run(
         if scene.path == "camera" or scene.body == "chain" or out is not None:
             camera = stack.enter_context(closing(open_camera(scene, methods)))
         if out is None:
-            return _record(scene, methods, camera, known, read_with, None, progress)
+            return _record(scene, methods, camera, known, read_with, None, progress, within)
         with RunFiles(Path(out), overwrite, scene, frames) as files:
-            return _record(scene, methods, camera, known, read_with, files, progress)
+            return _record(scene, methods, camera, known, read_with, files, progress, within)
 
 
 def _record(
@@ -128,10 +138,11 @@ def _record(
     read_with: Used | None,
     files: "RunFiles | None",
     progress: Progress | None,
+    within: float,
 ) -> Result:
     """Run the loop, and write its results however it ends."""
     rows = array("d")
-    samples = grasp(scene, camera, known=known, methods=methods)
+    samples = grasp(scene, camera, known=known, methods=methods, answer_within=within)
     seconds = 0.0
     rest: Tracks | None = None
     reasons: list[str] = []
@@ -146,8 +157,10 @@ def _record(
             rest = sample.rest
             if sample.observation is not None and sample.observation.no_estimate:
                 reasons.append(sample.observation.no_estimate)
-            rows.extend(row(sample))
+            line = row(sample)
+            rows.extend(line)
             if files is not None:
+                files.keep(line)
                 files.show(sample, camera)
             if progress is not None:
                 progress(len(rows) // len(COLUMNS), scene.frames)
@@ -158,6 +171,12 @@ def _record(
             files.write(trace, summary)
     folder = None if files is None else files.folder
     return Result(scene=scene, summary=summary, trace=trace, folder=folder)
+
+
+def _positive(answer_within_s: float) -> float:
+    if not answer_within_s > 0.0:
+        raise UserError(f"answer_within_s = {answer_within_s} must be above 0; inf is no limit")
+    return answer_within_s
 
 
 def _pose(known: SensorCalibration | None, rest: Tracks | None) -> CameraPose | None:
@@ -171,8 +190,8 @@ def _pose(known: SensorCalibration | None, rest: Tracks | None) -> CameraPose | 
 class RunFiles:
     """Files of a run, which get their final names together, once all are written.
 
-    Until then they lie in a folder inside the run folder. A disk that fills leaves nothing but the
-    scene.
+    Until then they lie in a folder inside the run folder, with the lines of the trace as text: a
+    run that is killed leaves them. A disk that fills leaves nothing but the scene.
 
     Parameters
     ----------
@@ -186,11 +205,13 @@ class RunFiles:
         self, folder: Path, overwrite: bool, scene: Scene, frames: FrameFormat | None = None
     ) -> None:
         self.folder = folder
-        self._parts = folder / ".parts"
+        self._parts = folder / PARTS
         self._scene = scene
         self._video: TactileVideo | None = None
         self._frames: FrameFiles | None = None
         self._slot = -1
+        self._lines: TraceLines | None = None
+        refuse_killed(folder, overwrite)
         prepare(folder, overwrite)
         with self._writing():
             self._discard()
@@ -201,6 +222,7 @@ class RunFiles:
             part = self._parts / "scene.toml"
             part.write_text(scene_text(scene), encoding="utf-8")
             part.replace(folder / part.name)
+            self._lines = TraceLines(self._parts / LINES)
             self._video = _open_video(self._parts, scene)
             if frames is not None:
                 self._frames = FrameFiles(self._parts / FRAMES, frames, scene.camera.rate_hz)
@@ -212,6 +234,12 @@ class RunFiles:
     def __exit__(self, *_: object) -> None:
         """Remove unfinished files."""
         self._discard()
+
+    def keep(self, line: Sequence[float]) -> None:
+        """Append a line of the trace to what a kill leaves."""
+        if self._lines is not None:
+            with self._writing():
+                self._lines.add(line)
 
     def show(self, sample: Sample, camera: SimulatedCamera | None) -> None:
         """Append a sample to the video, when its next picture is due, and keep its picture."""
@@ -245,6 +273,8 @@ class RunFiles:
             if self._frames is not None:
                 self._frames.close()
             _write_results(self._parts, self._scene, trace, summary)
+            if self._lines is not None:
+                self._lines.drop()
             for part in sorted(self._parts.iterdir()):
                 part.replace(self.folder / part.name)
 
@@ -262,13 +292,23 @@ class RunFiles:
 
     def _discard(self) -> None:
         """Close and remove unfinished files."""
-        unfinished = (self._video, self._frames)
-        self._video = self._frames = None
+        unfinished = (self._video, self._frames, self._lines)
+        self._video = self._frames = self._lines = None
         for file in unfinished:
             if file is not None:
                 with suppress(OSError, UserError):
                     file.close()
         shutil.rmtree(self._parts, ignore_errors=True)
+
+
+def refuse_killed(folder: Path, overwrite: bool) -> None:
+    """Refuse a folder of a run that was killed, and say where its trace is."""
+    lines = folder / PARTS / LINES
+    if not overwrite and lines.is_file():
+        raise UserError(
+            f"folder {folder} holds a run that was killed; its trace until then is {lines}; "
+            "choose another folder or give --overwrite"
+        )
 
 
 def _open_video(folder: Path, scene: Scene) -> "TactileVideo":
@@ -278,18 +318,22 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo":
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
-    pa = need("pyarrow", "data")
-    pq = need("pyarrow.parquet", "data")
-
     from .figure import draw_figure
 
-    names = columns_of(scene.body)
-    table = pa.table({name: pa.array(trace[name]) for name in names})
-    meaning = {name: COLUMNS[name].encode() for name in names}
-    pq.write_table(table.replace_schema_metadata(meaning), folder / "trace.parquet")
+    write_trace(scene, trace, folder / "trace.parquet")
     draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+
+
+def write_trace(scene: Scene, trace: Trace, path: Path) -> None:
+    """Write a trace as a Parquet table, which holds the meaning of its columns."""
+    pa = need("pyarrow", "data")
+    pq = need("pyarrow.parquet", "data")
+    names = columns_of(scene.body)
+    table = pa.table({name: pa.array(trace[name]) for name in names})
+    meaning = {name: COLUMNS[name].encode() for name in names}
+    pq.write_table(table.replace_schema_metadata(meaning), path)
 
 
 def scene_text(

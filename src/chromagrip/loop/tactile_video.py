@@ -15,7 +15,7 @@ from ..render import View
 from ..scene.scene import Scene
 from ..tracking import Tracks
 from .dome_picture import TractionPicture, write
-from .rig import Sample
+from .steps.sample import Sample
 
 Image = NDArray[np.uint8]
 

@@ -5,17 +5,19 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..control import GripObservation
-from ..model import GROSS_SLIP, margin_within
+from ..model import GROSS_SLIP, ForceField, margin_within
 from ..scene.scene import Body, Scene
+from ..tracking import Tracks
 from ..tracking.forces import CameraPose
 from ..tracking.forces.chain import Used
-from .rig import Sample
+from .steps.sample import Sample
 
 Array = NDArray[np.float64]
 
@@ -104,6 +106,20 @@ def row(sample: Sample) -> tuple[float, ...]:
     )
 
 
+def outside_row(
+    time: float, grip: float, observation: GripObservation, tracks: Tracks
+) -> tuple[float, ...]:
+    """One line of the trace of frames from outside, where the truth is not known."""
+    line = dict.fromkeys(COLUMNS, math.nan)
+    names = list(COLUMNS)
+    first = names.index("normal_estimated_n")
+    line |= zip(names[first:], _observed(observation), strict=False)
+    line["time_s"], line["grip_n"] = time, grip
+    line["markers_visible"] = float(tracks.visible.all(axis=0).sum())
+    line |= zip(names[names.index(FIRST_OF_DOME) :], _dome_columns(None, observation), strict=True)
+    return tuple(line.values())
+
+
 def _observed(observation: GripObservation | None) -> tuple[float, ...]:
     """Columns from ΣFn as estimated to the upper end of Γ."""
     if observation is None:
@@ -123,10 +139,13 @@ def _observed(observation: GripObservation | None) -> tuple[float, ...]:
 
 def _of_dome(sample: Sample) -> tuple[float, ...]:
     """Columns from FIRST_OF_DOME on; NaN on a chain."""
+    return _dome_columns(sample.field, sample.observation)
+
+
+def _dome_columns(field: ForceField | None, seen: GripObservation | None) -> tuple[float, ...]:
     out = np.full(15, math.nan)
-    if sample.field.directions is not None:
-        out[3:7] = sample.field.wrench
-    seen = sample.observation
+    if field is not None and field.directions is not None:
+        out[3:7] = field.wrench
     if seen is not None:
         out[:3] = seen.limit_margin, *seen.limit_margin_interval
         out[7:] = *seen.force, seen.torque, *seen.force_deviation, seen.torque_deviation
@@ -147,6 +166,34 @@ class Trace:
     def __len__(self) -> int:
         """Frames."""
         return len(self.columns["time_s"])
+
+
+class TraceLines:
+    """Lines of a trace as text while they come, for a run that is killed.
+
+    Parameters
+    ----------
+    path: of the file, which gets a line of names first
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = path.open("w", encoding="utf-8", newline="\n")
+        self._file.write(",".join(COLUMNS) + "\n")
+
+    def add(self, line: Iterable[float]) -> None:
+        """Append a line, so that it is in the file when this returns."""
+        self._file.write(",".join(map(repr, line)) + "\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file; closing it again does nothing."""
+        self._file.close()
+
+    def drop(self) -> None:
+        """Remove the file, once the trace is written."""
+        self.close()
+        self._path.unlink(missing_ok=True)
 
 
 def make_trace(rows: Sequence[float] | Sequence[tuple[float, ...]]) -> Trace:

@@ -1,12 +1,13 @@
-"""Frames from files and cameras: a picture, a folder of pictures, a video file, `camera:0`."""
+"""Frames from files, cameras and pipes: a picture, a folder of them, a video file, `camera:0`."""
 
+import io
 import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import cv2
 import numpy as np
@@ -25,7 +26,7 @@ Image = NDArray[np.uint8]
 DEFAULT_FPS = 30.0
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _LOSSY = (".jpg", ".jpeg")
-_KINDS = "a picture, a folder of pictures, a video file or camera:0"
+_KINDS = "a picture, a folder of pictures, a video file, pipe:FILE or camera:0"
 _PNG_BEGIN, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
@@ -71,6 +72,11 @@ def open_source(name: str, fps: float | None = None, without: Path | None = None
         When there is no such thing, or no picture in it.
     """
     path = Path(name)
+    if name.startswith("pipe:"):
+        pipe = name.removeprefix("pipe:")
+        return Source(
+            name=name, frames=lambda: _pipe_frames(pipe), count=None, fps=fps or DEFAULT_FPS
+        )
     if re.fullmatch(r"camera:\d+", name):
         number = int(name.removeprefix("camera:"))
         return Source(
@@ -191,6 +197,54 @@ def _camera_frames(number: int) -> Iterator[Frame]:
             yield Frame(image=np.ascontiguousarray(image[..., ::-1], np.uint8), time=now - begin)
     finally:
         capture.release()
+
+
+class _Stream:
+    """Bytes of a pipe; NumPy would ask a file for its place, which a pipe does not have."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def read(self, size: int = -1, /) -> bytes:
+        """As many bytes as are asked for; fewer at the end."""
+        return self._file.read(size)
+
+
+def pipe_bytes(frame: Frame) -> bytes:
+    """Bytes that a program writes for a frame into a pipe, which is read as `pipe:FILE`."""
+    data = io.BytesIO()  # NumPy cannot write into a pipe
+    np.save(data, np.float64(frame.time))
+    np.save(data, frame.image)
+    return data.getvalue()
+
+
+def _pipe_frames(name: str) -> Iterator[Frame]:
+    """Frames that another program writes: time [s] and picture of each, as NumPy's .npy files.
+
+    A `-` is the standard input.
+    """
+    count = 0
+    try:
+        with open(0 if name == "-" else name, "rb", closefd=name != "-") as file:
+            while file.peek(1):
+                stream = _Stream(file)
+                try:
+                    time, image = (
+                        np.lib.format.read_array(stream, allow_pickle=False) for _ in range(2)
+                    )
+                except (ValueError, EOFError) as error:
+                    raise UserError(
+                        f"pipe:{name} breaks off after {count} frames: {error}"
+                    ) from None
+                if time.ndim or image.dtype != np.uint8 or image.shape[2:] != (3,):
+                    raise UserError(
+                        f"pipe:{name} gave {time.dtype} {time.shape} and {image.dtype} "
+                        f"{image.shape}; wanted: a time, then a picture uint8 (H, W, 3)"
+                    )
+                count += 1
+                yield Frame(image=image, time=float(time))
+    except OSError as error:
+        raise UserError(f"pipe:{name} cannot be read: {error.strerror}") from None
 
 
 def _video(path: Path, fps: float | None) -> Source:

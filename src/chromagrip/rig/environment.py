@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..loop.methods import choose
-from ..loop.rig import Rig, RigState, readable
+from ..loop.steps.rig import Rig, RigState, readable
 from ..output.processes import one_thread
 from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
 from ..tracking import Tracks
@@ -167,7 +167,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         if self._over:
             raise UserError("step() is not possible before reset() or after the end; call reset()")
         self._grip = self._force(action)
-        before = self._rig.truth.slip.rigid_slip
+        before = self._slid()
         gave_up = ""
         with self._threads():
             try:
@@ -177,7 +177,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             else:
                 self._arrive()
             self._show()
-        slid = self._rig.truth.slip.rigid_slip - before
+        slid = self._slid() - before
         touched = bool(self._rig.truth.field.contact.any())
         self._touched |= touched
         held = touched and slid < SLIDING * self._rig.scene.period
@@ -235,7 +235,8 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     def _open(self, changes: dict[str, Any]) -> Rig:
         """Rig of the scene with changes; one of two fingers has its place here."""
         given = {"path": self._path} | self._changes | changes
-        scene, methods = choose(load_scene(self._name, given))
+        plain = {key: _plain(value) for key, value in given.items()}
+        scene, methods = choose(load_scene(self._name, plain))
         rig = Rig(scene, methods, known=readable(scene, methods))
         self._opened = changes
         return rig
@@ -274,15 +275,20 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             return None, self._rig.picture().image
         return (self._rig.reading.tracks if self._kind == "markers" else None), None
 
+    def _slid(self) -> float:
+        """Sliding of the whole contact so far [m]."""
+        return float(self._rig.truth.slip.rigid_slip)
+
     def _slid_off(self) -> bool:
         """Whether the object slid too far."""
-        return self._rig.truth.slip.rigid_slip >= self._dropped
+        return self._slid() >= self._dropped
 
     def _let_go(self) -> bool:
         """Whether nothing touches the object any more, while something pulls at it."""
-        rig = self._rig
-        pulled = rig.scene.load.force(rig.time + 1e-9) != 0.0
-        return self._touched and pulled and not rig.truth.field.contact.any()
+        load, now = self._rig.scene.load, self._rig.time + 1e-9
+        pulled = load.force(now) != 0.0 or load.sideways(now) != 0.0
+        touched = bool(self._rig.truth.field.contact.any())
+        return self._touched and pulled and not touched
 
     def _info(self, dropped: bool = False) -> Info:
         """The truth of this frame; not for a policy."""
@@ -292,7 +298,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             "grip_n": self._grip,
             "applied_n": self._rig.applied,
             "margin_true": float(truth.field.safety_margin(truth.friction)),
-            "rigid_slip_mm": 1e3 * truth.slip.rigid_slip,
+            "rigid_slip_mm": 1e3 * self._slid(),
             "dropped": dropped,
         }
 
@@ -317,6 +323,11 @@ def _path_of(observation: ViewName, path: PathName | None) -> PathName:
     if observation == "image":  # which nothing reads
         return "truth"
     return path or "truth"
+
+
+def _plain(value: Any) -> Any:
+    """Value without NumPy's types, which draws have and scenes do not know."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def _check(**options: tuple[object, tuple[object, ...]]) -> None:

@@ -11,7 +11,7 @@ from ..loop.camera import CameraMemory, SimulatedCamera, open_camera
 from ..loop.latency import Arrived, Delivery, arrivals, checked_force
 from ..loop.methods import Methods
 from ..loop.observers import known_sensor
-from ..loop.rig import CameraReader, Reader, Reading, TruthReader
+from ..loop.steps.readers import CameraReader, Reader, Reading, TruthReader
 from ..loop.torsion import held
 from ..scene.fingers import fingers
 from ..scene.scene import Scene

@@ -1,6 +1,7 @@
 """Running a scene of two fingers: in memory, or into a run folder."""
 
 import json
+import math
 import shutil
 import time
 from collections.abc import Callable
@@ -58,6 +59,7 @@ def run_pinch(
     tracker: Choice | None = None,
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
+    answer_within_s: float = math.inf,
 ) -> PinchResult:
     """Run a scene of two fingers; with `out`, write summary, trace, figure and scene there.
 
@@ -70,7 +72,7 @@ def run_pinch(
     out: run folder, made if missing
     overwrite: write into a folder that is not empty, over an earlier run's files
     progress: called after every frame
-    controller, tracker, reconstructor, renderer: as in `loop.run_folder.run`
+    controller, tracker, reconstructor, renderer, answer_within_s: as in `loop.run_folder.run`
 
     Raises
     ------
@@ -86,7 +88,7 @@ def run_pinch(
         reconstructor=reconstructor,
         renderer=renderer,
     )
-    held = HoldingController(methods.build_controller(scene), scene.controller)
+    held = HoldingController(methods.build_controller(scene), scene.controller, answer_within_s)
     rig = PinchRig(scene, methods)
     folder = None if out is None else Path(out)
     if folder is not None:

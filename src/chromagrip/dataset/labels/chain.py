@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...loop.camera import SimulatedCamera
-from ...loop.rig import Sample
+from ...loop.steps.sample import Sample
 from ...model import node_friction
 from ...output.processes import one_thread
 from ...render import TruthMap, harmonic_map, load_sensor, marker_truth

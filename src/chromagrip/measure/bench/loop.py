@@ -6,6 +6,7 @@ from ...loop.run_folder import run
 from ...output.report import Report, Row, reported, within
 from ...render.drawing import gl_problem
 from ...scene.scene import load_scene
+from ..environments import environment_rows
 from .speed import speed_rows
 
 
@@ -31,6 +32,7 @@ def bench_loop(quick: bool, progress: Callable[[str], None]) -> Report:
         rows.append(reported((*case, "displacement"), summary["lateral_displacement_mm"], "mm"))
     if not quick:
         rows += speed_rows(progress)
+        rows += environment_rows(progress)
     return Report(rows=tuple(rows), quick=quick)
 
 

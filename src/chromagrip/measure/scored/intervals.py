@@ -1,5 +1,6 @@
 """Intervals of mean scores: whole sequences are drawn again, since frames of one are alike."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -8,6 +9,8 @@ import numpy as np
 DRAWS, SEED = 4000, 0
 #: Ends of an interval [%]: it covers 90 %.
 ENDS = (5.0, 95.0)
+#: Quantile of the normal distribution at those ends.
+_Z = 1.6448536269514722
 
 
 def intervals(sequences: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float]]:
@@ -30,3 +33,13 @@ def intervals(sequences: Sequence[Mapping[str, float]]) -> dict[str, tuple[float
         low, high = np.percentile(means[has[drawn].any(axis=1)], ENDS)
         bounds[name] = (float(low), float(high))
     return bounds
+
+
+def share_interval(hits: int, count: int) -> tuple[float, float]:
+    """Bounds of 90 % of a share of which `hits` of `count` were seen (Wilson 1927); NaN of none."""
+    if count == 0:
+        return math.nan, math.nan
+    share, weight = hits / count, _Z**2 / count
+    middle = (share + 0.5 * weight) / (1.0 + weight)
+    half = math.sqrt(weight * (share * (1.0 - share) + 0.25 * weight)) / (1.0 + weight)
+    return max(middle - half, 0.0), min(middle + half, 1.0)

@@ -11,183 +11,26 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self
 
 import msgspec
 
-from ..by_name import Choice
-from ..control import GripObservation
-from ..errors import UserError, located
-from ..model import Fingertip, ForceField, SlipRecord, State, pressure
-from ..model.dome import DomeSlip
-from ..output.processes import one_thread
-from ..render import Frame
-from ..scene.scene import Scene, load_scene
-from ..tracking import SensorCalibration, Tracks, check_reconstructor
-from .camera import CameraMemory, SimulatedCamera, open_camera
-from .dome_world import DomePlant
-from .latency import Arrived, Delivery, arrivals, checked_force
-from .methods import Methods, choose
-from .observers import CameraObserver, TruthObserver, known_sensor, with_friction_bias
-from .torsion import held, with_limit_margin
-from .world import ChainPlant, Contact, Plant, World
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reading:
-    """Observation of a frame, with its image and tracks; attributes as in `Sample`."""
-
-    observation: GripObservation | None = None
-    frame: Frame | None = None
-    tracks: Tracks | None = None
-    rest: Tracks | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sample:
-    """One frame of a run, truth beside estimate.
-
-    Attributes
-    ----------
-    index: of the frame
-    truth: of the contact
-    load: lateral load on the object [N]
-    grip: force commanded from now on [N]
-    applied: force of the gripper's drive now [N]
-    pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
-    observation: of this frame, with Γ as its margin; the controller is given it after the latency,
-        with the margin that it is to hold; None of a dropped frame
-    frame, tracks, rest: image, markers in it and at rest; None on the truth path, the first two
-        also of a dropped frame
-    """
-
-    index: int
-    truth: Contact
-    load: float
-    grip: float
-    applied: float
-    pressure: float
-    pressure_pitch: float
-    observation: GripObservation | None
-    frame: Frame | None
-    tracks: Tracks | None
-    rest: Tracks | None
-
-    @property
-    def state(self) -> State:
-        """State of the chain.
-
-        Raises
-        ------
-        UserError
-            For a dome.
-        """
-        if not isinstance(self.truth.state, State):
-            raise UserError('the scene has body = "dome"; this needs body = "chain"')
-        return self.truth.state
-
-    @property
-    def time(self) -> float:
-        """Instant of the frame [s]."""
-        return self.truth.state.time
-
-    @property
-    def field(self) -> ForceField:
-        """True forces."""
-        return self.truth.field
-
-    @property
-    def slip(self) -> SlipRecord | DomeSlip:
-        """True slip of the object so far."""
-        return self.truth.slip
-
-    @property
-    def friction(self) -> float:
-        """True µ of the contact as a whole, see `whole_friction`."""
-        return self.truth.friction
-
-
-class Reader(Protocol):
-    """Reads frames, one after another."""
-
-    def read(self, world: World, index: int | None, camera: SimulatedCamera | None) -> Reading:
-        """Reading of the frame of that index; None is a dropped one."""
-        ...
-
-    def copied(self) -> Self:
-        """Reader that goes on from here by itself."""
-        ...
-
-
-class TruthReader:
-    """Reads the true forces in the middle of a frame's exposure."""
-
-    def __init__(self, scene: Scene) -> None:
-        self._bias = scene.camera.friction_bias
-        window = scene.safety_margin.friction_window_s
-        self._observer = TruthObserver(window, scene.truth.margin_noise, scene.seed)
-
-    def read(self, world: World, index: int | None, camera: SimulatedCamera | None) -> Reading:
-        """Reading of a frame, as `Reader` says."""
-        if index is None:
-            return Reading()
-        time, exposed = world.now.state.time, world.exposed
-        observation = self._observer.observe(time, exposed.field, exposed.slip.current)
-        observation = with_friction_bias(observation, self._bias)
-        return Reading(observation=with_limit_margin(observation))
-
-    def copied(self) -> "TruthReader":
-        """Reader that goes on from here by itself."""
-        copy = object.__new__(TruthReader)
-        copy._bias, copy._observer = self._bias, self._observer.copied()
-        return copy
-
-
-class CameraReader:
-    """Reads a camera's frames, by an observer that was given frames at rest."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        camera: SimulatedCamera,
-        world: World,
-        known: SensorCalibration,
-        methods: Methods,
-    ) -> None:
-        self._bias = scene.camera.friction_bias
-        rest = camera.expose_rest(world.now.state, scene.camera.rest_frames)
-        with located(f"sensor {scene.sensor}"):
-            self._observer = CameraObserver(
-                known,
-                methods.tracker,
-                methods.reconstructor,
-                scene.camera.noise_levels,
-                scene.safety_margin.friction_window_s,
-                rest,
-            )
-
-    def read(self, world: World, index: int | None, camera: SimulatedCamera | None) -> Reading:
-        """Reading of a frame, as `Reader` says."""
-        rest = self._observer.rest
-        if index is None:
-            return Reading(rest=rest)
-        assert camera is not None
-        frame = camera.expose(exposed_state(world), index)
-        observation, tracks = self._observer.observe(frame)
-        observation = with_friction_bias(observation, self._bias)
-        observation = with_limit_margin(observation)
-        return Reading(observation=observation, frame=frame, tracks=tracks, rest=rest)
-
-    def copied(self) -> "CameraReader":
-        """Reader that goes on from here by itself."""
-        copy = object.__new__(CameraReader)
-        copy._bias, copy._observer = self._bias, self._observer.copied()
-        return copy
-
-
-def exposed_state(world: World) -> Any:
-    """State that the picture of a frame shows: the exposure's middle, with the frame's time."""
-    return replace(world.exposed.state, time=world.now.state.time)
+from ...by_name import Choice
+from ...control import GripObservation
+from ...errors import UserError, located
+from ...model import Fingertip, pressure
+from ...output.processes import one_thread
+from ...render import Frame
+from ...scene.scene import Scene, load_scene
+from ...tracking import SensorCalibration, check_reconstructor
+from ..camera import CameraMemory, SimulatedCamera, open_camera
+from ..dome_world import DomePlant
+from ..latency import Arrived, Delivery, arrivals, checked_force
+from ..methods import Methods, choose
+from ..observers import known_sensor
+from ..torsion import held
+from ..world import ChainPlant, Contact, Plant, World
+from .readers import CameraReader, Reader, Reading, TruthReader, exposed_state
+from .sample import Sample
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -423,7 +266,7 @@ class Rig:
         if not 0 <= seed < 2**32:
             raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
         self.close()
-        self.scene = msgspec.structs.replace(self.scene, seed=seed)
+        self.scene = msgspec.structs.replace(self.scene, seed=int(seed))
 
     def _opened(self) -> SimulatedCamera:
         if self._camera is None:

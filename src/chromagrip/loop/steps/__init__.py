@@ -1,0 +1,1 @@
+"""A grasp frame by frame."""

@@ -1,0 +1,90 @@
+"""The map of a sweep: scores over one or two of the keys that are varied."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from ...output.figure import finish, new_figure, png
+from ...output.folder import write_whole
+from ..scored.intervals import share_interval
+from ..worlds.scorecard import SCORES as UNITS
+from .report import SHOWN, means
+from .runs import Axis, Cell, Plan, words
+
+#: Value, low and high end of its interval.
+Figure = tuple[float, float, float]
+
+
+def draw_sweep(plan: Plan, cells: Sequence[Cell], path: Path) -> None:
+    """Draw the map: as cells over two keys, as points with intervals over one, or over scenes."""
+    axes = [axis for axis in plan.axes if len(axis[1]) > 1][:2] or [("scene", plan.scenes)]
+    others = [name for name, values in plan.axes if len(values) > 1][2:]
+    footnote = f"mean over {', '.join(others)}" if others else ""
+    panels = ("lost", *SHOWN)
+    figure = new_figure("", 4.0 * len(panels), 3.6, footnote)
+    for place, name in zip(figure.subplots(1, len(panels)), panels, strict=True):
+        if len(axes) == 2:
+            _field(place, axes[0], axes[1], name, _chosen(plan, cells))
+        else:
+            _points(place, axes[0], name, _chosen(plan, cells))
+    write_whole(path, png(figure))
+
+
+def _chosen(plan: Plan, cells: Sequence[Cell]) -> Callable[[dict[str, Any]], list[Cell]]:
+    """Function that gives the cells at some values."""
+    settings = {words(setting): setting for setting in plan.settings()}
+
+    def at(wanted: dict[str, Any]) -> list[Cell]:
+        chosen = []
+        for one in cells:
+            values = {"scene": one.scene} | settings[one.setting]
+            if all(values[key] == value for key, value in wanted.items()):
+                chosen.append(one)
+        return chosen
+
+    return at
+
+
+def _value(name: str, cells: Sequence[Cell]) -> Figure:
+    if name != "lost":
+        return means(cells)[name]
+    if not cells:
+        return math.nan, math.nan, math.nan
+    lost = sum(one.lost for one in cells)
+    return lost / len(cells), *share_interval(lost, len(cells))
+
+
+def _label(name: str) -> str:
+    return "lost [share]" if name == "lost" else f"{name} [{UNITS[name][0]}]"
+
+
+def _field(
+    place: Axes, x: Axis, y: Axis, name: str, at: Callable[[dict[str, Any]], list[Cell]]
+) -> None:
+    values = np.array(
+        [[_value(name, at({x[0]: a, y[0]: b}))[0] for a in x[1]] for b in y[1]], dtype=float
+    )
+    most = 1.0 if name == "lost" else None
+    place.imshow(
+        values, origin="lower", aspect="auto", cmap="YlOrBr", alpha=0.5, vmin=0.0, vmax=most
+    )
+    for (row, column), value in np.ndenumerate(values):
+        text = "–" if math.isnan(value) else f"{value:.3g}"
+        place.text(column, row, text, ha="center", va="center", fontsize=8, color="0.2")
+    place.set_xticks(range(len(x[1])), [str(a) for a in x[1]])
+    place.set_yticks(range(len(y[1])), [str(b) for b in y[1]])
+    finish(place, y[0], x[0], legend=False, title=_label(name))
+    place.grid(visible=False)
+
+
+def _points(place: Axes, x: Axis, name: str, at: Callable[[dict[str, Any]], list[Cell]]) -> None:
+    found = np.array([_value(name, at({x[0]: value})) for value in x[1]])
+    low, high = found[:, 0] - found[:, 1], found[:, 2] - found[:, 0]
+    errors = np.nan_to_num(np.maximum([low, high], 0.0))
+    place.errorbar(range(len(x[1])), found[:, 0], yerr=errors, fmt="o-", capsize=3, lw=1.0)
+    place.set_xticks(range(len(x[1])), [str(value) for value in x[1]])
+    finish(place, _label(name), x[0], legend=False)

@@ -1,0 +1,82 @@
+"""A sweep as a table: for each setting the runs that lost the object, and means with intervals."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from ...output.report import Report, Row, Table, number, reported
+from ..scored.intervals import intervals, share_interval
+from ..worlds.scorecard import SCORES as UNITS
+from .runs import SCORES, Cell, Plan, words
+
+#: Scores in the table, in its order.
+SHOWN = ("settling", "pressure_max", "energy", "chatter")
+
+
+def sweep_report(plan: Plan, cells: Sequence[Cell]) -> Report:
+    """Table and figures of every setting, over its scenes and seeds."""
+    failures = {one.failed for one in cells if one.failed}
+    notes = [
+        "lost: runs in which the object slipped by more than 0.2 mm, or that did not come to their "
+        "end. In brackets are intervals of 90 %: of a share after Wilson, of a mean by drawing its "
+        "runs again. Means are over the runs that came to their end.",
+        *(f"A run failed: {text}." for text in sorted(failures)[:3]),
+    ]
+    return Report(rows=tuple(_rows(plan, cells)), tables=(_table(plan, cells),), notes=tuple(notes))
+
+
+def of_setting(plan: Plan, cells: Sequence[Cell]) -> Iterator[tuple[str, list[Cell]]]:
+    """Words of every setting, in order, with its cells."""
+    for setting in plan.settings():
+        yield words(setting), [one for one in cells if one.setting == words(setting)]
+
+
+def means(cells: Sequence[Cell]) -> dict[str, tuple[float, float, float]]:
+    """Mean of each score and its interval, over the runs that came to their end."""
+    ended = [{name: getattr(one, name) for name in SCORES} for one in cells if not one.failed]
+    bounds = intervals(ended)
+    found = {}
+    for name in SCORES:
+        values = [one[name] for one in ended]
+        mean = math.fsum(values) / len(values) if values else math.nan
+        found[name] = (mean, *bounds.get(name, (math.nan, math.nan)))
+    return found
+
+
+def _rows(plan: Plan, cells: Sequence[Cell]) -> Iterator[Row]:
+    for name, some in of_setting(plan, cells):
+        subject = name or "all"
+        lost = sum(one.lost for one in some)
+        low, high = share_interval(lost, len(some))
+        yield reported((subject, "runs"), len(some), "")
+        yield reported((subject, "lost"), lost, "runs")
+        yield reported((subject, "lost_low"), low, "")
+        yield reported((subject, "lost_high"), high, "")
+        for score, (mean, least, most) in means(some).items():
+            unit = UNITS[score][0]
+            yield reported((subject, score), mean, unit)
+            yield reported((subject, f"{score}_low"), least, unit)
+            yield reported((subject, f"{score}_high"), most, unit)
+
+
+def _table(plan: Plan, cells: Sequence[Cell]) -> Table:
+    names = [name for name, _ in plan.axes]
+    lines = []
+    for setting in plan.settings():
+        some = [one for one in cells if one.setting == words(setting)]
+        lost = sum(one.lost for one in some)
+        low, high = share_interval(lost, len(some))
+        found = means(some)
+        lines.append(
+            (
+                *(str(setting[name]) for name in names),
+                f"{lost} of {len(some)} [{low:.0%}, {high:.0%}]",
+                *(_cell(found[score]) for score in SHOWN),
+            )
+        )
+    heads = tuple(f"{score} [{UNITS[score][0]}]" for score in SHOWN)
+    return Table(header=(*names, "lost", *heads), lines=tuple(lines))
+
+
+def _cell(found: tuple[float, float, float]) -> str:
+    mean, low, high = (number(x if math.isfinite(x) else None) for x in found)
+    return mean if low == "–" else f"{mean} [{low}, {high}]"

@@ -1,0 +1,158 @@
+"""Runs of a sweep: what is varied, the scene of each run, and what came of it."""
+
+import hashlib
+import itertools
+import math
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from ...errors import UserError
+from ...loop.run_folder import ANSWER_WITHIN_S, run
+from ...output.processes import map_processes
+from ...scene.scene import Scene, dump_scene, load_scene
+from ..worlds.scorecard import scores
+
+#: Values that one key takes, or one name, such as `controller`.
+Axis = tuple[str, tuple[Any, ...]]
+#: Most runs of a sweep.
+MOST_RUNS = 100_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What a sweep varies.
+
+    Attributes
+    ----------
+    scenes: names or files
+    axes: keys of a scene with their values, each by its dotted name
+    seeds: number of seeds; they count from the scene's own
+    fixed: changes that all runs share
+    answer_within_s: time in which a controller that is not ours must answer
+    """
+
+    scenes: tuple[str, ...]
+    axes: tuple[Axis, ...] = ()
+    seeds: int = 1
+    fixed: Mapping[str, Any]
+    answer_within_s: float = ANSWER_WITHIN_S
+
+    def settings(self) -> list[dict[str, Any]]:
+        """Every combination of values; the last axis changes fastest."""
+        names = [name for name, _ in self.axes]
+        values = itertools.product(*(values for _, values in self.axes))
+        return [dict(zip(names, combination, strict=True)) for combination in values]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One run that is to be made.
+
+    Attributes
+    ----------
+    key: digest of everything that decides the run but the code
+    scene: with all changes
+    name: of the scene
+    setting: what is varied, in words
+    answer_within_s: as of the plan
+    """
+
+    key: str
+    scene: Scene
+    name: str
+    setting: str
+    answer_within_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """What came of one run; the scores are those of `scorecard`, NaN of a run that failed.
+
+    Attributes
+    ----------
+    key, scene, setting, seed: of the run
+    failed: why it did not come to its end; empty when it did
+    """
+
+    key: str
+    scene: str
+    setting: str
+    seed: int
+    failed: str = ""
+    gross: float = math.nan
+    displacement: float = math.nan
+    overloaded: float = math.nan
+    settling: float = math.nan
+    overshoot: float = math.nan
+    pressure_max: float = math.nan
+    pressure_mean: float = math.nan
+    energy: float = math.nan
+    chatter: float = math.nan
+
+    @property
+    def lost(self) -> bool:
+        """Whether the object was lost: it slipped, or the run did not come to its end."""
+        return bool(self.failed) or self.gross > 0.0
+
+
+#: Names of the scores of a cell.
+SCORES = tuple(field.name for field in fields(Cell))[5:]
+
+
+def words(setting: Mapping[str, Any]) -> str:
+    """A setting in words; empty where nothing is varied."""
+    return " ".join(f"{key}={value}" for key, value in setting.items())
+
+
+def tasks(plan: Plan) -> list[Task]:
+    """Every run of a plan, in order.
+
+    Raises
+    ------
+    UserError
+        For a scene, a key or a value that is not allowed, and for too many runs.
+    """
+    settings = plan.settings()
+    count = len(settings) * len(plan.scenes) * plan.seeds
+    if count > MOST_RUNS:
+        raise UserError(f"a sweep of {count} runs is too long; at most {MOST_RUNS} are allowed")
+    made: dict[str, Task] = {}
+    for setting in settings:
+        for name in plan.scenes:
+            first = load_scene(name, {**plan.fixed, **setting})
+            for seed in range(first.seed, first.seed + plan.seeds):
+                scene = load_scene(name, {**plan.fixed, **setting, "seed": seed})
+                text = f"{plan.answer_within_s} {words(setting)}\n{dump_scene(scene)}"
+                key = hashlib.sha256(f"{name} {text}".encode()).hexdigest()[:16]
+                made[key] = Task(
+                    key=key,
+                    scene=scene,
+                    name=name,
+                    setting=words(setting),
+                    answer_within_s=plan.answer_within_s,
+                )
+    return list(made.values())
+
+
+def cell(task: Task) -> Cell:
+    """Make one run."""
+    found: dict[str, float] = {}
+    failed = ""
+    try:
+        found = scores(run(task.scene, answer_within_s=task.answer_within_s))
+    except UserError as error:
+        failed = str(error)
+    return Cell(
+        key=task.key,
+        scene=task.name,
+        setting=task.setting,
+        seed=task.scene.seed,
+        failed=failed,
+        **found,
+    )
+
+
+def cells(waiting: Sequence[Task], workers: int) -> Generator[Cell]:
+    """Make runs in several processes, as they come."""
+    yield from map_processes(cell, waiting, workers)

@@ -1,0 +1,78 @@
+"""Frames of a source as they come, and a sentence when they stop coming."""
+
+import threading
+from contextlib import suppress
+from queue import Empty, Full, Queue
+
+from ..errors import UserError
+from ..output.pictures import Source
+from ..render import Frame
+
+#: Interval at which a feed that waits looks whether it was closed [s].
+_CHECK_S = 0.1
+
+
+class Feed:
+    """Frames of a source, read in a thread of their own.
+
+    Of a live camera only the newest frame waits: a loop that is slower than the camera leaves
+    frames out, and does not fall behind. All frames of another source come.
+
+    Parameters
+    ----------
+    source: of the frames
+    limit: time in which the next frame must come [s]
+    """
+
+    def __init__(self, source: Source, limit: float) -> None:
+        self.source, self.limit = source, limit
+        self.given = self.skipped = 0
+        self._waiting: Queue[Frame | BaseException | None] = Queue(maxsize=1)
+        self._closed = threading.Event()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def next(self) -> Frame | None:
+        """The next frame; None at the end.
+
+        Raises
+        ------
+        UserError
+            When none comes in time, or the source breaks off.
+        """
+        try:
+            found = self._waiting.get(timeout=min(self.limit, threading.TIMEOUT_MAX))
+        except Empty:
+            raise UserError(
+                f"{self.source.name} gave no frame within {self.limit:g} s after "
+                f"{self.given} frames"
+            ) from None
+        if isinstance(found, BaseException):
+            raise found
+        self.given += found is not None
+        return found
+
+    def close(self) -> None:
+        """Read no more."""
+        self._closed.set()
+
+    def _read(self) -> None:
+        end: BaseException | None = None
+        try:
+            for frame in self.source.frames():
+                self._put(frame)
+                if self._closed.is_set():
+                    break
+        except BaseException as error:
+            end = error
+        self._put(end, last=True)
+
+    def _put(self, found: Frame | BaseException | None, last: bool = False) -> None:
+        while not self._closed.is_set():
+            try:
+                self._waiting.put(found, timeout=0.0 if self.source.live else _CHECK_S)
+                return
+            except Full:
+                if self.source.live and not last:
+                    with suppress(Empty):
+                        self._waiting.get_nowait()
+                        self.skipped += 1

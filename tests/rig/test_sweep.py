@@ -1,0 +1,178 @@
+"""Sweeps: every run once, in any number of processes, resumed where they were interrupted."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import pytest
+
+from chromagrip import UserError, load_scene, run
+from chromagrip.measure.scored.intervals import share_interval
+from chromagrip.measure.sweep import runs
+from chromagrip.measure.sweep.report import means, sweep_report
+from chromagrip.measure.sweep.runs import Cell, Plan, Task, tasks
+from chromagrip.measure.sweep.sweep import MAP, RUNS, UNFINISHED, sweep
+from chromagrip.measure.worlds.scorecard import scores
+from chromagrip.output.cells import read_cells
+
+Typed = Callable[..., CompletedProcess[str]]
+QUICK = {"path": "truth", "duration_s": 0.2, "truth.margin_noise": 0.02}
+KI, MU = "safety_margin.integral_n_per_s", "object.friction"
+PLAN = Plan(
+    scenes=("camera-100hz", "jerk-1"),
+    axes=((KI, (10.0, 40.0)), (MU, (0.4, 0.6))),
+    seeds=1,
+    fixed=QUICK | {"seed": 1},
+)
+MINE = """
+from chromagrip.control import GripCommand
+
+class Mine:
+    def __init__(self, gain):
+        self.gain = gain
+    def reset(self):
+        pass
+    def command(self, observation):
+        if self.gain > 8.0 and observation.time > 0.1:
+            raise RuntimeError("too stiff")
+        return GripCommand(force=max(0.5, self.gain * observation.field.total_friction))
+"""
+
+
+def test_every_combination_is_run_once_and_scored(tmp_path: Path) -> None:
+    counted: list[tuple[int, int]] = []
+    report = sweep(PLAN, tmp_path, False, 1, lambda done, total: counted.append((done, total)))
+    cells = list(read_cells(tmp_path / RUNS, Cell))
+    assert len({one.key for one in cells}) == len(cells) == 8
+    assert counted[0] == (0, 8)
+    assert counted[-1] == (8, 8)
+    assert {path.name for path in tmp_path.iterdir()} == {RUNS, MAP}
+    found = {(c.scene, c.seed, c.setting): c for c in cells}
+    one = found["jerk-1", 1, f"{KI}=40.0 {MU}=0.4"]
+    scene = load_scene("jerk-1", QUICK | {KI: 40.0, MU: 0.4, "seed": 1})
+    expected = scores(run(scene))
+    assert {name: getattr(one, name) for name in expected} == expected
+    assert len(report.tables[0].lines) == 4
+    again = sweep(PLAN, None, False, 1)
+    assert again == report
+
+
+def test_an_interrupted_sweep_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+    real = runs.cell
+
+    def cell(task: Task) -> Cell:
+        if len(made) == 5:
+            raise KeyboardInterrupt
+        made.append(task.key)
+        return real(task)
+
+    monkeypatch.setattr(runs, "cell", cell)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(PLAN, tmp_path, False, 1)
+    assert {path.name for path in tmp_path.iterdir()} == {UNFINISHED}
+    assert len(list(read_cells(tmp_path / UNFINISHED, Cell))) == 5
+    more: list[str] = []
+    monkeypatch.setattr(runs, "cell", lambda task: more.append(task.key) or real(task))
+    resumed = sweep(PLAN, tmp_path, False, 1)
+    assert len(more) == 3
+    assert not set(made) & set(more)
+    assert resumed == sweep(PLAN, None, False, 1)
+    with pytest.raises(UserError, match="is not empty"):
+        sweep(PLAN, tmp_path, False, 1)
+
+
+def test_what_decides_a_run_is_in_its_key() -> None:
+    keys = {task.key for task in tasks(PLAN)}
+    longer = Plan(scenes=PLAN.scenes, axes=PLAN.axes, seeds=3, fixed=PLAN.fixed)
+    assert keys < {task.key for task in tasks(longer)}
+    other = Plan(scenes=PLAN.scenes, axes=PLAN.axes, seeds=1, fixed=QUICK | {"duration_s": 0.3})
+    assert not keys & {task.key for task in tasks(other)}
+
+
+def test_own_controllers_in_processes(typed: Typed, tmp_path: Path) -> None:
+    (tmp_path / "mine_swept.py").write_text(MINE, encoding="utf-8")
+    line = ["sweep", "--controller", "mine_swept:Mine", "--arg", "gain=3,5,9", "--path", "truth"]
+    line += ["--set", "duration_s=0.3", "--set", "load.forces_n=[0.5, 0.65]", "--seeds", "2"]
+    done = typed(*line, "--workers", "2", "--out", "swept", "--json")
+    assert done.returncode == 0, done.stderr
+    rows = {row["name"]: row["value"] for row in json.loads(done.stdout)["rows"]}
+    name = "controller=mine_swept:Mine controller_arguments.gain"
+    assert [rows[f"{name}={gain}/lost"] for gain in (3, 5, 9)] == [0, 0, 2]
+    assert rows[f"{name}=9/pressure_max"] is None
+    assert rows[f"{name}=5/pressure_max"] > rows[f"{name}=3/pressure_max"]
+    failed = {one.failed for one in read_cells(tmp_path / "swept" / RUNS, Cell)} - {""}
+    (text,) = failed
+    assert text.startswith("controller mine_swept:Mine failed at t = 0.11 s")
+    done = typed(*line, "--workers", "1", "--out", "swept", "--overwrite")
+    assert "A run failed: controller mine_swept:Mine failed" in done.stdout.replace("\n", " ")
+    assert "folder swept" in done.stdout
+
+
+def test_ctrl_c_says_how_to_go_on(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, made = runs.cell, list[str]()
+
+    def cell(task: Task) -> Cell:
+        if made:
+            raise KeyboardInterrupt
+        made.append(task.key)
+        return real(task)
+
+    monkeypatch.setattr(runs, "cell", cell)
+    line = ["sweep", "--vary", f"{MU}=0.4,0.5", "--path", "truth", "--set", "duration_s=0.1"]
+    line += ["--seeds", "1", "--workers", "1", "--out", "swept"]
+    done = typed(*line)
+    assert done.returncode == 130
+    assert "what is done is in swept; call it again with --out swept to go on" in done.stderr
+    monkeypatch.setattr(runs, "cell", real)
+    assert typed(*line).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--vary", "object.friction"], "--vary object.friction: expected values, such as"),
+        (["--vary", "object.fiction=1,2"], "fiction"),
+        (["--vary", "object.friction=0.3,-1"], "object.friction"),
+        (["--vary", "seed=1", "--vary", "seed=2"], "seed is varied twice; give all its values"),
+        (["--seeds", "0"], "--seeds 0: expected 1 or more"),
+        (["--scene", "nowhere"], "no scene 'nowhere'"),
+        (["--vary", f"seed={','.join(map(str, range(400)))}", "--seeds", "300"], "too long"),
+    ],
+)
+def test_what_cannot_be_swept_is_refused_before_there_is_a_folder(
+    words: list[str], message: str, typed: Typed, tmp_path: Path
+) -> None:
+    done = typed("sweep", *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def made(gross: float, settling: float, failed: str = "") -> Cell:
+    return Cell(
+        key="", scene="s", setting="", seed=0, failed=failed, gross=gross, settling=settling
+    )
+
+
+def test_failed_runs_count_as_lost_and_not_in_means() -> None:
+    cells = [made(0.0, 0.2), made(1.0, 0.4), made(math.nan, math.nan, "gave up")]
+    mean, low, high = means(cells)["settling"]
+    assert mean == pytest.approx(0.3)
+    assert low == pytest.approx(0.2)
+    assert high == pytest.approx(0.4)
+    report = sweep_report(Plan(scenes=("s",), fixed={}), cells)
+    assert {row.score: row.value for row in report.rows}["lost"] == 2
+    assert any("gave up" in note for note in report.notes)
+
+
+def test_the_interval_of_a_share_is_wilsons() -> None:
+    """Where the score test of its ends has the 5 % quantile, from both sides."""
+    for hits, count in ((0, 81), (3, 10), (7, 7)):
+        for end in share_interval(hits, count):
+            if 0.0 < end < 1.0:
+                score = (hits / count - end) / math.sqrt(end * (1.0 - end) / count)
+                assert abs(score) == pytest.approx(1.6449, abs=1e-4)
+    assert share_interval(0, 81)[1] == pytest.approx(0.0323, abs=1e-4)
