@@ -15,11 +15,12 @@ from ..errors import UserError
 from ..extras import need, require
 from ..loop.latency import HoldingController
 from ..loop.methods import choose
-from ..loop.run_folder import scene_text
+from ..loop.run_folder import ANSWER_WITHIN_S, scene_text
 from ..loop.trace import Summary, Trace
 from ..output.folder import prepare
 from ..output.processes import one_thread
 from ..output.versions import versions
+from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Scene, load_scene
 from .pinch_rig import PinchRig, PinchSample
 from .pinch_trace import COLUMNS, Rows, summarise
@@ -59,7 +60,7 @@ def run_pinch(
     tracker: Choice | None = None,
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
-    answer_within_s: float = math.inf,
+    answer_within_s: float = ANSWER_WITHIN_S,
 ) -> PinchResult:
     """Run a scene of two fingers; with `out`, write summary, trace, figure and scene there.
 
@@ -88,7 +89,8 @@ def run_pinch(
         reconstructor=reconstructor,
         renderer=renderer,
     )
-    held = HoldingController(methods.build_controller(scene), scene.controller, answer_within_s)
+    limit = math.inf if scene.controller in CONTROLLERS.entries else answer_within_s
+    held = HoldingController(methods.build_controller(scene), scene.controller, limit)
     rig = PinchRig(scene, methods)
     folder = None if out is None else Path(out)
     if folder is not None:
