@@ -13,14 +13,18 @@ if TYPE_CHECKING:
     from ..scene.scene import Scene
 
 
-def run_two(scene: "Scene", out: Path | None, overwrite: bool, json_only: bool) -> int:
+def run_two(
+    scene: "Scene", out: Path | None, overwrite: bool, answer_within: float, json_only: bool
+) -> int:
     """Run a pinch, and print its summary."""
     from ..rig.pinch_run import run_pinch  # OpenCV loads only when something is run
 
     for finger in fingers(scene):
         prepare_scene(finger, pictures=out is not None or scene.path == "camera")
     with counting(f"{scene.controller}, {scene.path}", "frames") as progress:
-        result = run_pinch(scene, out, overwrite=overwrite, progress=progress)
+        result = run_pinch(
+            scene, out, overwrite=overwrite, progress=progress, answer_within_s=answer_within
+        )
     if json_only:
         print(json.dumps(result.summary))
     else:

@@ -1,5 +1,6 @@
 """Running a scene of two fingers: in memory, or into a run folder."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +11,10 @@ from ..control import Controller
 from ..extras import require
 from ..loop.latency import HoldingController
 from ..loop.methods import choose
+from ..loop.run_folder import ANSWER_WITHIN_S
 from ..loop.trace import Summary, Trace
 from ..output.processes import one_thread
+from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Scene, load_scene
 from .pinch_files import PinchFiles
 from .pinch_rig import PinchRig, PinchSample
@@ -49,6 +52,7 @@ def run_pinch(
     tracker: Choice | None = None,
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
+    answer_within_s: float = ANSWER_WITHIN_S,
 ) -> PinchResult:
     """Run a scene of two fingers; with `out`, write a run folder there.
 
@@ -63,7 +67,7 @@ def run_pinch(
     out: run folder, made if missing
     overwrite: write into a folder that is not empty, over an earlier run's files
     progress: called after every frame
-    controller, tracker, reconstructor, renderer: as in `loop.run_folder.run`
+    controller, tracker, reconstructor, renderer, answer_within_s: as in `loop.run_folder.run`
 
     Raises
     ------
@@ -79,7 +83,8 @@ def run_pinch(
         reconstructor=reconstructor,
         renderer=renderer,
     )
-    held = HoldingController(methods.build_controller(scene), scene.controller)
+    limit = math.inf if scene.controller in CONTROLLERS.entries else answer_within_s
+    held = HoldingController(methods.build_controller(scene), scene.controller, limit)
     rig = PinchRig(scene, methods)
     if out is None:
         return _record(rig, held, None, progress)
