@@ -12,13 +12,13 @@ import pytest
 import chromagrip
 from chromagrip import load_scene
 from chromagrip.model.pinch import rotation_by
-from chromagrip.rig.course_plot import BAND, OTHER, SEEN, TRUTH, CoursePlot, Courses
-from chromagrip.rig.pinch_rig import PinchRig, PinchSample
-from chromagrip.rig.pinch_run import run_pinch
-from chromagrip.rig.pinch_stage import ABOVE, FINGER_COLOURS, UPPER, Stage, draw_along, draw_side
-from chromagrip.rig.pinch_stage import set_stage as stage_of
-from chromagrip.rig.pinch_video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
-from chromagrip.rig.pinch_world import Pinched
+from chromagrip.rig.pinch.course_plot import BAND, OTHER, SEEN, TRUTH, CoursePlot, Courses
+from chromagrip.rig.pinch.rig import PinchRig, PinchSample
+from chromagrip.rig.pinch.run import run_pinch
+from chromagrip.rig.pinch.stage import ABOVE, FINGER_COLOURS, UPPER, Stage, draw_along, draw_side
+from chromagrip.rig.pinch.stage import set_stage as stage_of
+from chromagrip.rig.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
+from chromagrip.rig.pinch.world import Pinched
 
 #: A light box and coarse domes.
 COARSE = {

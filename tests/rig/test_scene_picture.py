@@ -7,7 +7,7 @@ import pytest
 
 from chromagrip.errors import UserError
 from chromagrip.model.shapes import Shape, ball, box, plane
-from chromagrip.rig.scene_picture import Body, Viewpoint, draw_bodies, look_from
+from chromagrip.rig.pinch.scene_picture import Body, Viewpoint, draw_bodies, look_from
 
 RED, BLUE = (220, 40, 40), (40, 40, 220)
 X, Y, Z = np.eye(3)

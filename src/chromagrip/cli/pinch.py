@@ -17,7 +17,7 @@ def run_two(
     scene: "Scene", out: Path | None, overwrite: bool, answer_within: float, json_only: bool
 ) -> int:
     """Run a pinch, and print its summary."""
-    from ..rig.pinch_run import run_pinch  # OpenCV loads only when something is run
+    from ..rig.pinch.run import run_pinch  # OpenCV loads only when something is run
 
     for finger in fingers(scene):
         prepare_scene(finger, pictures=out is not None or scene.path == "camera")

@@ -297,7 +297,7 @@ def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant:
     if scene.pinch.mass_g:
         raise UserError(
             "the scene is a pinch of two fingers; run it with `chromagrip grasp`, or with "
-            "chromagrip.rig.pinch_run.run_pinch"
+            "chromagrip.rig.pinch.run.run_pinch"
         )
     if scene.body == "dome":
         return DomePlant(scene)

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import UserError
 from ...output.processes import map_processes
 from ...output.report import Bounds, Report, Row, Table, measured, number, reported, values
-from ...rig.pinch_run import run_pinch
+from ...rig.pinch.run import run_pinch
 from ...scene.controllers import CONTROLLERS
 from ...scene.scene import load_scene
 from ...thesis import OBJECTS

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..model.shapes import Shape
+from ...errors import UserError
+from ...model.shapes import Shape
 from .scene_picture_kernels import draw_solid
 
 Array = NDArray[np.float64]

@@ -5,19 +5,19 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
-from ..control import GripObservation
-from ..errors import UserError, located
-from ..loop.camera import CameraMemory, SimulatedCamera, open_camera
-from ..loop.latency import Arrived, Delivery, arrivals, checked_force
-from ..loop.methods import Methods
-from ..loop.observers import known_sensor
-from ..loop.steps.readers import CameraReader, Reader, Reading, TruthReader, exposed_state
-from ..loop.torsion import held
-from ..render import Frame
-from ..scene.fingers import fingers
-from ..scene.scene import Scene
-from ..tracking import SensorCalibration, check_reconstructor
-from .pinch_world import Pinched, PinchPlant, PinchWorld
+from ...control import GripObservation
+from ...errors import UserError, located
+from ...loop.camera import CameraMemory, SimulatedCamera, open_camera
+from ...loop.latency import Arrived, Delivery, arrivals, checked_force
+from ...loop.methods import Methods
+from ...loop.observers import known_sensor
+from ...loop.steps.readers import CameraReader, Reader, Reading, TruthReader, exposed_state
+from ...loop.torsion import held
+from ...render import Frame
+from ...scene.fingers import fingers
+from ...scene.scene import Scene
+from ...tracking import SensorCalibration, check_reconstructor
+from .world import Pinched, PinchPlant, PinchWorld
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import located
-from ..loop.dome_world import dome_contact, solid_at
-from ..loop.world import Clock, Contact, World, drive_forces
-from ..model import DomeState, ForceField, Solid, dome_forces
-from ..model.dome import DomeSlip, follow_dome_slip, no_dome_slip
-from ..model.pinch import (
+from ...errors import located
+from ...loop.dome_world import dome_contact, solid_at
+from ...loop.world import Clock, Contact, World, drive_forces
+from ...model import DomeState, ForceField, Solid, dome_forces
+from ...model.dome import DomeSlip, follow_dome_slip, no_dome_slip
+from ...model.pinch import (
     Pinch,
     PinchRecord,
     PinchState,
@@ -18,8 +18,8 @@ from ..model.pinch import (
     follow_pinch,
     pinch_rest,
 )
-from ..scene.fingers import build_pinch
-from ..scene.scene import Scene
+from ...scene.fingers import build_pinch
+from ...scene.scene import Scene
 
 Array = NDArray[np.float64]
 

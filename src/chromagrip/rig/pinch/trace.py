@@ -5,14 +5,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..control import GripObservation
-from ..loop.trace import Summary, Trace, counted_kinds
-from ..loop.world import Contact
-from ..model import margin_within
-from ..model.pinch import mean_pressure
-from ..scene.fingers import build_pinch
-from ..scene.scene import Scene
-from .pinch_rig import PinchSample
+from ...control import GripObservation
+from ...loop.trace import Summary, Trace, counted_kinds
+from ...loop.world import Contact
+from ...model import margin_within
+from ...model.pinch import mean_pressure
+from ...scene.fingers import build_pinch
+from ...scene.scene import Scene
+from .rig import PinchSample
 
 #: Columns of the whole pinch, with their meaning.
 WHOLE = {

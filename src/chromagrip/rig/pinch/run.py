@@ -6,19 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..by_name import Choice
-from ..control import Controller
-from ..extras import require
-from ..loop.latency import HoldingController
-from ..loop.methods import choose
-from ..loop.run_folder import ANSWER_WITHIN_S
-from ..loop.trace import Summary, Trace
-from ..output.processes import one_thread
-from ..scene.controllers import CONTROLLERS
-from ..scene.scene import Scene, load_scene
-from .pinch_files import PinchFiles
-from .pinch_rig import PinchRig, PinchSample
-from .pinch_trace import Rows, summarise
+from ...by_name import Choice
+from ...control import Controller
+from ...extras import require
+from ...loop.latency import HoldingController
+from ...loop.methods import choose
+from ...loop.run_folder import ANSWER_WITHIN_S
+from ...loop.trace import Summary, Trace
+from ...output.processes import one_thread
+from ...scene.controllers import CONTROLLERS
+from ...scene.scene import Scene, load_scene
+from .files import PinchFiles
+from .rig import PinchRig, PinchSample
+from .trace import Rows, summarise
 
 #: Called after each frame with the frames done and all frames.
 Progress = Callable[[int, int], None]

@@ -7,17 +7,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..loop.dome_picture import STICKS, TractionPicture, write
-from ..loop.tactile_video import FPS, QUALITY, SLOWDOWN
-from ..model import ForceField
-from ..output.video import VideoFile
-from ..render import Frame
-from ..scene.fingers import build_pinch, fingers
-from ..scene.scene import Scene
+from ...loop.dome_picture import STICKS, TractionPicture, write
+from ...loop.tactile_video import FPS, QUALITY, SLOWDOWN
+from ...model import ForceField
+from ...output.video import VideoFile
+from ...render import Frame
+from ...scene.fingers import build_pinch, fingers
+from ...scene.scene import Scene
 from .course_plot import CoursePlot, Courses
-from .pinch_rig import PinchSample
-from .pinch_stage import FINGER_COLOURS, INK, draw_along, draw_side, set_stage
-from .pinch_trace import OUTCOMES
+from .rig import PinchSample
+from .stage import FINGER_COLOURS, INK, draw_along, draw_side, set_stage
+from .trace import OUTCOMES
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]

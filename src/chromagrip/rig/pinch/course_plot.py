@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..control import GripObservation
-from ..loop.figure import ESTIMATED, LOAD, TRUE
-from ..model import margin_within
-from .pinch_rig import PinchSample
+from ...control import GripObservation
+from ...loop.figure import ESTIMATED, LOAD, TRUE
+from ...model import margin_within
+from .rig import PinchSample
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

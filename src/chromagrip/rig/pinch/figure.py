@@ -5,10 +5,10 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..loop.figure import ESTIMATED, LOAD, TRUE, finish
-from ..loop.trace import Trace
-from ..scene.scene import Scene
-from .pinch_trace import FINGERS, OUTCOMES
+from ...loop.figure import ESTIMATED, LOAD, TRUE, finish
+from ...loop.trace import Trace
+from ...scene.scene import Scene
+from .trace import FINGERS, OUTCOMES
 
 
 def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:

@@ -7,18 +7,18 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from ..errors import UserError
-from ..extras import need
-from ..loop.run_folder import scene_text
-from ..loop.trace import Summary, Trace
-from ..output.folder import prepare
-from ..output.versions import versions
-from ..scene.scene import Scene
-from .pinch_rig import PinchRig, PinchSample
-from .pinch_trace import COLUMNS
+from ...errors import UserError
+from ...extras import need
+from ...loop.run_folder import scene_text
+from ...loop.trace import Summary, Trace
+from ...output.folder import prepare
+from ...output.versions import versions
+from ...scene.scene import Scene
+from .rig import PinchRig, PinchSample
+from .trace import COLUMNS
 
 if TYPE_CHECKING:
-    from .pinch_video import PinchVideo
+    from .video import PinchVideo
 
 #: Files of a run folder.
 FILES = ("summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml")
@@ -104,7 +104,7 @@ class PinchFiles:
 
 
 def _open_video(folder: Path, scene: Scene) -> "PinchVideo":
-    from .pinch_video import PinchVideo
+    from .video import PinchVideo
 
     return PinchVideo(folder / "tactile.mp4", scene)
 
@@ -112,7 +112,7 @@ def _open_video(folder: Path, scene: Scene) -> "PinchVideo":
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
 
-    from .pinch_figure import draw_figure
+    from .figure import draw_figure
 
     (folder / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
     table = pa.table({name: pa.array(trace[name]) for name in COLUMNS})

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import njit
-from ..model.shapes import distance
+from ...compiled import njit
+from ...model.shapes import distance
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -1,0 +1,1 @@
+"""Two fingers that hold one object: rig, runs, traces and pictures."""
