@@ -16,10 +16,10 @@ FRAMES = {"frames": 100.0, "outside": 10.0, "unsafe": 5.0, "wrong": 2.0, "flagge
 
 
 def held(margin: float = 0.3) -> Grip:
-    return Grip(lost=False, margin=margin, force=5.0, counts=FRAMES, rate=20.0)
+    return Grip(lost=False, margin=margin, force=5.0, counts=FRAMES)
 
 
-LOST = Grip(lost=True, margin=0.0, force=15.0, counts=FRAMES, rate=20.0)
+LOST = Grip(lost=True, margin=0.0, force=15.0, counts=FRAMES)
 
 
 def scored(runs: dict[Task, Grip | str]) -> dict[str, float | None]:
