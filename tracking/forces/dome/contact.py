@@ -47,7 +47,7 @@ _MISFIT = 2.0
 #: The same for the median of the pairs that have moved, as a few pairs of any specimen are odd,
 #: and for the product of both: of a design whose markers are straight, and how much more per
 #: crookedness over size of its markers. Crooked markers are tracked worse.
-_TYPICAL, _BOTH = (0.25, 3.6), (0.06, 4.0)
+_TYPICAL, _BOTH = (0.25, 2.4), (0.06, 4.0)
 #: Curvatures times the radius of the dome that no smooth, convex object of its size has.
 _HOLLOW, _EDGE = -0.2, 4.5
 #: Mean square of what is left of the shifts above which such an object is refused.
