@@ -1,5 +1,6 @@
 """What a step of a pinch starts from, and how it is kept in a file."""
 
+import math
 import os
 import zipfile
 from dataclasses import dataclass, fields
@@ -32,6 +33,7 @@ class PinchState:
     drift: velocity of the object in the hand in the last step [m/s, rad/s], shape (6,)
     support: force of the table, against gravity [N]
     level: height of the table, of the object's centre of mass along gravity [m]
+    came: way that object and skins came since nodes were looked for [m]; infinite looks anew
     """
 
     time: float
@@ -42,6 +44,7 @@ class PinchState:
     drift: Array
     support: float
     level: float
+    came: float
 
 
 def pinch_rest(pinch: Pinch) -> PinchState:
@@ -67,6 +70,7 @@ def pinch_rest(pinch: Pinch) -> PinchState:
         drift=np.zeros(6),
         support=weight,
         level=level,
+        came=math.inf,
     )
 
 

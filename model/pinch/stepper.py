@@ -1,5 +1,6 @@
 """A pinch, one step after another: two skins, one border of the object's pose and the closing."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,8 @@ _LEAPS = 10
 _SOLVES = 6
 #: Force that the inertia of the pose found may lack, of what acts on the object.
 _LACKS = 1e-4
-#: Way in pitches within which no node can have been missed: half the margin of `Skin.find`.
+#: Way in pitches that object and skin may come after nodes were looked for: within the margin of
+#: `Skin.find` none can have been missed. Half is for skin that is not looked at.
 _SURE = 0.5 * MARGIN
 #: Force below which a lack does not matter [N].
 _FORCE = 1e-6
@@ -65,6 +67,7 @@ class PinchStepper:
         self._centre = np.array(pinch.body.centre)
         self._reach = float(np.linalg.norm(abs(pinch.solid.shape.bounds).max(axis=0)))
         self._gravity = pinch.body.mass * np.array(pinch.gravity)
+        self._sure = _SURE * min(skin.dome.spacing for skin in self.skins)
         self._system: System = new_system(0, 1)
         self._blocks: list[Index] = []
         self._facing = np.zeros((0, 0), np.float32)
@@ -89,13 +92,14 @@ class PinchStepper:
     def _now(self, state: PinchState) -> None:
         self.time, self.moving, self.closing = state.time, state.moving, state.closing
         self.drift, self.support, self.level = state.drift, state.support, state.level
+        self.came = state.came
 
     def state(self) -> PinchState:
         """Copy of everything that the next step starts from."""
         return PinchState(
             time=self.time, first=self.skins[0].state(), second=self.skins[1].state(),
             moving=self.moving, closing=self.closing, drift=self.drift, support=self.support,
-            level=self.level,
+            level=self.level, came=self.came,
         )  # fmt: skip
 
     def pose(self) -> tuple[Array, Array]:
@@ -152,9 +156,13 @@ class PinchStepper:
         place = old_place + step * self.drift[:3]
         rotation = turned(old_rotation, step * self.drift[3:])
         closing, stands, guess = self.closing, self.support > 0.0, None
+        came = self.came + step * self._way(self.drift)
         rounds = products = 0
         for turn in range(_SOLVES):
-            if self._find(place, rotation, closing):
+            if came > self._sure:
+                came = 0.0
+                self._find(place, rotation, closing)
+            if self._room():
                 guess = None
             contact, outcome = self._contact(lags, guess)
             inertia, wrench = self._border(s, hand, place, rotation, closing, grip, stands)
@@ -166,7 +174,9 @@ class PinchStepper:
             motion = outcome.motion
             place, rotation = place + motion[:3], turned(rotation, motion[3:6])
             closing += motion[6]
-            far = turn + 1 < _SOLVES and self._came_near(contact, outcome)
+            moved = contact.rest + outcome.displacement - contact.before
+            came += self._way(motion) + float(abs(moved).max(initial=0.0))
+            far = turn + 1 < _SOLVES and came > self._sure
             if far and self._missed(place, rotation, closing):
                 continue
             found, lacks, pushed = self._carried(
@@ -176,6 +186,7 @@ class PinchStepper:
                 stands = not stands
             elif lacks < _LACKS or error > TOLERANCE:
                 break
+        self.came = came
         self._take_over(until, found, outcome, lags, (old_place, old_rotation))
         return StepCount(rounds, products, touching, 0, error)
 
@@ -329,22 +340,16 @@ class PinchStepper:
         a, b, c, d = np.zeros((4, *linear.shape))
         return contact, Outcome(linear, a, b, c, d, np.zeros(7))
 
-    def _find(self, place: Array, rotation: Array, closing: float) -> bool:
-        """Take new nodes into the unknowns where the object comes near; whether they changed."""
+    def _find(self, place: Array, rotation: Array, closing: float) -> None:
+        """Take new nodes into the unknowns where the object comes near them."""
         for k, skin in enumerate(self.skins):
             axes = _axes(k)
             skin.find(axes[:, None] * rotation, axes * (place - self._base(k, closing)))
-        return self._room()
 
-    def _came_near(self, contact: Contact, outcome: Outcome) -> bool:
-        """Whether object and skin may have met where no node was looked at.
-
-        All nodes within a margin of the object were; it is enough to look at how far both came.
-        """
-        motion, moved = outcome.motion, contact.rest + outcome.displacement - contact.before
-        way = np.linalg.norm(motion[:3]) + abs(motion[6]) + abs(moved).max(initial=0.0)
-        way += np.linalg.norm(motion[3:6]) * self._reach
-        return bool(way > _SURE * min(skin.dome.spacing for skin in self.skins))
+    def _way(self, motion: Array) -> float:
+        """Way of the object's farthest point in a motion of its pose, and of the closing [m]."""
+        turn = math.sqrt(float(motion[3:6] @ motion[3:6])) * self._reach
+        return math.sqrt(float(motion[:3] @ motion[:3])) + turn + float(abs(motion[6:]).sum())
 
     def _missed(self, place: Array, rotation: Array, closing: float) -> bool:
         missed = [
@@ -354,7 +359,7 @@ class PinchStepper:
         return any(missed)
 
     def _room(self) -> bool:
-        """Make room for the equations of both fingertips, where their nodes have changed."""
+        """Make room for the equations of both fingertips; whether their nodes have changed."""
         blocks = [skin.near for skin in self.skins]
         if self._blocks and all(a is b for a, b in zip(blocks, self._blocks, strict=True)):
             return False
