@@ -5,10 +5,10 @@ and the way on which the drive closes: two blocks of compliance with one border.
 is that of the world, see `body`.
 """
 
-from .body import Moving, RigidBody, box_body, kinetic_energy, rotation_vector
+from .body import Moving, RigidBody, box_body, kinetic_energy, rotation_by, rotation_vector
 from .hand import HandPath, Shake
 from .outcome import Limits, Outcome, PinchRecord, follow_pinch, mean_pressure
-from .pinch import FACING, Pinch
+from .pinch import FACING, Pinch, bases
 from .simulate import PinchRun, simulate_pinch
 from .state import PinchState, load_pinch_state, pinch_rest, save_pinch_state
 from .stepper import PinchStepper
@@ -26,12 +26,14 @@ __all__ = [
     "PinchStepper",
     "RigidBody",
     "Shake",
+    "bases",
     "box_body",
     "follow_pinch",
     "kinetic_energy",
     "load_pinch_state",
     "mean_pressure",
     "pinch_rest",
+    "rotation_by",
     "rotation_vector",
     "save_pinch_state",
     "simulate_pinch",

@@ -1,5 +1,6 @@
 """Shapes of objects in three dimensions, as signed distances: formulas and triangle meshes."""
 
+from ..kernels.dome.distance_kernels import distance
 from .mesh import mesh_shape
 from .primitives import ball, box, capsule, cone, cylinder, plane, quadric, torus
 from .shape import Shape, distances, reach_down
@@ -11,6 +12,7 @@ __all__ = [
     "capsule",
     "cone",
     "cylinder",
+    "distance",
     "distances",
     "mesh_shape",
     "plane",

@@ -14,8 +14,9 @@ import pytest
 import chromagrip
 from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
+from chromagrip.rig.pinch_files import FILES
 from chromagrip.rig.pinch_rig import PinchRig, smaller
-from chromagrip.rig.pinch_run import FILES, run_pinch
+from chromagrip.rig.pinch_run import run_pinch
 from chromagrip.rig.pinch_trace import COLUMNS
 from chromagrip.scene.scene import dump_scene
 

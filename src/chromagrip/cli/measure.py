@@ -39,10 +39,10 @@ Controllers = Annotated[
     option("of control: only this one; may be repeated", "NAME|MODULE:CLASS", "controller"),
 ]
 World = Annotated[
-    Literal["", "matched", "mismatched", "beyond", "dome"],
+    Literal["", "matched", "mismatched", "beyond", "dome", "pinch"],
     option(
-        "of force: only this world, without the speed; of loop: dome",
-        "matched|mismatched|beyond|dome",
+        "of force: only this world, without the speed; of loop: dome; of control: pinch",
+        "matched|mismatched|beyond|dome|pinch",
     ),
 ]
 Groups = Annotated[

@@ -18,7 +18,7 @@ def run_two(scene: "Scene", out: Path | None, overwrite: bool, json_only: bool) 
     from ..rig.pinch_run import run_pinch  # OpenCV loads only when something is run
 
     for finger in fingers(scene):
-        prepare_scene(finger, pictures=scene.path == "camera")
+        prepare_scene(finger, pictures=out is not None or scene.path == "camera")
     with counting(f"{scene.controller}, {scene.path}", "frames") as progress:
         result = run_pinch(scene, out, overwrite=overwrite, progress=progress)
     if json_only:

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-#: Side of the picture, and free border around the dome [px].
+#: Usual side of the picture, and free border around the dome [px].
 SIZE, BORDER = 480, 8
 #: Colours of no pressure and of the largest, RGB.
 NONE, LARGEST = np.array([255.0, 255.0, 255.0]), np.array([20.0, 90.0, 190.0])
@@ -22,8 +22,8 @@ SLIPS: Colour = (225, 80, 20)
 OUTLINE: Colour = (150, 150, 150)
 #: Share of the friction limit above which a node slips.
 SLIPPING = 0.999
-#: Length of an arrow as large as the largest pressure [px].
-ARROW = 100.0
+#: Length of an arrow as large as the largest pressure, as a share of the picture's side.
+ARROW = 100.0 / 480.0
 
 
 class TractionPicture:
@@ -32,15 +32,24 @@ class TractionPicture:
     Parameters
     ----------
     dome: that is touched
+    size: side of the picture [px]
+
+    Attributes
+    ----------
+    top: largest pressure so far, rounded up, which the darkest colour means [Pa]
+    radius: of the dome [m]
+    pixels: of a metre
     """
 
-    def __init__(self, dome: SoftBody) -> None:
+    def __init__(self, dome: SoftBody, size: int = SIZE) -> None:
+        self.radius = dome.radius
+        self._size, self._arrow = size, ARROW * size
         nodes = lattice(dome)
         self._areas = nodes.areas
-        self._pixels = (SIZE / 2 - BORDER) / dome.radius
-        self._outline = round(dome.radius * self._pixels)
+        self.pixels = (size / 2 - BORDER) / dome.radius
+        self._outline = round(dome.radius * self.pixels)
         mesh = Delaunay(nodes.points[:, :2])
-        at = (np.arange(SIZE) - (SIZE - 1) / 2) / self._pixels
+        at = (np.arange(size) - (size - 1) / 2) / self.pixels
         places = np.stack(np.meshgrid(at, -at), axis=-1).reshape(-1, 2)
         found = mesh.find_simplex(places)
         self._inside = found >= 0
@@ -48,19 +57,19 @@ class TractionPicture:
         part = np.einsum("nij,nj->ni", mesh.transform[found, :2], places - mesh.transform[found, 2])
         self._weights = np.column_stack([part, 1.0 - part.sum(axis=1)])
         self._corners = mesh.simplices[found]
-        self._top = 1e3
+        self.top = 1e3
 
     def draw(self, field: ForceField, mu: float) -> Image:
-        """Picture of a contact with that friction coefficient, RGB, (480, 480, 3)."""
+        """Picture of a contact with that friction coefficient, RGB, (size, size, 3)."""
         pressure = np.where(field.contact, field.normal, 0.0) / self._areas
-        self._top = max(self._top, _round_up(float(pressure.max())))
-        share = np.zeros(SIZE * SIZE)
-        share[self._inside] = (pressure[self._corners] * self._weights).sum(axis=1) / self._top
+        self.top = max(self.top, _round_up(float(pressure.max())))
+        share = np.zeros(self._size * self._size)
+        share[self._inside] = (pressure[self._corners] * self._weights).sum(axis=1) / self.top
         colours = NONE + np.clip(share, 0.0, 1.0)[:, None] * (LARGEST - NONE)
         canvas: Image = np.ascontiguousarray(
-            colours.reshape(SIZE, SIZE, 3).round().astype(np.uint8)
+            colours.reshape(self._size, self._size, 3).round().astype(np.uint8)
         )
-        middle = (SIZE // 2, SIZE // 2)
+        middle = (self._size // 2, self._size // 2)
         cv2.circle(canvas, middle, self._outline, OUTLINE, 1, cv2.LINE_AA)
         self._arrows(canvas, field, mu)
         return canvas
@@ -70,7 +79,7 @@ class TractionPicture:
         traction = field.friction[:, :2] / self._areas[:, None]
         for k in np.flatnonzero(field.contact):
             start = self._pixel(field.position[k, :2])
-            way = ARROW / self._top * traction[k] * [1.0, -1.0]
+            way = self._arrow / self.top * traction[k] * [1.0, -1.0]
             if np.hypot(*way) < 1.0:
                 continue
             a, b = (tuple(int(v) for v in np.rint(p)) for p in (start, start + way))
@@ -78,15 +87,15 @@ class TractionPicture:
             cv2.arrowedLine(canvas, a, b, colour, 1, cv2.LINE_AA, tipLength=0.25)
 
     def _pixel(self, place: Array) -> Array:
-        return (SIZE - 1) / 2 + self._pixels * place * [1.0, -1.0]
+        return (self._size - 1) / 2 + self.pixels * place * [1.0, -1.0]
 
     def legend(self, canvas: Image, place: tuple[int, int]) -> None:
         """Say on a picture what colours and arrows mean, from a place downwards [px]."""
         x, y = place
-        kilopascals = self._top / 1e3
+        kilopascals = self.top / 1e3
         write(canvas, f"pressure: blue {kilopascals:g} kPa", (x, y))
         write(canvas, f"friction: {kilopascals / 4:g} kPa", (x, y + 20))
-        end = (x + int(ARROW / 4), y + 32)
+        end = (x + int(self._arrow / 4), y + 32)
         cv2.arrowedLine(canvas, (x, y + 32), end, STICKS, 1, cv2.LINE_AA, tipLength=0.25)
         write(canvas, "black: skin sticks", (x, y + 52))
         write(canvas, "orange: skin slips", (x, y + 72), SLIPS)

@@ -1,7 +1,7 @@
 """A pinch, frame by frame: `reset`, then one grip for both fingers, until the scene is over."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 
@@ -11,8 +11,9 @@ from ..loop.camera import CameraMemory, SimulatedCamera, open_camera
 from ..loop.latency import Arrived, Delivery, arrivals, checked_force
 from ..loop.methods import Methods
 from ..loop.observers import known_sensor
-from ..loop.steps.readers import CameraReader, Reader, Reading, TruthReader
+from ..loop.steps.readers import CameraReader, Reader, Reading, TruthReader, exposed_state
 from ..loop.torsion import held
+from ..render import Frame
 from ..scene.fingers import fingers
 from ..scene.scene import Scene
 from ..tracking import SensorCalibration, check_reconstructor
@@ -133,6 +134,8 @@ class PinchRig:
             self._reseed(seed)
         self._index = -1  # until everything below has gone well
         self._world = self.plant.rest()
+        for camera in self._cameras:
+            camera.recall(None)
         self._readers = [self._reader(k, each) for k, each in enumerate(fingers(self.scene))]
         self._delivery = Delivery(arrivals(self.scene))
         seen = self._read(0)
@@ -218,6 +221,11 @@ class PinchRig:
         for k, memory in enumerate(state.cameras):
             self._camera(k).recall(memory)
 
+    def pictures(self) -> tuple[Frame, Frame]:
+        """Both cameras' pictures of this frame, also on the truth path and of a dropped frame."""
+        self._check_begun("pictures()")
+        return self._picture(0), self._picture(1)
+
     def close(self) -> None:
         """Release the cameras; closing them again does nothing."""
         while self._cameras:
@@ -229,12 +237,6 @@ class PinchRig:
             raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
         self.close()
         self.scene = msgspec.structs.replace(self.scene, seed=seed)
-
-    def _camera(self, k: int) -> SimulatedCamera:
-        """Camera of a finger; both are opened together."""
-        if not self._cameras:
-            self._cameras = [open_camera(each, self.methods) for each in fingers(self.scene)]
-        return self._cameras[k]
 
     def _check_begun(self, what: str) -> None:
         if self._index < 0:
@@ -253,9 +255,22 @@ class PinchRig:
         known = self._known[k]
         if known is None:
             return TruthReader(finger)
-        camera = self._camera(k)
-        camera.recall(None)
-        return CameraReader(finger, camera, self._world.finger(k), known, self.methods)
+        return CameraReader(finger, self._camera(k), self._world.finger(k), known, self.methods)
+
+    def _camera(self, k: int) -> SimulatedCamera:
+        """Camera of a finger; both are opened together when one is needed first."""
+        if not self._cameras:
+            self._cameras = [open_camera(each, self.methods) for each in fingers(self.scene)]
+        return self._cameras[k]
+
+    def _picture(self, k: int) -> Frame:
+        frame = self._readings[k].frame
+        if frame is None:
+            frame = self._camera(k).expose(exposed_state(self._world.finger(k)), self._index)
+            readings = list(self._readings)
+            readings[k] = replace(readings[k], frame=frame)
+            self._readings = (readings[0], readings[1])
+        return frame
 
     def _read(self, index: int) -> GripObservation | None:
         """Read both fingers' frames of that index, and send one observation on its way."""

@@ -1,30 +1,21 @@
 """Running a scene of two fingers: in memory, or into a run folder."""
 
-import json
-import shutil
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..by_name import Choice
 from ..control import Controller
-from ..errors import UserError
-from ..extras import need, require
+from ..extras import require
 from ..loop.latency import HoldingController
 from ..loop.methods import choose
-from ..loop.run_folder import scene_text
 from ..loop.trace import Summary, Trace
-from ..output.folder import prepare
 from ..output.processes import one_thread
-from ..output.versions import versions
 from ..scene.scene import Scene, load_scene
+from .pinch_files import PinchFiles
 from .pinch_rig import PinchRig, PinchSample
-from .pinch_trace import COLUMNS, Rows, summarise
-
-#: Files of a run folder.
-FILES = ("summary.json", "trace.parquet", "figure.png", "scene.toml")
+from .pinch_trace import Rows, summarise
 
 #: Called after each frame with the frames done and all frames.
 Progress = Callable[[int, int], None]
@@ -59,7 +50,9 @@ def run_pinch(
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
 ) -> PinchResult:
-    """Run a scene of two fingers; with `out`, write summary, trace, figure and scene there.
+    """Run a scene of two fingers; with `out`, write a run folder there.
+
+    It has summary, trace, figure, video and scene.
 
     After Ctrl-C or an error of a controller the results up to there are written, marked as not
     complete, and the exception is raised.
@@ -88,15 +81,15 @@ def run_pinch(
     )
     held = HoldingController(methods.build_controller(scene), scene.controller)
     rig = PinchRig(scene, methods)
-    folder = None if out is None else Path(out)
-    if folder is not None:
-        require("data", purpose="writing a run folder")
-        prepare(folder, overwrite)
-    return _record(rig, held, folder, progress)
+    if out is None:
+        return _record(rig, held, None, progress)
+    require("data", "video", purpose="writing a run folder")
+    with one_thread(), PinchFiles(Path(out), overwrite, scene) as files:
+        return _record(rig, held, files, progress)
 
 
 def _record(
-    rig: PinchRig, held: HoldingController, folder: Path | None, progress: Progress | None
+    rig: PinchRig, held: HoldingController, files: PinchFiles | None, progress: Progress | None
 ) -> PinchResult:
     """Run the loop, and write its results however it ends."""
     scene = rig.scene
@@ -110,7 +103,10 @@ def _record(
                 sample = rig.sample(grip)
                 rows.add(sample)
                 reasons.extend(_reasons(sample))
-                seconds = time.perf_counter() - begin
+                seconds += time.perf_counter() - begin
+                if files is not None:
+                    files.show(sample, rig)
+                begin = time.perf_counter()
                 if progress is not None:
                     progress(len(rows), scene.frames)
                 if rig.done:
@@ -120,45 +116,12 @@ def _record(
         rig.close()
         trace = rows.trace()
         summary = summarise(scene, trace, seconds, reasons)
-        if folder is not None and len(rows):
-            write(folder, scene, trace, summary)
+        if files is not None and len(rows):
+            files.write(trace, summary)
+    folder = None if files is None else files.folder
     return PinchResult(scene=scene, summary=summary, trace=trace, folder=folder)
 
 
 def _reasons(sample: PinchSample) -> list[str]:
     seen = [reading.observation for reading in sample.readings]
     return [each.no_estimate for each in seen if each is not None and each.no_estimate]
-
-
-def write(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
-    """Write the files of a run folder, which get their names together.
-
-    Raises
-    ------
-    UserError
-        When the folder cannot be written.
-    """
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-
-    from .pinch_figure import draw_figure
-
-    parts = folder / ".parts"
-    try:
-        for name in FILES:
-            (folder / name).unlink(missing_ok=True)
-        parts.mkdir(exist_ok=True)
-        (parts / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
-        table = pa.table({name: pa.array(trace[name]) for name in COLUMNS})
-        meaning = {name: words.encode() for name, words in COLUMNS.items()}
-        pq.write_table(table.replace_schema_metadata(meaning), parts / "trace.parquet")
-        draw_figure(scene, trace, parts / "figure.png")
-        text = json.dumps({**summary, "versions": versions()}, indent=2)
-        (parts / "summary.json").write_text(text + "\n", encoding="utf-8")
-        for part in sorted(parts.iterdir()):
-            part.replace(folder / part.name)
-    except OSError as error:
-        reason = error.strerror or error
-        raise UserError(f"folder {folder} cannot be written: {reason}") from None
-    finally:
-        with suppress(OSError):
-            shutil.rmtree(parts)

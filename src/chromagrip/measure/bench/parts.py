@@ -7,6 +7,7 @@ from ...errors import UserError
 from ...output.report import Report
 from ..domes.loop import bench_dome_loop
 from ..domes.report import DOME, bench_domes
+from ..pinches.bench import bench_pinches
 from .control import bench_control
 from .dataset import bench_dataset
 from .force import bench_force
@@ -16,6 +17,8 @@ from .model import bench_model
 from .render import bench_render
 from .track import bench_track
 
+#: World of two fingers.
+PINCH = "pinch"
 PARTS: dict[str, Callable[..., Report]] = {
     "loop": bench_loop,
     "model": bench_model,
@@ -49,7 +52,7 @@ def bench(
     reconstructors: of `force`: names, module:Class or classes; none are all
     controllers: of `control`: names or module:Class; none are all
     world, groups: of `force`: only this world, and only these groups of `beyond` or `dome`; of
-        `loop`: the world `dome`, none is the chain
+        `loop`: the world `dome`, none is the chain; of `control`: the world `pinch`
     scenes: of `track`: only these
 
     Raises
@@ -76,9 +79,11 @@ def bench(
         return bench_force(quick, progress, reconstructors, world, groups)
     if part == "loop" and world == DOME and not groups:
         return bench_dome_loop(quick, progress)
+    if part == "control" and world == PINCH and not groups:
+        return bench_pinches(quick, progress, controllers)
     if world or groups:
         raise UserError(
-            f"--world and --group go with bench force, and --world dome with bench loop, not with "
-            f"bench {part}"
+            "--world and --group go with bench force, --world dome with bench loop and --world "
+            f"pinch with bench control, not with bench {part}"
         )
     return PARTS[part](quick, progress, *(methods[part][1:] if part in methods else ()))

@@ -1,0 +1,255 @@
+"""Scorecards of controllers in the scenes of two fingers, and of the constant grip that holds."""
+
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...errors import UserError
+from ...output.processes import map_processes
+from ...output.report import Bounds, Report, Row, Table, measured, number, reported, values
+from ...rig.pinch_run import run_pinch
+from ...scene.controllers import CONTROLLERS
+from ...scene.scene import load_scene
+from ...thesis import OBJECTS
+
+#: Scene with the 27 objects, and those with the scene's own object.
+LIFT = "pinch-lift"
+OTHERS = ("pinch-offcentre", "pinch-tilt", "pinch-shake")
+#: Controllers through the cameras, and seeds of specimens and noise.
+SEEN, SEEDS = ("margin-inversion", "safety-margin"), 3
+#: Constant grips that are tried, the smallest first [N].
+GRIPS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
+CONSTANT = "constant"
+#: Margin Inversion that leaves torsion out.
+FRICTION_ONLY = "margin-inversion, friction only"
+_OUTCOMES = ("held", "dropped", "turned", "crushed")
+
+
+class Task(NamedTuple):
+    """A run: scene, path, who controls, number of the object (None is the scene's), seed."""
+
+    scene: str
+    path: str
+    controller: str
+    thing: int | None
+    seed: int
+    grip: float | None = None
+
+
+class Outcome(NamedTuple):
+    """What a run came to.
+
+    Attributes
+    ----------
+    outcome: held, dropped, turned or crushed
+    pressure: mean of a contact, the largest while lifted [kPa]
+    turn, elastic: of the object about the axis of the pinch without the skins', and theirs [°]
+    grip: mean while lifted [N]
+    energy: ∫(dF/dt)² of the command [N²/s]
+    rate: frames per second
+    """
+
+    outcome: str
+    pressure: float
+    turn: float
+    elastic: float
+    grip: float
+    energy: float
+    rate: float
+
+
+#: Unit of each score, and how it joins several runs.
+SCORES: dict[str, tuple[str, Callable[[Sequence[float]], float]]] = {
+    "pressure": ("kPa", lambda each: float(np.mean(each))),
+    "turn": ("°", lambda each: float(np.max(each))),
+    "elastic": ("°", lambda each: float(np.max(each))),
+    "grip": ("N", lambda each: float(np.mean(each))),
+    "energy": ("N²/s", lambda each: float(np.mean(each))),
+    "rate": ("frames/s", lambda each: float(np.median(each))),
+}
+
+
+def object_in_hand(thing: int) -> dict[str, Any]:
+    """One of the 27 objects as changes of a scene: an upright box, cup or pen of that radius."""
+    friction, stiffness, radius = OBJECTS[thing]
+    changes: dict[str, Any] = {"object.friction": friction, "object.stiffness_kpa": stiffness}
+    if math.isfinite(radius):
+        changes |= {
+            "object.shape": "cylinder",
+            "object.size_mm": [radius, 40.0],
+            "object.rounding_mm": 1.0,
+            "object.turned_deg": [0.0, 0.0, 90.0],
+        }
+    return changes
+
+
+def bench_pinches(
+    quick: bool, progress: Callable[[str], None], controllers: Sequence[str] = ()
+) -> Report:
+    """Report of controllers in pinches: rows `SCENE/PATH/CONTROLLER/score`.
+
+    Parameters
+    ----------
+    quick: three objects on the truth path, without the other scenes
+    progress: called after each run
+    controllers: names or module:Class; none are all of ours
+
+    Raises
+    ------
+    UserError
+        When there is no such controller.
+    """
+    names = tuple(dict.fromkeys(controllers)) or tuple(CONTROLLERS.entries)
+    for name in names:
+        load_scene(LIFT, {"controller": name}).build_controller()
+    runs = dict(done(tasks(quick, names), progress))
+    grip, constant = constant_that_holds(_things(quick), progress)
+    return report_of(runs | constant, grip, quick)
+
+
+def tasks(quick: bool, names: Sequence[str]) -> list[Task]:
+    """Runs of all but the constant grip."""
+    things = _things(quick)
+    todo = [Task(LIFT, "truth", name, thing, 0) for name in names for thing in things]
+    if quick:
+        return todo
+    todo += [
+        Task(scene, "truth", name, None, 0)
+        for scene in OTHERS
+        for name in (*names, *([FRICTION_ONLY] if "margin-inversion" in names else []))
+    ]
+    return todo + [
+        Task(LIFT, "camera", name, thing, seed)
+        for name in names
+        if name in SEEN
+        for seed in range(SEEDS if name == SEEN[0] else 1)
+        for thing in things
+    ]
+
+
+def _things(quick: bool) -> Sequence[int]:
+    return (0, 13, 26) if quick else range(len(OBJECTS))
+
+
+def done(
+    todo: Sequence[Task], progress: Callable[[str], None]
+) -> Iterator[tuple[Task, Outcome | str]]:
+    """Runs, with what each came to or why it stopped."""
+    results = map_processes(outcome_of, todo, os.cpu_count() or 1, ordered=True)
+    for count, (task, result) in enumerate(zip(todo, results, strict=True), 1):
+        progress(f"{task.scene}, {task.path}, {task.controller}: run {count} of {len(todo)}")
+        yield task, result
+
+
+def constant_that_holds(
+    things: Sequence[int], progress: Callable[[str], None]
+) -> tuple[float | None, dict[Task, Outcome | str]]:
+    """The smallest of GRIPS that lifts every object, and its runs.
+
+    None, with the runs of the largest, where none of them does.
+    """
+    runs: dict[Task, Outcome | str] = {}
+    for grip in GRIPS:
+        todo = [Task(LIFT, "truth", CONSTANT, thing, 0, grip) for thing in things]
+        runs = dict(done(todo, progress))
+        if all(isinstance(run, Outcome) and run.outcome == "held" for run in runs.values()):
+            return grip, runs
+    return None, runs
+
+
+def outcome_of(task: Task) -> Outcome | str:
+    """What a run came to, or why it stopped."""
+    changes: dict[str, Any] = {"path": task.path, "seed": task.seed}
+    if task.thing is not None:
+        changes |= object_in_hand(task.thing)
+    if task.grip is not None:
+        changes |= {"controller": "conservative", "conservative.force_n": task.grip}
+    elif task.controller == FRICTION_ONLY:
+        changes |= {"controller": "margin-inversion", "held_margin": "friction"}
+    else:
+        changes["controller"] = task.controller
+    try:
+        scene = load_scene(task.scene, changes)
+        result = run_pinch(scene)
+    except UserError as error:
+        return str(error)
+    trace, summary = result.trace, result.summary
+    lifted = trace["time_s"] > scene.pinch.lifts_at
+    return Outcome(
+        outcome=str(summary["outcome"]),
+        pressure=float(trace["pressure_kpa"][lifted].max()),
+        turn=float(abs(trace["turn_deg"]).max()),
+        elastic=float(abs(trace["elastic_deg"]).max()),
+        grip=float(trace["applied_n"][lifted].mean()),
+        energy=float((np.diff(trace["grip_n"]) ** 2).sum()) / scene.period,
+        rate=float(summary["frames_per_second"]),
+    )
+
+
+def report_of(runs: Mapping[Task, Outcome | str], grip: float | None, quick: bool) -> Report:
+    """Report of runs.
+
+    Parameters
+    ----------
+    grip: of the constant runs [N]; None where no constant grip holds every object
+    """
+    cases = dict.fromkeys((task.scene, task.path, task.controller) for task in runs)
+    rows: list[Row] = []
+    for case in cases:
+        rows += _rows(case, [run for task, run in runs.items() if task[:3] == case])
+    found = values(rows)
+    constant = found.get((LIFT, "truth", CONSTANT, "pressure"))
+    note = "" if grip is not None else f"none up to {GRIPS[-1]:g} N lifts every object"
+    rows.append(reported((LIFT, "truth", CONSTANT, "smallest"), grip, "N", note))
+    for scene, path, controller in cases:
+        mine = found.get((scene, path, controller, "pressure"))
+        if scene == LIFT and controller != CONSTANT and constant and grip and mine is not None:
+            gentler = 100.0 * (1.0 - mine / constant)
+            best = controller == SEEN[0] and path == "camera"
+            target = Bounds(low=30.0) if best else None
+            rows.append(measured((scene, path, controller, "gentler"), gentler, "%", target))
+    return Report(rows=tuple(rows), tables=(_table(rows, cases),), notes=NOTES, quick=quick)
+
+
+def _rows(case: tuple[str, str, str], runs: Sequence[Outcome | str]) -> Iterator[Row]:
+    complete = [run for run in runs if isinstance(run, Outcome)]
+    stopped = [run for run in runs if isinstance(run, str)]
+    yield reported((*case, "runs"), len(runs), "runs")
+    strict = case[:2] == (LIFT, "camera") and case[2] == SEEN[0]
+    for name in _OUTCOMES:
+        count = sum(run.outcome == name for run in complete)
+        target = Bounds(high=0.0) if strict and name in ("dropped", "crushed") else None
+        yield measured((*case, name), count, "runs", target)
+    if stopped:
+        yield reported((*case, "stopped"), len(stopped), "runs", stopped[0])
+    for score, (unit, join) in SCORES.items():
+        each = [getattr(run, score) for run in complete]
+        yield reported((*case, score), join(each) if each else None, unit)
+
+
+def _table(rows: Sequence[Row], cases: Mapping[tuple[str, str, str], None]) -> Table:
+    found = values(rows)
+    columns = {
+        "runs": "runs", **dict.fromkeys(_OUTCOMES, "runs"),
+        **{name: unit for name, (unit, _) in SCORES.items()}, "gentler": "%",
+    }  # fmt: skip
+    header = ("", *(name if unit == "runs" else f"{name} {unit}" for name, unit in columns.items()))
+    lines = [
+        (", ".join(case), *(number(found.get((*case, name))) for name in columns)) for case in cases
+    ]
+    return Table(header, tuple(lines))
+
+
+#: Explanation of the scores.
+NOTES = (
+    "`pinch-lift` with the 27 objects: 200 g as an upright box, cup of 40 mm or pen of 10 mm. The "
+    "other scenes have their own object. dropped, turned, crushed: see docs/pinch.md.",
+    "pressure: mean pressure of a contact, the largest while lifted; mean over the runs. turn: the "
+    "largest about the axis of the pinch, without the elastic twist, which stands beside it. grip: "
+    "mean while lifted. energy: ∫(dF/dt)² of the command. rate: with two runs at a time.",
+    "constant: the smallest grip of 3, 4, 5, 6, 8, 10, 12 N that lifts every object with the true "
+    "forces. gentler: by how much the pressure is lower than under it.",
+)

@@ -1,0 +1,207 @@
+"""The video of a pinch: both cameras with their tractions, the scene, and margins over time."""
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..loop.dome_picture import STICKS, TractionPicture, write
+from ..loop.tactile_video import FPS, QUALITY, SLOWDOWN
+from ..model import ForceField
+from ..output.video import VideoFile
+from ..render import Frame
+from ..scene.fingers import build_pinch, fingers
+from ..scene.scene import Scene
+from .course_plot import CoursePlot, Courses
+from .pinch_rig import PinchSample
+from .pinch_stage import FINGER_COLOURS, INK, draw_along, draw_side, set_stage
+from .pinch_trace import OUTCOMES
+
+Image = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+#: Width and height of a picture [px].
+WIDTH, HEIGHT = 1280, 720
+#: Height of the line of text above [px].
+HEAD = 32
+#: Side of a camera's picture and of a traction [px].
+SIDE = 232
+#: Magnification of a traction as long as the contact is in its middle.
+ZOOM = 2
+#: Width and height of the scene from the side [px].
+SCENE = (1280 - 3 * SIDE, 2 * SIDE)
+#: Height of the text below the view along the pinch [px].
+CAPTION = 22
+#: Size of the plots [px].
+PLOTS = (WIDTH, HEIGHT - HEAD - 2 * SIDE)
+#: Colours of an outcome: held, and any other.
+GOOD: Colour = (30, 120, 60)
+BAD: Colour = (200, 40, 40)
+#: Colour of the frame of a traction.
+FRAME: Colour = (215, 215, 215)
+_WHITE = 255
+
+
+class PinchVideo(VideoFile):
+    """Pictures of a pinch: 1280 × 720, at the rate and the slow-down of a grasp's video.
+
+    Everything is turned so that a finger's x, along which it feels the weight, points down. Cameras
+    and tractions are seen from inside the finger.
+
+    Parameters
+    ----------
+    path: of the video
+    scene: of two fingers
+    """
+
+    def __init__(self, path: Path, scene: Scene) -> None:
+        super().__init__(path, FPS, QUALITY)
+        self._scene, self._seen = scene, scene.path == "camera"
+        pinch = build_pinch(scene)
+        self.stage = set_stage(pinch, scene.duration_s, SCENE, (SIDE, SIDE - CAPTION))
+        domes = [each.build_sensor().dome for each in fingers(scene)] if self._seen else []
+        self._tractions = [
+            TractionPicture(dome, ZOOM * SIDE) for dome in domes or (pinch.first, pinch.second)
+        ]
+        self._zoomed = True
+        self.courses = Courses()
+        self.plot = CoursePlot(
+            PLOTS, scene.duration_s, scene.safety_margin.desired_margin,
+            "estimated" if self._seen else "observed",
+        )  # fmt: skip
+        self._start = math.nan
+        self._slot = -1
+
+    def add(self, sample: PinchSample) -> bool:
+        """Take a frame into the plots; whether its picture is due."""
+        if not self.courses.times:
+            self._start = float(sample.truth.state.moving.place[0])
+        self.courses.add(sample)
+        slot = int(sample.time * FPS * SLOWDOWN + 1e-6)
+        due = slot > self._slot and all(each.observation is not None for each in sample.readings)
+        self._slot = slot if due else self._slot
+        return due
+
+    def show(self, sample: PinchSample, frames: tuple[Frame, Frame]) -> None:
+        """Append the picture of a frame that was added."""
+        self.append(self.compose(sample, frames))
+
+    def compose(self, sample: PinchSample, frames: tuple[Frame, Frame]) -> Image:
+        """Picture of a frame, RGB, (720, 1280, 3)."""
+        whole = np.full((HEIGHT, WIDTH, 3), _WHITE, np.uint8)
+        tractions = self._draw_tractions(sample)
+        for k, left in enumerate((0, WIDTH - SIDE)):
+            camera = _upright(frames[k].image)
+            write(camera, f"finger {k + 1}", (6, 15), _shade(FINGER_COLOURS[k]))
+            write(camera, "camera", (SIDE - 56, 15), (230, 230, 230))
+            _put(whole, camera, (left, HEAD))
+            _put(whole, tractions[k], (left, HEAD + SIDE))
+        _put(whole, draw_side(self.stage, sample.truth), (SIDE, HEAD))
+        column = SIDE + SCENE[0]
+        _put(whole, draw_along(self.stage, sample.truth), (column, HEAD))
+        write(whole, "along the pinch, from finger 1", (column + 8, HEAD + SIDE - 6), INK)
+        _put(whole, self._legend(sample), (column, HEAD + SIDE))
+        _put(whole, self.plot.draw(self.courses), (0, HEAD + 2 * SIDE))
+        self._head(whole, sample)
+        return whole
+
+    def _draw_tractions(self, sample: PinchSample) -> list[Image]:
+        """Both tractions, with one scale, as a camera sees them."""
+        shown: list[tuple[ForceField, float]] = []
+        for contact, reading in zip(sample.truth.fingers, sample.readings, strict=True):
+            seen = reading.observation
+            if self._seen and seen is not None:
+                shown.append((seen.field, seen.friction))
+            else:
+                shown.append((contact.field, contact.friction))
+        for _ in range(2):  # once more where the scale of one has grown
+            pictures = [
+                each.draw(*values) for each, values in zip(self._tractions, shown, strict=True)
+            ]
+            top = max(each.top for each in self._tractions)
+            if all(each.top == top for each in self._tractions):
+                break
+            for each in self._tractions:
+                each.top = top
+        self._zoomed &= not any(
+            (abs(field.position[field.contact, :2]) > 0.95 * each.radius / ZOOM).any()
+            for each, (field, _) in zip(self._tractions, shown, strict=True)
+        )
+        return [self._shown(*each) for each in zip(self._tractions, pictures, strict=True)]
+
+    def _shown(self, traction: TractionPicture, picture: Image) -> Image:
+        """A traction as a camera sees it, with its length of 5 mm."""
+        turned = np.ascontiguousarray(picture.transpose(1, 0, 2))
+        if self._zoomed:
+            first = (ZOOM - 1) * SIDE // 2
+            turned = turned[first : first + SIDE, first : first + SIDE].copy()
+        else:
+            size = (SIDE, SIDE)
+            turned = np.asarray(cv2.resize(turned, size, interpolation=cv2.INTER_AREA), np.uint8)
+        write(turned, "estimated traction" if self._seen else "true traction", (6, 14), INK)
+        pixels = traction.pixels if self._zoomed else traction.pixels / ZOOM
+        right, row = SIDE - 8, SIDE - 8
+        cv2.line(turned, (round(right - 5e-3 * pixels), row), (right, row), INK, 2)
+        write(turned, "5 mm", (right - 36, row - 6), INK)
+        cv2.rectangle(turned, (0, 0), (SIDE - 1, SIDE - 1), FRAME, 1)
+        return turned
+
+    def _legend(self, sample: PinchSample) -> Image:
+        legend = np.full((SIDE, SIDE, 3), _WHITE, np.uint8)
+        truth = sample.truth.record
+        lines = (
+            "the object in truth:",
+            f"rise {1e3 * self._rise(sample):z.1f} mm",
+            f"slid by {1e3 * truth.slide:.2f} mm",
+            f"turned by {math.degrees(truth.turn):z.1f} deg",
+            f"skins twisted by {math.degrees(truth.elastic):z.1f} deg",
+            f"mean pressure {1e-3 * truth.pressure:.0f} kPa",
+        )
+        for k, line in enumerate(lines):
+            write(legend, line, (10, 16 + 19 * k), INK)
+        self._tractions[0].legend(legend, (10, 20 + 19 * len(lines) + 10))
+        return legend
+
+    def _rise(self, sample: PinchSample) -> float:
+        """Rise of the centre of mass since the start [m]; x is down."""
+        return self._start - float(sample.truth.state.moving.place[0])
+
+    def _head(self, whole: Image, sample: PinchSample) -> None:
+        """Line of text above everything."""
+        scene = self._scene
+        outcome = sample.truth.record.outcome(scene.pinch.limits)
+        weight = 9.81e-3 * scene.pinch.mass_g
+        words = (
+            (f"t = {sample.time:.2f} s", 8, STICKS),
+            (f"grip {sample.grip:.2f} N", 180, STICKS),
+            (f"weight {weight:.2f} N", 350, STICKS),
+            (f"so far: {outcome}", 530, GOOD if outcome == OUTCOMES[0] else BAD),
+            (f"{scene.controller}, {scene.path} path", 760, INK),
+        )
+        for text, column, colour in words:
+            cv2.putText(
+                whole, text, (column, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.58, colour, 1, cv2.LINE_AA
+            )
+
+
+def _upright(image: Image) -> Image:
+    """Middle of a camera's picture, turned so that the finger's x points down."""
+    height, width = image.shape[:2]
+    side = min(height, width)
+    top, left = (height - side) // 2, (width - side) // 2
+    middle = image[top : top + side, left : left + side]
+    turned = np.ascontiguousarray(np.rot90(middle, -1))
+    return np.asarray(cv2.resize(turned, (SIDE, SIDE), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _shade(colour: Colour) -> Colour:
+    """A colour that is read on black."""
+    red, green, blue = (min(255, value + 60) for value in colour)
+    return red, green, blue
+
+
+def _put(whole: Image, part: Image, at: tuple[int, int]) -> None:
+    x, y = at
+    whole[y : y + part.shape[0], x : x + part.shape[1]] = part

@@ -1,0 +1,242 @@
+"""The video of a pinch: what is where in its pictures, and how many there are."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+
+import chromagrip
+from chromagrip import load_scene
+from chromagrip.model.pinch import rotation_by
+from chromagrip.rig.course_plot import BAND, OTHER, SEEN, TRUTH, CoursePlot, Courses
+from chromagrip.rig.pinch_rig import PinchRig, PinchSample
+from chromagrip.rig.pinch_run import run_pinch
+from chromagrip.rig.pinch_stage import ABOVE, FINGER_COLOURS, UPPER, Stage, draw_along, draw_side
+from chromagrip.rig.pinch_stage import set_stage as stage_of
+from chromagrip.rig.pinch_video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
+from chromagrip.rig.pinch_world import Pinched
+
+#: A light box and coarse domes.
+COARSE = {
+    "path": "truth",
+    "sensor": "thesis",
+    "controller": "conservative",
+    "conservative.force_n": 1.5,
+    "dome.pitch_mm": 0.8,
+    "duration_s": 0.7,
+    "pinch.mass_g": 50.0,
+    "pinch.hand_times_s": [0.0, 0.2, 0.6],
+    "object.size_mm": [20.0, 20.0, 16.0],
+}
+#: Turn of the hand at the last knot of the path.
+TILTED = {"pinch.hand_turns_deg": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 60.0, 0.0]]}
+
+
+def scene(**changes: Any) -> chromagrip.Scene:
+    keys = {key.replace("__", "."): value for key, value in changes.items()}
+    return load_scene("pinch-lift", {**COARSE, **keys})
+
+
+def untouched(its: chromagrip.Scene) -> tuple[Stage, Pinched]:
+    """Stage of a scene, and its pinch at the start."""
+    rig = PinchRig(its)
+    rig.reset()
+    stage = stage_of(rig.plant.pinch, its.duration_s, (560, 464), (232, 232))
+    return stage, rig.sample().truth
+
+
+def at(pinched: Pinched, time: float) -> Pinched:
+    """As if the hand had carried all along its path without any sag."""
+    return replace(pinched, state=replace(pinched.state, time=time))
+
+
+def hue(picture: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
+    """Pixels that have a colour, whatever the light; (row, column) each."""
+    values = picture.astype(float)
+    size = np.linalg.norm(values, axis=-1) * np.linalg.norm(colour)
+    alike = (values @ np.array(colour, float)) / np.maximum(size, 1.0)
+    return np.argwhere((alike > 0.9995) & (np.ptp(picture, axis=-1) > 30))
+
+
+def exact(picture: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
+    """Pixels of a colour; (row, column) each."""
+    return np.argwhere((picture == colour).all(axis=-1))
+
+
+def test_what_is_lifted_moves_up_by_its_way() -> None:
+    stage, start = untouched(scene())
+    before, after = (hue(draw_side(stage, at(start, t)), UPPER) for t in (0.0, 0.7))
+    way = 0.060 * math.cos(ABOVE) / stage.side.pixel
+    assert way > 150.0
+    assert before[:, 0].min() - after[:, 0].min() == pytest.approx(way, abs=1.01)
+    assert before[:, 1].mean() == pytest.approx(after[:, 1].mean(), abs=1.0)
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, TILTED, {"pinch.hand_mm": [[0, 0, 0], [0, 0, 0], [-80, 0, 30]]}]
+)
+def test_the_whole_path_is_in_the_picture(changes: dict[str, Any]) -> None:
+    stage, start = untouched(scene(**changes))
+    for time in (0.0, 0.3, 0.4, 0.7):
+        picture = draw_side(stage, at(start, time))
+        edges = (picture[0], picture[-1], picture[:, 0], picture[:, -1])
+        assert all((edge == 255).all() for edge in edges), time
+
+
+def test_the_first_finger_is_at_the_left_and_a_tilt_lowers_the_second() -> None:
+    stage, start = untouched(scene(**TILTED))
+    level, tilted = (
+        [hue(draw_side(stage, at(start, t)), each).mean(axis=0) for each in FINGER_COLOURS]
+        for t in (0.0, 0.7)
+    )
+    assert level[0][1] < level[1][1] - 50
+    assert level[0][0] == pytest.approx(level[1][0], abs=2.0)
+    assert tilted[0][0] < tilted[1][0] - 50
+
+
+def test_a_turn_about_the_pinch_is_clockwise_as_seen_from_the_first_finger() -> None:
+    stage, start = untouched(scene())
+    first = start.state.first
+    angle = math.radians(25.0)
+    turned = replace(first, rotation=rotation_by(np.array([0.0, 0.0, angle])) @ first.rotation)
+    after = replace(start, state=replace(start.state, first=turned))
+    here, there = (hue(draw_along(stage, each), UPPER).mean(axis=0) for each in (start, after))
+    arm = 115.5 - here[0]  # of the light half, above the middle of the picture
+    assert there[1] - here[1] == pytest.approx(arm * math.sin(angle), abs=0.1 * arm)
+    assert 115.5 - there[0] == pytest.approx(arm * math.cos(angle), abs=0.1 * arm)
+
+
+def courses(**last: float) -> Courses:
+    """Five frames with one margin and grip, the last of them as given."""
+    made = Courses()
+    made.times.extend(0.1 * k for k in range(5))
+    values = {
+        "true": 0.8,
+        "seen": 0.7,
+        "limit_true": 0.5,
+        "limit_seen": 0.4,
+        "low": 0.3,
+        "high": 0.6,
+    }
+    for finger in made.margins:
+        for name, value in values.items():
+            finger[name].extend([value] * 4 + [last.get(name, value)])
+    made.forces["grip"].extend([3.0] * 4 + [last.get("grip", 3.0)])
+    made.forces["table"].extend([0.0] * 5)
+    return made
+
+
+def test_the_interval_is_drawn_from_end_to_end_and_no_further() -> None:
+    plot = CoursePlot((1280, 224), 1.0, 0.1, "estimated")
+    picture = plot.draw(courses())
+    for panel in plot.panels[:2]:
+        low, high = panel.pixels(np.full(2, 0.15), np.array([0.3, 0.6]))
+        column = round(float(low[0]))
+        rows = exact(picture[:, column : column + 1], BAND)[:, 0]
+        assert rows.min() == pytest.approx(high[1], abs=1.6)
+        assert rows.max() == pytest.approx(low[1], abs=1.6)
+        for value, colour in ((0.8, TRUTH), (0.7, SEEN), (0.5, TRUTH), (0.4, SEEN)):
+            row = round(float(panel.pixels(np.zeros(1), np.array([value]))[0, 1]))
+            near = picture[row - 1 : row + 2, column].astype(int)
+            assert abs(near - colour).sum(axis=-1).min() < 120, value
+        after = round(float(panel.pixels(np.array([0.6]), np.zeros(1))[0, 0]))
+        assert not len(exact(picture[:, after : round(panel.right)], BAND))
+        desired = round(float(panel.pixels(np.zeros(1), np.array([0.1]))[0, 1]))
+        assert (exact(picture, OTHER)[:, 0] == desired).sum() > 100
+
+
+def test_what_is_not_known_is_a_gap() -> None:
+    plot = CoursePlot((1280, 224), 1.0, 0.1, "estimated")
+    picture = plot.draw(courses(low=math.nan, high=math.nan))
+    panel = plot.panels[0]
+    columns = exact(picture[:, : round(panel.right)], BAND)[:, 1]
+    assert columns.max() == pytest.approx(panel.pixels(np.array([0.3]), np.zeros(1))[0, 0], abs=1.6)
+
+
+def test_the_axis_of_force_grows_with_the_grip() -> None:
+    plot = CoursePlot((1280, 224), 1.0, 0.3, "true")
+    plot.draw(courses())
+    assert plot.panels[2].high == 5.0
+    plot.draw(courses(grip=14.0))
+    assert plot.panels[2].high == 20.0
+
+
+@pytest.fixture(scope="module")
+def gripped() -> PinchSample:
+    rig = PinchRig(scene(duration_s=0.3))
+    rig.reset()
+    while not rig.done:
+        rig.step(1.5)
+    return rig.sample(1.5)
+
+
+@pytest.mark.parametrize(("axis", "column", "sign"), [(0, 0, 1.0), (1, 1, -1.0)])
+def test_a_traction_has_x_downwards_and_y_to_the_left(
+    gripped: PinchSample, tmp_path: Path, axis: int, column: int, sign: float
+) -> None:
+    def half(k: int) -> Any:
+        contact = gripped.truth.fingers[k]
+        side = contact.field.position[:, axis] > 0.5e-3
+        return replace(contact, field=replace(contact.field, contact=contact.field.contact & side))
+
+    video = PinchVideo(tmp_path / "video.mp4", scene())
+    sample = replace(gripped, truth=replace(gripped.truth, fingers=(half(0), half(1))))
+    for picture in video._draw_tractions(sample):
+        blue = np.argwhere(picture[..., 2].astype(int) - picture[..., 0] > 40)
+        assert len(blue) > 20
+        assert sign * (blue[:, column].mean() - 0.5 * SIDE) > 5.0
+    video.close()
+
+
+def test_a_camera_has_x_downwards_and_y_to_the_left() -> None:
+    for place, seen in (((240, 500), (1, 0)), ((420, 320), (0, -1))):
+        image = np.zeros((480, 640, 3), np.uint8)
+        image[place[0] - 9 : place[0] + 9, place[1] - 9 : place[1] + 9] = 255
+        middle = np.argwhere(_upright(image)[..., 0] > 128).mean(axis=0) - 0.5 * (SIDE - 1)
+        assert np.sign(np.where(abs(middle) < 2.0, 0.0, middle)).tolist() == list(seen)
+
+
+def pictures(path: Path) -> list[np.ndarray]:
+    with av.open(str(path)) as video:
+        return [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
+
+
+def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> None:
+    run_pinch(scene(duration_s=0.2), tmp_path / "slow")
+    shown = pictures(tmp_path / "slow" / "tactile.mp4")
+    assert len(shown) == 13  # all frames at 60 Hz
+    assert shown[0].shape == (HEIGHT, WIDTH, 3)
+    # The camera's picture is that of the rig, though the controller saw none.
+    rig = PinchRig(scene(duration_s=0.2))
+    rig.reset()
+    camera = _upright(rig.pictures()[0].image).astype(int)
+    drawn = shown[0][32 : 32 + SIDE, :SIDE].astype(int)
+    assert abs(drawn - camera)[20:].mean() < 6.0
+    rig.close()
+
+
+def test_a_fast_camera_has_a_hundred_pictures_a_second(tmp_path: Path) -> None:
+    run_pinch(scene(duration_s=0.1, camera__rate_hz=200.0), tmp_path / "fast")
+    assert len(pictures(tmp_path / "fast" / "tactile.mp4")) == 11
+
+
+def test_an_interrupted_run_keeps_its_video(tmp_path: Path) -> None:
+    def stop(done: int, _: int) -> None:
+        if done == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_pinch(scene(), tmp_path / "run", progress=stop)
+    assert len(pictures(tmp_path / "run" / "tactile.mp4")) == 5
+    assert not (tmp_path / "run" / ".parts").exists()
+
+
+def test_pictures_change_nothing(tmp_path: Path) -> None:
+    with_video = run_pinch(scene(duration_s=0.2), tmp_path / "run").trace
+    without = run_pinch(scene(duration_s=0.2)).trace
+    assert with_video["grip_n"].tobytes() == without["grip_n"].tobytes()
+    assert with_video["object_x_mm"].tobytes() == without["object_x_mm"].tobytes()
