@@ -11,7 +11,10 @@ Importing this room registers its environments with Gymnasium, where that is ins
 from importlib.util import find_spec
 
 #: Keyword arguments of each environment, by its name.
-ENVIRONMENTS: dict[str, dict[str, object]] = {"chromagrip/Grasp-v0": {}}
+ENVIRONMENTS: dict[str, dict[str, object]] = {
+    "chromagrip/Grasp-v0": {},
+    "chromagrip/Pinch-v0": {"scene": "pinch-lift", "most_n": 10.0},
+}
 
 
 def _register() -> None:
