@@ -111,15 +111,16 @@ def test_both_fingers_carry_half_the_weight() -> None:
 
 
 def test_each_fingers_margin_has_its_own_noise() -> None:
-    env = made({"truth.margin_noise": 0.02})
+    env = made({"truth.margin_noise": 0.02, "camera.latency_frames": 0})
     env.reset(seed=2)
-    steps = rolled(env, [1.5] * 30)
-    assert steps[-1][0].shape == (2, len(MARGIN))
-    margins = np.stack([step[0][:, 0] for step in steps[15:]])
-    assert (margins[:, 0] != margins[:, 1]).all()
-    truth = np.array([step[4]["margin_true"] for step in steps[15:]])
-    # One frame of latency; the margin that is held reckons with torsion too.
-    assert margins.mean(axis=1)[1:] == pytest.approx(truth[:-1], abs=0.06)
+    for shown, *_ in (rolled(env, [1.5])[0] for _ in range(12)):
+        observed = [reading.observation for reading in env._rig.readings]
+        limits = [each.limit_margin for each in observed if each is not None]
+        assert shown.shape == env.observation_space.shape == (2, len(MARGIN))
+        if np.isfinite(limits).all():  # of force and torsion together, as the scene says
+            assert shown[:, 0].tolist() == np.float32(limits).tolist()
+    assert np.isfinite(limits).all()
+    assert shown[0, 0] != shown[1, 0]
 
 
 def test_each_finger_shows_its_own_picture() -> None:
@@ -138,6 +139,7 @@ def test_each_finger_shows_its_own_picture() -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_the_markers_of_both_skins_move_where_they_are_pressed() -> None:
     env = made({"camera.latency_frames": 0}, observation="markers")
     still, _ = env.reset(seed=0)
@@ -150,6 +152,7 @@ def test_the_markers_of_both_skins_move_where_they_are_pressed() -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_two_fingers_whose_arrays_differ_are_refused() -> None:
     with pytest.raises(UserError, match="cannot be stacked"):
         made({"pinch.second_sensor": "dome-2022"}, observation="markers")
@@ -210,10 +213,11 @@ def test_a_restored_environment_goes_on_with_the_same_bytes(observation: str) ->
     rolled(env, [1.0, 2.0, 1.5])
     assert not same(straight, rolled(env, forces))
     with pytest.raises(UserError, match="another number of fingers"):
-        made(scene="dome-1", changes={"sensor": "dome-2022"}).restore(state)
+        gymnasium.make("chromagrip/Grasp-v0").unwrapped.restore(state)  # type: ignore[attr-defined]
     env.close()
 
 
+@pytest.mark.slow
 def test_worker_processes_give_the_same_bytes() -> None:
     changes = COARSE | NOISY | {"duration_s": 0.2}
     makers = [
