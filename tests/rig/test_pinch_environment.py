@@ -13,7 +13,7 @@ import chromagrip.rig
 from chromagrip import Rig, UserError, load_scene
 from chromagrip.rig.environment import DROP_COST, GripEnv
 from chromagrip.rig.pinch_rig import PinchRig
-from chromagrip.rig.views import FORCES, MARGIN
+from chromagrip.rig.views import FORCES, MARGIN, space_of, view_of
 
 NAME = "chromagrip/Pinch-v0"
 WEIGHT = 0.05 * 9.81
@@ -152,10 +152,11 @@ def test_the_markers_of_both_skins_move_where_they_are_pressed() -> None:
     env.close()
 
 
-@pytest.mark.slow
 def test_two_fingers_whose_arrays_differ_are_refused() -> None:
+    scene = load_scene("pinch-lift")
+    one, other = view_of("margin", scene, None), view_of("forces", scene, None)
     with pytest.raises(UserError, match="cannot be stacked"):
-        made({"pinch.second_sensor": "dome-2022"}, observation="markers")
+        space_of([one, other])
 
 
 def test_no_grip_drops_the_object() -> None:

@@ -5,7 +5,7 @@ Importing this room registers its environments with Gymnasium, where that is ins
     import chromagrip.rig
     import gymnasium
 
-    env = gymnasium.make("chromagrip/Grasp-v0", observation="forces")
+    env = gymnasium.make("chromagrip/Pinch-v0", observation="forces")
 """
 
 from importlib.util import find_spec
