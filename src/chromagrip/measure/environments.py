@@ -78,9 +78,9 @@ def environment_rows(
             yield reported(case, None, "steps/s", problem)
             continue
         progress(", ".join(timed.case))
-        speed, spent = step_times(timed, duration_s, turns)
+        speed, busy = step_times(timed, duration_s, turns)
         yield at_least(case, speed, "steps/s", timed.least)
-        yield reported((*case, "cpu"), spent, "ms")
+        yield reported((*case, "cpu"), busy, "ms")
     progress("frames from outside")
     spent = outside_times(load_scene(SCENE, {"duration_s": duration_s}))
     yield at_most(("speed", "outside", "median"), float(np.median(spent)), "ms", PERIOD_60_HZ)
