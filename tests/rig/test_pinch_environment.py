@@ -65,7 +65,7 @@ def same(one: list[Step], other: list[Step]) -> bool:
     [
         "forces",
         "margin",
-        pytest.param("image", marks=pytest.mark.slow),
+        "image",
         pytest.param("markers", marks=pytest.mark.slow),
     ],
 )
@@ -218,7 +218,6 @@ def test_a_restored_environment_goes_on_with_the_same_bytes(observation: str) ->
     env.close()
 
 
-@pytest.mark.slow
 def test_worker_processes_give_the_same_bytes() -> None:
     changes = COARSE | NOISY | {"duration_s": 0.2}
     makers = [
