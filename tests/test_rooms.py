@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "cli": "model render tracking control output scene loop pictures calibrate dataset measure rig",
 }
 #: Modules beside the rooms: the entry points.
-DOORS = {"__init__": "scene loop", "__main__": "cli"}
+DOORS = {"__init__": "scene loop rig", "__main__": "cli"}
 STAGES = ("model", "render", "tracking", "control")
 #: Largest number of modules in a folder, and of lines in a function.
 MOST_MODULES = 16

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .errors import UserError
     from .loop.run_folder import Result, run
     from .loop.steps.rig import Rig
-    from .loop.steps.rig import open_rig as open
+    from .rig.opening import open_rig as open
     from .scene.scene import Scene, load_scene, scene_names
 
     __version__: str
@@ -25,7 +25,7 @@ _HOMES = {
     "Scene": "scene.scene:Scene",
     "UserError": "errors:UserError",
     "load_scene": "scene.scene:load_scene",
-    "open": "loop.steps.rig:open_rig",
+    "open": "rig.opening:open_rig",
     "run": "loop.run_folder:run",
     "scene_names": "scene.scene:scene_names",
 }

@@ -5,7 +5,7 @@ from .fidelity import Fidelity
 from .grasp import grasp
 from .latency import arrivals
 from .run_folder import Result, run
-from .steps.rig import Rig, RigState, open_rig
+from .steps.rig import Rig, RigState
 from .steps.sample import Sample
 from .trace import COLUMNS, Trace, summarise
 
@@ -20,7 +20,6 @@ __all__ = [
     "arrivals",
     "grasp",
     "open_camera",
-    "open_rig",
     "run",
     "summarise",
 ]

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,15 +21,39 @@ from ..rig.gripper import HeldGripper, SimulatedGripper
 from ..rig.outside import grasp_outside
 from ..scene.scene import Scene, load_scene
 
-#: Scene of all figures.
+#: Scene of all figures of one finger.
 SCENE = "camera-100hz"
-#: Observations with the number of grasps that are timed, and the speed that is asked for [1/s].
-OBSERVATIONS = {
-    "margin": (20, 1000.0),
-    "forces": (20, 1000.0),
-    "image": (2, -math.inf),
-    "markers": (2, -math.inf),
-}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timed:
+    """An environment that is timed.
+
+    Attributes
+    ----------
+    case: name of the row after `speed`
+    name: of the environment
+    observation: that it shows
+    grasps: how many are timed
+    least: speed that is asked for [1/s]
+    """
+
+    case: tuple[str, ...]
+    name: str
+    observation: str
+    grasps: int
+    least: float = -math.inf
+
+
+GRASP, PINCH = "chromagrip/Grasp-v0", "chromagrip/Pinch-v0"
+TIMED = (
+    Timed(case=("environment", "margin"), name=GRASP, observation="margin", grasps=20, least=1000),
+    Timed(case=("environment", "forces"), name=GRASP, observation="forces", grasps=20, least=1000),
+    Timed(case=("environment", "image"), name=GRASP, observation="image", grasps=2),
+    Timed(case=("environment", "markers"), name=GRASP, observation="markers", grasps=2),
+    Timed(case=("pinch", "forces"), name=PINCH, observation="forces", grasps=1, least=75),
+    Timed(case=("pinch", "image"), name=PINCH, observation="image", grasps=1, least=30),
+)
 #: Time between frames of a camera of 60 Hz [ms].
 PERIOD_60_HZ = 1e3 / 60.0
 
@@ -36,7 +61,9 @@ PERIOD_60_HZ = 1e3 / 60.0
 def environment_rows(
     progress: Callable[[str], None], duration_s: float = 2.0, turns: int = 3
 ) -> Iterator[Row]:
-    """Speed of `Grasp-v0` on the chain with its resets, and time of a frame from outside.
+    """Speed of the environments with their resets, and time of a frame from outside.
+
+    `Grasp-v0` is of the chain, `Pinch-v0` of two domes with four steps a frame.
 
     Parameters
     ----------
@@ -45,40 +72,43 @@ def environment_rows(
     turns: the fastest one counts
     """
     problem = missing("rl")
-    for observation, (grasps, least) in OBSERVATIONS.items():
-        case = ("speed", "environment", observation)
+    for timed in TIMED:
+        case = ("speed", *timed.case)
         if problem is not None:
             yield reported(case, None, "steps/s", problem)
             continue
-        progress(f"environment, {observation}")
-        speed = steps_per_second(observation, grasps, duration_s, turns)
-        yield at_least(case, speed, "steps/s", least)
+        progress(", ".join(timed.case))
+        speed, busy = step_times(timed, duration_s, turns)
+        yield at_least(case, speed, "steps/s", timed.least)
+        yield reported((*case, "cpu"), busy, "ms")
     progress("frames from outside")
     spent = outside_times(load_scene(SCENE, {"duration_s": duration_s}))
     yield at_most(("speed", "outside", "median"), float(np.median(spent)), "ms", PERIOD_60_HZ)
     yield reported(("speed", "outside", "p95"), float(np.percentile(spent, 95.0)), "ms")
 
 
-def steps_per_second(observation: str, grasps: int, duration_s: float, turns: int) -> float:
-    """Speed of an environment, of the fastest of some turns."""
+def step_times(timed: Timed, duration_s: float, turns: int) -> tuple[float, float]:
+    """Steps in a second and process time of a step [ms], of the fastest of some turns."""
     import gymnasium
 
     changes = {"duration_s": duration_s}
-    env = gymnasium.make("chromagrip/Grasp-v0", observation=observation, changes=changes)
-    action = np.array([-0.2], np.float32)  # 2 N
-    best = 0.0
+    env = gymnasium.make(timed.name, observation=timed.observation, changes=changes, most_n=5.0)
+    # One finger grips with 2 N. Two hold 200 g with 4 N.
+    action = np.array([-0.2 if timed.name == GRASP else 0.6], np.float32)
+    best, least = 0.0, math.inf
     env.reset(seed=0)
     for _ in range(turns):
-        begin, steps = time.perf_counter(), 0
-        for seed in range(grasps):
+        begin, spent, steps = time.perf_counter(), time.process_time(), 0
+        for seed in range(timed.grasps):
             env.reset(seed=seed)
             over = False
             while not over:
                 _, _, terminated, truncated, _ = env.step(action)
                 steps, over = steps + 1, terminated or truncated
         best = max(best, steps / (time.perf_counter() - begin))
+        least = min(least, 1e3 * (time.process_time() - spent) / steps)
     env.close()
-    return best
+    return best, least
 
 
 def outside_times(scene: Scene) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -15,11 +15,11 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, TypeVar
 
 import cv2
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from ..errors import UserError
 
@@ -83,10 +83,21 @@ def one_thread() -> Iterator[None]:
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        with threadpool_limits(1):
+        with _pools(len(sys.modules)).limit(limits=1):
             yield
     finally:
         cv2.setNumThreads(threads)
+
+
+@lru_cache(maxsize=1)
+def _pools(modules: int) -> ThreadpoolController:
+    """Thread pools of this process; looking for them takes 2 ms.
+
+    Parameters
+    ----------
+    modules: how many are loaded; another number may have brought another library
+    """
+    return ThreadpoolController()
 
 
 @contextmanager

@@ -5,13 +5,16 @@ Importing this room registers its environments with Gymnasium, where that is ins
     import chromagrip.rig
     import gymnasium
 
-    env = gymnasium.make("chromagrip/Grasp-v0", observation="forces")
+    env = gymnasium.make("chromagrip/Pinch-v0", observation="forces")
 """
 
 from importlib.util import find_spec
 
 #: Keyword arguments of each environment, by its name.
-ENVIRONMENTS: dict[str, dict[str, object]] = {"chromagrip/Grasp-v0": {}}
+ENVIRONMENTS: dict[str, dict[str, object]] = {
+    "chromagrip/Grasp-v0": {},
+    "chromagrip/Pinch-v0": {"scene": "pinch-lift", "most_n": 10.0},
+}
 
 
 def _register() -> None:

@@ -7,6 +7,9 @@ slides by less than 0.1 mm/s, less 50·(sliding in this frame)/`dropped_mm`.
 Terminated: the object slid by `dropped_mm`, or was let go under its load, or the model gave up;
 either of the last two costs 50.
 Truncated: the scene is over.
+
+In a scene of two fingers both must touch the object. Terminated: it was dropped, turned or crushed,
+or the model gave up; the reward of that frame is −50.
 """
 
 import math
@@ -22,17 +25,28 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..loop.methods import choose
-from ..loop.steps.rig import Rig, RigState, readable
+from ..loop.steps.readers import Reading
+from ..loop.steps.rig import Rig, RigState
+from ..loop.torsion import held
 from ..output.processes import one_thread
+from ..scene.fingers import fingers
 from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
 from ..tracking import Tracks
-from .views import Image, Seen, ViewName, view_of
+from .fate import Fate, fate_of
+from .opening import rig_of
+from .pinch.rig import PinchRig, PinchRigState
+from .pinch.stage import Stage, draw_side, set_stage
+from .views import Image, Seen, ViewName, look, space_of, view_of
 from .window import Window
 
 #: Reward that is lost on the way to a drop.
 DROP_COST = 50.0
 #: Slowest motion of the whole contact that counts as sliding [m/s].
 SLIDING = 0.1e-3
+#: Sliding that is a drop with one finger, where nothing else is said [mm].
+DROPPED_MM = 1.0
+#: Width and height of the picture of two fingers [px].
+SIZE = (640, 480)
 
 Observation = NDArray[np.generic]
 Action = NDArray[np.float32]
@@ -47,16 +61,16 @@ class EnvState:
     ----------
     rig: state of the grasp
     grip: force that is commanded [N]
-    seen: what arrived last
-    waiting: tracks and image of frames on their way, by the frame's number
+    seen: what arrived last, of each finger
+    waiting: what is on its way, by the frame's number
     touched: whether there was a contact
     random: state of the generator that seeds are drawn from
     """
 
-    rig: RigState
+    rig: RigState | PinchRigState
     grip: float
-    seen: Seen
-    waiting: dict[int, tuple[Tracks | None, Image | None]]
+    seen: tuple[Seen, ...]
+    waiting: dict[int, tuple[Seen, ...]]
     touched: bool
     random: Mapping[str, Any]
 
@@ -73,8 +87,10 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     changes: of the scene, by dotted key, as `{"object.friction": 0.3}`
     most_n: largest grip force [N]
     rate_n_per_s: largest rate of the grip force [N/s]
-    dropped_mm: sliding of the whole contact that counts as a drop [mm]
-    render_mode: `rgb_array` gives the camera's picture, `human` shows it in a window
+    dropped_mm: sliding of the whole contact that counts as a drop with one finger [mm]; None is
+        1 mm, and with two fingers `pinch.dropped_mm` of the scene
+    render_mode: `rgb_array` gives the camera's picture, or one of two fingers from the side;
+        `human` shows it in a window
 
     Raises
     ------
@@ -96,7 +112,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         changes: Mapping[str, Any] | None = None,
         most_n: float = 5.0,
         rate_n_per_s: float = 20.0,
-        dropped_mm: float = 1.0,
+        dropped_mm: float | None = None,
         render_mode: str | None = None,
     ) -> None:
         _check(observation=(observation, ("image", "markers", "forces", "margin")))
@@ -107,24 +123,27 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             ("rate_n_per_s", rate_n_per_s),
             ("dropped_mm", dropped_mm),
         ):
-            if not (math.isfinite(value) and value > 0.0):
+            if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise UserError(f"{name} = {value} must be finite and above 0")
         self._name, self._changes = scene, dict(changes or {})
         self._path = _path_of(observation, path)
         self._kind, self._action = observation, action
-        self._most, self._rate, self._dropped = most_n, rate_n_per_s, 1e-3 * dropped_mm
+        self._most, self._rate, self._limit = most_n, rate_n_per_s, dropped_mm
         self.render_mode = render_mode
         self._window: Window | None = None
         self._opened: dict[str, Any] | None = None
+        self._stage: Stage | None = None
         self._rig = self._open({})
-        self.metadata = {**self.metadata, "render_fps": self._rig.scene.camera.rate_hz}
-        rest = None
+        opened = self._rig.scene
+        self.metadata = {**self.metadata, "render_fps": opened.camera.rate_hz}
+        each = fingers(opened) if opened.pinch.mass_g else (opened,)
+        rests: list[Tracks | None] = [None for _ in each]
         if observation == "markers":
             with self._threads():
                 self._rig.reset()
-            rest = self._rig.reading.rest
-        self._view = view_of(observation, self._rig.scene, rest)
-        self.observation_space = self._view.space
+            rests = [reading.rest for reading in self._rig.readings]
+        self._views = [view_of(observation, *of) for of in zip(each, rests, strict=True)]
+        self.observation_space = space_of(self._views)
         self.action_space = Box(-1.0, 1.0, (1,), np.float32)
         self._over = True
 
@@ -144,17 +163,13 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             self._rig.close()
             self._rig = self._open(changes)
         with self._threads():
-            first = self._rig.reset(seed=int(self.np_random.integers(2**32)))
+            self._rig.reset(seed=int(self.np_random.integers(2**32)))
             self._grip, self._touched, self._over = 0.0, False, False
-            self._waiting: dict[int, tuple[Tracks | None, Image | None]] = {}
-            tracks, image = self._shown()
-            rest = self._rig.reading.rest
-            self._seen = Seen(
-                observation=first, tracks=tracks, rest=rest, image=image, grip=self._grip
-            )
+            self._waiting: dict[int, tuple[Seen, ...]] = {}
+            self._seen = self._shown()
             self._arrive()
             self._show()
-        return self._view.look(self._seen), self._info()
+        return look(self._views, self._seen), self._info(self._fate())
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, Info]:
         """Grip until the next frame; what is returned is in the module's table.
@@ -167,7 +182,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         if self._over:
             raise UserError("step() is not possible before reset() or after the end; call reset()")
         self._grip = self._force(action)
-        before = self._slid()
+        before = self._fate().slid
         gave_up = ""
         with self._threads():
             try:
@@ -177,28 +192,28 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             else:
                 self._arrive()
             self._show()
-        slid = self._slid() - before
-        touched = bool(self._rig.truth.field.contact.any())
-        self._touched |= touched
-        held = touched and slid < SLIDING * self._rig.scene.period
-        reward = held * (1.0 - self._rig.applied / self._most) - DROP_COST * slid / self._dropped
-        # On a chain a load on an object that nothing touches has no answer.
-        let_go = self._let_go() or (bool(gave_up) and not touched)
-        dropped = let_go or self._slid_off()
-        if let_go or gave_up:
+        fate = self._fate()
+        slid = fate.slid - before
+        self._touched |= fate.touched
+        held_now = fate.touched and slid < SLIDING * self._rig.scene.period
+        reward = held_now * (1.0 - self._rig.applied / self._most)
+        reward -= DROP_COST * slid / self._dropped
+        if fate.unpaid or gave_up:
             reward = -DROP_COST
-        terminated, truncated = dropped or bool(gave_up), self._rig.done
+        # On a chain a load on an object that nothing touches has no answer.
+        dropped = fate.outcome == "dropped" or (bool(gave_up) and not fate.touched)
+        terminated, truncated = fate.outcome != "held" or bool(gave_up), self._rig.done
         self._over = terminated or truncated
-        info = self._info(dropped)
+        info = self._info(fate, dropped)
         if gave_up:
             info["gave_up"] = gave_up
-        return self._view.look(self._seen), float(reward), terminated, truncated, info
+        return look(self._views, self._seen), float(reward), terminated, truncated, info
 
     def render(self) -> Any:
-        """Camera's picture, uint8, shape (H, W, 3), of the mode `rgb_array`; else None."""
+        """Picture, uint8, shape (H, W, 3), of the mode `rgb_array`; else None."""
         if self.render_mode == "rgb_array" and self._rig.index >= 0:
             with self._threads():
-                return self._rig.picture().image.copy()
+                return self._picture().copy()
         return None
 
     def close(self) -> None:
@@ -226,19 +241,34 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         UserError
             For a state of another scene.
         """
-        self._rig.restore(state.rig)
+        self._restore(state.rig)
         self._grip, self._seen, self._touched = state.grip, state.seen, state.touched
         self._waiting = dict(state.waiting)
         self.np_random.bit_generator.state = state.random
-        self._over = self._rig.done or self._let_go() or self._slid_off()
+        self._over = self._rig.done or self._fate().outcome != "held"
 
-    def _open(self, changes: dict[str, Any]) -> Rig:
-        """Rig of the scene with changes; one of two fingers has its place here."""
+    def _restore(self, state: RigState | PinchRigState) -> None:
+        """Bring the rig to a state of its own kind."""
+        rig = self._rig
+        if isinstance(rig, PinchRig) and isinstance(state, PinchRigState):
+            return rig.restore(state)
+        if isinstance(rig, Rig) and isinstance(state, RigState):
+            return rig.restore(state)
+        raise UserError("the state was saved of another number of fingers")
+
+    def _open(self, changes: dict[str, Any]) -> Rig | PinchRig:
+        """Rig of the scene with changes."""
         given = {"path": self._path} | self._changes | changes
         plain = {key: _plain(value) for key, value in given.items()}
         scene, methods = choose(load_scene(self._name, plain))
-        rig = Rig(scene, methods, known=readable(scene, methods))
-        self._opened = changes
+        pinch = scene.pinch
+        if pinch.mass_g and self._limit is not None:
+            raise UserError(
+                f"dropped_mm = {self._limit} is for one finger; with two, change pinch.dropped_mm"
+            )
+        rig = rig_of(scene, methods)
+        self._dropped = 1e-3 * (pinch.dropped_mm if pinch.mass_g else self._limit or DROPPED_MM)
+        self._opened, self._stage = changes, None
         return rig
 
     def _force(self, action: Action) -> float:
@@ -253,65 +283,65 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         return min(max(self._grip + change, 0.0), self._most)
 
     def _arrive(self) -> None:
-        """Send this frame's tracks and image on their way, and take what arrives."""
+        """Send what this frame shows on its way, and take what arrives."""
         rig = self._rig
-        if rig.reading.observation is not None:
+        if all(reading.observation is not None for reading in rig.readings):
             self._waiting[rig.index] = self._shown()
         for one in rig.arrived:
-            tracks, image = self._waiting.pop(one.index)
-            self._seen = Seen(
-                observation=one.observation,
-                tracks=tracks,
-                rest=rig.reading.rest,
-                image=image,
-                grip=self._grip,
-            )
-        if not rig.arrived:
-            self._seen = replace(self._seen, grip=self._grip)
+            self._seen = self._waiting.pop(one.index)
+        self._seen = tuple(replace(each, grip=self._grip) for each in self._seen)
 
-    def _shown(self) -> tuple[Tracks | None, Image | None]:
-        """Tracks and image of this frame, where they are observed."""
+    def _shown(self) -> tuple[Seen, ...]:
+        """What this frame shows of each finger."""
+        images: tuple[Image | None, ...] = (None,) * len(self._rig.readings)
         if self._kind == "image":
-            return None, self._rig.picture().image
-        return (self._rig.reading.tracks if self._kind == "markers" else None), None
+            images = tuple(frame.image for frame in self._rig.pictures())
+        return tuple(self._seen_of(*of) for of in zip(self._rig.readings, images, strict=True))
 
-    def _slid(self) -> float:
-        """Sliding of the whole contact so far [m]."""
-        return float(self._rig.truth.slip.rigid_slip)
+    def _seen_of(self, reading: Reading, image: Image | None) -> Seen:
+        assert reading.observation is not None
+        return Seen(
+            observation=held(reading.observation, self._rig.scene.held_margin),
+            tracks=reading.tracks if self._kind == "markers" else None,
+            rest=reading.rest,
+            image=image,
+            grip=self._grip,
+        )
 
-    def _slid_off(self) -> bool:
-        """Whether the object slid too far."""
-        return self._slid() >= self._dropped
+    def _fate(self) -> Fate:
+        """What has become of the object so far."""
+        return fate_of(self._rig, self._dropped, self._touched)
 
-    def _let_go(self) -> bool:
-        """Whether nothing touches the object any more, while something pulls at it."""
-        load, now = self._rig.scene.load, self._rig.time + 1e-9
-        pulled = load.force(now) != 0.0 or load.sideways(now) != 0.0
-        touched = bool(self._rig.truth.field.contact.any())
-        return self._touched and pulled and not touched
-
-    def _info(self, dropped: bool = False) -> Info:
+    def _info(self, fate: Fate, dropped: bool = False) -> Info:
         """The truth of this frame; not for a policy."""
-        truth = self._rig.truth
         return {
             "time_s": self._rig.time,
             "grip_n": self._grip,
             "applied_n": self._rig.applied,
-            "margin_true": float(truth.field.safety_margin(truth.friction)),
-            "rigid_slip_mm": 1e3 * self._slid(),
+            **fate.truth,
             "dropped": dropped,
         }
+
+    def _picture(self) -> Image:
+        """Picture that is shown to people: the camera's, or of two fingers from the side."""
+        rig = self._rig
+        if isinstance(rig, Rig):
+            return rig.picture().image
+        if self._stage is None:
+            self._stage = set_stage(rig.plant.pinch, rig.scene.duration_s, SIZE, SIZE)
+        return draw_side(self._stage, rig.truth)
 
     def _show(self) -> None:
         """Draw the window, in the mode `human`."""
         if self.render_mode == "human":
             self._window = self._window or Window(f"chromagrip: {self._name}")
-            self._window.draw(self._rig.picture().image)
+            self._window.draw(self._picture())
 
     def _threads(self) -> Any:
-        """Limit this process to one thread where pictures are made or read."""
+        """Limit this process to one thread, but for a chain without pictures, which needs none."""
+        pinch = isinstance(self._rig, PinchRig)
         pictures = self._path == "camera" or self._kind == "image" or self.render_mode is not None
-        return one_thread() if pictures else nullcontext()
+        return one_thread() if pictures or pinch else nullcontext()
 
 
 def _path_of(observation: ViewName, path: PathName | None) -> PathName:

@@ -1,10 +1,12 @@
 """What an environment shows of a grasp: one array for each choice of observation.
 
+Those of two fingers are stacked, with the first finger's first.
+
 Values that are not known are 0. Bounds are finite, and values are clipped to them.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,6 +15,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from ..control import GripObservation
+from ..errors import UserError
 from ..scene.scene import Scene
 from ..tracking import Tracks
 
@@ -52,7 +55,7 @@ _MOST = (100.0, 100.0, 3.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """What reached an environment, and when it asks.
+    """What reached an environment of one finger, and when it asks.
 
     Attributes
     ----------
@@ -109,6 +112,33 @@ def view_of(name: ViewName, scene: Scene, rest: Tracks | None) -> View:
         return clipped
 
     return View(space=Box(low, high, dtype=np.float32), look=look)
+
+
+def space_of(views: Sequence[View]) -> Box:
+    """Space of what one finger shows, or of what two show, with an axis of two before it.
+
+    Raises
+    ------
+    UserError
+        For two fingers whose arrays differ in shape.
+    """
+    spaces = [view.space for view in views]
+    if len(spaces) == 1:
+        return spaces[0]
+    first, second = (space.shape for space in spaces)
+    if first != second:
+        raise UserError(
+            f"the two sensors' observations have the shapes {first} and {second}, which cannot be "
+            "stacked; choose another observation or another pinch.second_sensor"
+        )
+    low, high = (np.stack(ends) for ends in zip(*((s.low, s.high) for s in spaces), strict=True))
+    return Box(low, high, dtype=low.dtype.type)
+
+
+def look(views: Sequence[View], seen: Sequence[Seen]) -> NDArray[np.generic]:
+    """New array of what one finger shows, or two; see `space_of`."""
+    arrays = [view.look(each) for view, each in zip(views, seen, strict=True)]
+    return arrays[0] if len(arrays) == 1 else np.stack(arrays)
 
 
 def _image(seen: Seen) -> Image:

@@ -1,31 +1,27 @@
 """A grasp, frame by frame: `reset`, then a grip force for each step, until the scene is over.
 
-    with open_rig("margin-60hz") as rig:
+    with chromagrip.open("margin-60hz") as rig:
         seen = rig.reset(seed=1)
         while not rig.done:
             seen = rig.step(grip=2.0)
 
-`grasp` is this loop with a controller in it.
+`grasp` is this loop with a controller in it. Two fingers have a rig of their own, `rig.pinch.rig`.
 """
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 
 import msgspec
 
-from ...by_name import Choice
 from ...control import GripObservation
 from ...errors import UserError, located
 from ...model import Fingertip, pressure
-from ...output.processes import one_thread
 from ...render import Frame
-from ...scene.scene import Scene, load_scene
+from ...scene.scene import Scene
 from ...tracking import SensorCalibration, check_reconstructor
 from ..camera import CameraMemory, SimulatedCamera, open_camera
 from ..dome_world import DomePlant
 from ..latency import Arrived, Delivery, arrivals, checked_force
-from ..methods import Methods, choose
+from ..methods import Methods
 from ..observers import known_sensor
 from ..torsion import held
 from ..world import ChainPlant, Contact, Plant, World
@@ -120,6 +116,11 @@ class Rig:
         """What was read of this frame, before the latency."""
         self._check_begun("reading")
         return self._reading
+
+    @property
+    def readings(self) -> tuple[Reading, ...]:
+        """What was read of this frame by each finger: here by one."""
+        return (self.reading,)
 
     @property
     def done(self) -> bool:
@@ -219,6 +220,10 @@ class Rig:
             self._reading = replace(self._reading, frame=frame)
         return self._reading.frame or frame
 
+    def pictures(self) -> tuple[Frame, ...]:
+        """Picture of each finger's camera, as `picture`: here one."""
+        return (self.picture(),)
+
     def save(self) -> RigState:
         """State of the grasp, from which it can go on later, as often as is wanted."""
         self._check_begun("save()")
@@ -296,8 +301,8 @@ def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant:
     """Body of a scene, with a fingertip in place of the scene's chain."""
     if scene.pinch.mass_g:
         raise UserError(
-            "the scene is a pinch of two fingers; run it with `chromagrip grasp`, or with "
-            "chromagrip.rig.pinch.run.run_pinch"
+            "the scene is a pinch of two fingers; run it with `chromagrip grasp`, with "
+            "chromagrip.open, or with chromagrip.rig.pinch.run.run_pinch"
         )
     if scene.body == "dome":
         return DomePlant(scene)
@@ -306,38 +311,6 @@ def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant:
             f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
         )
     return ChainPlant(scene, scene.build_fingertip() if fingertip is None else fingertip)
-
-
-@contextmanager
-def open_rig(
-    scene: Scene | str,
-    *,
-    tracker: Choice | None = None,
-    reconstructor: Choice | None = None,
-    renderer: Choice | None = None,
-) -> Iterator[Rig]:
-    """Open a scene to grip it frame by frame; a context, at whose end its camera is closed.
-
-    Inside it, BLAS, OpenMP and OpenCV have one thread in this process, as in a run.
-
-    Parameters
-    ----------
-    scene: a Scene, or a name or file as in `load_scene`; its controller is not used
-    tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
-
-    Raises
-    ------
-    UserError
-        For a scene or a method that cannot be used.
-    """
-    if isinstance(scene, str):
-        scene = load_scene(scene)
-    scene, methods = choose(scene, tracker=tracker, reconstructor=reconstructor, renderer=renderer)
-    with ExitStack() as stack:
-        stack.enter_context(one_thread())
-        rig = Rig(scene, methods, known=readable(scene, methods))
-        stack.callback(rig.close)
-        yield rig
 
 
 def readable(scene: Scene, methods: Methods) -> SensorCalibration | None:

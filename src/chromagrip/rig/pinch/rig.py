@@ -109,6 +109,29 @@ class PinchRig:
         return self._index
 
     @property
+    def time(self) -> float:
+        """Instant of the frame [s]."""
+        return self.truth.state.time
+
+    @property
+    def truth(self) -> Pinched:
+        """Both fingertips and the object as they are; not for a controller."""
+        self._check_begun("truth")
+        return self._world.now
+
+    @property
+    def applied(self) -> float:
+        """Force of the gripper's drive [N]."""
+        self._check_begun("applied")
+        return self._world.applied
+
+    @property
+    def readings(self) -> tuple[Reading, ...]:
+        """What was read of this frame by each finger, before the latency."""
+        self._check_begun("readings")
+        return self._readings
+
+    @property
     def done(self) -> bool:
         """Whether this is the scene's last frame."""
         return self._index + 1 == self.scene.frames
@@ -218,6 +241,8 @@ class PinchRig:
         self._readings, self._smaller = state.readings, state.smaller
         self._readers = [reader.copied() for reader in state.readers]
         self._delivery = state.delivery.copied()
+        for camera in self._cameras:
+            camera.recall(None)
         for k, memory in enumerate(state.cameras):
             self._camera(k).recall(memory)
 
@@ -236,7 +261,7 @@ class PinchRig:
         if not 0 <= seed < 2**32:
             raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
         self.close()
-        self.scene = msgspec.structs.replace(self.scene, seed=seed)
+        self.scene = msgspec.structs.replace(self.scene, seed=int(seed))
 
     def _check_begun(self, what: str) -> None:
         if self._index < 0:

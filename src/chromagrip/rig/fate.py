@@ -1,0 +1,82 @@
+"""What has become of an object that is gripped, with one finger or with two."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from ..loop.steps.rig import Rig
+from ..model.pinch import Outcome
+from .pinch.rig import PinchRig
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fate:
+    """What has become of an object so far.
+
+    Attributes
+    ----------
+    slid: sliding of the whole contact [m]; with two fingers, of the one that it is larger on
+    touched: whether the finger touches the object; with two fingers, whether both do
+    outcome: held, dropped, turned or crushed
+    unpaid: whether that was not paid for by sliding
+    truth: of this frame, for `info`
+    """
+
+    slid: float
+    touched: bool
+    outcome: Outcome
+    unpaid: bool
+    truth: dict[str, Any]
+
+
+def fate_of(rig: Rig | PinchRig, dropped: float, was_touched: bool) -> Fate:
+    """What has become of the object up to a rig's frame.
+
+    Parameters
+    ----------
+    dropped: sliding from which on one finger has dropped it [m]; a pinch has limits of its own
+    was_touched: whether it was touched in a frame before
+    """
+    if isinstance(rig, PinchRig):
+        return _fate_of_two(rig)
+    contact = rig.truth
+    slid, touched = float(contact.slip.rigid_slip), bool(contact.field.contact.any())
+    load, now = rig.scene.load, rig.time + 1e-9
+    pulled = load.force(now) != 0.0 or load.sideways(now) != 0.0
+    let_go = was_touched and pulled and not touched
+    return Fate(
+        slid=slid,
+        touched=touched,
+        outcome="dropped" if let_go or slid >= dropped else "held",
+        unpaid=let_go,
+        truth={
+            "margin_true": float(contact.field.safety_margin(contact.friction)),
+            "rigid_slip_mm": 1e3 * slid,
+        },
+    )
+
+
+def _fate_of_two(rig: PinchRig) -> Fate:
+    fingers, record = rig.truth.fingers, rig.truth.record
+    slid = max(float(each.slip.rigid_slip) for each in fingers)
+    outcome = record.outcome(rig.scene.pinch.limits)
+    margins = [float(each.field.safety_margin(each.friction)) for each in fingers]
+    return Fate(
+        slid=slid,
+        touched=all(bool(each.field.contact.any()) for each in fingers),
+        outcome=outcome,
+        unpaid=outcome != "held",
+        truth={
+            "margin_true": min(margins, key=_smaller),
+            "rigid_slip_mm": 1e3 * slid,
+            "outcome": outcome,
+            "slide_mm": 1e3 * record.slide,
+            "turn_deg": math.degrees(record.turn),
+            "pressure_kpa": 1e-3 * record.pressure,
+        },
+    )
+
+
+def _smaller(margin: float) -> float:
+    """Order of margins, in which that of a finger without contact comes first."""
+    return -math.inf if math.isnan(margin) else margin
