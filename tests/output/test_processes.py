@@ -175,3 +175,20 @@ def running(process: int) -> bool:
     except OSError:
         return False
     return True
+
+
+def test_kept_workers_find_the_modules_of_the_folder_that_one_works_in_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def found(task: int) -> tuple[str, str]:
+        import importlib
+
+        return importlib.import_module(f"made_in_{task}").WORD, Path.cwd().name
+
+    for task in (1, 2):
+        folder = tmp_path / str(task)
+        folder.mkdir()
+        (folder / f"made_in_{task}.py").write_text(f"WORD = 'of {task}'\n", encoding="utf-8")
+        monkeypatch.chdir(folder)
+        monkeypatch.syspath_prepend(folder)
+        assert list(map_processes(found, [task, task], 2)) == [(f"of {task}", str(task))] * 2

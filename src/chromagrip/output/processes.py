@@ -148,7 +148,8 @@ def _results(
             pre_dispatch="2*n_jobs",
             max_nbytes=None,  # arrays are copied: a mapped file is read-only
         )
-    results = parallel(delayed(_work)(os.getpid(), function, task) for task in tasks)
+    where = os.getcwd(), tuple(sys.path)
+    results = parallel(delayed(_work)(os.getpid(), where, function, task) for task in tasks)
     try:
         for result in results:  # `yield from` would close `results` outside the `finally`
             yield result
@@ -160,9 +161,21 @@ def _results(
             results.close()
 
 
-def _work(parent: int, function: Callable[[Task], Result], task: Task) -> Result:
-    """Apply the function to a task in a worker."""
+def _work(
+    parent: int,
+    where: tuple[str, tuple[str, ...]],
+    function: Callable[[Task], Result],
+    task: Task,
+) -> Result:
+    """Apply the function to a task in a worker.
+
+    Parameters
+    ----------
+    where: folder and module path of the parent now; a kept worker has those of its own start
+    """
     _start_worker(parent)
+    folder, sys.path[:] = where[0], where[1]
+    os.chdir(folder)
     return function(task)
 
 
