@@ -11,7 +11,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
 #: Examples that take longer than all others together.
-LONG = ("rolling_screw", "train_margin", "dome_tolerances")
+LONG = ("learn_to_grip", "rolling_screw", "train_margin", "dome_tolerances")
 MARKED = [
     pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem in LONG else [])
     for path in EXAMPLES

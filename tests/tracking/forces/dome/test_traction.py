@@ -326,9 +326,9 @@ def test_an_unsure_modulus_widens_all_forces_by_its_share_and_not_the_margin() -
 @pytest.mark.parametrize(
     ("name", "by"),
     [
-        ("core_mm", 0.03),
+        pytest.param("core_mm", 0.03, marks=pytest.mark.slow),
         pytest.param("poisson", 0.005, marks=pytest.mark.slow),
-        ("magenta_depth_mm", 0.02),
+        pytest.param("magenta_depth_mm", 0.02, marks=pytest.mark.slow),
         ("yellow_depth_mm", 0.03),
     ],
 )
