@@ -1,8 +1,8 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
 Parts: images, bodies, loop, dataset, control, model, render, track, force, force-dome,
-loop-dome, ranges, tolerances, charts, limit, limit-dome, stability, stability-track,
-stability-force, stability-loop, appendix-b, reproduction.
+loop-dome, control-pinch, ranges, tolerances, charts, limit, limit-dome, stability,
+stability-track, stability-force, stability-loop, appendix-b, reproduction.
 Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
 docs/images/, docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand,
 nor what other pages have between two marks of `fill`.
@@ -46,6 +46,7 @@ TITLES = {
     "force": "Forces and friction, measured",
     "force-dome": "Forces from pictures of domes, measured",
     "loop-dome": "Built domes in the closed loop, measured",
+    "control-pinch": "Controllers with two fingers, measured",
     "dataset": "Datasets, measured",
 }
 
@@ -185,11 +186,11 @@ def _whole(value: float) -> str:
     return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
 
 
-def domes(part: str) -> None:
-    """The report of `chromagrip bench PART --world dome`."""
-    report = bench(part, quick=False, progress=print, world="dome")
-    command = f"chromagrip bench {part} --world dome"
-    write(f"bench-{part}-dome", TITLES[f"{part}-dome"], command, report_markdown(report))
+def of_world(part: str, world: str) -> None:
+    """The report of `chromagrip bench PART --world WORLD`."""
+    report = bench(part, quick=False, progress=print, world=world)
+    name, command = f"{part}-{world}", f"chromagrip bench {part} --world {world}"
+    write(f"bench-{name}", TITLES[name], command, report_markdown(report))
 
 
 def ranges() -> None:
@@ -291,8 +292,9 @@ PARTS: dict[str, Callable[[], None]] = {
     "render": render,
     "track": partial(table, "track"),
     "force": force,
-    "force-dome": partial(domes, "force"),
-    "loop-dome": partial(domes, "loop"),
+    "force-dome": partial(of_world, "force", "dome"),
+    "loop-dome": partial(of_world, "loop", "dome"),
+    "control-pinch": partial(of_world, "control", "pinch"),
     "ranges": ranges,
     "tolerances": tolerances,
     "charts": draw_charts,

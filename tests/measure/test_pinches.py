@@ -27,7 +27,9 @@ from chromagrip.thesis import OBJECTS
 
 
 def run(outcome: str = "held", pressure: float = 50.0) -> Outcome:
-    return Outcome(outcome, pressure, turn=1.0, elastic=2.0, grip=3.0, energy=4.0, rate=5.0)
+    return Outcome(
+        outcome, pressure, largest=90.0, turn=1.0, elastic=2.0, grip=3.0, energy=4.0, rate=5.0
+    )
 
 
 def lifts(path: str, name: str, *runs: Outcome | str) -> dict[Task, Outcome | str]:
