@@ -252,7 +252,8 @@ NOTES = (
     "other scenes have their own object. dropped, turned, crushed: see docs/pinch.md.",
     "pressure: mean pressure of a contact while lifted, over time and the largest; means over the "
     "runs. turn: the largest about the axis of the pinch, without the elastic twist, which stands "
-    "beside it. grip: mean while lifted. energy: ∫(dF/dt)² of the command. rate: with two runs at a time.",
+    "beside it. grip: mean while lifted. energy: ∫(dF/dt)² of the command. rate: with two runs at "
+    "a time.",
     "constant: the smallest grip of 3, 4, 5, 6, 8, 10, 12 N that lifts every object with the true "
     "forces. gentler: by how much the pressure is lower than under it.",
 )
