@@ -25,6 +25,8 @@ GRIPS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 CONSTANT = "constant"
 #: Margin Inversion that leaves torsion out.
 FRICTION_ONLY = "margin-inversion, friction only"
+#: Formats of the table's columns that are often nearly 0.
+_FORMATS = dict.fromkeys(("turn", "elastic", "gentler"), ".1f")
 _OUTCOMES = ("held", "dropped", "turned", "crushed")
 
 
@@ -241,7 +243,11 @@ def _table(rows: Sequence[Row], cases: Mapping[tuple[str, str, str], None]) -> T
     }  # fmt: skip
     header = ("", *(name if unit == "runs" else f"{name} {unit}" for name, unit in columns.items()))
     lines = [
-        (", ".join(case), *(number(found.get((*case, name))) for name in columns)) for case in cases
+        (
+            ", ".join(case),
+            *(number(found.get((*case, name)), _FORMATS.get(name, ".3g")) for name in columns),
+        )
+        for case in cases
     ]
     return Table(header, tuple(lines))
 
