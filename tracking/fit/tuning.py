@@ -124,7 +124,9 @@ def _fit_colours(sums: Array, known: Array) -> tuple[Array, Array, Array]:
     gain = product / model
     left = sums[:, :, 4, 4] - product**2 / model
     most = _ODD * np.median(left, axis=0) if len(left) else np.zeros(3)
-    sums = sums * np.minimum(1.0, most / np.maximum(left, most))[..., None, None]
+    # In a picture of one colour nothing is left over, which is no oddity.
+    weight = np.divide(most, left, out=np.ones_like(left), where=left > most)
+    sums = sums * weight[..., None, None]
     # Only what differs from the mean over the pair depends on the colours.
     mean = sums[:, :, 0, 1:4] / sums[:, :, :1, 0]
     inner = sums[:, :, 1:4, 1:4] - sums[:, :, :1, 1:4] * mean[..., None]
