@@ -82,8 +82,9 @@ def bench(
     if part == "control" and world == PINCH and not groups:
         return bench_pinches(quick, progress, controllers)
     if world or groups:
+        given = f"--world {world}" if world else f"--group {groups[0]}"
         raise UserError(
-            "--world and --group go with bench force, --world dome with bench loop and --world "
-            f"pinch with bench control, not with bench {part}"
+            "--world and --group go with bench force, --world dome with bench loop, --world pinch "
+            f"with bench control; got bench {part} {given}"
         )
     return PARTS[part](quick, progress, *(methods[part][1:] if part in methods else ()))
