@@ -21,7 +21,7 @@ from ..friction import Z90
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from ..silicone_values import ON_CORE
-from .contact_fit import ContactFit, Key, Shifts, Solution
+from .contact_fit import ContactFit, Followed, Key, Shifts, Solution, last_of
 from .contact_starts import Rivals, Start, light_press, other_objects, start_from_rest
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT
 from .keys import far_on, thinned
@@ -108,7 +108,7 @@ class ContactReading:
         """Forget the frames before: the next one is sought from rest."""
         #: Solution of the last key frame; None where there is none.
         self.last: Solution | None = None
-        self._now: tuple[PosedContact, Array] | None = None
+        self._now: Followed | None = None
         self._covariance = np.zeros((7, 7))
         self._rivals = Rivals(self.dome)
         self._doubtful = _DOUBTFUL
@@ -139,7 +139,7 @@ class ContactReading:
         if self._odd:
             raise NoEstimateError(_UNLIKE)
         assert self._now is not None
-        if not self._now[0].forces.any() or self._tells_little(shifts, nothing):
+        if not self._now.contact.forces.any() or self._tells_little(shifts, nothing):
             self.reset()
             return untouched_field(self.dome, self._hidden(shifts) ** 2)
         return self._field()
@@ -173,13 +173,13 @@ class ContactReading:
         """Follow the contact of the frame before; fit the object anew where it has moved on."""
         if self.last is None or self._now is None:
             return False
-        last, (contact, pose) = self.last, self._now
+        last = self.last
         try:
-            contact, pose, misfit = self._fit.follow(last.object_, contact, pose, shifts)
-            if misfit < self._doubtful and not far_on(self.dome, last.keys, pose):
-                self._now = contact, pose
+            now, misfit = self._fit.follow(last.object_, self._now, shifts)
+            if misfit < self._doubtful and not far_on(self.dome, last.keys, now.pose):
+                self._now = now
                 return True
-            keys = thinned(self.dome, (*last.keys, Key(shifts=shifts, pose=pose)))
+            keys = thinned(self.dome, (*last.keys, Key(shifts=shifts, pose=now.pose)))
         except UserError:
             return False
         try:
@@ -208,7 +208,7 @@ class ContactReading:
         if solution is None or solution.misfit > _MISFIT:
             return False
         self._odd = self._unlike(solution)
-        self.last, self._now = solution, (solution.contact, solution.keys[-1].pose)
+        self.last, self._now = solution, last_of(solution)
         self._covariance = self._spread(solution)
         self._doubtful = max(_DOUBTFUL, _WORSE * solution.misfit)
         return True
@@ -253,7 +253,7 @@ class ContactReading:
     def _field(self) -> ForceField:
         assert self.last is not None
         assert self._now is not None
-        solution, contact = self.last, self._now[0]
+        solution, contact = self.last, self._now.contact
         normal = contact.normal
         mu = math.exp(solution.object_[FRICTION])
         whole = self._covariance

@@ -4,6 +4,7 @@ The object and the poses of a few key frames are fitted together, over the whole
 (`fit_keys`). Between key frames the object is held and the pose alone is followed (`follow`).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +43,9 @@ _GAIN = 0.3
 #: Rounds with the derivatives of a former solution, and how far the object may be from it: so many
 #: of the longest steps.
 _CHORDS, _NEAR = 3, 0.25
+#: Most steps of a pose that is followed, the gain below which it stays as it is, in squared
+#: deviations, and the share of the gain before above which slopes are made anew.
+_STEPS, _STILL, _SLOW = 4, 0.03, 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +139,30 @@ class Solution:
     covariance: Array
     misfit: float
     typical: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Followed:
+    """A contact that is followed with its object held.
+
+    Attributes
+    ----------
+    contact, pose: in the last frame
+    slopes: of the shifts by the pose over its units, in that frame or a frame before, (4, P, 6)
+    """
+
+    contact: PosedContact
+    pose: Array
+    slopes: Array
+
+
+def last_of(solution: Solution) -> Followed:
+    """The last key frame of a solution, from which the next frame is followed."""
+    return Followed(
+        contact=solution.contact,
+        pose=solution.keys[-1].pose,
+        slopes=solution.slopes[-1][:MOVING],
+    )
 
 
 class ContactFit:
@@ -260,33 +288,55 @@ class ContactFit:
             typical=float(np.median(typical)),
         )
 
-    def follow(
-        self, object_: Array, contact: PosedContact, pose: Array, shifts: Shifts
-    ) -> tuple[PosedContact, Array, float]:
+    def follow(self, object_: Array, last: Followed, shifts: Shifts) -> tuple[Followed, float]:
         """Contact and pose in the next frame, with the object held, and the misfit.
+
+        Slopes of a frame before serve for as long as they lead fast to the pose.
 
         Raises
         ------
         UserError
             When the contact does not converge.
         """
+        way, units = self._way, self.units[:MOVING]
         moving = tuple(range(MOVING))
-        known = np.diag((self.units[:MOVING] / moves_of(self.dome, pose)) ** 2)
-        reached, changes = self._way.step_and_changes(contact, None, object_, pose, pose, moving)
-        slopes = shifts.apply(self._slopes(changes)[:, shifts.used])
-        now = pose
-        for _ in range(2):
-            residual = shifts.residual(self._seen(reached))
-            weights = shifts.weights(residual)
-            information = (slopes * weights) @ slopes.T + known
-            pull = known @ ((pose - now) / self.units[:MOVING])
-            step = np.linalg.solve(information, (slopes * weights) @ residual + pull)
-            step *= min(
-                1.0, 1.0 / float(abs(self.units[:MOVING] * step / self._longest[:MOVING]).max())
-            )
-            now = limited_pose(self.dome, now + self.units[:MOVING] * step)
-            reached = self._way.step(contact, object_, pose, now)
-        return reached, now, shifts.cost(self._seen(reached)) / shifts.count
+        reached, pose, slopes = last.contact, last.pose, last.slopes
+        seen, before, fresh = self._seen(reached), math.inf, False
+        for _ in range(_STEPS):
+            step, gain = self._pose_step(last.pose, pose, shifts, slopes, seen)
+            if gain > _SLOW * before and gain > _STILL and not fresh:
+                reached, changes = way.step_and_changes(
+                    last.contact, None, object_, last.pose, pose, moving
+                )
+                slopes, fresh = self._slopes(changes), True
+                step, gain = self._pose_step(last.pose, pose, shifts, slopes, seen)
+            if gain < _STILL:
+                break
+            before = gain
+            step *= min(1.0, 1.0 / float(abs(units * step / self._longest[:MOVING]).max()))
+            pose = limited_pose(self.dome, pose + units * step)
+            reached = way.step(last.contact, object_, last.pose, pose)
+            seen = self._seen(reached)
+        now = Followed(contact=reached, pose=pose, slopes=slopes)
+        return now, shifts.cost(seen) / shifts.count
+
+    def _pose_step(
+        self, last: Array, pose: Array, shifts: Shifts, slopes: Array, seen: Array
+    ) -> tuple[Array, float]:
+        """Step of a pose over its units, and what it should gain in squared deviations.
+
+        Parameters
+        ----------
+        last: pose in the frame before
+        pose: that shows the shifts `seen`, and has such slopes
+        """
+        units = self.units[:MOVING]
+        known = (units / moves_of(self.dome, last)) ** 2
+        whole, residual = shifts.apply(slopes[:, shifts.used]), shifts.residual(seen)
+        weighted = whole * shifts.weights(residual)
+        gradient = weighted @ residual + known * (last - pose) / units
+        step = np.linalg.solve(weighted @ whole.T + np.diag(known), gradient)
+        return np.asarray(step, np.float64), float(gradient @ step)
 
     def image(self, object_: Array, pose: Array) -> tuple[float, Array]:
         """ΣFn [N] and shifts of all pairs in a contact that is pressed from rest, (P, 6)."""
