@@ -1,11 +1,13 @@
 """Controllers of the grip force: F = u + Kp·e + Ki·Σe·T, e = Γ_des − Γ, and others."""
 
 from .controllers import ConservativeControl, Controller, ReactToSlip, SafetyMarginControl
+from .limit_surface import LimitSurfaceControl
 from .margin_inversion import MarginInversion
 from .settings import (
     PRINTED_SETTINGS,
     ConservativeSettings,
     GripFirstSettings,
+    LimitSurfaceSettings,
     MarginInversionSettings,
     ReactToSlipSettings,
     SafetyMarginSettings,
@@ -20,6 +22,8 @@ __all__ = [
     "GripCommand",
     "GripFirstSettings",
     "GripObservation",
+    "LimitSurfaceControl",
+    "LimitSurfaceSettings",
     "MarginInversion",
     "MarginInversionSettings",
     "ReactToSlip",

@@ -66,7 +66,7 @@ class MarginInversion:
         """Grip force at which the estimated load has the desired margin, or more where it slips."""
         settings = self.settings
         friction = self._cautious_friction(observation)
-        need = _friction(observation) / (friction * (1.0 - settings.desired_margin))
+        need = self._grip(observation, friction)
         if not observation.friction_observable:
             return max(need, settings.start_n)
         if not observation.margin < settings.slip_margin:
@@ -75,6 +75,10 @@ class MarginInversion:
         if math.isnan(self._slips_since):
             self._slips_since = observation.time
         return need * (1.0 + (settings.surge - 1.0) * grown(observation.time - self._slips_since))
+
+    def _grip(self, observation: GripObservation, friction: float) -> float:
+        """Grip force at which the estimated load has the desired margin with this µ."""
+        return _friction(observation) / (friction * (1.0 - self.settings.desired_margin))
 
     def _cautious_friction(self, observation: GripObservation) -> float:
         """µ that the command is calculated with."""

@@ -89,6 +89,19 @@ class MarginInversionSettings(Table, frozen=True):
     grip_first: GripFirstSettings = GripFirstSettings()
 
 
+class LimitSurfaceSettings(MarginInversionSettings, frozen=True):
+    """Settings of Limit Surface: those of Margin Inversion, and how far it looks ahead.
+
+    Attributes
+    ----------
+    lead_s: while the torsion rises, it is extrapolated by so long [s]
+    rise_s: time over which its rise is measured [s]
+    """
+
+    lead_s: NotNegative = 0.15
+    rise_s: Positive = 0.03
+
+
 class ReactToSlipSettings(Table, frozen=True):
     """Settings of React To Slip (thesis section 4.2, E12).
 

@@ -11,6 +11,8 @@ from chromagrip.control import (
     ConservativeSettings,
     Controller,
     GripObservation,
+    LimitSurfaceControl,
+    LimitSurfaceSettings,
     MarginInversion,
     MarginInversionSettings,
     ReactToSlip,
@@ -47,6 +49,7 @@ EVERY: list[Callable[[], Controller]] = [
     lambda: ReactToSlip(ReactToSlipSettings()),
     lambda: ConservativeControl(ConservativeSettings()),
     lambda: MarginInversion(MarginInversionSettings()),
+    lambda: LimitSurfaceControl(LimitSurfaceSettings()),
 ]
 
 

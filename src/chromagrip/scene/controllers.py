@@ -15,6 +15,10 @@ CONTROLLERS = Registry(
             "..control:MarginInversion",
             "the grip force at which the estimated load has the desired margin",
         ),
+        "limit-surface": (
+            "..control:LimitSurfaceControl",
+            "the grip at which friction and torsion together have the desired margin, with a lead",
+        ),
         "react-to-slip": (
             "..control:ReactToSlip",
             "constant force, raised by a step at each slip event",

@@ -15,6 +15,7 @@ from msgspec import Meta
 from ..control import (
     ConservativeSettings,
     Controller,
+    LimitSurfaceSettings,
     MarginInversionSettings,
     ReactToSlipSettings,
     SafetyMarginSettings,
@@ -98,6 +99,7 @@ class Scene(Table, frozen=True):
     actuator: ActuatorSettings = ActuatorSettings()
     safety_margin: SafetyMarginSettings = SafetyMarginSettings()
     margin_inversion: MarginInversionSettings = MarginInversionSettings()
+    limit_surface: LimitSurfaceSettings = LimitSurfaceSettings()
     react_to_slip: ReactToSlipSettings = ReactToSlipSettings()
     conservative: ConservativeSettings = ConservativeSettings()
     truth: TruthSettings = TruthSettings()
