@@ -12,9 +12,11 @@ from chromagrip.measure.pinches.bench import (
     GRIPS,
     LIFT,
     OTHERS,
+    WEIGHTS,
     Outcome,
     Task,
     constant_that_holds,
+    mass_of,
     object_in_hand,
     outcome_of,
     report_of,
@@ -38,7 +40,7 @@ def lifts(path: str, name: str, *runs: Outcome | str) -> dict[Task, Outcome | st
 
 def test_outcomes_are_counted_and_a_run_that_stopped_is_none_of_them() -> None:
     runs = lifts("truth", "a", run(), run("dropped"), run("dropped"), run("crushed"), "gave up")
-    found = values(report_of(runs, 3.0, True).rows)
+    found = values(report_of(runs, {LIFT: 3.0}, True).rows)
     case = (LIFT, "truth", "a")
     counts = [found[*case, name] for name in ("runs", "held", "dropped", "turned", "crushed")]
     assert counts == [5, 1, 2, 0, 1]
@@ -48,10 +50,10 @@ def test_outcomes_are_counted_and_a_run_that_stopped_is_none_of_them() -> None:
 def test_pressure_is_compared_with_the_constant_grip() -> None:
     runs = lifts("camera", "a", run(pressure=30.0), run(pressure=50.0))
     runs |= lifts("truth", CONSTANT, run(pressure=80.0), run(pressure=80.0))
-    found = values(report_of(runs, 4.0, True).rows)
+    found = values(report_of(runs, {LIFT: 4.0}, True).rows)
     assert found[LIFT, "camera", "a", "gentler"] == pytest.approx(50.0)
     assert found[LIFT, "truth", CONSTANT, "smallest"] == 4.0
-    without = values(report_of(runs, None, True).rows)
+    without = values(report_of(runs, {LIFT: None}, True).rows)
     assert (LIFT, "camera", "a", "gentler") not in without
 
 
@@ -64,10 +66,10 @@ def test_the_constant_grip_is_the_smallest_that_lifts_every_object(
         return run("held" if task.grip >= 3.0 + task.thing else "dropped")
 
     monkeypatch.setattr(pinches, "map_processes", lambda _, todo, *__, **___: map(outcome, todo))
-    grip, runs = constant_that_holds((0, 2), lambda _: None)
+    grip, runs = constant_that_holds(LIFT, (0, 2), lambda _: None)
     assert grip == 5.0
     assert {task.grip for task in runs} == {5.0}
-    grip, runs = constant_that_holds((0, 20), lambda _: None)
+    grip, runs = constant_that_holds(LIFT, (0, 20), lambda _: None)
     assert grip is None
     assert {task.grip for task in runs} == {GRIPS[-1]}
 
@@ -81,12 +83,17 @@ def test_objects_have_the_radius_of_the_thesis_across_the_pinch(thing: int) -> N
     assert across == pytest.approx(expected)
 
 
+def test_each_friction_comes_with_each_mass() -> None:
+    pairs = {(OBJECTS[thing].friction, mass_of(thing)) for thing in range(len(OBJECTS))}
+    assert len(pairs) == 9
+
+
 def test_every_scene_and_controller_is_run() -> None:
     todo = tasks(False, ("margin-inversion", "conservative"))
-    assert {task.scene for task in todo} == {LIFT, *OTHERS}
+    assert {task.scene for task in todo} == {LIFT, WEIGHTS, *OTHERS}
     seen = [task for task in todo if task.path == "camera"]
     assert {task.controller for task in seen} == {"margin-inversion"}
-    assert len(seen) == 3 * len(OBJECTS)
+    assert len(seen) == 4 * len(OBJECTS)
     assert len(set(todo)) == len(todo)
 
 

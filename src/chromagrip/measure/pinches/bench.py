@@ -17,16 +17,27 @@ from ...thesis import OBJECTS
 
 #: Scene with the 27 objects, and those with the scene's own object.
 LIFT = "pinch-lift"
-OTHERS = ("pinch-offcentre", "pinch-tilt", "pinch-shake", "pinch-fragile")
-#: Controllers through the cameras, and seeds of specimens and noise.
-SEEN, SEEDS = ("margin-inversion", "safety-margin"), 3
+OFFCENTRE = "pinch-offcentre"
+OTHERS = (OFFCENTRE, "pinch-tilt", "pinch-shake", "pinch-fragile")
+#: `pinch-lift` with objects that weigh differently, each µ with each of these masses [g].
+WEIGHTS, MASSES = "pinch-lift, weights", (50.0, 200.0, 400.0)
+#: The controller that is measured through the cameras with all objects, and seeds of specimens and
+#: noise.
+SEEN, SEEDS = "margin-inversion", 3
+#: The one that holds torsion, through the cameras in the other scenes.
+TORSION = "limit-surface"
 #: Constant grips that are tried, the smallest first [N].
 GRIPS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 CONSTANT = "constant"
-#: Margin Inversion that leaves torsion out.
-FRICTION_ONLY = "margin-inversion, friction only"
+#: Safety Margin that leaves torsion out.
+FRICTION_ONLY = "safety-margin, friction only"
 #: Formats of the table's columns that are often nearly 0.
 _FORMATS = dict.fromkeys(("turn", "elastic", "gentler"), ".1f")
+#: Turn that is asked of the scene held beside its centre of mass [°].
+_TURNS = {
+    (OFFCENTRE, "camera", TORSION): Bounds(high=5.0),
+    (OFFCENTRE, "truth", FRICTION_ONLY): Bounds(low=20.0),
+}
 _OUTCOMES = ("held", "dropped", "turned", "crushed")
 
 
@@ -90,6 +101,11 @@ def object_in_hand(thing: int) -> dict[str, Any]:
     return changes
 
 
+def mass_of(thing: int) -> float:
+    """Mass of one of the 27 objects where they weigh differently [g]."""
+    return MASSES[(thing // 9 + thing // 3 + thing) % 3]
+
+
 def bench_pinches(
     quick: bool, progress: Callable[[str], None], controllers: Sequence[str] = ()
 ) -> Report:
@@ -110,8 +126,11 @@ def bench_pinches(
     for name in names:
         load_scene(LIFT, {"controller": name}).build_controller()
     runs = dict(done(tasks(quick, names), progress))
-    grip, constant = constant_that_holds(_things(quick), progress)
-    return report_of(runs | constant, grip, quick)
+    grips: dict[str, float | None] = {}
+    for scene in (LIFT,) if quick else (LIFT, WEIGHTS):
+        grips[scene], constant = constant_that_holds(scene, _things(quick), progress)
+        runs |= constant
+    return report_of(runs, grips, quick)
 
 
 def tasks(quick: bool, names: Sequence[str]) -> list[Task]:
@@ -120,18 +139,20 @@ def tasks(quick: bool, names: Sequence[str]) -> list[Task]:
     todo = [Task(LIFT, "truth", name, thing, 0) for name in names for thing in things]
     if quick:
         return todo
-    todo += [
-        Task(scene, "truth", name, None, 0)
-        for scene in OTHERS
-        for name in (*names, *([FRICTION_ONLY] if "margin-inversion" in names else []))
-    ]
-    return todo + [
-        Task(LIFT, "camera", name, thing, seed)
-        for name in names
-        if name in SEEN
-        for seed in range(SEEDS if name == SEEN[0] else 1)
-        for thing in things
-    ]
+    todo += [Task(WEIGHTS, "truth", name, thing, 0) for name in names for thing in things]
+    todo += [Task(scene, "truth", name, None, 0) for scene in OTHERS for name in names]
+    if "safety-margin" in names:
+        todo.append(Task(OFFCENTRE, "truth", FRICTION_ONLY, None, 0))
+    if SEEN in names:
+        todo += [
+            Task(scene, "camera", SEEN, thing, seed)
+            for scene, seeds in ((LIFT, SEEDS), (WEIGHTS, 1))
+            for seed in range(seeds)
+            for thing in things
+        ]
+    if TORSION in names:
+        todo += [Task(scene, "camera", TORSION, None, 0) for scene in OTHERS]
+    return todo
 
 
 def _things(quick: bool) -> Sequence[int]:
@@ -149,7 +170,7 @@ def done(
 
 
 def constant_that_holds(
-    things: Sequence[int], progress: Callable[[str], None]
+    scene: str, things: Sequence[int], progress: Callable[[str], None]
 ) -> tuple[float | None, dict[Task, Outcome | str]]:
     """The smallest of GRIPS that lifts every object, and its runs.
 
@@ -157,7 +178,7 @@ def constant_that_holds(
     """
     runs: dict[Task, Outcome | str] = {}
     for grip in GRIPS:
-        todo = [Task(LIFT, "truth", CONSTANT, thing, 0, grip) for thing in things]
+        todo = [Task(scene, "truth", CONSTANT, thing, 0, grip) for thing in things]
         runs = dict(done(todo, progress))
         if all(isinstance(run, Outcome) and run.outcome == "held" for run in runs.values()):
             return grip, runs
@@ -169,14 +190,16 @@ def outcome_of(task: Task) -> Outcome | str:
     changes: dict[str, Any] = {"path": task.path, "seed": task.seed}
     if task.thing is not None:
         changes |= object_in_hand(task.thing)
+        if task.scene == WEIGHTS:
+            changes["pinch.mass_g"] = mass_of(task.thing)
     if task.grip is not None:
         changes |= {"controller": "conservative", "conservative.force_n": task.grip}
     elif task.controller == FRICTION_ONLY:
-        changes |= {"controller": "margin-inversion", "held_margin": "friction"}
+        changes |= {"controller": "safety-margin", "held_margin": "friction"}
     else:
         changes["controller"] = task.controller
     try:
-        scene = load_scene(task.scene, changes)
+        scene = load_scene(LIFT if task.scene == WEIGHTS else task.scene, changes)
         result = run_pinch(scene)
     except UserError as error:
         return str(error)
@@ -194,26 +217,29 @@ def outcome_of(task: Task) -> Outcome | str:
     )
 
 
-def report_of(runs: Mapping[Task, Outcome | str], grip: float | None, quick: bool) -> Report:
+def report_of(
+    runs: Mapping[Task, Outcome | str], grips: Mapping[str, float | None], quick: bool
+) -> Report:
     """Report of runs.
 
     Parameters
     ----------
-    grip: of the constant runs [N]; None where no constant grip holds every object
+    grips: of the constant runs in each scene [N]; None where no constant grip holds every object
     """
     cases = dict.fromkeys((task.scene, task.path, task.controller) for task in runs)
     rows: list[Row] = []
     for case in cases:
         rows += _rows(case, [run for task, run in runs.items() if task[:3] == case])
     found = values(rows)
-    constant = found.get((LIFT, "truth", CONSTANT, "pressure"))
-    note = "" if grip is not None else f"none up to {GRIPS[-1]:g} N lifts every object"
-    rows.append(reported((LIFT, "truth", CONSTANT, "smallest"), grip, "N", note))
+    for scene, grip in grips.items():
+        note = "" if grip is not None else f"none up to {GRIPS[-1]:g} N lifts every object"
+        rows.append(reported((scene, "truth", CONSTANT, "smallest"), grip, "N", note))
     for scene, path, controller in cases:
+        constant = found.get((scene, "truth", CONSTANT, "pressure"))
         mine = found.get((scene, path, controller, "pressure"))
-        if scene == LIFT and controller != CONSTANT and constant and grip and mine is not None:
+        if controller != CONSTANT and constant and grips.get(scene) and mine is not None:
             gentler = 100.0 * (1.0 - mine / constant)
-            best = controller == SEEN[0] and path == "camera"
+            best = scene == LIFT and controller == SEEN and path == "camera"
             target = Bounds(low=30.0) if best else None
             rows.append(measured((scene, path, controller, "gentler"), gentler, "%", target))
     return Report(rows=tuple(rows), tables=(_table(rows, cases),), notes=NOTES, quick=quick)
@@ -223,7 +249,7 @@ def _rows(case: tuple[str, str, str], runs: Sequence[Outcome | str]) -> Iterator
     complete = [run for run in runs if isinstance(run, Outcome)]
     stopped = [run for run in runs if isinstance(run, str)]
     yield reported((*case, "runs"), len(runs), "runs")
-    strict = case[:2] == (LIFT, "camera") and case[2] == SEEN[0]
+    strict = case == (LIFT, "camera", SEEN)
     for name in _OUTCOMES:
         count = sum(run.outcome == name for run in complete)
         target = Bounds(high=0.0) if strict and name in ("dropped", "crushed") else None
@@ -232,7 +258,8 @@ def _rows(case: tuple[str, str, str], runs: Sequence[Outcome | str]) -> Iterator
         yield reported((*case, "stopped"), len(stopped), "runs", stopped[0])
     for score, (unit, join) in SCORES.items():
         each = [getattr(run, score) for run in complete]
-        yield reported((*case, score), join(each) if each else None, unit)
+        target = _TURNS.get(case) if score == "turn" else None
+        yield measured((*case, score), join(each) if each else None, unit, target)
 
 
 def _table(rows: Sequence[Row], cases: Mapping[tuple[str, str, str], None]) -> Table:
@@ -254,8 +281,9 @@ def _table(rows: Sequence[Row], cases: Mapping[tuple[str, str, str], None]) -> T
 
 #: Explanation of the scores.
 NOTES = (
-    "`pinch-lift` with the 27 objects: 200 g as an upright box, cup of 40 mm or pen of 10 mm. The "
-    "other scenes have their own object. dropped, turned, crushed: see docs/pinch.md.",
+    "`pinch-lift` with the 27 objects: 200 g as an upright box, cup of 40 mm or pen of 10 mm; "
+    "weights: each µ with 50, 200 and 400 g. The other scenes have their own object. dropped, "
+    "turned, crushed: see docs/pinch.md.",
     "pressure: mean pressure of a contact while lifted, over time and the largest; means over the "
     "runs. turn: the largest about the axis of the pinch, without the elastic twist, which stands "
     "beside it. grip: mean while lifted. energy: ∫(dF/dt)² of the command. rate: with two runs at "
