@@ -243,7 +243,10 @@ def test_an_interrupted_run_keeps_what_it_had(
                 "thesis",
             ],
         ),
-        ("controllers", ["safety-margin", "margin-inversion", "limit-surface", "react-to-slip", "conservative"]),
+        (
+            "controllers",
+            ["safety-margin", "margin-inversion", "limit-surface", "react-to-slip", "conservative"],
+        ),
         ("renderers", ["painter", "pyrender"]),
     ],
 )
