@@ -5,7 +5,7 @@ and the way on which the drive closes: two blocks of compliance with one border.
 is that of the world, see `body`.
 """
 
-from .body import Moving, RigidBody, box_body, kinetic_energy, rotation_by, rotation_vector
+from .body import Filling, Moving, RigidBody, box_body, kinetic_energy, rotation_by, rotation_vector
 from .hand import HandPath, Shake
 from .outcome import Limits, Outcome, PinchRecord, follow_pinch, mean_pressure
 from .pinch import FACING, Pinch, bases
@@ -15,6 +15,7 @@ from .stepper import PinchStepper
 
 __all__ = [
     "FACING",
+    "Filling",
     "HandPath",
     "Limits",
     "Moving",

@@ -10,14 +10,14 @@ with r the step over the one before; r = 0 is backward Euler, which starts. A sw
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ..checks import finite
+from ..checks import finite, within
 from ..kernels.dome.newton_kernels import turned
 
 Array = NDArray[np.float64]
@@ -46,6 +46,47 @@ class RigidBody:
             finite("moment of inertia", value, "kg·m²", above=0.0)
         for value in self.centre:
             finite("centre of mass", value, "m", above=-1.0, below=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Filling:
+    """Mass that is added to a body: straight between knots, and as at the last one after it.
+
+    It comes at rest, into the centre of mass, so that momentum changes by the forces alone. The
+    moments of inertia grow as the mass does.
+
+    Attributes
+    ----------
+    times: of the knots, increasing [s]
+    masses: added until then [kg]
+    """
+
+    times: tuple[float, ...]
+    masses: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.times or len(self.times) != len(self.masses):
+            raise UserError(
+                f"a filling has {len(self.times)} times and {len(self.masses)} masses; both need "
+                "the same number, at least one"
+            )
+        if not (np.diff(self.times) > 0.0).all() or not np.isfinite(self.times).all():
+            raise UserError("times of a filling must increase")
+        for mass in self.masses:
+            within("mass that is added", mass, "kg", 0.0, 1e3)
+
+    def at(self, time: float) -> float:
+        """Mass that has been added at a time [kg]."""
+        return float(np.interp(time, self.times, self.masses))
+
+
+def filled(body: RigidBody, filling: Filling | None, time: float) -> RigidBody:
+    """A body with what has been added to it at a time [s]."""
+    if filling is None:
+        return body
+    share = 1.0 + filling.at(time) / body.mass
+    x, y, z = body.inertia
+    return replace(body, mass=share * body.mass, inertia=(share * x, share * y, share * z))
 
 
 def box_body(

@@ -11,7 +11,7 @@ from ..checks import finite
 from ..dome.dome import SoftBody
 from ..dome.placing import rotation_of, touching_place
 from ..dome.solid import Solid
-from .body import RigidBody
+from .body import Filling, RigidBody
 from .hand import HandPath
 
 Array = NDArray[np.float64]
@@ -37,6 +37,7 @@ class Pinch:
     first, second: fingertips
     solid: shape and material of the object
     body: its mass
+    filling: what is added to it over time; None is nothing
     hand: its path
     turned: rotation vector of the object at the start [rad]
     beside: place of the object's origin beside the axis of the pinch, along x and y [m]
@@ -51,6 +52,7 @@ class Pinch:
     solid: Solid
     body: RigidBody
     hand: HandPath = field(default_factory=HandPath)
+    filling: Filling | None = None
     turned: tuple[float, float, float] = (0.0, 0.0, 0.0)
     beside: tuple[float, float] = (0.0, 0.0)
     drag: float = CLOSING_DRAG

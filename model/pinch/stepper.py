@@ -15,7 +15,7 @@ from ..kernels.dome.krylov_kernels import System, new_system
 from ..kernels.dome.newton_kernels import Second, solve_contact, turned
 from ..kernels.dome.node_kernels import Contact, Outcome
 from ..kernels.dome.touch_kernels import Pose
-from .body import Moving, Scheme, carried, rotation_vector, scheme, wanted
+from .body import Moving, Scheme, carried, filled, rotation_vector, scheme, wanted
 from .pinch import FACING, Pinch, bases
 from .state import PinchState
 
@@ -66,7 +66,6 @@ class PinchStepper:
         )
         self._centre = np.array(pinch.body.centre)
         self._reach = float(np.linalg.norm(abs(pinch.solid.shape.bounds).max(axis=0)))
-        self._gravity = pinch.body.mass * np.array(pinch.gravity)
         self._sure = _SURE * min(skin.dome.spacing for skin in self.skins)
         self._system: System = new_system(0, 1)
         self._blocks: list[Index] = []
@@ -152,6 +151,8 @@ class PinchStepper:
         step = until - self.time
         lags = [skin.dome.relaxation / step for skin in self.skins]
         s, hand = scheme(self.moving, step), self.pinch.hand.at(until)
+        self._body = filled(self.pinch.body, self.pinch.filling, until)
+        self._gravity = self._body.mass * np.array(self.pinch.gravity)
         old_place, old_rotation = self.pose()
         place = old_place + step * self.drift[:3]
         rotation = turned(old_rotation, step * self.drift[3:])
@@ -204,7 +205,7 @@ class PinchStepper:
         origin, turn = hand
         arm = rotation @ self._centre
         centre = origin + turn @ (place + arm)
-        asked = wanted(self.pinch.body, self.moving, s, centre, turn @ rotation)
+        asked = wanted(self._body, self.moving, s, centre, turn @ rotation)
         force = turn.T @ (asked.force + self._gravity)
         mass = asked.mass * np.eye(3)
         if stands:
@@ -258,7 +259,7 @@ class PinchStepper:
             pushed = self._pushed(centre)
             force = force - max(pushed, 0.0) * self.pinch.down
         moving = carried(self.moving, s, centre, turn @ rotation, force, torque)
-        asked = wanted(self.pinch.body, self.moving, s, centre, turn @ rotation)
+        asked = wanted(self._body, self.moving, s, centre, turn @ rotation)
         scale = float(abs(outcome.true).sum() + abs(self._gravity).sum()) + _FORCE
         reach = 1e-3 + float(np.linalg.norm(arm))
         lacks = np.linalg.norm(asked.force + force) + np.linalg.norm(asked.torque + torque) / reach

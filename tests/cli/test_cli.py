@@ -223,6 +223,7 @@ def test_an_interrupted_run_keeps_what_it_had(
                 "dome-1",
                 "chromatouch-2020",
                 "chromatouch-2022",
+                "pinch-fill",
                 "pinch-fragile",
                 "pinch-lift",
                 "pinch-offcentre",

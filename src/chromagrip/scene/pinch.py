@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from ..errors import UserError, located
 from ..model import SoftBody, Solid
-from ..model.pinch import HandPath, Limits, Pinch, RigidBody, Shake
+from ..model.pinch import Filling, HandPath, Limits, Pinch, RigidBody, Shake
 from ..strict_toml import NotNegative, Positive, Table
 from .settings import ObjectSettings
 
@@ -26,6 +26,8 @@ class PinchSettings(Table, frozen=True):
     centre_mm: centre of mass in the object's own frame [mm]
     inertia_g_mm2: moments of inertia about it, along the object's axes [g·mm²]; empty are those of
         a homogeneous box as large as the object
+    fill_times_s: knots of what is added to the object [s]; empty is nothing
+    fill_g: mass that has been added at each knot [g]
     second_sensor: design of the second finger; empty is that of the first
     hand_times_s: knots of the hand's path [s]; empty stays where it is
     hand_mm: place of the hand at each knot [mm]
@@ -42,6 +44,8 @@ class PinchSettings(Table, frozen=True):
     mass_g: NotNegative = 0.0
     centre_mm: Vector = (0.0, 0.0, 0.0)
     inertia_g_mm2: tuple[Positive, ...] = ()
+    fill_times_s: tuple[NotNegative, ...] = ()
+    fill_g: tuple[NotNegative, ...] = ()
     second_sensor: str = ""
     hand_times_s: tuple[NotNegative, ...] = ()
     hand_mm: tuple[Vector, ...] = ()
@@ -68,6 +72,7 @@ class PinchSettings(Table, frozen=True):
             raise UserError(f"shake_s must be a start and an end, got {list(self.shake_s)}")
         with located("pinch"):
             self.build_hand()
+            self.build_filling()
 
     @property
     def limits(self) -> Limits:
@@ -109,6 +114,18 @@ class PinchSettings(Table, frozen=True):
             shake=shake,
         )
 
+    def build_filling(self) -> Filling | None:
+        """What is added to the object over time; None is nothing.
+
+        Raises
+        ------
+        UserError
+            For times that do not increase, or another number of masses.
+        """
+        if not self.fill_times_s and not self.fill_g:
+            return None
+        return Filling(times=self.fill_times_s, masses=tuple(1e-3 * each for each in self.fill_g))
+
     def build(self, first: SoftBody, second: SoftBody, solid: Solid, held: ObjectSettings) -> Pinch:
         """Both fingertips and the object between them.
 
@@ -137,6 +154,7 @@ class PinchSettings(Table, frozen=True):
             solid=solid,
             body=RigidBody(mass=mass, inertia=moments, centre=(cx, cy, cz)),
             hand=self.build_hand(),
+            filling=self.build_filling(),
             turned=(tx, ty, tz),
             beside=(bx, by),
             drag=self.closing_n_s_per_m,

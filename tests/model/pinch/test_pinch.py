@@ -14,6 +14,7 @@ from scipy.special import ellipk
 from chromagrip.errors import UserError
 from chromagrip.model import Dome, Motion, Solid, dome_forces, simulate_contact, torsion
 from chromagrip.model.pinch import (
+    Filling,
     HandPath,
     Limits,
     Pinch,
@@ -82,6 +83,50 @@ def test_momentum_changes_by_the_stored_forces(lifted: PinchRun) -> None:
     velocity = (1.5 * place[2:] - 2.0 * place[1:-1] + 0.5 * place[:-2]) / DT
     assert abs(MASS * velocity - momentum[2:]).max() < 1e-4 * MASS * G * DT * 10
     assert abs(momentum).max() > 1e-3
+
+
+def test_what_is_added_is_held() -> None:
+    """While a held body is filled, the fingers bear m(t)·g, and momentum changes by the forces."""
+    filling = Filling(times=(0.4, 0.6), masses=(0.0, 2.0 * MASS))
+    run = simulate_pinch(pinch(filling=filling), 0.7, ramp(4.0), DT)
+    held = run.forces[:, :, 0].sum(axis=1)
+    before, after = (run.times > 0.37) & (run.times < 0.4), run.times > 0.65
+    assert held[before].mean() == pytest.approx(MASS * G, rel=1e-2)
+    assert held[after].mean() == pytest.approx(3.0 * MASS * G, rel=1e-2)
+    mass = np.array([MASS + filling.at(time) for time in run.times])
+    momentum = np.array([each.momentum for each in run.moving])[:, 0]
+    rate = (1.5 * momentum[2:] - 2.0 * momentum[1:-1] + 0.5 * momentum[:-2]) / DT
+    assert abs(rate - (mass * G - held - run.supports)[2:]).max() < 1e-6
+
+
+def test_a_body_that_is_filled_as_it_falls() -> None:
+    """d(m·v)/dt = m·g with m = m₀·(1 + k·t) has v = g·(t + k·t²/2)/(1 + k·t)."""
+    k, duration = 10.0, 0.2
+    filling = Filling(times=(0.0, 1.0), masses=(0.0, k * MASS))
+    free = pinch(table=False, hand=HandPath(), friction=1e-6, filling=filling)
+    run = simulate_pinch(free, duration, lambda _: 0.0, DT)
+    velocity = G * (run.times + 0.5 * k * run.times**2) / (1.0 + k * run.times)
+    place = np.array([each.place[0] for each in run.moving])
+    found = np.diff(place) / DT
+    assert found[5:] == pytest.approx(0.5 * (velocity[1:] + velocity[:-1])[5:], rel=5e-3)
+    late = run.moving[-1].momentum[0] / (MASS * (1.0 + k * duration))
+    assert late == pytest.approx(velocity[-1], rel=1e-2)
+    assert velocity[-1] < 0.8 * G * duration  # what is added at rest holds it back
+
+
+@pytest.mark.parametrize(
+    ("times", "masses", "said"),
+    [
+        ((0.0, 1.0), (0.1,), "2 times and 1 masses"),
+        ((1.0, 0.5), (0.0, 0.1), "must increase"),
+        ((0.0,), (-0.1,), "mass that is added"),
+    ],
+)
+def test_a_filling_that_is_none_is_refused(
+    times: tuple[float, ...], masses: tuple[float, ...], said: str
+) -> None:
+    with pytest.raises(UserError, match=said):
+        Filling(times=times, masses=masses)
 
 
 def test_the_sag_is_that_of_one_fingertip_under_half_the_weight() -> None:

@@ -18,7 +18,7 @@ from ...thesis import OBJECTS
 #: Scene with the 27 objects, and those with the scene's own object.
 LIFT = "pinch-lift"
 OFFCENTRE = "pinch-offcentre"
-OTHERS = (OFFCENTRE, "pinch-tilt", "pinch-shake", "pinch-fragile")
+OTHERS = (OFFCENTRE, "pinch-tilt", "pinch-shake", "pinch-fragile", "pinch-fill")
 #: `pinch-lift` with objects that weigh differently, each µ with each of these masses [g].
 WEIGHTS, MASSES = "pinch-lift, weights", (50.0, 200.0, 400.0)
 #: The controller that is measured through the cameras with all objects, and seeds of specimens and
