@@ -8,7 +8,6 @@ one limit surface, here an ellipsoid: (pull)² + (twist)² = 1, each over what i
 import math
 from collections import deque
 
-from ..model import torsion
 from .margin_inversion import MarginInversion
 from .settings import LimitSurfaceSettings
 from .values import GripObservation
@@ -45,11 +44,11 @@ class LimitSurfaceControl(MarginInversion):
         """Grip force at which the load, with its lead, has the desired margin with this µ."""
         if math.isnan(observation.limit_margin):
             return super()._grip(observation, friction)
-        field = observation.field
-        torque, _, bound = torsion(field)
-        twist, ahead = abs(torque), self._ahead(observation.time, abs(torque))
+        field, twist = observation.field, abs(observation.torsion)
+        ahead = self._ahead(observation.time, twist)
         pull = field.total_friction / (friction * field.total_normal)
-        turn = twist / (friction * bound) if bound > 0.0 else 0.0
+        borne = observation.torsion_borne * friction / observation.friction
+        turn = twist / borne if borne > 0.0 else 0.0
         used = math.hypot(pull, turn)
         if not used > 0.0:
             return self.settings.floor_n

@@ -40,6 +40,9 @@ class GripObservation:
     limit_margin: margin of friction and torsion together against what the contact can bear of both,
         which is at most Γ; NaN without a torque, as of a chain
     limit_margin_interval: 90 % interval of it
+    torsion: torque of the friction about the contact's normal, through its middle [N·m]; NaN as
+        `limit_margin`
+    torsion_borne: largest that friction bears of it where nothing pulls [N·m]; NaN as `torsion`
     """
 
     time: float
@@ -56,6 +59,8 @@ class GripObservation:
     twist: float = math.nan
     limit_margin: float = math.nan
     limit_margin_interval: tuple[float, float] = UNKNOWN
+    torsion: float = math.nan
+    torsion_borne: float = math.nan
 
     @property
     def force(self) -> Array:

@@ -53,6 +53,8 @@ def seen(time: float, field: ForceField) -> GripObservation:
         lateral_displacement=0.0,
         limit_margin=limit,
         limit_margin_interval=(limit, limit),
+        torsion=torsion(field)[0],
+        torsion_borne=MU * torsion(field)[2],
     )
 
 

@@ -26,6 +26,7 @@ def with_limit_margin(observation: GripObservation) -> GripObservation:
     limit = min(margin_within(field, mu), observation.margin)
     twist, slope, bound = torsion(field)
     bound *= mu
+    observation = replace(observation, torsion=twist, torsion_borne=bound)
     if not bound > 0.0:  # a single node bears no torsion
         return replace(
             observation, limit_margin=limit, limit_margin_interval=observation.margin_interval
