@@ -14,6 +14,7 @@ import pytest
 import chromagrip
 from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
+from chromagrip.loop.run_folder import run
 from chromagrip.rig.pinch.files import FILES
 from chromagrip.rig.pinch.rig import PinchRig, smaller
 from chromagrip.rig.pinch.run import run_pinch
@@ -138,6 +139,16 @@ def test_a_finger_that_lets_go_is_told_of() -> None:
     assert done.summary["outcome"] == "held"
 
 
+class Constant:
+    """A controller that keeps one grip."""
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def command(self, observation: GripObservation) -> GripCommand:
+        return GripCommand(force=1.5)
+
+
 class Failing:
     """A controller that grips, and then raises."""
 
@@ -239,9 +250,22 @@ def test_what_is_no_pinch_is_refused(changes: dict[str, Any], sentence: str) -> 
         load_scene("pinch-lift", {**COARSE, **changes})
 
 
+def test_any_scene_is_run_by_the_same_name() -> None:
+    """The fate of the box says which rig ran it: a grip of less than mg/2µ drops it."""
+    dropped = chromagrip.run(scene(**HELD, conservative__force_n=0.3))
+    assert dropped.summary["outcome"] == "dropped"
+    assert dropped.trace["height_mm"][-1] < 60.0
+    one = chromagrip.run(load_scene("dome-1", {"duration_s": 0.05}))
+    assert one.summary["mechanics"] == "dome"
+    given = chromagrip.run(scene(duration_s=0.1), controller=Constant)
+    assert given.trace["grip_n"] == pytest.approx(1.5)
+    with pytest.raises(UserError, match="kept of one finger"):
+        chromagrip.run(scene(), frames="png")
+
+
 def test_other_doors_say_where_a_pinch_is_run() -> None:
     with pytest.raises(UserError, match="pinch of two fingers"):
-        chromagrip.run(scene())
+        run(scene())
     with pytest.raises(UserError, match="of one finger"):
         PinchRig(load_scene("dome-1"))
     assert "[pinch]" not in dump_scene(load_scene("dome-1"))

@@ -57,7 +57,7 @@ class Result:
     Attributes
     ----------
     scene: that was run, with the names of the methods that were used
-    summary: see `trace.summarise`
+    summary: see `trace.summarise`; of two fingers, `rig.pinch.trace.summarise`
     trace: time series, truth beside estimate
     folder: where the files are; None when nothing was written
     """
@@ -81,7 +81,7 @@ def run(
     frames: FrameFormat | None = None,
     answer_within_s: float = ANSWER_WITHIN_S,
 ) -> Result:
-    """Run a scene; with `out`, write summary, trace, figure, video and scene into that folder.
+    """Run a scene of one finger; with `out`, write summary, trace, figure, video and scene there.
 
     After Ctrl-C or an error of a controller the results up to there are written, marked as not
     complete, and the exception is raised.

@@ -301,8 +301,8 @@ def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant:
     """Body of a scene, with a fingertip in place of the scene's chain."""
     if scene.pinch.mass_g:
         raise UserError(
-            "the scene is a pinch of two fingers; run it with `chromagrip grasp`, with "
-            "chromagrip.open, or with chromagrip.rig.pinch.run.run_pinch"
+            "the scene is a pinch of two fingers; run it with `chromagrip grasp` or "
+            "chromagrip.run, or step through it with chromagrip.open"
         )
     if scene.body == "dome":
         return DomePlant(scene)

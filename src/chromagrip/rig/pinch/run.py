@@ -2,8 +2,6 @@
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from ...by_name import Choice
@@ -11,35 +9,13 @@ from ...control import Controller
 from ...extras import require
 from ...loop.latency import HoldingController
 from ...loop.methods import choose
-from ...loop.run_folder import ANSWER_WITHIN_S
-from ...loop.trace import Summary, Trace
+from ...loop.run_folder import ANSWER_WITHIN_S, Progress, Result
 from ...output.processes import one_thread
 from ...scene.controllers import CONTROLLERS
 from ...scene.scene import Scene, load_scene
 from .files import PinchFiles
 from .rig import PinchRig, PinchSample
 from .trace import Rows, summarise
-
-#: Called after each frame with the frames done and all frames.
-Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PinchResult:
-    """Results of a pinch.
-
-    Attributes
-    ----------
-    scene: that was run, with the names of the methods that were used
-    summary: see `pinch_trace.summarise`
-    trace: time series, truth beside both estimates
-    folder: where the files are; None when nothing was written
-    """
-
-    scene: Scene
-    summary: Summary
-    trace: Trace
-    folder: Path | None
 
 
 def run_pinch(
@@ -53,7 +29,7 @@ def run_pinch(
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
     answer_within_s: float = ANSWER_WITHIN_S,
-) -> PinchResult:
+) -> Result:
     """Run a scene of two fingers; with `out`, write a run folder there.
 
     It has summary, trace, figure, video and scene.
@@ -95,7 +71,7 @@ def run_pinch(
 
 def _record(
     rig: PinchRig, held: HoldingController, files: PinchFiles | None, progress: Progress | None
-) -> PinchResult:
+) -> Result:
     """Run the loop, and write its results however it ends."""
     scene = rig.scene
     rows, reasons, seconds = Rows(scene), list[str](), 0.0
@@ -124,7 +100,7 @@ def _record(
         if files is not None and len(rows):
             files.write(trace, summary)
     folder = None if files is None else files.folder
-    return PinchResult(scene=scene, summary=summary, trace=trace, folder=folder)
+    return Result(scene=scene, summary=summary, trace=trace, folder=folder)
 
 
 def _reasons(sample: PinchSample) -> list[str]:
