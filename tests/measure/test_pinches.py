@@ -22,6 +22,13 @@ from chromagrip.measure.pinches.bench import (
     report_of,
     tasks,
 )
+from chromagrip.measure.pinches.steps import (
+    FREQUENCY,
+    euler_loss,
+    momentum_lacks,
+    predicted_loss,
+    swing_loss,
+)
 from chromagrip.output.report import values
 from chromagrip.scene.fingers import build_pinch
 from chromagrip.scene.scene import load_scene
@@ -111,3 +118,22 @@ def test_a_controller_that_is_none_is_refused_before_anything_runs() -> None:
         bench("control", True, print, controllers=("mine",), world="pinch")
     with pytest.raises(UserError, match="--world pinch with bench control"):
         bench("model", True, print, world="pinch")
+
+
+def test_a_step_takes_of_a_swing_what_analysis_says() -> None:
+    omega = 2.0 * math.pi * FREQUENCY
+    short = (omega * 2.5e-3) ** 4 / 4.0 / (FREQUENCY * 2.5e-3)  # of the first order in the loss
+    assert swing_loss(2.5e-3) == pytest.approx(short, rel=0.015)
+    assert swing_loss(10e-3) == pytest.approx(predicted_loss(10e-3), rel=0.005)
+    assert swing_loss(10e-3) / swing_loss(5e-3) == pytest.approx(8.0, rel=0.1)
+    # Backward Euler, step by step: y₁ = y₀ + i·ω·h·y₁.
+    size, steps = 1.0 + 0.0j, 80
+    for _ in range(steps):
+        size /= 1.0 - 1j * omega * 5e-3
+    assert 1.0 - abs(size) ** (1.0 / (steps * 5e-3 * FREQUENCY)) == pytest.approx(euler_loss(5e-3))
+
+
+def test_momentum_changes_by_the_forces_and_the_box_moves_by_it() -> None:
+    momentum, place = momentum_lacks("pinch-lift", 4.0, quick=True)
+    assert momentum < 1e-12
+    assert place < 3e-3  # by the solver's tolerance

@@ -26,6 +26,7 @@ from ...model import (
     step_many,
 )
 from ...output.report import Bounds, Report, Row, at_least, at_most, measured, reported
+from ..pinches.steps import pinch_rows
 from ..worlds.grasps import contact_object
 from .model_bodies import bench_bodies
 from .model_dome import bench_dome
@@ -63,6 +64,7 @@ def bench_model(quick: bool, progress: Progress) -> Report:
         *bench_dome(quick, progress),
         *bench_meshes(quick, progress),
         *bench_bodies(quick, progress),
+        *pinch_rows(quick, progress),
     ]
     return Report(rows=tuple(rows), quick=quick)
 
