@@ -16,8 +16,18 @@ from chromagrip import Scene, UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop import grasp, open_camera
 from chromagrip.output.pictures import open_source, read_picture
+from chromagrip.rig.pinch.files import PinchFiles
+from chromagrip.rig.pinch.rig import PinchRig
 
 KINDS: tuple[Literal["png", "ffv1"], ...] = ("png", "ffv1")
+#: A light box and coarse domes.
+COARSE = {
+    "path": "truth",
+    "sensor": "thesis",
+    "dome.pitch_mm": 0.8,
+    "pinch.mass_g": 50.0,
+    "object.size_mm": [20.0, 20.0, 16.0],
+}
 QUICK = {"duration_s": 0.08, "camera.rest_frames": 2, "camera.dropped": 0.4}
 
 
@@ -111,3 +121,38 @@ def test_from_the_command_line(typed: Callable[..., CompletedProcess[str]], tmp_
     assert done.returncode == 2
     assert "--frames png needs a folder: give --out beside --json" in done.stderr
     assert typed(*line[:-1], "gif").returncode == 2
+
+
+@pytest.mark.parametrize("kind", ["png", pytest.param("ffv1", marks=pytest.mark.slow)])
+def test_both_cameras_of_a_pinch_lose_nothing(kind: Literal["png", "ffv1"], tmp_path: Path) -> None:
+    changes = {**COARSE, "duration_s": 0.08, "camera.dropped": 0.4}
+    scene = load_scene("pinch-lift", {**changes, "controller": "conservative"})
+    run(scene, tmp_path / "run", frames=kind)
+    rig = PinchRig(scene)
+    rig.reset()
+    expected = {}
+    while True:
+        if rig.readings[0].observation is not None:
+            expected[rig.index] = rig.pictures()
+        if rig.done:
+            break
+        rig.step(scene.conservative.force_n)
+    rest = rig.rest_pictures()
+    rig.close()
+    assert 0 < len(expected) < scene.frames
+    for k, finger in enumerate(("first", "second")):
+        folder = tmp_path / "run" / "frames" / finger
+        rows = listed(folder)
+        assert [int(row["frame"]) for row in rows] == list(expected)
+        times = [float(row["time_s"]) for row in rows]
+        assert times == pytest.approx([index * scene.period for index in expected])
+        name = str(folder / "frames.mkv") if kind == "ffv1" else str(folder)
+        source = open_source(name, without=folder / "rest.png" if kind == "png" else None)
+        for frame, pictures in zip(source.frames(), expected.values(), strict=True):
+            np.testing.assert_array_equal(frame.image, pictures[k].image)
+        np.testing.assert_array_equal(read_picture(folder / "rest.png"), rest[k].image)
+    assert not np.array_equal(rest[0].image, rest[1].image)
+    with PinchFiles(tmp_path / "run", True, scene):
+        assert not (tmp_path / "run" / "frames").exists()
+    with pytest.raises(UserError, match=f"pictures as {kind} need a folder"):
+        run(scene, frames=kind)

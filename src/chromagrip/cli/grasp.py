@@ -141,9 +141,9 @@ def grasp(
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
     if resolved.pinch.mass_g:
-        if frames is not None or source is not None:
-            raise UserError("--frames and --source are for one finger; this scene is a pinch")
-        return run_two(resolved, out, overwrite, answer_within, json_only)
+        if source is not None:
+            raise UserError("--source is for one finger; this scene is a pinch")
+        return run_two(resolved, out, overwrite, answer_within, frames, json_only)
 
     from ..loop.run_folder import run  # OpenCV loads only when something is run
 

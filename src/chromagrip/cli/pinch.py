@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..output.frames import FrameFormat
 from ..scene.fingers import fingers
 from .options import counting, print_table, value_table
 from .readouts import prepare_scene
@@ -14,7 +15,12 @@ if TYPE_CHECKING:
 
 
 def run_two(
-    scene: "Scene", out: Path | None, overwrite: bool, answer_within: float, json_only: bool
+    scene: "Scene",
+    out: Path | None,
+    overwrite: bool,
+    answer_within: float,
+    frames: FrameFormat | None,
+    json_only: bool,
 ) -> int:
     """Run a pinch, and print its summary."""
     from ..rig.pinch.run import run_pinch  # OpenCV loads only when something is run
@@ -23,8 +29,9 @@ def run_two(
         prepare_scene(finger, pictures=out is not None or scene.path == "camera")
     with counting(f"{scene.controller}, {scene.path}", "frames") as progress:
         result = run_pinch(
-            scene, out, overwrite=overwrite, progress=progress, answer_within_s=answer_within
-        )
+            scene, out, overwrite=overwrite, progress=progress, frames=frames,
+            answer_within_s=answer_within,
+        )  # fmt: skip
     if json_only:
         print(json.dumps(result.summary))
     else:

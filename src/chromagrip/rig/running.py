@@ -4,7 +4,6 @@ from pathlib import Path
 
 from ..by_name import Choice
 from ..control import Controller
-from ..errors import UserError
 from ..loop.run_folder import ANSWER_WITHIN_S, Progress, Result, run
 from ..output.frames import FrameFormat
 from ..scene.scene import Scene, load_scene
@@ -38,7 +37,8 @@ def run_scene(
     controller: in place of the scene's: an object with `reset` and `command`, a class or other
         factory without arguments, or a name
     tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
-    frames: keep the camera's raw pictures too, in the folder `frames` of `out`; of one finger
+    frames: keep the camera's raw pictures too, in the folder `frames` of `out`; of two fingers in
+        its folders `first` and `second`
     answer_within_s: time in which a controller that is not ours must answer; inf is no limit
 
     Returns
@@ -52,16 +52,9 @@ def run_scene(
     """
     if isinstance(scene, str):
         scene = load_scene(scene)
-    if not scene.pinch.mass_g:
-        return run(
-            scene, out, overwrite=overwrite, progress=progress, controller=controller,
-            tracker=tracker, reconstructor=reconstructor, renderer=renderer, frames=frames,
-            answer_within_s=answer_within_s,
-        )  # fmt: skip
-    if frames is not None:
-        raise UserError(f"pictures as {frames} are kept of one finger; this scene is a pinch")
-    return run_pinch(
+    run_it = run_pinch if scene.pinch.mass_g else run
+    return run_it(
         scene, out, overwrite=overwrite, progress=progress, controller=controller,
-        tracker=tracker, reconstructor=reconstructor, renderer=renderer,
+        tracker=tracker, reconstructor=reconstructor, renderer=renderer, frames=frames,
         answer_within_s=answer_within_s,
     )  # fmt: skip

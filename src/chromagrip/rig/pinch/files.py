@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Self
 
 from ...errors import UserError
 from ...extras import need
-from ...loop.run_folder import scene_text
+from ...loop.run_folder import FRAMES, scene_text
 from ...loop.trace import Summary, Trace
 from ...output.folder import prepare
+from ...output.frames import FrameFiles, FrameFormat
 from ...output.versions import versions
+from ...render import Frame
 from ...scene.scene import Scene
 from .rig import PinchRig, PinchSample
-from .trace import COLUMNS
+from .trace import COLUMNS, FINGERS
 
 if TYPE_CHECKING:
     from .video import PinchVideo
@@ -35,6 +37,7 @@ class PinchFiles:
     folder: run folder, made if missing
     overwrite: remove an earlier run's files
     scene: that is run
+    frames: how both cameras' raw pictures are kept; None does not keep them
 
     Raises
     ------
@@ -42,18 +45,27 @@ class PinchFiles:
         When the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, overwrite: bool, scene: Scene) -> None:
+    def __init__(
+        self, folder: Path, overwrite: bool, scene: Scene, frames: FrameFormat | None = None
+    ) -> None:
         self.folder = folder
         self._parts = folder / ".parts"
         self._scene = scene
         self._video: PinchVideo | None = None
+        self._frames: list[FrameFiles] = []
         prepare(folder, overwrite)
         with self._writing():
             self._discard()
             for name in FILES:
                 (folder / name).unlink(missing_ok=True)
+            shutil.rmtree(folder / FRAMES, ignore_errors=True)
             self._parts.mkdir()
             self._video = _open_video(self._parts, scene)
+            if frames is not None:
+                (self._parts / FRAMES).mkdir()
+                for name in FINGERS:
+                    place = self._parts / FRAMES / name
+                    self._frames.append(FrameFiles(place, frames, scene.camera.rate_hz))
 
     def __enter__(self) -> Self:
         """Use as a context, which removes unfinished files."""
@@ -64,13 +76,27 @@ class PinchFiles:
         self._discard()
 
     def show(self, sample: PinchSample, rig: PinchRig) -> None:
-        """Take a frame into the video, which has a picture where one is due."""
+        """Take a frame into the video, where one is due, and keep its pictures."""
         if self._video is None:  # writing failed
             return
-        if self._video.add(sample):
-            frames = rig.pictures()
-            with self._writing():
-                self._video.show(sample, frames)
+        due = self._video.add(sample)
+        came = bool(self._frames) and sample.readings[0].observation is not None
+        if not (due or came):
+            return
+        pictures = rig.pictures()
+        with self._writing():
+            if came:
+                self._keep(sample.index, pictures, rig)
+            if due:
+                self._video.show(sample, pictures)
+
+    def _keep(self, index: int, pictures: tuple[Frame, Frame], rig: PinchRig) -> None:
+        """Keep both cameras' raw pictures of a frame, and before the first those at rest."""
+        if index == 0:
+            for file, rest in zip(self._frames, rig.rest_pictures(), strict=True):
+                file.add_rest(rest)
+        for file, picture in zip(self._frames, pictures, strict=True):
+            file.add(index, picture)
 
     def write(self, trace: Trace, summary: Summary) -> None:
         """Write the results, and give all files their names."""
@@ -78,6 +104,8 @@ class PinchFiles:
             return
         with self._writing():
             self._video.close()
+            for file in self._frames:
+                file.close()
             _write_results(self._parts, self._scene, trace, summary)
             for part in sorted(self._parts.iterdir()):
                 part.replace(self.folder / part.name)
@@ -96,10 +124,12 @@ class PinchFiles:
 
     def _discard(self) -> None:
         """Close and remove unfinished files."""
-        video, self._video = self._video, None
-        if video is not None:
-            with suppress(OSError, UserError):
-                video.close()
+        unfinished = (self._video, *self._frames)
+        self._video, self._frames = None, []
+        for file in unfinished:
+            if file is not None:
+                with suppress(OSError, UserError):
+                    file.close()
         shutil.rmtree(self._parts, ignore_errors=True)
 
 

@@ -251,6 +251,14 @@ class PinchRig:
         self._check_begun("pictures()")
         return self._picture(0), self._picture(1)
 
+    def rest_pictures(self) -> tuple[Frame, Frame]:
+        """Both cameras' pictures of the untouched fingers, with noise that is in no other frame."""
+        world = self.plant.rest()
+        first, second = (
+            self._camera(k).expose_rest(world.finger(k).now.state, 1)[0] for k in range(2)
+        )
+        return first, second
+
     def close(self) -> None:
         """Release the cameras; closing them again does nothing."""
         while self._cameras:

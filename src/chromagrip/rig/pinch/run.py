@@ -6,10 +6,12 @@ from pathlib import Path
 
 from ...by_name import Choice
 from ...control import Controller
+from ...errors import UserError
 from ...extras import require
 from ...loop.latency import HoldingController
 from ...loop.methods import choose
 from ...loop.run_folder import ANSWER_WITHIN_S, Progress, Result
+from ...output.frames import FrameFormat
 from ...output.processes import one_thread
 from ...scene.controllers import CONTROLLERS
 from ...scene.scene import Scene, load_scene
@@ -28,6 +30,7 @@ def run_pinch(
     tracker: Choice | None = None,
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
+    frames: FrameFormat | None = None,
     answer_within_s: float = ANSWER_WITHIN_S,
 ) -> Result:
     """Run a scene of two fingers; with `out`, write a run folder there.
@@ -43,6 +46,7 @@ def run_pinch(
     out: run folder, made if missing
     overwrite: write into a folder that is not empty, over an earlier run's files
     progress: called after every frame
+    frames: keep both cameras' raw pictures too, in the folder `frames` of `out`
     controller, tracker, reconstructor, renderer, answer_within_s: as in `loop.run_folder.run`
 
     Raises
@@ -50,6 +54,8 @@ def run_pinch(
     UserError
         For a scene, a method or a folder that cannot be used; when the silicone cannot go on.
     """
+    if frames is not None and out is None:
+        raise UserError(f"pictures as {frames} need a folder: give `out`")
     if isinstance(scene, str):
         scene = load_scene(scene)
     scene, methods = choose(
@@ -65,7 +71,7 @@ def run_pinch(
     if out is None:
         return _record(rig, held, None, progress)
     require("data", "video", purpose="writing a run folder")
-    with one_thread(), PinchFiles(Path(out), overwrite, scene) as files:
+    with one_thread(), PinchFiles(Path(out), overwrite, scene, frames) as files:
         return _record(rig, held, files, progress)
 
 
