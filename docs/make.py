@@ -2,7 +2,8 @@
 
 Parts: images, bodies, loop, dataset, control, model, render, track, force, force-dome,
 loop-dome, control-pinch, ranges, tolerances, charts, limit, limit-dome, stability,
-stability-track, stability-force, stability-loop, appendix-b, reproduction.
+stability-track, stability-force, stability-loop, stability-loop-dome, stability-loop-pinch,
+appendix-b, reproduction.
 Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
 docs/images/, docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand,
 nor what other pages have between two marks of `fill`.
@@ -244,6 +245,15 @@ def stability_of_the_loop() -> None:
         shutil.copy(folder / "boundaries.csv", DOCS / "stability-loop.csv")
 
 
+def stability_of_grips(world: str) -> None:
+    """Maps of a dome or of two fingers: a picture and a table of each."""
+    with made_by("stability", "loop", "--world", world) as folder:
+        for picture in folder.glob("*.png"):
+            shutil.copy(picture, IMAGES / f"stability-loop-{world}-{picture.name}")
+        for table_of in folder.glob("*.csv"):
+            shutil.copy(table_of, DOCS / f"stability-loop-{world}-{table_of.name}")
+
+
 #: Amount of the thesis that the documentation shows.
 REPRODUCED = Plan(quick=False, camera="thesis")
 
@@ -314,6 +324,8 @@ PARTS: dict[str, Callable[[], None]] = {
         {"map.png": IMAGES / "stability-force.png", "map.csv": DOCS / "stability-force.csv"},
     ),
     "stability-loop": stability_of_the_loop,
+    "stability-loop-dome": partial(stability_of_grips, "dome"),
+    "stability-loop-pinch": partial(stability_of_grips, "pinch"),
     "appendix-b": partial(
         keep,
         "reproduce appendix-b",

@@ -156,6 +156,10 @@ def stability(
     ],
     *,
     trackers: Trackers = (),
+    world: Annotated[
+        Literal["", "dome", "pinch"],
+        option("of loop: a dome, or two of them and an object; none is the chain", "dome|pinch"),
+    ] = "",
     workers: Annotated[
         int | None, option("of force and loop: processes; by default one for each core", "N")
     ] = None,
@@ -172,14 +176,19 @@ def stability(
         raise UserError(f"--tracker goes with stability track, not with stability {part}")
     if workers is not None and part not in ("force", "loop"):
         raise UserError(f"--workers goes with stability force and loop, not with stability {part}")
+    if world and part != "loop":
+        raise UserError(f"--world goes with stability loop, not with stability {part}")
     check_least(workers=(workers, 1))
     if out is None and not json_only:
-        out = new_folder(f"stability-{part}")
+        out = new_folder(f"stability-{part}-{world}" if world else f"stability-{part}")
 
     from ..measure.stability import parts
+    from ..measure.stability.grips.parts import stability_grips
 
     with status() as report:
-        if part == "loop":
+        if world:
+            result = stability_grips(world, quick, out, overwrite, report, workers or CORES)
+        elif part == "loop":
             result = parts.stability_loop(quick, out, overwrite, report, workers or CORES)
         elif part == "force":
             result = parts.stability_force(quick, out, overwrite, report, workers or CORES)

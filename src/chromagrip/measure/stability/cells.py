@@ -210,10 +210,16 @@ def outcome(
     return [name for name, did in {"holds": True, **happened}.items() if did][-1]
 
 
-def swing(trace: Trace, end: float) -> float:
-    """Peak to peak of the command, less a straight line, over its mean, before an instant [s]."""
+def swing(trace: Trace, end: float, held: float = HELD) -> float:
+    """Peak to peak of the command, less a straight line, over its mean, before an instant [s].
+
+    Parameters
+    ----------
+    end: instant [s]
+    held: time before it [s]
+    """
     time = trace["time_s"]
-    last = (time > end - HELD + 1e-9) & (time < end - 1e-9)
+    last = (time > end - held + 1e-9) & (time < end - 1e-9)
     at, command = time[last], trace["grip_n"][last]
     if len(at) < 3:
         return np.nan

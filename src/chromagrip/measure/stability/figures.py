@@ -40,7 +40,7 @@ def _title(text: str, quick: bool) -> str:
     return f"{text} (quick)" if quick else text
 
 
-def _mesh(
+def mesh(
     axes: Axes, x: Array, y: Array, outcomes: Sequence[Sequence[str]], colours: Mapping[str, str]
 ) -> None:
     """Fill the cells between the edges x and y with the colours of their outcomes."""
@@ -50,7 +50,7 @@ def _mesh(
     axes.pcolormesh(x, y, codes, cmap=colour_map, vmin=0, vmax=last, edgecolors="white", lw=0.8)
 
 
-def _patches(outcomes: Iterable[str], colours: Mapping[str, str]) -> list[Patch | Line2D]:
+def patches(outcomes: Iterable[str], colours: Mapping[str, str]) -> list[Patch | Line2D]:
     """Legend of the outcomes that occur."""
     present = set(outcomes)
     return [Patch(color=colours[name], label=name) for name in colours if name in present]
@@ -86,7 +86,7 @@ def _panel_of_loop(
     grid = [[results[which.at(panel, x, y)] for x in panel.x] for y in panel.y]
     x_edges, y_edges = np.arange(len(panel.x) + 1.0) - 0.5, np.arange(len(panel.y) + 1.0) - 0.5
     outcomes = [[cell.outcome for cell in line] for line in grid]
-    _mesh(axes, x_edges, y_edges, outcomes, cells.OUTCOMES)
+    mesh(axes, x_edges, y_edges, outcomes, cells.OUTCOMES)
     for (row, column), cell in np.ndenumerate(np.array(grid, dtype=object)):
         if which.lines and cell.setting == panel.base:
             axes.plot(column, row, "s", ms=15, mfc="none", mec="black", mew=1.2)
@@ -118,7 +118,7 @@ def _handles_of_loop(
 ) -> list[Patch | Line2D]:
     settings = which.settings()
     drawn = [results[setting] for setting in settings]
-    handles = _patches((cell.outcome for cell in drawn), cells.OUTCOMES)
+    handles = patches((cell.outcome for cell in drawn), cells.OUTCOMES)
     for patch in handles:
         patch.set_label(f"{patch.get_label()}: {cells.WORDS[str(patch.get_label())]}")
     marks: list[tuple[bool, str, dict[str, object]]] = [
@@ -165,7 +165,7 @@ def draw_model(results: Sequence[model.Cell], path: Path, quick: bool) -> None:
             axes.set_ylabel("contact stiffness [N/m]", fontsize=8)
         if row == len(counts) - 1:
             axes.set_xlabel("step", fontsize=8)
-    handles = _patches((cell.outcome for cell in results), model.OUTCOMES)
+    handles = patches((cell.outcome for cell in results), model.OUTCOMES)
     handles.append(Line2D([], [], color="black", ls="--", lw=1, label="predicted explicit limit"))
     legend_below(figure, handles, len(handles))
     path.write_bytes(png(figure))
@@ -181,7 +181,7 @@ def _panel_of_model(axes: Axes, part: Sequence[model.Cell]) -> None:
         steps = 1e3 * np.array([cell.step_s for cell in line])
         x = _edges(steps) if len(steps) > 1 else np.array([steps[0] / 1.5, steps[0] * 1.5])
         outcomes = [[cell.outcome for cell in line]]
-        _mesh(axes, x, np.array([bottom, top]), outcomes, model.OUTCOMES)
+        mesh(axes, x, np.array([bottom, top]), outcomes, model.OUTCOMES)
         axes.plot(np.full(2, 1e3 * line[0].limit_s), [bottom, top], "k--", lw=1)
     axes.set(xscale="log", yscale="log", xlim=(5e-4, 100.0), ylim=(y[0], y[-1]))
     axes.set_xticks([1e-3, 1e-2, 1e-1, 1.0, 10.0], ["1 µs", "10 µs", "0.1 ms", "1 ms", "10 ms"])
@@ -209,7 +209,7 @@ def draw_dome(results: Sequence[dome.Cell], path: Path, quick: bool) -> None:
             axes.set_ylabel("object stiffness [N/m³]", fontsize=8)
         if row == len(shapes) - 1:
             axes.set_xlabel("travel in a step [µm]", fontsize=8)
-    handles = _patches((cell.outcome for cell in results), dome.OUTCOMES)
+    handles = patches((cell.outcome for cell in results), dome.OUTCOMES)
     handles.append(Line2D([], [], ls="", label="numbers: halved steps [%]"))
     legend_below(figure, handles, len(handles))
     path.write_bytes(png(figure))
@@ -221,7 +221,7 @@ def _panel_of_dome(axes: Axes, part: Sequence[dome.Cell]) -> None:
     at = {(cell.stiffness_n_per_m3, cell.travel_m): cell for cell in part}
     outcomes = [[at[level, step].outcome for step in travel] for level in stiffness]
     x, y = np.arange(len(travel) + 1.0) - 0.5, np.arange(len(stiffness) + 1.0) - 0.5
-    _mesh(axes, x, y, outcomes, dome.OUTCOMES)
+    mesh(axes, x, y, outcomes, dome.OUTCOMES)
     for cell in part:
         if cell.halved > 0.0:
             place = travel.index(cell.travel_m), stiffness.index(cell.stiffness_n_per_m3)
@@ -253,7 +253,7 @@ def draw_force(results: Sequence[force.Cell], path: Path, quick: bool) -> None:
         axes.axis("off")
     for axes in panels[:, 1:].flat:
         axes.set_yticklabels([])
-    handles = _patches((cell.outcome for cell in results), force.OUTCOMES)
+    handles = patches((cell.outcome for cell in results), force.OUTCOMES)
     handles.append(Line2D([], [], ls="", label="numbers: largest error of ΣFn [%]"))
     legend_below(figure, handles, 3)
     path.write_bytes(png(figure))
@@ -266,7 +266,7 @@ def _panel_of_force(
     at = {(cell.method, cell.design, cell.value): cell for cell in part}
     outcomes = [[at[*reader, value].outcome for value in values] for reader in readers]
     x, y = np.arange(len(values) + 1.0) - 0.5, np.arange(len(readers) + 1.0) - 0.5
-    _mesh(axes, x, y, outcomes, force.OUTCOMES)
+    mesh(axes, x, y, outcomes, force.OUTCOMES)
     for cell in part:
         place = values.index(cell.value), readers.index((cell.method, cell.design))
         error = cell.normal_percent

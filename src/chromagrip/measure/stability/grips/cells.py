@@ -1,0 +1,172 @@
+"""One grip with a dome or with two fingers as a cell of a map: its setting and its outcome."""
+
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+
+from ....errors import UserError
+from ....loop.run_folder import run
+from ....loop.trace import Trace
+from ....model import GROSS_SLIP
+from ....rig.pinch.run import run_pinch
+from ....scene.scene import Scene, load_scene
+from ..cells import SWING, swing
+
+#: World of a map: one dome and a load, or two of them and an object with a weight.
+World = Literal["dome", "pinch"]
+#: Outcomes, best first, with their colours. Where several hold, the last counts.
+OUTCOMES = {
+    "holds": "#8fd0c5",
+    "swings": "#7aa6d6",
+    "slips": "#f0a35e",
+    "turned": "#e9d26a",
+    "dropped": "#d9534f",
+    "no answer": "#d9d9d9",
+}
+#: Letter of each outcome, which a cell shows beside its colour.
+LETTERS = {
+    "holds": "",
+    "swings": "~",
+    "slips": "s",
+    "turned": "t",
+    "dropped": "d",
+    "no answer": "–",
+}
+#: Explanations of the outcomes in the legend.
+WORDS = {
+    "holds": "none of the others",
+    "swings": "in the last second the command swings by over 30 % of its mean",
+    "slips": "true lateral displacement over 0.2 mm",
+    "turned": "turned in the hand by over 20°, without the skins",
+    "dropped": "slid in the hand by over 5 mm",
+    "no answer": "the silicone is pressed through, or a step has no solution",
+}
+#: Time at the end over which the swing is measured [s].
+HELD = 1.0
+#: Scene of one dome, and of two; all that a setting does not name is theirs.
+SCENES: dict[World, str] = {"dome": "chromatouch-2022", "pinch": "pinch-lift"}
+#: Share of the load at which the scene of one dome rests on its way to the whole.
+FIRST_SHARE = 0.6
+#: Time of a dome's and of a pinch's scene [s]: one second after the last change, or more.
+DURATIONS: dict[World, float] = {"dome": 3.0, "pinch": 3.0}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """Setting of a grip on the truth path; the defaults are those of the scenes.
+
+    Attributes
+    ----------
+    world: `dome` or `pinch`
+    controller, rate_hz, latency_frames: as in a scene
+    friction: µ of the object
+    load_n: of a dome: load at the end [N]
+    mass_g, offset_mm: of a pinch: mass of the object, and its centre of mass beside the fingers
+    margin_noise: white noise on Γ, standard deviation
+    """
+
+    world: str
+    controller: str = "margin-inversion"
+    rate_hz: float = 60.0
+    latency_frames: int = 1
+    friction: float = 0.5
+    load_n: float = 2.0
+    mass_g: float = 200.0
+    offset_mm: float = 0.0
+    margin_noise: float = 0.003
+
+    def scene(self) -> Scene:
+        """The same as a scene."""
+        world: World = "dome" if self.world == "dome" else "pinch"
+        changes: dict[str, object] = {
+            "description": "a point of `chromagrip stability loop`",
+            "path": "truth",
+            "duration_s": DURATIONS[world],
+            "controller": self.controller,
+            "camera.rate_hz": self.rate_hz,
+            "camera.latency_frames": self.latency_frames,
+            "fingertip.step_ms": min(5.0, 1e3 / self.rate_hz),
+            "object.friction": self.friction,
+            "truth.margin_noise": self.margin_noise,
+        }
+        if world == "dome":
+            first = FIRST_SHARE * self.load_n
+            changes["load.forces_n"] = [0.0, first, first, self.load_n]
+        else:
+            changes["pinch.mass_g"] = self.mass_g
+            changes["pinch.centre_mm"] = [0.0, self.offset_mm, 0.0]
+        return load_scene(SCENES[world], changes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell(Setting):
+    """A grip and its outcome; NaN where there is nothing to measure.
+
+    Attributes
+    ----------
+    outcome: one of OUTCOMES
+    slide_mm: largest lateral displacement of a dome; largest slide of a pinch
+    turn_deg: largest turn of the object about the axis of the pinch, without the skins
+    swing: peak to peak of the command in the last second, over its mean
+    grip_n: mean command in that time [N]
+    note: why there is no answer
+    """
+
+    outcome: str
+    slide_mm: float = np.nan
+    turn_deg: float = np.nan
+    swing: float = np.nan
+    grip_n: float = np.nan
+    note: str = ""
+
+    @property
+    def setting(self) -> Setting:
+        """Setting of the grip."""
+        return Setting(**{field.name: getattr(self, field.name) for field in fields(Setting)})
+
+
+def cell(setting: Setting) -> Cell:
+    """Run a setting and judge it."""
+    try:
+        scene = setting.scene()
+        if setting.world == "dome":
+            trace, lost = run(scene).trace, ""
+            slide, turn = trace["lateral_displacement_mm"], np.zeros(1)
+            if slide.max() > 1e3 * GROSS_SLIP:
+                lost = "slips"
+        else:
+            result = run_pinch(scene)
+            trace, lost = result.trace, str(result.summary["outcome"])
+            slide, turn = trace["slide_mm"], trace["turn_deg"]
+    except UserError as stopped:
+        return Cell(**vars(setting), outcome="no answer", note=str(stopped))
+    swings, grip = at_the_end(trace)
+    return Cell(
+        **vars(setting),
+        outcome=outcome(lost, swings),
+        slide_mm=float(slide.max()),
+        turn_deg=float(abs(turn).max()),
+        swing=swings,
+        grip_n=grip,
+    )
+
+
+def outcome(lost: str, swings: float) -> str:
+    """Worst outcome of a grip.
+
+    Parameters
+    ----------
+    lost: what happened to the object: `slips`, `turned` or `dropped`; anything else is nothing
+    swings: of the command at the end, over its mean
+    """
+    if lost in OUTCOMES:
+        return lost
+    return "swings" if swings > SWING else "holds"
+
+
+def at_the_end(trace: Trace) -> tuple[float, float]:
+    """Swing of the command in the last second over its mean, and that mean [N]."""
+    end = float(trace["time_s"][-1]) + 1e-6
+    last = trace["time_s"] > end - HELD
+    return swing(trace, end, HELD), float(trace["grip_n"][last].mean())

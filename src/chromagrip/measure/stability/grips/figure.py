@@ -1,0 +1,76 @@
+"""Pictures of the maps of a dome and of two fingers."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from ....output.figure import legend_below, new_figure, png
+from ..cells import SWING
+from ..figures import mesh, patches
+from .cells import LETTERS, OUTCOMES, WORDS, Cell, Setting
+from .maps import STYLES, Map, Panel
+
+#: Width and height of a cell, and of what surrounds a panel [inches].
+_CELL = (0.45, 0.36)
+_AROUND = (1.2, 1.0)
+#: Height of the legend [inches].
+_LEGEND = 1.3
+
+
+def draw_map(which: Map, results: Mapping[Setting, Cell], path: Path, quick: bool) -> None:
+    """Write a map: outcomes as colours and letters, boundaries by analysis over them."""
+    columns = 2
+    rows = -(-len(which.panels) // columns)
+    width = max(columns * (len(which.x_values) * _CELL[0] + _AROUND[0]), 9.5)
+    height = rows * (len(which.y_values) * _CELL[1] + _AROUND[1]) + _LEGEND
+    figure = new_figure(f"{which.title} (quick)" if quick else which.title, width, height)
+    panels = figure.subplots(rows, columns, squeeze=False)
+    labels: dict[str, None] = {}
+    for axes, panel in zip(panels.flat, which.panels, strict=False):
+        _panel(axes, which, panel, results)
+        for line in which.lines(which, panel):
+            labels[line.label] = None
+            axes.plot(line.x, line.y, STYLES[line.label], color="black", lw=2.0)
+    present = [results[one] for one in which.settings()]
+    handles: list[Patch | Line2D] = [*patches((cell.outcome for cell in present), OUTCOMES)]
+    for patch in handles:
+        name = str(patch.get_label())
+        letter = f"{LETTERS[name]}  " if LETTERS[name] else ""
+        patch.set_label(f"{letter}{name}: {WORDS[name]}")
+    handles += [Line2D([], [], color="black", lw=2, ls=STYLES[x], label=x) for x in labels]
+    if any(cell.swing > SWING and cell.outcome != "swings" for cell in present):
+        handles.append(Line2D([], [], ls="", label="~ behind a letter: it swings as well"))
+    if which.number:
+        handles.append(Line2D([], [], ls="", label=f"numbers: {which.number[1]}"))
+    legend_below(figure, handles, 2)
+    path.write_bytes(png(figure))
+
+
+def _panel(axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, Cell]) -> None:
+    grid = [[results[which.at(panel, x, y)] for x in which.x_values] for y in which.y_values]
+    wide, high = len(which.x_values), len(which.y_values)
+    x_edges, y_edges = np.arange(wide + 1.0) - 0.5, np.arange(high + 1.0) - 0.5
+    mesh(axes, x_edges, y_edges, [[cell.outcome for cell in line] for line in grid], OUTCOMES)
+    for (row, column), cell in np.ndenumerate(np.array(grid, dtype=object)):
+        text = _text(which, cell)
+        axes.annotate(text, (column, row), ha="center", va="center", fontsize=7)
+    axes.set(xlim=(-0.5, wide - 0.5), ylim=(-0.5, high - 0.5))
+    axes.set_xticks(range(wide), [f"{x:g}" for x in which.x_values])
+    axes.set_yticks(range(high), [f"{y:g}" for y in which.y_values])
+    axes.tick_params(labelsize=7, length=0)
+    axes.set_title(panel.title, fontsize=9)
+    axes.set_xlabel(which.x_label, fontsize=8)
+    axes.set_ylabel(which.y_label, fontsize=8)
+
+
+def _text(which: Map, cell: Cell) -> str:
+    """Letter of a cell's outcome, and its number."""
+    letters = LETTERS[cell.outcome]
+    if cell.swing > SWING and cell.outcome != "swings":
+        letters += "~"
+    value = getattr(cell, which.number[0]) if which.number else np.nan
+    return letters if np.isnan(value) else f"{letters} {value:.0f}".strip()

@@ -1,0 +1,166 @@
+"""Maps of a dome and of two fingers: boundaries by analysis against runs, and resumed work."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from subprocess import CompletedProcess
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from chromagrip.loop.trace import Trace
+from chromagrip.measure.stability.grips import parts
+from chromagrip.measure.stability.grips.cells import (
+    LETTERS,
+    OUTCOMES,
+    WORDS,
+    Cell,
+    Setting,
+    World,
+    at_the_end,
+    cell,
+    outcome,
+)
+from chromagrip.measure.stability.grips.maps import maps
+from chromagrip.measure.stability.grips.parts import stability_grips
+from chromagrip.measure.stability.grips.predicted import (
+    farthest,
+    heaviest,
+    linear,
+    pressed,
+    reached,
+    slide_time,
+    slowest_rate,
+    slowest_reaction,
+)
+from chromagrip.scene.controllers import CONTROLLERS
+
+WORLDS: tuple[World, ...] = get_args(World)
+CONSTANT = Setting(world="pinch", controller="conservative")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "word"), [(0.9, "holds"), (1.1, "dropped")])
+def test_a_constant_grip_bears_the_weight_that_friction_does(share: float, word: str) -> None:
+    grip = CONSTANT.scene().conservative.force_n
+    found = cell(replace(CONSTANT, mass_g=share * heaviest(0.5, grip)))
+    assert found.outcome == word
+    assert found.grip_n == grip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "word"), [(0.8, "holds"), (1.4, "turned")])
+def test_a_constant_grip_bears_the_torque_of_the_limit_surface(share: float, word: str) -> None:
+    grip = CONSTANT.scene().conservative.force_n
+    found = cell(replace(CONSTANT, offset_mm=share * farthest(CONSTANT, grip)))
+    assert found.outcome == word
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "holds"), [(1.5, True), (0.8, False)])
+def test_past_the_rate_of_the_linearised_loop_the_object_is_lost(share: float, holds: bool) -> None:
+    base = Setting(world="pinch", controller="safety-margin", latency_frames=2)
+    found = cell(replace(base, rate_hz=share * slowest_rate(base)))
+    assert (found.outcome == "holds") == holds
+
+
+def test_the_torsion_of_a_press_is_that_of_hertz_at_a_light_grip() -> None:
+    """3π/16 of the contact's radius, a³ = 3FR/4E*; the layer's thickness spreads it a little."""
+    dome = CONSTANT.scene().build_dome()
+    force, modulus = 0.3, dome.young / (1.0 - dome.poisson**2)
+    radius = (0.75 * force * dome.radius / modulus) ** (1.0 / 3.0)
+    assert pressed("pinch", force).torsion == pytest.approx(3.0 * math.pi / 16.0 * radius, rel=0.1)
+    # and what a heavier object leaves of it: nothing where the weight alone is too much
+    assert math.isnan(farthest(replace(CONSTANT, mass_g=1.01 * heaviest(0.5, 6.0)), 6.0))
+    light, heavy = (replace(CONSTANT, mass_g=mass) for mass in (100.0, 200.0))
+    assert farthest(light, 6.0) > 2.0 * farthest(heavy, 6.0)
+
+
+def test_what_a_controller_reaches_while_the_object_slides() -> None:
+    tau = slide_time(CONSTANT)  # of a rise by 60 mm in a second, with the least jerk
+    assert 10.0 * tau**3 - 15.0 * tau**4 + 6.0 * tau**5 == pytest.approx(5.0 / 60.0, rel=1e-6)
+    assert {name: reached(replace(CONSTANT, controller=name)) for name in CONTROLLERS.entries} == {
+        "conservative": 6.0,
+        "react-to-slip": 6.0,  # three steps of 1 N, at 1.3, 2.6 and 3.9 mm
+        "margin-inversion": 15.0,
+        # On the table Γ is 1, and the grip opens to its floor.
+        "safety-margin": pytest.approx(0.1 + 0.3 * (0.25 + 30.0 * (tau - 2.0 / 60.0))),
+    }
+    # 600 g are 1.96 times what 3 N bear: two rises by 1/0.7.
+    heavy = replace(CONSTANT, controller="margin-inversion", mass_g=600.0)
+    assert slowest_reaction(heavy) == pytest.approx(2.0 * 2.0 / tau)
+    assert slowest_reaction(replace(heavy, controller="safety-margin")) == pytest.approx(2.0 / tau)
+    assert math.isnan(slowest_reaction(replace(heavy, mass_g=200.0)))
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_a_lighter_load_needs_a_faster_camera(world: World) -> None:
+    base = Setting(world=world, controller="safety-margin")
+    light = replace(base, load_n=1.0, mass_g=100.0)
+    assert linear(light).plant.gain == pytest.approx(2.0 * linear(base).plant.gain)
+    assert slowest_rate(light) > slowest_rate(base)
+    assert slowest_rate(replace(base, latency_frames=3)) > slowest_rate(base)
+
+
+def test_the_worst_outcome_counts() -> None:
+    assert set(OUTCOMES) == set(WORDS) == set(LETTERS)
+    assert len(set(LETTERS.values())) == len(LETTERS)
+    assert outcome("held", 0.1) == "holds"
+    assert outcome("held", 0.5) == "swings"
+    assert outcome("turned", 0.5) == "turned"
+    time = np.arange(0.0, 3.0, 0.01)
+    wave = 2.0 + np.where(time < 1.5, 1.0, 0.4) * np.cos(2.0 * np.pi * 10.0 * time)
+    swings, mean = at_the_end(Trace({"time_s": time, "grip_n": wave}))
+    assert swings == pytest.approx(0.4, rel=0.03)  # 2 × 0.4 of 2 N
+    assert mean == pytest.approx(2.0, rel=0.01)
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_an_interrupted_map_goes_on(
+    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran: list[Setting] = []
+
+    def quick_cell(setting: Setting) -> Cell:
+        ran.append(setting)
+        assert setting.scene().path == "truth"
+        names = list(OUTCOMES)
+        return Cell(**vars(setting), outcome=names[len(ran) % len(names)], note="a, b")
+
+    monkeypatch.setattr(parts, "cell", quick_cell)
+
+    def stop_at_the_third(text: str) -> None:
+        if text.startswith("3 of"):
+            raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        stability_grips(world, True, out, False, stop_at_the_third, 1)
+    assert [path.name for path in out.iterdir()] == ["cells.unfinished.csv"]
+    said = stability_grips(world, True, out, False, lambda _: None, 1)
+    assert len(ran) == len(set(ran))
+    names = {f"{name}.{end}" for name in maps(world, True) for end in ("csv", "png")}
+    assert {path.name for path in out.iterdir()} == names
+    panels = sum(len(which.settings()) for which in maps(world, True).values())
+    assert sum(row.value or 0 for row in said.rows) == panels
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_maps_name_real_settings_and_draw_their_boundaries(world: World) -> None:
+    for which in maps(world, False).values():
+        for panel in which.panels:
+            assert which.at(panel, which.x_values[0], which.y_values[-1]).scene().path == "truth"
+            for line in which.lines(which, panel):
+                assert np.isfinite([line.x, line.y]).all()
+
+
+def test_worlds_are_for_the_loop_only(typed: Callable[..., CompletedProcess[str]]) -> None:
+    for words, said in (
+        (["stability", "track", "--world", "dome"], "--world goes with stability loop, not with"),
+        (["stability", "loop", "--world", "chain"], "chain"),
+    ):
+        done = typed(*words)
+        assert done.returncode == 2
+        assert said in done.stderr
