@@ -17,6 +17,8 @@ from .maps import STYLES, Map, Panel
 #: Width and height of a cell, and of what surrounds a panel [inches].
 _CELL = (0.45, 0.36)
 _AROUND = (1.2, 1.0)
+#: Ground of a cell's text, so that a line behind it does not hide it.
+_BEHIND = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.7}
 #: Height of the legend [inches].
 _LEGEND = 1.3
 
@@ -35,6 +37,8 @@ def draw_map(which: Map, results: Mapping[Setting, Cell], path: Path, quick: boo
         for line in which.lines(which, panel):
             labels[line.label] = None
             axes.plot(line.x, line.y, STYLES[line.label], color="black", lw=2.0)
+    for axes in panels.flat[len(which.panels) :]:
+        axes.axis("off")
     present = [results[one] for one in which.settings()]
     handles: list[Patch | Line2D] = [*patches((cell.outcome for cell in present), OUTCOMES)]
     for patch in handles:
@@ -57,7 +61,10 @@ def _panel(axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, Cell]
     mesh(axes, x_edges, y_edges, [[cell.outcome for cell in line] for line in grid], OUTCOMES)
     for (row, column), cell in np.ndenumerate(np.array(grid, dtype=object)):
         text = _text(which, cell)
-        axes.annotate(text, (column, row), ha="center", va="center", fontsize=7)
+        if text:
+            axes.annotate(
+                text, (column, row), ha="center", va="center", fontsize=7, bbox=_BEHIND, zorder=5
+            )
     axes.set(xlim=(-0.5, wide - 0.5), ylim=(-0.5, high - 0.5))
     axes.set_xticks(range(wide), [f"{x:g}" for x in which.x_values])
     axes.set_yticks(range(high), [f"{y:g}" for y in which.y_values])
@@ -68,9 +75,10 @@ def _panel(axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, Cell]
 
 
 def _text(which: Map, cell: Cell) -> str:
-    """Letter of a cell's outcome, and its number."""
+    """Letter of a cell's outcome, and its number, which is nothing of an object that is gone."""
     letters = LETTERS[cell.outcome]
     if cell.swing > SWING and cell.outcome != "swings":
         letters += "~"
-    value = getattr(cell, which.number[0]) if which.number else np.nan
+    gone = cell.outcome == "dropped"
+    value = getattr(cell, which.number[0]) if which.number and not gone else np.nan
     return letters if np.isnan(value) else f"{letters} {value:.0f}".strip()

@@ -1,12 +1,11 @@
 """The maps of a dome and of two fingers: their axes, and the boundaries that analysis gives."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....scene.controllers import CONTROLLERS
 from ..maps import Line, place
 from .cells import Setting
 from .predicted import (
@@ -24,14 +23,14 @@ _LATENCIES = (0, 1, 2, 3)
 #: Masses [g], friction coefficients, and offsets of the centre of mass [mm].
 _MASSES = (50.0, 100.0, 200.0, 300.0, 400.0, 600.0, 1000.0, 1600.0)
 _MU = (0.15, 0.3, 0.5, 0.9)
-_OFFSETS = (2.0, 4.0, 6.0, 8.0, 10.0, 14.0)
+_OFFSETS = (2.0, 4.0, 8.0, 12.0)
 _TURNED_MASSES = (50.0, 100.0, 200.0, 400.0)
 #: Loads of a dome that are mapped [N], and masses of a pinch [g].
 _LOADS = (0.5, 2.0)
 _LIFTED = (200.0, 600.0)
 #: Points of a predicted curve.
 _FINE = 40
-#: Controllers of the maps of rate and latency.
+#: Controllers that follow the load.
 _FOLLOWING = ("safety-margin", "margin-inversion")
 #: Labels of the boundaries, with their line styles.
 LOOP = "slowest stable rate of the linearised loop"
@@ -108,9 +107,18 @@ class Map:
 def maps(world: str, quick: bool) -> dict[str, Map]:
     """Every map of a world by name; a quick one has a few cells of each."""
     if world == "dome":
-        return {"rate-latency": _rates(quick, "dome", "load_n", _LOADS, "{:g} N")}
+        # Margin Inversion has no memory that could swing.
+        bases = [Setting(world="dome", controller="safety-margin", load_n=load) for load in _LOADS]
+        titles = [f"safety-margin, {base.load_n:g} N" for base in bases]
+        return {"rate-latency": _rates(quick, "one dome and a load", titles, bases)}
+    bases = [
+        Setting(world="pinch", controller=name, mass_g=mass)
+        for mass in _LIFTED
+        for name in _FOLLOWING
+    ]
+    titles = [f"{base.controller}, {base.mass_g:g} g" for base in bases]
     return {
-        "rate-latency": _rates(quick, "pinch", "mass_g", _LIFTED, "{:g} g"),
+        "rate-latency": _rates(quick, "two fingers that lift an object", titles, bases),
         "mass-friction": _masses(quick),
         "offset-mass": _offsets(quick),
     }
@@ -120,32 +128,25 @@ def _few(values: tuple[float, ...], quick: bool) -> tuple[float, ...]:
     return values[::3] if quick else values
 
 
-def _rates(quick: bool, world: str, key: str, loads: tuple[float, ...], words: str) -> Map:
+def _rates(quick: bool, what: str, titles: Sequence[str], bases: Sequence[Setting]) -> Map:
+    panels = [Panel(title=title, base=base) for title, base in zip(titles, bases, strict=True)]
     return Map(
-        title="Camera rate and latency, "
-        + ("one dome and a load" if world == "dome" else "two fingers that lift an object"),
+        title=f"Camera rate and latency, {what}",
         x="rate_hz",
         y="latency_frames",
         x_label="frames per second",
         y_label="latency [frames]",
         x_values=_few(_RATES, quick),
         y_values=_LATENCIES[1:2] if quick else _LATENCIES,
-        panels=tuple(
-            Panel(
-                title=f"{controller}, {words.format(load)}",
-                base=replace(Setting(world=world, controller=controller), **{key: load}),  # type: ignore[arg-type]
-            )
-            for load in (loads[:1] if quick else loads)
-            for controller in _FOLLOWING
-        ),
+        panels=tuple(panels[:2] if quick else panels),
         lines=_rate_lines,
     )
 
 
-def _controllers() -> tuple[Panel, ...]:
+def _controllers(names: Sequence[str]) -> tuple[Panel, ...]:
     """A panel for each controller; its title says which grips it can choose from."""
     panels = []
-    for name in CONTROLLERS.entries:
+    for name in names:
         base = Setting(world="pinch", controller=name)
         start, most = grip_range(base.scene())
         words = f"{start:g} N" if start == most else f"{start:g} N on the table"
@@ -164,7 +165,7 @@ def _masses(quick: bool) -> Map:
         y_label="µ",
         x_values=_few(_MASSES, quick),
         y_values=_few(_MU, quick),
-        panels=_controllers(),
+        panels=_controllers(_FOLLOWING),
         lines=_mass_lines,
         number=("grip_n", "grip at the end [N]"),
     )
@@ -179,7 +180,7 @@ def _offsets(quick: bool) -> Map:
         y_label="mass [g]",
         x_values=_few(_OFFSETS, quick),
         y_values=_few(_TURNED_MASSES, quick),
-        panels=_controllers(),
+        panels=_controllers((*_FOLLOWING, "conservative")),
         lines=_offset_lines,
         number=("turn_deg", "largest turn in the hand [°]"),
     )

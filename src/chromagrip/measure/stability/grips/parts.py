@@ -88,7 +88,7 @@ def _notes(which: Map, done: Mapping[Setting, Cell]) -> Iterator[str]:
             first = next((one.rate_hz for one in line if one.outcome != "holds"), np.nan)
             bound = slowest_rate(line[0].setting)
             seen = "at none" if np.isnan(first) else f"from {first:g} Hz on"
-            told.append(f"{latency:g} frames: {bound:.3g} Hz by the loop, {seen} in the map")
+            told.append(f"latency {latency:g}: {bound:.3g} Hz by the loop, {seen} in the map")
         yield (
             f"{panel.title} (g = {plant.gain:.2f} /N, τ = {1e3 * plant.lag:.1f} ms) stops holding "
             f"as the rate falls: {'; '.join(told)}"
