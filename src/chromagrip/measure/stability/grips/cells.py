@@ -48,13 +48,15 @@ HELD = 1.0
 SCENES: dict[World, str] = {"dome": "chromatouch-2022", "pinch": "pinch-lift"}
 #: Share of the load at which the scene of one dome rests on its way to the whole.
 FIRST_SHARE = 0.6
+#: Gains of Safety Margin for one finger at a camera's rate. Those of `pinch-lift` are others.
+GAINS = {"proportional_n": 0.25, "integral_n_per_s": 30.0, "floor_n": 0.1}
 #: Time of a dome's and of a pinch's scene [s]: one second after the last change, or more.
 DURATIONS: dict[World, float] = {"dome": 3.0, "pinch": 3.0}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """Setting of a grip on the truth path; the defaults are those of the scenes.
+    """Setting of a grip on the truth path; the defaults are those of the scenes, but for GAINS.
 
     Attributes
     ----------
@@ -89,6 +91,7 @@ class Setting:
             "fingertip.step_ms": min(5.0, 1e3 / self.rate_hz),
             "object.friction": self.friction,
             "truth.margin_noise": self.margin_noise,
+            **{f"safety_margin.{name}": value for name, value in GAINS.items()},
         }
         if world == "dome":
             first = FIRST_SHARE * self.load_n
