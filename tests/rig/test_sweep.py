@@ -176,3 +176,35 @@ def test_the_interval_of_a_share_is_wilsons() -> None:
                 score = (hits / count - end) / math.sqrt(end * (1.0 - end) / count)
                 assert abs(score) == pytest.approx(1.6449, abs=1e-4)
     assert share_interval(0, 81)[1] == pytest.approx(0.0323, abs=1e-4)
+
+
+#: A light box between coarse domes.
+PINCHED = {
+    "path": "truth",
+    "sensor": "thesis",
+    "dome.pitch_mm": 0.8,
+    "duration_s": 0.8,
+    "pinch.mass_g": 50.0,
+    "pinch.hand_times_s": [0.0, 0.2, 0.6],
+    "object.size_mm": [20.0, 20.0, 16.0],
+    "controller": "conservative",
+}
+
+
+def test_two_fingers_are_swept_by_what_they_lose() -> None:
+    plan = Plan(
+        scenes=("pinch-lift",),
+        axes=(("conservative.force_n", (0.3, 2.0)),),
+        seeds=1,
+        fixed=PINCHED,
+    )
+    report = sweep(plan, None, False, 1)
+    # Both fingers hold 50 g: 2·µ·N has to be above 0.49 N, with µ = 0.5.
+    assert [line[1][:6] for line in report.tables[0].lines] == ["1 of 1", "0 of 1"]
+    assert "turn [°]" in report.tables[0].header
+    assert "dropped, turned or crushed" in report.notes[0]
+
+
+def test_one_finger_and_two_are_not_in_one_table() -> None:
+    with pytest.raises(UserError, match="sweep them apart"):
+        tasks(Plan(scenes=("thesis", "pinch-lift"), seeds=1, fixed={"path": "truth"}))

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from ...output.figure import finish, new_figure, png
 from ...output.folder import write_whole
 from ..scored.intervals import share_interval
-from ..worlds.scorecard import SCORES as UNITS
-from .report import SHOWN, means
+from .report import means, shown
 from .runs import Axis, Cell, Plan, words
 
 #: Value, low and high end of its interval.
@@ -24,13 +23,15 @@ def draw_sweep(plan: Plan, cells: Sequence[Cell], path: Path) -> None:
     axes = [axis for axis in plan.axes if len(axis[1]) > 1][:2] or [("scene", plan.scenes)]
     others = [name for name, values in plan.axes if len(values) > 1][2:]
     footnote = f"mean over {', '.join(others)}" if others else ""
-    panels = ("lost", *SHOWN)
+    panels = {"lost": "share", **shown(cells)}
     figure = new_figure("", 4.0 * len(panels), 3.6, footnote)
-    for place, name in zip(figure.subplots(1, len(panels)), panels, strict=True):
+    places = figure.subplots(1, len(panels))
+    for place, (name, unit) in zip(places, panels.items(), strict=True):
+        label = f"{name} [{unit}]"
         if len(axes) == 2:
-            _field(place, axes[0], axes[1], name, _chosen(plan, cells))
+            _field(place, axes[0], axes[1], name, label, _chosen(plan, cells))
         else:
-            _points(place, axes[0], name, _chosen(plan, cells))
+            _points(place, axes[0], name, label, _chosen(plan, cells))
     write_whole(path, png(figure))
 
 
@@ -58,12 +59,13 @@ def _value(name: str, cells: Sequence[Cell]) -> Figure:
     return lost / len(cells), *share_interval(lost, len(cells))
 
 
-def _label(name: str) -> str:
-    return "lost [share]" if name == "lost" else f"{name} [{UNITS[name][0]}]"
-
-
 def _field(
-    place: Axes, x: Axis, y: Axis, name: str, at: Callable[[dict[str, Any]], list[Cell]]
+    place: Axes,
+    x: Axis,
+    y: Axis,
+    name: str,
+    label: str,
+    at: Callable[[dict[str, Any]], list[Cell]],
 ) -> None:
     values = np.array(
         [[_value(name, at({x[0]: a, y[0]: b}))[0] for a in x[1]] for b in y[1]], dtype=float
@@ -77,14 +79,16 @@ def _field(
         place.text(column, row, text, ha="center", va="center", fontsize=8, color="0.2")
     place.set_xticks(range(len(x[1])), [str(a) for a in x[1]])
     place.set_yticks(range(len(y[1])), [str(b) for b in y[1]])
-    finish(place, y[0], x[0], legend=False, title=_label(name))
+    finish(place, y[0], x[0], legend=False, title=label)
     place.grid(visible=False)
 
 
-def _points(place: Axes, x: Axis, name: str, at: Callable[[dict[str, Any]], list[Cell]]) -> None:
+def _points(
+    place: Axes, x: Axis, name: str, label: str, at: Callable[[dict[str, Any]], list[Cell]]
+) -> None:
     found = np.array([_value(name, at({x[0]: value})) for value in x[1]])
     low, high = found[:, 0] - found[:, 1], found[:, 2] - found[:, 0]
     errors = np.nan_to_num(np.maximum([low, high], 0.0))
     place.errorbar(range(len(x[1])), found[:, 0], yerr=errors, fmt="o-", capsize=3, lw=1.0)
     place.set_xticks(range(len(x[1])), [str(value) for value in x[1]])
-    finish(place, _label(name), x[0], legend=False)
+    finish(place, label, x[0], legend=False)

@@ -4,20 +4,33 @@ import math
 from collections.abc import Iterator, Sequence
 
 from ...output.report import Report, Row, Table, number, reported
+from ..pinches import scores as pinches
 from ..scored.intervals import intervals, share_interval
-from ..worlds.scorecard import SCORES as UNITS
+from ..worlds import scorecard
 from .runs import SCORES, Cell, Plan, words
 
-#: Scores in the table, in its order.
+#: Scores in the table, in its order; of one finger, and of two.
 SHOWN = ("settling", "pressure_max", "energy", "chatter")
+SHOWN_OF_TWO = ("turn", "displacement", "pressure_max", "energy")
+#: What is lost with one finger.
+_LOST = (
+    "lost: runs in which the object slipped by more than 0.2 mm, or that did not come to their end."
+)
+
+
+def shown(cells: Sequence[Cell]) -> dict[str, str]:
+    """Scores in the table with their units; a turn in the hand is one of two fingers."""
+    if any(math.isfinite(one.turn) for one in cells):
+        return {name: pinches.UNITS[name] for name in SHOWN_OF_TWO}
+    return {name: scorecard.SCORES[name][0] for name in SHOWN}
 
 
 def sweep_report(plan: Plan, cells: Sequence[Cell]) -> Report:
     """Table and figures of every setting, over its scenes and seeds."""
     failures = {one.failed for one in cells if one.failed}
     notes = [
-        "lost: runs in which the object slipped by more than 0.2 mm, or that did not come to their "
-        "end. In brackets are intervals of 90 %: of a share after Wilson, of a mean by drawing its "
+        (_LOST if "settling" in shown(cells) else pinches.NOTES)
+        + " In brackets are intervals of 90 %: of a share after Wilson, of a mean by drawing its "
         "runs again. Means are over the runs that came to their end.",
         *(f"A run failed: {text}." for text in sorted(failures)[:3]),
     ]
@@ -43,6 +56,8 @@ def means(cells: Sequence[Cell]) -> dict[str, tuple[float, float, float]]:
 
 
 def _rows(plan: Plan, cells: Sequence[Cell]) -> Iterator[Row]:
+    two = "turn" in shown(cells)
+    units = pinches.UNITS if two else {k: unit for k, (unit, _) in scorecard.SCORES.items()}
     for name, some in of_setting(plan, cells):
         subject = name or "all"
         lost = sum(one.lost for one in some)
@@ -52,7 +67,9 @@ def _rows(plan: Plan, cells: Sequence[Cell]) -> Iterator[Row]:
         yield reported((subject, "lost_low"), low, "")
         yield reported((subject, "lost_high"), high, "")
         for score, (mean, least, most) in means(some).items():
-            unit = UNITS[score][0]
+            if score not in units:
+                continue
+            unit = units[score]
             yield reported((subject, score), mean, unit)
             yield reported((subject, f"{score}_low"), least, unit)
             yield reported((subject, f"{score}_high"), most, unit)
@@ -70,10 +87,10 @@ def _table(plan: Plan, cells: Sequence[Cell]) -> Table:
             (
                 *(str(setting[name]) for name in names),
                 f"{lost} of {len(some)} [{low:.0%}, {high:.0%}]",
-                *(_cell(found[score]) for score in SHOWN),
+                *(_cell(found[score]) for score in shown(cells)),
             )
         )
-    heads = tuple(f"{score} [{UNITS[score][0]}]" for score in SHOWN)
+    heads = tuple(f"{score} [{unit}]" for score, unit in shown(cells).items())
     return Table(header=(*names, "lost", *heads), lines=tuple(lines))
 
 

@@ -8,9 +8,11 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from ...errors import UserError
-from ...loop.run_folder import ANSWER_WITHIN_S, run
+from ...loop.run_folder import ANSWER_WITHIN_S
 from ...output.processes import map_processes
+from ...rig.running import run_scene
 from ...scene.scene import Scene, dump_scene, load_scene
+from ..pinches.scores import pinch_scores
 from ..worlds.scorecard import scores
 
 #: Values that one key takes, or one name, such as `controller`.
@@ -67,7 +69,10 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """What came of one run; the scores are those of `scorecard`, NaN of a run that failed.
+    """What came of one run.
+
+    The scores are those of `scorecard`, of two fingers those of `pinches.scores`. They are NaN of
+    a run that failed, and where there is none.
 
     Attributes
     ----------
@@ -89,10 +94,11 @@ class Cell:
     pressure_mean: float = math.nan
     energy: float = math.nan
     chatter: float = math.nan
+    turn: float = math.nan
 
     @property
     def lost(self) -> bool:
-        """Whether the object was lost: it slipped, or the run did not come to its end."""
+        """Whether the object was lost: it slipped or fell, or the run did not come to its end."""
         return bool(self.failed) or self.gross > 0.0
 
 
@@ -118,9 +124,11 @@ def tasks(plan: Plan) -> list[Task]:
     if count > MOST_RUNS:
         raise UserError(f"a sweep of {count} runs is too long; at most {MOST_RUNS} are allowed")
     made: dict[str, Task] = {}
+    two: set[bool] = set()
     for setting in settings:
         for name in plan.scenes:
             first = load_scene(name, {**plan.fixed, **setting})
+            two.add(first.pinch.mass_g > 0.0)
             for seed in range(first.seed, first.seed + plan.seeds):
                 scene = load_scene(name, {**plan.fixed, **setting, "seed": seed})
                 text = f"{plan.answer_within_s} {words(setting)}\n{dump_scene(scene)}"
@@ -132,6 +140,8 @@ def tasks(plan: Plan) -> list[Task]:
                     setting=words(setting),
                     answer_within_s=plan.answer_within_s,
                 )
+    if len(two) > 1:
+        raise UserError("scenes of one finger and of two have other scores; sweep them apart")
     return list(made.values())
 
 
@@ -140,7 +150,8 @@ def cell(task: Task) -> Cell:
     found: dict[str, float] = {}
     failed = ""
     try:
-        found = scores(run(task.scene, answer_within_s=task.answer_within_s))
+        result = run_scene(task.scene, answer_within_s=task.answer_within_s)
+        found = pinch_scores(result) if task.scene.pinch.mass_g else scores(result)
     except UserError as error:
         failed = str(error)
     return Cell(

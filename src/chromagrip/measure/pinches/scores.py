@@ -1,0 +1,44 @@
+"""Scores of a run with two fingers from the truth, by the names of those with one."""
+
+import numpy as np
+
+from ...loop.run_folder import Result
+from ...rig.pinch.trace import OUTCOMES
+from ..worlds.scorecard import LATE
+
+#: Unit of each score.
+UNITS = {
+    "gross": "runs", "displacement": "mm", "overloaded": "s", "turn": "°", "pressure_max": "kPa",
+    "pressure_mean": "kPa", "energy": "N²/s", "chatter": "N/s",
+}  # fmt: skip
+
+#: Explanation of them.
+NOTES = (
+    "lost: runs in which the object was dropped, turned or crushed, or that did not come to their "
+    "end. turn: the largest about the axis of the pinch, without the elastic twist. pressure: mean "
+    "pressure of a contact, at most, while lifted."
+)
+
+
+def pinch_scores(result: Result) -> dict[str, float]:
+    """Scores of a run.
+
+    `gross` is 1 where the object was not held, `displacement` its slide in the hand, `overloaded`
+    the time for which a finger has no margin left; the pressures are those while lifted.
+    """
+    trace, scene = result.trace, result.scene
+    lifted = trace["time_s"] > scene.pinch.lifts_at
+    limits = np.fmin(trace["first_limit_margin_true"], trace["second_limit_margin_true"])[lifted]
+    pressure = trace["pressure_kpa"][lifted]
+    steps = np.diff(trace["grip_n"])
+    late = trace["time_s"][1:] > trace["time_s"][-1] - LATE + 1e-9
+    return {
+        "gross": float(trace["outcome"][-1] != OUTCOMES.index("held")),
+        "displacement": float(trace["slide_mm"][-1]),
+        "overloaded": scene.period * float((limits <= 0.0).sum()),
+        "turn": float(abs(trace["turn_deg"]).max()),
+        "pressure_max": float(pressure.max()),
+        "pressure_mean": float(pressure.mean()),
+        "energy": float((steps**2).sum()) / scene.period,
+        "chatter": float(abs(steps[late]).sum()) / LATE,
+    }
