@@ -1,75 +1,166 @@
-"""Learn to grip with Gymnasium: a policy of four numbers, by the cross-entropy method.
+"""Learn to grip with Gymnasium, from the markers that the tracker sees.
 
-    python examples/learn_to_grip.py [ROUNDS]   # 8 by default
+    python examples/learn_to_grip.py [GRASPS [FILE]]   # 40 in each of 6 rounds, policy.npz
 
-It sees the safety margin and its own grip, and chooses the rate of the grip. It is compared with
-the thesis's controllers and with constant grips, on friction that it never saw.
+A teacher knows the truth and says which grip would have the desired margin. The policy learns to
+say the same from shifts and growths of the markers, grips by itself, and is taught where that leads
+(DAgger: Ross, Gordon, Bagnell 2011). `compare_policy.py` compares it with the controllers.
 """
 
+import math
 import sys
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
+from scipy.signal import lfilter
 
-import chromagrip
-import chromagrip.rig  # registers the environment
+from chromagrip.output.processes import map_processes
+from chromagrip.thesis import DESIRED_MARGIN
 
-SCENE = {"duration_s": 1.0, "load.times_s": [0.04, 0.5]}
-UNSEEN = (0.35, 0.55, 0.8)
-MOST = 5.0  # [N]
-CANDIDATES, BEST = 12, 4
+Taken = tuple[np.ndarray, np.ndarray, np.ndarray]
 
-
-def grip(env: gymnasium.Env, policy: np.ndarray, friction: float) -> tuple[float, bool]:
-    """Return of one grasp, and whether the object was dropped."""
-    seen, info = env.reset(seed=0, options={"changes": {"object.friction": friction}})
-    total, over = 0.0, False
-    while not over:
-        margin, low, _, force, known = seen
-        rate = np.tanh(policy @ [margin, low, force / MOST, 1.0]) if known else 1.0
-        seen, reward, terminated, truncated, info = env.step(np.array([rate], np.float32))
-        total, over = total + reward, terminated or truncated
-    return total, info["dropped"]
+ROUNDS = 6
+LEAST, MOST = 0.5, 10.0  # grip [N]
+SHAPES = 20  # principal components of the markers
+MEMORY = (0.1, 1.0)  # time constants of what is remembered [s]
+HIDDEN = 1000  # units, whose weights are drawn and stay
+RIDGE = 1e-3
+SLIDING, SURGE, WEIGHT = 0.05, 1.5, 5.0  # below this margin; of the grip and of the frame there
+PERIOD = 0.01  # of frames [s]
 
 
-def learn(env: gymnasium.Env, rounds: int, rng: np.random.Generator) -> np.ndarray:
-    """Policy whose neighbours grip best."""
-    mean, spread = np.array([-1.0, 0.0, 0.0, 0.5]), np.full(4, 1.5)
-    for _ in range(rounds):
-        frictions = rng.uniform((0.3, 0.6), (0.6, 0.9))
-        tried = mean + spread * rng.standard_normal((CANDIDATES, 4))
-        returns = [sum(grip(env, one, mu)[0] for mu in frictions) for one in tried]
-        best = tried[np.argsort(returns)[-BEST:]]
-        mean, spread = best.mean(axis=0), best.std(axis=0) + 0.1
-    return mean
+class Policy(NamedTuple):
+    """Linear maps from markers to shapes, to hidden units, and to the logarithm of the grip [N]."""
+
+    shapes: np.ndarray
+    scale: np.ndarray
+    hidden: np.ndarray
+    out: np.ndarray
 
 
-def of_controller(friction: float, **changes: object) -> tuple[float, bool]:
-    """The same of a controller of the thesis, counted from its trace."""
-    changes = {"path": "truth", "object.friction": friction, **SCENE, **changes}
-    trace = chromagrip.run(chromagrip.load_scene("camera-100hz", changes)).trace
-    slid = np.diff(trace["rigid_slip_mm"])  # in each frame
-    gentle = (slid < 1e-3) * (1.0 - trace["applied_n"][1:] / MOST)
-    return float((gentle - 50.0 * slid).sum()), bool(slid.sum() >= 1.0)
+def environment() -> gymnasium.Env:
+    """Environment of a worker; a drop does not end a grasp, so that all last as long."""
+    name = "chromagrip.rig:chromagrip/Grasp-v0"
+    return gymnasium.make(name, observation="markers", most_n=MOST, dropped_mm=20.0)
 
 
-def main() -> None:
-    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 8
-    env = gymnasium.make("chromagrip/Grasp-v0", action="rate", changes=SCENE, most_n=MOST)
-    policy = learn(env, rounds, np.random.default_rng(0))
-    table = {"learned": [grip(env, policy, mu) for mu in UNSEEN]}
-    for name in ("safety-margin", "margin-inversion", "react-to-slip"):
-        table[name] = [of_controller(mu, controller=name) for mu in UNSEEN]
-    for force in (1.5, 2.0, 2.5, 3.0):
-        constant = {"controller": "conservative", "conservative.force_n": force}
-        table[f"{force} N"] = [of_controller(mu, **constant) for mu in UNSEEN]
-    for name, grasps in table.items():
-        returns = "  ".join(f"{total:6.1f}{' dropped' * dropped}" for total, dropped in grasps)
-        print(f"{name:18}{returns}")
-    safe = [rows for name, rows in table.items() if "N" in name and not any(d for _, d in rows)]
-    assert not any(dropped for _, dropped in table["learned"])
-    assert sum(t for t, _ in table["learned"]) > max(sum(t for t, _ in rows) for rows in safe)
+def action(grip: float) -> np.ndarray:
+    """Action of the environment that commands a grip [N]."""
+    return np.array([2.0 * grip / MOST - 1.0])
+
+
+def remembered(shapes: np.ndarray, grips: np.ndarray) -> np.ndarray:
+    """Shapes and own grips of a grasp with their decaying averages, one row for each frame."""
+    now = np.column_stack([shapes, np.log(grips)])
+    decays = [math.exp(-PERIOD / constant) for constant in MEMORY]
+    return np.hstack([now, *(lfilter([1.0 - a], [1.0, -a], now, axis=0) for a in decays)])
+
+
+def units(policy: Policy, rows: np.ndarray) -> np.ndarray:
+    """Hidden units, and the rows themselves."""
+    scaled = np.column_stack([rows / policy.scale, np.ones(len(rows))])
+    return np.hstack([np.tanh(scaled @ policy.hidden), scaled])
+
+
+def decide(policy: Policy, shapes: list[np.ndarray], grips: list[float]) -> float:
+    """Grip after the shapes that were seen and the grips that were commanded [N]."""
+    row = remembered(np.array(shapes), np.array(grips))[-1:]
+    return min(max(math.exp((units(policy, row) @ policy.out).item()), LEAST), MOST)
+
+
+def taught(info: dict[str, Any]) -> tuple[float, float]:
+    """Grip that would have the desired margin, or more on a slide [N]; weight of the frame."""
+    surge, weight = (SURGE, WEIGHT) if info["margin_true"] < SLIDING else (1.0, 1.0)
+    needed = info["applied_n"] * (1.0 - info["margin_true"]) / (1.0 - DESIRED_MARGIN) * surge
+    return (min(max(needed, LEAST), MOST) if math.isfinite(needed) else LEAST), weight
+
+
+def drawn(rng: np.random.Generator) -> dict[str, Any]:
+    """Changes of the scene to an object and a load; every fourth object is flat."""
+    return {
+        "duration_s": 1.5,
+        "object.friction": math.exp(rng.uniform(math.log(0.22), math.log(0.9))),
+        "object.stiffness_kpa": math.exp(rng.uniform(math.log(12.0), math.log(300.0))),
+        "object.radius_mm": math.inf if rng.random() < 0.25 else 1.0 / rng.uniform(1 / 40, 1 / 4),
+        "load.times_s": [0.04, rng.uniform(0.4, 1.1)],
+        "load.forces_n": rng.uniform([0.1, 0.1], [0.5, 1.0]),
+    }
+
+
+def wandering(rng: np.random.Generator, deviation: float, constant: float) -> Iterator[float]:
+    """Factors whose logarithms have that deviation and time constant [s], frame by frame."""
+    decay, value = math.exp(-PERIOD / constant), deviation * rng.standard_normal()
+    while True:
+        yield math.exp(value)
+        value = decay * value + deviation * math.sqrt(1.0 - decay**2) * rng.standard_normal()
+
+
+def practise(task: tuple[Sequence[int], Policy | None]) -> list[Taken]:
+    """Of each drawn grasp: markers, own grips before, and what was taught in each frame.
+
+    Without a policy the grip is the teacher's for a guessed µ, so that it tells nothing of the
+    true one. A policy grips with noise in every other grasp.
+    """
+    seeds, policy = task
+    env, taken = environment(), []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        changes = drawn(rng)
+        guess = changes["object.friction"] / rng.uniform(0.2, 0.9)
+        noise = wandering(rng, 0.15 * (seed % 2) if policy else 0.4, rng.uniform(0.03, 0.3))
+        markers, shapes, grips, lessons, over = [], [], [LEAST], [], False
+        seen, info = env.reset(seed=seed, options={"changes": changes})
+        while not over:
+            markers.append(seen)
+            lessons.append(taught(info))
+            grip = guess * lessons[-1][0]
+            if policy:
+                shapes.append(seen @ policy.shapes)
+                grip = decide(policy, shapes, grips)
+            grips.append(min(max(grip * next(noise), 0.1), MOST))
+            seen, _, terminated, truncated, info = env.step(action(grips[-1]))
+            over = terminated or truncated
+        taken.append((np.array(markers), np.array(grips[:-1]), np.array(lessons)))
+    return taken
+
+
+def beginning(taken: list[Taken], rng: np.random.Generator) -> Policy:
+    """Policy that has learnt nothing, with the shapes of the first grasps."""
+    markers = np.vstack([seen for seen, _, _ in taken])
+    shapes = np.linalg.svd(markers[::10], full_matrices=False)[2][:SHAPES].T
+    rows = np.vstack([remembered(seen @ shapes, grips) for seen, grips, _ in taken])
+    width = rows.shape[1] + 1
+    hidden = rng.standard_normal((width, HIDDEN)) / math.sqrt(width)
+    return Policy(shapes, rows.std(axis=0), hidden, np.zeros(HIDDEN + width))
+
+
+def learn(grasps: int, rng: np.random.Generator) -> Policy:
+    """Policy after all rounds, each fitted to everything that was taught so far."""
+    policy, gram, moment, count = None, 0.0, 0.0, 0
+    for number in range(ROUNDS):
+        seeds = range(number * grasps, (number + 1) * grasps)
+        halves = map_processes(practise, [(seeds[k::2], policy) for k in (0, 1)], 2, ordered=True)
+        taken = [one for pair in zip(*halves, strict=True) for one in pair]
+        policy = policy or beginning(taken, rng)
+        for seen, grips, lessons in taken:
+            values = units(policy, remembered(seen @ policy.shapes, grips))
+            teacher, weights = lessons.T
+            gram = gram + (values.T * weights) @ values
+            moment, count = moment + (values.T * weights) @ np.log(teacher), count + weights.sum()
+        ridge = RIDGE * count * np.eye(len(gram))
+        policy = policy._replace(out=np.linalg.solve(gram + ridge, moment))
+    return policy
+
+
+def main(grasps: str = "40", file: str = "policy.npz") -> None:
+    begun = time.monotonic()
+    policy = learn(int(grasps), np.random.default_rng(0))
+    np.savez(file, **policy._asdict())
+    print(f"{file}: learnt in {time.monotonic() - begun:.0f} s")
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -1,17 +1,19 @@
 """Examples run as they are, headless, and assert what they show."""
 
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+LEARNT = ("learn_to_grip", "compare_policy")  # which work together
+EXAMPLES = sorted(p for p in (ROOT / "examples").glob("*.py") if p.stem not in LEARNT)
 
 
 #: Examples that take longer than all others together.
-LONG = ("learn_to_grip", "rolling_screw", "train_margin", "dome_tolerances")
+LONG = ("rolling_screw", "train_margin", "dome_tolerances")
 MARKED = [
     pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem in LONG else [])
     for path in EXAMPLES
@@ -41,3 +43,22 @@ def test_scenes_of_the_dome(scene: str, tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(sys, "argv", ["dome_contact.py", scene, str(picture)])
     runpy.run_path(str(ROOT / "examples/dome_contact.py"), run_name="__main__")
     assert picture.stat().st_size > 20_000
+
+
+@pytest.mark.slow
+def test_policy_from_markers(tmp_path: Path) -> None:
+    """A short training already holds objects that it never saw, and not by a firm grip."""
+
+    def run(name: str, *arguments: str) -> str:
+        command = [sys.executable, str(ROOT / f"examples/{name}.py"), *arguments]
+        return subprocess.run(
+            command, cwd=tmp_path, check=True, text=True, stdout=subprocess.PIPE
+        ).stdout
+
+    assert "policy.npz: learnt in" in run("learn_to_grip", "8")
+    table = run("compare_policy", "policy.npz", "1", "13").split("\n\n")[0]  # of three objects
+    cells = {line.split(" | ")[0][2:]: line.split(" | ")[1:] for line in table.splitlines()}
+    # A policy that has learnt nothing grips with 1 N and drops two of the three.
+    assert int(cells["policy"][1].split()[0]) <= 1
+    errors = [float(cells[name][3].split()[0]) for name in ("policy", "conservative")]
+    assert errors[0] < errors[1]
