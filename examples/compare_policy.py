@@ -30,9 +30,9 @@ CONTROLLERS: dict[str, Changes] = {
     "conservative": {"path": "truth"},  # which is the same for it, as it looks at nothing
 }
 BEYOND: dict[str, Changes] = {
-    "another specimen: markers misplaced by 0.05 mm, 3 % missing": {
-        "defects.misplacement_mm": 0.05,
-        "defects.missing_markers": 0.03,
+    "another specimen: markers misplaced by 0.02 mm, 1 % missing": {
+        "defects.misplacement_mm": 0.02,
+        "defects.missing_markers": 0.01,
     },
     "noise of 6 grey levels": {"camera.noise_levels": 6.0},
     "µ 0.18": {"object.friction": 0.18},
