@@ -87,7 +87,8 @@ def line(name: str, objects: list[list[Scores]]) -> str:
     runs = [run for of_object in objects for run in of_object]
     means = [{key: np.mean([run[key] for run in some]) for key in some[0]} for some in objects]
     mean = {key: np.mean([one[key] for one in means]) for key in means[0]}
-    bounds = intervals(means)
+    unknown = dict.fromkeys(mean, (math.nan, math.nan))  # of a single object
+    bounds = unknown | intervals(means)
     cells = [name]
     for key in ("slid", "dropped"):
         hits = sum(run[key] for run in runs)
