@@ -14,6 +14,7 @@ from ...rig.pinch.run import run_pinch
 from ...scene.controllers import CONTROLLERS
 from ...scene.scene import load_scene
 from ...thesis import OBJECTS
+from ..scored.intervals import share_interval
 
 #: Scene with the 27 objects, and those with the scene's own object.
 LIFT = "pinch-lift"
@@ -253,7 +254,9 @@ def _rows(case: tuple[str, str, str], runs: Sequence[Outcome | str]) -> Iterator
     for name in _OUTCOMES:
         count = sum(run.outcome == name for run in complete)
         target = Bounds(high=0.0) if strict and name in ("dropped", "crushed") else None
-        yield measured((*case, name), count, "runs", target)
+        low, high = share_interval(count, len(runs))
+        note = f"of {len(runs)}; 90 % interval of the share {low:.1%} to {high:.1%}"
+        yield measured((*case, name), count, "runs", target, note if target else "")
     if stopped:
         yield reported((*case, "stopped"), len(stopped), "runs", stopped[0])
     for score, (unit, join) in SCORES.items():
