@@ -71,7 +71,7 @@ class Filling:
                 "the same number, at least one"
             )
         if not (np.diff(self.times) > 0.0).all() or not np.isfinite(self.times).all():
-            raise UserError("times of a filling must increase")
+            raise UserError(f"times of a filling must increase, got {list(self.times)}")
         for mass in self.masses:
             within("mass that is added", mass, "kg", 0.0, 1e3)
 

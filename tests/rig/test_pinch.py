@@ -242,6 +242,8 @@ def test_friction_that_changes_is_felt() -> None:
         ({"pinch.mass_g": 0.0}, "no pinch"),
         ({"pinch.shake_s": [0.5]}, "a start and an end"),
         ({"pinch.shake_s": [0.5, 0.6]}, "two periods"),
+        ({"pinch.fill_g": [0.0, 9.0]}, "fill_times_s has 0 entries and fill_g 2"),
+        ({"pinch.fill_times_s": [0.5, 0.2], "pinch.fill_g": [0.0, 9.0]}, "must increase"),
         ({"pinch.weight": 3.0}, "unknown key pinch.weight"),
     ],
 )
@@ -273,3 +275,15 @@ def test_on_the_command_line(typed: Typed) -> None:
     changes = [f"--set={key}={json.dumps(value)}" for key, value in COARSE.items()]
     done = typed("grasp", "--scene", "pinch-lift", *changes, "--json")
     assert json.loads(done.stdout)["outcome"] == "held"
+
+
+def test_what_is_added_is_in_trace_and_summary() -> None:
+    filled = {"pinch.fill_times_s": [0.7, 0.9], "pinch.fill_g": [0.0, 40.0]}
+    done = run_pinch(load_scene("pinch-lift", COARSE | filled))
+    trace, summary = done.trace, done.summary
+    assert (summary["mass_g"], summary["final_mass_g"]) == pytest.approx((50.0, 90.0))
+    middle = abs(trace["time_s"] - 0.8).argmin()
+    assert trace["mass_g"][middle] == pytest.approx(70.0, abs=40.0 / 60.0 / 0.2)
+    borne = trace["first_friction_true_n"][-1] + trace["second_friction_true_n"][-1]
+    assert borne == pytest.approx(0.09 * 9.81, rel=0.03)
+    assert summary["lifted"]

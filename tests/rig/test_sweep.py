@@ -208,3 +208,12 @@ def test_two_fingers_are_swept_by_what_they_lose() -> None:
 def test_one_finger_and_two_are_not_in_one_table() -> None:
     with pytest.raises(UserError, match="sweep them apart"):
         tasks(Plan(scenes=("thesis", "pinch-lift"), seeds=1, fixed={"path": "truth"}))
+
+
+def test_a_pinch_that_ends_before_the_lift_is_swept_too() -> None:
+    fixed = PINCHED | {"duration_s": 0.1}
+    (line,) = (
+        sweep(Plan(scenes=("pinch-lift",), seeds=1, fixed=fixed), None, False, 1).tables[0].lines
+    )
+    assert line[0].startswith("0 of 1")
+    assert "–" in line

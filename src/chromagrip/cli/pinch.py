@@ -46,12 +46,17 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
 
     table = value_table()
     table.add_row("controller", f"{summary['controller']}, {summary['path']} path")
-    table.add_row("the object", f"{summary['mass_g']:g} g, {summary['outcome']}")
+    mass, final = summary["mass_g"], summary["final_mass_g"]
+    filled = "" if final in (None, mass) else f", {final:g} g at the end"
+    stands = "" if summary["lifted"] else ", on the table at the end"
+    table.add_row("the object", f"{mass:g} g{filled}: {summary['outcome']}{stands}")
     table.add_row(
         "smaller margin at the end",
         f"{number('final_margin_true')}, with torsion {number('final_limit_margin_true')}",
     )
-    table.add_row("smallest while lifted", f"{number('smallest_limit_margin_true')} with torsion")
+    if summary["smallest_limit_margin_true"] is not None:
+        smallest = number("smallest_limit_margin_true")
+        table.add_row("smallest while lifted", f"{smallest} with torsion")
     table.add_row("error of the margin, RMS", number("margin_rmse"))
     if summary["without_estimate"]:
         because = next(iter(summary["without_estimate_because"]))
@@ -59,7 +64,8 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
     table.add_row("slid by", f"{number('slide_mm', 2)} mm")
     table.add_row(
         "turned by",
-        f"{number('turn_deg', 1)}°, and the skins by {number('elastic_deg', 1)}°",
+        f"{number('largest_turn_deg', 1)}° at most, and the skins by "
+        f"{number('largest_elastic_deg', 1)}°",
     )
     table.add_row("largest pressure", f"{number('max_pressure_kpa', 1)} kPa")
     table.add_row(

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from ..errors import UserError, located
+from ..errors import UserError
 from ..model import SoftBody, Solid
 from ..model.pinch import Filling, HandPath, Limits, Pinch, RigidBody, Shake
 from ..strict_toml import NotNegative, Positive, Table
@@ -70,9 +70,13 @@ class PinchSettings(Table, frozen=True):
             raise UserError(f"inertia_g_mm2 must be three numbers, got {list(self.inertia_g_mm2)}")
         if len(self.shake_s) not in (0, 2):
             raise UserError(f"shake_s must be a start and an end, got {list(self.shake_s)}")
-        with located("pinch"):
-            self.build_hand()
-            self.build_filling()
+        if len(self.fill_times_s) != len(self.fill_g):
+            raise UserError(
+                f"fill_times_s has {len(self.fill_times_s)} entries and fill_g {len(self.fill_g)}; "
+                "both need the same number"
+            )
+        self.build_hand()
+        self.build_filling()
 
     @property
     def limits(self) -> Limits:
@@ -120,11 +124,16 @@ class PinchSettings(Table, frozen=True):
         Raises
         ------
         UserError
-            For times that do not increase, or another number of masses.
+            For times that do not increase.
         """
-        if not self.fill_times_s and not self.fill_g:
+        if not self.fill_times_s:
             return None
         return Filling(times=self.fill_times_s, masses=tuple(1e-3 * each for each in self.fill_g))
+
+    def mass_at(self, time: float) -> float:
+        """Mass of the object with what has been added to it [kg]."""
+        filling = self.build_filling()
+        return 1e-3 * self.mass_g + (filling.at(time) if filling else 0.0)
 
     def build(self, first: SoftBody, second: SoftBody, solid: Solid, held: ObjectSettings) -> Pinch:
         """Both fingertips and the object between them.

@@ -1,5 +1,7 @@
 """Scores of a run with two fingers from the truth, by the names of those with one."""
 
+import math
+
 import numpy as np
 
 from ...loop.run_folder import Result
@@ -11,6 +13,9 @@ UNITS = {
     "gross": "runs", "displacement": "mm", "overloaded": "s", "turn": "°", "pressure_max": "kPa",
     "pressure_mean": "kPa", "energy": "N²/s", "chatter": "N/s",
 }  # fmt: skip
+
+#: Digits of a turn [°]: further ones are the solver's noise.
+_DIGITS = 3
 
 #: Explanation of them.
 NOTES = (
@@ -36,9 +41,9 @@ def pinch_scores(result: Result) -> dict[str, float]:
         "gross": float(trace["outcome"][-1] != OUTCOMES.index("held")),
         "displacement": float(trace["slide_mm"][-1]),
         "overloaded": scene.period * float((limits <= 0.0).sum()),
-        "turn": float(abs(trace["turn_deg"]).max()),
-        "pressure_max": float(pressure.max()),
-        "pressure_mean": float(pressure.mean()),
+        "turn": round(float(abs(trace["turn_deg"]).max()), _DIGITS),
+        "pressure_max": float(pressure.max()) if len(pressure) else math.nan,
+        "pressure_mean": float(pressure.mean()) if len(pressure) else math.nan,
         "energy": float((steps**2).sum()) / scene.period,
         "chatter": float(abs(steps[late]).sum()) / LATE,
     }

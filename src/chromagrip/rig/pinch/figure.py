@@ -10,6 +10,9 @@ from ...loop.trace import Trace
 from ...scene.scene import Scene
 from .trace import FINGERS, OUTCOMES
 
+#: Turn that the figure shows at least to both sides [°]: less is the solver's noise.
+_TURN = 1.0
+
 
 def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     """Write the course of a pinch to a PNG."""
@@ -21,8 +24,9 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     force.plot(time, trace["table_n"], color=LOAD, label="table")
     force.set_ylabel("force [N]")
     for finger, style in zip(FINGERS, ("-", "--"), strict=True):
+        seen = "observed" if scene.path == "truth" else "estimated"
         for name, colour in (("true", TRUE), ("estimated", ESTIMATED)):
-            label = f"{finger}, {name}"
+            label = f"{finger}, {name if name == 'true' else seen}"
             course = trace[f"{finger}_friction_{name}_n"]
             contact.plot(time, course, style, color=colour, lw=1.0, label=label)
             course = trace[f"{finger}_limit_margin_{name}"]
@@ -34,6 +38,8 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     turn.plot(time, trace["turn_deg"], color=TRUE, label="turn")
     turn.plot(time, trace["elastic_deg"], ":", color=TRUE, label="elastic twist")
     turn.set_ylabel("turn [°]")
+    low, high = turn.get_ylim()
+    turn.set_ylim(min(low, -_TURN), max(high, _TURN))
     pressure.plot(time, trace["pressure_kpa"], color=TRUE, label="pressure")
     pressure.set_ylabel("pressure [kPa]")
     pressure.set_xlabel("time [s]")

@@ -21,6 +21,7 @@ WHOLE = {
     "applied_n": "force of the gripper's drive at this frame",
     "table_n": "force of the table on the object",
     "smaller_finger": "finger whose observation goes to the controller, 1 or 2",
+    "mass_g": "mass of the object with what has been added to it",
     "object_x_mm": "place of the object's origin in the hand, x is down at the start",
     "object_y_mm": "along y",
     "object_z_mm": "along z, from the first finger to the second",
@@ -69,7 +70,7 @@ class Rows:
 
     def __init__(self, scene: Scene) -> None:
         self._pinch = build_pinch(scene)
-        self._limits = scene.pinch.limits
+        self._settings = scene.pinch
         self._start: float | None = None
         self._rows: list[tuple[float, ...]] = []
 
@@ -89,6 +90,7 @@ class Rows:
             sample.applied,
             truth.state.support,
             sample.smaller + 1.0,
+            1e3 * self._settings.mass_at(sample.time),
             1e3 * first.place[0],
             1e3 * first.place[1],
             1e3 * (truth.state.closing - first.indentation),
@@ -98,7 +100,7 @@ class Rows:
             math.degrees(record.turn),
             math.degrees(record.elastic),
             1e-3 * self._pressure(truth.fingers),
-            float(OUTCOMES.index(record.outcome(self._limits))),
+            float(OUTCOMES.index(record.outcome(self._settings.limits))),
         )
         fingers = [
             value
@@ -185,6 +187,8 @@ def summarise(scene: Scene, trace: Trace, seconds: float, reasons: Sequence[str]
         "without_estimate": len(reasons),
         "without_estimate_because": counted_kinds(reasons),
         "mass_g": scene.pinch.mass_g,
+        "final_mass_g": _of(trace["mass_g"][last]),
+        "lifted": bool(len(trace) and not trace["table_n"][-1]),
         "outcome": OUTCOMES[int(trace["outcome"][-1])] if len(trace) else None,
         "final_margin_true": _of(margins[:, last].min()) if len(trace) else math.nan,
         "final_limit_margin_true": _of(limits[:, last].min()) if len(trace) else math.nan,
@@ -194,6 +198,7 @@ def summarise(scene: Scene, trace: Trace, seconds: float, reasons: Sequence[str]
         "turn_deg": _of(trace["turn_deg"][last]),
         "elastic_deg": _of(trace["elastic_deg"][last]),
         "largest_turn_deg": _most(abs(trace["turn_deg"])),
+        "largest_elastic_deg": _most(abs(trace["elastic_deg"])),
         "max_pressure_kpa": _most(trace["pressure_kpa"]),
         "max_grip_n": _most(trace["grip_n"]),
         "final_grip_n": _of(trace["grip_n"][last]),
