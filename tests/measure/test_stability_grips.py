@@ -150,9 +150,10 @@ def test_an_interrupted_map_goes_on(
 @pytest.mark.parametrize("world", WORLDS)
 def test_maps_name_real_settings_and_draw_their_boundaries(world: World) -> None:
     for which in maps(world, False).values():
+        assert which.lines is not None
         for panel in which.panels:
-            assert which.at(panel, which.x_values[0], which.y_values[-1]).scene().path == "truth"
-            for line in which.lines(which, panel):
+            assert which.at(panel, panel.x[0], panel.y[-1]).scene().path == "truth"
+            for line in which.lines(panel):
                 assert np.isfinite([line.x, line.y]).all()
 
 

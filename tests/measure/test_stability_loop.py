@@ -52,8 +52,8 @@ from chromagrip.measure.stability.maps import (
     Panel,
     crushing_grip,
     maps,
-    place,
 )
+from chromagrip.measure.stability.panels import place
 from chromagrip.measure.stability.parts import stability_loop
 from chromagrip.model import GROSS_SLIP, Drive, ForceField, contact_forces, simulate
 from chromagrip.scene.scene import load_scene

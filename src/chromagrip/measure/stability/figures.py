@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
@@ -15,7 +14,8 @@ from ...tracking import DEFAULT_TRACKER
 from ..worlds.track_scores import RIGHT
 from . import cells, dome, force, model, track
 from .cells import Setting
-from .maps import CRUSHING, LINEAR, Line, Map, Panel
+from .fields import draw_field, draw_lines, mesh, new_map, patches, title_of
+from .maps import CRUSHING, LINEAR, Map, Panel
 
 Array = NDArray[np.float64]
 
@@ -36,57 +36,25 @@ _COLOURS = (
 _MARKERS = "xo^svDP*<>"
 
 
-def _title(text: str, quick: bool) -> str:
-    return f"{text} (quick)" if quick else text
-
-
-def mesh(
-    axes: Axes, x: Array, y: Array, outcomes: Sequence[Sequence[str]], colours: Mapping[str, str]
-) -> None:
-    """Fill the cells between the edges x and y with the colours of their outcomes."""
-    codes = [[list(colours).index(name) for name in row] for row in outcomes]
-    colour_map = ListedColormap(list(colours.values()))
-    last = len(colours) - 1
-    axes.pcolormesh(x, y, codes, cmap=colour_map, vmin=0, vmax=last, edgecolors="white", lw=0.8)
-
-
-def patches(outcomes: Iterable[str], colours: Mapping[str, str]) -> list[Patch | Line2D]:
-    """Legend of the outcomes that occur."""
-    present = set(outcomes)
-    return [Patch(color=colours[name], label=name) for name in colours if name in present]
-
-
 def draw_map(
     which: Map, results: Mapping[Setting, cells.Cell], folder: Path, name: str, quick: bool
 ) -> None:
     """Write a map of the closed loop as NAME.svg and NAME.png."""
-    rows = -(-len(which.panels) // which.columns)
-    wide, high = len(which.panels[0].x), len(which.panels[0].y)
-    width = max(which.columns * (wide * _CELL[0] + _AROUND[0]), 9.5)
-    height = rows * (high * _CELL[1] + _AROUND[1]) + _LEGEND
-    figure = new_figure(_title(which.title, quick), width, height)
-    panels = figure.subplots(rows, which.columns, squeeze=False)
-    lines: list[Line] = []
-    for axes, panel in zip(panels.flat, which.panels, strict=False):
-        _panel_of_loop(axes, which, panel, results)
-        for line in which.lines(panel) if which.lines else []:
-            lines.append(line)
-            axes.plot(line.x, line.y, _STYLES[line.label], color="black", lw=2.0)
-    for axes in panels.flat[len(which.panels) :]:
-        axes.axis("off")
-    labels = dict.fromkeys(line.label for line in lines)
+    figure, places = new_map(which, quick, _CELL, _AROUND, _LEGEND)
+    labels: dict[str, None] = {}
+    for axes, panel in zip(places, which.panels, strict=True):
+        draw_field(axes, which, panel, results, cells.OUTCOMES)
+        _mark(axes, which, panel, results)
+        labels |= dict.fromkeys(draw_lines(axes, which, panel, _STYLES))
     legend_below(figure, _handles_of_loop(which, results, labels), 2)
     figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
     (folder / f"{name}.png").write_bytes(png(figure))
 
 
-def _panel_of_loop(
-    axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, cells.Cell]
-) -> None:
+def _mark(axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, cells.Cell]) -> None:
+    """Mark cells of a panel that are more than their outcome."""
+    axes.tick_params(axis="x", labelrotation=90)
     grid = [[results[which.at(panel, x, y)] for x in panel.x] for y in panel.y]
-    x_edges, y_edges = np.arange(len(panel.x) + 1.0) - 0.5, np.arange(len(panel.y) + 1.0) - 0.5
-    outcomes = [[cell.outcome for cell in line] for line in grid]
-    mesh(axes, x_edges, y_edges, outcomes, cells.OUTCOMES)
     for (row, column), cell in np.ndenumerate(np.array(grid, dtype=object)):
         if which.lines and cell.setting == panel.base:
             axes.plot(column, row, "s", ms=15, mfc="none", mec="black", mew=1.2)
@@ -99,18 +67,6 @@ def _panel_of_loop(
         if camera in which.camera:
             colour = cells.OUTCOMES[results[camera].outcome]
             axes.plot(column, row, "o", ms=9, mec="black", mew=1.2, color=colour)
-    axes.set_xticks(range(len(panel.x)), [_text(x) for x in panel.x], rotation=90)
-    axes.set_yticks(range(len(panel.y)), [_text(y) for y in panel.y])
-    axes.tick_params(labelsize=7, length=0)
-    axes.set_title(panel.title, fontsize=9)
-    axes.set_xlabel(which.x_label, fontsize=8)
-    axes.set_ylabel(which.y_label, fontsize=8)
-
-
-def _text(value: float | int | str) -> str:
-    if value == np.inf:
-        return "flat"
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 def _handles_of_loop(
@@ -154,7 +110,7 @@ def draw_model(results: Sequence[model.Cell], path: Path, quick: bool) -> None:
     """
     methods = list(dict.fromkeys(cell.method for cell in results))
     counts = sorted({cell.nodes for cell in results})
-    title = _title("Press to 1 N, pull with 0.25 N, hold: outcome of each method", quick)
+    title = title_of("Press to 1 N, pull with 0.25 N, hold: outcome of each method", quick)
     figure = new_figure(title, 3.1 * len(methods), 2.3 * len(counts) + 1.3)
     panels = figure.subplots(len(counts), len(methods), squeeze=False)
     for (row, column), axes in np.ndenumerate(panels):
@@ -197,7 +153,7 @@ def draw_dome(results: Sequence[dome.Cell], path: Path, quick: bool) -> None:
     """
     shapes = list(dict.fromkeys(cell.shape for cell in results))
     exponents = list(dict.fromkeys(cell.exponent for cell in results))
-    title = _title("Dome: press 0.4 mm, shift 0.8 mm; outcome by the travel in a step", quick)
+    title = title_of("Dome: press 0.4 mm, shift 0.8 mm; outcome by the travel in a step", quick)
     figure = new_figure(title, 3.4 * len(exponents) + 1.0, 2.7 * len(shapes) + 1.2)
     panels = figure.subplots(len(shapes), len(exponents), squeeze=False)
     for (row, column), axes in np.ndenumerate(panels):
@@ -242,7 +198,7 @@ def draw_force(results: Sequence[force.Cell], path: Path, quick: bool) -> None:
     readers = list(dict.fromkeys((cell.method, cell.design) for cell in results))
     columns = min(4, len(dials))
     rows = -(-len(dials) // columns)
-    title = _title("Domes, pressed and pulled to Γ ≈ .1: what each reconstructor reads", quick)
+    title = title_of("Domes, pressed and pulled to Γ ≈ .1: what each reconstructor reads", quick)
     height = rows * (0.34 * len(readers) + 0.8) + 1.2
     figure = new_figure(title, max(3.5 * columns, 9.0), height)
     panels = figure.subplots(rows, columns, squeeze=False)
@@ -290,7 +246,7 @@ def draw_track(results: Sequence[track.Cell], path: Path, quick: bool) -> None:
     columns = min(4, len(dials))
     blocks = -(-len(dials) // columns)
     title = f"Share of markers within {RIGHT:g} px of their own place; error of those reported"
-    figure = new_figure(_title(title, quick), 3.3 * columns, 4.6 * blocks + 0.9)
+    figure = new_figure(title_of(title, quick), 3.3 * columns, 4.6 * blocks + 0.9)
     panels = figure.subplots(2 * blocks, columns, squeeze=False)
     for place in range(blocks * columns):
         block, column = divmod(place, columns)

@@ -1,21 +1,18 @@
 """The maps of the closed loop: their axes, and the boundaries that the linearised loop predicts."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from ...model import pressure
-from ...scene.controllers import CONTROLLERS
 from ...thesis import FRICTIONS, RADII_MM, STIFFNESSES_KPA
+from . import panels
 from .cells import CRUSH, FIRST_LOAD, HELD, MARGIN, SWING, Setting
 from .linear import critical_gain, critical_integral, critical_period, held, noise_gain
-
-Array = NDArray[np.float64]
+from .panels import Line, place
 
 #: Gains as printed, at the thesis's rate.
 PRINTED = Setting()
@@ -59,78 +56,15 @@ _SLOW_KI = (6.0, 12.0, 20.0, 30.0, 42.0, 60.0, 85.0, 120.0)
 _STEPS = (0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.2)
 #: Friction coefficients of the map of the load.
 _MU = (0.15, 0.2, 0.3, 0.5, 0.7, 0.9)
+#: Controllers of the map of noise. On a chain, which has no torsion, Limit Surface is the second.
+_CONTROLLERS = ("safety-margin", "margin-inversion", "react-to-slip", "conservative")
 #: Standard deviations of the noise on Γ.
 _NOISES = (0.001, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Panel:
-    """One field of a map.
-
-    Attributes
-    ----------
-    title: of the panel
-    base: setting that all of its cells share but for the two axes
-    x, y: values of the map's two axes
-    """
-
-    title: str
-    base: Setting
-    x: tuple[float, ...]
-    y: tuple[float | int | str, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Line:
-    """A predicted boundary, in places along the axes: cell k reaches from k − ½ to k + ½."""
-
-    label: str
-    x: Array
-    y: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class Map:
-    """Panels of one kind.
-
-    Attributes
-    ----------
-    title: over the picture
-    x, y: attributes of a Setting that change along the axes
-    x_label, y_label: with units
-    columns: panels in a row
-    panels: of the map
-    camera: settings of cells that are run through the camera as well
-    lines: predicted boundaries of a panel; none where cells are marked one by one
-    """
-
-    title: str
-    x: str
-    y: str
-    x_label: str
-    y_label: str
-    columns: int
-    panels: tuple[Panel, ...]
-    camera: tuple[Setting, ...] = ()
-    lines: Callable[[Panel], list[Line]] | None = None
-
-    def at(self, panel: Panel, x: float, y: float | int | str) -> Setting:
-        """Setting of one cell."""
-        return replace(panel.base, **{self.x: x, self.y: y})  # type: ignore[arg-type]
-
-    def settings(self) -> list[Setting]:
-        """Every setting, through the camera last."""
-        cells = [self.at(panel, x, y) for panel in self.panels for y in panel.y for x in panel.x]
-        return [*cells, *self.camera]
-
-
-def place(values: Sequence[float], at: Array) -> Array:
-    """Places of values along an axis of equal cells, in between by their logarithm."""
-    known, wanted = np.log(np.array(values)), np.log(at)
-    places = np.interp(wanted, known, np.arange(len(known)))
-    first, last = known[1] - known[0], known[-1] - known[-2]
-    places += np.minimum(wanted - known[0], 0.0) / first
-    return np.asarray(places + np.maximum(wanted - known[-1], 0.0) / last)
+#: Field of a map, and a map, of runs of the chain.
+Panel = panels.Panel[Setting]
+Map = panels.Map[Setting]
 
 
 def _rate_lines(panel: Panel) -> list[Line]:
@@ -299,7 +233,6 @@ def _load_map(quick: bool) -> Map:
 
 
 def _noise_map(quick: bool) -> Map:
-    controllers = tuple(CONTROLLERS.entries)
     return Map(
         title="White noise on Γ, and the controller",
         x="margin_noise",
@@ -308,7 +241,7 @@ def _noise_map(quick: bool) -> Map:
         y_label="",
         columns=2,
         panels=tuple(
-            Panel(title=f"{title} gains", base=base, x=_few(_NOISES, quick), y=controllers)
+            Panel(title=f"{title} gains", base=base, x=_few(_NOISES, quick), y=_CONTROLLERS)
             for title, base in _AT_RATES.items()
         ),
         lines=_noise_lines,

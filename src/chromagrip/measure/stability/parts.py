@@ -10,7 +10,6 @@ import numpy as np
 from ...by_name import Choice
 from ...model import GROSS_SLIP
 from ...output.cells import open_unfinished, read_cells, resumed, write_cells
-from ...output.processes import map_processes
 from ...output.report import Report, Row, reported
 from ..bench.track import choose
 from . import dome, force, model, track
@@ -18,6 +17,7 @@ from .boundaries import boundaries, ratio_rows, sentences
 from .cells import Cell, Setting, cell
 from .figures import draw_dome, draw_force, draw_map, draw_model, draw_track
 from .maps import PRESETS, Map, maps
+from .panels import run_maps
 
 Progress = Callable[[str], None]
 
@@ -154,20 +154,8 @@ def stability_loop(
     Figures of the maps, with a sentence for each panel on its plant and its boundaries.
     """
     plan = maps(quick)
-    wanted = list(dict.fromkeys(one for which in plan.values() for one in which.settings()))
     unfinished = open_unfinished(out, "cells.unfinished.csv", overwrite)
-
-    def run(waiting: list[Setting]) -> Generator[Cell]:
-        yield from map_processes(cell, waiting, workers)
-
-    results = resumed(
-        unfinished,
-        read_cells(unfinished, Cell),
-        lambda one: one.setting,
-        wanted,
-        run,
-        lambda done, total: progress(f"{done} of {total} runs"),
-    )
+    results = run_maps(plan, Cell, cell, unfinished, progress, workers)
     edges = list(boundaries(plan, results, progress))
     if out is not None and unfinished is not None:
         for name, which in plan.items():
@@ -203,7 +191,5 @@ def _by_preset(which: Map) -> dict[str, list[Setting]]:
     settings: dict[str, list[Setting]] = {}
     for panel in which.panels:
         title = next(name for name in PRESETS if panel.title.startswith(name))
-        settings.setdefault(title, []).extend(
-            which.at(panel, x, y) for y in panel.y for x in panel.x
-        )
+        settings.setdefault(title, []).extend(which.cells(panel))
     return settings

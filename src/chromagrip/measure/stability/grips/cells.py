@@ -50,8 +50,8 @@ SCENES: dict[World, str] = {"dome": "chromatouch-2022", "pinch": "pinch-lift"}
 FIRST_SHARE = 0.6
 #: Gains of Safety Margin for one finger at a camera's rate. Those of `pinch-lift` are others.
 GAINS = {"proportional_n": 0.25, "integral_n_per_s": 30.0, "floor_n": 0.1}
-#: Time of a dome's and of a pinch's scene [s]: one second after the last change, or more.
-DURATIONS: dict[World, float] = {"dome": 3.0, "pinch": 3.0}
+#: Time of a scene [s]: one second after the last change, or more.
+DURATION_S = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,7 @@ class Setting:
         changes: dict[str, object] = {
             "description": "a point of `chromagrip stability loop`",
             "path": "truth",
-            "duration_s": DURATIONS[world],
+            "duration_s": DURATION_S,
             "controller": self.controller,
             "camera.rate_hz": self.rate_hz,
             "camera.latency_frames": self.latency_frames,

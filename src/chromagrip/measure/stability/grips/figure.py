@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ....output.figure import legend_below, new_figure, png
+from ....output.figure import legend_below, png
 from ..cells import SWING
-from ..figures import mesh, patches
+from ..fields import draw_field, draw_lines, new_map, patches
 from .cells import LETTERS, OUTCOMES, WORDS, Cell, Setting
 from .maps import STYLES, Map, Panel
 
@@ -25,20 +25,12 @@ _LEGEND = 1.3
 
 def draw_map(which: Map, results: Mapping[Setting, Cell], path: Path, quick: bool) -> None:
     """Write a map: outcomes as colours and letters, boundaries by analysis over them."""
-    columns = 2
-    rows = -(-len(which.panels) // columns)
-    width = max(columns * (len(which.x_values) * _CELL[0] + _AROUND[0]), 9.5)
-    height = rows * (len(which.y_values) * _CELL[1] + _AROUND[1]) + _LEGEND
-    figure = new_figure(f"{which.title} (quick)" if quick else which.title, width, height)
-    panels = figure.subplots(rows, columns, squeeze=False)
+    figure, places = new_map(which, quick, _CELL, _AROUND, _LEGEND)
     labels: dict[str, None] = {}
-    for axes, panel in zip(panels.flat, which.panels, strict=False):
-        _panel(axes, which, panel, results)
-        for line in which.lines(which, panel):
-            labels[line.label] = None
-            axes.plot(line.x, line.y, STYLES[line.label], color="black", lw=2.0)
-    for axes in panels.flat[len(which.panels) :]:
-        axes.axis("off")
+    for axes, panel in zip(places, which.panels, strict=True):
+        draw_field(axes, which, panel, results, OUTCOMES)
+        _letter(axes, which, panel, results)
+        labels |= dict.fromkeys(draw_lines(axes, which, panel, STYLES))
     present = [results[one] for one in which.settings()]
     handles: list[Patch | Line2D] = [*patches((cell.outcome for cell in present), OUTCOMES)]
     for patch in handles:
@@ -54,24 +46,16 @@ def draw_map(which: Map, results: Mapping[Setting, Cell], path: Path, quick: boo
     path.write_bytes(png(figure))
 
 
-def _panel(axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, Cell]) -> None:
-    grid = [[results[which.at(panel, x, y)] for x in which.x_values] for y in which.y_values]
-    wide, high = len(which.x_values), len(which.y_values)
-    x_edges, y_edges = np.arange(wide + 1.0) - 0.5, np.arange(high + 1.0) - 0.5
-    mesh(axes, x_edges, y_edges, [[cell.outcome for cell in line] for line in grid], OUTCOMES)
+def _letter(axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, Cell]) -> None:
+    """Write what each cell of a panel came to, so that it is not told by colour alone."""
+    grid = [[results[which.at(panel, x, y)] for x in panel.x] for y in panel.y]
     for (row, column), cell in np.ndenumerate(np.array(grid, dtype=object)):
         text = _text(which, cell)
         if text:
             axes.annotate(
                 text, (column, row), ha="center", va="center", fontsize=7, bbox=_BEHIND, zorder=5
             )
-    axes.set(xlim=(-0.5, wide - 0.5), ylim=(-0.5, high - 0.5))
-    axes.set_xticks(range(wide), [f"{x:g}" for x in which.x_values])
-    axes.set_yticks(range(high), [f"{y:g}" for y in which.y_values])
-    axes.tick_params(labelsize=7, length=0)
-    axes.set_title(panel.title, fontsize=9)
-    axes.set_xlabel(which.x_label, fontsize=8)
-    axes.set_ylabel(which.y_label, fontsize=8)
+    axes.set(xlim=(-0.5, len(panel.x) - 0.5), ylim=(-0.5, len(panel.y) - 0.5))
 
 
 def _text(which: Map, cell: Cell) -> str:

@@ -1,12 +1,13 @@
 """The maps of a dome and of two fingers: their axes, and the boundaries that analysis gives."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..maps import Line, place
+from .. import panels
+from ..panels import Line, place
 from .cells import Setting
 from .predicted import (
     farthest,
@@ -30,6 +31,8 @@ _LOADS = (0.5, 2.0)
 _LIFTED = (200.0, 600.0)
 #: Points of a predicted curve.
 _FINE = 40
+#: Panels in a row.
+_COLUMNS = 2
 #: Controllers that follow the load.
 _FOLLOWING = ("safety-margin", "margin-inversion")
 #: Labels of the boundaries, with their line styles.
@@ -50,58 +53,9 @@ STYLES = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Panel:
-    """One field of a map.
-
-    Attributes
-    ----------
-    title: of the panel
-    base: setting that all of its cells share but for the two axes
-    """
-
-    title: str
-    base: Setting
-
-
-@dataclass(frozen=True, kw_only=True)
-class Map:
-    """Panels of one kind.
-
-    Attributes
-    ----------
-    title: over the picture
-    x, y: attributes of a Setting that change along the axes
-    x_label, y_label: with units
-    x_values, y_values: of the axes
-    panels: of the map
-    lines: boundaries of a panel by analysis
-    number: attribute of a Cell that a cell shows, with its meaning; none shows letters only
-    """
-
-    title: str
-    x: str
-    y: str
-    x_label: str
-    y_label: str
-    x_values: tuple[float, ...]
-    y_values: tuple[float, ...]
-    panels: tuple[Panel, ...]
-    lines: Callable[["Map", Panel], list[Line]]
-    number: tuple[str, str] | None = None
-
-    def at(self, panel: Panel, x: float, y: float) -> Setting:
-        """Setting of one cell."""
-        return replace(panel.base, **{self.x: x, self.y: y})  # type: ignore[arg-type]
-
-    def settings(self) -> list[Setting]:
-        """Every setting."""
-        return [
-            self.at(panel, x, y)
-            for panel in self.panels
-            for y in self.y_values
-            for x in self.x_values
-        ]
+#: Field of a map, and a map, of grips.
+Panel = panels.Panel[Setting]
+Map = panels.Map[Setting]
 
 
 def maps(world: str, quick: bool) -> dict[str, Map]:
@@ -129,31 +83,36 @@ def _few(values: tuple[float, ...], quick: bool) -> tuple[float, ...]:
 
 
 def _rates(quick: bool, what: str, titles: Sequence[str], bases: Sequence[Setting]) -> Map:
-    panels = [Panel(title=title, base=base) for title, base in zip(titles, bases, strict=True)]
+    latencies = _LATENCIES[1:2] if quick else _LATENCIES
+    fields = [
+        Panel(title=title, base=base, x=_few(_RATES, quick), y=latencies)
+        for title, base in zip(titles, bases, strict=True)
+    ]
     return Map(
         title=f"Camera rate and latency, {what}",
         x="rate_hz",
         y="latency_frames",
         x_label="frames per second",
         y_label="latency [frames]",
-        x_values=_few(_RATES, quick),
-        y_values=_LATENCIES[1:2] if quick else _LATENCIES,
-        panels=tuple(panels[:2] if quick else panels),
+        columns=_COLUMNS,
+        panels=tuple(fields[:2] if quick else fields),
         lines=_rate_lines,
     )
 
 
-def _controllers(names: Sequence[str]) -> tuple[Panel, ...]:
+def _controllers(
+    names: Sequence[str], x: tuple[float, ...], y: tuple[float, ...]
+) -> tuple[Panel, ...]:
     """A panel for each controller; its title says which grips it can choose from."""
-    panels = []
+    fields = []
     for name in names:
         base = Setting(world="pinch", controller=name)
         start, most = grip_range(base.scene())
         words = f"{start:g} N" if start == most else f"{start:g} N on the table"
         if start < most < math.inf:
             words += f", {most:g} N at most"
-        panels.append(Panel(title=f"{name}, {words}", base=base))
-    return tuple(panels)
+        fields.append(Panel(title=f"{name}, {words}", base=base, x=x, y=y))
+    return tuple(fields)
 
 
 def _masses(quick: bool) -> Map:
@@ -163,30 +122,29 @@ def _masses(quick: bool) -> Map:
         y="friction",
         x_label="mass [g]",
         y_label="µ",
-        x_values=_few(_MASSES, quick),
-        y_values=_few(_MU, quick),
-        panels=_controllers(_FOLLOWING),
+        columns=_COLUMNS,
+        panels=_controllers(_FOLLOWING, _few(_MASSES, quick), _few(_MU, quick)),
         lines=_mass_lines,
         number=("grip_n", "grip at the end [N]"),
     )
 
 
 def _offsets(quick: bool) -> Map:
+    names = (*_FOLLOWING, "conservative")
     return Map(
         title="Centre of mass beside the fingers, and mass",
         x="offset_mm",
         y="mass_g",
         x_label="offset of the centre of mass [mm]",
         y_label="mass [g]",
-        x_values=_few(_OFFSETS, quick),
-        y_values=_few(_TURNED_MASSES, quick),
-        panels=_controllers((*_FOLLOWING, "conservative")),
+        columns=_COLUMNS,
+        panels=_controllers(names, _few(_OFFSETS, quick), _few(_TURNED_MASSES, quick)),
         lines=_offset_lines,
         number=("turn_deg", "largest turn in the hand [°]"),
     )
 
 
-def _rate_lines(which: Map, panel: Panel) -> list[Line]:
+def _rate_lines(panel: Panel) -> list[Line]:
     """Slowest rates at each latency: of a loop that does not swing, and of one that is in time.
 
     Margin Inversion has no memory that could swing.
@@ -197,10 +155,10 @@ def _rate_lines(which: Map, panel: Panel) -> list[Line]:
     if panel.base.world == "pinch":
         bounds[REACTION] = slowest_reaction
     # Rates fall along the axis, periods grow.
-    periods = [1.0 / rate for rate in which.x_values]
+    periods = [1.0 / rate for rate in panel.x]
     lines = []
     for label, slowest in bounds.items():
-        for row, latency in enumerate(which.y_values):
+        for row, latency in enumerate(panel.y):
             rate = slowest(replace(panel.base, latency_frames=int(latency)))
             if math.isfinite(rate):
                 x = place(periods, np.full(2, 1.0 / rate))
@@ -208,26 +166,27 @@ def _rate_lines(which: Map, panel: Panel) -> list[Line]:
     return lines
 
 
-def _mass_lines(which: Map, panel: Panel) -> list[Line]:
+def _mass_lines(panel: Panel) -> list[Line]:
     """Mass at which friction under a grip no longer bears the weight."""
-    rows = np.arange(len(which.y_values), dtype=float)
+    rows = np.arange(len(panel.y), dtype=float)
     start, _ = grip_range(panel.base.scene())
     lines = []
     for label, grip in ((WEIGHT_START, start), (WEIGHT_REACHED, reached(panel.base))):
-        masses = np.array([heaviest(mu, grip) for mu in which.y_values])
-        lines.append(Line(label=label, x=place(which.x_values, masses), y=rows))
+        masses = np.array([heaviest(float(mu), grip) for mu in panel.y])
+        lines.append(Line(label=label, x=place(panel.x, masses), y=rows))
     return lines
 
 
-def _offset_lines(which: Map, panel: Panel) -> list[Line]:
+def _offset_lines(panel: Panel) -> list[Line]:
     """Offset at which friction and torsion together no longer bear the weight."""
-    masses = np.geomspace(which.y_values[0] / 1.2, which.y_values[-1] * 1.2, _FINE)
+    mapped = [float(mass) for mass in panel.y]
+    masses = np.geomspace(mapped[0] / 1.2, mapped[-1] * 1.2, _FINE)
     start, most = grip_range(panel.base.scene())
     lines = []
     for label, grip in ((SURFACE_START, start), (SURFACE_MOST, most)):
         if math.isfinite(grip):
             ways = np.array([farthest(replace(panel.base, mass_g=float(m)), grip) for m in masses])
             known = np.isfinite(ways)
-            x, y = place(which.x_values, ways[known]), place(which.y_values, masses[known])
+            x, y = place(panel.x, ways[known]), place(mapped, masses[known])
             lines.append(Line(label=label, x=x, y=y))
     return lines

@@ -1,13 +1,13 @@
 """`chromagrip stability loop --world dome|pinch`: the maps, resumed where they were interrupted."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from ....output.cells import open_unfinished, read_cells, resumed, write_cells
-from ....output.processes import map_processes
+from ....output.cells import open_unfinished, write_cells
 from ....output.report import Report, Row, reported
+from ..panels import run_maps
 from .cells import OUTCOMES, SCENES, Cell, Setting, World, cell
 from .figure import draw_map
 from .maps import Map, maps
@@ -38,20 +38,8 @@ def stability_grips(
     Outcomes of each panel, with a sentence for each about its boundary.
     """
     plan = maps(world, quick)
-    wanted = list(dict.fromkeys(one for which in plan.values() for one in which.settings()))
     unfinished = open_unfinished(out, "cells.unfinished.csv", overwrite)
-
-    def run(waiting: list[Setting]) -> Generator[Cell]:
-        yield from map_processes(cell, waiting, workers)
-
-    results = resumed(
-        unfinished,
-        read_cells(unfinished, Cell),
-        lambda one: one.setting,
-        wanted,
-        run,
-        lambda done, total: progress(f"{done} of {total} runs"),
-    )
+    results = run_maps(plan, Cell, cell, unfinished, progress, workers)
     if out is not None and unfinished is not None:
         for name, which in plan.items():
             draw_map(which, results, out / f"{name}.png", quick)
@@ -68,7 +56,7 @@ def _rows(plan: Mapping[str, Map], done: Mapping[Setting, Cell]) -> Iterator[Row
     """Number of cells of each outcome."""
     for name, which in plan.items():
         for panel in which.panels:
-            cells = [done[which.at(panel, x, y)] for y in which.y_values for x in which.x_values]
+            cells = [done[one] for one in which.cells(panel)]
             for outcome in OUTCOMES:
                 count = sum(one.outcome == outcome for one in cells)
                 if count:
@@ -83,8 +71,8 @@ def _notes(which: Map, done: Mapping[Setting, Cell]) -> Iterator[str]:
             continue
         plant = linear(panel.base).plant
         told = []
-        for latency in which.y_values:
-            line = [done[which.at(panel, rate, latency)] for rate in which.x_values]
+        for latency in panel.y:
+            line = [done[which.at(panel, rate, latency)] for rate in panel.x]
             first = next((one.rate_hz for one in line if one.outcome != "holds"), np.nan)
             bound = slowest_rate(line[0].setting)
             seen = "at none" if np.isnan(first) else f"from {first:g} Hz on"

@@ -1,0 +1,96 @@
+"""Drawing of maps: outcomes as colours, with their legend, in panels of equal cells."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from ...output.figure import new_figure
+from .panels import Map, Panel
+
+Array = NDArray[np.float64]
+#: Width and height [inches].
+Size = tuple[float, float]
+
+
+def title_of(text: str, quick: bool) -> str:
+    """Title of a picture, which says where the run was a quick one."""
+    return f"{text} (quick)" if quick else text
+
+
+def mesh(
+    axes: Axes, x: Array, y: Array, outcomes: Sequence[Sequence[str]], colours: Mapping[str, str]
+) -> None:
+    """Fill the cells between the edges x and y with the colours of their outcomes."""
+    codes = [[list(colours).index(name) for name in row] for row in outcomes]
+    colour_map = ListedColormap(list(colours.values()))
+    last = len(colours) - 1
+    axes.pcolormesh(x, y, codes, cmap=colour_map, vmin=0, vmax=last, edgecolors="white", lw=0.8)
+
+
+def patches(outcomes: Iterable[str], colours: Mapping[str, str]) -> list[Patch | Line2D]:
+    """Legend of the outcomes that occur."""
+    present = set(outcomes)
+    return [Patch(color=colours[name], label=name) for name in colours if name in present]
+
+
+def new_map(
+    which: Map[Any], quick: bool, cell: Size, around: Size, legend: float
+) -> tuple[Figure, list[Axes]]:
+    """Empty picture of a map, with axes for each panel.
+
+    Parameters
+    ----------
+    cell, around: size of a cell, and of what surrounds a panel
+    legend: its height [inches]
+    """
+    rows = -(-len(which.panels) // which.columns)
+    wide, high = len(which.panels[0].x), len(which.panels[0].y)
+    width = max(which.columns * (wide * cell[0] + around[0]), 9.5)
+    height = rows * (high * cell[1] + around[1]) + legend
+    figure = new_figure(title_of(which.title, quick), width, height)
+    places = list(figure.subplots(rows, which.columns, squeeze=False).flat)
+    for axes in places[len(which.panels) :]:
+        axes.axis("off")
+    return figure, places[: len(which.panels)]
+
+
+def draw_field(
+    axes: Axes,
+    which: Map[Any],
+    panel: Panel[Any],
+    results: Mapping[Any, Any],
+    colours: Mapping[str, str],
+) -> None:
+    """Draw a panel: its axes, and the colours of the outcomes of its cells."""
+    outcomes = [[results[which.at(panel, x, y)].outcome for x in panel.x] for y in panel.y]
+    x_edges, y_edges = np.arange(len(panel.x) + 1.0) - 0.5, np.arange(len(panel.y) + 1.0) - 0.5
+    mesh(axes, x_edges, y_edges, outcomes, colours)
+    axes.set_xticks(range(len(panel.x)), [_text(x) for x in panel.x])
+    axes.set_yticks(range(len(panel.y)), [_text(y) for y in panel.y])
+    axes.tick_params(labelsize=7, length=0)
+    axes.set_title(panel.title, fontsize=9)
+    axes.set_xlabel(which.x_label, fontsize=8)
+    axes.set_ylabel(which.y_label, fontsize=8)
+
+
+def draw_lines(
+    axes: Axes, which: Map[Any], panel: Panel[Any], styles: Mapping[str, str]
+) -> list[str]:
+    """Draw the boundaries of a panel by analysis; their labels."""
+    lines = which.lines(panel) if which.lines else []
+    for line in lines:
+        axes.plot(line.x, line.y, styles[line.label], color="black", lw=2.0)
+    return [line.label for line in lines]
+
+
+def _text(value: float | int | str) -> str:
+    if value == np.inf:
+        return "flat"
+    return value if isinstance(value, str) else f"{value:g}"
