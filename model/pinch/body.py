@@ -10,7 +10,7 @@ with r the step over the one before; r = 0 is backward Euler, which starts. A sw
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -78,15 +78,6 @@ class Filling:
     def at(self, time: float) -> float:
         """Mass that has been added at a time [kg]."""
         return float(np.interp(time, self.times, self.masses))
-
-
-def filled(body: RigidBody, filling: Filling | None, time: float) -> RigidBody:
-    """A body with what has been added to it at a time [s]."""
-    if filling is None:
-        return body
-    share = 1.0 + filling.at(time) / body.mass
-    x, y, z = body.inertia
-    return replace(body, mass=share * body.mass, inertia=(share * x, share * y, share * z))
 
 
 def box_body(

@@ -1,7 +1,7 @@
 """Two fingertips that face each other, an object between them, and the hand that carries both."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,15 @@ class Pinch:
             raise UserError("an object without gravity stands on no table")
         if not np.isfinite(self.solid.shape.bounds).all():
             raise UserError(f"a pinch needs an object with an end: not a {self.solid.shape.name}")
+
+    def body_at(self, time: float) -> RigidBody:
+        """The body with what has been added to it at a time [s]."""
+        body = self.body
+        if self.filling is None:
+            return body
+        share = 1.0 + self.filling.at(time) / body.mass
+        x, y, z = body.inertia
+        return replace(body, mass=share * body.mass, inertia=(share * x, share * y, share * z))
 
     @property
     def down(self) -> Array:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..checks import finite
 from ..dome.state import StepCount
-from .body import Moving, filled, kinetic_energy
+from .body import Moving, kinetic_energy
 from .pinch import Pinch
 from .state import PinchState, pinch_rest
 from .stepper import PinchStepper
@@ -82,7 +82,7 @@ def simulate_pinch(
         place, rotation = stepper.pose()
         moving.append(stepper.moving)
         height = -float(np.dot(pinch.gravity, stepper.moving.place))
-        body = filled(pinch.body, pinch.filling, stepper.time)
+        body = pinch.body_at(stepper.time)
         energy = (kinetic_energy(body, stepper.moving), body.mass * height)
         rows.append(
             (place, rotation, stepper.closing, both_forces(stepper), stepper.support, energy)

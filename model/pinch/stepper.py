@@ -15,7 +15,7 @@ from ..kernels.dome.krylov_kernels import System, new_system
 from ..kernels.dome.newton_kernels import Second, solve_contact, turned
 from ..kernels.dome.node_kernels import Contact, Outcome
 from ..kernels.dome.touch_kernels import Pose
-from .body import Moving, Scheme, carried, filled, rotation_vector, scheme, wanted
+from .body import Moving, Scheme, carried, rotation_vector, scheme, wanted
 from .pinch import FACING, Pinch, bases
 from .state import PinchState
 
@@ -151,7 +151,7 @@ class PinchStepper:
         step = until - self.time
         lags = [skin.dome.relaxation / step for skin in self.skins]
         s, hand = scheme(self.moving, step), self.pinch.hand.at(until)
-        self._body = filled(self.pinch.body, self.pinch.filling, until)
+        self._body = self.pinch.body_at(until)
         self._gravity = self._body.mass * np.array(self.pinch.gravity)
         old_place, old_rotation = self.pose()
         place = old_place + step * self.drift[:3]

@@ -14,8 +14,7 @@ import pytest
 import chromagrip
 from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
-from chromagrip.loop.run_folder import run
-from chromagrip.rig.pinch.files import FILES
+from chromagrip.loop.run_folder import FILES, run
 from chromagrip.rig.pinch.rig import PinchRig, smaller
 from chromagrip.rig.pinch.run import run_pinch
 from chromagrip.rig.pinch.trace import COLUMNS
@@ -287,3 +286,8 @@ def test_what_is_added_is_in_trace_and_summary() -> None:
     borne = trace["first_friction_true_n"][-1] + trace["second_friction_true_n"][-1]
     assert borne == pytest.approx(0.09 * 9.81, rel=0.03)
     assert summary["lifted"]
+
+
+def test_a_time_in_which_nobody_can_answer_is_refused() -> None:
+    with pytest.raises(UserError, match="must be above 0; inf is no limit"):
+        run_pinch(scene(), answer_within_s=-1.0)

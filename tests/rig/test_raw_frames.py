@@ -19,15 +19,9 @@ from chromagrip.output.pictures import open_source, read_picture
 from chromagrip.rig.pinch.files import PinchFiles
 from chromagrip.rig.pinch.rig import PinchRig
 
+from .test_pinch import COARSE
+
 KINDS: tuple[Literal["png", "ffv1"], ...] = ("png", "ffv1")
-#: A light box and coarse domes.
-COARSE = {
-    "path": "truth",
-    "sensor": "thesis",
-    "dome.pitch_mm": 0.8,
-    "pinch.mass_g": 50.0,
-    "object.size_mm": [20.0, 20.0, 16.0],
-}
 QUICK = {"duration_s": 0.08, "camera.rest_frames": 2, "camera.dropped": 0.4}
 
 

@@ -17,6 +17,8 @@ from chromagrip.measure.sweep.sweep import MAP, RUNS, UNFINISHED, sweep
 from chromagrip.measure.worlds.scorecard import scores
 from chromagrip.output.cells import read_cells
 
+from .test_pinch import COARSE
+
 Typed = Callable[..., CompletedProcess[str]]
 QUICK = {"path": "truth", "duration_s": 0.2, "truth.margin_noise": 0.02}
 KI, MU = "safety_margin.integral_n_per_s", "object.friction"
@@ -178,17 +180,7 @@ def test_the_interval_of_a_share_is_wilsons() -> None:
     assert share_interval(0, 81)[1] == pytest.approx(0.0323, abs=1e-4)
 
 
-#: A light box between coarse domes.
-PINCHED = {
-    "path": "truth",
-    "sensor": "thesis",
-    "dome.pitch_mm": 0.8,
-    "duration_s": 0.8,
-    "pinch.mass_g": 50.0,
-    "pinch.hand_times_s": [0.0, 0.2, 0.6],
-    "object.size_mm": [20.0, 20.0, 16.0],
-    "controller": "conservative",
-}
+PINCHED = COARSE | {"duration_s": 0.8, "controller": "conservative"}
 
 
 def test_two_fingers_are_swept_by_what_they_lose() -> None:

@@ -103,8 +103,7 @@ def run(
     UserError
         For a scene, a method, a folder or a renderer that cannot be used.
     """
-    if frames is not None and out is None:
-        raise UserError(f"pictures as {frames} need a folder: give `out`")
+    within = check_asked(out, frames, answer_within_s)
     if isinstance(scene, str):
         scene = load_scene(scene)
     scene, methods = choose(
@@ -114,7 +113,6 @@ def run(
         reconstructor=reconstructor,
         renderer=renderer,
     )
-    within = _positive(answer_within_s)
     methods.build_controller(scene)  # a controller that cannot be made leaves no folder
     known = readable(scene, methods)
     read_with = None if known is None else used(methods.reconstructor, known)
@@ -173,7 +171,12 @@ def _record(
     return Result(scene=scene, summary=summary, trace=trace, folder=folder)
 
 
-def _positive(answer_within_s: float) -> float:
+def check_asked(
+    out: Path | str | None, frames: FrameFormat | None, answer_within_s: float
+) -> float:
+    """Refuse what no run can do; the time in which a controller must answer [s]."""
+    if frames is not None and out is None:
+        raise UserError(f"pictures as {frames} need a folder: give `out`")
     if not answer_within_s > 0.0:
         raise UserError(f"answer_within_s = {answer_within_s} must be above 0; inf is no limit")
     return answer_within_s

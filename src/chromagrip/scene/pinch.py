@@ -130,11 +130,6 @@ class PinchSettings(Table, frozen=True):
             return None
         return Filling(times=self.fill_times_s, masses=tuple(1e-3 * each for each in self.fill_g))
 
-    def mass_at(self, time: float) -> float:
-        """Mass of the object with what has been added to it [kg]."""
-        filling = self.build_filling()
-        return 1e-3 * self.mass_g + (filling.at(time) if filling else 0.0)
-
     def build(self, first: SoftBody, second: SoftBody, solid: Solid, held: ObjectSettings) -> Pinch:
         """Both fingertips and the object between them.
 

@@ -21,7 +21,7 @@ from ..friction import Z90
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from ..silicone_values import ON_CORE
-from .contact_fit import ContactFit, Followed, Key, Shifts, Solution, last_of
+from .contact_fit import ContactFit, Followed, Key, Shifts, Solution
 from .contact_starts import Rivals, Start, light_press, other_objects, start_from_rest
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT
 from .keys import far_on, thinned
@@ -208,7 +208,7 @@ class ContactReading:
         if solution is None or solution.misfit > _MISFIT:
             return False
         self._odd = self._unlike(solution)
-        self.last, self._now = solution, last_of(solution)
+        self.last, self._now = solution, self._fit.last_of(solution)
         self._covariance = self._spread(solution)
         self._doubtful = max(_DOUBTFUL, _WORSE * solution.misfit)
         return True

@@ -148,21 +148,14 @@ class Followed:
     Attributes
     ----------
     contact, pose: in the last frame
+    seen: shifts of all pairs in it, shape (P, 6)
     slopes: of the shifts by the pose over its units, in that frame or a frame before, (4, P, 6)
     """
 
     contact: PosedContact
     pose: Array
+    seen: Array
     slopes: Array
-
-
-def last_of(solution: Solution) -> Followed:
-    """The last key frame of a solution, from which the next frame is followed."""
-    return Followed(
-        contact=solution.contact,
-        pose=solution.keys[-1].pose,
-        slopes=solution.slopes[-1][:MOVING],
-    )
 
 
 class ContactFit:
@@ -288,6 +281,15 @@ class ContactFit:
             typical=float(np.median(typical)),
         )
 
+    def last_of(self, solution: Solution) -> Followed:
+        """The last key frame of a solution, from which the next frame is followed."""
+        return Followed(
+            contact=solution.contact,
+            pose=solution.keys[-1].pose,
+            seen=self._seen(solution.contact),
+            slopes=solution.slopes[-1][:MOVING],
+        )
+
     def follow(self, object_: Array, last: Followed, shifts: Shifts) -> tuple[Followed, float]:
         """Contact and pose in the next frame, with the object held, and the misfit.
 
@@ -300,8 +302,8 @@ class ContactFit:
         """
         way, units = self._way, self.units[:MOVING]
         moving = tuple(range(MOVING))
-        reached, pose, slopes = last.contact, last.pose, last.slopes
-        seen, before, fresh = self._seen(reached), math.inf, False
+        reached, pose, seen, slopes = last.contact, last.pose, last.seen, last.slopes
+        before, fresh = math.inf, False
         for _ in range(_STEPS):
             step, gain = self._pose_step(last.pose, pose, shifts, slopes, seen)
             if gain > _SLOW * before and gain > _STILL and not fresh:
@@ -317,7 +319,7 @@ class ContactFit:
             pose = limited_pose(self.dome, pose + units * step)
             reached = way.step(last.contact, object_, last.pose, pose)
             seen = self._seen(reached)
-        now = Followed(contact=reached, pose=pose, slopes=slopes)
+        now = Followed(contact=reached, pose=pose, seen=seen, slopes=slopes)
         return now, shifts.cost(seen) / shifts.count
 
     def _pose_step(

@@ -15,6 +15,7 @@ from ...scene.controllers import CONTROLLERS
 from ...scene.scene import load_scene
 from ...thesis import OBJECTS
 from ..scored.intervals import share_interval
+from .scores import pinch_scores
 
 #: Scene with the 27 objects, and those with the scene's own object.
 LIFT = "pinch-lift"
@@ -204,16 +205,16 @@ def outcome_of(task: Task) -> Outcome | str:
         result = run_pinch(scene)
     except UserError as error:
         return str(error)
-    trace, summary = result.trace, result.summary
+    trace, summary, found = result.trace, result.summary, pinch_scores(result)
     lifted = trace["time_s"] > scene.pinch.lifts_at
     return Outcome(
         outcome=str(summary["outcome"]),
-        pressure=float(trace["pressure_kpa"][lifted].mean()),
-        largest=float(trace["pressure_kpa"][lifted].max()),
-        turn=float(abs(trace["turn_deg"]).max()),
+        pressure=found["pressure_mean"],
+        largest=found["pressure_max"],
+        turn=found["turn"],
         elastic=float(abs(trace["elastic_deg"]).max()),
         grip=float(trace["applied_n"][lifted].mean()),
-        energy=float((np.diff(trace["grip_n"]) ** 2).sum()) / scene.period,
+        energy=found["energy"],
         rate=float(summary["frames_per_second"]),
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...loop.run_folder import Result
 from ...rig.pinch.trace import OUTCOMES
-from ..worlds.scorecard import LATE
+from ..worlds.scorecard import of_command
 
 #: Unit of each score.
 UNITS = {
@@ -35,8 +35,6 @@ def pinch_scores(result: Result) -> dict[str, float]:
     lifted = trace["time_s"] > scene.pinch.lifts_at
     limits = np.fmin(trace["first_limit_margin_true"], trace["second_limit_margin_true"])[lifted]
     pressure = trace["pressure_kpa"][lifted]
-    steps = np.diff(trace["grip_n"])
-    late = trace["time_s"][1:] > trace["time_s"][-1] - LATE + 1e-9
     return {
         "gross": float(trace["outcome"][-1] != OUTCOMES.index("held")),
         "displacement": float(trace["slide_mm"][-1]),
@@ -44,6 +42,5 @@ def pinch_scores(result: Result) -> dict[str, float]:
         "turn": round(float(abs(trace["turn_deg"]).max()), _DIGITS),
         "pressure_max": float(pressure.max()) if len(pressure) else math.nan,
         "pressure_mean": float(pressure.mean()) if len(pressure) else math.nan,
-        "energy": float((steps**2).sum()) / scene.period,
-        "chatter": float(abs(steps[late]).sum()) / LATE,
+        **of_command(trace, scene.period),
     }

@@ -51,11 +51,9 @@ NOTES = (
 def scores(result: Result) -> dict[str, float]:
     """Scores of a run, by the names of SCORES."""
     trace, scene = result.trace, result.scene
-    time, grip = trace["time_s"], trace["grip_n"]
     holds = trace["mu_true"] * trace["normal_true_n"]
     pressure = trace["pressure_pitch_n_per_m"]
     touching = trace["contact_nodes"] > 0.0
-    steps = np.diff(grip)
     displacement = float(trace["lateral_displacement_mm"][-1])
     return {
         "gross": float(displacement > 1e3 * GROSS_SLIP),
@@ -66,8 +64,17 @@ def scores(result: Result) -> dict[str, float]:
         "overshoot": overshoot(trace, scene.last_change),
         "pressure_max": float(pressure.max()),
         "pressure_mean": float(pressure[touching].mean()) if touching.any() else 0.0,
-        "energy": float((steps**2).sum()) / scene.period,
-        "chatter": float(abs(steps[time[1:] > time[-1] - LATE + 1e-9]).sum()) / LATE,
+        **of_command(trace, scene.period),
+    }
+
+
+def of_command(trace: Trace, period: float) -> dict[str, float]:
+    """Energy and chatter of the command, with one finger or two; `period` is that of frames [s]."""
+    time, steps = trace["time_s"], np.diff(trace["grip_n"])
+    late = time[1:] > time[-1] - LATE + 1e-9
+    return {
+        "energy": float((steps**2).sum()) / period,
+        "chatter": float(abs(steps[late]).sum()) / LATE,
     }
 
 

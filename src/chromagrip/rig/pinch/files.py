@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 from ...errors import UserError
 from ...extras import need
-from ...loop.run_folder import FRAMES, scene_text
+from ...loop.run_folder import FILES, FRAMES, PARTS, scene_text
 from ...loop.trace import Summary, Trace
 from ...output.folder import prepare
 from ...output.frames import FrameFiles, FrameFormat
@@ -21,9 +21,6 @@ from .trace import COLUMNS, FINGERS
 
 if TYPE_CHECKING:
     from .video import PinchVideo
-
-#: Files of a run folder.
-FILES = ("summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml")
 
 
 class PinchFiles:
@@ -49,7 +46,7 @@ class PinchFiles:
         self, folder: Path, overwrite: bool, scene: Scene, frames: FrameFormat | None = None
     ) -> None:
         self.folder = folder
-        self._parts = folder / ".parts"
+        self._parts = folder / PARTS
         self._scene = scene
         self._video: PinchVideo | None = None
         self._frames: list[FrameFiles] = []

@@ -6,11 +6,10 @@ from pathlib import Path
 
 from ...by_name import Choice
 from ...control import Controller
-from ...errors import UserError
 from ...extras import require
 from ...loop.latency import HoldingController
 from ...loop.methods import choose
-from ...loop.run_folder import ANSWER_WITHIN_S, Progress, Result
+from ...loop.run_folder import ANSWER_WITHIN_S, Progress, Result, check_asked
 from ...output.frames import FrameFormat
 from ...output.processes import one_thread
 from ...scene.controllers import CONTROLLERS
@@ -54,8 +53,7 @@ def run_pinch(
     UserError
         For a scene, a method or a folder that cannot be used; when the silicone cannot go on.
     """
-    if frames is not None and out is None:
-        raise UserError(f"pictures as {frames} need a folder: give `out`")
+    within = check_asked(out, frames, answer_within_s)
     if isinstance(scene, str):
         scene = load_scene(scene)
     scene, methods = choose(
@@ -65,7 +63,7 @@ def run_pinch(
         reconstructor=reconstructor,
         renderer=renderer,
     )
-    limit = math.inf if scene.controller in CONTROLLERS.entries else answer_within_s
+    limit = math.inf if scene.controller in CONTROLLERS.entries else within
     held = HoldingController(methods.build_controller(scene), scene.controller, limit)
     rig = PinchRig(scene, methods)
     if out is None:

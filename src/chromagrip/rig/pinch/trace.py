@@ -70,7 +70,7 @@ class Rows:
 
     def __init__(self, scene: Scene) -> None:
         self._pinch = build_pinch(scene)
-        self._settings = scene.pinch
+        self._limits = scene.pinch.limits
         self._start: float | None = None
         self._rows: list[tuple[float, ...]] = []
 
@@ -90,7 +90,7 @@ class Rows:
             sample.applied,
             truth.state.support,
             sample.smaller + 1.0,
-            1e3 * self._settings.mass_at(sample.time),
+            1e3 * self._pinch.body_at(sample.time).mass,
             1e3 * first.place[0],
             1e3 * first.place[1],
             1e3 * (truth.state.closing - first.indentation),
@@ -100,7 +100,7 @@ class Rows:
             math.degrees(record.turn),
             math.degrees(record.elastic),
             1e-3 * self._pressure(truth.fingers),
-            float(OUTCOMES.index(record.outcome(self._settings.limits))),
+            float(OUTCOMES.index(record.outcome(self._limits))),
         )
         fingers = [
             value

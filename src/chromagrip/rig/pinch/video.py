@@ -172,7 +172,7 @@ class PinchVideo(VideoFile):
         """Line of text above everything."""
         scene = self._scene
         outcome = sample.truth.record.outcome(scene.pinch.limits)
-        weight = 9.81 * scene.pinch.mass_at(sample.time)
+        weight = 9.81 * self.stage.pinch.body_at(sample.time).mass
         words = (
             (f"t = {sample.time:.2f} s", 8, STICKS),
             (f"grip {sample.grip:.2f} N", 180, STICKS),

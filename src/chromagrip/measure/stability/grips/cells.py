@@ -6,10 +6,9 @@ from typing import Literal
 import numpy as np
 
 from ....errors import UserError
-from ....loop.run_folder import run
 from ....loop.trace import Trace
 from ....model import GROSS_SLIP
-from ....rig.pinch.run import run_pinch
+from ....rig.running import run_scene
 from ....scene.scene import Scene, load_scene
 from ..cells import SWING, swing
 
@@ -133,17 +132,16 @@ def cell(setting: Setting) -> Cell:
     """Run a setting and judge it."""
     try:
         scene = setting.scene()
-        if setting.world == "dome":
-            trace, lost = run(scene).trace, ""
-            slide, turn = trace["lateral_displacement_mm"], np.zeros(1)
-            if slide.max() > 1e3 * GROSS_SLIP:
-                lost = "slips"
-        else:
-            result = run_pinch(scene)
-            trace, lost = result.trace, str(result.summary["outcome"])
-            slide, turn = trace["slide_mm"], trace["turn_deg"]
+        result = run_scene(scene)
     except UserError as stopped:
         return Cell(**vars(setting), outcome="no answer", note=str(stopped))
+    trace = result.trace
+    if setting.world == "dome":
+        slide, turn = trace["lateral_displacement_mm"], np.zeros(1)
+        lost = "slips" if slide.max() > 1e3 * GROSS_SLIP else ""
+    else:
+        slide, turn = trace["slide_mm"], trace["turn_deg"]
+        lost = str(result.summary["outcome"])
     swings, grip = at_the_end(trace)
     return Cell(
         **vars(setting),
