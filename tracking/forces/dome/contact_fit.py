@@ -303,15 +303,17 @@ class ContactFit:
         way, units = self._way, self.units[:MOVING]
         moving = tuple(range(MOVING))
         reached, pose, seen, slopes = last.contact, last.pose, last.seen, last.slopes
+        whole = shifts.apply(slopes[:, shifts.used])
         before, fresh = math.inf, False
         for _ in range(_STEPS):
-            step, gain = self._pose_step(last.pose, pose, shifts, slopes, seen)
+            step, gain = self._pose_step(last.pose, pose, shifts, whole, seen)
             if gain > _SLOW * before and gain > _STILL and not fresh:
                 reached, changes = way.step_and_changes(
                     last.contact, None, object_, last.pose, pose, moving
                 )
                 slopes, fresh = self._slopes(changes), True
-                step, gain = self._pose_step(last.pose, pose, shifts, slopes, seen)
+                whole = shifts.apply(slopes[:, shifts.used])
+                step, gain = self._pose_step(last.pose, pose, shifts, whole, seen)
             if gain < _STILL:
                 break
             before = gain
@@ -323,18 +325,19 @@ class ContactFit:
         return now, shifts.cost(seen) / shifts.count
 
     def _pose_step(
-        self, last: Array, pose: Array, shifts: Shifts, slopes: Array, seen: Array
+        self, last: Array, pose: Array, shifts: Shifts, whole: Array, seen: Array
     ) -> tuple[Array, float]:
         """Step of a pose over its units, and what it should gain in squared deviations.
 
         Parameters
         ----------
         last: pose in the frame before
-        pose: that shows the shifts `seen`, and has such slopes
+        pose: that shows the shifts `seen`
+        whole: slopes of the used pairs there in deviations, shape (4, V·W)
         """
         units = self.units[:MOVING]
         known = (units / moves_of(self.dome, last)) ** 2
-        whole, residual = shifts.apply(slopes[:, shifts.used]), shifts.residual(seen)
+        residual = shifts.residual(seen)
         weighted = whole * shifts.weights(residual)
         gradient = weighted @ residual + known * (last - pose) / units
         step = np.linalg.solve(weighted @ whole.T + np.diag(known), gradient)
