@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...compiled import njit
 from ...render.drawing import togetherness
+from .gather_kernels import ROWS, gather
 from .lanes import sum_of_products
 from .pixel_kernels import (
     ALL_LIGHT,
@@ -23,9 +24,10 @@ from .pixel_kernels import (
     GAIN,
     GROUND,
     LACK,
+    LEFT,
     LIGHT,
     MODEL,
-    OBSERVED,
+    READ,
     ROOM,
     SHARED,
     TERM,
@@ -37,11 +39,9 @@ from .pixel_kernels import (
     X,
     Y,
     extents_of,
-    gather,
     invert,
     middle_of,
     model_pixels,
-    pad,
     row_at,
     stretch,
 )
@@ -85,7 +85,7 @@ def uneven_light(
             part = weighted * buffer[row_at(MODEL + c) + i]
             buffer[row_at(LIGHT + c) + i] = part
             all_light += part
-            lack += weighted * (buffer[row_at(OBSERVED + c) + i] - buffer[row_at(MODEL + c) + i])
+            lack += weighted * buffer[row_at(LEFT + c) + i]
         buffer[row_at(ALL_LIGHT) + i], buffer[row_at(LACK) + i] = all_light, lack
         for k in range(2):
             first = GAIN + 3 * k
@@ -228,34 +228,38 @@ def light_sums(
     outlines, box = np.empty((2, 3, 2)), np.empty(4)
     lights, rhs = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS)
     values, extents = np.empty(5), extents_of(optics, fits)
+    runs = np.empty((ROWS, 3), dtype=np.int64)
     for m in range(fits.shape[0]):
         for k in range(2):
             stretch(optics.shapes[k, m], fits[m, k], shapes[k])
             invert(shapes[k], inverses[k])
             outlines[k, 0] = fits[m, k, :2]
             outlines[k, 1:] = shapes[k].T
-        count = gather(
+        count, padded = gather(
             image, optics, present[m], fits[m], gains[m], slopes[m], shapes, inverses, stride,
-            box, buffer,
+            box, runs, buffer,
         )  # fmt: skip
         sums[m] = 0.0
         if count < FEWEST_PIXELS:
             continue
-        padded = pad(count, buffer)
         shade(optics, present, fits, extents, m, False, box, padded, buffer)
         t = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
         model_pixels(optics, present[m], fits[m], inverses, t, 2, padded, lights, rhs, buffer)
-        for i in range(count):
+        for i in range(padded):
+            if buffer[READ * ROOM + i] == F0:
+                continue
             first, second = buffer[COVERED * ROOM + i], buffer[(COVERED + 1) * ROOM + i]
             # Edges depend on tone curve, blur and places more than on colours.
             if _EDGE < first < 1.0 - _EDGE or _EDGE < second < 1.0 - _EDGE:
                 continue
             values[0], values[1], values[2] = 1.0, first, second
             values[3] = buffer[BOTH * ROOM + i]
+            row, column = int(buffer[Y * ROOM + i]), int(buffer[X * ROOM + i])
             for c in range(3):
-                light = buffer[(GROUND + c) * ROOM + i]
-                values[4] = buffer[(OBSERVED + c) * ROOM + i] / light
-                weight = buffer[(WEIGHT + c) * ROOM + i] * light * light
+                # Colours may be far from what is thought: light and weight are those observed.
+                level, light = image[row, column, c], buffer[(GROUND + c) * ROOM + i]
+                values[4] = optics.linear[c, level] / light
+                weight = optics.weight[c, level] * light * light
                 for a in range(5):
                     for b in range(5):
                         sums[m, c, a, b] += weight * values[a] * values[b]

@@ -11,14 +11,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...render import decode_srgb
+from ...render import decode_srgb, encode_srgb
 from ...render.drawing import edge_width
 from ..detection import RestFrame, neighbours
 from ..palette import Palette
 from .neighbour_kernels import crowded, median
 from .pair_kernels import fit_step, mean_hues
 from .pair_state import PairFits, PairState, chosen
-from .pixel_kernels import BUFFER, TERMS, Optics
+from .pixel_kernels import BUFFER, STEPS_OF_LIGHT, TERMS, Optics
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
@@ -103,6 +103,9 @@ def prepare_fit(rest: RestFrame, palette: Palette, noise: float) -> tuple["PairF
     optics = Optics(
         linear=linear,
         weight=weight,
+        encoding=encode_srgb(np.arange(STEPS_OF_LIGHT + 1) / STEPS_OF_LIGHT).astype(np.float32),
+        black=np.array(_NO_LIFT, dtype=np.float32),
+        variance=np.float32(noise**2 + 1.0 / 12.0),
         ground=rest.ground.astype(np.float32),
         absorbed=nominal.astype(np.float32),
         shapes=np.tile(radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
@@ -272,7 +275,11 @@ class PairFit:
         """Optics with the colours, the blur and the level of black of a state."""
         linear, weight = level_tables(state.black, self.noise)
         return self.optics._replace(
-            linear=linear, weight=weight, absorbed=state.absorbed, width=state.width
+            linear=linear,
+            weight=weight,
+            black=np.array(state.black, dtype=np.float32),
+            absorbed=state.absorbed,
+            width=state.width,
         )
 
     def _work(self, image: Image, known: PairFits) -> "_Work":

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...compiled import njit
 from ...render.drawing import togetherness
+from .gather_kernels import ROWS, gather
 from .light_kernels import (
     LIGHTS,
     dot,
@@ -31,10 +32,8 @@ from .pixel_kernels import (
     Array,
     Array32,
     extents_of,
-    gather,
     invert,
     model_pixels,
-    pad,
     stretch,
 )
 from .shade_kernels import shade
@@ -95,7 +94,7 @@ def fit_step(
     normal, gradient, change = np.empty((size, size)), np.empty(size), np.empty(size)
     cross, box = np.zeros((LIGHTS, size)), np.empty(4)
     lights, rhs, brighter = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS), np.zeros(LIGHTS)
-    extents = extents_of(optics, fits)
+    extents, runs = extents_of(optics, fits), np.empty((ROWS, 3), dtype=np.int64)
     for m in range(fits.shape[0]):
         if not active[m]:
             continue
@@ -107,13 +106,12 @@ def fit_step(
             invert(shapes[k], inverses[k])
             outlines[k, 0] = fits[m, k, :2]
             outlines[k, 1:] = shapes[k].T
-        count = gather(
+        count, padded = gather(
             image, optics, present[m], fits[m], gains[m], slopes[m], shapes, inverses, stride,
-            box, buffer,
+            box, runs, buffer,
         )  # fmt: skip
         if count < FEWEST_PIXELS:
             continue
-        padded = pad(count, buffer)
         shade(optics, present, fits, extents, m, beside[m], box, padded, buffer)
         together = togetherness(outlines[0], outlines[1]) if present[m].all() else 1.0
         squares = model_pixels(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...compiled import njit
 from ...render.drawing import EDGE_RANGE, edge, edge_slope
-from .lanes import LANES, sum_of_products
+from .lanes import sum_of_products
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
@@ -31,9 +31,9 @@ ROOM = 2256
 X = 0
 #: … along y …
 Y = 1
-#: … for the observed light, of each channel …
+#: … for the observed level, of each channel …
 OBSERVED = 2
-#: … the weight of that light, of each channel …
+#: … the weight of the light, of each channel …
 WEIGHT = 5
 #: … the light of the ground, of each channel …
 GROUND = 8
@@ -65,10 +65,14 @@ BOTH = 49
 BY = 50
 #: … the light that pairs beside this one leave, independent of its coverage, of each channel …
 BESIDE = 52
-#: … and the residual of a channel.
+#: … the light that the model lacks, of each channel …
 LEFT = 55
+#: … the level of the model's light, of each channel …
+LEVEL = 58
+#: … and whether a pixel is read.
+READ = 61
 #: Length of the buffer.
-BUFFER = 56 * ROOM
+BUFFER = 62 * ROOM
 #: Number of the terms of uneven light: x, y, x², xy, y².
 TERMS = 5
 #: Unit of the second powers among them [1/px].
@@ -77,6 +81,8 @@ UNIT = np.float32(1.0 / 16.0)
 F0 = np.float32(0.0)
 F1 = np.float32(1.0)
 F2 = np.float32(2.0)
+#: Steps of the encoding table in a unit of light.
+STEPS_OF_LIGHT = 4096
 #: Keeps roots away from zero.
 TINY = np.float32(1e-12)
 
@@ -86,6 +92,9 @@ class Optics(NamedTuple):
 
     linear: Array32  # (3, 256) linear light of each channel's levels
     weight: Array32  # (3, 256) 1/variance of that light
+    encoding: Array32  # (T,) level of light in steps of 1/STEPS_OF_LIGHT, of a camera without lift
+    black: Array32  # (3,) level of each channel that stands for no light
+    variance: np.float32  # of a level, by noise and rounding
     ground: Array32  # (H, W, 3) linear light of the unmarked skin; 0 where there is none
     absorbed: Array32  # (3, 3) a₀, a₁ and b of each channel
     shapes: Array  # (2, M, 2, 2) semi-axes of each marker at nominal size, as columns [px]
@@ -98,105 +107,6 @@ class Optics(NamedTuple):
 def row_at(number: int) -> np.uint64:
     """First place of a row; unsigned, as an index that may be negative is not vectorised."""
     return np.uint64(number * ROOM)
-
-
-@njit()
-def gather(
-    image: NDArray[np.uint8],
-    optics: Any,
-    present: NDArray[np.bool_],
-    fit: Array,
-    gain: Array,
-    slope: Array,
-    shapes: Array,
-    inverses: Array,
-    stride: int,
-    box: Array,
-    buffer: Array32,
-) -> int:
-    """Gather the pixels that a pair's markers reach into rows of the buffer; returns their number.
-
-    The ground is under the light of this frame. `box` receives (left, right, top, bottom) of them.
-    """
-    height, breadth = image.shape[0], image.shape[1]
-    reach = optics.reach * optics.width
-    top, bottom = 1e9, -1e9
-    wide = np.empty(2)
-    pixels = 0.0
-    for k in range(2):
-        s = shapes[k]
-        radius = math.sqrt(abs(s[0, 0] * s[1, 1] - s[0, 1] * s[1, 0]))
-        wide[k] = 1.0 + reach / radius
-        if present[k]:
-            half = wide[k] * math.sqrt(s[1, 0] ** 2 + s[1, 1] ** 2)
-            top, bottom = min(top, fit[k, 1] - half), max(bottom, fit[k, 1] + half)
-            pixels += math.pi * (radius + reach) ** 2
-    while pixels > 0.9 * ROOM * stride:
-        stride += 1
-    count = 0
-    box[0], box[1], box[2], box[3] = breadth, 0.0, top, bottom
-    if not (bottom > top and bottom > 0.0 and top < height):
-        return 0
-    g0, g1, g2 = np.float32(gain[0]), np.float32(gain[1]), np.float32(gain[2])
-    along_x, along_y = np.float32(slope[0]), np.float32(slope[1])
-    xx, xy, yy = np.float32(slope[2]), np.float32(slope[3]), np.float32(slope[4])
-    middle_x, middle_y = middle_of(fit)
-    linear, weight, ground = optics.linear, optics.weight, optics.ground
-    first = int(max(top, 0.0)) + 1
-    for row in range(first - first % stride, min(int(bottom), height - 1) + 1, stride):
-        left, right = 1e9, -1e9
-        for k in range(2):
-            if not present[k]:
-                continue
-            # Intersections of the row with the widened ellipse |S⁻¹·d| = wide.
-            a, b = inverses[k, 0], inverses[k, 1]
-            dy = row - fit[k, 1]
-            square = a[0] * a[0] + b[0] * b[0]
-            mixed = (a[0] * a[1] + b[0] * b[1]) * dy
-            root = mixed**2 - square * ((a[1] * a[1] + b[1] * b[1]) * dy * dy - wide[k] ** 2)
-            if root > 0.0:
-                half = math.sqrt(root) / square
-                left = min(left, fit[k, 0] - mixed / square - half)
-                right = max(right, fit[k, 0] - mixed / square + half)
-        box[0], box[1] = min(box[0], left), max(box[1], right)
-        start = int(max(left, 0.0)) + 1
-        # Floats are counted in parallel: converting the counters would take most of the time.
-        x, y = np.float32(start), np.float32(row)
-        dy32 = y - middle_y
-        for col in range(start, int(min(right, breadth - 1.0)) + 1):
-            if ground[row, col, 0] > F0 and count < ROOM - LANES:
-                at, dx32 = np.uint64(count), x - middle_x
-                light = F1 + dx32 * (along_x + UNIT * (xx * dx32 + xy * dy32))
-                light += dy32 * (along_y + UNIT * yy * dy32)
-                buffer[row_at(X) + at] = x
-                buffer[row_at(Y) + at] = y
-                level = image[row, col, 0]
-                buffer[row_at(OBSERVED) + at] = linear[0, level]
-                buffer[row_at(WEIGHT) + at] = weight[0, level]
-                buffer[row_at(GROUND) + at] = g0 * light * ground[row, col, 0]
-                level = image[row, col, 1]
-                buffer[row_at(OBSERVED + 1) + at] = linear[1, level]
-                buffer[row_at(WEIGHT + 1) + at] = weight[1, level]
-                buffer[row_at(GROUND + 1) + at] = g1 * light * ground[row, col, 1]
-                level = image[row, col, 2]
-                buffer[row_at(OBSERVED + 2) + at] = linear[2, level]
-                buffer[row_at(WEIGHT + 2) + at] = weight[2, level]
-                buffer[row_at(GROUND + 2) + at] = g2 * light * ground[row, col, 2]
-                count += 1
-            x += F1
-    return count
-
-
-@njit()
-def pad(count: int, buffer: Array32) -> int:
-    """Append pixels without weight, up to a multiple of the lanes; returns the new number."""
-    end = (count + LANES - 1) // LANES * LANES
-    for row in range(GROUND + 3):
-        first = row_at(row)
-        same = buffer[first + np.uint64(count - 1)] if row < OBSERVED else F0
-        for i in range(np.uint64(count), np.uint64(end)):
-            buffer[first + i] = same
-    return end
 
 
 @njit(inline="always")
@@ -281,9 +191,9 @@ def model_pixels(
     _cover_both(np.float32(together), count, buffer)
     # No loop: rows must be known at compile time, or the sums would not be vectorised.
     a = optics.absorbed
-    squares += _channel(a[0, 0], a[1, 0], a[2, 0], 0, count, lights, rhs, buffer)
-    squares += _channel(a[0, 1], a[1, 1], a[2, 1], 1, count, lights, rhs, buffer)
-    squares += _channel(a[0, 2], a[1, 2], a[2, 2], 2, count, lights, rhs, buffer)
+    squares += _channel(optics, a[0, 0], a[1, 0], a[2, 0], 0, count, lights, rhs, buffer)
+    squares += _channel(optics, a[0, 1], a[1, 1], a[2, 1], 1, count, lights, rhs, buffer)
+    squares += _channel(optics, a[0, 2], a[1, 2], a[2, 2], 2, count, lights, rhs, buffer)
     return squares
 
 
@@ -318,6 +228,7 @@ def clear(buffer: Array32, row: np.uint64, count: int) -> None:
 
 @njit(inline="always")
 def _channel(
+    optics: Any,
     a0: np.float32,
     a1: np.float32,
     b: np.float32,
@@ -327,9 +238,18 @@ def _channel(
     rhs: Array,
     buffer: Array32,
 ) -> float:
-    """Add one channel to the rows of all channels; returns its sum of squared residuals."""
-    light, observed, weight = row_at(GROUND + c), row_at(OBSERVED + c), row_at(WEIGHT + c)
-    rest, left = row_at(BESIDE + c), row_at(LEFT)
+    """Add one channel to the rows of all channels; returns its sum of squared residuals.
+
+    Residuals are those of levels, whose noise is the same everywhere: a weight that followed the
+    noise of its own pixel would draw the fit to one side. Divided by the curve's slope they are
+    residuals of light, with the weights that belong to them.
+    """
+    light, rest, left, weight = (
+        row_at(GROUND + c),
+        row_at(BESIDE + c),
+        row_at(LEFT + c),
+        row_at(WEIGHT + c),
+    )
     c0, c1, gain0, gain1 = (
         row_at(COVERED),
         row_at(COVERED + 1),
@@ -345,24 +265,53 @@ def _channel(
     pull0, pull1 = row_at(PULL), row_at(PULL + 1)
     both, by0, by1 = row_at(BOTH), row_at(BY), row_at(BY + 1)
     for i in range(np.uint64(count)):
-        first, second, g, w = buffer[c0 + i], buffer[c1 + i], buffer[light + i], buffer[weight + i]
+        first, second, g = buffer[c0 + i], buffer[c1 + i], buffer[light + i]
         model = g * (F1 - a0 * first - a1 * second + b * buffer[both + i]) + buffer[rest + i]
-        residual = buffer[observed + i] - model
+        buffer[modelled + i] = model
+    _encode(optics, c, count, buffer)
+    for i in range(np.uint64(count)):
+        g, w, residual = buffer[light + i], buffer[weight + i], buffer[left + i]
         d0, d1 = g * (b * buffer[by0 + i] - a0), g * (b * buffer[by1 + i] - a1)
         buffer[own0 + i] += w * d0 * d0
         buffer[own1 + i] += w * d1 * d1
         buffer[cross + i] += w * d0 * d1
         buffer[pull0 + i] += w * d0 * residual
         buffer[pull1 + i] += w * d1 * residual
+        model = buffer[modelled + i]
         buffer[gain0 + i] = w * model * d0
         buffer[gain1 + i] = w * model * d1
-        buffer[modelled + i] = model
-        buffer[left + i] = residual
     lights[c, :] = 0.0
     end = np.uint64(count)
     lights[c, c] = sum_of_products(buffer, (weight, modelled, modelled), end)
     rhs[c] = sum_of_products(buffer, (weight, modelled, left), end)
     return np.float64(sum_of_products(buffer, (weight, left, left), end))
+
+
+@njit(inline="always")
+def _encode(optics: Any, c: int, count: int, buffer: Array32) -> None:
+    """Levels of a channel's light, what is missing to those observed, and the weights of that."""
+    modelled, level, left, weight = (
+        row_at(MODEL + c),
+        row_at(LEVEL + c),
+        row_at(LEFT + c),
+        row_at(WEIGHT + c),
+    )
+    observed, read = row_at(OBSERVED + c), row_at(READ)
+    table, steps = optics.encoding, np.float32(STEPS_OF_LIGHT)
+    last = np.int32(table.shape[0] - 2)
+    span = (np.float32(255.0) - optics.black[c]) * np.float32(1.0 / 255.0)
+    per_variance = F1 / optics.variance
+    for i in range(np.uint64(count)):
+        place = buffer[modelled + i] * steps
+        k = min(max(np.int32(place), np.int32(0)), last)
+        here = table[np.uint64(k)]
+        rise = table[np.uint64(k) + np.uint64(1)] - here
+        # Below black and above white the curve goes on as a line.
+        now = optics.black[c] + span * (here + (place - np.float32(k)) * rise)
+        slope = span * rise * steps
+        buffer[level + i] = now
+        buffer[left + i] = (buffer[observed + i] - now) / slope
+        buffer[weight + i] = buffer[read + i] * slope * slope * per_variance
 
 
 @njit()
