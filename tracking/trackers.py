@@ -66,9 +66,8 @@ TRACKERS = Registry(
     package=__package__,
     entries={
         "fit": (".fit.tracker:MarkerTracker", "least-squares fit of the shape of both layers"),
-        "thrifty": (".fit.tracker:thrifty", "fit, but still markers only in every fourth frame"),
-        "sparse": (".fit.tracker:sparse", "thrifty, from every other row of the image"),
-        "quick": (".fit.tracker:quick", "fit of positions alone, from every other row"),
+        "sparse": (".fit.tracker:sparse", "fit, from every other row of the image"),
+        "quick": (".fit.tracker:quick", "sparse, with templates that are kept for longer"),
         "detect": (
             ".baselines.detected:DetectedMarkers",
             "markers of any form, detected in every frame",

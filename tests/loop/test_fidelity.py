@@ -14,7 +14,7 @@ from chromagrip.loop.run_folder import run
 from chromagrip.output.cells import write_cells
 
 FINE = Fidelity()
-CHEAP = Fidelity(tracker="thrifty", step_ms=5.0)
+CHEAP = Fidelity(tracker="sparse", step_ms=5.0)
 
 
 def measured(fidelity: Fidelity, curvature: float, milliseconds: float, seen: float) -> Measured:
@@ -52,7 +52,7 @@ def test_the_cheapest_that_keeps_the_tolerance_is_chosen_for_the_object_at_hand(
     assert choice.error == pytest.approx(1.25 * 0.02)
     assert len(choice.lines) == 2
     assert choice.lines[0].startswith("fit, sequential")
-    assert "not thrifty" in choice.lines[1]
+    assert "not sparse" in choice.lines[1]
     assert load_scene("margin-60hz", choice.fidelity.changes).tracker == "fit"
 
 

@@ -23,6 +23,8 @@ Image = NDArray[np.uint8]
 STEPS = 6
 #: Steps of the first fit to the rest frames, at most.
 _REST_STEPS = 24
+#: A pair whose step moves no edge by more than this has converged [px].
+_ARRIVED = 0.05
 #: A median misfit above this has the colours and the blur fitted as well.
 WORSE = 1.1
 #: The same at rest: so far below that no noise lifts a later frame from one to the other.
@@ -51,18 +53,12 @@ class FitSettings:
 
     Attributes
     ----------
-    free: numbers of each layer that are fitted: 5 (place, size, strain) or 2 (place alone)
     rows: every `rows`-th row of the image is read
-    arrived: a pair whose step moves no edge by more than this has converged [px]
-    turns: a pair that holds still is fitted in every `turns`-th frame
-    glance: whether a single step is tried first, and the fit only where that is not enough
+    limit: motion of an edge after which the template of its pair is made anew [px]
     """
 
-    free: int = 5
     rows: int = 1
-    arrived: float = 0.05
-    turns: int = 1
-    glance: bool = False
+    limit: float = 0.12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +121,7 @@ def fit_rest(
             f"only {good.sum()} of {len(good)} markers of the rest frame look like markers"
         )
     fit, start = fit.with_shapes_of(first.state)
-    fit = fit.with_effort(settings.free, settings.rows, settings.arrived)
+    fit = fit.with_effort(5, settings.rows, _ARRIVED)
     fits = [fit.fit(frame.image, start, STEPS) for frame in frames]
     state = replace(
         start,

@@ -9,12 +9,14 @@ frames alike, and they hardly change where the picture stands still. A marker th
 and above all one whose layers came apart, is off by several times what its pixels' noise allows.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...render import Frame
+from .compression_kernels import flat_noise
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -85,15 +87,12 @@ def flat_blocks(rest: list[Frame]) -> NDArray[np.intp]:
 
 def fine_part(image: Image, blocks: NDArray[np.intp]) -> FinePart:
     """Noise of a picture at `flat_blocks`."""
-    levels = image.reshape(-1, 3)[blocks].astype(np.int16)
-    red, green, blue = levels[..., 0], levels[..., 1], levels[..., 2]
-    colours = np.stack([red - green, blue - green])
-    brightness = (red + 2 * green + blue)[None]
+    brightness, colour, coarse = flat_noise(np.ascontiguousarray(image), blocks, _KEPT)
     # Of white noise, a channel's deviation times the root of the sum of the squared factors.
     return FinePart(
-        brightness=_deviation(_twisted(brightness)) / np.sqrt(4 * 6.0),
-        colour=_deviation(_twisted(colours)) / np.sqrt(4 * 2.0),
-        coarse_colour=_deviation(_twisted(_halved(colours))) / np.sqrt(16 * 2.0),
+        brightness=brightness / math.sqrt(_LEFT * 4 * 6.0),
+        colour=colour / math.sqrt(_LEFT * 4 * 2.0),
+        coarse_colour=coarse / math.sqrt(_LEFT * 16 * 2.0),
     )
 
 
@@ -107,7 +106,7 @@ def compression(residual: float, noise: FinePart) -> float:
     """
     if noise.colour > max(_PRESENT, _WHITE * noise.coarse_colour):
         return 1.0
-    if not _DIFFERENT * np.hypot(noise.colour, _ROUNDING) < residual < np.inf:
+    if not _DIFFERENT * math.hypot(noise.colour, _ROUNDING) < residual < math.inf:
         return 1.0
     lost = 1.0 - min(noise.brightness / (_MOST_NOISE * residual), 1.0)
     coarse = max(residual / _COARSE, 1.0) ** 2
@@ -124,22 +123,3 @@ def deviations(factor: float, moved: Array) -> Array:
     """
     share = moved**2 / (moved**2 + _MOVED**2)
     return np.sqrt(1.0 + share[:, None] * (factor * _SHARES.ravel()) ** 2)
-
-
-def _twisted(values: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Differences across each two by two values, which no slope changes, (…, 2R, 2C, B)."""
-    across = values[:, ::2] - values[:, 1::2]
-    return np.asarray(across[:, :, ::2] - across[:, :, 1::2])
-
-
-def _halved(values: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Sums of each two by two values."""
-    rows = values[:, ::2] + values[:, 1::2]
-    return np.asarray(rows[:, :, ::2] + rows[:, :, 1::2])
-
-
-def _deviation(values: NDArray[np.int16]) -> float:
-    """Standard deviation without the largest values."""
-    squares = np.square(values.ravel(), dtype=np.float32)
-    kept = int(_KEPT * len(squares))
-    return float(np.sqrt(np.partition(squares, kept)[:kept].mean() / _LEFT))

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .at_rest import STEPS, AtRest, misfit_limit, visible_markers
+from .at_rest import STEPS, AtRest, misfit_limit
 from .memory import Look, Memory
-from .neighbour_kernels import torn_off
 from .pair_state import PairFits, PairState
+from .survey_kernels import survey
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -37,8 +37,23 @@ def judge(known: AtRest, memory: Memory, image: Image, fits: PairFits, start: Pa
         turn = (np.arange(len(fits.misfit)) - memory.frames) % _IN_TURNS == 0
         tried = turn | memory.visible.any(axis=1)
         fits = known.fit.fit_apart(image, fits, start, tried, limit, STEPS)
-    visible = visible_markers(fits)
-    return Look(fits, visible, _torn(known, memory, fits.state, visible))
+    return surveyed(known, memory, fits)
+
+
+def surveyed(known: AtRest, memory: Memory, fits: PairFits) -> Look:
+    """Look of a fit."""
+    pairs = fits.state.present.shape
+    visible, torn, on_others = (np.empty(pairs, dtype=np.bool_) for _ in range(3))
+    touching = np.empty(len(visible), dtype=np.bool_)
+    fit, share = known.fit, np.nan if known.share is None else known.share
+    survey(
+        fits.state.fits, fits.misfit, fits.state.present, known.state.fits, fit.near,
+        fit.optics.neighbours, np.array([misfit_limit(fits), _TORN * known.pitch]), share,
+        fit.radii, visible, torn, on_others, touching,
+    )  # fmt: skip
+    if torn.any():
+        torn &= _off_course(known, memory, fits.state, visible)
+    return Look(fits, visible, torn, on_others, touching)
 
 
 def worth(look: Look) -> int:
@@ -69,8 +84,7 @@ def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
     """
     if known.share is None:
         return look
-    state, visible = look.fits.state, look.visible
-    on_others = known.fit.crowded(state.fits, visible)
+    state, visible, on_others = look.fits.state, look.visible, look.on_others
     if not on_others.any():
         return look
     displacement = (state.fits - known.state.fits)[..., :2]
@@ -90,21 +104,16 @@ def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
     return better(look, judge(known, memory, image, known.fit.fit(image, start, STEPS), start))
 
 
-def _torn(known: AtRest, memory: Memory, state: PairState, visible: Mask) -> Mask:
-    """Markers that moved otherwise than most of their neighbours, or than their other layer."""
-    near, limit = known.fit.near, _TORN * known.pitch
-    displacement = (state.fits - known.state.fits)[..., :2]
-    torn = torn_off(displacement, visible, near, limit)
-    if known.layers == 2 and known.share is not None:
-        off = abs(displacement[:, 1] - known.share * displacement[:, 0]).max(axis=1) > limit
-        torn |= (off & visible.all(axis=1))[:, None]
-    if not torn.any():
-        return np.asarray(torn)
-    # Skin that is pressed together strongly is not torn: its markers got there step by step, each
-    # as it moved in the frame before, or as its neighbours move in this one.
+def _off_course(known: AtRest, memory: Memory, state: PairState, visible: Mask) -> Mask:
+    """Markers (M, 2) that are not where their way so far, or that of their neighbours, leads to.
+
+    Skin that is pressed together strongly is not torn: its markers got there step by step, each as
+    it moved in the frame before, or as its neighbours move in this one.
+    """
+    near = known.fit.near
     step = (state.fits - memory.start.fits)[..., :2]
     around = np.where(visible[..., None], step, 0.0)[near].sum(axis=1)
     around /= np.maximum(visible[near].sum(axis=1), 1)[..., None]
     off = [abs(step - way).max(axis=2) for way in (memory.velocity[..., :2], around)]
     off_course = np.minimum(*off) > _WENT_ON * known.pitch
-    return np.asarray(torn & (off_course | ~memory.intact))
+    return np.asarray(off_course | ~memory.intact)

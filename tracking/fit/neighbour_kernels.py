@@ -20,6 +20,31 @@ def median(values: Array) -> float:
 
 
 @njit()
+def slopes_of(gains: Array, near: NDArray[np.int64], to_slope: Array, out: Array) -> None:
+    """Relative slope of the gains at each pair [1/px], read off its neighbours.
+
+    Parameters
+    ----------
+    gains: shape (M, 3)
+    near: neighbours, shape (M, K)
+    to_slope: maps from the logarithms of the neighbours' gains, less the own one's, (M, 2, K)
+    out: result, shape (M, 2); NaN where a gain is not above zero
+    """
+    light = np.empty(gains.shape[0])
+    for m in range(gains.shape[0]):
+        product = gains[m, 0] * gains[m, 1] * gains[m, 2]
+        lit = gains[m, 0] > 0.0 and gains[m, 1] > 0.0 and gains[m, 2] > 0.0
+        light[m] = math.log(product) / 3.0 if lit else np.nan
+    for m in range(gains.shape[0]):
+        x = y = 0.0
+        for j in range(near.shape[1]):
+            more = light[near[m, j]] - light[m]
+            x += to_slope[m, 0, j] * more
+            y += to_slope[m, 1, j] * more
+        out[m, 0], out[m, 1] = x, y
+
+
+@njit()
 def tie_light(
     light: Array,
     visible: NDArray[np.bool_],

@@ -6,7 +6,7 @@ given here; `tuning.py` fits them.
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,12 @@ from ...render import decode_srgb, encode_srgb
 from ...render.drawing import edge_width
 from ..detection import RestFrame, neighbours
 from ..palette import Palette
-from .neighbour_kernels import crowded, median
+from .neighbour_kernels import crowded, median, slopes_of
 from .pair_kernels import fit_step, mean_hues
 from .pair_state import PairFits, PairState, chosen
 from .pixel_kernels import BUFFER, STEPS_OF_LIGHT, TERMS, Optics
+from .template_kernels import Around, Pool, follow, stale
+from .templates import NO_TEMPLATES, empty_templates
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
@@ -35,8 +37,8 @@ _NEARLY = 0.3
 _UNEVEN = 1.6
 #: Steps with uneven light, at most.
 _UNEVEN_STEPS = 6
-#: Steps of a glance, at most: a single one is enough for most pairs.
-_GLANCES = 3
+#: Rounds in which pairs are fitted whose templates are not good any more.
+_ROUNDS = 2
 #: A slope of the light that changed by more than this takes another step [1/px].
 _SLOPED = 2e-4
 #: Blur that is assumed first, standard deviation [px].
@@ -193,6 +195,12 @@ class PairFit:
         optics = self.optics._replace(shapes=shapes)
         return replace(self, optics=optics), replace(state, fits=unstrained)
 
+    def empty_templates(self) -> Pool:
+        """Room for the templates of all pairs."""
+        radius = float(self.radius.max()) + self.optics.reach * self.optics.width
+        pairs, neighbours = self.optics.neighbours.shape
+        return empty_templates(pairs, neighbours, radius, self.rows)
+
     def fit(self, image: Image, start: PairState, steps: int) -> PairFits:
         """Fit all pairs of an image, from a state, in at most so many steps."""
         work = self._work(image, _unknown(start.copied()))
@@ -200,27 +208,47 @@ class PairFit:
         self._step(work, np.ones(len(start.fits), dtype=np.bool_), steps)
         return work.fits()
 
-    def refit(self, image: Image, known: PairFits, active: Mask, steps: int) -> PairFits:
-        """Fit some pairs, shape (M,), of an image; the others stay as they are known."""
-        work = self._work(image, known.copied())
+    def refit(
+        self, image: Image, known: PairFits, active: Mask, steps: int, pool: Pool = NO_TEMPLATES
+    ) -> PairFits:
+        """Fit some pairs, shape (M,), of an image; the others stay as they are known.
+
+        Their templates are made anew in the pool.
+        """
+        work = self._work(image, known.copied(), pool)
         work.state.slopes[active, 2:] = 0.0
         work.misfit[active] = np.inf
         self._step(work, active, steps)
         return work.fits()
 
-    def glance(self, image: Image, start: PairState) -> PairFits:
-        """Single steps from a state, a few more for pairs that have not converged."""
-        work = self._work(image, _unknown(start.copied()))
-        state, no = work.state, np.zeros(len(start.fits), dtype=np.bool_)
-        active: Mask = np.asarray(state.present.any(axis=1))
-        for _ in range(_GLANCES):
-            work.step(active, no, no)
-            active = work.moved > self.arrived
-            if not active.any():
+    def follow(
+        self, image: Image, start: PairState, steps: int, limit: float, pool: Pool
+    ) -> PairFits:
+        """Fit all pairs of an image, by their templates where these are good enough.
+
+        Parameters
+        ----------
+        image: to fit
+        start: where the pairs are expected
+        steps: of a fit without templates, at most
+        limit: of an edge's motion since its template was made [px]
+        pool: templates; those of pairs that moved, or whose surroundings did, are made anew
+        """
+        seen = _unknown(start.copied())
+        active = np.empty(len(seen.misfit), dtype=np.bool_)
+        around, near = Around(self.near, self.to_slope), self.optics.neighbours
+        state = seen.state
+        left = follow(
+            image, self.optics_of(state), around, self.radius[0], limit, pool, state.fits,
+            state.gains, state.slopes, seen.misfit, seen.covariance, active,
+        )  # fmt: skip
+        for _ in range(_ROUNDS):
+            if not left:
                 break
-        work.misfit[active] = np.inf
-        state.slopes[:, :2] += 0.5 * (self._slopes(state.gains) - state.slopes[:, :2])
-        return work.fits()
+            seen = self.refit(image, seen, active, steps, pool)
+            active[:] = False
+            left = stale(near, around, limit, pool, seen.state.fits, seen.state.gains, active)
+        return seen
 
     def fit_apart(
         self,
@@ -259,13 +287,10 @@ class PairFit:
         self._step(work, shaded & np.isfinite(misfit), steps)
         return work.fits()
 
-    def crowded(self, fits: Array, visible: Mask) -> Mask:
-        """Visible markers that lie on another one of their layer, shape (M, 2)."""
-        return np.asarray(crowded(fits, visible, self.optics.neighbours, _CROWDED * self.radius))
-
-    def touching(self, fits: Array, visible: Mask) -> Mask:
-        """Pairs with a marker that touches another one of its layer, shape (M,)."""
-        return self._within(_TOUCHING, fits, visible)
+    @cached_property
+    def radii(self) -> Array:
+        """Distances of layers' markers that may be confused, and that touch [px], shape (2, 2)."""
+        return np.outer([_CROWDED, _TOUCHING], self.radius)
 
     def hues(self, image: Image, fits: Array) -> Array:
         """Mean hue inside each first-layer marker [°], shape (M,)."""
@@ -282,8 +307,9 @@ class PairFit:
             width=state.width,
         )
 
-    def _work(self, image: Image, known: PairFits) -> "_Work":
+    def _work(self, image: Image, known: PairFits, pool: Pool = NO_TEMPLATES) -> "_Work":
         """Work on what is known, whose arrays are changed."""
+        kept = np.full(len(known.misfit), pool is not NO_TEMPLATES)
         return _Work(
             fit=self,
             image=image,
@@ -292,6 +318,8 @@ class PairFit:
             moved=np.zeros(len(known.misfit)),
             covariance=known.covariance,
             misfit=known.misfit,
+            kept=kept,
+            pool=pool,
         )
 
     def _step(self, work: "_Work", wanted: Mask, steps: int) -> None:
@@ -357,9 +385,9 @@ class PairFit:
 
     def _slopes(self, gains: Array) -> Array:
         """Relative slope of the gains at each pair [1/px], shape (M, 2)."""
-        # A fit without light can end with a gain at or below zero, which has no logarithm.
-        light = np.log(np.where(gains > 0.0, gains, np.nan)).mean(axis=1)
-        return np.asarray(np.einsum("mik,mk->mi", self.to_slope, light[self.near] - light[:, None]))
+        slopes = np.empty((len(gains), 2))
+        slopes_of(gains, self.near, self.to_slope, slopes)
+        return slopes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -371,6 +399,8 @@ class _Work:
     fit, image, optics: that the steps belong to
     state, covariance, misfit: as in `PairFits`
     moved: last step of each pair [px], shape (M,)
+    kept: pairs whose templates are made anew, shape (M,)
+    pool: of these
     """
 
     fit: PairFit
@@ -380,14 +410,16 @@ class _Work:
     moved: Array
     covariance: Array
     misfit: Array
+    kept: Mask
+    pool: Pool
 
     def step(self, active: Mask, uneven: Mask, beside: Mask) -> None:
         """One step of the active pairs; see `fit_step`."""
         fit, state = self.fit, self.state
         fit_step(
-            self.image, self.optics, active, state.present, uneven, beside, fit.free, fit.rows,
-            state.fits, state.gains, state.slopes, self.moved, self.covariance, self.misfit,
-            fit.buffer,
+            self.image, self.optics, active, state.present, uneven, beside, self.kept, fit.free,
+            fit.rows, state.fits, state.gains, state.slopes, self.moved, self.covariance,
+            self.misfit, self.pool, fit.buffer,
         )  # fmt: skip
 
     def fits(self) -> PairFits:

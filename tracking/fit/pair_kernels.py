@@ -37,6 +37,7 @@ from .pixel_kernels import (
     stretch,
 )
 from .shade_kernels import shade
+from .template_kernels import UNKNOWNS, keep_template
 
 #: Strains of a marker, and logarithms of its size, are below this.
 MAX_STRAIN = 0.5
@@ -56,6 +57,7 @@ def fit_step(
     present: NDArray[np.bool_],
     uneven: NDArray[np.bool_],
     beside: NDArray[np.bool_],
+    kept: NDArray[np.bool_],
     free: int,
     stride: int,
     fits: Array,
@@ -64,6 +66,7 @@ def fit_step(
     steps: Array,
     covariance: Array,
     misfit: Array,
+    pool: Any,
     buffer: Array32,
 ) -> None:
     """One Gauss–Newton step on every active pair, in place.
@@ -76,6 +79,7 @@ def fit_step(
     present: layers that the model has, shape (M, 2)
     uneven: pairs whose light is fitted to second order; others keep their slopes, shape (M,)
     beside: pairs whose edges share light with those of other pairs, see `shade`, shape (M,)
+    kept: pairs whose template is made anew from the model before the step, shape (M,)
     free: numbers of each layer that are fitted, 5 or the first 2
     stride: every `stride`-th row of the image is read
     fits: (x, y, e, p, q) of each layer, shape (M, 2, 5)
@@ -86,6 +90,7 @@ def fit_step(
         step, shape (M, 9, 9); NaN where not fitted, and of gains under uneven light
     misfit: result, mean squared residual over noise variance before the step, shape (M,); infinite
         where the fit left the image or diverged
+    pool: templates, see Pool
     buffer: working memory, shape (BUFFER,)
     """
     shapes, inverses = np.empty((2, 2, 2)), np.empty((2, 2, 2))
@@ -94,11 +99,14 @@ def fit_step(
     normal, gradient, change = np.empty((size, size)), np.empty(size), np.empty(size)
     cross, box = np.zeros((LIGHTS, size)), np.empty(4)
     lights, rhs, brighter = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS), np.zeros(LIGHTS)
+    information = np.empty((2, UNKNOWNS, UNKNOWNS))
     extents, runs = extents_of(optics, fits), np.empty((ROWS, 3), dtype=np.int64)
     for m in range(fits.shape[0]):
         if not active[m]:
             continue
         misfit[m], steps[m] = np.inf, 0.0
+        if kept[m]:
+            pool.counts[m, 0] = 0
         if not (present[m, 0] or present[m, 1]):
             continue
         for k in range(2):
@@ -120,6 +128,11 @@ def fit_step(
         misfit[m] = squares / max(3 * count - size - 3, 1)
         _normal_equations(padded, free, buffer, normal, gradient, cross)
         terms = 3
+        if kept[m] and free == 5 and not uneven[m]:
+            keep_template(
+                optics, present, fits, gains, slopes, extents, m, count, runs, buffer, normal,
+                cross, lights, information, pool,
+            )  # fmt: skip
         if uneven[m]:
             terms = LIGHTS
             uneven_light(fits[m], padded, free, lights, rhs, cross, buffer)

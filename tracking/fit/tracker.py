@@ -15,13 +15,14 @@ from ...render import Frame
 from ..palette import Palette
 from ..trackers import check_frame
 from ..tracks import Tracks
-from .at_rest import STEPS, WORSE, AtRest, FitSettings, fit_rest, misfit_limit, visible_markers
+from .at_rest import STEPS, WORSE, AtRest, FitSettings, fit_rest, visible_markers
 from .compression import compression, deviations, fine_part
-from .looks import astray, better, judge, untangled, worth
+from .looks import astray, better, judge, surveyed, untangled, worth
 from .memory import PATIENCE, Look, Memory
-from .neighbour_kernels import median, tie_light
 from .pair_state import PairFits, PairState
 from .relocate import Relocated
+from .survey_kernels import report, velocities
+from .templates import forget
 from .tuning import faded, tune
 
 Array = NDArray[np.float64]
@@ -30,12 +31,10 @@ Mask = NDArray[np.bool_]
 
 #: Settings of the default tracker.
 FULL = FitSettings()
-#: Settings that fit pairs which hold still only in every fourth frame.
-THRIFTY = FitSettings(turns=4)
-#: The same, from every other row of the image.
-SPARSE = FitSettings(turns=4, rows=2)
-#: Settings that fit places alone, to every other row, in a single step where that is enough.
-QUICK = FitSettings(free=2, rows=2, arrived=0.3, glance=True)
+#: Settings that read every other row of the image.
+SPARSE = FitSettings(rows=2)
+#: The same, with templates that are kept for longer.
+QUICK = FitSettings(rows=2, limit=0.25)
 
 #: A fit of the colours helped where it lowers the misfit to less than this share.
 _BETTER = 0.98
@@ -45,12 +44,6 @@ _FEW = 3
 _FEW_SHARE = 0.02
 #: Standard deviation added to the log size of a marker that touches another one of its layer.
 _TOUCHING_SIZE = 0.003
-#: Frames in a row that are only glanced at while any marker is lost.
-_GLANCES = 8
-#: Pairs that moved less than this in a frame hold still [px].
-_STILL = 0.05
-#: All pairs are fitted where the still ones fit worse than before by this factor.
-_CHANGED = 1.1
 
 
 class MarkerTracker:
@@ -64,16 +57,24 @@ class MarkerTracker:
 
     Attributes
     ----------
-    state: all that changes from frame to frame, as one frozen value
     rest: tracks of the rest frames
     """
 
-    state: Memory
     rest: Tracks
     _known: AtRest
+    _memory: Memory
 
     def __init__(self, palette: Palette, noise: float, settings: FitSettings = FULL) -> None:
         self._palette, self._noise, self.settings = palette, noise, settings
+
+    @property
+    def state(self) -> Memory:
+        """All that changes from frame to frame; a copy, as templates are changed in place."""
+        return self._memory.copied()
+
+    @state.setter
+    def state(self, state: Memory) -> None:
+        self._memory = state.copied()
 
     def reset(self, rest: list[Frame]) -> Tracks:
         """Find the markers in frames of the unloaded sensor; their mean is the rest position.
@@ -84,18 +85,19 @@ class MarkerTracker:
             When there is no frame, or it does not show the sensor's markers.
         """
         known, fits = fit_rest(rest, self._palette, self._noise, self.settings)
-        visible = visible_markers(fits)
         self._known = known
-        self.state = Memory(
+        visible = visible_markers(fits)
+        self._memory = Memory(
             start=known.state.unsloped(),
             velocity=np.zeros_like(known.state.fits),
-            fitted=None,
+            templates=known.fit.empty_templates(),
             visible=visible,
             intact=visible,
             last_seen=np.where(visible.T, rest[-1].time, np.nan)[: known.layers],
             typical=max(1.0, fits.typical),
         )
-        tracks = _tracks(known, self.state, rest[-1], fits, visible, np.zeros_like(visible))
+        look = surveyed(known, self._memory, fits)
+        tracks = _tracks(known, self._memory, rest[-1], look, np.zeros_like(visible))
         if tracks.compression > 1.0:  # its errors are the same in all rest frames
             tracks = replace(tracks, covariance=len(rest) * tracks.covariance)
         self.rest = tracks
@@ -110,31 +112,17 @@ class MarkerTracker:
             When the frame has another size than the rest frame.
         """
         check_frame(frame, self._known.shape)
-        self.state, tracks = step(self._known, self.state, frame)
+        self._memory, tracks = step(self._known, self._memory, frame)
         return tracks
 
 
-def thrifty(palette: Palette, noise: float) -> MarkerTracker:
-    """Tracker that fits pairs which hold still in every fourth frame only.
-
-    Pairs that move, and those next to them, are fitted in every frame. The others stay as they were
-    fitted last: they lag by three frames at most, and their noise stays for as long, which shakes a
-    control loop more. Where the light changes, or any pair is lost, all are fitted.
-    """
-    return MarkerTracker(palette, noise, THRIFTY)
-
-
 def sparse(palette: Palette, noise: float) -> MarkerTracker:
-    """Tracker as `thrifty`, from every other row of the image: noisier, in half the time."""
+    """Tracker that reads every other row of the image: noisier, in less time."""
     return MarkerTracker(palette, noise, SPARSE)
 
 
 def quick(palette: Palette, noise: float) -> MarkerTracker:
-    """Tracker of places alone, from every other row, in a single step where that is enough.
-
-    Shapes are taken as at rest, and hues are not measured. Where the step does not explain all
-    markers that were visible, the frame is fitted as `MarkerTracker` does.
-    """
+    """Tracker as `sparse`, whose templates are kept until a pair has moved twice as far."""
     return MarkerTracker(palette, noise, QUICK)
 
 
@@ -147,14 +135,11 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     memory: after the frame before
     frame: of the rest frame's size
     """
-    image = frame.image
-    if known.settings.glance:
-        glance = _glance(known, memory, frame)
-        if glance is not None:
-            return glance
-    memory = replace(memory, glances=0, frames=memory.frames + 1)
+    image = np.ascontiguousarray(frame.image)
+    memory = replace(memory, frames=memory.frames + 1)
     start = memory.expected()
-    look = judge(known, memory, image, _first_fit(known, memory, image, start), start)
+    fits = known.fit.follow(image, start, STEPS, known.settings.limit, memory.templates)
+    look = judge(known, memory, image, fits, start)
     if astray(known, memory, look, 0):
         # The skin may have reversed its motion.
         still = memory.start.unsloped()
@@ -174,50 +159,7 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     memory, look, ambiguous = _tuned(known, memory, image, look, ambiguous, start)
     memory = _remember(known, memory, look, steady)
     memory = _at_time(memory, frame, look.visible)
-    return memory, _tracks(known, memory, frame, look.fits, look.visible, ambiguous)
-
-
-def _first_fit(known: AtRest, memory: Memory, image: Image, start: PairState) -> PairFits:
-    """Fit of a frame from where its markers are expected; still pairs only in their turn."""
-    present, before = known.state.present, memory.fitted
-    if (
-        known.settings.turns == 1
-        or before is None
-        or not np.isfinite(before.misfit[present.any(axis=1)]).all()
-        or not memory.visible[present].all()
-    ):
-        return known.fit.fit(image, start, STEPS)
-
-    def and_around(which: Mask) -> Mask:
-        return np.asarray(which | which[known.fit.near].any(axis=1))
-
-    moving = abs(memory.velocity[..., :2]).max(axis=(1, 2)) > _STILL
-    turn = (np.arange(len(moving)) - memory.frames) % known.settings.turns == 0
-    active = and_around(moving) | turn
-    fits = np.where(active[:, None, None], start.fits, memory.start.fits)
-    last = PairFits(replace(start, fits=fits), before.misfit, before.covariance)
-    now = known.fit.refit(image, last, active, STEPS)
-    still = turn & ~moving
-    if median(now.misfit[still]) > _CHANGED * max(1.0, median(before.misfit[still])):
-        return known.fit.fit(image, start, STEPS)
-    # Pairs that move after all, and those around them, are fitted as well.
-    moved = abs((now.state.fits - memory.start.fits)[..., :2]).max(axis=(1, 2)) > _STILL
-    woken = and_around(moved) & ~active
-    return known.fit.refit(image, now, woken, STEPS) if woken.any() else now
-
-
-def _glance(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks] | None:
-    """As `step`, from a single step of the fit; None where that is not enough."""
-    visible, glances = memory.visible, memory.glances + 1
-    fits = known.fit.glance(frame.image, replace(memory.expected(), present=visible))
-    explained = fits.misfit < misfit_limit(fits)
-    if not (explained | ~visible.any(axis=1)).all():
-        return None
-    if glances > _GLANCES and known.lost(visible):
-        return None
-    memory = _go_on(known, replace(memory, glances=glances), fits.state, fits.state.fits, visible)
-    memory = _at_time(memory, frame, visible)
-    return memory, _tracks(known, memory, frame, fits, visible, np.zeros_like(visible))
+    return memory, _tracks(known, memory, frame, look, ambiguous)
 
 
 def _start_at(known: AtRest, memory: Memory, relocated: Relocated) -> PairState:
@@ -252,6 +194,7 @@ def _tuned(
         elif not faded(known.fit, light):
             start = replace(start, absorbed=light.absorbed, width=light.width, black=light.black)
             look = judge(known, memory, image, fits, start)
+            forget(memory.templates)
             ambiguous = look.visible & (look.torn | ambiguous)
             before, typical = typical, look.fits.typical
             if typical < _BETTER * before:
@@ -265,6 +208,9 @@ def _tuned(
 def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory:
     """Memory after a look; lost markers move with their visible neighbours."""
     visible, state, near = look.visible, look.fits.state, known.fit.near
+    if visible[known.state.present].all():
+        memory = _go_on(known, memory, state, state.fits, visible & steady)
+        return replace(memory, visible=visible, intact=visible & ~look.torn)
     displacement = np.where(visible[..., None], state.fits - known.state.fits, np.nan)
     gains = np.where(np.asarray(visible.any(axis=1))[:, None], state.gains, np.nan)
     for m in np.flatnonzero((~visible & known.state.present).any(axis=1)):
@@ -274,10 +220,11 @@ def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory
         if np.isnan(gains[m, 0]):
             lit = near[m][visible[near[m]].any(axis=1)]
             gains[m] = gains[lit].mean(axis=0) if len(lit) else memory.start.gains[m]
+    forget(memory.templates, np.asarray((~visible & known.state.present).any(axis=1)))
     fits = known.state.fits + np.nan_to_num(displacement)
     state = replace(state, gains=np.where(np.isnan(gains), 1.0, gains))
     memory = _go_on(known, memory, state, fits, visible & steady)
-    return replace(memory, visible=visible, intact=visible & ~look.torn, fitted=look.fits)
+    return replace(memory, visible=visible, intact=visible & ~look.torn)
 
 
 def _go_on(known: AtRest, memory: Memory, state: PairState, fits: Array, steady: Mask) -> Memory:
@@ -289,10 +236,8 @@ def _go_on(known: AtRest, memory: Memory, state: PairState, fits: Array, steady:
     steady: markers that this frame shows the velocity of, shape (M, 2)
     """
     # The mean over the neighbours is a steadier guess than each marker's own step.
-    step = np.where(steady[..., None], (fits - memory.start.fits)[..., :2], 0.0)
-    near = known.fit.near
-    velocity = np.zeros_like(fits)
-    velocity[..., :2] = (step + step[near].sum(axis=1)) / (1 + near.shape[1])
+    velocity = np.empty_like(fits)
+    velocities(fits, memory.start.fits, steady, known.fit.near, velocity)
     start = replace(state, fits=fits, present=known.state.present)
     return replace(memory, start=start, velocity=velocity)
 
@@ -304,47 +249,32 @@ def _at_time(memory: Memory, frame: Frame, visible: Mask) -> Memory:
     return replace(memory, last_seen=last_seen)
 
 
-def _tracks(
-    known: AtRest, memory: Memory, frame: Frame, fit: PairFits, visible: Mask, ambiguous: Mask
-) -> Tracks:
-    """Tracks of a frame from its fit."""
-    layers, shape = known.layers, fit.state.fits.shape
-    # Where the model leaves more than noise unexplained, the fit is less certain.
-    excess = np.where(visible.any(axis=1), np.maximum(fit.misfit, 1.0), 1.0)
-    covariance = fit.covariance * excess[:, None, None]
-    fits = np.where(visible[..., None], fit.state.fits, np.nan)
-    log_size, hue = np.full(shape[:2], np.nan), partial(np.full, shape[0], np.nan)
-    if known.settings.free == 5:
-        gained = fit.state.gains / known.state.gains
-        # A pair that is not visible may have no light at all.
-        light = np.log(gained, out=np.full_like(gained, np.nan), where=gained > 0.0)
-        tie_light(light, visible.any(axis=1), known.fit.near, covariance, fits)
-        p, q = fits[..., 3], fits[..., 4]
-        log_size = fits[..., 2] + 0.5 * np.log(1.0 - p**2 - q**2)
-        hue = partial(known.fit.hues, frame.image, fits)
+def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: Mask) -> Tracks:
+    """Tracks of a frame from a look at it."""
+    layers, fit, visible = known.layers, look.fits, look.visible
+    fits, covariance = fit.state.fits.copy(), fit.covariance.copy()
+    log_size, spread = np.empty((2, len(fits))), np.ones((len(fits), 6))
     factor = _compression(known, frame.image, fit)
     if factor > 1.0:
-        offset = (fit.state.fits - known.state.fits)[..., :2]
+        offset = (fits - known.state.fits)[..., :2]
         moved = np.linalg.norm(np.where(visible[..., None], offset, 0.0), axis=2).max(axis=1)
         spread = deviations(factor, moved)
-        covariance[:, :6, :6] *= spread[:, :, None] * spread[:, None]
-    if known.settings.free == 5:
-        # Where markers touch, sizes depend on the light between them, which is less certain.
-        doubt = _TOUCHING_SIZE**2 * known.fit.touching(fits, visible)
-        covariance[:, 2, 2] += doubt
-        covariance[:, 5, 5] += doubt
-    ambiguous = ambiguous | known.fit.crowded(fits, visible)
-    covariance = covariance[:, : 3 * layers, : 3 * layers]
-    covariance[np.repeat(~visible[:, :layers], 3, axis=1)] = np.nan
+    # Where markers touch, sizes depend on the light between them, which is less certain.
+    doubt = _TOUCHING_SIZE**2 * look.touching
+    report(
+        fit.state.gains, known.state.gains, fit.misfit, visible, known.fit.near, spread, doubt,
+        fits, covariance, log_size,
+    )  # fmt: skip
+    ambiguous = ambiguous | look.on_others
     return Tracks(
         time=frame.time,
         position=np.swapaxes(fits[:, :layers, :2], 0, 1),
-        log_size=log_size[:, :layers].T,
-        hue=hue,
+        log_size=log_size[:layers],
+        hue=partial(known.fit.hues, frame.image, fits),
         visible=visible[:, :layers].T,
         ambiguous=ambiguous[:, :layers].T,
         last_seen=memory.last_seen.copy(),
-        covariance=covariance,
+        covariance=covariance[:, : 3 * layers, : 3 * layers],
         compression=factor,
     )
 

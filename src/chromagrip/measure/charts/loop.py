@@ -30,7 +30,7 @@ AXES = (
 )
 #: Trackers that are combined with reconstructors, the default first. They measure the sizes of
 #: markers, without which no reconstructor reads a normal force.
-_TRACKERS = ("fit", "thrifty", "sparse")
+_TRACKERS = ("fit", "sparse", "quick")
 _RECONSTRUCTORS = ("sequential", "gp", "stiffness")
 
 

@@ -35,9 +35,8 @@ SITUATIONS: tuple[tuple[float, float, float, float], ...] = (
 #: Fidelities of the camera path, from the default to the cheapest.
 CAMERA = (
     Fidelity(),
-    Fidelity(tracker="thrifty"),
-    Fidelity(tracker="thrifty", step_ms=5.0),
-    Fidelity(tracker="thrifty", step_ms=5.0, nodes=101),
+    Fidelity(step_ms=5.0),
+    Fidelity(step_ms=5.0, nodes=101),
     Fidelity(tracker="sparse", step_ms=5.0),
     Fidelity(tracker="sparse", step_ms=5.0, nodes=101),
 )

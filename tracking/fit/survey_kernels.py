@@ -1,0 +1,138 @@
+"""Compiled judgement of a frame's fit, and what is reported of it. `looks.py` documents the use."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+from .neighbour_kernels import crowded, tie_light, torn_off
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@njit()
+def survey(
+    fits: Array,
+    misfit: Array,
+    present: Mask,
+    rest: Array,
+    near: NDArray[np.int64],
+    over: NDArray[np.int64],
+    limits: Array,
+    share: float,
+    radii: Array,
+    visible: Mask,
+    torn: Mask,
+    on_others: Mask,
+    touching: Mask,
+) -> None:
+    """Which markers a fit explains, and which of them are where they should not be.
+
+    Parameters
+    ----------
+    fits, rest: now and at rest, shape (M, 2, 5)
+    misfit: shape (M,)
+    present: layers that the fit has, shape (M, 2)
+    near, over: pairs next to each pair, and those that may come to lie on it, shapes (M, K)
+    limits: largest misfit of a pair that is there, and largest difference of the motion of markers
+        that are not torn off each other [px]
+    share: motion of the inner layer over that of the outer one; NaN where it is not known
+    radii: distance of markers of a layer that may be confused, and that touch [px], (2, 2)
+    visible, torn, on_others: results, shape (M, 2)
+    touching: result, pairs with a marker that touches another one, shape (M,)
+    """
+    moved = np.empty((len(fits), 2, 2))
+    for m in range(len(fits)):
+        for k in range(2):
+            visible[m, k] = misfit[m] < limits[0] and present[m, k]
+            for i in range(2):
+                moved[m, k, i] = fits[m, k, i] - rest[m, k, i]
+    torn[:] = torn_off(moved, visible, near, limits[1])
+    on_others[:] = crowded(fits, visible, over, radii[0])
+    close = crowded(fits, visible, over, radii[1])
+    for m in range(len(fits)):
+        touching[m] = close[m, 0] or close[m, 1]
+        if visible[m, 0] and visible[m, 1]:
+            for i in range(2):
+                if abs(moved[m, 1, i] - share * moved[m, 0, i]) > limits[1]:
+                    torn[m, :] = True
+
+
+@njit()
+def report(
+    gains: Array,
+    rest_gains: Array,
+    misfit: Array,
+    visible: Mask,
+    near: NDArray[np.int64],
+    spread: Array,
+    doubt: Array,
+    fits: Array,
+    covariance: Array,
+    log_size: Array,
+) -> None:
+    """Turn a fit into what is said of the markers, with the light tied to that on the neighbours.
+
+    Parameters
+    ----------
+    gains, rest_gains: light now and at rest, shape (M, 3)
+    misfit: mean squared residual over noise variance, shape (M,)
+    visible: shape (M, 2)
+    near: neighbours, shape (M, K)
+    spread: factors of the deviations of (x, y, e) of both layers, shape (M, 6)
+    doubt: variance that is added to that of e, shape (M,)
+    fits, covariance: of the fit, shapes (M, 2, 5) and (M, 9, 9), in place; NaN where not visible
+    log_size: result, logarithm of the markers' sizes over those at rest, shape (2, M)
+    """
+    count = len(fits)
+    light, seen = np.empty((count, 3)), np.empty(count, dtype=np.bool_)
+    for m in range(count):
+        seen[m] = visible[m, 0] or visible[m, 1]
+        # Where the model leaves more than noise unexplained, the fit is less certain.
+        excess = max(misfit[m], 1.0) if seen[m] else 1.0
+        covariance[m] *= excess
+        for c in range(3):  # a pair that is not visible may have no light at all
+            gained = gains[m, c] / rest_gains[m, c]
+            light[m, c] = math.log(gained) if gained > 0.0 else np.nan
+        for k in range(2):
+            if not visible[m, k]:
+                fits[m, k] = np.nan
+    tie_light(light, seen, near, covariance, fits)
+    for m in range(count):
+        for k in range(2):
+            p, q = fits[m, k, 3], fits[m, k, 4]
+            log_size[k, m] = fits[m, k, 2] + 0.5 * math.log(1.0 - p * p - q * q)
+        for i in range(6):
+            for j in range(6):
+                covariance[m, i, j] *= spread[m, i] * spread[m, j]
+        covariance[m, 2, 2] += doubt[m]
+        covariance[m, 5, 5] += doubt[m]
+        for k in range(2):
+            if not visible[m, k]:
+                covariance[m, 3 * k : 3 * k + 3, :] = np.nan
+
+
+@njit()
+def velocities(
+    fits: Array, before: Array, steady: Mask, near: NDArray[np.int64], out: Array
+) -> None:
+    """Expected change of places until the next frame: the mean over each pair and those around it.
+
+    Parameters
+    ----------
+    fits, before: of this frame and the one before, shape (M, 2, 5)
+    steady: markers whose motion is known, shape (M, 2)
+    near: neighbours, shape (M, K)
+    out: result, shape (M, 2, 5); 0 but for places
+    """
+    out[:] = 0.0
+    for m in range(len(fits)):
+        for k in range(2):
+            for i in range(2):
+                total = fits[m, k, i] - before[m, k, i] if steady[m, k] else 0.0
+                for n in near[m]:
+                    if steady[n, k]:
+                        total += fits[n, k, i] - before[n, k, i]
+                out[m, k, i] = total / (1 + near.shape[1])

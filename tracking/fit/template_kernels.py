@@ -1,0 +1,419 @@
+"""Compiled templates of pairs. `templates.py` documents the use."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import njit
+from .light_kernels import place_of
+from .neighbour_kernels import slopes_of
+from .pixel_kernels import (
+    BY,
+    CHANGE,
+    F0,
+    GROUND,
+    LEVEL,
+    READ,
+    TERM,
+    WEIGHT,
+    Array,
+    Array32,
+    row_at,
+)
+from .run_lanes import BLOCK, FINE, NOT_READ, SUMS, add_run
+
+#: Unknowns of a pair: (x, y, e, p, q) of both layers, and the logarithms of three gains.
+UNKNOWNS = 13
+#: Offset of the sRGB curve over its slope by the logarithm of light [grey levels] …
+_TOE = np.float32(255.0 * 0.055)
+#: … and its exponent.
+_POWER = 2.4
+#: Numbers of (x, y, e) of both layers and of the gains among the unknowns.
+_CERTAIN = (0, 1, 2, 5, 6, 7, 10, 11, 12)
+#: Rows, which uneven light uses afterwards, of the change of level with the coverage by each layer
+#: in each channel.
+_STEEP = TERM
+#: Rows of the normals of the edges of both layers.
+_NORMALS = (CHANGE, CHANGE + 1, CHANGE + 5, CHANGE + 6)
+#: A pair further than this from where its template was made is fitted without it [limits].
+_NEAR = 5.0
+#: Motion of a neighbour that a template bears, over that of the pair itself.
+_STALE = 0.5
+#: Change of the light's slope that a template bears [1/px].
+_SLOPED = 2e-4
+#: Pairs with a misfit this many times the typical one are fitted, with uneven light.
+_UNEVEN = 1.6
+#: Neighbours that are further than this from where a pair ends do not matter to it [px].
+_FAR = 1.5
+
+
+class Pool(NamedTuple):
+    """Templates of M pairs; see `Templates`."""
+
+    levels: NDArray[np.int16]  # (M, 3·N) expected levels, of blocks of pixels, channel by channel
+    tells: NDArray[np.int8]  # (M, 10·N) changes of level with coverage, and edges' normals
+    units: Array  # (M, 2) of those two
+    runs: NDArray[np.int32]  # (M, R, 3) row, first column and blocks of each run
+    counts: NDArray[np.int32]  # (M, 2) runs, 0 where there is no template; and pixels that are read
+    inverse: Array32  # (M, 13, 13) of the information on the unknowns
+    fits: Array  # (M, 2, 5) where it was made
+    gains: Array  # (M, 3)
+    slopes: Array  # (M, 2) of the light
+    seen: Array32  # (M, K, 2, 2) where neighbours were; NaN where that does not matter
+
+
+class Around(NamedTuple):
+    """Pairs next to each of M pairs, by which the light's slope is read."""
+
+    near: NDArray[np.int64]  # (M, K)
+    to_slope: (
+        Array  # (M, 2, K) from the logarithms of their gains, less the own one's, to the slope
+    )
+
+
+@njit()
+def keep_template(
+    optics: Any,
+    present: NDArray[np.bool_],
+    fits: Array,
+    gains: Array,
+    slopes: Array,
+    extents: Array,
+    m: int,
+    count: int,
+    runs: NDArray[np.int64],
+    buffer: Array32,
+    normal: Array,
+    cross: Array,
+    lights: Array,
+    information: Array,
+    pool: Any,
+) -> None:
+    """Make the template of a pair from its rows of the buffer; none where it has no room.
+
+    Parameters
+    ----------
+    normal, cross, lights: information on markers and light as in `fit_step`, not yet solved
+    information: working memory, shape (2, 13, 13)
+    """
+    pool.counts[m, 0] = 0
+    number = blocks = 0
+    while runs[number, 2] > 0:
+        blocks += runs[number, 2]
+        number += 1
+    if number > pool.runs.shape[1] or 3 * BLOCK * blocks > pool.levels.shape[1]:
+        return
+    _unknown_information(normal, cross, lights, information[0])
+    if not _inverse(information[0], information[1], pool.inverse[m]):
+        return
+    for run in range(number):
+        for j in range(3):
+            pool.runs[m, run, j] = runs[run, j]
+    pool.counts[m, 0], pool.counts[m, 1] = number, count
+    pool.fits[m], pool.gains[m] = fits[m], gains[m]
+    pool.slopes[m] = slopes[m, :2]
+    _pack(optics, m, blocks, buffer, pool)
+    _note_neighbours(optics, present, fits, extents, m, pool.seen[m])
+
+
+@njit()
+def _unknown_information(normal: Array, cross: Array, lights: Array, out: Array) -> None:
+    """Information on the unknowns, in their order; 1 on what is not there."""
+    for k in range(2):
+        for i in range(5):
+            for n in range(2):
+                for j in range(5):
+                    out[5 * k + i, 5 * n + j] = normal[place_of(k, i, 5), place_of(n, j, 5)]
+            for c in range(3):
+                value = cross[c, place_of(k, i, 5)]
+                out[5 * k + i, 10 + c] = out[10 + c, 5 * k + i] = value
+    for c in range(3):
+        for d in range(3):
+            out[10 + c, 10 + d] = lights[c, c] if c == d else 0.0
+    for i in range(UNKNOWNS):
+        if not out[i, i] > 0.0:
+            out[i, i] = 1.0
+
+
+@njit()
+def _inverse(matrix: Array, factor: Array, out: Array32) -> bool:
+    """Inverse of a positive definite matrix, by Cholesky; False where it is none."""
+    size = matrix.shape[0]
+    for i in range(size):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            if i > j:
+                factor[i, j] = total * factor[j, j]
+            elif total > 1e-9 * matrix[i, i]:
+                factor[i, i] = 1.0 / math.sqrt(total)
+            else:
+                return False
+    # The factor's inverse takes the matrix's place, column by column.
+    for j in range(size):
+        matrix[j, j] = factor[j, j]
+        for i in range(j + 1, size):
+            total = 0.0
+            for k in range(j, i):
+                total -= factor[i, k] * matrix[k, j]
+            matrix[i, j] = total * factor[i, i]
+    for i in range(size):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, size):
+                total += matrix[k, i] * matrix[k, j]
+            out[i, j] = out[j, i] = np.float32(total)
+    return True
+
+
+@njit()
+def _pack(optics: Any, m: int, blocks: int, buffer: Array32, pool: Any) -> None:
+    """Levels, their changes with coverage, and normals of the edges, as short integers."""
+    size = blocks * BLOCK
+    steep, normal = np.float32(1e-6), np.float32(1e-6)
+    for c in range(3):
+        a0, a1, b = optics.absorbed[0, c], optics.absorbed[1, c], optics.absorbed[2, c]
+        first, second, weight = row_at(_STEEP + c), row_at(_STEEP + 3 + c), row_at(WEIGHT + c)
+        for i in range(np.uint64(size)):
+            slope = np.sqrt(buffer[weight + i] * optics.variance)
+            light = buffer[row_at(GROUND + c) + i] * slope
+            buffer[first + i] = light * (b * buffer[row_at(BY) + i] - a0)
+            buffer[second + i] = light * (b * buffer[row_at(BY + 1) + i] - a1)
+            steep = max(steep, abs(buffer[first + i]), abs(buffer[second + i]))
+    for r in range(4):
+        row = row_at(_NORMALS[r])
+        for i in range(np.uint64(size)):
+            normal = max(normal, abs(buffer[row + i]))
+    most = np.float32(127.0)
+    pool.units[m, 0], pool.units[m, 1] = steep / most, normal / most
+    per_steep, per_normal = most / steep, most / normal
+    for block in range(blocks):
+        for j in range(BLOCK):
+            at = np.uint64(block * BLOCK + j)
+            read = buffer[row_at(READ) + at] > F0
+            for c in range(3):
+                level = np.rint(buffer[row_at(LEVEL + c) + at] * np.float32(FINE))
+                level = min(max(level, np.float32(NOT_READ + 1)), np.float32(-NOT_READ - 1))
+                kept = np.int16(level) if read else np.int16(NOT_READ)
+                pool.levels[m, (3 * block + c) * BLOCK + j] = kept
+            for r in range(6):
+                value = np.rint(buffer[row_at(_STEEP + r) + at] * per_steep)
+                pool.tells[m, (10 * block + r) * BLOCK + j] = np.int8(value)
+            for r in range(4):
+                value = np.rint(buffer[row_at(_NORMALS[r]) + at] * per_normal)
+                pool.tells[m, (10 * block + 6 + r) * BLOCK + j] = np.int8(value)
+
+
+@njit()
+def _note_neighbours(
+    optics: Any, present: NDArray[np.bool_], fits: Array, extents: Array, m: int, seen: Array32
+) -> None:
+    """Where the neighbours are that reach the pixels of a pair, or nearly do."""
+    reach = 2.0 * optics.reach * optics.width + _FAR
+    for n, other in enumerate(optics.neighbours[m]):
+        for k in range(2):
+            seen[n, k, :] = np.nan
+            if other < 0 or not present[other, k]:
+                continue
+            for own in range(2):
+                if present[m, own]:
+                    dx = fits[m, own, 0] - fits[other, k, 0]
+                    dy = fits[m, own, 1] - fits[other, k, 1]
+                    far = extents[m, own] + extents[other, k] + reach
+                    if dx * dx + dy * dy < far * far:
+                        seen[n, k, 0], seen[n, k, 1] = fits[other, k, 0], fits[other, k, 1]
+
+
+@njit()
+def follow(
+    image: NDArray[np.uint8],
+    optics: Any,
+    around: Any,
+    size: float,
+    limit: float,
+    pool: Any,
+    fits: Array,
+    gains: Array,
+    slopes: Array,
+    misfit: Array,
+    covariance: Array,
+    active: NDArray[np.bool_],
+) -> int:
+    """Fit all pairs by their templates; returns the number of those for which this is not enough.
+
+    Parameters
+    ----------
+    image: sRGB, shape (H, W, 3)
+    optics: see Optics
+    around: see Around
+    size: typical radius [px], by which strains count as motion
+    limit: of an edge's motion since the template was made [px]
+    pool: see Pool
+    fits, gains, slopes: where pairs are expected, shapes (M, 2, 5), (M, 3), (M, 5); in place
+    misfit: result, mean squared residual over noise variance, shape (M,)
+    covariance: result, of (x, y, e) of both layers and the logarithms of the gains, (M, 9, 9)
+    active: result, pairs that are not at their fit yet, shape (M,)
+    """
+    _look(image, optics, size, limit, pool, fits, gains, slopes, misfit, covariance, active)
+    typical = max(1.0, _typical(misfit))
+    for m in range(len(active)):
+        if not misfit[m] < _UNEVEN * typical:
+            active[m] = True
+    return stale(optics.neighbours, around, limit, pool, fits, gains, active)
+
+
+@njit()
+def _typical(misfit: Array) -> float:
+    """Median of the misfits of pairs with a fit; 1 where there are none."""
+    found = misfit[np.isfinite(misfit)]
+    return float(np.median(found)) if len(found) > 0 else 1.0
+
+
+@njit()
+def _look(
+    image: NDArray[np.uint8],
+    optics: Any,
+    size: float,
+    limit: float,
+    pool: Any,
+    fits: Array,
+    gains: Array,
+    slopes: Array,
+    misfit: Array,
+    covariance: Array,
+    active: NDArray[np.bool_],
+) -> None:
+    """Fit the pairs that have a template, linear about where it was made."""
+    flat, breadth = image.reshape(-1), image.shape[1]
+    sums, gradient = np.empty(SUMS * BLOCK, dtype=np.float32), np.empty(UNKNOWNS, dtype=np.float32)
+    room = pool.levels.shape[1] // (3 * BLOCK)
+    levels, tells = pool.levels.reshape(-1), pool.tells.reshape(-1)
+    black = optics.black
+    offsets = _offset(black[0]), _offset(black[1]), _offset(black[2])
+    fit, gain = np.empty((2, 5)), np.empty(3)
+    for m in range(fits.shape[0]):
+        active[m], misfit[m] = True, np.inf
+        at = pool.fits[m]
+        shift = 0.0
+        for k in range(2):
+            for i in range(2):
+                shift = max(shift, abs(fits[m, k, i] - at[k, i]))
+        if pool.counts[m, 0] == 0 or not shift < _NEAR * limit:
+            continue
+        sums[:] = F0
+        block = m * room
+        for run in range(pool.counts[m, 0]):
+            row, column, blocks = pool.runs[m, run, 0], pool.runs[m, run, 1], pool.runs[m, run, 2]
+            first = 3 * (np.int64(row) * breadth + column)
+            x, y = np.float32(column - at[0, 0]), np.float32(row - at[0, 1])
+            add_run(
+                flat, np.uint64(first), levels, tells, np.uint64(block), np.uint64(blocks), x, y,
+                offsets, sums,
+            )  # fmt: skip
+            block += blocks
+        squares = _gradient(optics, m, sums, pool, gradient)
+        moved = 0.0
+        for i in range(UNKNOWNS):
+            change = F0
+            for j in range(UNKNOWNS):
+                change += pool.inverse[m, i, j] * gradient[j]
+            squares -= change * gradient[i]
+            if i < 10:
+                fit[i // 5, i % 5] = at[i // 5, i % 5] + change
+                moved = max(moved, abs(float(change)) * (1.0 if i % 5 < 2 else size))
+            else:
+                gain[i - 10] = pool.gains[m, i - 10] * math.exp(change)
+        if not moved < _NEAR * limit:
+            continue
+        fits[m], gains[m] = fit, gain
+        slopes[m, :2], slopes[m, 2:] = pool.slopes[m], 0.0
+        active[m] = not moved < limit
+        misfit[m] = max(squares, 0.0) / max(3 * pool.counts[m, 1] - UNKNOWNS, 1)
+        for i in range(9):
+            for j in range(9):
+                covariance[m, i, j] = pool.inverse[m, _CERTAIN[i], _CERTAIN[j]]
+
+
+@njit()
+def _offset(black: np.float32) -> np.float32:
+    """What is added to a level for its slope by the logarithm of the light, times _POWER."""
+    return (np.float32(255.0) - black) * np.float32(_TOE / 255.0) - black
+
+
+@njit()
+def _gradient(optics: Any, m: int, sums: Array32, pool: Any, gradient: Array32) -> float:
+    """Gradient by the unknowns from the sums of all blocks; returns the sum of squares."""
+    per_variance = 1.0 / optics.variance
+    for i in range(SUMS):
+        o = i * BLOCK
+        sums[i] = ((sums[o] + sums[o + 1]) + (sums[o + 2] + sums[o + 3])) + (
+            (sums[o + 4] + sums[o + 5]) + (sums[o + 6] + sums[o + 7])
+        )
+    at = pool.fits[m]
+    dx, dy = np.float32(at[0, 0] - at[1, 0]), np.float32(at[0, 1] - at[1, 1])
+    unit = np.float32(pool.units[m, 0] * pool.units[m, 1] * per_variance)
+    for k in range(2):
+        o = 4 + 6 * k
+        across, up = sums[o], sums[o + 1]
+        xx, xy, yx, yy = sums[o + 2], sums[o + 3], sums[o + 4], sums[o + 5]
+        if k == 1:  # places are counted from the first layer
+            xx += dx * across
+            xy += dy * across
+            yx += dx * up
+            yy += dy * up
+        gradient[5 * k], gradient[5 * k + 1] = unit * across, unit * up
+        gradient[5 * k + 2] = unit * (xx + yy)
+        gradient[5 * k + 3], gradient[5 * k + 4] = unit * (xx - yy), unit * (xy + yx)
+    for c in range(3):
+        gradient[10 + c] = np.float32(sums[1 + c] * per_variance / _POWER)
+    return float(sums[0] * per_variance)
+
+
+@njit()
+def stale(
+    near: NDArray[np.int64],
+    around: Any,
+    limit: float,
+    pool: Any,
+    fits: Array,
+    gains: Array,
+    active: NDArray[np.bool_],
+) -> int:
+    """Pairs whose surroundings are not as they were when the template was made.
+
+    Parameters
+    ----------
+    near: pairs that may come near, shape (M, K)
+    around: see Around
+    limit: of a pair's own motion [px]
+    pool: see Pool
+    fits, gains: now
+    active: pairs, shape (M,), in place
+
+    Returns
+    -------
+    Number of active pairs.
+    """
+    number = 0
+    slopes = np.empty((len(active), 2))
+    slopes_of(gains, around.near, around.to_slope, slopes)
+    most = _STALE * limit
+    for m in range(len(active)):
+        if not active[m] and pool.counts[m, 0] > 0:
+            dx, dy = slopes[m, 0] - pool.slopes[m, 0], slopes[m, 1] - pool.slopes[m, 1]
+            active[m] = not (abs(dx) < _SLOPED and abs(dy) < _SLOPED)
+            for n in range(near.shape[1]):
+                other = near[m, n]
+                if other < 0:
+                    break
+                for k in range(2):
+                    if (
+                        abs(fits[other, k, 0] - pool.seen[m, n, k, 0]) > most
+                        or abs(fits[other, k, 1] - pool.seen[m, n, k, 1]) > most
+                    ):
+                        active[m] = True
+        number += active[m]
+    return number

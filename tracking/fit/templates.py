@@ -1,0 +1,58 @@
+"""Templates: what the model of each pair said where it was last fitted, kept until the pair moves.
+
+A template holds the expected level of every pixel of a pair, what each layer's coverage changes in
+it, the normals of the edges, and the inverse of the information on the pair's unknowns. A frame
+then costs sums of sixteen products over the pixels: the step of the fit with the slopes of before.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .run_lanes import BLOCK
+from .template_kernels import UNKNOWNS, Pool
+
+Array = NDArray[np.float64]
+
+#: Pixels that a pair has room for, over those of one marker.
+_ROOM = 1.6
+#: Pixels that are in a row's blocks beside those that are read.
+_SPARE = 7.0
+
+
+def empty_templates(pairs: int, neighbours: int, radius: float, rows: int) -> Pool:
+    """Room for the templates of some pairs, none of which is made yet.
+
+    Parameters
+    ----------
+    pairs, neighbours: number of pairs, and of those that may come near each
+    radius: of a marker with its blurred edge [px]
+    rows: every `rows`-th row of the image is read
+    """
+    lines = int(2.0 * _ROOM * radius / rows) + 2
+    blocks = int((_ROOM * np.pi * radius**2 / rows + _SPARE * lines) / BLOCK) + 1
+    return Pool(
+        levels=np.zeros((pairs, 3 * BLOCK * blocks), dtype=np.int16),
+        tells=np.zeros((pairs, 10 * BLOCK * blocks), dtype=np.int8),
+        units=np.zeros((pairs, 2)),
+        runs=np.zeros((pairs, lines, 3), dtype=np.int32),
+        counts=np.zeros((pairs, 2), dtype=np.int32),
+        inverse=np.zeros((pairs, UNKNOWNS, UNKNOWNS), dtype=np.float32),
+        fits=np.full((pairs, 2, 5), np.nan),
+        gains=np.ones((pairs, 3)),
+        slopes=np.zeros((pairs, 2)),
+        seen=np.full((pairs, neighbours, 2, 2), np.nan, dtype=np.float32),
+    )
+
+
+#: No room for any template.
+NO_TEMPLATES = empty_templates(0, 0, 0.0, 1)
+
+
+def forget(pool: Pool, pairs: NDArray[np.bool_] | None = None) -> None:
+    """Forget the templates of some pairs, shape (M,), or of all."""
+    pool.counts[slice(None) if pairs is None else pairs, 0] = 0
+
+
+def copied(pool: Pool) -> Pool:
+    """The same templates in arrays of their own."""
+    return Pool._make(values.copy() for values in pool)
