@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,12 +92,12 @@ class ForceField:
     directions: Array | None = None
     wrench_covariance: Array | None = None
 
-    @property
+    @cached_property
     def total_normal(self) -> float:
         """ΣFn over the nodes in contact [N]."""
         return float(self.normal[self.contact].sum())
 
-    @property
+    @cached_property
     def net_friction(self) -> Array:
         """Σ Ff,i over the nodes in contact [N], shape (1,) along a chain or (3,) on a dome.
 
@@ -111,7 +112,7 @@ class ForceField:
                 whole = whole - axis * (whole @ axis) / length**2
         return whole
 
-    @property
+    @cached_property
     def total_friction(self) -> float:
         """ΣFf = |ΣFf,i|, see `net_friction` [N]: a pure press has none."""
         return float(np.linalg.norm(self.net_friction))

@@ -102,16 +102,18 @@ class MarkerShifts:
         """Pairs (P,) of which every marker that was there at rest is among some (L, M)."""
         return np.asarray((markers[:, self.pairs] | ~self._there).all(axis=0))
 
-    def covariance(self, tracks: Tracks) -> Array:
-        """Covariance of the pairs' (x, y, log size) in one frame, shape (P, 6, 6).
+    def covariance(self, tracks: Tracks, some: NDArray[np.bool_] | None = None) -> Array:
+        """Covariance of (x, y, log size) of all pairs in one frame, or of some (P,): (…, 6, 6).
 
         Where a pair is not visible it is NaN; what is not measured is independent of the rest.
         """
-        return carried(self._blocks, self.separated(tracks.covariance[self.pairs]))
+        of = slice(None) if some is None else some
+        return carried(self._blocks[of], self.separated(tracks.covariance[self.pairs[of]], some))
 
-    def separated(self, covariance: Array) -> Array:
-        """Covariances (P, 6, 6) in which what is not measured is independent of the rest."""
-        both = self.measured[:, :, None] & self.measured[:, None, :]
+    def separated(self, covariance: Array, some: NDArray[np.bool_] | None = None) -> Array:
+        """Covariances (…, 6, 6) in which what is not measured is independent of the rest."""
+        measured = self.measured[slice(None) if some is None else some]
+        both = measured[:, :, None] & measured[:, None, :]
         return np.where(both, covariance, np.eye(MEASURED))
 
     def noise(self, tracks: Tracks) -> Array:

@@ -16,8 +16,9 @@ from ....render import SensorDesign
 from ...tracks import Tracks
 from ..reconstructors import NoEstimateError
 from ..shifts import MEASURED
+from .code_kernels import left_over, typical_variance, whitened
 from .noise_level import NOISE_CHANGE, NoiseLevel, VagueSizes, Weights, noise_level, vague_sizes
-from .readout import limited
+from .readout import SIZE_CHANGE
 from .specimen import SIZES, Specimen, aligned
 
 Array = NDArray[np.float64]
@@ -142,8 +143,7 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
     """
     shifts, certain = specimen.shifts(tracks, least_pairs(specimen.shifts.sensor))
     visible = specimen.shifts.whole(tracks.visible)
-    shifts = limited(np.where(visible[:, None], shifts, 0.0))
-    level = float(np.nanmedian(tracks.covariance[specimen.shifts.pairs[visible], 0, 0]))
+    level = typical_variance(tracks.covariance, specimen.shifts.pairs, visible)
     if kept is None or abs(level - kept.noise.level) >= NOISE_CHANGE * kept.noise.level:
         plane = aligned(specimen, 0.0) if kept is None else kept.noise.aligned
         kept = Kept(noise=noise_level(specimen, plane, level, tracks, visible))
@@ -164,14 +164,9 @@ def _fit_aligned(
     noise = kept.noise
     vague = vague_sizes(specimen, noise, kept.vague, tracks, visible)
     weights = noise.weights if vague is None else vague.weights
-    centred = (shifts - noise.aligned.mean).astype(np.float32)
-    centred[~visible] = 0.0
-    solver = _Solver(
-        noise=noise,
-        weights=weights,
-        white=np.einsum("pij,pj->pi", weights.whiten, centred),
-        before=kept.posterior,
-    )
+    white = np.empty(shifts.shape, dtype=np.float32)
+    whitened(shifts, noise.aligned.mean, visible, SIZE_CHANGE, weights.whiten, white)
+    solver = _Solver(noise=noise, weights=weights, white=white, before=kept.posterior)
     fit = solver.consistent(certain)
     ambiguous = visible & ~certain
     if ambiguous.any():
@@ -189,13 +184,9 @@ def _shear(specimen: Specimen, fit: Fit) -> tuple[Array, Array]:
 def _turn(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> tuple[float, float]:
     """Angle from the plane to the shear's own azimuth, and its standard deviation [rad]."""
     along, across = _shear(specimen, fit)
-    codes = specimen.codes
-    odd = noise.weights.covariance[codes : -len(SIZES), codes : -len(SIZES)]
-    each = specimen.direction.across
-    uncertain = float(np.einsum("ri,ij,rj->", each, odd, each))
     size = float(along @ along + across @ across)
     turn = 0.5 * math.atan2(2.0 * float(along @ across), float(along @ along - across @ across))
-    return turn, math.sqrt(uncertain / max(size, 1e-12))
+    return turn, math.sqrt(noise.across_variance / max(size, 1e-12))
 
 
 def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
@@ -307,10 +298,12 @@ class _Solver:
     def fit(self, pairs: Mask) -> Fit:
         """Unknowns from these pairs."""
         posterior, rows = self._posterior(pairs), self.weights.rows
-        moment = rows.T @ (self.white * pairs[:, None]).ravel()
+        white = self.white if pairs.all() else self.white * pairs[:, None]
+        moment = white.ravel() @ rows
         unknowns = self.noise.unshrink * (posterior.covariance @ moment)
-        missed = self.white - (rows @ unknowns.astype(np.float32)).reshape(self.white.shape)
-        misfit = np.einsum("pj,pj->p", missed, missed)
+        explained = (rows @ unknowns.astype(np.float32)).reshape(self.white.shape)
+        missed, misfit = np.empty_like(self.white), np.empty(len(pairs), dtype=np.float32)
+        left_over(self.white, explained, missed, misfit)
         return Fit(
             pairs=pairs, unknowns=unknowns, posterior=posterior, missed=missed, misfit=misfit
         )

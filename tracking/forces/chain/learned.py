@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import UserError
-from ....model import Fingertip, ForceField, FrictionReading
+from ....model import ForceField, FrictionReading
 from ...tracks import Tracks
 from ..calibration import SensorCalibration, required_readout
 from ..friction import OBSERVABLE_MARGIN
@@ -129,7 +129,7 @@ class Learned:
         self._displacement = (
             readout.amounts @ readout.modes.reshape(len(readout.modes), -1)
         ).astype(np.float32)
-        self._at_rest = tip.rest_positions()
+        self._at_rest, self._threshold = tip.rest_positions(), tip.contact_threshold
         self._memory = Memory()
 
     def reset(self) -> None:
@@ -175,7 +175,7 @@ class Learned:
         totals = _read_totals(self._readout, codes, x, stiffness)
         displacement = np.append(codes.value, 1.0).astype(np.float32) @ self._displacement
         position = self._at_rest + displacement.reshape(-1, 2)
-        field = _force_field(self._readout, self._fingertip, totals, x, position)
+        field = _force_field(self._readout, self._threshold, totals, x, position)
         return replace(field, plane=codes.plane)
 
 
@@ -222,14 +222,20 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Numbers, stiffness: float) -
         When they leave ΣFn open.
     """
     short = x.astype(np.float32)
-    output, by_input = linearised(readout.totals, short)
+    # What is beyond the training's noise is carried through the network's slope.
+    noisier = bool(codes.excess.any())
+    if noisier:
+        output, by_input = linearised(readout.totals, short)
+    else:
+        output = forward(readout.totals, short)
     middle, scale = readout.targets
     totals = middle + scale * output
     totals[:2] += linear_sums(readout.sums, codes.value)
     deviations = np.exp(0.5 * forward(readout.deviations, short).astype(float))
     covariance = np.outer(deviations[:3], deviations[:3]) * readout.correlation
-    slope = readout.slope(codes.value, by_input)
-    covariance += slope @ codes.excess @ slope.T
+    if noisier:
+        slope = readout.slope(codes.value, by_input)
+        covariance += slope @ codes.excess @ slope.T
     normal, friction = (
         BEND * math.sinh(min(max(float(value), -_LARGEST), _LARGEST)) for value in totals[:2]
     )
@@ -255,17 +261,20 @@ def _read_totals(readout: ReadOut, codes: Codes, x: Numbers, stiffness: float) -
 
 
 def _force_field(
-    readout: ReadOut, tip: Fingertip, totals: Totals, x: Numbers, position: Array
+    readout: ReadOut, threshold: Array, totals: Totals, x: Numbers, position: Array
 ) -> ForceField:
-    """Nodal forces of these sums, at deformed positions (N, 2) [m]."""
+    """Nodal forces of these sums, at deformed positions (N, 2) [m].
+
+    Nodes are in contact above a threshold (N,) [N].
+    """
     normal, friction, mu = totals.normal, totals.friction, totals.mu
     shapes = forward(readout.shapes, x.astype(np.float32))
     half = len(shapes) // 2
     press = np.append(1.0, shapes[:half]) @ readout.normal_shapes
     drag = np.append(1.0, shapes[half:]) @ readout.friction_shapes
     press = np.maximum(press, 0.0)
-    pressing = normal * press / press.sum() if normal > _NO_CONTACT else np.zeros(tip.nodes)
-    contact = pressing > tip.contact_threshold
+    pressing = normal * press / press.sum() if normal > _NO_CONTACT else np.zeros(len(position))
+    contact = pressing > threshold
     touches = bool(contact.any())
     if touches:
         pressing *= contact * (normal / pressing[contact].sum())
@@ -273,7 +282,7 @@ def _force_field(
         # Sums are read better than shapes are.
         dragging += (friction - dragging.sum()) * pressing / normal
     else:
-        dragging = np.zeros(tip.nodes)
+        dragging = np.zeros(len(position))
     deviation = math.sqrt(totals.covariance[2, 2])
     # A press alone says little of µ, and that only by the law of friction trained with.
     slips = touches and 1.0 - abs(friction) / (mu * normal) < OBSERVABLE_MARGIN

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ...tracks import Tracks
 from ..shifts import MEASURED
+from .code_kernels import find_vague
 from .specimen import SIZES, Aligned, Specimen
 
 Array = NDArray[np.float64]
@@ -61,6 +62,7 @@ class NoiseLevel:
     variance: of each code, shape (K,)
     constant_variance: share of it that is the same in every frame, shape (K,)
     excess: covariance of the codes beyond that of training, shape (K, K)
+    across_variance: of the first harmonic of the shear across the load's plane [px²]
     """
 
     aligned: Aligned
@@ -72,6 +74,7 @@ class NoiseLevel:
     variance: Array
     constant_variance: Array
     excess: Array
+    across_variance: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +127,7 @@ def noise_level(
     raised = (unshrink[:, None] * covariance * unshrink)[:codes, :codes]
     spreads, directions = np.linalg.eigh(raised)
     excess = np.where(spreads > _NOISIER * typical, spreads - typical, 0.0)
+    odd, across = slice(codes, -len(SIZES)), specimen.direction.across
     operator = (unshrink[:, None] * (covariance @ rows.T))[:codes].reshape(codes, pairs, MEASURED)
     whitened = whiten @ constant @ np.swapaxes(whiten, 1, 2)
     return NoiseLevel(
@@ -141,6 +145,7 @@ def noise_level(
         variance=variance,
         constant_variance=np.einsum("kpi,pij,kpj->k", operator, whitened, operator, optimize=True),
         excess=(directions * excess) @ directions.T,
+        across_variance=float(((across @ covariance[odd, odd]) * across).sum()),
     )
 
 
@@ -152,11 +157,10 @@ def vague_sizes(
     visible: Mask,
 ) -> VagueSizes | None:
     """Weights of a frame in which log sizes of some pairs, which touch others, are vaguer."""
-    sizes = tracks.covariance[specimen.shifts.pairs[:, None], SIZES, SIZES]
-    pairs = visible & (sizes > _VAGUER * noise.sizes).any(axis=1)
-    if not pairs.any():
+    shifts, pairs = specimen.shifts, np.empty_like(visible)
+    if not find_vague(tracks.covariance, shifts.pairs, visible, noise.sizes, _VAGUER, pairs):
         return None
-    covariance = specimen.shifts.covariance(tracks)[pairs]
+    covariance = shifts.covariance(tracks, pairs)
     variances = covariance.diagonal(axis1=1, axis2=2)
     if before is not None and np.array_equal(pairs, before.pairs):
         change = abs(variances - before.variances)

@@ -30,7 +30,7 @@ BEND = 0.4
 #: Codes above this many of their scales are not told apart.
 LARGEST_CODE = 6.0
 #: Largest change of a marker's log size that is read.
-_SIZE_CHANGE = 0.1
+SIZE_CHANGE = 0.1
 #: Arrays of more numbers than this are written in half precision.
 _MANY = 5000
 #: Fields of a read-out that are texts.
@@ -174,7 +174,7 @@ def limited(shifts: Array) -> Array:
     """
     limited = np.array(shifts, order="C")
     sizes = limited.reshape(-1, 3)[:, 2]
-    np.clip(sizes, -_SIZE_CHANGE, _SIZE_CHANGE, out=sizes)
+    np.clip(sizes, -SIZE_CHANGE, SIZE_CHANGE, out=sizes)
     return limited
 
 
