@@ -45,6 +45,25 @@ def slopes_of(gains: Array, near: NDArray[np.int64], to_slope: Array, out: Array
 
 
 @njit()
+def lying(
+    fits: Array, present: NDArray[np.bool_], near: NDArray[np.int64], radii: Array
+) -> NDArray[np.bool_]:
+    """Pairs with a marker that lies within some distances of another one of its layer, (R, M).
+
+    Parameters
+    ----------
+    fits, present, near: see `crowded`
+    radii: distances in each layer [px], shape (R, 2)
+    """
+    out = np.empty((len(radii), len(fits)), dtype=np.bool_)
+    for r in range(len(radii)):
+        close = crowded(fits, present, near, radii[r])
+        for m in range(len(fits)):
+            out[r, m] = close[m, 0] or close[m, 1]
+    return out
+
+
+@njit()
 def tie_light(
     light: Array,
     visible: NDArray[np.bool_],

@@ -15,10 +15,10 @@ from ...render import decode_srgb, encode_srgb
 from ...render.drawing import edge_width
 from ..detection import RestFrame, neighbours
 from ..palette import Palette
-from .neighbour_kernels import crowded, median, slopes_of
-from .pair_kernels import fit_step, mean_hues
+from .neighbour_kernels import lying, median
+from .pair_kernels import converge, fit_step, mean_hues
 from .pair_state import PairFits, PairState, chosen
-from .pixel_kernels import BUFFER, STEPS_OF_LIGHT, TERMS, Optics
+from .pixel_kernels import BUFFER, STEPS_OF_LIGHT, TERMS, Optics, extents_of
 from .template_kernels import Around, Pool, follow, stale
 from .templates import NO_TEMPLATES, empty_templates
 
@@ -236,7 +236,7 @@ class PairFit:
         """
         seen = _unknown(start.copied())
         active = np.empty(len(seen.misfit), dtype=np.bool_)
-        around, near = Around(self.near, self.to_slope), self.optics.neighbours
+        around, near = self.around, self.optics.neighbours
         state = seen.state
         left = follow(
             image, self.optics_of(state), around, self.radius[0], limit, pool, state.fits,
@@ -288,6 +288,11 @@ class PairFit:
         return work.fits()
 
     @cached_property
+    def around(self) -> Around:
+        """Pairs next to each pair."""
+        return Around(self.near, self.to_slope)
+
+    @cached_property
     def radii(self) -> Array:
         """Distances of layers' markers that may be confused, and that touch [px], shape (2, 2)."""
         return np.outer([_CROWDED, _TOUCHING], self.radius)
@@ -324,11 +329,17 @@ class PairFit:
 
     def _step(self, work: "_Work", wanted: Mask, steps: int) -> None:
         """Steps on the wanted pairs, shape (M,), until they have converged."""
-        lying = (work.state.fits, work.state.present)
+        state = work.state
         # Pairs that touch may still be far from their place.
-        beside = self._within(_BESIDE, *lying) & ~self._within(_TOUCHING, *lying)
-        self._converge(work, wanted, beside, steps)
-        touching = self._within(_TOUCHING, *lying) | (self._within(_BESIDE, *lying) & ~beside)
+        near, touching = self._lying(state)
+        beside = near & ~touching
+        converge(
+            work.image, work.optics, self.around, wanted, state.present, beside, work.kept,
+            self.free, self.rows, steps, self.arrived, _SLOPED, state.fits, state.gains,
+            state.slopes, work.moved, work.covariance, work.misfit, work.pool, self.buffer,
+        )  # fmt: skip
+        near, touching = self._lying(state)
+        touching |= near & ~beside
         beside = self._refine(work, wanted & touching & np.isfinite(work.misfit), beside)
         # Pairs that are explained badly may lie at the edge of a shadow.
         typical = max(1.0, median(work.misfit))
@@ -342,23 +353,13 @@ class PairFit:
             active = active & np.isfinite(work.misfit) & ((work.moved > self.arrived) | (turn == 0))
         work.misfit[wanted & (work.moved > max(self.arrived, _NEARLY))] = np.inf
 
-    def _converge(self, work: "_Work", active: Mask, beside: Mask, steps: int) -> None:
-        """Steps under light whose slope is read off the neighbours, at most so many."""
-        even = np.zeros(len(active), dtype=np.bool_)
-        for _ in range(steps):
-            work.step(active, even, beside)
-            slopes, now = self._slopes(work.state.gains), work.state.slopes[:, :2]
-            turned = abs(slopes - now).max(axis=1) > _SLOPED
-            now[:] = np.where(turned[:, None], slopes, 0.5 * (slopes + now))
-            active = active & np.isfinite(work.misfit) & ((work.moved > self.arrived) | turned)
-            if not active.any():
-                break
-
     def _refine(self, work: "_Work", refined: Mask, beside: Mask) -> Mask:
         """More steps for pairs that touch; returns the pairs that share the light at their edges.
 
         Each is fitted to where the others were, so that they converge slowly.
         """
+        if not refined.any():
+            return beside
         state = work.state
         even = np.zeros(len(refined), dtype=np.bool_)
         results = (state.fits, state.gains, state.slopes, work.misfit, work.covariance, work.moved)
@@ -374,20 +375,16 @@ class PairFit:
         back = np.flatnonzero(refined)[worse]
         for values, kept in zip(results, before, strict=True):
             values[back] = kept[worse]
+        if work.pool is not NO_TEMPLATES:
+            work.pool.counts[back, 0] = 0
         beside[back] = False
         return beside
 
-    def _within(self, radii: float, fits: Array, present: Mask) -> Mask:
-        """Pairs with a marker that lies within so many radii of another one, shape (M,)."""
-        near = self.optics.neighbours
-        close = np.asarray(crowded(fits, present, near, radii * self.radius))
-        return np.logical_or(close[:, 0], close[:, 1])
-
-    def _slopes(self, gains: Array) -> Array:
-        """Relative slope of the gains at each pair [1/px], shape (M, 2)."""
-        slopes = np.empty((len(gains), 2))
-        slopes_of(gains, self.near, self.to_slope, slopes)
-        return slopes
+    def _lying(self, state: PairState) -> tuple[Mask, Mask]:
+        """Pairs (M,) whose markers share light with others of their layer, and that touch them."""
+        radii = np.outer([_BESIDE, _TOUCHING], self.radius)
+        near, touching = lying(state.fits, state.present, self.optics.neighbours, radii)
+        return near, touching
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -413,13 +410,18 @@ class _Work:
     kept: Mask
     pool: Pool
 
+    @cached_property
+    def extents(self) -> Array:
+        """About the largest distance of each marker's edge from its centre [px], shape (M, 2)."""
+        return np.asarray(extents_of(self.optics, self.state.fits))
+
     def step(self, active: Mask, uneven: Mask, beside: Mask) -> None:
         """One step of the active pairs; see `fit_step`."""
         fit, state = self.fit, self.state
         fit_step(
-            self.image, self.optics, active, state.present, uneven, beside, self.kept, fit.free,
-            fit.rows, state.fits, state.gains, state.slopes, self.moved, self.covariance,
-            self.misfit, self.pool, fit.buffer,
+            self.image, self.optics, self.extents, active, state.present, uneven, beside,
+            self.kept, fit.free, fit.rows, state.fits, state.gains, state.slopes, self.moved,
+            self.covariance, self.misfit, self.pool, fit.buffer,
         )  # fmt: skip
 
     def fits(self) -> PairFits:

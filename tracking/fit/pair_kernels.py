@@ -23,6 +23,7 @@ from .light_kernels import (
     uneven_light,
     weighted_dot,
 )
+from .neighbour_kernels import slopes_of
 from .pixel_kernels import (
     CHANGE,
     FEWEST_PIXELS,
@@ -50,9 +51,71 @@ _LIGHT_STEP = 8.0
 
 
 @njit()
+def converge(
+    image: NDArray[np.uint8],
+    optics: Any,
+    around: Any,
+    wanted: NDArray[np.bool_],
+    present: NDArray[np.bool_],
+    beside: NDArray[np.bool_],
+    kept: NDArray[np.bool_],
+    free: int,
+    stride: int,
+    most: int,
+    arrived: float,
+    sloped: float,
+    fits: Array,
+    gains: Array,
+    slopes: Array,
+    moved: Array,
+    covariance: Array,
+    misfit: Array,
+    pool: Any,
+    buffer: Array32,
+) -> None:
+    """Steps of the wanted pairs, in place, under light whose slope is read off the neighbours.
+
+    Parameters
+    ----------
+    around: see Around
+    wanted: pairs, shape (M,)
+    most: steps, at most
+    arrived: a pair whose step moves no edge by more than this has converged [px]
+    sloped: a slope of the light that changed by more than this takes another step [1/px]
+    moved: result, last step of each pair [px], shape (M,)
+
+    The others are as in `fit_step`.
+    """
+    active, even = wanted.copy(), np.zeros(len(wanted), dtype=np.bool_)
+    seen = np.empty((len(wanted), 2))
+    extents = extents_of(optics, fits)
+    for _ in range(most):
+        fit_step(
+            image, optics, extents, active, present, even, beside, kept, free, stride, fits, gains,
+            slopes, moved, covariance, misfit, pool, buffer,
+        )  # fmt: skip
+        slopes_of(gains, around.near, around.to_slope, seen)
+        left = False
+        for m in range(len(wanted)):
+            if not wanted[m]:
+                continue
+            turned = False
+            for i in range(2):
+                turned = turned or abs(seen[m, i] - slopes[m, i]) > sloped
+            for i in range(2):
+                slopes[m, i] = seen[m, i] if turned else 0.5 * (seen[m, i] + slopes[m, i])
+            if active[m]:
+                active[m] = math.isfinite(misfit[m]) and (moved[m] > arrived or turned)
+            left = left or active[m]
+        if not left:
+            break
+
+
+@njit()
 def fit_step(
     image: NDArray[np.uint8],
     optics: Any,
+    extents: Array,
     active: NDArray[np.bool_],
     present: NDArray[np.bool_],
     uneven: NDArray[np.bool_],
@@ -75,6 +138,7 @@ def fit_step(
     ----------
     image: sRGB, shape (H, W, 3)
     optics: see Optics
+    extents: see `extents_of`, shape (M, 2)
     active: pairs to step, shape (M,)
     present: layers that the model has, shape (M, 2)
     uneven: pairs whose light is fitted to second order; others keep their slopes, shape (M,)
@@ -100,7 +164,7 @@ def fit_step(
     cross, box = np.zeros((LIGHTS, size)), np.empty(4)
     lights, rhs, brighter = np.zeros((LIGHTS, LIGHTS)), np.zeros(LIGHTS), np.zeros(LIGHTS)
     information = np.empty((2, UNKNOWNS, UNKNOWNS))
-    extents, runs = extents_of(optics, fits), np.empty((ROWS, 3), dtype=np.int64)
+    runs = np.empty((ROWS, 3), dtype=np.int64)
     for m in range(fits.shape[0]):
         if not active[m]:
             continue

@@ -300,6 +300,8 @@ def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float
 
 def _with_stiffness_deviation(field: ForceField, deviation: float) -> ForceField:
     """Field whose sums are uncertain by that share, as the stiffnesses of the calibration are."""
+    if deviation == 0.0:
+        return field
     totals = deviation * np.array([field.total_normal, field.total_friction])
     added = np.outer(totals, totals)
     added *= [[1.0, STIFFNESS_CORRELATION], [STIFFNESS_CORRELATION, 1.0]]

@@ -141,8 +141,8 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
     NoEstimateError
         When too few pairs of the design are visible.
     """
-    shifts, certain = specimen.shifts(tracks, least_pairs(specimen.shifts.sensor))
-    visible = specimen.shifts.whole(tracks.visible)
+    least = least_pairs(specimen.shifts.sensor)
+    shifts, certain, visible = specimen.shifts.read(tracks, least)
     level = typical_variance(tracks.covariance, specimen.shifts.pairs, visible)
     if kept is None or abs(level - kept.noise.level) >= NOISE_CHANGE * kept.noise.level:
         plane = aligned(specimen, 0.0) if kept is None else kept.noise.aligned
@@ -198,8 +198,9 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
         When the pairs move as no trained press moves them.
     """
     count = len(noise.variance)
-    freedom = specimen.shifts.measured[fit.pairs].sum() - len(fit.unknowns)
-    misfit = float((fit.missed[fit.pairs] ** 2).sum() / freedom)
+    every = bool(fit.pairs.all())
+    measured = specimen.shifts.measured if every else specimen.shifts.measured[fit.pairs]
+    misfit = float(fit.misfit @ fit.pairs) / (measured.sum() - len(fit.unknowns))
     if misfit > _UNLIKE:
         raise NoEstimateError(
             f"the markers move as no trained press moves them: χ² is {misfit:.0f} a measurement, "
@@ -211,8 +212,9 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
         change = fit.posterior.covariance - whole
         excess = excess + (noise.unshrink[:, None] * change * noise.unshrink)[:count, :count]
     odd = fit.unknowns[count : -len(SIZES)]
-    unit = np.sqrt(np.diag(whole)[count : -len(SIZES)])
-    residual = _turned(fit.missed * fit.pairs[:, None], -noise.aligned.azimuth)
+    unit = noise.odd_unit
+    missed = fit.missed if every else fit.missed * fit.pairs[:, None]
+    residual = _turned(missed, -noise.aligned.azimuth)
     along, across = _shear(specimen, fit)
     return Codes(
         value=fit.unknowns[:count],

@@ -63,6 +63,7 @@ class NoiseLevel:
     constant_variance: share of it that is the same in every frame, shape (K,)
     excess: covariance of the codes beyond that of training, shape (K, K)
     across_variance: of the first harmonic of the shear across the load's plane [px²]
+    odd_unit: standard deviation of each odd code, shape (O,)
     """
 
     aligned: Aligned
@@ -75,6 +76,7 @@ class NoiseLevel:
     constant_variance: Array
     excess: Array
     across_variance: float
+    odd_unit: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,6 +148,7 @@ def noise_level(
         constant_variance=np.einsum("kpi,pij,kpj->k", operator, whitened, operator, optimize=True),
         excess=(directions * excess) @ directions.T,
         across_variance=float(((across @ covariance[odd, odd]) * across).sum()),
+        odd_unit=np.sqrt(np.diag(covariance)[odd]),
     )
 
 
