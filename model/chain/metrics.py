@@ -1,12 +1,13 @@
 """Measures of a grasp, from the true state: lateral displacement, rigid slip, pressure."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..force_field import ForceField
-from ..kernels.slip_kernels import slip_step
+from ..kernels.slip_kernels import slip_steps
 from .plant import History
 
 #: Lateral displacement above which a grasp counts as gross slip [m].
@@ -40,30 +41,38 @@ def no_slip(nodes: int) -> SlipRecord:
 
 
 def follow_slip(
-    record: SlipRecord, run: History, touching: NDArray[np.bool_], dt: float
+    record: SlipRecord,
+    run: History,
+    touching: NDArray[np.bool_],
+    dt: float,
+    kept: Sequence[int] | None = None,
 ) -> list[SlipRecord]:
-    """Record after each step of `dt` seconds of a run whose nodes touch as given, shape (R, N).
+    """Record after some steps of `dt` seconds of a run whose nodes touch as given, shape (R, N).
 
     A round object that slides takes its contact along: nodes at the back leave, others join at the
     front. New nodes start from the slip of the contact so far; counted from zero, they would hide
     slip of any length.
+
+    Parameters
+    ----------
+    kept: numbers of the instants that records are wanted of, from 1; None is each
     """
+    origin, now = np.empty((len(run), len(record.origin))), np.empty((len(run), 4))
+    origin[0] = record.origin
+    now[0] = record.current, record.lateral_displacement, record.rigid_slip, record.slid
+    slip_steps(origin, now, run.nodes, run.pose[:, 1], run.slip_rate, touching, dt)
     records = []
-    for k in range(1, len(run)):
-        origin = record.origin.copy()
-        now = np.array(
-            [record.current, record.lateral_displacement, record.rigid_slip, record.slid]
+    for k in range(1, len(run)) if kept is None else kept:
+        current, lateral, rigid, slid = now[k].tolist()
+        records.append(
+            SlipRecord(
+                origin=origin[k].copy(),
+                current=current,
+                lateral_displacement=lateral,
+                rigid_slip=rigid,
+                slid=slid,
+            )
         )
-        slip_step(origin, now, run.nodes[k], run.pose[k, 1], run.slip_rate[k], touching[k], dt)
-        current, lateral, rigid, slid = now.tolist()
-        record = SlipRecord(
-            origin=origin,
-            current=current,
-            lateral_displacement=lateral,
-            rigid_slip=rigid,
-            slid=slid,
-        )
-        records.append(record)
     return records
 
 

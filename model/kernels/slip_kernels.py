@@ -12,21 +12,31 @@ Array = NDArray[np.float64]
 
 
 @njit()
-def slip_step(
-    origin: Array, now: Array, nodes: Any, place: float, rates: Any, touching: Any, dt: float
+def slip_steps(
+    origin: Array, now: Array, nodes: Any, place: Any, rates: Any, touching: Any, dt: float
 ) -> None:
-    """Follow slip over a step, in place.
+    """Follow slip over the steps of a run.
 
     Parameters
     ----------
-    origin: of each node, see `SlipRecord`, shape (N,)
-    now: current, lateral_displacement, rigid_slip and slid of a SlipRecord, shape (4,)
-    nodes: displacements at the end of the step [m], shape (N, 2)
-    place: of the object [m]
-    rates: tangential speeds of the object relative to each node [m/s], shape (N,)
-    touching: nodes in contact, shape (N,)
+    origin: of each node, see `SlipRecord`, shape (S + 1, N); the first row is given
+    now: current, lateral_displacement, rigid_slip and slid of a SlipRecord, shape (S + 1, 4)
+    nodes: displacements at each instant [m], shape (S + 1, N, 2)
+    place: of the object [m], shape (S + 1,)
+    rates: tangential speeds of the object relative to each node [m/s], shape (S + 1, N)
+    touching: nodes in contact, shape (S + 1, N)
     dt: step [s]
     """
+    for k in range(1, len(origin)):
+        origin[k], now[k] = origin[k - 1], now[k - 1]
+        _slip_step(origin[k], now[k], nodes[k], place[k], rates[k], touching[k], dt)
+
+
+@njit()
+def _slip_step(
+    origin: Array, now: Array, nodes: Any, place: float, rates: Any, touching: Any, dt: float
+) -> None:
+    """Follow slip over a step, in place; one row of each of the arrays above."""
     slowest, speed, any_touch = np.inf, 0.0, False
     for i in range(origin.size):
         if touching[i]:

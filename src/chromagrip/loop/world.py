@@ -255,12 +255,15 @@ class ChainPlant:
             with located("the node model gave up"):
                 run = steps(self.fingertip, part.obj, state, part.step, part.forces)
             touched = touching(self.fingertip, part.obj, run)
-            slips = follow_slip(slip, run, touched, part.step)
-            contact = self._contact(part.obj, run.state(-1), slips[-1])
-            if left == len(part.forces):
+            count = len(part.forces)
+            midway = 0 < left < count
+            kept = (count, left) if midway else (count,)
+            slips = follow_slip(slip, run, touched, part.step, kept)
+            contact = self._contact(part.obj, run.state(-1), slips[0])
+            if left == count:
                 exposed = contact
-            elif 0 < left < len(part.forces):
-                exposed = self._contact(part.obj, run.state(left), slips[left - 1])
+            elif midway:
+                exposed = self._contact(part.obj, run.state(left), slips[1])
             left -= len(part.forces)
         return contact, exposed
 
