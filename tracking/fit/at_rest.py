@@ -58,7 +58,7 @@ class FitSettings:
     """
 
     rows: int = 1
-    limit: float = 0.12
+    limit: float = 0.07
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +122,12 @@ def fit_rest(
         )
     fit, start = fit.with_shapes_of(first.state)
     fit = fit.with_effort(5, settings.rows, _ARRIVED)
-    fits = [fit.fit(frame.image, start, STEPS) for frame in frames]
+    # Frames of one state differ by their noise alone: each pair needs one template for all.
+    pool, calm = fit.empty_templates(), np.ones(len(start.fits), dtype=np.bool_)
+    fits = [
+        fit.follow(np.ascontiguousarray(frame.image), start, calm, settings.limit, pool, STEPS)
+        for frame in frames
+    ]
     state = replace(
         start,
         fits=np.mean([each.state.fits for each in fits], axis=0),

@@ -11,14 +11,14 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...render import decode_srgb, encode_srgb
+from ...render import decode_srgb
 from ...render.drawing import edge_width
 from ..detection import RestFrame, neighbours
 from ..palette import Palette
 from .neighbour_kernels import lying, median
 from .pair_kernels import converge, fit_step, mean_hues
 from .pair_state import PairFits, PairState, chosen
-from .pixel_kernels import BUFFER, STEPS_OF_LIGHT, TERMS, Optics, extents_of
+from .pixel_kernels import BUFFER, TERMS, Optics, extents_of
 from .template_kernels import Around, Pool, follow, stale
 from .templates import NO_TEMPLATES, empty_templates
 
@@ -37,8 +37,6 @@ _NEARLY = 0.3
 _UNEVEN = 1.6
 #: Steps with uneven light, at most.
 _UNEVEN_STEPS = 6
-#: Rounds in which pairs are fitted whose templates are not good any more.
-_ROUNDS = 2
 #: A slope of the light that changed by more than this takes another step [1/px].
 _SLOPED = 2e-4
 #: Blur that is assumed first, standard deviation [px].
@@ -105,7 +103,6 @@ def prepare_fit(rest: RestFrame, palette: Palette, noise: float) -> tuple["PairF
     optics = Optics(
         linear=linear,
         weight=weight,
-        encoding=encode_srgb(np.arange(STEPS_OF_LIGHT + 1) / STEPS_OF_LIGHT).astype(np.float32),
         black=np.array(_NO_LIFT, dtype=np.float32),
         variance=np.float32(noise**2 + 1.0 / 12.0),
         ground=rest.ground.astype(np.float32),
@@ -208,21 +205,15 @@ class PairFit:
         self._step(work, np.ones(len(start.fits), dtype=np.bool_), steps)
         return work.fits()
 
-    def refit(
-        self, image: Image, known: PairFits, active: Mask, steps: int, pool: Pool = NO_TEMPLATES
-    ) -> PairFits:
-        """Fit some pairs, shape (M,), of an image; the others stay as they are known.
-
-        Their templates are made anew in the pool.
-        """
-        work = self._work(image, known.copied(), pool)
+    def _refit(self, work: "_Work", active: Mask, steps: int) -> PairFits:
+        """Fit some pairs, shape (M,), from where they are."""
         work.state.slopes[active, 2:] = 0.0
         work.misfit[active] = np.inf
         self._step(work, active, steps)
         return work.fits()
 
     def follow(
-        self, image: Image, start: PairState, steps: int, limit: float, pool: Pool
+        self, image: Image, start: PairState, calm: Mask, limit: float, pool: Pool, steps: int
     ) -> PairFits:
         """Fit all pairs of an image, by their templates where these are good enough.
 
@@ -230,24 +221,25 @@ class PairFit:
         ----------
         image: to fit
         start: where the pairs are expected
-        steps: of a fit without templates, at most
+        calm: pairs whose templates are made anew where they are not good, shape (M,): for one that
+            moves on, a template does not pay
         limit: of an edge's motion since its template was made [px]
-        pool: templates; those of pairs that moved, or whose surroundings did, are made anew
+        pool: templates, in place
+        steps: of a fit without templates, at most
         """
-        seen = _unknown(start.copied())
-        active = np.empty(len(seen.misfit), dtype=np.bool_)
-        around, near = self.around, self.optics.neighbours
-        state = seen.state
-        left = follow(
-            image, self.optics_of(state), around, self.radius[0], limit, pool, state.fits,
-            state.gains, state.slopes, seen.misfit, seen.covariance, active,
+        seen, near = _unknown(start.copied()), self.optics.neighbours
+        work, state = self._work(image, seen, pool, calm), seen.state
+        active = np.empty(len(calm), dtype=np.bool_)
+        follow(
+            image, work.optics, self.around, self.radius[0], limit, pool, state.fits, state.gains,
+            state.slopes, seen.misfit, seen.covariance, active,
         )  # fmt: skip
-        for _ in range(_ROUNDS):
-            if not left:
-                break
-            seen = self.refit(image, seen, active, steps, pool)
-            active[:] = False
-            left = stale(near, around, limit, pool, seen.state.fits, seen.state.gains, active)
+        waiting = active
+        while waiting.any():
+            self._refit(work, waiting, steps)
+            before = active.copy()
+            stale(near, self.around, limit, pool, state.fits, state.gains, active)
+            waiting = active & ~before
         return seen
 
     def fit_apart(
@@ -312,9 +304,12 @@ class PairFit:
             width=state.width,
         )
 
-    def _work(self, image: Image, known: PairFits, pool: Pool = NO_TEMPLATES) -> "_Work":
+    def _work(
+        self, image: Image, known: PairFits, pool: Pool = NO_TEMPLATES, kept: Mask | None = None
+    ) -> "_Work":
         """Work on what is known, whose arrays are changed."""
-        kept = np.full(len(known.misfit), pool is not NO_TEMPLATES)
+        if kept is None:
+            kept = np.zeros(len(known.misfit), dtype=np.bool_)
         return _Work(
             fit=self,
             image=image,

@@ -81,8 +81,13 @@ UNIT = np.float32(1.0 / 16.0)
 F0 = np.float32(0.0)
 F1 = np.float32(1.0)
 F2 = np.float32(2.0)
-#: Steps of the encoding table in a unit of light.
-STEPS_OF_LIGHT = 4096
+#: sRGB: the toe ends at this light, and its slope is this [grey levels] …
+_TOE_LIGHT, _TOE_SLOPE = np.float32(0.0031308), np.float32(255.0 * 12.92)
+#: … above it levels are _CURVE·light^_EXPONENT − _CURVE_OFFSET.
+_CURVE, _CURVE_OFFSET = np.float32(255.0 * 1.055), np.float32(255.0 * 0.055)
+_EXPONENT = np.float32(1.0 / 2.4)
+#: Parabola near the cube root, between the roots of the toe's end and of white.
+_START = (np.float32(0.4587), np.float32(0.8765), np.float32(-0.3354))
 #: Keeps roots away from zero.
 TINY = np.float32(1e-12)
 
@@ -92,7 +97,6 @@ class Optics(NamedTuple):
 
     linear: Array32  # (3, 256) linear light of each channel's levels
     weight: Array32  # (3, 256) 1/variance of that light
-    encoding: Array32  # (T,) level of light in steps of 1/STEPS_OF_LIGHT, of a camera without lift
     black: Array32  # (3,) level of each channel that stands for no light
     variance: np.float32  # of a level, by noise and rounding
     ground: Array32  # (H, W, 3) linear light of the unmarked skin; 0 where there is none
@@ -289,7 +293,11 @@ def _channel(
 
 @njit(inline="always")
 def _encode(optics: Any, c: int, count: int, buffer: Array32) -> None:
-    """Levels of a channel's light, what is missing to those observed, and the weights of that."""
+    """Levels of a channel's light, what is missing to those observed, and the weights of that.
+
+    The exponent of sRGB is 5/12 = 1/4 + 2/12: two square roots, and a cube root of what they leave
+    by Newton's method, right to 1e-4 of a level. A table would be read once for each pixel.
+    """
     modelled, level, left, weight = (
         row_at(MODEL + c),
         row_at(LEVEL + c),
@@ -297,18 +305,21 @@ def _encode(optics: Any, c: int, count: int, buffer: Array32) -> None:
         row_at(WEIGHT + c),
     )
     observed, read = row_at(OBSERVED + c), row_at(READ)
-    table, steps = optics.encoding, np.float32(STEPS_OF_LIGHT)
-    last = np.int32(table.shape[0] - 2)
-    span = (np.float32(255.0) - optics.black[c]) * np.float32(1.0 / 255.0)
-    per_variance = F1 / optics.variance
+    black, span = optics.black[c], (F1 - optics.black[c] * np.float32(1.0 / 255.0))
+    per_variance, third = F1 / optics.variance, np.float32(1.0 / 3.0)
     for i in range(np.uint64(count)):
-        place = buffer[modelled + i] * steps
-        k = min(max(np.int32(place), np.int32(0)), last)
-        here = table[np.uint64(k)]
-        rise = table[np.uint64(k) + np.uint64(1)] - here
-        # Below black and above white the curve goes on as a line.
-        now = optics.black[c] + span * (here + (place - np.float32(k)) * rise)
-        slope = span * rise * steps
+        light = buffer[modelled + i]
+        bright = max(light, _TOE_LIGHT)
+        fourth = np.sqrt(np.sqrt(bright))
+        twelfth = _START[0] + fourth * (_START[1] + fourth * _START[2])
+        twelfth -= third * (twelfth - fourth / (twelfth * twelfth))
+        twelfth -= third * (twelfth - fourth / (twelfth * twelfth))
+        curve = _CURVE * fourth * twelfth * twelfth
+        in_toe = light < _TOE_LIGHT
+        # Below black the toe's line goes on, above white the curve.
+        shown = _TOE_SLOPE * light if in_toe else curve - _CURVE_OFFSET
+        slope = span * (_TOE_SLOPE if in_toe else curve * _EXPONENT / bright)
+        now = black + span * shown
         buffer[level + i] = now
         buffer[left + i] = (buffer[observed + i] - now) / slope
         buffer[weight + i] = buffer[read + i] * slope * slope * per_variance

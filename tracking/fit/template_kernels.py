@@ -241,8 +241,8 @@ def follow(
     misfit: Array,
     covariance: Array,
     active: NDArray[np.bool_],
-) -> int:
-    """Fit all pairs by their templates; returns the number of those for which this is not enough.
+) -> None:
+    """Fit all pairs by their templates, as far as these are good enough.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def follow(
     for m in range(len(active)):
         if not misfit[m] < _UNEVEN * typical:
             active[m] = True
-    return stale(optics.neighbours, around, limit, pool, fits, gains, active)
+    stale(optics.neighbours, around, limit, pool, fits, gains, active)
 
 
 @njit()
@@ -381,7 +381,7 @@ def stale(
     fits: Array,
     gains: Array,
     active: NDArray[np.bool_],
-) -> int:
+) -> None:
     """Pairs whose surroundings are not as they were when the template was made.
 
     Parameters
@@ -391,13 +391,8 @@ def stale(
     limit: of a pair's own motion [px]
     pool: see Pool
     fits, gains: now
-    active: pairs, shape (M,), in place
-
-    Returns
-    -------
-    Number of active pairs.
+    active: on entry pairs that do not rest on a template; those that should not are added, (M,)
     """
-    number = 0
     slopes = np.empty((len(active), 2))
     slopes_of(gains, around.near, around.to_slope, slopes)
     most = _STALE * limit
@@ -415,5 +410,3 @@ def stale(
                         or abs(fits[other, k, 1] - pool.seen[m, n, k, 1]) > most
                     ):
                         active[m] = True
-        number += active[m]
-    return number

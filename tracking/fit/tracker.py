@@ -32,9 +32,9 @@ Mask = NDArray[np.bool_]
 #: Settings of the default tracker.
 FULL = FitSettings()
 #: Settings that read every other row of the image.
-SPARSE = FitSettings(rows=2)
+SPARSE = FitSettings(rows=2, limit=0.1)
 #: The same, with templates that are kept for longer.
-QUICK = FitSettings(rows=2, limit=0.25)
+QUICK = FitSettings(rows=2, limit=0.2)
 
 #: A fit of the colours helped where it lowers the misfit to less than this share.
 _BETTER = 0.98
@@ -138,7 +138,9 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     image = np.ascontiguousarray(frame.image)
     memory = replace(memory, frames=memory.frames + 1)
     start = memory.expected()
-    fits = known.fit.follow(image, start, STEPS, known.settings.limit, memory.templates)
+    limit = known.settings.limit
+    calm = abs(memory.velocity[..., :2]).max(axis=(1, 2)) < limit
+    fits = known.fit.follow(image, start, calm, limit, memory.templates, STEPS)
     look = judge(known, memory, image, fits, start)
     if astray(known, memory, look, 0):
         # The skin may have reversed its motion.
