@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chromagrip.compiled import njit
-from chromagrip.tracking.fit.lanes import LANES
-from chromagrip.tracking.fit.light_kernels import dot, weighted_dot
-from chromagrip.tracking.fit.pixel_kernels import BUFFER, ROOM
+from chromagrip.tracking.fit.kernels.lanes import LANES
+from chromagrip.tracking.fit.kernels.light_kernels import dot, weighted_dot
+from chromagrip.tracking.fit.kernels.pixel_kernels import BUFFER, ROOM
 
 ROWS = (23, 14, 17)
 

@@ -18,7 +18,7 @@ from chromagrip.render.drawing.supersampled import (
 )
 from chromagrip.render.membrane import rest_membrane
 from chromagrip.tracking import MarkerTracker, Palette
-from chromagrip.tracking.fit.neighbour_kernels import crowded, tie_light
+from chromagrip.tracking.fit.kernels.neighbour_kernels import crowded, tie_light
 
 BLUR, RADIUS, NOISE = 0.9, 6.0, 2.0
 

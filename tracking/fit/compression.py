@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...render import Frame
-from .compression_kernels import flat_noise
+from .kernels.compression_kernels import flat_noise
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .at_rest import STEPS, AtRest, misfit_limit
+from .kernels.survey_kernels import survey
 from .memory import Look, Memory
 from .pair_state import PairFits, PairState
-from .survey_kernels import survey
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

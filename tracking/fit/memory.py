@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .kernels.template_kernels import Pool
 from .pair_state import PairFits, PairState
-from .template_kernels import Pool
 from .templates import copied
 
 Array = NDArray[np.float64]

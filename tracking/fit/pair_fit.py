@@ -15,11 +15,11 @@ from ...render import decode_srgb
 from ...render.drawing import edge_width
 from ..detection import RestFrame, neighbours
 from ..palette import Palette
-from .neighbour_kernels import lying, median
-from .pair_kernels import converge, fit_step, mean_hues
+from .kernels.neighbour_kernels import lying, median
+from .kernels.pair_kernels import converge, fit_step, mean_hues
+from .kernels.pixel_kernels import BUFFER, TERMS, Optics, extents_of
+from .kernels.template_kernels import Around, Pool, follow, stale
 from .pair_state import PairFits, PairState, chosen
-from .pixel_kernels import BUFFER, TERMS, Optics, extents_of
-from .template_kernels import Around, Pool, follow, stale
 from .templates import NO_TEMPLATES, empty_templates
 
 Array = NDArray[np.float64]

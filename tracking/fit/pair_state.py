@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .neighbour_kernels import median
+from .kernels.neighbour_kernels import median
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ then costs sums of sixteen products over the pixels: the step of the fit with th
 import numpy as np
 from numpy.typing import NDArray
 
-from .run_lanes import BLOCK
-from .template_kernels import UNKNOWNS, Pool
+from .kernels.run_lanes import BLOCK
+from .kernels.template_kernels import UNKNOWNS, Pool
 
 Array = NDArray[np.float64]
 

@@ -17,11 +17,11 @@ from ..trackers import check_frame
 from ..tracks import Tracks
 from .at_rest import STEPS, WORSE, AtRest, FitSettings, fit_rest, visible_markers
 from .compression import compression, deviations, fine_part
+from .kernels.survey_kernels import report, velocities
 from .looks import astray, better, judge, surveyed, untangled, worth
 from .memory import PATIENCE, Look, Memory
 from .pair_state import PairFits, PairState
 from .relocate import Relocated
-from .survey_kernels import report, velocities
 from .templates import forget
 from .tuning import faded, tune
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .light_kernels import light_sums
+from .kernels.light_kernels import light_sums
 from .pair_fit import PairFit
 from .pair_state import PairFits, PairState
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
+from ....compiled import njit
 from .light_kernels import place_of
 from .neighbour_kernels import slopes_of
 from .pixel_kernels import (

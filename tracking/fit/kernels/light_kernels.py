@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
-from ...render.drawing import togetherness
+from ....compiled import njit
+from ....render.drawing import togetherness
 from .gather_kernels import ROWS, gather
 from .lanes import sum_of_products
 from .pixel_kernels import (

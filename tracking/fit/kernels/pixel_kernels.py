@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
-from ...render.drawing import EDGE_RANGE, edge, edge_slope
+from ....compiled import njit
+from ....render.drawing import EDGE_RANGE, edge, edge_slope
 from .lanes import sum_of_products
 
 Array = NDArray[np.float64]

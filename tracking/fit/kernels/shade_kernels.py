@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
-from ...render.drawing import (
+from ....compiled import njit
+from ....render.drawing import (
     APART,
     EDGE_RANGE,
     covered_by_both,

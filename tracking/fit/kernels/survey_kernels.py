@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...compiled import njit
+from ....compiled import njit
 from .neighbour_kernels import crowded, tie_light, torn_off
 
 Array = NDArray[np.float64]
