@@ -31,10 +31,10 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile without Python objects, cached on disk; options as in `numba.njit`.
 
     Never with `fastmath`: where a kernel is inlined, and whether it was read from the cache, would
-    then decide its last digits. Long sums are vectorised by `tracking.fit.lanes`.
+    then decide its last digits. Long sums are vectorised by `tracking.fit.kernels.lanes`.
     """
     if "fastmath" in options:
-        raise TypeError("no kernel is compiled with fastmath; tracking.fit.lanes has long sums")
+        raise TypeError("no kernel is compiled with fastmath; tracking.fit.kernels.lanes has long sums")
 
     def decorate(function: Callable[..., Any]) -> Any:
         folder = Path(function.__code__.co_filename).parent
