@@ -56,8 +56,6 @@ LONG_FUNCTIONS = {
     "loop.poses.folder.render_poses",
     "model.chain.ensemble.step_many",
     "pictures.estimate.estimate_source",
-    "tracking.fit.kernels.run_lanes.add_run",
-    "tracking.fit.kernels.run_lanes.write",
 }
 
 
