@@ -34,7 +34,9 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     then decide its last digits. Long sums are vectorised by `tracking.fit.kernels.lanes`.
     """
     if "fastmath" in options:
-        raise TypeError("no kernel is compiled with fastmath; tracking.fit.kernels.lanes has long sums")
+        raise TypeError(
+            "no kernel is compiled with fastmath; tracking.fit.kernels.lanes has long sums"
+        )
 
     def decorate(function: Callable[..., Any]) -> Any:
         folder = Path(function.__code__.co_filename).parent

@@ -153,6 +153,8 @@ def check_reconstructor(choice: Choice, calibration: SensorCalibration) -> None:
     load_reconstructor(choice)
     if needs_readout(choice, calibration):
         required_readout(calibration)
-    elif name_used(choice, calibration) in DOME_METHODS:
+    elif (name := name_used(choice, calibration)) in DOME_METHODS:
+        if calibration.sensor.shape.flat:
+            raise UserError(f"reconstructor {name} reads a dome of silicone, not a flat pad")
         with located(f"sensor {calibration.name}".rstrip()):
             calibration.sensor.dome  # noqa: B018 (refuses what has none)
