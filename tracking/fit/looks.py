@@ -49,7 +49,7 @@ def surveyed(known: AtRest, memory: Memory, fits: PairFits) -> Look:
     survey(
         fits.state.fits, fits.misfit, fits.state.present, known.state.fits, fit.near,
         fit.optics.neighbours, np.array([misfit_limit(fits), _TORN * known.pitch]), share,
-        fit.radii, visible, torn, on_others, touching,
+        fit.crowded_radii, visible, torn, on_others, touching,
     )  # fmt: skip
     if torn.any():
         torn &= _off_course(known, memory, fits.state, visible)

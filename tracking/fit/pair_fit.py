@@ -18,7 +18,7 @@ from ..palette import Palette
 from .kernels.neighbour_kernels import lying, median
 from .kernels.pair_kernels import converge, fit_step, mean_hues
 from .kernels.pixel_kernels import BUFFER, TERMS, Optics, extents_of
-from .kernels.template_kernels import Around, Pool, follow, stale
+from .kernels.template_kernels import SLOPED, UNEVEN, Around, Pool, follow, stale
 from .pair_state import PairFits, PairState, chosen
 from .templates import NO_TEMPLATES, empty_templates
 
@@ -33,12 +33,8 @@ _REACH = 3.0
 _CLOSE = 2.0
 #: A fit whose last step was larger than this did not converge [px].
 _NEARLY = 0.3
-#: Pairs with a misfit this many times the typical one are fitted with uneven light.
-_UNEVEN = 1.6
 #: Steps with uneven light, at most.
 _UNEVEN_STEPS = 6
-#: A slope of the light that changed by more than this takes another step [1/px].
-_SLOPED = 2e-4
 #: Blur that is assumed first, standard deviation [px].
 _FIRST_BLUR = 0.8
 #: Level of black of a picture without fog or stray light.
@@ -61,6 +57,11 @@ _SMALLER = 0.1
 _WORSE = 1.1
 
 
+def level_variance(noise: float) -> float:
+    """Variance of a level, by noise of that standard deviation [grey levels] and by rounding."""
+    return noise**2 + 1.0 / 12.0
+
+
 @lru_cache(maxsize=64)
 def level_tables(black: tuple[float, ...], noise: float) -> tuple[Array32, Array32]:
     """Linear light of each level, and 1 over its variance, of each channel, shape (3, 256).
@@ -77,7 +78,7 @@ def level_tables(black: tuple[float, ...], noise: float) -> tuple[Array32, Array
     levels = (np.arange(256.0) - lowest) * (255.0 / (255.0 - lowest))
     # Below black the curve goes on as a line.
     linear = np.where(levels > 0.0, decode_srgb(np.maximum(levels, 0.0)), levels / 255.0 / 12.92)
-    weight = 1.0 / (np.gradient(linear, axis=1) ** 2 * (noise**2 + 1.0 / 12.0))
+    weight = 1.0 / (np.gradient(linear, axis=1) ** 2 * level_variance(noise))
     return linear.astype(np.float32), weight.astype(np.float32)
 
 
@@ -104,7 +105,7 @@ def prepare_fit(rest: RestFrame, palette: Palette, noise: float) -> tuple["PairF
         linear=linear,
         weight=weight,
         black=np.array(_NO_LIFT, dtype=np.float32),
-        variance=np.float32(noise**2 + 1.0 / 12.0),
+        variance=np.float32(level_variance(noise)),
         ground=rest.ground.astype(np.float32),
         absorbed=nominal.astype(np.float32),
         shapes=np.tile(radius[:, None, None, None] * np.eye(2), (1, count, 1, 1)),
@@ -205,13 +206,6 @@ class PairFit:
         self._step(work, np.ones(len(start.fits), dtype=np.bool_), steps)
         return work.fits()
 
-    def _refit(self, work: "_Work", active: Mask, steps: int) -> PairFits:
-        """Fit some pairs, shape (M,), from where they are."""
-        work.state.slopes[active, 2:] = 0.0
-        work.misfit[active] = np.inf
-        self._step(work, active, steps)
-        return work.fits()
-
     def follow(
         self, image: Image, start: PairState, calm: Mask, limit: float, pool: Pool, steps: int
     ) -> PairFits:
@@ -236,7 +230,9 @@ class PairFit:
         )  # fmt: skip
         waiting = active
         while waiting.any():
-            self._refit(work, waiting, steps)
+            state.slopes[waiting, 2:] = 0.0
+            seen.misfit[waiting] = np.inf
+            self._step(work, waiting, steps)
             before = active.copy()
             stale(near, self.around, limit, pool, state.fits, state.gains, active)
             waiting = active & ~before
@@ -275,7 +271,7 @@ class PairFit:
             state = chosen(explained, work.state, state)
             misfit = np.where(explained, work.misfit, misfit)
         work = self._work(image, PairFits(state, misfit, covariance))
-        shaded = misfit > _UNEVEN * max(1.0, median(misfit))
+        shaded = misfit > UNEVEN * max(1.0, median(misfit))
         self._step(work, shaded & np.isfinite(misfit), steps)
         return work.fits()
 
@@ -285,9 +281,14 @@ class PairFit:
         return Around(self.near, self.to_slope)
 
     @cached_property
-    def radii(self) -> Array:
+    def crowded_radii(self) -> Array:
         """Distances of layers' markers that may be confused, and that touch [px], shape (2, 2)."""
         return np.outer([_CROWDED, _TOUCHING], self.radius)
+
+    @cached_property
+    def touching_radii(self) -> Array:
+        """Distances of layers' markers that share light, and that touch [px], shape (2, 2)."""
+        return np.outer([_BESIDE, _TOUCHING], self.radius)
 
     def hues(self, image: Image, fits: Array) -> Array:
         """Mean hue inside each first-layer marker [°], shape (M,)."""
@@ -330,7 +331,7 @@ class PairFit:
         beside = near & ~touching
         converge(
             work.image, work.optics, self.around, wanted, state.present, beside, work.kept,
-            self.free, self.rows, steps, self.arrived, _SLOPED, state.fits, state.gains,
+            self.free, self.rows, steps, self.arrived, SLOPED, state.fits, state.gains,
             state.slopes, work.moved, work.covariance, work.misfit, work.pool, self.buffer,
         )  # fmt: skip
         near, touching = self._lying(state)
@@ -338,7 +339,7 @@ class PairFit:
         beside = self._refine(work, wanted & touching & np.isfinite(work.misfit), beside)
         # Pairs that are explained badly may lie at the edge of a shadow.
         typical = max(1.0, median(work.misfit))
-        uneven = wanted & np.isfinite(work.misfit) & (work.misfit > _UNEVEN * typical)
+        uneven = wanted & np.isfinite(work.misfit) & (work.misfit > UNEVEN * typical)
         active = uneven
         for turn in range(_UNEVEN_STEPS):
             if not active.any():
@@ -377,8 +378,9 @@ class PairFit:
 
     def _lying(self, state: PairState) -> tuple[Mask, Mask]:
         """Pairs (M,) whose markers share light with others of their layer, and that touch them."""
-        radii = np.outer([_BESIDE, _TOUCHING], self.radius)
-        near, touching = lying(state.fits, state.present, self.optics.neighbours, radii)
+        near, touching = lying(
+            state.fits, state.present, self.optics.neighbours, self.touching_radii
+        )
         return near, touching
 
 

@@ -67,10 +67,6 @@ class PairFits:
     misfit: Array
     covariance: Array
 
-    def copied(self) -> "PairFits":
-        """The same fit with arrays of its own."""
-        return PairFits(self.state.copied(), self.misfit.copy(), self.covariance.copy())
-
     @cached_property
     def typical(self) -> float:
         """Median misfit."""

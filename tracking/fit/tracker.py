@@ -20,6 +20,7 @@ from .compression import compression, deviations, fine_part
 from .kernels.survey_kernels import report, velocities
 from .looks import astray, better, judge, surveyed, untangled, worth
 from .memory import PATIENCE, Look, Memory
+from .pair_fit import level_variance
 from .pair_state import PairFits, PairState
 from .relocate import Relocated
 from .templates import forget
@@ -132,7 +133,7 @@ def step(known: AtRest, memory: Memory, frame: Frame) -> tuple[Memory, Tracks]:
     Parameters
     ----------
     known: the unloaded sensor
-    memory: after the frame before
+    memory: after the frame before; its templates are changed in place
     frame: of the rest frame's size
     """
     image = np.ascontiguousarray(frame.image)
@@ -283,5 +284,5 @@ def _tracks(known: AtRest, memory: Memory, frame: Frame, look: Look, ambiguous: 
 
 def _compression(known: AtRest, image: Image, fit: PairFits) -> float:
     """What compression enlarged the deviations of a frame by; 1 for none."""
-    residual = np.sqrt(fit.typical * (known.fit.noise**2 + 1.0 / 12.0))
+    residual = np.sqrt(fit.typical * level_variance(known.fit.noise))
     return compression(float(residual), fine_part(image, known.flat))

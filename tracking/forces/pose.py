@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...render import Camera
 from ..tracks import Tracks
+from .pose_kernels import polynomials
 
 Array = NDArray[np.float64]
 
@@ -169,7 +170,7 @@ class Alignment:
     pose: of the camera
     camera: the design's
     middle, radius: disc of pixels in which the polynomials hold [px]
-    coefficients: of aligned x, y and the logarithm of sizes, shape (3, C), in the order of `_basis`
+    coefficients: of `polynomials`: aligned x, y and the logarithm of sizes, shape (3, C)
     degree: of the polynomials
     """
 
@@ -182,9 +183,10 @@ class Alignment:
 
     def __call__(self, pixels: Array) -> Array:
         """Aligned pixels and change of the logarithm of sizes there, (…, 3), of pixels (…, 2)."""
-        unit = (pixels.reshape(-1, 2) - self.middle) / self.radius
-        values = self.coefficients @ _basis(unit[:, 0], unit[:, 1], self.degree)
-        return np.ascontiguousarray(values.T).reshape(*pixels.shape[:-1], 3)
+        at = np.ascontiguousarray(pixels).reshape(-1, 2)
+        values = np.empty((len(at), 3))
+        polynomials(at, self.middle, self.radius, self.coefficients, self.degree, values)
+        return values.reshape(*pixels.shape[:-1], 3)
 
 
 def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
@@ -209,7 +211,7 @@ def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
     wanted = np.column_stack([seen_by_design(pose, camera, points), size])
     fitted = np.zeros((3, 3))
     for degree in _DEGREES:
-        basis = _basis(unit[0], unit[1], degree).T
+        basis = _basis(unit.T, degree)
         fitted = np.linalg.lstsq(basis[::2], wanted[::2], rcond=None)[0]
         if abs(basis @ fitted - wanted)[1::2].max() < _EXACT:
             break
@@ -223,17 +225,12 @@ def alignment(pose: CameraPose, camera: Camera, pixels: Array) -> Alignment:
     )
 
 
-def _basis(x: Array, y: Array, degree: int) -> Array:
-    """Products of powers of x and y (n,) up to a degree, shape (C, n)."""
-    rows = np.empty(((degree + 1) * (degree + 2) // 2, len(x)))
-    rows[0] = 1.0
-    end = 1
-    for power in range(1, degree + 1):
-        begin = end - power  # the row of x to the power before
-        np.multiply(rows[begin:end], x, out=rows[end : end + power])
-        np.multiply(rows[end - 1], y, out=rows[end + power])
-        end += power + 1
-    return rows
+def _basis(points: Array, degree: int) -> Array:
+    """Terms of `polynomials` at points (n, 2), shape (n, C)."""
+    count = (degree + 1) * (degree + 2) // 2
+    terms = np.empty((len(points), count))
+    polynomials(np.ascontiguousarray(points), np.zeros(2), 1.0, np.eye(count), degree, terms)
+    return terms
 
 
 def aligned(align: Alignment, tracks: Tracks) -> Tracks:

@@ -8,7 +8,6 @@ from .calibration import SensorCalibration
 from .pose import CameraPose, alignment, blocks, carried
 from .reconstructors import NoEstimateError
 from .rest_fit import rest_pose
-from .shift_kernels import seen_by_design, whole_pairs
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -76,7 +75,6 @@ class MarkerShifts:
         self.places = places[:, near]
         self._there = there[:, self.pairs]
         self.measured = np.repeat(self._there.T, MEASURED // len(there), axis=1)
-        self._absent = ~self.measured
         # Markers move little, and the camera's pose changes little on the way.
         self._blocks = blocks(self._align, rest.position[:, self.pairs])
         self.rest_covariance = self.covariance(rest)
@@ -84,37 +82,26 @@ class MarkerShifts:
         self._at_rest = self._seen(rest)
 
     def __call__(self, tracks: Tracks, least: int) -> tuple[Array, Mask]:
-        """Shifts of (x, y, log size) of both layers, and which pairs are certain; see `read`."""
-        shifts, certain, _ = self.read(tracks, least)
-        return shifts, certain
-
-    def read(self, tracks: Tracks, least: int) -> tuple[Array, Mask, Mask]:
-        """Shifts of (x, y, log size) of both layers, and which pairs are certain, and visible.
+        """Shifts of (x, y, log size) of both layers, (P, 6), and which pairs are certain, (P,).
 
         What is not measured has not moved.
-
-        Returns
-        -------
-        Shapes (P, 6), (P,) and (P,).
 
         Raises
         ------
         NoEstimateError
             When fewer than `least` pairs are certain.
         """
-        certain, whole = (np.empty(len(self.pairs), dtype=np.bool_) for _ in range(2))
-        number = whole_pairs(
-            tracks.visible, tracks.ambiguous, self.pairs, self._there, certain, whole
-        )
-        if number < least:
+        certain = self.whole(tracks.visible & ~tracks.ambiguous)
+        if certain.sum() < least:
             raise NoEstimateError(
-                f"{number} marker pairs visible near the contact, at least {least} are needed"
+                f"{certain.sum()} marker pairs visible near the contact, at least {least} "
+                "are needed"
             )
-        shifts = self._seen(tracks)
-        shifts -= self._at_rest
-        if self._absent.any():
-            shifts[self._absent] = 0.0
-        return shifts, certain, whole
+        return np.where(self.measured, self._seen(tracks) - self._at_rest, 0.0), certain
+
+    def whole(self, markers: Mask) -> Mask:
+        """Pairs (P,) of which every marker that was there at rest is among some (L, M)."""
+        return np.asarray((markers[:, self.pairs] | ~self._there).all(axis=0))
 
     def covariance(self, tracks: Tracks, some: NDArray[np.bool_] | None = None) -> Array:
         """Covariance of (x, y, log size) of all pairs in one frame, or of some (P,): (…, 6, 6).
@@ -136,9 +123,6 @@ class MarkerShifts:
 
     def _seen(self, tracks: Tracks) -> Array:
         """(x, y, log size) of the pairs' layers, shape (P, 6)."""
-        align, seen = self._align, np.empty((len(self.pairs), MEASURED))
-        seen_by_design(
-            tracks.position, tracks.log_size, self.pairs, align.middle, align.radius,
-            align.coefficients, align.degree, seen,
-        )  # fmt: skip
-        return seen
+        seen = self._align(tracks.position[:, self.pairs])
+        seen[..., 2] += tracks.log_size[:, self.pairs]
+        return np.swapaxes(seen, 0, 1).reshape(-1, MEASURED)

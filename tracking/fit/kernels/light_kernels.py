@@ -4,7 +4,6 @@ Light is a gain for each channel and, where it is uneven, terms up to second ord
 channels. It is eliminated from the normal equations, which then are those of the markers alone.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from ....compiled import njit
 from ....render.drawing import togetherness
+from .cholesky_kernels import factorise
 from .gather_kernels import ROWS, gather
 from .lanes import sum_of_products
 from .pixel_kernels import (
@@ -116,18 +116,9 @@ def solve_light(
 
     `lights` becomes the factor L of the information on light; `rhs` and `cross` are divided by it.
     """
+    if not factorise(lights, terms):
+        return False
     size = gradient.shape[0]
-    for i in range(terms):
-        for j in range(i + 1):
-            total = lights[i, j]
-            for k in range(j):
-                total -= lights[i, k] * lights[j, k]
-            if i > j:
-                lights[i, j] = total / lights[j, j]
-            elif total > 1e-9 * lights[i, i] and lights[i, i] > 0.0:
-                lights[i, i] = math.sqrt(total)
-            else:
-                return False
     for i in range(terms):
         for k in range(i):
             factor = lights[i, k]

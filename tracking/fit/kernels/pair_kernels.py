@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ....compiled import njit
 from ....render.drawing import togetherness
+from .cholesky_kernels import factorise, invert_corner
 from .gather_kernels import ROWS, gather
 from .light_kernels import (
     LIGHTS,
@@ -258,16 +259,8 @@ def _solve(normal: Array, gradient: Array, change: Array, covariance: Array) -> 
     for i in range(size):
         if not normal[i, i] > 0.0:  # a layer that is not there
             normal[i, i] = 1.0
-        for j in range(i + 1):
-            total = normal[i, j]
-            for k in range(j):
-                total -= normal[i, k] * normal[j, k]
-            if i > j:
-                normal[i, j] = total / normal[j, j]
-            elif total > 1e-9 * normal[i, i]:
-                normal[i, i] = math.sqrt(total)
-            else:
-                return False
+    if not factorise(normal, size):
+        return False
     for i in range(size):
         total = gradient[i]
         for k in range(i):
@@ -278,32 +271,22 @@ def _solve(normal: Array, gradient: Array, change: Array, covariance: Array) -> 
         for k in range(i + 1, size):
             total -= normal[k, i] * change[k]
         change[i] = total / normal[i, i]
-    _invert_corner(normal, covariance)
+    _cover(normal, covariance)
     return True
 
 
 @njit()
-def _invert_corner(factor: Array, covariance: Array) -> None:
+def _cover(factor: Array, covariance: Array) -> None:
     """Covariance of (x, y, e) of both layers; of (x, y) alone where only they are free."""
-    size = factor.shape[0]
-    first = 4 if size == 10 else 0
-    corner = size - first
-    inverse = np.zeros((6, 6))
-    for j in range(corner):
-        inverse[j, j] = 1.0 / factor[first + j, first + j]
-        for i in range(j + 1, corner):
-            total = 0.0
-            for k in range(j, i):
-                total -= factor[first + i, first + k] * inverse[k, j]
-            inverse[i, j] = total / factor[first + i, first + i]
+    sized = factor.shape[0] == 10
+    corner, half = np.empty((6, 6)), np.empty((6, 6))
+    invert_corner(factor, 4 if sized else 0, half, corner)
     covariance[:] = np.nan
-    for i in range(corner):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(i, corner):
-                total += inverse[k, i] * inverse[k, j]
-            row, col = (i, j) if corner == 6 else (i + i // 2, j + j // 2)
-            covariance[row, col] = covariance[col, row] = total
+    count = 6 if sized else 4
+    for i in range(count):
+        for j in range(count):
+            row, col = (i, j) if sized else (i + i // 2, j + j // 2)
+            covariance[row, col] = corner[i, j]
 
 
 @njit()

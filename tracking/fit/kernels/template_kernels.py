@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....compiled import njit
+from .cholesky_kernels import factorise, invert_corner
 from .light_kernels import place_of
 from .neighbour_kernels import slopes_of
 from .pixel_kernels import (
@@ -41,16 +42,16 @@ _NORMALS = (CHANGE, CHANGE + 1, CHANGE + 5, CHANGE + 6)
 _NEAR = 5.0
 #: Motion of a neighbour that a template bears, over that of the pair itself.
 _STALE = 0.5
-#: Change of the light's slope that a template bears [1/px].
-_SLOPED = 2e-4
-#: Pairs with a misfit this many times the typical one are fitted, with uneven light.
-_UNEVEN = 1.6
+#: A slope of the light that changed by more than this is another one [1/px].
+SLOPED = 2e-4
+#: Pairs with a misfit this many times the typical one are fitted with uneven light.
+UNEVEN = 1.6
 #: Neighbours that are further than this from where a pair ends do not matter to it [px].
 _FAR = 1.5
 
 
 class Pool(NamedTuple):
-    """Templates of M pairs; see `Templates`."""
+    """Templates of M pairs; see `templates`."""
 
     levels: NDArray[np.int16]  # (M, 3·N) expected levels, of blocks of pixels, channel by channel
     tells: NDArray[np.int8]  # (M, 10·N) changes of level with coverage, and edges' normals
@@ -68,9 +69,7 @@ class Around(NamedTuple):
     """Pairs next to each of M pairs, by which the light's slope is read."""
 
     near: NDArray[np.int64]  # (M, K)
-    to_slope: (
-        Array  # (M, 2, K) from the logarithms of their gains, less the own one's, to the slope
-    )
+    to_slope: Array  # (M, 2, K) see `pair_fit._slope_matrices`
 
 
 @njit()
@@ -106,8 +105,9 @@ def keep_template(
     if number > pool.runs.shape[1] or 3 * BLOCK * blocks > pool.levels.shape[1]:
         return
     _unknown_information(normal, cross, lights, information[0])
-    if not _inverse(information[0], information[1], pool.inverse[m]):
+    if not factorise(information[0], UNKNOWNS):
         return
+    invert_corner(information[0], 0, information[1], pool.inverse[m])
     for run in range(number):
         for j in range(3):
             pool.runs[m, run, j] = runs[run, j]
@@ -135,38 +135,6 @@ def _unknown_information(normal: Array, cross: Array, lights: Array, out: Array)
     for i in range(UNKNOWNS):
         if not out[i, i] > 0.0:
             out[i, i] = 1.0
-
-
-@njit()
-def _inverse(matrix: Array, factor: Array, out: Array32) -> bool:
-    """Inverse of a positive definite matrix, by Cholesky; False where it is none."""
-    size = matrix.shape[0]
-    for i in range(size):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            if i > j:
-                factor[i, j] = total * factor[j, j]
-            elif total > 1e-9 * matrix[i, i]:
-                factor[i, i] = 1.0 / math.sqrt(total)
-            else:
-                return False
-    # The factor's inverse takes the matrix's place, column by column.
-    for j in range(size):
-        matrix[j, j] = factor[j, j]
-        for i in range(j + 1, size):
-            total = 0.0
-            for k in range(j, i):
-                total -= factor[i, k] * matrix[k, j]
-            matrix[i, j] = total * factor[i, i]
-    for i in range(size):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(i, size):
-                total += matrix[k, i] * matrix[k, j]
-            out[i, j] = out[j, i] = np.float32(total)
-    return True
 
 
 @njit()
@@ -257,10 +225,33 @@ def follow(
     covariance: result, of (x, y, e) of both layers and the logarithms of the gains, (M, 9, 9)
     active: result, pairs that are not at their fit yet, shape (M,)
     """
-    _look(image, optics, size, limit, pool, fits, gains, slopes, misfit, covariance, active)
+    flat, breadth = image.reshape(-1), image.shape[1]
+    levels, tells = pool.levels.reshape(-1), pool.tells.reshape(-1)
+    sums, gradient = np.empty(SUMS * BLOCK, dtype=np.float32), np.empty(UNKNOWNS, dtype=np.float32)
+    fit, gain = np.empty((2, 5)), np.empty(3)
+    for m in range(fits.shape[0]):
+        active[m], misfit[m] = True, np.inf
+        shift = 0.0
+        for k in range(2):
+            for i in range(2):
+                shift = max(shift, abs(fits[m, k, i] - pool.fits[m, k, i]))
+        if pool.counts[m, 0] == 0 or not shift < _NEAR * limit:
+            continue
+        _add_runs(flat, breadth, optics, m, pool, levels, tells, sums)
+        squares = _gradient(optics, m, sums, pool, gradient)
+        gained, moved = _template_step(m, size, pool, gradient, fit, gain)
+        if not moved < _NEAR * limit:
+            continue
+        fits[m], gains[m] = fit, gain
+        slopes[m, :2], slopes[m, 2:] = pool.slopes[m], 0.0
+        active[m] = not moved < limit
+        misfit[m] = max(squares - gained, 0.0) / max(3 * pool.counts[m, 1] - UNKNOWNS, 1)
+        for i in range(9):
+            for j in range(9):
+                covariance[m, i, j] = pool.inverse[m, _CERTAIN[i], _CERTAIN[j]]
     typical = max(1.0, _typical(misfit))
     for m in range(len(active)):
-        if not misfit[m] < _UNEVEN * typical:
+        if not misfit[m] < UNEVEN * typical:
             active[m] = True
     stale(optics.neighbours, around, limit, pool, fits, gains, active)
 
@@ -273,68 +264,54 @@ def _typical(misfit: Array) -> float:
 
 
 @njit()
-def _look(
-    image: NDArray[np.uint8],
+def _add_runs(
+    flat: NDArray[np.uint8],
+    breadth: int,
     optics: Any,
-    size: float,
-    limit: float,
+    m: int,
     pool: Any,
-    fits: Array,
-    gains: Array,
-    slopes: Array,
-    misfit: Array,
-    covariance: Array,
-    active: NDArray[np.bool_],
+    levels: NDArray[np.int16],
+    tells: NDArray[np.int8],
+    sums: Array32,
 ) -> None:
-    """Fit the pairs that have a template, linear about where it was made."""
-    flat, breadth = image.reshape(-1), image.shape[1]
-    sums, gradient = np.empty(SUMS * BLOCK, dtype=np.float32), np.empty(UNKNOWNS, dtype=np.float32)
-    room = pool.levels.shape[1] // (3 * BLOCK)
-    levels, tells = pool.levels.reshape(-1), pool.tells.reshape(-1)
-    black = optics.black
+    """Sums over the pixels of a pair; see `add_run`."""
+    black, at = optics.black, pool.fits[m]
     offsets = _offset(black[0]), _offset(black[1]), _offset(black[2])
-    fit, gain = np.empty((2, 5)), np.empty(3)
-    for m in range(fits.shape[0]):
-        active[m], misfit[m] = True, np.inf
-        at = pool.fits[m]
-        shift = 0.0
-        for k in range(2):
-            for i in range(2):
-                shift = max(shift, abs(fits[m, k, i] - at[k, i]))
-        if pool.counts[m, 0] == 0 or not shift < _NEAR * limit:
-            continue
-        sums[:] = F0
-        block = m * room
-        for run in range(pool.counts[m, 0]):
-            row, column, blocks = pool.runs[m, run, 0], pool.runs[m, run, 1], pool.runs[m, run, 2]
-            first = 3 * (np.int64(row) * breadth + column)
-            x, y = np.float32(column - at[0, 0]), np.float32(row - at[0, 1])
-            add_run(
-                flat, np.uint64(first), levels, tells, np.uint64(block), np.uint64(blocks), x, y,
-                offsets, sums,
-            )  # fmt: skip
-            block += blocks
-        squares = _gradient(optics, m, sums, pool, gradient)
-        moved = 0.0
-        for i in range(UNKNOWNS):
-            change = F0
-            for j in range(UNKNOWNS):
-                change += pool.inverse[m, i, j] * gradient[j]
-            squares -= change * gradient[i]
-            if i < 10:
-                fit[i // 5, i % 5] = at[i // 5, i % 5] + change
-                moved = max(moved, abs(float(change)) * (1.0 if i % 5 < 2 else size))
-            else:
-                gain[i - 10] = pool.gains[m, i - 10] * math.exp(change)
-        if not moved < _NEAR * limit:
-            continue
-        fits[m], gains[m] = fit, gain
-        slopes[m, :2], slopes[m, 2:] = pool.slopes[m], 0.0
-        active[m] = not moved < limit
-        misfit[m] = max(squares, 0.0) / max(3 * pool.counts[m, 1] - UNKNOWNS, 1)
-        for i in range(9):
-            for j in range(9):
-                covariance[m, i, j] = pool.inverse[m, _CERTAIN[i], _CERTAIN[j]]
+    sums[:] = F0
+    block = m * (pool.levels.shape[1] // (3 * BLOCK))
+    for run in range(pool.counts[m, 0]):
+        row, column, blocks = pool.runs[m, run, 0], pool.runs[m, run, 1], pool.runs[m, run, 2]
+        first = 3 * (np.int64(row) * breadth + column)
+        x, y = np.float32(column - at[0, 0]), np.float32(row - at[0, 1])
+        add_run(
+            flat, np.uint64(first), levels, tells, np.uint64(block), np.uint64(blocks), x, y,
+            offsets, sums,
+        )  # fmt: skip
+        block += blocks
+
+
+@njit()
+def _template_step(
+    m: int, size: float, pool: Any, gradient: Array32, fit: Array, gain: Array
+) -> tuple[float, float]:
+    """Step of a pair from where its template was made.
+
+    Returns
+    -------
+    What the step takes off the sum of squares, and the largest motion of an edge [px].
+    """
+    gained = moved = 0.0
+    for i in range(UNKNOWNS):
+        change = F0
+        for j in range(UNKNOWNS):
+            change += pool.inverse[m, i, j] * gradient[j]
+        gained += change * gradient[i]
+        if i < 10:
+            fit[i // 5, i % 5] = pool.fits[m, i // 5, i % 5] + change
+            moved = max(moved, abs(float(change)) * (1.0 if i % 5 < 2 else size))
+        else:
+            gain[i - 10] = pool.gains[m, i - 10] * math.exp(change)
+    return gained, moved
 
 
 @njit()
@@ -399,7 +376,7 @@ def stale(
     for m in range(len(active)):
         if not active[m] and pool.counts[m, 0] > 0:
             dx, dy = slopes[m, 0] - pool.slopes[m, 0], slopes[m, 1] - pool.slopes[m, 1]
-            active[m] = not (abs(dx) < _SLOPED and abs(dy) < _SLOPED)
+            active[m] = not (abs(dx) < SLOPED and abs(dy) < SLOPED)
             for n in range(near.shape[1]):
                 other = near[m, n]
                 if other < 0:

@@ -141,8 +141,8 @@ def fit_codes(specimen: Specimen, kept: Kept | None, tracks: Tracks) -> tuple[Fi
     NoEstimateError
         When too few pairs of the design are visible.
     """
-    least = least_pairs(specimen.shifts.sensor)
-    shifts, certain, visible = specimen.shifts.read(tracks, least)
+    shifts, certain = specimen.shifts(tracks, least_pairs(specimen.shifts.sensor))
+    visible = specimen.shifts.whole(tracks.visible)
     level = typical_variance(tracks.covariance, specimen.shifts.pairs, visible)
     if kept is None or abs(level - kept.noise.level) >= NOISE_CHANGE * kept.noise.level:
         plane = aligned(specimen, 0.0) if kept is None else kept.noise.aligned
