@@ -478,6 +478,25 @@ def test_templates_say_what_the_fit_says() -> None:
     assert abs(np.mean(apart)) < 1e-4
 
 
+def test_a_layer_that_is_not_there_stays_where_it_is_at_rest() -> None:
+    """Half of a pair: the light on it is counted from the middle of both layers."""
+    centres = REST.centres.copy()
+    gone = np.flatnonzero(SENSOR.places[:, 0] < 0.6)[::7]
+    centres[1, gone] = np.nan
+    tracker = MarkerTracker(Palette.of_sensor(SENSOR), 2.0)
+    tracker.reset([shoot(Membrane(centres=centres, axes=REST.axes), 0)])
+    before = tracker.state.start
+    absent = ~before.present
+    assert absent.sum() == len(gone)
+    for k in range(5):
+        moved = centres + np.array([1e-5 * k, 0.0, 0.0])
+        tracks = tracker.update(shoot(Membrane(centres=moved, axes=REST.axes), k))
+    after = tracker.state.start
+    assert tracks.visible[before.present.T].all()
+    assert (abs(after.fits - before.fits)[before.present][:, 0] > 0.3).mean() > 0.9
+    np.testing.assert_array_equal(after.fits[absent], before.fits[absent])
+
+
 def test_few_templates_are_made_while_the_skin_holds_still() -> None:
     tracker = fresh()
     made = []

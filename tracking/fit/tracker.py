@@ -211,21 +211,22 @@ def _tuned(
 def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory:
     """Memory after a look; lost markers move with their visible neighbours."""
     visible, state, near = look.visible, look.fits.state, known.fit.near
-    if visible[known.state.present].all():
-        memory = _go_on(known, memory, state, state.fits, visible & steady)
-        return replace(memory, visible=visible, intact=visible & ~look.torn)
-    displacement = np.where(visible[..., None], state.fits - known.state.fits, np.nan)
-    gains = np.where(np.asarray(visible.any(axis=1))[:, None], state.gains, np.nan)
-    for m in np.flatnonzero((~visible & known.state.present).any(axis=1)):
-        for k in np.flatnonzero(~visible[m]):
-            around = near[m][visible[near[m], k]]
-            displacement[m, k] = np.median(displacement[around, k], axis=0) if len(around) else 0.0
-        if np.isnan(gains[m, 0]):
-            lit = near[m][visible[near[m]].any(axis=1)]
-            gains[m] = gains[lit].mean(axis=0) if len(lit) else memory.start.gains[m]
-    forget(memory.templates, np.asarray((~visible & known.state.present).any(axis=1)))
-    fits = known.state.fits + np.nan_to_num(displacement)
-    state = replace(state, gains=np.where(np.isnan(gains), 1.0, gains))
+    lost = np.asarray((~visible & known.state.present).any(axis=1))
+    # A layer that is not there stays where it is at rest.
+    fits = np.where(visible[..., None], state.fits, known.state.fits)
+    if lost.any():
+        displacement = np.where(visible[..., None], state.fits - known.state.fits, np.nan)
+        gains = np.where(np.asarray(visible.any(axis=1))[:, None], state.gains, np.nan)
+        for m in np.flatnonzero(lost):
+            for k in np.flatnonzero(~visible[m]):
+                around = near[m][visible[near[m], k]]
+                if len(around):
+                    fits[m, k] += np.median(displacement[around, k], axis=0)
+            if np.isnan(gains[m, 0]):
+                lit = near[m][visible[near[m]].any(axis=1)]
+                gains[m] = gains[lit].mean(axis=0) if len(lit) else memory.start.gains[m]
+        state = replace(state, gains=np.where(np.isnan(gains), 1.0, gains))
+        forget(memory.templates, lost)
     memory = _go_on(known, memory, state, fits, visible & steady)
     return replace(memory, visible=visible, intact=visible & ~look.torn)
 
