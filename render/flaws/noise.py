@@ -1,66 +1,74 @@
-"""Camera noise: seeded by run and frame, so that the same seed gives the same bytes."""
+"""Camera noise: seeded by run and frame, so that the same seed gives the same bytes.
 
+A field of normal offsets is drawn once. Each run of an image's bytes takes its own part of it, with
+its own sign. Given the field, runs of one or of several frames are independent; within a run offsets
+are as independent as those of the field are.
+"""
+
+import math
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
-from ...compiled import njit
+from .noise_kernels import add_runs, fill_field
 
-#: The table of offsets has 2 to this power entries; five fit into a draw of 64 bits.
-_TABLE_BITS = 12
-#: Draws of which offsets are looked up before any is added: the buffers stay in the cache.
-_DRAWS = 640
-
-
-@lru_cache(maxsize=8)
-def _levels(sigma: float) -> NDArray[np.int16]:
-    """Whole-level offsets whose histogram is the normal distribution, by equal probability."""
-    share = (np.arange(1 << _TABLE_BITS) + 0.5) / (1 << _TABLE_BITS)
-    return np.rint(sigma * ndtri(share)).astype(np.int16)
+#: Bytes that take a part of the field together: about a row of 640 pixels.
+_RUN = 2048
+#: Places that a run may begin at. Correlations within the field are of 1/√places.
+_PLACES = 1 << 21
+#: Offsets of equal probability that the field is drawn from.
+_SHARES = 1 << 16
 
 
-@njit()
-def _add(image: NDArray[np.uint8], levels: NDArray[np.int16], seed: np.uint64) -> None:
-    """Draw for a run of bytes, look offsets up, then add them: loops that vectorise apart.
-
-    splitmix64 is a counter through a mixer; 60 of its 64 bits serve five bytes.
-    """
-    flat = image.reshape(-1)
-    mask = np.uint64(levels.shape[0] - 1)
-    offsets, draws = np.empty(5 * _DRAWS, dtype=np.int16), np.empty(_DRAWS, dtype=np.uint64)
-    step, state = np.uint64(0x9E3779B97F4A7C15), seed
-    for start in range(0, flat.shape[0], 5 * _DRAWS):
-        for j in range(_DRAWS):
-            z = state + np.uint64(j + 1) * step
-            z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-            z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-            draws[j] = z ^ (z >> np.uint64(31))
-        state += np.uint64(_DRAWS) * step
-        for j in range(_DRAWS):
-            bits = draws[j]
-            offsets[5 * j] = levels[bits & mask]
-            offsets[5 * j + 1] = levels[(bits >> np.uint64(12)) & mask]
-            offsets[5 * j + 2] = levels[(bits >> np.uint64(24)) & mask]
-            offsets[5 * j + 3] = levels[(bits >> np.uint64(36)) & mask]
-            offsets[5 * j + 4] = levels[(bits >> np.uint64(48)) & mask]
-        part = flat[start : start + 5 * _DRAWS]
-        for i in range(part.shape[0]):
-            value = np.int16(part[i]) + offsets[i]
-            part[i] = np.uint8(min(max(value, np.int16(0)), np.int16(255)))
+@lru_cache(maxsize=4)
+def _field(sigma: float) -> NDArray[np.int16]:
+    """Field of offsets; it ends as it begins, so that a run may begin anywhere."""
+    field = np.empty(_PLACES + _RUN, dtype=np.int16)
+    fill_field(offset_levels(sigma), field[:_PLACES])
+    field[_PLACES:] = field[:_RUN]
+    return field
 
 
-def add_noise(image: NDArray[np.uint8], sigma: float, seed: int, index: int) -> None:
-    """Add white noise to an image in place.
+def offset_levels(sigma: float) -> NDArray[np.int16]:
+    """Whole-level offsets whose histogram is the normal distribution, by equal probability.
 
     Parameters
     ----------
-    image: sRGB, uint8, shape (H, W, 3)
-    sigma: standard deviation [grey levels]; 0 leaves the image alone
-    seed, index: run and frame; each pair gives its own, reproducible noise
+    sigma: standard deviation, before rounding to whole levels [grey levels]
+
+    Returns
+    -------
+    Shape (2¹⁶,), increasing.
     """
+    most = math.ceil(5.0 * sigma)
+    levels = np.arange(-most, most + 1)
+    ends = [math.erf((level + 0.5) / (math.sqrt(2.0) * sigma)) for level in levels[:-1]]
+    share = np.rint(0.5 * _SHARES * (1.0 + np.array([*ends, 1.0]))).astype(np.int64)
+    return np.repeat(levels, np.diff(share, prepend=0)).astype(np.int16)
+
+
+def add_noise(
+    image: NDArray[np.uint8],
+    sigma: float,
+    seed: int,
+    index: int,
+    out: NDArray[np.uint8] | None = None,
+) -> None:
+    """Add white noise to an image, in place or into another one.
+
+    Parameters
+    ----------
+    image: sRGB, uint8, contiguous, shape (H, W, 3)
+    sigma: standard deviation [grey levels]; 0 leaves the image as it is
+    seed, index: run and frame, from 0 to 2⁶⁴ − 1; each pair gives its own, reproducible noise
+    out: result, of the same shape; None is `image` itself
+    """
+    out = image if out is None else out
+    if not out.flags.c_contiguous:
+        raise ValueError("noise is added to contiguous images")
     if sigma == 0.0:
+        out[...] = image
         return
-    start = np.random.SeedSequence([seed, index]).generate_state(1, np.uint64)[0]
-    _add(image, _levels(sigma), start)
+    key = np.uint64(seed), np.uint64(index)
+    add_runs(image.reshape(-1), _field(float(sigma)), _PLACES, *key, out.reshape(-1))

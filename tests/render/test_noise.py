@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from scipy.stats import chi2, norm
 
 from chromagrip.render import add_noise
+from chromagrip.render.flaws.noise import offset_levels
 
 SHAPE = (201, 303, 3)
 
@@ -30,6 +32,61 @@ def test_frames_and_seeds_do_not_resemble_each_other() -> None:
     assert (base == noise(2.0, 1, 2)).all()
     for other in (noise(2.0, 1, 3), noise(2.0, 2, 2), noise(2.0, 2, 1)):
         assert abs((base * other).mean() / base.var()) < 5 / np.sqrt(base.size)
+
+
+@pytest.mark.parametrize("sigma", [0.2, 0.5, 1.0, 2.0, 4.0, 50.0])
+def test_the_histogram_is_that_of_a_rounded_normal_number(sigma: float) -> None:
+    levels, counts = np.unique(offset_levels(sigma), return_counts=True)
+    assert (levels == -levels[::-1]).all()
+    assert (counts == counts[::-1]).all()
+    share = norm.cdf((levels + 0.5) / sigma) - norm.cdf((levels - 0.5) / sigma)
+    assert abs(counts - share * counts.sum()).max() <= 1.5
+    if sigma > 10.0:  # not the whole of it is between black and white
+        return
+    values = np.concatenate([noise(sigma, 5, index).ravel() for index in range(8)])
+    expected = np.array([share[levels == v].sum() for v in levels]) * values.size
+    found = np.array([(values == level).sum() for level in levels])
+    often = expected > 20.0
+    square = ((found - expected) ** 2 / expected)[often].sum()
+    assert square < chi2.ppf(1.0 - 1e-4, often.sum())
+
+
+def test_no_pixel_tells_of_others_nearby_or_in_other_frames() -> None:
+    count = 24
+    frames = np.stack([noise(2.0, 3, index) for index in range(count)])
+    limit = 5.0 / np.sqrt(frames.size)
+    flat = frames.reshape(count, -1) / frames.std()
+    # Neighbours, channels, rows, what is a run apart; then the same pixels some frames later.
+    for lag in (1, 2, 3, 4, 6, SHAPE[1] * 3, SHAPE[1] * 3 + 3, 2047, 2048, 2049, 4096):
+        assert abs((flat[:, lag:] * flat[:, :-lag]).mean()) < limit, lag
+    for later in (1, 2, 7):
+        assert abs((flat[later:] * flat[:-later]).mean()) < 1.5 * limit, later
+    # The mean of frames is as small as that of independent ones, in each pixel and in all.
+    mean = flat.mean(axis=0)
+    assert mean.var() * count == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / mean.size))
+    assert abs(mean.mean()) < limit
+    # So are the sums of blocks of pixels, which a tracker takes.
+    blocks = flat[:, : flat.shape[1] // 100 * 100].reshape(count, -1, 100).sum(axis=-1) / 10.0
+    assert blocks.var() == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / blocks.size))
+
+
+def test_bytes_of_a_seed_are_the_same_everywhere() -> None:
+    image = np.full((3, 700, 3), 100, dtype=np.uint8)
+    add_noise(image, 2.0, 7, 9)
+    assert image.reshape(-1)[[0, 1, 2, 2047, 2048, 2049, 6299]].tolist() == [104, 100, 98, 99, 100, 99, 97]
+
+
+def test_noise_goes_into_another_image() -> None:
+    image = np.arange(np.prod(SHAPE), dtype=np.uint8).reshape(SHAPE)
+    clean, out = image.copy(), np.empty_like(image)
+    for sigma in (0.0, 3.0):
+        add_noise(image, sigma, 4, 1, out=out)
+        assert (image == clean).all()
+        again = image.copy()
+        add_noise(again, sigma, 4, 1)
+        assert (out == again).all()
+    with pytest.raises(ValueError, match="contiguous"):
+        add_noise(image[:, ::2], 1.0, 0, 0)
 
 
 def test_no_noise_and_no_overflow() -> None:
