@@ -87,7 +87,7 @@ def harmonic_map(skin: Skin, places: Array, nodes: int | Array) -> HarmonicMap:
         pad x [m], increasing, shape (N,)
     """
     first, phi = np.array(places, dtype=float).T
-    stations = np.linspace(-skin.half, skin.half, nodes) if isinstance(nodes, int) else nodes
+    stations = stations_of(skin, nodes)
     right, left = _interpolation(first, stations), _interpolation(-first, stations)
     derivative = _derivative(stations)
     return HarmonicMap(
@@ -102,27 +102,43 @@ def harmonic_map(skin: Skin, places: Array, nodes: int | Array) -> HarmonicMap:
 
 
 def _derivative(stations: Array) -> csr_array:
-    """Derivative at each node, of second order; 0 at the two outer ones, which are held."""
+    """Derivative at each node."""
     n = len(stations)
-    before, after = np.diff(stations)[:-1], np.diff(stations)[1:]
-    values = np.stack(
-        [
-            -after / (before * (before + after)),
-            (after - before) / (before * after),
-            before / (after * (before + after)),
-        ],
-        axis=1,
-    )
     inner = np.arange(1, n - 1)
     columns = inner[:, None] + np.array([-1, 0, 1])
-    return csr_array((values.ravel(), (np.repeat(inner, 3), columns.ravel())), shape=(n, n))
+    values = slope_weights(stations)[1:-1].ravel()
+    return csr_array((values, (np.repeat(inner, 3), columns.ravel())), shape=(n, n))
+
+
+def slope_weights(stations: Array) -> Array:
+    """Weights of the node before, a node and that behind in the derivative at each, shape (N, 3).
+
+    Of second order; 0 at the two outer ones, which are held.
+    """
+    before, after = np.diff(stations)[:-1], np.diff(stations)[1:]
+    weights = np.zeros((len(stations), 3))
+    weights[1:-1, 0] = -after / (before * (before + after))
+    weights[1:-1, 1] = (after - before) / (before * after)
+    weights[1:-1, 2] = before / (after * (before + after))
+    return weights
 
 
 def _interpolation(place: Array, stations: Array) -> csr_array:
     """Linear interpolation of nodal values at signed places."""
     n, m = len(stations), len(place)
-    index = np.clip(np.searchsorted(stations, place, side="right") - 1, 0, n - 2)
-    weight = (place - stations[index]) / (stations[index + 1] - stations[index])
+    index, weight = node_before(place, stations)
     rows = np.concatenate([np.arange(m), np.arange(m)])
     columns = np.concatenate([index, index + 1])
     return csr_array((np.concatenate([1 - weight, weight]), (rows, columns)), shape=(m, n))
+
+
+def node_before(place: Array, stations: Array) -> tuple[NDArray[np.int64], Array]:
+    """Node before each signed place, and the weight of that behind it, shapes of `place`."""
+    index = np.clip(np.searchsorted(stations, place, side="right") - 1, 0, len(stations) - 2)
+    weight = (place - stations[index]) / (stations[index + 1] - stations[index])
+    return index.astype(np.int64), np.asarray(weight)
+
+
+def stations_of(skin: Skin, nodes: int | Array) -> Array:
+    """Places of nodes: evenly spaced across the skin where only their number is given, (N,)."""
+    return np.linspace(-skin.half, skin.half, nodes) if isinstance(nodes, int) else nodes

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import vstack
 
 from .design.sensor import SensorDesign
-from .harmonics import harmonic_map
+from .harmonics import node_before, slope_weights, stations_of
 from .place_kernels import THICKEST, THINNEST, carry_markers, unit_axes_each
 
 Array = NDArray[np.float64]
@@ -51,16 +50,19 @@ class MembraneMap:
         skin, count = sensor.shape, len(sensor.places)
         # Layers that lie on each other share one map.
         own = sensor.places[None] if places is None else places
-        carry = harmonic_map(skin, own.reshape(-1, 2), nodes)
-        self._chain = vstack([carry.right, carry.left, carry.right_slope, carry.left_slope], "csr")
-        self._shape = (4, *own.shape)
+        stations = np.ascontiguousarray(stations_of(skin, nodes), dtype=float)
+        # Of each marker's own side, and of the other one.
+        sides = np.stack([own[..., 0], -own[..., 0]], axis=-1)
         layers = zip(np.broadcast_to(own, (2, count, 2)), sensor.depths, strict=True)
+        self._rest = np.stack([skin.points(place, depth) for place, depth in layers])
         markers = sensor.markers
         self._places = (
+            *node_before(sides, stations),
+            slope_weights(stations),
             np.stack([np.cos(own[..., 1]), np.sin(own[..., 1])], axis=-1),
-            carry.ring.reshape(own.shape[:2]),
+            skin.ring(own[..., 0]),
             np.stack(skin.tangents(own), axis=-1),
-            np.stack([skin.points(place, depth) for place, depth in layers]),
+            self._rest,
             sensor.follow,
             sensor.follow / [skin.metric(depth) for depth in sensor.depths],
             sensor.half_sizes,
@@ -70,10 +72,9 @@ class MembraneMap:
 
     def __call__(self, displacement: Array) -> Membrane:
         """Membrane for node displacements relative to the rigid part (N, 2) [m]."""
-        chain = np.asarray(self._chain @ displacement).reshape(self._shape)
-        rest = self._places[3]
-        centres, axes = np.empty_like(rest), np.empty((*rest.shape, 2))
-        carry_markers(chain, *self._places, centres, axes)
+        seen = np.ascontiguousarray(displacement, dtype=float)
+        centres, axes = np.empty(self._rest.shape), np.empty((*self._rest.shape, 2))
+        carry_markers(seen, *self._places, centres, axes)
         return Membrane(centres=centres, axes=axes)
 
 

@@ -6,17 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import njit
-from .optics.projection_kernels import Lens, Port, apparent, pixel
+from .optics.projection_kernels import Lens, Port, project_lanes
 
 Array = NDArray[np.float64]
 
 #: Least and largest thickness of pressed silicone, as a share of that at rest.
 THINNEST, THICKEST = 0.2, 5.0
+#: Markers that are projected together: their numbers stay in the cache.
+_TOGETHER = 64
 
 
 @njit()
 def carry_markers(
-    chain: Array,
+    displacement: Array,
+    before: NDArray[np.int64],
+    weight: Array,
+    slope_weights: Array,
     azimuth: Array,
     ring: Array,
     tangents: Array,
@@ -31,10 +36,14 @@ def carry_markers(
 ) -> None:
     """Centres and semi-axes of markers on a deformed skin; see `harmonics` for the displacement.
 
+    Places, with P = 2, are of each layer or, with P = 1, of both.
+
     Parameters
     ----------
-    chain: (x, z) of the chain at +θ and −θ [m] and both derivatives by θ, shape (4, P, M, 2), of
-        each layer or, with P = 1, of both
+    displacement: (x, z) of the chain's nodes [m], shape (N, 2)
+    before: node before a marker's θ, and before −θ, shape (P, M, 2)
+    weight: of the node behind, shape (P, M, 2)
+    slope_weights: of the node before, a node and that behind in its derivative, shape (N, 3)
     azimuth: (cos φ, sin φ), shape (P, M, 2)
     ring: length of a unit of φ over that of θ, shape (P, M)
     tangents: unit vectors along θ and φ as columns, shape (P, M, 3, 2)
@@ -46,17 +55,22 @@ def carry_markers(
     swell: thickness of the silicone that takes up a press [m]; 0 is none
     centres, axes: results, shapes (2, M, 3) and (2, M, 3, 2)
     """
-    carried, slope = np.empty((3, 2)), np.empty((3, 2))
-    moved = np.empty(3)
+    carried, slope, moved = np.empty((3, 2)), np.empty((3, 2)), np.empty(3)
+    slopes = np.zeros_like(displacement)
+    for n in range(1, len(displacement) - 1):
+        for c in range(2):
+            for j in range(3):
+                slopes[n, c] += slope_weights[n, j] * displacement[n - 1 + j, c]
     for layer in range(2):
-        p = min(layer, chain.shape[1] - 1)
+        p = min(layer, before.shape[0] - 1)
         for m in range(rest.shape[1]):
             cos, sin = azimuth[p, m, 0], azimuth[p, m, 1]
-            u_r, shift, u_z, tilt = _harmonics(chain[0, p, m], chain[1, p, m])
+            u_r, shift, u_z, tilt = _harmonics(displacement, 1.0, before[p, m], weight[p, m])
             moved[0], moved[1], moved[2] = u_r * cos + shift, u_r * sin, u_z + tilt * cos
             slope[0, 1], slope[1, 1] = -u_r * sin / ring[p, m], u_r * cos / ring[p, m]
             slope[2, 1] = -tilt * sin / ring[p, m]
-            u_r, shift, u_z, tilt = _harmonics(chain[2, p, m], chain[3, p, m])
+            # d/dθ of f(−θ) is −f′(−θ).
+            u_r, shift, u_z, tilt = _harmonics(slopes, -1.0, before[p, m], weight[p, m])
             slope[0, 0], slope[1, 0] = u_r * cos + shift, u_r * sin
             slope[2, 0] = u_z + tilt * cos
             along = tangents[p, m]
@@ -75,13 +89,20 @@ def carry_markers(
 
 
 @njit()
-def _harmonics(right: Array, left: Array) -> tuple[float, float, float, float]:
-    """Radial u_r, shift a, mean u_z and tilt c, from (x, z) at ±θ."""
+def _harmonics(
+    nodal: Array, sign: float, before: NDArray[np.int64], weight: Array
+) -> tuple[float, float, float, float]:
+    """Radial u_r, shift a, mean u_z and tilt c of nodal (x, z) at θ, and with that sign at −θ."""
+    i, j, w, v = before[0], before[1], weight[0], weight[1]
+    right_x = (1.0 - w) * nodal[i, 0] + w * nodal[i + 1, 0]
+    right_z = (1.0 - w) * nodal[i, 1] + w * nodal[i + 1, 1]
+    left_x = sign * ((1.0 - v) * nodal[j, 0] + v * nodal[j + 1, 0])
+    left_z = sign * ((1.0 - v) * nodal[j, 1] + v * nodal[j + 1, 1])
     return (
-        (right[0] - left[0]) / 2.0,
-        (right[0] + left[0]) / 2.0,
-        (right[1] + left[1]) / 2.0,
-        (right[1] - left[1]) / 2.0,
+        (right_x - left_x) / 2.0,
+        (right_x + left_x) / 2.0,
+        (right_z + left_z) / 2.0,
+        (right_z - left_z) / 2.0,
     )
 
 
@@ -185,20 +206,29 @@ def project_markers(
     port, lens: of the camera
     pixels, coefficients: results [px], shapes (K, 2) and (K, 6, 2)
     """
-    for k in range(len(centres)):
-        centre, first, second = centres[k], axes[k, :, 0], axes[k, :, 1]
-        coefficients[k] = 0.0
-        for j in range(len(probes)):
+    places = len(probes)
+    room, total = np.empty((3, places * _TOGETHER)), np.empty(_TOGETHER)
+    for begin in range(0, len(centres), _TOGETHER):
+        count = min(_TOGETHER, len(centres) - begin)
+        x, y, z = room[0, : places * count], room[1, : places * count], room[2, : places * count]
+        for j in range(places):
             q, r = probes[j, 0], probes[j, 1]
-            x, y, z = apparent(
-                centre[0] + (first[0] * q + second[0] * r),
-                centre[1] + (first[1] * q + second[1] * r),
-                centre[2] + (first[2] * q + second[2] * r),
-                port,
-            )
-            u, v = pixel(x, y, z, lens)
-            if j == 0:
-                pixels[k, 0], pixels[k, 1] = u, v
-            for i in range(6):
-                coefficients[k, i, 0] += fit[i, j] * u
-                coefficients[k, i, 1] += fit[i, j] * v
+            for i in range(count):
+                k, at = begin + i, j * count + i
+                x[at] = centres[k, 0] + (axes[k, 0, 0] * q + axes[k, 0, 1] * r)
+                y[at] = centres[k, 1] + (axes[k, 1, 0] * q + axes[k, 1, 1] * r)
+                z[at] = centres[k, 2] + (axes[k, 2, 0] * q + axes[k, 2, 1] * r)
+        project_lanes(x, y, z, port, lens)
+        for i in range(count):
+            pixels[begin + i, 0], pixels[begin + i, 1] = x[i], y[i]
+        for axis in range(2):
+            values = x if axis == 0 else y
+            for n in range(fit.shape[0]):
+                for i in range(count):
+                    total[i] = 0.0
+                for j in range(places):
+                    factor, part = fit[n, j], values[j * count : (j + 1) * count]
+                    for i in range(count):
+                        total[i] += factor * part[i]
+                for i in range(count):
+                    coefficients[begin + i, n, axis] = total[i]

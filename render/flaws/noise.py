@@ -1,8 +1,8 @@
 """Camera noise: seeded by run and frame, so that the same seed gives the same bytes.
 
 A field of normal offsets is drawn once. Each run of an image's bytes takes its own part of it, with
-its own sign. Given the field, runs of one or of several frames are independent; within a run offsets
-are as independent as those of the field are.
+its own sign. Given the field, runs of one or of several frames are independent; within a run
+offsets are as independent as those of the field are.
 """
 
 import math

@@ -53,6 +53,14 @@ class Port(NamedTuple):
     bends: bool
 
 
+#: tan(π/8): up to it the polynomial below is arctan(r)/r in r², within float64's rounding.
+_EIGHTH = 0.41421356237309503
+_ARCTAN = (
+    1.0, -0.3333333333332844, 0.1999999999885503, -0.14285714180969927, 0.11111106180217024,
+    -0.09090773069847617, 0.07689953432326606, -0.06640233406965348, 0.056883465843460344,
+    -0.04348044719798647, 0.02113528192312993,
+)  # fmt: skip
+
 #: A camera that looks along z from the origin through air.
 NO_PORT = Port(0.0, 0.0, False, 1.0, False)
 
@@ -69,10 +77,38 @@ def pixel(x: float, y: float, z: float, lens: Lens) -> tuple[float, float]:
     return lens.centre_x + lens.focal_x * u, lens.centre_y + lens.focal_y * v
 
 
+@njit(inline="always")
+def angle_to_axis(rho: float, z: float) -> float:
+    """Angle from the axis of a point at distance rho ≥ 0 from it [rad], as atan2(rho, z).
+
+    Without branches, so that loops vectorise; a library's atan2 differs from machine to machine.
+    """
+    up = abs(z)
+    less, more = min(rho, up), max(rho, up)
+    beyond = less > _EIGHTH * more  # arctan(t) = π/4 + arctan((t − 1)/(t + 1))
+    over, under = (less - more, less + more) if beyond else (less, more)
+    r = over / (under if under > 0.0 else 1.0)
+    t = r * r
+    total = _ARCTAN[10]
+    total = total * t + _ARCTAN[9]
+    total = total * t + _ARCTAN[8]
+    total = total * t + _ARCTAN[7]
+    total = total * t + _ARCTAN[6]
+    total = total * t + _ARCTAN[5]
+    total = total * t + _ARCTAN[4]
+    total = total * t + _ARCTAN[3]
+    total = total * t + _ARCTAN[2]
+    total = total * t + _ARCTAN[1]
+    total = total * t + _ARCTAN[0]
+    angle = r * total + (0.25 * math.pi if beyond else 0.0)
+    angle = 0.5 * math.pi - angle if rho > up else angle
+    return math.pi - angle if z < 0.0 else angle
+
+
 @njit()
 def _fisheye(x: float, y: float, z: float, k: Distortion) -> tuple[float, float]:
     rho = math.sqrt(x * x + y * y)
-    angle = math.atan2(rho, z)
+    angle = angle_to_axis(rho, z)
     t = angle * angle
     bent = angle * (1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3]))))
     scale = bent / max(rho, 1e-300)  # on the axis x and y are 0, whatever the scale
@@ -153,3 +189,25 @@ def project_points(points: Array, port: Port, lens: Lens, out: Array) -> None:
     for k in range(len(points)):
         x, y, z = apparent(points[k, 0], points[k, 1], points[k, 2], port)
         out[k, 0], out[k, 1] = pixel(x, y, z, lens)
+
+
+@njit()
+def project_lanes(x: Array, y: Array, z: Array, port: Port, lens: Lens) -> None:
+    """Pixels of points whose coordinates are arrays of their own [m], in x and y; z is used up.
+
+    As `apparent` and `pixel`, in loops that vectorise where the surface bends no ray.
+    """
+    if port.bends:
+        for k in range(x.shape[0]):
+            x[k], y[k], z[k] = apparent(x[k], y[k], z[k], port)
+    else:
+        for k in range(x.shape[0]):
+            z[k] -= port.position
+    if lens.fisheye:
+        for k in range(x.shape[0]):
+            u, v = _fisheye(x[k], y[k], z[k], lens.distortion)
+            x[k] = lens.centre_x + lens.focal_x * u
+            y[k] = lens.centre_y + lens.focal_y * v
+    else:
+        for k in range(x.shape[0]):
+            x[k], y[k] = pixel(x[k], y[k], z[k], lens)

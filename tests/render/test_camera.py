@@ -1,10 +1,14 @@
 """The cameras are OpenCV's, and their derivatives and rays are those of their projection."""
 
+import math
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
-from chromagrip.render import Camera, FisheyeCamera, PinholeCamera
+from chromagrip.render import Camera, FisheyeCamera, PinholeCamera, load_sensor
+from chromagrip.render.optics.projection_kernels import angle_to_axis, project_lanes
 
 FISHEYE = FisheyeCamera(
     width=641,
@@ -107,3 +111,27 @@ def test_a_fisheye_that_folds_is_refused() -> None:
             centre=(318.2, 243.7),
             distortion=(-0.3, 0.0, 0.0, 0.0),
         )
+
+
+def test_angles_to_the_axis_are_those_of_atan2() -> None:
+    rng = np.random.default_rng(5)
+    rho, z = abs(rng.standard_normal(20000)), rng.standard_normal(20000)
+    rho[:5], z[:5] = [0.0, 0.0, 1.0, 1.0, 1.0], [1.0, -1.0, 0.0, 1.0, -1.0]
+    z[5:2000] *= 1e-9
+    rho[2000:4000] *= 1e-9
+    for r, up in zip(rho, z, strict=True):
+        found = angle_to_axis(r, up)
+        assert found == pytest.approx(math.atan2(r, up), rel=5e-16, abs=1e-300)
+    assert math.isnan(angle_to_axis(math.nan, 1.0))
+
+
+def test_points_are_projected_together_as_alone() -> None:
+    rng = np.random.default_rng(6)
+    points = rng.uniform(-1.0, 1.0, (37, 3)) * 10e-3 + [0.0, 0.0, 3e-3]
+    for name in ("thesis", "flat-2019"):
+        view = load_sensor(name).view
+        for own in (view, replace(view, position=-2e-3, port=6e-3, index=1.41)):
+            lanes = points.T.copy()
+            project_lanes(*lanes, own.surface, own.camera.lens)
+            expected = own.project(points)
+            np.testing.assert_array_equal(lanes[:2].T, expected)
