@@ -42,74 +42,107 @@ def prepare(
     numbers: result, shape (L, M, NUMBERS), float32
     boxes: result, (x0, x1, y0, y1) of the pixels that a pair of markers reaches, shape (M, 4)
     """
-    reach = EDGE_RANGE * width
-    layers = coefficients.shape[0]
     for k in range(coefficients.shape[1]):
-        boxes[k] = 0
-        for layer in range(layers):
-            c, n = coefficients[layer, k], numbers[layer, k]
-            det = c[1, 0] * c[2, 1] - c[2, 0] * c[1, 1]
-            n[:] = np.nan
-            if not (math.isfinite(c[0, 0] + c[0, 1]) and abs(det) > 1e-6):
-                continue
-            i00, i01 = c[2, 1] / det, -c[2, 0] / det
-            i10, i11 = -c[1, 1] / det, c[1, 0] / det
-            n[0], n[1] = c[0, 0], c[0, 1]
-            n[2], n[3], n[4], n[5] = i00, i01, i10, i11
-            for j in range(3):
-                bx, by = c[3 + j, 0], c[3 + j, 1]
-                n[6 + 2 * j] = min(max(i00 * bx + i01 * by, -_MAX_BEND), _MAX_BEND)
-                n[7 + 2 * j] = min(max(i10 * bx + i11 * by, -_MAX_BEND), _MAX_BEND)
-            empty = boxes[k, 0] == boxes[k, 1] or boxes[k, 2] == boxes[k, 3]
-            for axis in range(2):
-                p, q = abs(c[1, axis]), abs(c[2, axis])
-                half = p + q if square else math.sqrt(p * p + q * q)
-                half += abs(c[3, axis]) + abs(c[4, axis]) + abs(c[5, axis]) + reach
-                size = shape[1 - axis]
-                low = max(0, min(size, math.ceil(c[0, axis] - half)))
-                high = max(0, min(size, math.floor(c[0, axis] + half) + 1))
-                boxes[k, 2 * axis] = low if empty else min(boxes[k, 2 * axis], low)
-                boxes[k, 2 * axis + 1] = high if empty else max(boxes[k, 2 * axis + 1], high)
-                n[13 + axis] = half
-            n[12] = n[15] = 0.0
-            if not square:
-                high2 = c[1, 1] ** 2 + c[2, 1] ** 2
-                n[12] = (c[1, 0] * c[1, 1] + c[2, 0] * c[2, 1]) / high2
-                n[13] += abs(det) / math.sqrt(high2) - math.sqrt(c[1, 0] ** 2 + c[2, 0] ** 2)
-        if layers == 2 and not square:
-            numbers[0, k, 15] = togetherness(coefficients[0, k], coefficients[1, k])
+        _prepare_pair(coefficients[:, k], width, square, shape, numbers[:, k], boxes[k])
 
 
 @njit()
-def mark_changes(
+def prepare_changed(
+    coefficients: Array,
+    grid: float,
+    width: float,
+    square: bool,
+    shape: Any,
+    drawn: Array,
     numbers: Any,
     boxes: Any,
-    old_numbers: Any,
-    old_boxes: Any,
     changed: NDArray[np.bool_],
     dirty: NDArray[np.bool_],
-) -> None:
-    """Find the pairs that have changed, and the tiles that they reach or reached.
+) -> tuple[int, int]:
+    """Prepare the pairs whose outlines have changed, and mark tiles that they reach or reached.
 
     Parameters
     ----------
-    numbers, boxes, old_numbers, old_boxes: of `prepare`, now and before
+    coefficients, width, square, shape: of `prepare`, two layers
+    grid: that outlines are rounded to [px]
+    drawn: of all pairs as they were drawn last, rounded; those that have changed are replaced
+    numbers, boxes: of `prepare`; those of changed pairs are replaced
     changed: result, shape (M,)
     dirty: tiles are marked here
+
+    Returns
+    -------
+    Most rows and most columns of the changed pairs' boxes.
     """
-    for k in range(boxes.shape[0]):
+    to, high, wide = 1.0 / grid, 0, 0
+    for k in range(coefficients.shape[1]):
         changed[k] = False
-        for layer in range(numbers.shape[0]):
-            n, old = numbers[layer, k], old_numbers[layer, k]
-            for j in range(NUMBERS):
-                if not (n[j] == old[j] or (n[j] != n[j] and old[j] != old[j])):
-                    changed[k] = True
+        for layer in range(coefficients.shape[0]):
+            for i in range(coefficients.shape[2]):
+                for axis in range(2):
+                    now = np.rint(coefficients[layer, k, i, axis] * to) * grid
+                    old = drawn[layer, k, i, axis]
+                    if not (now == old or (now != now and old != old)):
+                        drawn[layer, k, i, axis] = now
+                        changed[k] = True
         if changed[k]:
-            for b in (boxes[k], old_boxes[k]):
-                if b[1] > b[0] and b[3] > b[2]:
-                    for row in range(b[2] // TILE, (b[3] - 1) // TILE + 1):
-                        for col in range(b[0] // TILE, (b[1] - 1) // TILE + 1):
-                            dirty[row, col] = True
+            _mark(boxes[k], dirty)
+            _prepare_pair(drawn[:, k], width, square, shape, numbers[:, k], boxes[k])
+            _mark(boxes[k], dirty)
+            high = max(high, boxes[k, 3] - boxes[k, 2])
+            wide = max(wide, boxes[k, 1] - boxes[k, 0])
+    return high, wide
+
+
+@njit()
+def _mark(box: Any, dirty: NDArray[np.bool_]) -> None:
+    """Mark the tiles that a box reaches."""
+    if box[1] > box[0] and box[3] > box[2]:
+        for row in range(box[2] // TILE, (box[3] - 1) // TILE + 1):
+            for col in range(box[0] // TILE, (box[1] - 1) // TILE + 1):
+                dirty[row, col] = True
+
+
+@njit()
+def _prepare_pair(
+    coefficients: Array, width: float, square: bool, shape: Any, numbers: Any, box: Any
+) -> None:
+    """`prepare` of one pair, shapes (L, 6, 2), (L, NUMBERS) and (4,)."""
+    reach = EDGE_RANGE * width
+    layers = coefficients.shape[0]
+    box[:] = 0
+    for layer in range(layers):
+        c, n = coefficients[layer], numbers[layer]
+        det = c[1, 0] * c[2, 1] - c[2, 0] * c[1, 1]
+        n[:] = np.nan
+        if not (math.isfinite(c[0, 0] + c[0, 1]) and abs(det) > 1e-6):
+            continue
+        i00, i01 = c[2, 1] / det, -c[2, 0] / det
+        i10, i11 = -c[1, 1] / det, c[1, 0] / det
+        n[0], n[1] = c[0, 0], c[0, 1]
+        n[2], n[3], n[4], n[5] = i00, i01, i10, i11
+        for j in range(3):
+            bx, by = c[3 + j, 0], c[3 + j, 1]
+            n[6 + 2 * j] = min(max(i00 * bx + i01 * by, -_MAX_BEND), _MAX_BEND)
+            n[7 + 2 * j] = min(max(i10 * bx + i11 * by, -_MAX_BEND), _MAX_BEND)
+        empty = box[0] == box[1] or box[2] == box[3]
+        for axis in range(2):
+            p, q = abs(c[1, axis]), abs(c[2, axis])
+            half = p + q if square else math.sqrt(p * p + q * q)
+            half += abs(c[3, axis]) + abs(c[4, axis]) + abs(c[5, axis]) + reach
+            size = shape[1 - axis]
+            low = max(0, min(size, math.ceil(c[0, axis] - half)))
+            high = max(0, min(size, math.floor(c[0, axis] + half) + 1))
+            box[2 * axis] = low if empty else min(box[2 * axis], low)
+            box[2 * axis + 1] = high if empty else max(box[2 * axis + 1], high)
+            n[13 + axis] = half
+        n[12] = n[15] = 0.0
+        if not square:
+            high2 = c[1, 1] ** 2 + c[2, 1] ** 2
+            n[12] = (c[1, 0] * c[1, 1] + c[2, 0] * c[2, 1]) / high2
+            n[13] += abs(det) / math.sqrt(high2) - math.sqrt(c[1, 0] ** 2 + c[2, 0] ** 2)
+    if layers == 2 and not square:
+        numbers[0, 15] = togetherness(coefficients[0], coefficients[1])
 
 
 @njit()

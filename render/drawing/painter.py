@@ -9,14 +9,14 @@ from ..ground import ground_image
 from ..membrane import Membrane
 from ..outlines import outlines
 from .coverage import edge_width
-from .marker_kernels import LANES, NUMBERS, TILE, mark_changes, prepare
+from .marker_kernels import LANES, NUMBERS, TILE, prepare, prepare_changed
 from .paint_kernels import encode, paint_tiles, union, update_pairs
 
 Array = NDArray[np.float64]
 
 #: Outlines are rounded to this share of a pixel. So a marker that stands still is not drawn again,
 #: and an image does not depend on the one before it.
-GRID = 1.0 / 1024.0
+GRID = 1.0 / 256.0
 
 
 class Painter:
@@ -43,29 +43,24 @@ class Painter:
         self._image = self._clear.copy()
         view = sensor.view
         self._dirty = np.zeros((-(-view.height // TILE), -(-view.width // TILE)), dtype=np.bool_)
-        self._numbers = np.empty((2, 2, 0, NUMBERS), dtype=np.float32)
-        self._boxes = np.empty((2, 0, 4), dtype=np.int64)
-        self._changed = np.empty(0, dtype=np.bool_)
-        self._room: _Room | None = None
+        self._forget(0)
 
     def render(self, membrane: Membrane) -> NDArray[np.uint8]:
         """Noise-free sRGB image of the membrane, shape (H, W, 3)."""
-        coefficients = outlines(membrane, self._view) * (1.0 / GRID)
-        if coefficients.shape[1] != self._boxes.shape[1]:
+        coefficients = outlines(membrane, self._view)
+        if coefficients.shape[1] != len(self._boxes):
             self._forget(coefficients.shape[1])
-        np.rint(coefficients, out=coefficients)
-        coefficients *= GRID
-        self._numbers[1], self._boxes[1] = self._numbers[0], self._boxes[0]
-        rows, size = self._view.height, (self._view.height, self._view.width)
-        prepare(coefficients, self._width, self._square, size, self._numbers[0], self._boxes[0])
-        room = self._make_room()
         if self._redraw:
-            self._numbers[1], self._dirty[:] = np.inf, True
-        numbers, boxes = self._numbers[0], self._boxes[0]
-        mark_changes(numbers, boxes, self._numbers[1], self._boxes[1], self._changed, self._dirty)
+            self._drawn[:], self._dirty[:] = np.inf, True
+        rows, size = self._view.height, (self._view.height, self._view.width)
+        kept = self._drawn, self._numbers, self._boxes, self._changed, self._dirty
+        shape = prepare_changed(coefficients, GRID, self._width, self._square, size, *kept)
+        room = self._room
+        if not room.holds(shape):
+            room = self._make_room()
         update_pairs(
-            numbers,
-            boxes,
+            self._numbers,
+            self._boxes,
             self._changed,
             self._width,
             self._square,
@@ -80,8 +75,8 @@ class Painter:
             self._image.reshape(rows, -1),
             self._clear.reshape(rows, -1),
             self._ground,
-            numbers,
-            boxes,
+            self._numbers,
+            self._boxes,
             self._spans,
             self._left,
             self._hidden,
@@ -93,22 +88,21 @@ class Painter:
 
     def _forget(self, count: int) -> None:
         """Start anew with another number of pairs."""
-        self._numbers = np.full((2, 2, count, NUMBERS), np.nan, dtype=np.float32)
-        self._boxes = np.zeros((2, count, 4), dtype=np.int64)
+        self._drawn = np.full((2, count, 6, 2), np.inf)
+        self._numbers = np.full((2, count, NUMBERS), np.nan, dtype=np.float32)
+        self._boxes = np.zeros((count, 4), dtype=np.int64)
         self._changed = np.empty(count, dtype=np.bool_)
-        self._room = None
         self._dirty[:] = True
+        self._make_room()
 
     def _make_room(self) -> "_Room":
-        """Make room for the largest pair."""
-        boxes, room = self._boxes[0], self._room
-        if room is None or not room.holds(boxes):
-            self._room = room = _Room(boxes, 3 if self._square else 2)
-            count, pixels = len(boxes), room.covered.shape[1]
-            self._spans = np.empty((count, *room.spans.shape), dtype=np.int64)
-            self._left = np.empty((count, 3 * pixels), dtype=np.float32)
-            self._hidden = np.empty((count, pixels), dtype=np.float32)
-            self._numbers[1] = np.inf  # draws all pairs anew
+        """Make room for the largest pair, and find all pairs to be drawn anew."""
+        self._room = room = _Room(self._boxes, 3 if self._square else 2)
+        count, pixels = len(self._boxes), room.covered.shape[1]
+        self._spans = np.empty((count, *room.spans.shape), dtype=np.int64)
+        self._left = np.empty((count, 3 * pixels), dtype=np.float32)
+        self._hidden = np.empty((count, pixels), dtype=np.float32)
+        self._changed[:] = True
         return room
 
     def close(self) -> None:
@@ -151,18 +145,14 @@ class _Room:
     """
 
     def __init__(self, boxes: NDArray[np.int64], rows: int) -> None:
-        self._size = _largest(boxes) + LANES
-        high, wide = map(int, self._size)
+        largest = (boxes[:, 3::-2] - boxes[:, 2::-2]).max(axis=0, initial=0)
+        high, wide = (int(size) + LANES for size in largest)
+        self._size = high, wide
         wide += 2 * LANES  # blocks begin before a box and end after it
         self.ramp = np.arange(wide, dtype=np.float32)
         self.spans = np.empty((high, 3), dtype=np.int64)
         self.covered = np.empty((rows, high * wide), dtype=np.float32)
 
-    def holds(self, boxes: NDArray[np.int64]) -> bool:
-        """Whether each of these has room."""
-        return bool((_largest(boxes) <= self._size).all())
-
-
-def _largest(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Most rows and most columns of boxes."""
-    return np.asarray((boxes[:, 3::-2] - boxes[:, 2::-2]).max(axis=0, initial=0))
+    def holds(self, shape: tuple[int, int]) -> bool:
+        """Whether a pair of so many rows and columns has room."""
+        return shape[0] <= self._size[0] and shape[1] <= self._size[1]

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .noise_kernels import add_runs, fill_field
+from .noise_kernels import Field, add_runs, fill_field
 
 #: Bytes that take a part of the field together: about a row of 640 pixels.
 _RUN = 2048
@@ -22,10 +22,13 @@ _SHARES = 1 << 16
 
 
 @lru_cache(maxsize=4)
-def _field(sigma: float) -> NDArray[np.int16]:
+def _field(sigma: float) -> Field:
     """Field of offsets; it ends as it begins, so that a run may begin anywhere."""
-    field = np.empty(_PLACES + _RUN, dtype=np.int16)
-    fill_field(offset_levels(sigma), field[:_PLACES])
+    levels = offset_levels(sigma)
+    if levels[-1] <= 127:  # half of the bytes to read
+        levels = levels.astype(np.int8)
+    field = np.empty(_PLACES + _RUN, dtype=levels.dtype)
+    fill_field(levels, field[:_PLACES])
     field[_PLACES:] = field[:_RUN]
     return field
 
@@ -68,7 +71,8 @@ def add_noise(
     if not out.flags.c_contiguous:
         raise ValueError("noise is added to contiguous images")
     if sigma == 0.0:
-        out[...] = image
+        if out is not image:
+            out[...] = image
         return
     key = np.uint64(seed), np.uint64(index)
     add_runs(image.reshape(-1), _field(float(sigma)), _PLACES, *key, out.reshape(-1))

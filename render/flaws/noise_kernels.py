@@ -5,6 +5,8 @@ from numpy.typing import NDArray
 
 from ...compiled import njit
 
+Field = NDArray[np.int8] | NDArray[np.int16]
+
 
 @njit()
 def mixed(bits: np.uint64) -> np.uint64:
@@ -16,7 +18,7 @@ def mixed(bits: np.uint64) -> np.uint64:
 
 
 @njit()
-def fill_field(levels: NDArray[np.int16], field: NDArray[np.int16]) -> None:
+def fill_field(levels: Field, field: Field) -> None:
     """Fill a field, whose length is a multiple of 4, with levels drawn from 2¹⁶ alike."""
     low = np.uint64(0xFFFF)
     for i in range(field.shape[0] // 4):
@@ -30,7 +32,7 @@ def fill_field(levels: NDArray[np.int16], field: NDArray[np.int16]) -> None:
 @njit()
 def add_runs(
     image: NDArray[np.uint8],
-    field: NDArray[np.int16],
+    field: Field,
     places: int,
     seed: np.uint64,
     index: np.uint64,
@@ -41,24 +43,42 @@ def add_runs(
     Parameters
     ----------
     image: bytes, shape (K,)
-    field: whole levels, as many as there are places and a run's more
+    field: whole levels in one byte or in two, as many as there are places and a run's more
     places: that a run may begin at, a power of two
     seed, index: of the image
     out: result, shape (K,); may be `image`
     """
     run, key = field.shape[0] - places, mixed(mixed(seed) ^ index)
-    least, most = np.int16(0), np.int16(255)
     sums = np.empty(run, dtype=np.uint8)  # a loop that may read what it writes does not vectorise
     for number in range((image.shape[0] + run - 1) // run):
         bits = mixed(key + np.uint64(number))
         start = np.int64(bits & np.uint64(places - 1))
-        sign = np.int16(1 - 2 * np.int64(bits >> np.uint64(63)))
         first, last = number * run, min((number + 1) * run, image.shape[0])
         now, new, offsets = image[first:last], out[first:last], field[start : start + last - first]
-        # Cut to 16 bits, in which all fits: in Numba's 64 fewer would fit into a vector.
-        for i in range(now.shape[0]):
-            value = np.int16(np.int16(now[i]) + np.int16(offsets[i] * sign))
-            value = value if value > least else least
-            sums[i] = np.uint8(value if value < most else most)
+        if bits >> np.uint64(63):
+            _subtract(now, offsets, sums)
+        else:
+            _add(now, offsets, sums)
         for i in range(new.shape[0]):
             new[i] = sums[i]
+
+
+# All is cut to 16 bits, in which it fits: in Numba's 64 fewer would fit into a vector.
+@njit()
+def _add(now: NDArray[np.uint8], offsets: Field, out: NDArray[np.uint8]) -> None:
+    for i in range(now.shape[0]):
+        out[i] = _level(np.int16(np.int16(now[i]) + np.int16(offsets[i])))
+
+
+@njit()
+def _subtract(now: NDArray[np.uint8], offsets: Field, out: NDArray[np.uint8]) -> None:
+    for i in range(now.shape[0]):
+        out[i] = _level(np.int16(np.int16(now[i]) - np.int16(offsets[i])))
+
+
+@njit(inline="always")
+def _level(value: np.int16) -> np.uint8:
+    """Level from black to white."""
+    least, most = np.int16(0), np.int16(255)
+    value = value if value > least else least
+    return np.uint8(value if value < most else most)

@@ -124,8 +124,8 @@ class SimulatedCamera:
         else:  # the same picture as long as nothing moves
             if self._still is None:
                 self._still = self._render(displacement)
-            images = [self._still.copy()]
-        return self._finish(images, state.time, index)
+            images = [self._still]
+        return self._finish(images, state.time, index, shared=self._still is not None)
 
     def memory(self) -> CameraMemory:
         """What the next frame depends on, beside its state and number."""
@@ -140,7 +140,8 @@ class SimulatedCamera:
         """`count` frames of one state at rest, with noise that is in no frame of a run."""
         image = self._render(carried(state))
         # Numbers from the end, which no run reaches.
-        return [self._finish([image.copy()], state.time, 2**32 - 1 - i) for i in range(count)]
+        numbers = [2**32 - 1 - i for i in range(count)]
+        return [self._finish([image], state.time, number, shared=True) for number in numbers]
 
     def close(self) -> None:
         """Release the renderer."""
@@ -151,9 +152,11 @@ class SimulatedCamera:
         with blaming(self._failure, SystemExit):
             return self._renderer.render(membrane)
 
-    def _finish(self, images: list[Image], time: float, index: int) -> Frame:
-        image = self._imaging.measured(images, index)
-        add_noise(image, self._noise, self._seed, index)
+    def _finish(self, images: list[Image], time: float, index: int, shared: bool) -> Frame:
+        """Frame of these pictures; shared ones are not changed."""
+        clean = self._imaging.measured(images, index)
+        image = np.empty_like(clean) if shared and clean is images[0] else clean
+        add_noise(clean, self._noise, self._seed, index, out=image)
         image = self._imaging.compressed(image)
         if self._picture is not None:
             image = self._picture(image)
