@@ -4,9 +4,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.spatial import Delaunay
 
 from ..errors import UserError
 from ..model import Dome, SoftBody
@@ -146,13 +145,13 @@ def _inside(dome: SoftBody, pitch: float) -> Array:
     return places[(abs(_chart(places)) < dome.radius + pitch).all(axis=1)]
 
 
-def _with_equator(places: Array, dome: SoftBody) -> tuple[Array, Delaunay]:
+def _with_equator(places: Array, dome: SoftBody) -> "tuple[Array, scipy.spatial.Delaunay]":
     """Places and those of the equator, and triangles of them all."""
     turn = np.linspace(0.0, 2.0 * np.pi, _EQUATOR, endpoint=False)
     end = np.pi / 2 if isinstance(dome, Dome) else _FAR * dome.radius
     equator = np.column_stack([np.full_like(turn, end), turn])
     whole = np.concatenate([places, equator])
-    return whole, Delaunay(_chart(whole))
+    return whole, scipy.spatial.Delaunay(_chart(whole))
 
 
 def _chart(places: Array) -> Array:
@@ -161,8 +160,8 @@ def _chart(places: Array) -> Array:
 
 
 def _between(
-    sensor: SensorDesign, mesh: Delaunay, places: Array, wanted: Array, depth: float
-) -> csr_matrix:
+    sensor: SensorDesign, mesh: "scipy.spatial.Delaunay", places: Array, wanted: Array, depth: float
+) -> "scipy.sparse.csr_matrix":
     """Weights of displacement and slopes at `places` for the displacement at others, (P, 3V)."""
     skin, at = sensor.shape, _chart(wanted)
     found = mesh.find_simplex(at)
@@ -186,10 +185,12 @@ def _between(
     columns = 3 * corner[..., None] + np.arange(3)
     rows = np.repeat(np.arange(len(wanted)), 9)
     shape = (len(wanted), 3 * len(places))
-    return csr_matrix((values.ravel(), (rows, columns.ravel())), shape=shape)
+    return scipy.sparse.csr_matrix((values.ravel(), (rows, columns.ravel())), shape=shape)
 
 
-def _slopes(sensor: SensorDesign, mesh: Delaunay, places: Array) -> csr_matrix:
+def _slopes(
+    sensor: SensorDesign, mesh: "scipy.spatial.Delaunay", places: Array
+) -> "scipy.sparse.csr_matrix":
     """From displacements on the skin to each with its two slopes, (3V, V), by least squares."""
     points = sensor.shape.points(places, 0.0)
     along, across = sensor.shape.tangents(places)
@@ -205,7 +206,7 @@ def _slopes(sensor: SensorDesign, mesh: Delaunay, places: Array) -> csr_matrix:
             columns.append(np.append(others, i))
             values.append(np.append(plane[k], -plane[k].sum()))
     entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    return csr_matrix(entries, shape=(3 * len(places), len(places)))
+    return scipy.sparse.csr_matrix(entries, shape=(3 * len(places), len(places)))
 
 
 def layer_depths(sensor: SensorDesign, dome: SoftBody) -> tuple[float, float]:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ..errors import UserError
 from ..render import Frame, SensorDesign, decode_srgb, inside_rim, pixel_places
@@ -161,7 +161,7 @@ def read_rest(rest: list[Frame], palette: Palette) -> RestFrame:
         [layer.position for layer in layers], reach=float(radius.max()) + _own_offset(palette)
     )
     first = layers[0].position
-    near, _ = KDTree(first).query(first, k=2)
+    near, _ = scipy.spatial.KDTree(first).query(first, k=2)
     pitch = float(np.median(np.asarray(near)[:, 1])) if len(first) > 1 else float(4 * radius[0])
     frame = RestFrame(
         image=mean,
@@ -193,14 +193,18 @@ def _shapes(layers: list[Markers], position: Array) -> Array:
     shapes = np.full((*position.shape, 2), np.nan)
     for own, layer, at in zip(shapes, layers, position, strict=True):
         known = np.isfinite(at[:, 0])
-        own[known] = layer.shape[np.asarray(KDTree(layer.position).query(at[known])[1])]
+        own[known] = layer.shape[
+            np.asarray(scipy.spatial.KDTree(layer.position).query(at[known])[1])
+        ]
     return shapes
 
 
 def neighbours(points: Array, count: int) -> NDArray[np.int64]:
     """Numbers of the `count` points nearest to each of n points (n, 2), n − 1 at most, (n, K)."""
     among = min(count, len(points) - 1) + 1
-    near = np.asarray(KDTree(points).query(points, k=among)[1]).reshape(len(points), among)
+    near = np.asarray(scipy.spatial.KDTree(points).query(points, k=among)[1]).reshape(
+        len(points), among
+    )
     return near[:, 1:].astype(np.int64)
 
 
@@ -223,9 +227,9 @@ def _mutual(first: Array, second: Array, reach: float) -> NDArray[np.intp]:
     """Indices (k, 2) of points that are each other's nearest, and within reach."""
     if len(first) == 0 or len(second) == 0:
         return np.empty((0, 2), dtype=np.intp)
-    distance, partner = KDTree(second).query(first)
+    distance, partner = scipy.spatial.KDTree(second).query(first)
     partner = np.asarray(partner)
-    back = np.asarray(KDTree(first).query(second)[1])
+    back = np.asarray(scipy.spatial.KDTree(first).query(second)[1])
     mutual = (np.asarray(distance) < reach) & (back[partner] == np.arange(len(first)))
     return np.column_stack([np.flatnonzero(mutual), partner[mutual]])
 
@@ -357,7 +361,7 @@ def _loaded(rest: RestFrame) -> str:
     x, y = ((at - at.mean(axis=0)) / at.std()).T
     smooth = np.column_stack([np.ones(len(at)), x, y, x * x, x * y, y * y])
     local = apart - smooth @ np.linalg.lstsq(smooth, apart, rcond=None)[0]
-    near = np.asarray(KDTree(at).query(at, k=7)[1])
+    near = np.asarray(scipy.spatial.KDTree(at).query(at, k=7)[1])
     shift = np.linalg.norm(local[near].mean(axis=1), axis=-1)
     if shift.max() <= 0.25 * rest.radius.max():
         return ""

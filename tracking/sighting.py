@@ -10,10 +10,8 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from ..errors import UserError
 
@@ -177,7 +175,7 @@ def _pitch(position: Array) -> float:
 
 def _nearest(position: Array) -> Array:
     """Distance to the nearest other point (n,) of points (n, 2)."""
-    return np.asarray(KDTree(position).query(position, k=2)[0])[:, 1]
+    return np.asarray(scipy.spatial.KDTree(position).query(position, k=2)[0])[:, 1]
 
 
 def _is_pattern(spots: Spots) -> bool:
@@ -231,7 +229,7 @@ def _unnested(centre: Array, area: Array) -> list[int]:
     """Numbers of regions, one of each spot: the middle one of those that lie in each other."""
     if len(area) == 0:
         return []
-    tree, radius = KDTree(centre), np.sqrt(area / np.pi)
+    tree, radius = scipy.spatial.KDTree(centre), np.sqrt(area / np.pi)
     around = tree.query_ball_point(centre, _SAME_CENTRE * radius)
     used, kept = np.zeros(len(area), dtype=bool), []
     for i in np.argsort([-len(near) for near in around], kind="stable"):
@@ -270,15 +268,17 @@ def _alike(position: Array, area: Array, contrast: Array) -> Mask:
         return np.zeros(count, dtype=bool)
     apart, other = (
         np.asarray(v)[:, 1:]
-        for v in KDTree(position).query(position, k=min(_NEIGHBOURS + 1, count))
+        for v in scipy.spatial.KDTree(position).query(position, k=min(_NEIGHBOURS + 1, count))
     )
     radius = np.sqrt(area / np.pi)
     near = apart < _FURTHEST * np.maximum(radius[:, None], radius[other])
     for value, factor in ((area, _AS_LARGE), (contrast, _AS_STRONG)):
         near &= abs(np.log(value[:, None] / value[other])) < np.log(factor)
     one = np.broadcast_to(np.arange(count)[:, None], other.shape)
-    links = csr_matrix((np.ones(near.sum()), (one[near], other[near])), shape=(count, count))
-    _, group = connected_components(links, directed=False)
+    links = scipy.sparse.csr_matrix(
+        (np.ones(near.sum()), (one[near], other[near])), shape=(count, count)
+    )
+    _, group = scipy.sparse.csgraph.connected_components(links, directed=False)
     largest: Mask = group == np.bincount(group).argmax()
     return largest
 

@@ -4,8 +4,8 @@ from functools import lru_cache
 from typing import NamedTuple, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from ...errors import UserError
 from ..kernels.contact import Contact
@@ -122,7 +122,7 @@ def _spline(profile: tuple[tuple[float, float], ...] | None) -> tuple[Array, Arr
         return np.empty(0), np.empty((1, 4))
     # Contiguous, as the empty knots are: kernels are compiled once for both.
     x, z = np.array(profile).T.copy()
-    curve = CubicSpline(x, z, bc_type="natural")
+    curve = scipy.interpolate.CubicSpline(x, z, bc_type="natural")
     pieces = np.zeros((len(x) + 1, 4))
     pieces[1:-1] = curve.c[::-1].T
     for end, place in ((0, x[0]), (-1, x[-1])):

@@ -11,8 +11,8 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from ...errors import UserError
 from ..errors import DivergedError
@@ -227,7 +227,7 @@ def adaptive(
     """Number and state vector of the last of some steps, which SciPy divides as it needs."""
     end = time + steps * dt
     absolute, relative = TOLERANCES
-    solution = solve_ivp(
+    solution = scipy.integrate.solve_ivp(
         rates, (time, end), y, method, t_eval=[end], max_step=dt, atol=absolute, rtol=relative
     )
     yield steps, solution.y[:, -1] if solution.success else np.full_like(y, np.nan)

@@ -7,8 +7,8 @@ grid is asked, and of each finer grid only those that may be near. What is far i
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def spline_grid(igl: Any, vertices: Array, faces: NDArray[np.int64], cells: int)
         points = np.ascontiguousarray(places * step - middle, dtype=float)
         kind = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
         distance[near] = igl.signed_distance(points, vertices, faces, sign_type=kind)[0]
-    coefficients: Array = ndimage.spline_filter(distance, order=3, mode="mirror")
+    coefficients: Array = scipy.ndimage.spline_filter(distance, order=3, mode="mirror")
     return coefficients
 
 

@@ -1,8 +1,8 @@
 """Checks of a sensor design: markers must not overlap, and must lie in the image."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ...errors import UserError
 from ..optics.view import View
@@ -44,7 +44,7 @@ def check_markers(
             )
         # Discs touch at their diameter; squares of one orientation where both sides do.
         order = np.inf if square else 2
-        close = KDTree(points).query_pairs(2 * half * np.sqrt(2.0))
+        close = scipy.spatial.KDTree(points).query_pairs(2 * half * np.sqrt(2.0))
         for i, j in sorted(close):
             along, across = shape.tangents(places[i])
             gap = points[j] - points[i]

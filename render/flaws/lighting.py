@@ -2,8 +2,8 @@
 
 import msgspec
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from ..colour import decode_srgb
 from ..design.dials import Defects
@@ -85,7 +85,7 @@ def _seams(sensor: SensorDesign, defects: Defects, places: Array, seed: int) -> 
         aside = np.sin(turn) * ring - wander * (rng.uniform(-0.5, 0.5) + 0.5 * bend)
         half = 0.5 * (width or sensor.seams.width_mm) * (0.65 + 0.35 * wide)
         # As often as not one edge is sharper than the other.
-        edge = expit((half - abs(aside)) / (0.15 * half))
+        edge = scipy.special.expit((half - abs(aside)) / (0.15 * half))
         present = np.clip(0.5 + 3.0 * (there + 1.0 - 2.0 * gaps), 0.0, 1.0)
         behind = np.clip(0.5 + np.cos(turn) * ring / half, 0.0, 1.0)
         cover = np.maximum(cover, edge * present * behind * (0.8 + 0.2 * wide))

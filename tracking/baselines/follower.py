@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ...errors import UserError
 from ...render import Frame
@@ -166,10 +166,10 @@ def nearest(points: Array, expected: Array, reach: float, mutual: bool) -> NDArr
     known = np.flatnonzero(np.isfinite(expected).all(axis=-1))
     if len(points) == 0 or len(known) == 0:
         return number
-    distance, partner = KDTree(points).query(expected[known])
+    distance, partner = scipy.spatial.KDTree(points).query(expected[known])
     taken = np.asarray(distance) < reach
     if mutual:
-        back = np.asarray(KDTree(expected[known]).query(points)[1])
+        back = np.asarray(scipy.spatial.KDTree(expected[known]).query(points)[1])
         taken &= back[partner] == np.arange(len(known))
     number[known[taken]] = np.asarray(partner)[taken]
     return number

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ...render import decoding_table
 from ..detection import RestFrame, neighbours
@@ -146,7 +146,7 @@ class Relocator:
         moved = np.full((count, 2), np.nan)
         ambiguous = np.zeros(count, dtype=np.bool_)
         reach = _REACH * self._rest.pitch
-        tree = KDTree(blobs) if len(blobs) else None
+        tree = scipy.spatial.KDTree(blobs) if len(blobs) else None
         owner = np.full(len(blobs), -1)
         # A second time for markers that had too few numbered neighbours the first time.
         for _ in range(2):

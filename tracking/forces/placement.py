@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ...errors import UserError
 from ...render import SensorDesign
@@ -112,7 +112,7 @@ def _scores(markers: RestMarkers, pose: CameraPose, edges: Array) -> tuple[float
     for k, (layer, places) in enumerate(
         zip(markers.layers, markers.seen(pose, Shift()), strict=True)
     ):
-        distance = np.asarray(KDTree(places).query(layer.pixels)[0])
+        distance = np.asarray(scipy.spatial.KDTree(places).query(layer.pixels)[0])
         near, seen = near + int((distance < limit).sum()), seen + len(distance)
         there = ((places > edges[0] + edge) & (places < edges[1] - edge)).all(axis=-1)
         reached = np.asarray(layer.tree.query(places[there])[0]) < limit

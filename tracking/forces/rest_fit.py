@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.spatial import KDTree
 
 from ...errors import UserError
 from ...render import SensorDesign
@@ -191,7 +190,7 @@ def _fitted(
             prior[_GROUPS["roll"][0]] = 0.0  # any roll is as likely
             return np.concatenate([missed(full) / place, prior])
 
-        fit = least_squares(residual, x[free], loss="soft_l1", xtol=1e-7, ftol=1e-7)
+        fit = scipy.optimize.least_squares(residual, x[free], loss="soft_l1", xtol=1e-7, ftol=1e-7)
         x = x.copy()
         x[free] = fit.x
     freedom = max(len(fit.fun) - 2 * int(free.sum()), 1)
@@ -226,7 +225,7 @@ def _matched(
     limit = part**2 * len(outward)
     matched = []
     for layer, places in zip(markers.layers, markers.seen(pose, shift), strict=True):
-        distance, number = KDTree(places).query(layer.pixels)
+        distance, number = scipy.spatial.KDTree(places).query(layer.pixels)
         near = np.asarray(distance) < radius * markers.pitch * pose.scale
         near &= outward[number] < limit
         matched.append((np.asarray(number)[near], layer.pixels[near]))

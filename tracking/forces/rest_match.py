@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 
 from ...errors import UserError
 from ...render import Camera, SensorDesign
@@ -62,7 +61,7 @@ class RestLayer:
 
     points: Array
     pixels: Array
-    tree: KDTree
+    tree: "scipy.spatial.KDTree"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,9 +94,11 @@ class RestMarkers:
         """Pixels of the design's markers, shape (M, 2), of a layout turned by `spin` [rad]."""
         points = self.layers[layer].points
         if spin:
-            points = Rotation.from_rotvec([0.0, 0.0, spin]).apply(points)
+            points = scipy.spatial.transform.Rotation.from_rotvec([0.0, 0.0, spin]).apply(points)
         if shift is not None and layer:
-            points = Rotation.from_rotvec(shift.turn).apply(points) + np.array([*shift.along, 0.0])
+            points = scipy.spatial.transform.Rotation.from_rotvec(shift.turn).apply(
+                points
+            ) + np.array([*shift.along, 0.0])
         return self.sensor.view.project(points)
 
     def seen(self, pose: CameraPose, shift: Shift, spin: float = 0.0) -> list[Array]:
@@ -164,7 +165,7 @@ def markers_beside(sensor: SensorDesign, seen: Sequence[Array]) -> RestMarkers:
                 f"camera's pose; allowed: at least {LEAST}"
             )
         points = sensor.shape.points(sensor.places, depth)
-        layers.append(RestLayer(points=points, pixels=pixels, tree=KDTree(pixels)))
+        layers.append(RestLayer(points=points, pixels=pixels, tree=scipy.spatial.KDTree(pixels)))
     if sensor.defects.gore_misalignment_mm:
         # Each gore of the inner layer lies elsewhere: it tells nothing of the camera.
         layers = layers[:1]
@@ -182,15 +183,17 @@ def markers_beside(sensor: SensorDesign, seen: Sequence[Array]) -> RestMarkers:
 
 def spacing(points: Array) -> float:
     """Median distance of points (n, K) from the nearest other one."""
-    return float(np.median(np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]))
+    return float(np.median(np.asarray(scipy.spatial.KDTree(points).query(points, k=2)[0])[:, 1]))
 
 
 def _symmetric_turns(points: Array) -> tuple[float, ...]:
     """Turns about the axis that bring many points (M, 3) onto points [rad]."""
-    tree, limit = KDTree(points), _SELF * spacing(points)
+    tree, limit = scipy.spatial.KDTree(points), _SELF * spacing(points)
     turns: set[Fraction] = set()
     for order in range(2, _ORDER + 1):
-        turned = Rotation.from_rotvec([0.0, 0.0, 2 * math.pi / order]).apply(points)
+        turned = scipy.spatial.transform.Rotation.from_rotvec(
+            [0.0, 0.0, 2 * math.pi / order]
+        ).apply(points)
         # Half as near counts half: an order that is nearly right is no symmetry.
         near = np.clip(1.0 - np.asarray(tree.query(turned)[0]) / limit, 0.0, None)
         if near.mean() > _SYMMETRIC:
@@ -200,7 +203,7 @@ def _symmetric_turns(points: Array) -> tuple[float, ...]:
 
 def _lattice(pixels: Array) -> bool:
     """Whether a shift to a neighbour brings most pixels (M, 2) onto pixels."""
-    tree, limit = KDTree(pixels), SAME * spacing(pixels)
+    tree, limit = scipy.spatial.KDTree(pixels), SAME * spacing(pixels)
     middle = pixels[np.argmin(np.linalg.norm(pixels - pixels.mean(axis=0), axis=-1))]
     count = min(_NEIGHBOURS + 1, len(pixels))
     nearest = np.asarray(tree.query(middle, k=count)[1])[1:]
@@ -220,7 +223,7 @@ def agreement(markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float 
     for k, (layer, places) in enumerate(
         zip(markers.layers, markers.seen(pose, shift, spin), strict=True)
     ):
-        distance = np.asarray(KDTree(places).query(layer.pixels)[0])
+        distance = np.asarray(scipy.spatial.KDTree(places).query(layer.pixels)[0])
         near, seen = near + int((distance < limit).sum()), seen + len(distance)
         squares.append(distance**2)
         there = markers.inside(places)

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from .pose import CameraPose
 from .rest_match import RestMarkers, spacing
@@ -57,7 +57,10 @@ def likely_poses(markers: RestMarkers) -> list[CameraPose]:
     seen = _complex(markers.layers[layer].pixels) - centre
     inside = markers.inside(_pixels(design + centre))
     ratio = spacing(_pixels(seen)) / spacing(_pixels(design[inside]))
-    voters, tree = design if markers.lattice else design[:_VOTERS], KDTree(_pixels(seen))
+    voters, tree = (
+        design if markers.lattice else design[:_VOTERS],
+        scipy.spatial.KDTree(_pixels(seen)),
+    )
     found: list[tuple[int, _Similarity]] = []
     for start in _voted(markers, voters, seen, ratio):
         refined, hits = _refined(start, markers.pitch, voters, seen, tree)
@@ -95,7 +98,7 @@ def _voted(markers: RestMarkers, voters: Complex, seen: Complex, ratio: float) -
 
 
 def _refined(
-    start: _Similarity, pitch: float, voters: Complex, seen: Complex, tree: KDTree
+    start: _Similarity, pitch: float, voters: Complex, seen: Complex, tree: "scipy.spatial.KDTree"
 ) -> tuple[_Similarity, int]:
     """Similarity fitted to the nearest markers, over and over, and the number that it meets."""
     current, hits = start, 0

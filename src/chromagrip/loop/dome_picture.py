@@ -2,8 +2,8 @@
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay
 
 from ..model import ForceField, SoftBody
 from ..model.dome import lattice
@@ -48,7 +48,7 @@ class TractionPicture:
         self._areas = nodes.areas
         self.pixels = (size / 2 - BORDER) / dome.radius
         self._outline = round(dome.radius * self.pixels)
-        mesh = Delaunay(nodes.points[:, :2])
+        mesh = scipy.spatial.Delaunay(nodes.points[:, :2])
         at = (np.arange(size) - (size - 1) / 2) / self.pixels
         places = np.stack(np.meshgrid(at, -at), axis=-1).reshape(-1, 2)
         found = mesh.find_simplex(places)

@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ..errors import located
 from ..model import DomeState, ForceField, Motion, SoftBody, Solid, dome_forces
@@ -98,7 +98,7 @@ class DomePlant:
         # A contact has half the radius at most, and is braked like a sliding one.
         turning = drag * (0.5 * self.dome.radius) ** 2
         pose = build_pose(self.scene.object)
-        turn = Rotation.from_rotvec(pose[3:]).as_matrix()
+        turn = scipy.spatial.transform.Rotation.from_rotvec(pose[3:]).as_matrix()
         pose[2] += rise_beside(self.dome, self._solid, turn, (pose[0], pose[1]))
         return Motion(
             times=np.array([0.0, max(self.scene.duration_s, self.clock.frame)]),

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ..output.video import VideoFile
 from ..tracking import Markers, Palette, RestFrame, Tracks
@@ -152,7 +152,7 @@ def _away_from(places: Array, others: Array, radius: float) -> Array:
     there = others[np.isfinite(others[:, 0])]
     if not len(there) or not len(places):
         return places
-    return places[np.asarray(KDTree(there).query(places)[0]) > radius]
+    return places[np.asarray(scipy.spatial.KDTree(there).query(places)[0]) > radius]
 
 
 class TrackDrawing:
@@ -226,7 +226,7 @@ def _nearest_shapes(at: Array, shapes: Array, own: Array, radius: float) -> Arra
     result = np.tile(radius * np.eye(2), (len(own), 1, 1))
     known, there = np.isfinite(at[:, 0]), np.isfinite(own[:, 0])
     if known.any() and there.any():
-        away, number = KDTree(at[known]).query(own[there])
+        away, number = scipy.spatial.KDTree(at[known]).query(own[there])
         near = np.asarray(away) < radius
         result[np.flatnonzero(there)[near]] = shapes[known][np.asarray(number)[near]]
     return result

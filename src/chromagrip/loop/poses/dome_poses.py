@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ...errors import UserError, located
 from ...model import DomeState, ForceField, Motion, dome_forces
@@ -78,9 +78,9 @@ def path_to(scene: Scene, pose: DomePose) -> Array:
     """
     beginning = build_pose(scene.object)
     turned = (
-        Rotation.from_euler("z", pose.azimuth)
-        * Rotation.from_euler("xy", pose.tilt)
-        * Rotation.from_rotvec(beginning[3:])
+        scipy.spatial.transform.Rotation.from_euler("z", pose.azimuth)
+        * scipy.spatial.transform.Rotation.from_euler("xy", pose.tilt)
+        * scipy.spatial.transform.Rotation.from_rotvec(beginning[3:])
     )
     beginning[2] += rise_beside(
         scene.build_dome(), scene.build_solid(), turned.as_matrix(), (beginning[0], beginning[1])
@@ -94,7 +94,9 @@ def path_to(scene: Scene, pose: DomePose) -> Array:
     poses[:, 2] -= pressed * pose.press
     poses[:, :2] += moved[:, None] * pose.shear
     for k, part in enumerate(moved):
-        poses[k, 3:] = (Rotation.from_euler("z", part * pose.twist) * turned).as_rotvec()
+        poses[k, 3:] = (
+            scipy.spatial.transform.Rotation.from_euler("z", part * pose.twist) * turned
+        ).as_rotvec()
     return poses
 
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ...errors import located
 from ...model import Motion, dome_forces
@@ -69,7 +69,10 @@ def _ends(motion: Motion, start: float, end: float) -> list[float]:
     for first, last in pairwise(parts):
         before, after = motion.pose_at(first), motion.pose_at(last)
         way = float(np.linalg.norm(after[:3] - before[:3]))
-        turns = Rotation.from_rotvec(after[3:]) * Rotation.from_rotvec(before[3:]).inv()
+        turns = (
+            scipy.spatial.transform.Rotation.from_rotvec(after[3:])
+            * scipy.spatial.transform.Rotation.from_rotvec(before[3:]).inv()
+        )
         count = max(1, math.ceil(way / STEP - 1e-6), math.ceil(turns.magnitude() / TURN - 1e-6))
         ends += [first + (last - first) * (k + 1) / count for k in range(count)]
     return ends
