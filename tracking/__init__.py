@@ -44,7 +44,7 @@ from .forces.chain import MIN_MARKERS, ForcePrior, GaussianProcess
 from .learned_palette import learn_palette
 from .palette import AUTO_PALETTE, DEFAULT_PALETTE, Palette, load_palette, palette_names
 from .sighting import Sighting, sight
-from .trackers import DEFAULT_TRACKER, Tracker, load_tracker, tracker_names
+from .trackers import DEFAULT_TRACKER, TRACKERS, Tracker, load_tracker, tracker_names
 from .tracks import Tracks
 from .unmixing import dye_densities, unmixing_matrix
 
@@ -60,6 +60,7 @@ __all__ = [
     "MIN_MARKERS",
     "RECONSTRUCTORS",
     "THESIS_RULE",
+    "TRACKERS",
     "Z90",
     "DisplacementGains",
     "FitSettings",

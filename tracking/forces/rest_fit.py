@@ -70,6 +70,8 @@ _PAD = np.concatenate([_POSE, [_ALONG, _ALONG, _TURN]])
 def rest_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
     """Pose of the camera that saw the resting markers.
 
+    The last one is kept: several readers ask for that of the same tracks.
+
     Parameters
     ----------
     sensor: calibration of the image, whose layout the specimen was made to
@@ -80,6 +82,19 @@ def rest_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
     UserError
         When no pose explains the markers, or two do, or the pose is beyond what can be told.
     """
+    for of_sensor, of_rest, pose in _last:
+        if of_rest is rest and of_sensor == sensor:
+            return pose
+    _last[:] = [(sensor, rest, _told_pose(sensor, rest))]
+    return _last[0][2]
+
+
+#: Sensor, tracks and pose that were asked for last.
+_last: list[tuple[SensorDesign, Tracks, CameraPose]] = []
+
+
+def _told_pose(sensor: SensorDesign, rest: Tracks) -> CameraPose:
+    """Pose that the markers tell; see `rest_pose`."""
     markers = rest_markers(sensor, rest)
     loss = 1.0 / math.sqrt(len(sensor.places))
     fits = [_fitted(markers, CameraPose(), _FROM_DESIGN)]

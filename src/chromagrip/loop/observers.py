@@ -1,8 +1,10 @@
 """Observers: from a frame (camera path) or from the model (truth path) to a GripObservation."""
 
+import hashlib
 import math
 from copy import copy, deepcopy
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -14,7 +16,9 @@ from ..render import Frame
 from ..scene.scene import Scene
 from ..tracking import (
     CAMERA_RULE,
+    RECONSTRUCTORS,
     THESIS_RULE,
+    TRACKERS,
     Z90,
     FrictionEstimate,
     FrictionRule,
@@ -206,6 +210,54 @@ class CameraObserver:
         other._tracker, other._forces = copy(self._tracker), self._forces.copied()
         other._tracker.state = deepcopy(self._tracker.state)  # a plug-in may change its own
         return other
+
+
+@dataclass(frozen=True)
+class _RestPictures:
+    """Frames of the unloaded sensor, which are the same where their digest is."""
+
+    digest: bytes
+    frames: tuple[Frame, ...] = field(compare=False)
+
+    @classmethod
+    def of(cls, frames: list[Frame]) -> "_RestPictures":
+        digest = hashlib.blake2b(digest_size=16)
+        for frame in frames:
+            digest.update(f"{frame.time!r} {frame.image.shape}".encode())
+            digest.update(np.ascontiguousarray(frame.image).data)
+        return cls(digest.digest(), tuple(frames))
+
+
+def camera_observer(
+    calibration: SensorCalibration,
+    tracker: Choice,
+    reconstructor: Choice,
+    noise: float,
+    window: float,
+    rest: list[Frame],
+) -> CameraObserver:
+    """Observer as `CameraObserver`; what our methods say of the same rest frames is kept."""
+    ours = tracker in TRACKERS.entries and reconstructor in RECONSTRUCTORS.entries
+    if not (ours and rest):
+        return CameraObserver(calibration, tracker, reconstructor, noise, window, rest)
+    of_rest = _RestPictures.of(rest)
+    name = calibration.name
+    return _resting(calibration, name, tracker, reconstructor, noise, window, of_rest).copied()
+
+
+@lru_cache(maxsize=2)
+def _resting(
+    calibration: SensorCalibration,
+    name: str,
+    tracker: Choice,
+    reconstructor: Choice,
+    noise: float,
+    window: float,
+    rest: _RestPictures,
+) -> CameraObserver:
+    """Observer before its first frame; `name`, of the calibration, is in its messages."""
+    frames = list(rest.frames)
+    return CameraObserver(calibration, tracker, reconstructor, noise, window, frames)
 
 
 def _observation(

@@ -1,7 +1,9 @@
 """Reconstructor with a trained read-out: of each frame by itself, or over time."""
 
 import math
+from copy import copy
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +133,10 @@ class Learned:
         ).astype(np.float32)
         self._at_rest, self._threshold = tip.rest_positions(), tip.contact_threshold
         self._memory = Memory()
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
+        """Copy that goes on by itself: nothing in it is changed in place."""
+        return copy(self)
 
     def reset(self) -> None:
         """Forget the frames before; weights are kept, which follow the noise."""

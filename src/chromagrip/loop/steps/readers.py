@@ -10,7 +10,7 @@ from ...scene.scene import Scene
 from ...tracking import SensorCalibration, Tracks
 from ..camera import SimulatedCamera
 from ..methods import Methods
-from ..observers import CameraObserver, TruthObserver, with_friction_bias
+from ..observers import TruthObserver, camera_observer, with_friction_bias
 from ..torsion import with_limit_margin
 from ..world import World
 
@@ -75,7 +75,7 @@ class CameraReader:
         self._bias = scene.camera.friction_bias
         rest = camera.expose_rest(world.now.state, scene.camera.rest_frames)
         with located(f"sensor {scene.sensor}"):
-            self._observer = CameraObserver(
+            self._observer = camera_observer(
                 known,
                 methods.tracker,
                 methods.reconstructor,
