@@ -5,10 +5,11 @@ u_z = c(θ)·cos φ, u_y = 0. Exact in the plane of the chain, linear in the nod
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from .design.skin import Skin
 
@@ -50,9 +51,14 @@ class HarmonicMap:
         return np.stack([u_r * cos + shift, u_r * sin, u_z + tilt * cos], axis=1)
 
     def scalar(self, nodal: Array) -> Array:
-        """Scalar at every point, shape (M,), from its even and odd parts on the nodes (N,)."""
-        right, left = self.right @ nodal, self.left @ nodal
-        return np.asarray((right + left) / 2 + (right - left) / 2 * np.cos(self.phi))
+        """Scalar at every point, shape (M, …), from its even and odd parts on the nodes (N, …)."""
+        return _apply(self._scalars, nodal)
+
+    @cached_property
+    def _scalars(self) -> csr_array:
+        half = 0.5 * np.cos(self.phi)
+        both = diags_array(0.5 + half) @ self.right + diags_array(0.5 - half) @ self.left
+        return csr_array(both)
 
     def gradient(self, nodal: Array) -> tuple[Array, Array]:
         """∂d/∂θ and ∂d/∂φ/ring of `displacement` [m per unit of θ], each of shape (M, 3, …)."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .design.sensor import SensorDesign
 from .harmonics import node_before, slope_weights, stations_of
-from .place_kernels import THICKEST, THINNEST, carry_markers, unit_axes_each
+from .place_kernels import THICKEST, THINNEST, carry_markers, unit_axes_each, unit_normals
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,9 @@ class Membrane:
     @property
     def normals(self) -> Array:
         """Unit normals, outwards, shape (2, M, 3)."""
-        normal = np.cross(self.axes[..., 0], self.axes[..., 1])
-        return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        normals = np.empty(self.centres.shape)
+        unit_normals(self.axes.reshape(-1, 3, 2), normals.reshape(-1, 3))
+        return normals
 
 
 class MembraneMap:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .membrane import Membrane
 from .optics.view import View
-from .place_kernels import project_markers
+from .place_kernels import outline_centroids, project_markers
 
 Array = NDArray[np.float64]
 
@@ -69,13 +69,10 @@ def centroids(coefficients: Array, square: bool) -> Array:
 
     To second order: ∫ p·|∂p/∂q| over the unit disc (mean of q₁² is 1/4) or square (1/3).
     """
-    c, a1, a2, b11, b12, b22 = np.moveaxis(coefficients, -2, 0)
-    second = 1.0 / 3.0 if square else 0.25
-    # det ∂p/∂q = D·(1 + g·q) to first order.
-    area = _cross(a1, a2)
-    g1 = (2 * _cross(b11, a2) + _cross(a1, b12)) / area
-    g2 = (_cross(b12, a2) + 2 * _cross(a1, b22)) / area
-    return c + second * (b11 + b22 + g1[..., None] * a1 + g2[..., None] * a2)
+    flat = np.ascontiguousarray(coefficients, dtype=float).reshape(-1, 6, 2)
+    out = np.empty((len(flat), 2))
+    outline_centroids(flat, 1.0 / 3.0 if square else 0.25, out)
+    return out.reshape(*coefficients.shape[:-2], 2)
 
 
 def areas(coefficients: Array, square: bool) -> Array:

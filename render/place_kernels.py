@@ -151,6 +151,18 @@ def unit_axes_each(carried: Array, stretch: float, out: Array) -> None:
 
 
 @njit()
+def unit_normals(axes: Array, out: Array) -> None:
+    """Unit normals (K, 3) of outlines with these semi-axes as columns, shape (K, 3, 2)."""
+    for k in range(len(axes)):
+        for i in range(3):
+            j, m = (i + 1) % 3, (i + 2) % 3
+            out[k, i] = axes[k, j, 0] * axes[k, m, 1] - axes[k, m, 0] * axes[k, j, 1]
+        length = math.sqrt(out[k, 0] ** 2 + out[k, 1] ** 2 + out[k, 2] ** 2)
+        for i in range(3):
+            out[k, i] /= length
+
+
+@njit()
 def carry_in_silicone(
     moved: Array,
     slopes: Array,
@@ -232,3 +244,27 @@ def project_markers(
                         total[i] += factor * part[i]
                 for i in range(count):
                     coefficients[begin + i, n, axis] = total[i]
+
+
+@njit()
+def outline_centroids(coefficients: Array, second: float, out: Array) -> None:
+    """Centroids (K, 2) of outlines (K, 6, 2); see `outlines.centroids`.
+
+    Parameters
+    ----------
+    second: mean of q₁² over the unit outline
+    """
+    for k in range(len(coefficients)):
+        own = coefficients[k]
+        c, a1, a2, b11, b12, b22 = own[0], own[1], own[2], own[3], own[4], own[5]
+        # det ∂p/∂q = D·(1 + g·q) to first order.
+        area = _cross(a1, a2)
+        g1 = (2.0 * _cross(b11, a2) + _cross(a1, b12)) / area
+        g2 = (_cross(b12, a2) + 2.0 * _cross(a1, b22)) / area
+        for i in range(2):
+            out[k, i] = c[i] + second * (b11[i] + b22[i] + g1 * a1[i] + g2 * a2[i])
+
+
+@njit()
+def _cross(u: Array, v: Array) -> float:
+    return float(u[0] * v[1] - u[1] * v[0])

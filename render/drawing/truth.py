@@ -74,10 +74,12 @@ def marker_truth(sensor: SensorDesign, membrane: Membrane) -> MarkerTruth:
     """Truth of the markers of a membrane in the image of a sensor."""
     view, square = sensor.view, sensor.markers.form == "square"
     pixels, coefficients = place_markers(membrane, view)
-    inside = ((pixels > -0.5) & (pixels < np.array([view.width, view.height]) - 0.5)).all(-1)
+    right, down = pixels[..., 0], pixels[..., 1]
+    inside = (right > -0.5) & (right < view.width - 0.5)
+    inside &= (down > -0.5) & (down < view.height - 0.5)
     normals = membrane.normals
-    towards = membrane.centres - np.array([0.0, 0.0, view.position])
-    facing = (normals * towards).sum(axis=-1) > 0.0
+    x, y, z = (normals[..., i] * membrane.centres[..., i] for i in range(3))
+    facing = x + y + z - normals[..., 2] * view.position > 0.0
     return MarkerTruth(
         pixels=pixels,
         image_centres=centroids(coefficients, square),
@@ -245,7 +247,7 @@ def overlap_share(coefficients: Array, square: bool) -> Array:
 
 @lru_cache(maxsize=2)
 def _samples(square: bool) -> Array:
-    """Evenly spaced points of the unit square or disc, shape (K, 2)."""
+    """Evenly spaced points of the unit square or disc, shape (2, K)."""
     line = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * 2.0 - 1.0
     q = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    return q if square else q[(q**2).sum(axis=-1) < 1.0]
+    return np.ascontiguousarray((q if square else q[(q**2).sum(axis=-1) < 1.0]).T)

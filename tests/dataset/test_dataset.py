@@ -200,7 +200,7 @@ def test_labels_are_those_of_the_run(made: Path) -> None:
 def test_labels_are_what_opencv_projects(made: Path) -> None:
     """The thesis' camera sits in the centre of the port, which bends no ray."""
     one = next(iter(load_sequences(made)))
-    store = cv2.FileStorage(str(one.rest.with_name("camera.yml")), cv2.FILE_STORAGE_READ)
+    store = cv2.FileStorage(str(one.pictures.folder / "camera.yml"), cv2.FILE_STORAGE_READ)
     matrix, bent = (
         store.getNode(f"{k}").mat() for k in ("camera_matrix", "distortion_coefficients")
     )

@@ -26,7 +26,6 @@ from chromagrip.dataset.read import Loaded, tables
 from chromagrip.dataset.recipe import Recipe, load_recipe
 from chromagrip.dataset.sequence import sequence, shots
 from chromagrip.loop.observers import CameraObserver
-from chromagrip.output.pictures import read_picture
 from chromagrip.render import Frame
 from chromagrip.tracking import sensor_as_designed
 
@@ -78,7 +77,7 @@ def test_a_reading_is_near_the_truth_and_says_how_near(made: Path, loaded: list[
 def test_a_reading_comes_from_the_pictures_alone(loaded: list[Loaded]) -> None:
     """The files that anybody has are read again, without the labels."""
     one = loaded[1]
-    rest = Frame(image=read_picture(one.rest), time=0.0)
+    rest = Frame(image=one.pictures.rest, time=0.0)
     observer = CameraObserver(sensor_as_designed("dome-2022"), "fit", "contact", 1.0, 0.05, [rest])
     for k, image in enumerate(one.images()):
         seen, _ = observer.observe(Frame(image=image, time=k / 20.0))

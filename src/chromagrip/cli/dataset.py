@@ -46,6 +46,14 @@ def make(
             "NAME",
         ),
     ] = None,
+    store: Annotated[
+        Literal["noisy", "clean"] | None,
+        option(
+            "pictures as they are, or without their noise, which readers add again bit for bit: a "
+            "tenth of the room",
+            "noisy|clean",
+        ),
+    ] = None,
     meshes: Annotated[
         Path | None, option("folder of the objects of a dome, instead of the recipe's", "DIR")
     ] = None,
@@ -79,6 +87,8 @@ def make(
     loaded = replace(loaded, truth=tuple(dict.fromkeys((*loaded.truth, *truth))))
     if reading is not None:
         loaded = replace(loaded, reading=reading)
+    if store is not None:
+        loaded = replace(loaded, store=store)
     check_least(workers=(workers, 1))
     with counting("sequences", transient=False) as progress:
         manifest = make_dataset(

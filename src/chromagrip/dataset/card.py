@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ..extras import need
 from ..output.folder import write_whole
-from ..output.pictures import read_picture
 from ..output.png import encode_png
 from .folder import (
     CARD,
@@ -21,6 +20,7 @@ from .folder import (
 )
 from .labels import COMMON, STATES, columns_of
 from .labels.reading import reading_lines
+from .pictures import pictures_in
 from .read import tables
 from .recipe import CASE, Case, Recipe, Values, bodies_of, dotted
 
@@ -161,7 +161,7 @@ def _sheet(folder: Path, numbers: list[int]) -> NDArray[np.uint8]:
     chosen = np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)
     small: list[NDArray[np.uint8]] = []
     for at in dict.fromkeys(chosen):
-        image = read_picture(max((folder / sequence_name(numbers[at])).glob("frame-*.png")))
+        image = pictures_in(folder / sequence_name(numbers[at]))[-1]
         # Pictures of other sensors take the shape of the first one.
         size = small[0].shape[1::-1] if small else _size(image)
         small.append(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8))

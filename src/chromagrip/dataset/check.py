@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +25,7 @@ from .frozen import content_of, frozen_as
 from .labels import INTERVALS, READ, columns_of
 from .labels.chain_physics import unbalanced_chain, wrong_chain
 from .labels.dome_physics import wrong_dome, wrong_motion
+from .pictures import Pictures, pictures_in
 from .read import stacked
 from .remote import fetched
 
@@ -128,11 +128,11 @@ def _wrong(folder: Path, motion: str, reading: bool) -> Iterator[str]:
         yield f"frames.parquet: columns {list(frames)}, expected {expected}"
         return
     count, view = scene.frames, scene.build_sensor().view
-    pictures = len(list(folder.glob("frame-*.png")))
-    if not (len(frames["frame"]) == markers.num_rows == pictures == count):
+    pictures = pictures_in(folder)
+    if not (len(frames["frame"]) == markers.num_rows == len(pictures) == count):
         yield (
-            f"{pictures} pictures, {len(frames['frame'])} rows of frames and {markers.num_rows} of "
-            f"markers; the scene has {count}"
+            f"{len(pictures)} pictures, {len(frames['frame'])} rows of frames and "
+            f"{markers.num_rows} of markers; the scene has {count}"
         )
         return
     columns = {name: stacked(markers[name]) for name in markers.column_names[1:]}
@@ -142,7 +142,7 @@ def _wrong(folder: Path, motion: str, reading: bool) -> Iterator[str]:
         for wrong in (
             *(wrong_chain(row, own) if chain else wrong_dome(row, own)),
             *_wrong_places(view, own),
-            *_wrong_picture(view, folder / f"frame-{index:03d}.png"),
+            *_wrong_picture(view, pictures, index),
             *(_wrong_reading(row) if reading else ()),
         ):
             yield f"frame {index}: {wrong}"
@@ -177,9 +177,11 @@ def _wrong_reading(row: dict[str, Any]) -> Iterator[str]:
             yield f"{columns[1]} is out of its interval"
 
 
-def _wrong_picture(view: View, path: Path) -> Iterator[str]:
-    image = cv2.imread(str(path))
-    if image is None:
-        yield "the picture cannot be read"
-    elif image.shape != (view.height, view.width, 3):
+def _wrong_picture(view: View, pictures: Pictures, index: int) -> Iterator[str]:
+    try:
+        image = pictures[index]
+    except UserError as error:
+        yield f"the picture cannot be read: {error}"
+        return
+    if image.shape != (view.height, view.width, 3):
         yield f"the picture has the shape {image.shape}"

@@ -127,9 +127,12 @@ def _write_coco(sequences: Iterator[Loaded], out: Path) -> None:
                     "wants one list of keypoints for all"
                 )
             names = own
-            for t, picture in enumerate(one.pictures):
-                name = f"sequence-{one.number:06d}-{picture.name}"
-                link(picture, out / "images" / name)
+            for t in range(len(one.pictures)):
+                name = f"sequence-{one.number:06d}-frame-{t:03d}.png"
+                if one.pictures.store == "noisy":
+                    link(one.pictures.files[t], out / "images" / name)
+                else:
+                    (out / "images" / name).write_bytes(one.pictures.png(t))
                 number = len(images) + 1
                 images.append(
                     {"id": number, "file_name": name, "width": view.width, "height": view.height}
@@ -182,7 +185,7 @@ def _write_webdataset(sequences: Iterator[Loaded], out: Path) -> None:
 def _frames(sequences: Iterator[Loaded]) -> Iterator[dict[str, bytes]]:
     """Files of each frame, by name."""
     for one in sequences:
-        for t, picture in enumerate(one.pictures):
+        for t in range(len(one.pictures)):
             key = f"{one.number:06d}-{t:03d}"
             values = {name: _plain(column[t]) for name, column in one.frames.items()}
             text = json.dumps({"sequence": one.number, **values, "drawn": one.values})
@@ -190,7 +193,7 @@ def _frames(sequences: Iterator[Loaded]) -> Iterator[dict[str, bytes]]:
             buffer = io.BytesIO()
             np.savez(buffer, **arrays)
             yield {
-                f"{key}.png": picture.read_bytes(),
+                f"{key}.png": one.pictures.png(t),
                 f"{key}.json": text.encode(),
                 f"{key}.npz": buffer.getvalue(),
             }

@@ -6,9 +6,9 @@
     DATASET_CARD.md, contact-sheet.png
     sensors/             the user's own, see `own_files`
     objects/             meshes
-    sequence-000000/     scene.toml, camera.yml, rest.png, frame-000.png …, frames.parquet,
-                         markers.parquet, truth-000.npz … where the recipe has `truth`,
-                         files.json (versions, checksums)
+    sequence-000000/     scene.toml, camera.yml, rest.png, frame-000.png … (see `pictures` for
+                         those without noise), frames.parquet, markers.parquet, truth-000.npz …
+                         where the recipe has `truth`, files.json (versions, checksums)
 
 A sequence's folder gets its name when it is complete. No file holds a time or a host: the same
 recipe and versions give the same bytes.
@@ -37,6 +37,7 @@ from ..output.versions import versions
 from ..render import camera_text
 from ..scene.scene import dump_scene, relative, seen_from
 from .labels import COMMON, Columns, Shot, columns_of
+from .pictures import CLEAN, FRAME, NOISE, REST, change_png, noise_key
 from .recipe import Recipe, Values, dump_recipe, load_recipe, portable
 from .sequence import sequence, shots
 
@@ -122,11 +123,16 @@ def _write_files(recipe: Recipe, number: int, part: Path) -> None:
     place = {"position_mm": 1e3 * view.position, "port_mm": 1e3 * view.port}
     port = {"port_is_flat": view.flat, "refractive_index": view.index}
     keep(CAMERA, camera_text(view.camera, **place, **port).encode())
-    keep("rest.png", encode_png(rest))
+    clean = recipe.store == "clean"
+    keep(CLEAN if clean else REST, encode_png(rest))
+    if clean:
+        key = noise_key(made.scene.camera.noise_levels, made.scene.seed)
+        keep(NOISE, msgspec.json.encode(key))
     rows: list[Shot] = []
     for shot in frames:
         index = int(shot.values["frame"])
-        keep(f"frame-{index:03d}.png", encode_png(shot.image))
+        data = change_png(shot.image, rest) if clean else encode_png(shot.image)
+        keep(f"{FRAME[recipe.store]}-{index:03d}.png", data)
         if shot.truth:
             path = part / f"truth-{index:03d}.npz"
             np.savez_compressed(path, **shot.truth)  # type: ignore[arg-type]

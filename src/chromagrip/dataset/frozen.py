@@ -17,7 +17,6 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from ..output.pictures import read_picture
 from .folder import Place, open_recipe, read_manifest
 from .labels import READING
 from .read import load_sequence
@@ -80,12 +79,12 @@ class Frozen:
 
 
 def frozen_as(recipe: Recipe) -> Frozen | None:
-    """The frozen recipe that this is, with any sequences, labels of pixels and reading."""
+    """The frozen recipe that this is, with any sequences, labels of pixels, reading and store."""
     for file in sorted(SHIPPED.iterdir(), key=lambda file: file.name):
         name = file.name.removesuffix(".json")
         if name == file.name:
             continue
-        asked = {"truth": recipe.truth, "reading": recipe.reading}
+        asked = {"truth": recipe.truth, "reading": recipe.reading, "store": recipe.store}
         if replace(load_recipe(name), sequences=recipe.sequences, **asked) == recipe:
             recorded = msgspec.json.decode(file.read_bytes(), type=dict[str, Content])
             return Frozen(name=name, sequences=recorded)
@@ -95,7 +94,7 @@ def frozen_as(recipe: Recipe) -> Frozen | None:
 def content_of(folder: Path) -> Content:
     """What a sequence's folder shows."""
     one = load_sequence(folder)
-    levels = np.stack([read_picture(path) for path in (one.rest, *one.pictures)])
+    levels = np.stack([one.pictures.rest, *one.pictures])
     labels = {name: values for name, values in one.frames.items() if name not in READING}
     columns = [*labels.items(), *one.markers.items()]
     numbers = [values.ravel() for _, values in columns if values.dtype.kind == "f"]

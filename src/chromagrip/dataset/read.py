@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..extras import need
-from ..output.pictures import read_picture
 from ..scene.scene import Scene, load_scene
 from .folder import (
     TABLE,
@@ -21,6 +20,7 @@ from .folder import (
     read_manifest,
     sequence_name,
 )
+from .pictures import Pictures, pictures_in
 from .recipe import Values
 from .remote import fetched
 from .split import names_of
@@ -40,8 +40,7 @@ class Loaded:
     scene: that was run
     frames: values of every frame, by column of FRAME, shape (T,)
     markers: of every frame, by column of MARKERS and NODES, shape (T, 2M), (T, M) or (T, N)
-    pictures: files, in order
-    rest: file of the unloaded sensor
+    pictures: of every frame; `pictures[t]` and `pictures.rest` read one, whatever the store
     """
 
     number: int
@@ -49,13 +48,11 @@ class Loaded:
     scene: Scene
     frames: dict[str, NDArray[Any]]
     markers: dict[str, NDArray[Any]]
-    pictures: list[Path]
-    rest: Path
+    pictures: Pictures
 
     def images(self) -> Iterator[NDArray[np.uint8]]:
         """Pictures one by one, RGB, shape (H, W, 3)."""
-        for path in self.pictures:
-            yield read_picture(path)
+        return iter(self.pictures)
 
     @property
     def places(self) -> NDArray[np.float32]:
@@ -104,8 +101,7 @@ def load_sequence(where: Path) -> Loaded:
         scene=load_scene(str(where / "scene.toml")),
         frames={column: frames[column].to_numpy() for column in frames.column_names},
         markers={column: stacked(markers[column]) for column in markers.column_names[1:]},
-        pictures=sorted(where.glob("frame-*.png")),
-        rest=where / "rest.png",
+        pictures=pictures_in(where),
     )
 
 

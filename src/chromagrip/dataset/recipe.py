@@ -25,6 +25,8 @@ from ..tracking import DEFAULT_RECONSTRUCTOR, METHODS
 from .draws import How, check_draw, draw, ends
 from .labels import DOME_TRUTH
 
+#: How pictures are kept, see `pictures`.
+Store = Literal["noisy", "clean"]
 Truth = Literal["depth", "flow", "masks", "traction", "contact"]
 
 #: Kinds of motion: all are driven by forces, but a `move` goes to a pose, on a dome alone.
@@ -51,6 +53,8 @@ _GROWS: dict[str, tuple[float, float]] = {"grasp": (0.25, 0.6), "slip": (0.25, 0
 
 #: Ends of the names of files of meshes.
 MESHES = (".stl", ".obj", ".ply", ".off", ".glb")
+#: Defects that change a picture after its noise, which cannot be added again then.
+AFTER_NOISE = ("defects.jpeg_quality", "defects.h264_crf")
 #: Values of TOML tables: of a scene, or drawn ones by key of a scene or of OWN.
 Values = dict[str, Any]
 #: What has tables of a scene and draws.
@@ -84,6 +88,8 @@ class Recipe(Table, frozen=True):
     truth: labels of every pixel that are kept beside those of markers and forces
     reading: reconstructor whose estimates from the pictures stand beside the labels; `auto` is that
         of a sequence's body; empty for none
+    store: how pictures are kept: `noisy` as they are, `clean` without their noise, which is added
+        again when they are read
     scene: tables of a scene, the same in every sequence
     draw: key of a scene, with dots, or one of OWN → how it is drawn: `{ uniform = [low, high] }`,
         `{ log_uniform = [low, high] }`, `{ normal = [mean, deviation, low, high] }` (outside of the
@@ -96,6 +102,7 @@ class Recipe(Table, frozen=True):
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
     truth: tuple[Truth, ...] = ()
     reading: str = ""
+    store: Store = "noisy"
     scene: Values = msgspec.field(default_factory=dict)
     draw: dict[str, How] = msgspec.field(default_factory=dict)
     cases: tuple[Case, ...] = ()
@@ -314,12 +321,12 @@ def _check_case(recipe: Recipe, name: str) -> None:
 
 
 def check_asked(recipe: Recipe) -> None:
-    """Refuse labels of pixels and readings that the recipe's bodies do not have.
+    """Refuse labels of pixels and readings that the bodies do not have, and a store in vain.
 
     Raises
     ------
     UserError
-        With the label or the reconstructor.
+        With the label, the reconstructor or the store.
     """
     if recipe.reading:
         if recipe.reading not in (DEFAULT_RECONSTRUCTOR, *METHODS):
@@ -327,9 +334,23 @@ def check_asked(recipe: Recipe) -> None:
             raise UserError(f"no reading {recipe.reading!r}; there is {allowed}")
         for body in bodies_of(recipe):
             reconstructor_for(body, recipe.reading)
+    if recipe.store == "clean":
+        for case in cases_of(recipe):
+            _check_clean(case)
     for label in recipe.truth:
         if label in DOME_TRUTH and set(bodies_of(recipe)) != {"dome"}:
             raise UserError(f'truth {label!r} needs a recipe with scene.body = "dome"')
+
+
+def _check_clean(case: Recipe) -> None:
+    """Refuse pictures without noise where something changes them after it."""
+    tables = {key: [value] for key, value in dotted(case.scene).items()}
+    for key in AFTER_NOISE:
+        if any([*tables.get(key, []), *ends(case.draw.get(key, {"choice": []}))]):
+            raise UserError(
+                f'store = "clean" keeps pictures without noise, but {key} compresses them with it: '
+                'take store = "noisy"'
+            )
 
 
 def _check_body(recipe: Recipe, name: str, motions: list[Any]) -> None:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..loop.camera import SimulatedCamera
+from ..loop.camera import REST_NUMBER, SimulatedCamera
 from ..loop.grasp import grasp
 from ..loop.poses.moves import moves
 from ..loop.steps.sample import Sample
 from ..model import DomeState, SoftBody, State, rest_state
 from ..output.processes import one_thread
-from ..render import DomeMap, Flaws, Renderer, load_sensor, open_renderer
+from ..render import DomeMap, Flaws, Renderer, add_noise, load_sensor, open_renderer
 from ..scene.scene import Scene
 from .labels import Shot
 from .labels.chain import chain_shots
@@ -84,23 +84,46 @@ def _samples(scene: Scene, values: Values) -> list[Sample] | list[DomeSample]:
 
 
 def shots(recipe: Recipe, made: Sequence) -> tuple[Image, Iterator[Shot]]:
-    """Picture of the unloaded sensor, and an iterator over the frames."""
+    """Picture of the unloaded sensor, and an iterator over the frames.
+
+    Without noise where the recipe stores them so; readings are of the noisy pictures all the same.
+    """
     scene, camera = made.scene, _camera(made.scene)
+    clean = recipe.store == "clean"
     if scene.body == "chain":
         rest: State | DomeState = rest_state(scene.build_fingertip())
         chain = [one for one in made.samples if isinstance(one, Sample)]
-        frames = chain_shots(scene, chain, camera, recipe.truth)
+        frames = chain_shots(scene, chain, camera, recipe.truth, clean)
     else:
         # A run begins where the object just touches.
         dome = [one for one in made.samples if isinstance(one, DomeSample)]
         first = dome[0].truth.state
         assert isinstance(first, DomeState)
         rest = first
-        frames = dome_shots(scene, dome, camera, recipe.truth)
-    still = camera.expose_rest(rest, 1)[0].image
+        frames = dome_shots(scene, dome, camera, recipe.truth, clean)
+    if not clean:
+        still = camera.expose_rest(rest, 1)[0].image
+        if recipe.reading:
+            frames = with_readings(scene, recipe.reading, still, frames)
+        return still, frames
+    still = camera.clean_rest(rest)
     if recipe.reading:
-        frames = with_readings(scene, recipe.reading, still, frames)
+        seen = _noisy(scene, still, REST_NUMBER)
+        frames = with_readings(
+            scene,
+            recipe.reading,
+            seen,
+            frames,
+            lambda shot: _noisy(scene, shot.image, int(shot.values["frame"])),
+        )
     return still, frames
+
+
+def _noisy(scene: Scene, clean: Image, index: int) -> Image:
+    """Picture of that number with the camera's noise."""
+    image = np.empty_like(clean)
+    add_noise(clean, scene.camera.noise_levels, scene.seed, index, out=image)
+    return image
 
 
 def _camera(scene: Scene) -> SimulatedCamera:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..extras import need
-from ..output.pictures import read_picture
 from .folder import Place, read_manifest
 from .labels import STATES
+from .pictures import Pictures
 from .read import load_sequence
 from .remote import fetched
 from .split import names_of
@@ -59,8 +59,7 @@ class Frames:
         if not noise >= 0.0:
             raise UserError(f"noise = {noise} must not be negative")
         self._noise, self._seed, self._with_rest = noise, seed, with_rest
-        self._pictures: list[Path] = []
-        self._rests: list[Path] = []
+        self._pictures: list[Pictures] = []
         self._places: list[tuple[int, int]] = []
         parts: dict[str, list[NDArray[Any]]] = {label: [] for label in labels}
         self._pixels: list[str] = []
@@ -73,8 +72,7 @@ class Frames:
             for label in parts.keys() - set(self._pixels):
                 parts[label].append(_numbers(columns[label], label))
                 _check_lengths(label, parts[label])
-            self._pictures += one.pictures
-            self._rests += [one.rest] * len(one.pictures)
+            self._pictures += [one.pictures] * len(one.pictures)
             self._places += [(one.number, t) for t in range(len(one.pictures))]
         self._labels = {
             label: from_numpy(np.concatenate(values)) for label, values in parts.items() if values
@@ -92,16 +90,16 @@ class Frames:
         number, frame = self._places[index]
         item = {label: values[index] for label, values in self._labels.items()}
         if self._pixels:
-            path = self._pictures[index].with_name(f"truth-{frame:03d}.npz")
+            path = self._pictures[index].folder / f"truth-{frame:03d}.npz"
             with np.load(path) as truth:
                 item |= {name: _tensor(truth[name]) for name in self._pixels}
         item |= {"sequence": number, "frame": frame, "image": self._image(index)}
         if self._with_rest:
-            item["rest"] = _picture(read_picture(self._rests[index]))
+            item["rest"] = _picture(self._pictures[index].rest)
         return item
 
     def _image(self, index: int) -> Any:
-        image = read_picture(self._pictures[index])
+        image = self._pictures[index][self._places[index][1]]
         if self._noise:
             rng = np.random.default_rng([self._seed, index])
             noisy = image + self._noise * rng.standard_normal(image.shape, np.float32)

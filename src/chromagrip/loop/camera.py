@@ -28,6 +28,9 @@ from .methods import Methods
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
+#: Number of the first frame at rest; the others are before it. No run reaches them.
+REST_NUMBER = 2**32 - 1
+
 
 def carried(state: State | DomeState) -> Array:
     """What the markers are carried by.
@@ -114,6 +117,11 @@ class SimulatedCamera:
 
         While the shutter is open the skin moves evenly from its state in the frame before.
         """
+        clean = self.clean(state, index)
+        return self._finish(clean, state.time, index, shared=clean is self._still)
+
+    def clean(self, state: State | DomeState, index: int) -> Image:
+        """The same picture before `add_noise`, shape (H, W, 3); not to be changed."""
         displacement = carried(state)
         before = displacement if self._before is None else self._before
         self._before = displacement.copy()
@@ -125,7 +133,7 @@ class SimulatedCamera:
             if self._still is None:
                 self._still = self._render(displacement)
             images = [self._still]
-        return self._finish(images, state.time, index, shared=self._still is not None)
+        return self._imaging.measured(images, index)
 
     def memory(self) -> CameraMemory:
         """What the next frame depends on, beside its state and number."""
@@ -139,9 +147,16 @@ class SimulatedCamera:
     def expose_rest(self, state: State | DomeState, count: int) -> list[Frame]:
         """`count` frames of one state at rest, with noise that is in no frame of a run."""
         image = self._render(carried(state))
-        # Numbers from the end, which no run reaches.
-        numbers = [2**32 - 1 - i for i in range(count)]
-        return [self._finish([image], state.time, number, shared=True) for number in numbers]
+        numbers = [REST_NUMBER - i for i in range(count)]
+        cleans = [self._imaging.measured(image, number) for number in numbers]
+        return [
+            self._finish(clean, state.time, number, shared=clean is image)
+            for clean, number in zip(cleans, numbers, strict=True)
+        ]
+
+    def clean_rest(self, state: State | DomeState) -> Image:
+        """The first picture of that state at rest before `add_noise`, shape (H, W, 3)."""
+        return self._imaging.measured(self._render(carried(state)), REST_NUMBER)
 
     def close(self) -> None:
         """Release the renderer."""
@@ -152,10 +167,9 @@ class SimulatedCamera:
         with blaming(self._failure, SystemExit):
             return self._renderer.render(membrane)
 
-    def _finish(self, images: list[Image], time: float, index: int, shared: bool) -> Frame:
-        """Frame of these pictures; shared ones are not changed."""
-        clean = self._imaging.measured(images, index)
-        image = np.empty_like(clean) if shared and clean is images[0] else clean
+    def _finish(self, clean: Image, time: float, index: int, shared: bool) -> Frame:
+        """Frame of a picture without noise, which is not changed where it is shared."""
+        image = np.empty_like(clean) if shared else clean
         add_noise(clean, self._noise, self._seed, index, out=image)
         image = self._imaging.compressed(image)
         if self._picture is not None:

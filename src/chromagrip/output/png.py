@@ -11,7 +11,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from .png_kernels import deflate_rows
+from .png_kernels import deflate_rows, deflate_runs
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 #: Colour types of PNG: of one channel, and of three.
@@ -20,16 +20,24 @@ _GREY, _COLOUR = 0, 2
 _ZLIB = b"\x78\x01"
 #: Bytes that share a code.
 _BLOCK = 1 << 16
+#: The same in a picture with runs.
+_RUN_BLOCK = 1 << 18
 
 
-def encode_png(image: NDArray[np.uint8]) -> bytes:
-    """PNG file of a picture, 8 bits a channel, shape (H, W) or (H, W, 3)."""
+def encode_png(image: NDArray[np.uint8], runs: bool = False) -> bytes:
+    """PNG file of a picture, 8 bits a channel, shape (H, W) or (H, W, 3).
+
+    Parameters
+    ----------
+    image: to write
+    runs: whether it is black almost everywhere: rows are written as they are, with runs of zeros
+    """
     height, width = image.shape[:2]
     rows = np.ascontiguousarray(image).reshape(height, -1)
-    block = max(1, _BLOCK // (rows.shape[1] + 1))
+    block = max(1, (_RUN_BLOCK if runs else _BLOCK) // (rows.shape[1] + 1))
     # At most 15 bits a byte, and some for each block's code.
     out = np.empty(rows.size // 2 + height + 64 * (height // block + 2), dtype=np.uint32)
-    size, adler = deflate_rows(rows, block, out)
+    size, adler = (deflate_runs if runs else deflate_rows)(rows, block, out)
     colour = _GREY if image.ndim == 2 else _COLOUR
     header = struct.pack(">IIBBBBB", width, height, 8, colour, 0, 0, 0)
     packed = b"".join([_ZLIB, out.view(np.uint8)[:size].tobytes(), struct.pack(">I", adler)])

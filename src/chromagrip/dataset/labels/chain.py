@@ -16,9 +16,13 @@ from .shot import SLIPPING, Shot, common_values, marker_labels
 
 
 def chain_shots(
-    scene: Scene, samples: Iterable[Sample], camera: SimulatedCamera, truth: tuple[str, ...]
+    scene: Scene,
+    samples: Iterable[Sample],
+    camera: SimulatedCamera,
+    truth: tuple[str, ...],
+    clean: bool = False,
 ) -> Iterator[Shot]:
-    """Frames of a run of the node model with their labels."""
+    """Frames of a run of the node model with their labels; clean ones have no noise."""
     sensor, tip = scene.build_sensor(), scene.build_fingertip()
     unloaded = marker_truth(sensor, camera.membrane(np.zeros((tip.nodes, 2))))
     carry = harmonic_map(sensor.shape, sensor.places, tip.nodes)
@@ -33,11 +37,12 @@ def chain_shots(
             slips = field.contact & (abs(on[1]) >= SLIPPING * friction * on[0])
             markers = marker_labels(marker_truth(sensor, membrane), unloaded)
             # Both layers lie under the same forces.
-            for name, force in zip(("normal_n", "friction_n"), on, strict=True):
-                markers[name] = np.tile(carry.scalar(force), 2)
+            for name, force in zip(("normal_n", "friction_n"), carry.scalar(on.T).T, strict=True):
+                markers[name] = np.tile(force, 2)
             nodes = (*1e3 * field.position.T, field.contact, field.normal, field.friction, friction)
+            take = sample.state, sample.index
             yield Shot(
-                image=camera.expose(sample.state, sample.index).image,
+                image=camera.clean(*take) if clean else camera.expose(*take).image,
                 values=common_values(
                     sample.index,
                     sample.applied,

@@ -40,9 +40,13 @@ class DomeSample:
 
 
 def dome_shots(
-    scene: Scene, samples: Iterable[DomeSample], camera: SimulatedCamera, truth: tuple[str, ...]
+    scene: Scene,
+    samples: Iterable[DomeSample],
+    camera: SimulatedCamera,
+    truth: tuple[str, ...],
+    clean: bool = False,
 ) -> Iterator[Shot]:
-    """Frames of a run of a dome with their labels."""
+    """Frames of a run of a dome with their labels; clean ones have no noise."""
     sensor, dome = scene.build_sensor(), scene.build_dome()
     areas = lattice(dome).areas
     unloaded = marker_truth(sensor, camera.membrane(np.zeros((len(areas), 3))))
@@ -54,8 +58,9 @@ def dome_shots(
             drive = carried(state)
             membrane = camera.membrane(drive)
             values, nodes = _of_contact(sample, dome, areas)
+            take = state, sample.index
             yield Shot(
-                image=camera.expose(state, sample.index).image,
+                image=camera.clean(*take) if clean else camera.expose(*take).image,
                 values=values,
                 markers=marker_labels(marker_truth(sensor, membrane), unloaded),
                 nodes=nodes,

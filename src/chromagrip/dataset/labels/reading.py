@@ -33,7 +33,11 @@ Values = dict[str, float | int | str]
 
 
 def with_readings(
-    scene: Scene, reconstructor: str, rest: Image, shots: Iterator[Shot]
+    scene: Scene,
+    reconstructor: str,
+    rest: Image,
+    shots: Iterator[Shot],
+    noisy: Callable[[Shot], Image] = lambda shot: shot.image,
 ) -> Iterator[Shot]:
     """Frames with their reading beside their labels.
 
@@ -42,11 +46,12 @@ def with_readings(
     scene: of the sequence, of which sensor and camera are used
     reconstructor: name; `auto` is that of the scene's body
     rest: picture of the unloaded sensor
+    noisy: the camera's picture of a frame
     """
     with one_thread():
         read = _reader(scene, reconstructor, rest)
         for shot in shots:
-            reading = read(Frame(image=shot.image, time=float(shot.values["time_s"])))
+            reading = read(Frame(image=noisy(shot), time=float(shot.values["time_s"])))
             yield replace(shot, values=shot.values | reading)
 
 

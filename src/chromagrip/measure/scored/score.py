@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ...errors import located
 from ...output.folder import prepare, whole_file, write_whole
 from ...output.page import PageSection, inline_png, write_page
-from ...output.pictures import read_picture
 from ...output.report import Table
 from .intervals import intervals
 from .points import read_points
@@ -147,7 +146,7 @@ def _badness(named: Named, scored: Scored) -> NDArray[np.float64]:
 
 def _draw(named: Named, scored: Scored, k: int) -> Image:
     """A frame with its errors, in the picture's own colours."""
-    picture = read_picture(named.pictures[k])
+    picture = named.pictures[k]
     scale = _SIDE / max(picture.shape[:2])
     size = (round(scale * picture.shape[1]), round(scale * picture.shape[0]))
     drawn: Image = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...dataset.folder import FILES, read_manifest
+from ...dataset.pictures import REST, shown
 from ...errors import UserError
 from ...pictures.track import track_source
 from ...scene.scene import load_scene
@@ -37,13 +38,15 @@ def track_sequences(
         tell(f"{tracker} follows {name}")
         where, to = truth if alone else truth / name, out / tracker / name
         design = load_scene(str(where / "scene.toml")).sensor
-        rest, source = str(where / "rest.png"), str(where)
-        try:
-            outcome = track_source(rest, source, palette=design, tracker=tracker, out=to)
-            if outcome.broken is not None:
-                raise UserError(outcome.broken)
-        except UserError as error:
-            refused[name] = str(error).replace(f"{where}/", "")
-            if len(refused) == len(names):
-                raise UserError(f"{tracker}, {name}: {refused[name]}") from None
+        with shown(where) as source:
+            try:
+                outcome = track_source(
+                    str(source / REST), str(source), palette=design, tracker=tracker, out=to
+                )
+                if outcome.broken is not None:
+                    raise UserError(outcome.broken)
+            except UserError as error:
+                refused[name] = str(error).replace(f"{source}/", "")
+                if len(refused) == len(names):
+                    raise UserError(f"{tracker}, {name}: {refused[name]}") from None
     return out / tracker, refused

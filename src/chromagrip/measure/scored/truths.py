@@ -1,6 +1,6 @@
 """Truths that tracks are scored against: sequences of a dataset, or a file of points."""
 
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...dataset.folder import FILES, read_manifest, sequence_name
+from ...dataset.pictures import Pictures
 from ...dataset.read import Loaded, load_sequences
 from ...dataset.recipe import CASE
 from ...errors import UserError
@@ -36,7 +37,7 @@ class Named:
     name: str
     truth: Truth
     tracks: Path | None
-    pictures: list[Path]
+    pictures: Sequence[NDArray[np.uint8]] | Pictures
     case: str = ""
 
 
