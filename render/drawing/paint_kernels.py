@@ -164,6 +164,13 @@ def _finish(
     # Unsigned indices need no check for negative ones: these loops vectorise.
     start, wide = np.uint64(3 * x0), np.uint64(3 * LANES)
     for y in range(y0, y1):
+        any_touched = False
+        for h in range(touched.shape[1]):
+            any_touched |= touched[y - y0, h]
+        if not any_touched:
+            for j in range(min(np.uint64(light.shape[1]), np.uint64(image.shape[1]) - start)):
+                image[y, start + j] = clear[y, start + j]
+            continue
         for j in range(np.uint64(light.shape[1])):  # with its number it would not be vector code
             value = ground[y, start + j] * light[y - y0, j]  # dyes add no light
             place[j] = np.uint32(np.int32(value * most + half))

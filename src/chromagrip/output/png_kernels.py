@@ -155,7 +155,7 @@ def _tokens(data: Bytes, words: NDArray[np.uint64], tokens: NDArray[np.uint32]) 
     ----------
     data: of a block
     words: the same, eight bytes at a time: a run is of whole words, so that few branches are wrong
-    tokens: result, with room for seven more than there are bytes
+    tokens: result, as many as there are bytes at most
 
     Returns
     -------

@@ -22,6 +22,7 @@ from ...render import (
     MembraneMap,
     SensorDesign,
     TruthMap,
+    add_noise,
     centroids,
     load_sensor,
     outlines,
@@ -83,6 +84,7 @@ def bench_render(quick: bool, progress: Callable[[str], None]) -> Report:
         mesh = None if problem else stack.enter_context(closing(MeshRenderer(sensor)))
         rows = [
             *_speed(sensor, painter, mesh, quick, progress),
+            *_frame_rows(progress),
             *_dome_speed(sensor, quick, progress),
             *_accuracy(sensor, painter, mesh, quick, progress),
         ]
@@ -126,6 +128,31 @@ def _speed(
     if mesh is not None:
         ratio = float(np.median(times["mesh"])) / redrawn
         yield at_least(("painter", "times_as_fast_as_pyrender"), ratio, "", 20.0)
+
+
+def _frame_rows(progress: Callable[[str], None]) -> Iterator[Row]:
+    """Process time of a frame of the loop at 60 Hz: placing, noise, and the whole picture."""
+    progress("frames of margin-60hz")
+    scene = load_scene("margin-60hz")
+    with closing(open_camera(scene)) as camera:
+        states = [sample.state for sample in grasp(scene, camera)]
+        camera.recall(None)
+        sensor = scene.build_sensor()
+        carry = MembraneMap(sensor, scene.fingertip.nodes)
+        image = camera.expose(states[0], 0).image
+        parts: dict[str, list[float]] = {"placing": [], "noise": [], "picture": []}
+        for index, state in enumerate(states):
+            times = [time.process_time()]
+            outlines(carry(state.deformation.seen), sensor.view)
+            times.append(time.process_time())
+            add_noise(image, scene.camera.noise_levels, scene.seed, index)
+            times.append(time.process_time())
+            camera.expose(state, index)
+            times.append(time.process_time())
+            for part, seconds in zip(parts.values(), np.diff(times), strict=True):
+                part.append(1e3 * seconds)
+    for (name, found), limit in zip(parts.items(), (0.15, 0.12, 0.6), strict=True):
+        yield at_most(("frame", name), float(np.mean(found)), "ms", limit)
 
 
 def _per_call(call: Callable[[T], object], arguments: Sequence[T]) -> float:
