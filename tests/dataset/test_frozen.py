@@ -25,7 +25,7 @@ from chromagrip.dataset.recipe import bodies_of, drawn, load_recipe, scene_of
 from chromagrip.render import load_sensor, sensor_names
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]
-BENCHMARK = load_recipe("benchmark-v1")
+BENCHMARK = load_recipe("benchmark-v2")
 #: SHA-256 over the recorded digests of all sequences. Who changes it makes another benchmark.
 DIGEST = "3f42d4f02ab8c54325a727c1a9f798d5dbf067939e744e3c0cfa6fc8f4c051c3"
 
@@ -157,19 +157,32 @@ def test_a_benchmark_of_other_pictures_is_refused(
 
 def test_recipes_that_are_not_frozen_have_no_seal(two: Path) -> None:
     assert frozen_as(load_recipe("tiny")) is None
-    assert frozen_as(replace(BENCHMARK, seed=2)) is None
+    assert frozen_as(replace(BENCHMARK, seed=3)) is None
     assert frozen_as(replace(BENCHMARK, sequences=7, truth=("flow",))) is not None
     told = seal(two)
-    assert told["frozen"] == "benchmark-v1"
+    assert told["frozen"] == "benchmark-v2"
     assert told["as_recorded"] in ("2 same", "1 same, 1 rounded", "2 rounded")
 
 
+def test_a_benchmark_of_an_earlier_version_is_known_and_not_made(
+    tmp_path: Path, typed: Typed
+) -> None:
+    older = frozen_as(load_recipe("benchmark-v1"))
+    assert older is not None
+    assert digest_of(older.sequences).startswith("f34c8d76")  # as 0.1 printed it
+    assert older.sequences.keys() == recorded().sequences.keys()
+    done = typed("dataset", "make", "benchmark-v1", "--out", tmp_path / "old")
+    assert done.returncode == 2
+    assert "benchmark-v1 has the noise of an earlier version" in done.stderr
+    assert not (tmp_path / "old").exists()
+
+
 def test_the_commands_tell_the_digest(two: Path, tmp_path: Path, typed: Typed) -> None:
-    words = ["dataset", "make", "benchmark-v1", "--n", "1", "--out", tmp_path / "one", "--json"]
+    words = ["dataset", "make", "benchmark-v2", "--n", "1", "--out", tmp_path / "one", "--json"]
     made = json.loads(typed(*words).stdout)
     checked = json.loads(typed("dataset", "check", tmp_path / "one", "--json").stdout)
     assert made["digest"] == checked["digest"] != seal(two)["digest"]
-    assert made["frozen"] == "benchmark-v1"
+    assert made["frozen"] == "benchmark-v2"
 
 
 def test_a_tracker_is_run_on_the_benchmark_and_has_intervals(two: Path, typed: Typed) -> None:
@@ -201,7 +214,7 @@ def test_another_kind_of_processor_makes_it_but_for_rounding(tmp_path: Path) -> 
         "OPENCV_CPU_DISABLE": "AVX,AVX2,FP16,FMA3,SSE4.1,SSE4.2,SSSE3",
         "OPENBLAS_CORETYPE": "Nehalem",
     }
-    words = ["dataset", "make", "benchmark-v1", "--workers", "1", "--out", str(tmp_path / "old")]
+    words = ["dataset", "make", "benchmark-v2", "--workers", "1", "--out", str(tmp_path / "old")]
     subprocess.run(
         [sys.executable, "-m", "chromagrip", *words], env={**os.environ, **old}, check=True
     )

@@ -110,7 +110,7 @@ def test_a_reading_changes_no_label_and_no_picture(tmp_path: Path) -> None:
     plain, read = (tmp_path / name / sequence_name(0) for name in ("plain", "read"))
     assert content_of(plain) == content_of(read)
     assert not set(READING) & set(pq.read_schema(plain / "frames.parquet").names)
-    benchmark = load_recipe("benchmark-v1")
+    benchmark = load_recipe("benchmark-v2")
     assert frozen_as(replace(benchmark, reading="auto")) == frozen_as(benchmark)
 
 

@@ -273,7 +273,8 @@ def test_our_designs_are_found_without_knowing_them_at_any_size(name: str, scale
     palette = learn_palette(image, sight(image))
     assert palette.names == ("magenta", "yellow")
     counts = [len(layer.area) for layer in detect_markers(image, palette)]
-    # Of the pad at 0.6, 91 to 100 of 100 are found, as the noise has it.
+    # Squares of the pad at 0.6: 85 to 100 of 100, as the noise has it, with this field and with
+    # independent normal offsets alike.
     assert min(counts) > 0.9 * len(sensor.places)
     assert max(counts) <= len(sensor.places)
     alone = detect_markers(image, replace(palette, seen=None)) if scale == 1.0 else None

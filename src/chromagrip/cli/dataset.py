@@ -23,7 +23,7 @@ def make(
         tyro.conf.Positional,
         option(
             "shipped (force, slip, tiny, tracking; of a dome contact-3d, edges, objects, twist; of "
-            "both bodies benchmark-v1), "
+            "both bodies benchmark-v2), "
             "or a .toml file",
             "RECIPE|FILE.toml",
         ),
@@ -71,7 +71,7 @@ def make(
     """Make labelled sequences of pictures from a recipe.
 
     Sequence k depends on the recipe and k alone: workers, shards and interruptions change no byte.
-    The recipe benchmark-v1 is frozen: its digest is printed, and whether this is as recorded.
+    The recipe benchmark-v2 is frozen: its digest is printed, and whether this is as recorded.
 
     Example: chromagrip dataset make tiny --out data
     """

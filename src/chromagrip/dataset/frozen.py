@@ -17,6 +17,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from ..errors import UserError
 from .folder import Place, open_recipe, read_manifest
 from .labels import READING
 from .read import load_sequence
@@ -26,6 +27,8 @@ from .remote import fetched
 #: How a sequence is beside what is recorded of it.
 Likeness = Literal["same", "rounded", "other pictures", "other labels"]
 
+#: Frozen recipes whose pictures an earlier version made, and what is made in their place.
+OLDER = {"benchmark-v1": "benchmark-v2"}
 #: Decimals of labels in the digest [px, mm, N and so on].
 _DECIMALS = 3
 #: Pixels and labels in the sample.
@@ -89,6 +92,16 @@ def frozen_as(recipe: Recipe) -> Frozen | None:
             recorded = msgspec.json.decode(file.read_bytes(), type=dict[str, Content])
             return Frozen(name=name, sequences=recorded)
     return None
+
+
+def refuse_older(recipe: Recipe) -> None:
+    """UserError for a frozen recipe whose pictures this version does not make."""
+    frozen = frozen_as(recipe)
+    if frozen is not None and frozen.name in OLDER:
+        raise UserError(
+            f"{frozen.name} has the noise of an earlier version and is not made again; "
+            f"make {OLDER[frozen.name]}"
+        )
 
 
 def content_of(folder: Path) -> Content:

@@ -35,6 +35,7 @@ from .folder import (
     write_manifest,
     write_sequence,
 )
+from .frozen import refuse_older
 from .own_files import keep_files
 from .recipe import Recipe, check_asked, portable
 from .remote import Sender, fetch_begun, fetched, has_dataset, is_address, staged
@@ -82,6 +83,7 @@ def make(
     """
     require("data")
     check_asked(recipe)
+    refuse_older(recipe)
     if is_address(out):
         how: dict[str, Any] = {"workers": workers, "shard": shard, "backend": backend}
         return _make_at(recipe, os.fspath(out), resume, progress, {**how, "address": address})
