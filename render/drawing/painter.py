@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 #: Outlines are rounded to this share of a pixel. So a marker that stands still is not drawn again,
 #: and an image does not depend on the one before it.
-GRID = 1.0 / 256.0
+GRID = 1.0 / 1024.0
 
 
 class Painter:

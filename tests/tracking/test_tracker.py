@@ -392,7 +392,7 @@ def test_a_yellow_that_the_palette_does_not_know_is_learned() -> None:
     truth = image_centres(moved)[:, order]
     assert np.abs(truth - image_centres(REST)[:, order])[0, near, 0].mean() > 2.8
     bias = np.nanmean((tracks.position - truth)[:, near], axis=1)
-    # 0.011 px are left on average of 12 noises, 0.0145 px of one.
+    # 0.011 px are left on average of 12 noises, 0.0133 px of one.
     assert np.abs(bias).max() < 0.015
 
 

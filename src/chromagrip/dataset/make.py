@@ -81,9 +81,7 @@ def make(
         For a folder of another recipe, a sequence that cannot be made, or a cluster that does not
         answer.
     """
-    require("data")
-    check_asked(recipe)
-    refuse_older(recipe)
+    _check_made(recipe)
     if is_address(out):
         how: dict[str, Any] = {"workers": workers, "shard": shard, "backend": backend}
         return _make_at(recipe, os.fspath(out), resume, progress, {**how, "address": address})
@@ -110,6 +108,13 @@ def make(
                 done += 1
                 progress(done, len(wanted))
         return _finish(out, recipe)
+
+
+def _check_made(recipe: Recipe) -> None:
+    """UserError for a recipe that cannot be made here."""
+    require("data")
+    check_asked(recipe)
+    refuse_older(recipe)
 
 
 def _make_at(
