@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
 
 from .design.skin import Skin
 
@@ -28,10 +28,10 @@ class HarmonicMap:
     phi: azimuth of the points [rad], shape (M,)
     """
 
-    right: csr_array
-    left: csr_array
-    right_slope: csr_array
-    left_slope: csr_array
+    right: "scipy.sparse.csr_array"
+    left: "scipy.sparse.csr_array"
+    right_slope: "scipy.sparse.csr_array"
+    left_slope: "scipy.sparse.csr_array"
     ring: Array
     phi: Array
 
@@ -55,10 +55,13 @@ class HarmonicMap:
         return _apply(self._scalars, nodal)
 
     @cached_property
-    def _scalars(self) -> csr_array:
+    def _scalars(self) -> "scipy.sparse.csr_array":
         half = 0.5 * np.cos(self.phi)
-        both = diags_array(0.5 + half) @ self.right + diags_array(0.5 - half) @ self.left
-        return csr_array(both)
+        both = (
+            scipy.sparse.diags_array(0.5 + half) @ self.right
+            + scipy.sparse.diags_array(0.5 - half) @ self.left
+        )
+        return scipy.sparse.csr_array(both)
 
     def gradient(self, nodal: Array) -> tuple[Array, Array]:
         """∂d/∂θ and ∂d/∂φ/ring of `displacement` [m per unit of θ], each of shape (M, 3, …)."""
@@ -77,7 +80,7 @@ def _columns(values: Array, like: Array) -> Array:
     return values.reshape(values.shape + (1,) * (like.ndim - 1))
 
 
-def _apply(matrix: csr_array, nodal: Array) -> Array:
+def _apply(matrix: "scipy.sparse.csr_array", nodal: Array) -> Array:
     flat = matrix @ nodal.reshape(nodal.shape[0], -1)
     return flat.reshape((flat.shape[0], *nodal.shape[1:]))
 
@@ -99,21 +102,21 @@ def harmonic_map(skin: Skin, places: Array, nodes: int | Array) -> HarmonicMap:
     return HarmonicMap(
         right=right,
         left=left,
-        right_slope=csr_array(right @ derivative),
+        right_slope=scipy.sparse.csr_array(right @ derivative),
         # d/dθ of f(−θ) is −f′(−θ).
-        left_slope=csr_array(-(left @ derivative)),
+        left_slope=scipy.sparse.csr_array(-(left @ derivative)),
         ring=skin.ring(first),
         phi=phi,
     )
 
 
-def _derivative(stations: Array) -> csr_array:
+def _derivative(stations: Array) -> "scipy.sparse.csr_array":
     """Derivative at each node."""
     n = len(stations)
     inner = np.arange(1, n - 1)
     columns = inner[:, None] + np.array([-1, 0, 1])
     values = slope_weights(stations)[1:-1].ravel()
-    return csr_array((values, (np.repeat(inner, 3), columns.ravel())), shape=(n, n))
+    return scipy.sparse.csr_array((values, (np.repeat(inner, 3), columns.ravel())), shape=(n, n))
 
 
 def slope_weights(stations: Array) -> Array:
@@ -129,13 +132,15 @@ def slope_weights(stations: Array) -> Array:
     return weights
 
 
-def _interpolation(place: Array, stations: Array) -> csr_array:
+def _interpolation(place: Array, stations: Array) -> "scipy.sparse.csr_array":
     """Linear interpolation of nodal values at signed places."""
     n, m = len(stations), len(place)
     index, weight = node_before(place, stations)
     rows = np.concatenate([np.arange(m), np.arange(m)])
     columns = np.concatenate([index, index + 1])
-    return csr_array((np.concatenate([1 - weight, weight]), (rows, columns)), shape=(m, n))
+    return scipy.sparse.csr_array(
+        (np.concatenate([1 - weight, weight]), (rows, columns)), shape=(m, n)
+    )
 
 
 def node_before(place: Array, stations: Array) -> tuple[NDArray[np.int64], Array]:

@@ -9,10 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded
-from scipy.linalg.lapack import dtbtrs
-from scipy.special import ive
 
 Array = NDArray[np.float64]
 
@@ -204,7 +202,7 @@ def loads(meridian: Meridian, rings: Array, width: float, harmonic: int) -> Arra
     height *= sharpness / (2.0 * np.pi * -np.expm1(-2.0 * sharpness)) * share[..., None]
 
     def part(m: int) -> Array:
-        return height * ive(abs(m), spread)
+        return height * scipy.special.ive(abs(m), spread)
 
     m = harmonic
     if m == 0:
@@ -286,11 +284,13 @@ def _factor(meridian: Meridian, harmonic: int, held: NDArray[np.bool_]) -> Array
     for k in range(1, len(band)):
         band[k, : size - k][held[: size - k] | held[k:]] = 0.0
     band[0, held] = band[0].max()
-    return np.asarray(cholesky_banded(band, lower=True, overwrite_ab=True, check_finite=False))
+    return np.asarray(
+        scipy.linalg.cholesky_banded(band, lower=True, overwrite_ab=True, check_finite=False)
+    )
 
 
 def _through(factor: Array, columns: Array, side: str) -> Array:
     """Columns through the factor, or through its transpose ("T")."""
-    half, info = dtbtrs(factor, columns, uplo="L", trans=side)
+    half, info = scipy.linalg.lapack.dtbtrs(factor, columns, uplo="L", trans=side)
     assert info == 0
     return np.asarray(half)

@@ -5,9 +5,8 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.sparse import csr_matrix
 
 from ...kept_arrays import content_key, keep, kept
 from ..kernels.dome.inside_kernels import add_columns, fill_column, fill_skin_columns
@@ -307,7 +306,7 @@ class _PadLayer:
             out[i, :, :, 3:] = self._scale * slopes.transpose(2, 0, 1, 3).reshape(3, len(way), 6)
 
 
-def _spline(stations: Array, places: Array) -> tuple[Array, csr_matrix]:
+def _spline(stations: Array, places: Array) -> "tuple[Array, scipy.sparse.csr_matrix]":
     """Cubic spline as products, as many are read at the same places.
 
     Returns
@@ -316,7 +315,7 @@ def _spline(stations: Array, places: Array) -> tuple[Array, csr_matrix]:
     between: at the places first values, then derivatives, from values and slopes, (2·P, 2·S)
     """
     count = len(stations)
-    slopes = CubicSpline(stations, np.eye(count))(stations, 1)
+    slopes = scipy.interpolate.CubicSpline(stations, np.eye(count))(stations, 1)
     left = np.clip(np.searchsorted(stations, places, side="right") - 1, 0, count - 2)
     step = stations[left + 1] - stations[left]
     t = (places - stations[left]) / step
@@ -328,4 +327,4 @@ def _spline(stations: Array, places: Array) -> tuple[Array, csr_matrix]:
     weights = np.concatenate([np.stack(value, axis=-1), np.stack(derivative, axis=-1)])
     rows = np.repeat(np.arange(2 * len(places)), 4)
     entries = weights.ravel(), (rows, np.tile(columns.ravel(), 2))
-    return np.asarray(slopes), csr_matrix(entries, shape=(2 * len(places), 2 * count))
+    return np.asarray(slopes), scipy.sparse.csr_matrix(entries, shape=(2 * len(places), 2 * count))

@@ -8,9 +8,8 @@ an integral with Bessel functions. Young's modulus is 1.
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.special import j0, j1
 
 Array = NDArray[np.float64]
 
@@ -65,7 +64,7 @@ def wave_amplitudes(k: Array, thickness: float, poisson: float, depth: float) ->
 @lru_cache(maxsize=16)
 def layer_motion(
     thickness: float, poisson: float, width: float, reach: float, depth: float
-) -> CubicSpline:
+) -> "scipy.interpolate.CubicSpline":
     """Motion at a depth over the distance r from a unit force that is spread as a bump.
 
     Parameters
@@ -91,17 +90,17 @@ def layer_motion(
     values = np.empty((len(r), 5))
     for rows in np.array_split(np.arange(len(r)), max(1, len(r) // 100)):
         kr = np.outer(r[rows], k)
-        even, odd = j0(kr), j1(kr)
+        even, odd = scipy.special.j0(kr), scipy.special.j1(kr)
         double = np.divide(2.0 * odd, kr, out=np.ones_like(kr), where=kr != 0.0) - even
         values[rows, 0] = even @ (share * zz)
         values[rows, 1] = odd @ (share * xz)
         values[rows, 2] = odd @ (-share * zx)
         values[rows, 3] = even @ (0.5 * share * (xx + yy))
         values[rows, 4] = double @ (0.5 * share * (xx - yy))
-    return CubicSpline(r, values)
+    return scipy.interpolate.CubicSpline(r, values)
 
 
-def layer_moved(motion: CubicSpline, way: Array) -> Array:
+def layer_moved(motion: "scipy.interpolate.CubicSpline", way: Array) -> Array:
     """Displacement (x, y, z) for unit forces (x, y, z), from the force to the place by `way`.
 
     Parameters
@@ -118,7 +117,7 @@ def layer_moved(motion: CubicSpline, way: Array) -> Array:
     return _parts(a, b, _doubled(x, y), ur, zx, uz, (x, y))
 
 
-def layer_slopes(motion: CubicSpline, way: Array) -> Array:
+def layer_slopes(motion: "scipy.interpolate.CubicSpline", way: Array) -> Array:
     """Slopes of `layer_moved` along x and y, shape (…, 3, 3, 2)."""
     r, x, y = _apart(way)
     on = (r < motion.x[-1])[..., None]

@@ -1,8 +1,8 @@
 """Where an object just touches the silicone."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from ...errors import UserError
 from ..kernels.dome.newton_kernels import turned
@@ -60,7 +60,7 @@ def touching_place(
     for _ in range(_WAYS):
         gap = lowest(height)
         if gap <= 0.0:
-            return np.array([*beside, brentq(lowest, height, above, xtol=1e-10)])
+            return np.array([*beside, scipy.optimize.brentq(lowest, height, above, xtol=1e-10)])
         # A distance is a lower bound, and tells less than the way at edges that a mesh rounds.
         above, height = height, height - max(gap, _DOWN)
     raise UserError(f"the object {solid.shape.name} does not come to lie on the skin from above")

@@ -10,11 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
-from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist
 
 from ....model import Dome
 from ....model.dome import lattice
@@ -113,7 +110,7 @@ class Tractions:
         """Factor S of the covariance S·Sᵀ of values with slopes (k, n, 3) by `linear`."""
         whole = np.zeros((len(slopes), len(self.factor)))
         whole[:, len(self.common) :] = slopes.reshape(len(slopes), -1)
-        half = solve_triangular(self.factor, whole.T, lower=True, check_finite=False)
+        half = scipy.linalg.solve_triangular(self.factor, whole.T, lower=True, check_finite=False)
         return math.sqrt(self.level) * np.asarray(half.T)
 
 
@@ -144,9 +141,9 @@ class TractionFit:
         self._beside = beside
         self._amplitude, self._length = _AMPLITUDE * dome.young, _LENGTH * dome.radius
         self._response = response
-        under = KDTree(self._points).query_ball_point(places, _UNDER * dome.spacing)
+        under = scipy.spatial.KDTree(self._points).query_ball_point(places, _UNDER * dome.spacing)
         self._below = [np.asarray(each, np.int64) for each in under]
-        around = KDTree(places).query(places, k=min(_AROUND, len(places)))[1]
+        around = scipy.spatial.KDTree(places).query(places, k=min(_AROUND, len(places)))[1]
         self._around = np.asarray(around, np.int64)
         self._noise = np.einsum("pii->pi", noise)
         self._whiten = np.linalg.inv(np.linalg.cholesky(noise))
@@ -217,7 +214,7 @@ class TractionFit:
         columns = self._map.columns(self._map.rows(found.nodes))
         weighted = np.repeat(found.weights, 6) * self._whitened(change)
         moment = columns @ weighted.astype(np.float32)
-        solved = dpotrs(found.factor, moment.astype(np.float64), lower=1)[0]
+        solved = scipy.linalg.lapack.dpotrs(found.factor, moment.astype(np.float64), lower=1)[0]
         return -np.asarray(solved[WhitenedMap.COMMON :]).reshape(-1, 3)
 
     def _round(
@@ -338,9 +335,11 @@ class TractionFit:
         found = self._priors.pop(key, None)
         if found is None:
             points, areas = self._points[nodes], self._areas[nodes]
-            alike = np.exp(-0.5 * cdist(points, points, "sqeuclidean") / self._length**2)
+            alike = np.exp(
+                -0.5 * scipy.spatial.distance.cdist(points, points, "sqeuclidean") / self._length**2
+            )
             alike[np.diag_indices(len(nodes))] += _ROUGH
-            upper, _ = dpotri(dpotrf(alike)[0])
+            upper, _ = scipy.linalg.lapack.dpotri(scipy.linalg.lapack.dpotrf(alike)[0])
             found = np.triu(upper) + np.triu(upper, 1).T
             found /= self._amplitude**2 * np.outer(areas, areas)
             if len(self._priors) >= _KEPT:
@@ -392,5 +391,5 @@ def _unknowns(places: Index) -> Index:
 def _solved(information: Array, moment: Array) -> tuple[Array, Array]:
     """Lower Cholesky factor of the information, which is lost, and the solution for a moment."""
     # By LAPACK itself: the wrappers cost as much as the factor of a small zone.
-    factor, _ = dpotrf(information.T, lower=1, clean=1, overwrite_a=1)
-    return factor, dpotrs(factor, moment, lower=1)[0]
+    factor, _ = scipy.linalg.lapack.dpotrf(information.T, lower=1, clean=1, overwrite_a=1)
+    return factor, scipy.linalg.lapack.dpotrs(factor, moment, lower=1)[0]

@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ....model import Dome
 from ....model.dome import SkinField, lattice, stiffening_of
@@ -72,7 +72,7 @@ class Parted:
 def neighbours(dome: Dome) -> Index:
     """Nodes beside each node, itself among them, (N, K); filled up with N."""
     points = lattice(dome).points
-    tree = KDTree(points)
+    tree = scipy.spatial.KDTree(points)
     lists = [tree.query_ball_point(point, _BESIDE * dome.spacing) for point in points]
     out = np.full((len(points), max(len(each) for each in lists)), len(points))
     for row, each in zip(out, lists, strict=True):
