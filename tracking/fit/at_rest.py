@@ -10,6 +10,7 @@ from ...render import Frame
 from ..detection import RestFrame, read_rest
 from ..palette import Palette
 from .compression import flat_blocks
+from .kernels.template_kernels import UNEVEN
 from .pair_fit import PairFit, prepare_fit
 from .pair_state import PairFits, PairState
 from .relocate import Relocator
@@ -71,6 +72,8 @@ class AtRest:
     fit: of its pairs
     relocator: finds the markers without knowing where they were
     state: of the pairs
+    misfit: of the pairs, 0 where none was found, shape (M,)
+    odd: pairs that no disc explains; they shade others, and are not looked for, shape (M,)
     pitch: typical distance to the nearest other marker [px]
     shape: of an image
     layers: L, 1 or 2
@@ -82,6 +85,8 @@ class AtRest:
     fit: PairFit
     relocator: Relocator
     state: PairState
+    misfit: Array
+    odd: Mask
     pitch: float
     shape: tuple[int, ...]
     layers: int
@@ -90,7 +95,14 @@ class AtRest:
 
     def lost(self, visible: Mask) -> int:
         """Number of markers that were there at rest and are not visible."""
-        return int((~visible & self.state.present).sum())
+        return int((~visible & self.state.present & ~self.odd[:, None]).sum())
+
+    def limits(self, fits: PairFits) -> Array:
+        """Largest misfit of each pair that is there, shape (M,).
+
+        What a crooked marker has at rest, near the limit of all, it has later too.
+        """
+        return np.maximum(misfit_limit(fits), UNEVEN * self.misfit)
 
 
 def fit_rest(
@@ -135,8 +147,8 @@ def fit_rest(
     )
     misfit = np.mean([each.misfit for each in fits], axis=0)
     covariance = np.mean([each.covariance for each in fits], axis=0) / len(frames)
-    known = _at_rest(rest, palette, settings, fit, state, flat_blocks(frames))
-    return known, PairFits(state, misfit, covariance)
+    found = PairFits(state, misfit, covariance)
+    return _at_rest(rest, palette, settings, fit, found, flat_blocks(frames)), found
 
 
 def _stray(fits: PairFits) -> Mask:
@@ -167,7 +179,7 @@ def _at_rest(
     palette: Palette,
     settings: FitSettings,
     fit: PairFit,
-    state: PairState,
+    found: PairFits,
     flat: NDArray[np.intp],
 ) -> AtRest:
     sensor = palette.sensor
@@ -175,7 +187,9 @@ def _at_rest(
         settings=settings,
         fit=fit,
         relocator=Relocator(rest, palette),
-        state=state,
+        state=found.state,
+        misfit=np.where(np.isfinite(found.misfit), found.misfit, 0.0),
+        odd=np.isfinite(found.misfit) & ~visible_markers(found).any(axis=1),
         pitch=rest.pitch,
         shape=rest.image.shape,
         layers=len(palette.names),

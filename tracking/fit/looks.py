@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .at_rest import STEPS, AtRest, misfit_limit
+from .at_rest import STEPS, AtRest
 from .kernels.survey_kernels import survey
 from .memory import Look, Memory
 from .pair_state import PairFits, PairState
@@ -32,7 +32,7 @@ def judge(known: AtRest, memory: Memory, image: Image, fits: PairFits, start: Pa
 
     Pairs that were lost before are tried so in turns.
     """
-    limit = misfit_limit(fits)
+    limit = np.where(known.odd, np.inf, known.limits(fits))
     if (fits.misfit > limit).any():
         turn = (np.arange(len(fits.misfit)) - memory.frames) % _IN_TURNS == 0
         tried = turn | memory.visible.any(axis=1)
@@ -48,9 +48,11 @@ def surveyed(known: AtRest, memory: Memory, fits: PairFits) -> Look:
     fit, share = known.fit, np.nan if known.share is None else known.share
     survey(
         fits.state.fits, fits.misfit, fits.state.present, known.state.fits, fit.near,
-        fit.optics.neighbours, np.array([misfit_limit(fits), _TORN * known.pitch]), share,
+        fit.optics.neighbours, known.limits(fits), _TORN * known.pitch, share,
         fit.crowded_radii, visible, torn, on_others, touching,
     )  # fmt: skip
+    for markers in (visible, torn, on_others):
+        markers[known.odd] = False
     if torn.any():
         torn &= _off_course(known, memory, fits.state, visible)
     return Look(fits, visible, torn, on_others, touching)

@@ -18,7 +18,7 @@ from ..palette import Palette
 from .kernels.neighbour_kernels import lying, median
 from .kernels.pair_kernels import converge, fit_step, mean_hues
 from .kernels.pixel_kernels import BUFFER, TERMS, Optics, extents_of
-from .kernels.template_kernels import SLOPED, UNEVEN, Around, Pool, follow, stale
+from .kernels.template_kernels import SLOPED, UNEVEN, Around, Pool, follow, settle, stale
 from .pair_state import PairFits, PairState, chosen
 from .templates import NO_TEMPLATES, empty_templates
 
@@ -225,8 +225,8 @@ class PairFit:
         work, state = self._work(image, seen, pool, calm), seen.state
         active = np.empty(len(calm), dtype=np.bool_)
         follow(
-            image, work.optics, self.around, self.radius[0], limit, pool, state.fits, state.gains,
-            state.slopes, seen.misfit, seen.covariance, active,
+            image, work.optics, self.around, self.radius[0], limit, pool, state.present, state.fits,
+            state.gains, state.slopes, seen.misfit, seen.covariance, active,
         )  # fmt: skip
         waiting = active
         while waiting.any():
@@ -236,6 +236,11 @@ class PairFit:
             before = active.copy()
             stale(near, self.around, limit, pool, state.fits, state.gains, active)
             waiting = active & ~before
+        if active.any():
+            settle(
+                work.optics, self.around, state.present, pool, state.fits, state.gains,
+                state.slopes, seen.misfit, work.extents, active,
+            )  # fmt: skip
         return seen
 
     def fit_apart(
@@ -244,10 +249,10 @@ class PairFit:
         fits: PairFits,
         start: PairState,
         tried: Mask,
-        limit: float,
+        limit: Array,
         steps: int,
     ) -> PairFits:
-        """Fit pairs whose misfit is above a limit again, with one layer alone, then with both.
+        """Fit pairs above their limit of misfit (M,) again, with one layer alone, then with both.
 
         Of these the ones in `tried`, shape (M,), are; the others are not there.
 

@@ -39,7 +39,11 @@ def empty_templates(pairs: int, neighbours: int, radius: float, rows: int) -> Po
         inverse=np.zeros((pairs, UNKNOWNS, UNKNOWNS), dtype=np.float32),
         fits=np.full((pairs, 2, 5), np.nan),
         gains=np.ones((pairs, 3)),
-        slopes=np.zeros((pairs, 2)),
+        slopes=np.zeros((pairs, 5)),
+        lit=np.zeros((pairs, 2)),
+        present=np.zeros((pairs, 2), dtype=np.bool_),
+        misfit=np.full(pairs, np.inf),
+        covariance=np.full((pairs, 9, 9), np.nan),
         seen=np.full((pairs, neighbours, 2, 2), np.nan, dtype=np.float32),
     )
 

@@ -38,7 +38,7 @@ SPARSE = FitSettings(rows=2, limit=0.1)
 QUICK = FitSettings(rows=2, limit=0.2)
 
 #: A fit of the colours helped where it lowers the misfit to less than this share.
-_BETTER = 0.98
+_BETTER = 0.9
 #: Newly lost markers that have all markers detected anew: more than this number …
 _FEW = 3
 #: … and more than this share.
@@ -182,6 +182,11 @@ def _tuned(
     It is time when the pairs are explained worse than before, and now and then while they are
     explained worse than by noise alone.
     """
+    if look.fits.typical > WORSE * memory.typical:
+        # Templates explain less as the pairs move on, which no colours change.
+        forget(memory.templates)
+        fresh = known.fit.fit(image, look.fits.state.unsloped(), STEPS)
+        look = better(look, judge(known, memory, image, fresh, start))
     typical = look.fits.typical
     least = 1.0
     waited, patience = memory.waited + 1, memory.patience
@@ -211,9 +216,10 @@ def _tuned(
 def _remember(known: AtRest, memory: Memory, look: Look, steady: bool) -> Memory:
     """Memory after a look; lost markers move with their visible neighbours."""
     visible, state, near = look.visible, look.fits.state, known.fit.near
-    lost = np.asarray((~visible & known.state.present).any(axis=1))
+    lost = np.asarray((~visible & known.state.present).any(axis=1)) & ~known.odd
     # A layer that is not there stays where it is at rest.
-    fits = np.where(visible[..., None], state.fits, known.state.fits)
+    followed = visible | (known.state.present & known.odd[:, None])
+    fits = np.where(followed[..., None], state.fits, known.state.fits)
     if lost.any():
         displacement = np.where(visible[..., None], state.fits - known.state.fits, np.nan)
         gains = np.where(np.asarray(visible.any(axis=1))[:, None], state.gains, np.nan)

@@ -193,7 +193,7 @@ def fit_step(
         misfit[m] = squares / max(3 * count - size - 3, 1)
         _normal_equations(padded, free, buffer, normal, gradient, cross)
         terms = 3
-        if kept[m] and free == 5 and not uneven[m]:
+        if kept[m] and free == 5:
             keep_template(
                 optics, present, fits, gains, slopes, extents, m, count, runs, buffer, normal,
                 cross, lights, information, pool,
@@ -209,6 +209,8 @@ def fit_step(
             continue
         if free == 5 and terms == 3:
             share_light(lights, cross, normal, covariance[m])
+        if kept[m]:
+            pool.misfit[m], pool.covariance[m] = misfit[m], covariance[m]
         steps[m] = _improve(fits[m], shapes, present[m], change, free)
         light_step(lights, rhs, cross, change, terms, brighter)
         for c in range(3):

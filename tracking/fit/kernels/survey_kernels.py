@@ -21,6 +21,7 @@ def survey(
     near: NDArray[np.int64],
     over: NDArray[np.int64],
     limits: Array,
+    apart: float,
     share: float,
     radii: Array,
     visible: Mask,
@@ -36,8 +37,8 @@ def survey(
     misfit: shape (M,)
     present: layers that the fit has, shape (M, 2)
     near, over: pairs next to each pair, and those that may come to lie on it, shapes (M, K)
-    limits: largest misfit of a pair that is there, and largest difference of the motion of markers
-        that are not torn off each other [px]
+    limits: largest misfit of each pair that is there, shape (M,)
+    apart: largest difference of the motion of markers that are not torn off each other [px]
     share: motion of the inner layer over that of the outer one; NaN where it is not known
     radii: distance of markers of a layer that may be confused, and that touch [px], (2, 2)
     visible, torn, on_others: results, shape (M, 2)
@@ -46,17 +47,17 @@ def survey(
     moved = np.empty((len(fits), 2, 2))
     for m in range(len(fits)):
         for k in range(2):
-            visible[m, k] = misfit[m] < limits[0] and present[m, k]
+            visible[m, k] = misfit[m] < limits[m] and present[m, k]
             for i in range(2):
                 moved[m, k, i] = fits[m, k, i] - rest[m, k, i]
-    torn[:] = torn_off(moved, visible, near, limits[1])
+    torn[:] = torn_off(moved, visible, near, apart)
     on_others[:] = crowded(fits, visible, over, radii[0])
     close = crowded(fits, visible, over, radii[1])
     for m in range(len(fits)):
         touching[m] = close[m, 0] or close[m, 1]
         if visible[m, 0] and visible[m, 1]:
             for i in range(2):
-                if abs(moved[m, 1, i] - share * moved[m, 0, i]) > limits[1]:
+                if abs(moved[m, 1, i] - share * moved[m, 0, i]) > apart:
                     torn[m, :] = True
 
 

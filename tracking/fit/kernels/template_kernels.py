@@ -31,8 +31,6 @@ UNKNOWNS = 13
 _TOE = np.float32(255.0 * 0.055)
 #: … and its exponent.
 _POWER = 2.4
-#: Numbers of (x, y, e) of both layers and of the gains among the unknowns.
-_CERTAIN = (0, 1, 2, 5, 6, 7, 10, 11, 12)
 #: Rows, which uneven light uses afterwards, of the change of level with the coverage by each layer
 #: in each channel.
 _STEEP = TERM
@@ -61,7 +59,11 @@ class Pool(NamedTuple):
     inverse: Array32  # (M, 13, 13) of the information on the unknowns
     fits: Array  # (M, 2, 5) where it was made
     gains: Array  # (M, 3)
-    slopes: Array  # (M, 2) of the light
+    slopes: Array  # (M, 5) of the light
+    lit: Array  # (M, 2) slope of the light by the neighbours
+    present: NDArray[np.bool_]  # (M, 2) layers that the model had
+    misfit: Array  # (M,) when it was made
+    covariance: Array  # (M, 9, 9) of (x, y, e) of both layers and of the gains' logarithms
     seen: Array32  # (M, K, 2, 2) where neighbours were; NaN where that does not matter
 
 
@@ -113,7 +115,7 @@ def keep_template(
             pool.runs[m, run, j] = runs[run, j]
     pool.counts[m, 0], pool.counts[m, 1] = number, count
     pool.fits[m], pool.gains[m] = fits[m], gains[m]
-    pool.slopes[m] = slopes[m, :2]
+    pool.slopes[m], pool.lit[m], pool.present[m] = slopes[m], slopes[m, :2], present[m]
     _pack(optics, m, blocks, buffer, pool)
     _note_neighbours(optics, present, fits, extents, m, pool.seen[m])
 
@@ -203,6 +205,7 @@ def follow(
     size: float,
     limit: float,
     pool: Any,
+    present: NDArray[np.bool_],
     fits: Array,
     gains: Array,
     slopes: Array,
@@ -220,6 +223,7 @@ def follow(
     size: typical radius [px], by which strains count as motion
     limit: of an edge's motion since the template was made [px]
     pool: see Pool
+    present: layers that are looked for, shape (M, 2)
     fits, gains, slopes: where pairs are expected, shapes (M, 2, 5), (M, 3), (M, 5); in place
     misfit: result, mean squared residual over noise variance, shape (M,)
     covariance: result, of (x, y, e) of both layers and the logarithms of the gains, (M, 9, 9)
@@ -233,7 +237,9 @@ def follow(
         active[m], misfit[m] = True, np.inf
         shift = 0.0
         for k in range(2):
-            for i in range(2):
+            if present[m, k] != pool.present[m, k]:
+                shift = np.inf
+            for i in range(2 if present[m, k] else 0):
                 shift = max(shift, abs(fits[m, k, i] - pool.fits[m, k, i]))
         if pool.counts[m, 0] == 0 or not shift < _NEAR * limit:
             continue
@@ -243,15 +249,13 @@ def follow(
         if not moved < _NEAR * limit:
             continue
         fits[m], gains[m] = fit, gain
-        slopes[m, :2], slopes[m, 2:] = pool.slopes[m], 0.0
+        slopes[m], covariance[m] = pool.slopes[m], pool.covariance[m]
         active[m] = not moved < limit
         misfit[m] = max(squares - gained, 0.0) / max(3 * pool.counts[m, 1] - UNKNOWNS, 1)
-        for i in range(9):
-            for j in range(9):
-                covariance[m, i, j] = pool.inverse[m, _CERTAIN[i], _CERTAIN[j]]
     typical = max(1.0, _typical(misfit))
     for m in range(len(active)):
-        if not misfit[m] < UNEVEN * typical:
+        # A pair that no fit explains well is not fitted again for that in every frame.
+        if not misfit[m] < UNEVEN * max(typical, pool.misfit[m]):
             active[m] = True
     stale(optics.neighbours, around, limit, pool, fits, gains, active)
 
@@ -375,7 +379,7 @@ def stale(
     most = _STALE * limit
     for m in range(len(active)):
         if not active[m] and pool.counts[m, 0] > 0:
-            dx, dy = slopes[m, 0] - pool.slopes[m, 0], slopes[m, 1] - pool.slopes[m, 1]
+            dx, dy = slopes[m, 0] - pool.lit[m, 0], slopes[m, 1] - pool.lit[m, 1]
             active[m] = not (abs(dx) < SLOPED and abs(dy) < SLOPED)
             for n in range(near.shape[1]):
                 other = near[m, n]
@@ -387,3 +391,40 @@ def stale(
                         or abs(fits[other, k, 1] - pool.seen[m, n, k, 1]) > most
                     ):
                         active[m] = True
+
+
+@njit()
+def settle(
+    optics: Any,
+    around: Any,
+    present: NDArray[np.bool_],
+    pool: Any,
+    fits: Array,
+    gains: Array,
+    slopes: Array,
+    misfit: Array,
+    extents: Array,
+    fitted: NDArray[np.bool_],
+) -> None:
+    """Note the surroundings of fitted pairs anew where a pair or one next to it is uneven.
+
+    Such a pair is fitted under even light first: what lies around the template was seen then, and
+    is elsewhere in every frame.
+
+    Parameters
+    ----------
+    misfit: of each pair, shape (M,)
+    extents: see `extents_of`, shape (M, 2)
+    fitted: pairs whose templates were made in this frame, shape (M,)
+
+    The others are as in `follow`.
+    """
+    uneven = np.zeros(len(fitted), dtype=np.bool_)
+    for m in range(len(fitted)):
+        uneven[m] = slopes[m, 2:].any() or not math.isfinite(misfit[m])
+    lit = np.empty((len(fitted), 2))
+    slopes_of(gains, around.near, around.to_slope, lit)
+    for m in range(len(fitted)):
+        if fitted[m] and (uneven[m] or uneven[around.near[m]].any()):
+            pool.lit[m] = lit[m]
+            _note_neighbours(optics, present, fits, extents, m, pool.seen[m])
