@@ -1,8 +1,8 @@
 """Contacts of one dome at prescribed poses, each from a history of its own.
 
 A dome that is stepped (`stepper`) changes its arrays. Here a step makes a new history of an old
-one, so that many steps from the same instant can be compared: under other poses, on other objects.
-They share the nodes that are looked at and their compliance, and so are cheap.
+one, so that many steps from the same instant can be compared. What other poses and other objects
+change of a step is told to first order (`changed`), by one linear system for all of them.
 """
 
 from collections.abc import Sequence
@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import sgesv
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ..errors import ConvergenceError
-from ..kernels.dome.posed_kernels import solve_cases
+from ..kernels.dome.posed_kernels import linear_system, posed_forces, solve_posed
 from ..shapes import distances
 from .dome import Dome, lattice
 from .near_block import NearBlock
@@ -32,9 +33,8 @@ _NEAR, _BESIDE = 0.3, 1.6
 _WIDE, _MORE = 1.5, 40
 #: Times that a step is halved.
 _HALVINGS = 3
-#: Relative change of the forces at which a step is solved, and one that is near a solved one. Both
-#: are small beside what is differentiated.
-TOLERANCE, _TOLERANCE_NEAR = 1e-4, 3e-4
+#: Relative change of the forces at which a step is solved.
+TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,49 +185,104 @@ class PosedContacts:
     def step(self, last: PosedContact, solid: Solid, rotation: Array, place: Array) -> PosedContact:
         """Contact after the object has moved to a pose.
 
+        Parameters
+        ----------
+        last: contact, on the nodes that are looked at
+
         Raises
         ------
         ConvergenceError
             When the contact has no solution near the one before.
         """
-        one = together([last])
-        return self.step_all(one, [solid], rotation[None], place[None]).at(0)
+        return self._halved(last, solid, rotation, place, _HALVINGS)
 
-    def step_all(
-        self, last: PosedContact, solids: Sequence[Solid], rotation: Array, place: Array
+    def changed(
+        self,
+        last: PosedContact,
+        after: PosedContact,
+        solids: Sequence[Solid],
+        rotation: Array,
+        place: Array,
+        times: float,
     ) -> PosedContact:
-        """Contacts after their objects, of one kind of shape, have moved to poses.
-
-        They are alike: all are sought near the first one.
+        """What changes of objects, poses and histories make of a contact, to first order.
 
         Parameters
         ----------
-        last: C contacts, on the nodes that are looked at
-        solids: C objects
-        rotation, place: of each, shapes (C, 3, 3) and (C, 3)
+        last: 1 + C contacts before a step, on the nodes that are looked at: one, and the same with
+            small changes
+        after: the first one after the step
+        solids: 1 + C objects, of one kind of shape
+        rotation, place: of each after the step, shapes (1 + C, 3, 3) and (1 + C, 3)
+        times: the changes that are told are so many times those that are given
 
-        Raises
-        ------
-        ConvergenceError
-            When a contact has no solution near the one before.
+        Returns
+        -------
+        C contacts.
         """
-        after, errors = self._solve(last, solids, rotation, place)
-        if errors.max() < TOLERANCE or (errors[0] < TOLERANCE and errors.max() < _TOLERANCE_NEAR):
-            return after
-        each = [
-            after.at(k)
-            if error < TOLERANCE
-            else self._halved(last.at(k), solids[k], rotation[k], place[k], _HALVINGS)
-            for k, error in enumerate(errors)
+        count = len(solids)
+        moved = np.repeat(after.displacement[None], count, axis=0)
+        forces, slopes = self._forces(last, solids, rotation, place, moved, tangent=True)
+        change = times * (forces[0, 1:] - forces[0, 0])
+        active = np.flatnonzero(after.linear.any(axis=-1))
+        linear = np.zeros_like(change)
+        if len(active):
+            block = self._block.compliance
+            matrix = np.empty((3 * len(active),) * 2, np.float32)
+            linear_system(block, self._block.own, active, slopes, change, matrix)
+            right = change[:, active].reshape(count - 1, -1).T.astype(np.float32, order="F")
+            _, _, solved, _ = sgesv(matrix, right, overwrite_b=1)
+            linear[:, active] = solved.T.reshape(count - 1, -1, 3)
+            columns = (3 * active[:, None] + np.arange(3)).ravel()
+            size = moved[0].size
+            moved[1:] += (solved.T @ block[columns, :size] / times).reshape(count - 1, -1, 3)
+        ends, _ = self._forces(last, solids, rotation, place, moved, tangent=False)
+        on = times * (ends[1:, 1:] - ends[1:, :1])
+        return PosedContact(
+            nodes=after.nodes,
+            rotation=after.rotation + times * (rotation[1:] - rotation[0]),
+            place=after.place + times * (place[1:] - place[0]),
+            displacement=after.displacement + times * (moved[1:] - moved[0]),
+            linear=after.linear + linear,
+            forces=after.forces + on[0],
+            friction=after.friction + on[1],
+            normals=after.normals + on[2],
+        )
+
+    def _forces(
+        self,
+        last: PosedContact,
+        solids: Sequence[Solid],
+        rotation: Array,
+        place: Array,
+        moved: Array,
+        *,
+        tangent: bool,
+    ) -> tuple[Array, Array]:
+        """Forces of `posed_forces`, (4, C, n, 3), and slopes of the first, (n, 3, 3)."""
+        near, nodes = self.near, self._lattice
+        results = np.empty((4, *moved.shape))
+        slopes = np.empty((len(near) if tangent else 0, 3, 3))
+        numbers = np.stack([each.shape.numbers for each in solids])
+        numbers.setflags(write=False)  # as a shape's own are: of another type is another kernel
+        materials = [
+            (each.stiffness, each.friction, each.dahl_stiffness, each.dahl_exponent)
+            for each in solids
         ]
-        return together(each)
+        posed_forces(
+            nodes.points[near], nodes.outwards[near], nodes.areas[near], self._law,
+            touched(solids[0]), numbers, np.array(materials, float),
+            np.stack([last.rotation, rotation], axis=1), np.stack([last.place, place], axis=1),
+            last.displacement, last.forces, last.friction, moved, results, slopes,
+        )  # fmt: skip
+        return results, slopes
 
     def _halved(
         self, last: PosedContact, solid: Solid, rotation: Array, place: Array, left: int
     ) -> PosedContact:
-        after, errors = self._solve(together([last]), [solid], rotation[None], place[None])
-        if errors[0] < TOLERANCE or (not left and errors[0] < ENOUGH):
-            return after.at(0)
+        after, error = self._solve(last, solid, rotation, place)
+        if error < TOLERANCE or (not left and error < ENOUGH):
+            return after
         if not left:
             raise ConvergenceError("the contact does not converge")
         turn = Rotation.from_matrix(rotation @ last.rotation.T).as_rotvec()
@@ -236,24 +291,16 @@ class PosedContacts:
         return self._halved(middle, solid, rotation, place, left - 1)
 
     def _solve(
-        self, last: PosedContact, solids: Sequence[Solid], rotation: Array, place: Array
-    ) -> tuple[PosedContact, Array]:
+        self, last: PosedContact, solid: Solid, rotation: Array, place: Array
+    ) -> tuple[PosedContact, float]:
         near, nodes, block = self.near, self._lattice, self._block
         results = np.zeros((5, *last.linear.shape))
         results[1] = last.linear
-        errors = np.full(len(solids), np.inf)
-        numbers = np.stack([each.shape.numbers for each in solids])
-        numbers.setflags(write=False)  # as a shape's own are: of another type is another kernel
-        materials = [
-            (each.stiffness, each.friction, each.dahl_stiffness, each.dahl_exponent)
-            for each in solids
-        ]
-        solve_cases(
+        error = solve_posed(
             nodes.points[near], nodes.outwards[near], nodes.areas[near], block.compliance,
-            block.own, self._law, touched(solids[0]), numbers, np.array(materials, float),
-            np.stack([last.rotation, rotation], axis=1), np.stack([last.place, place], axis=1),
-            last.displacement, last.forces, last.friction,
-            np.array([TOLERANCE, _TOLERANCE_NEAR]), ROUNDS, block.system, results, errors,
+            block.own, self._law, touched(solid), np.stack([last.rotation, rotation]),
+            np.stack([last.place, place]), last.displacement, last.forces, last.friction,
+            TOLERANCE, ROUNDS, block.system, results,
         )  # fmt: skip
         results[4][~results[2].any(axis=-1)] = 0.0
         after = PosedContact(
@@ -266,4 +313,4 @@ class PosedContacts:
             friction=results[3],
             normals=results[4],
         )
-        return after, errors
+        return after, error

@@ -25,7 +25,8 @@ from chromagrip.render import Defects, SensorDesign, load_sensor
 from chromagrip.render.design import Ring
 from chromagrip.render.drawing import edge_width
 from chromagrip.tracking.forces.dome import CURVES, FRICTION, MOVING, DomeResponse, units_of
-from chromagrip.tracking.forces.dome.contact_fit import ContactFit, Key, Shifts
+from chromagrip.tracking.forces.dome.contact_fit import ContactFit
+from chromagrip.tracking.forces.dome.key_shifts import Key, Shifts
 
 BOUND, MISFIT = noise_models(2.0).values()
 GRIP = Grip(normal=3.0, load=1.05, azimuth=0.4, shears=1)

@@ -112,7 +112,7 @@ def settle(
             inwards -= (now[a] - near.rest[i, a]) * near.radial[i, a]
         touches = touch(
             thing, at, stiff, near.areas[i], near.before[i], now, inwards, near.radial[i], old,
-            trial, secant, outcome.normal[i], work, linear, outcome.true[i], slope, stiffened,
+            trial, secant, True, outcome.normal[i], work, linear, outcome.true[i], slope, stiffened,
         )  # fmt: skip
         if not touches and carried == 0.0 and turn == 0:
             return False  # as before, and `answer` is not used

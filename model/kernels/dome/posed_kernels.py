@@ -1,16 +1,17 @@
-"""Contacts of one dome under several poses and objects at once, from a history of each."""
+"""Contacts of one dome at prescribed poses, and what changes of pose and object do to them."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....compiled import njit
-from .krylov_kernels import System
+from .krylov_kernels import System, invert_three
 from .newton_kernels import solve_contact
 from .node_kernels import Contact, Outcome
-from .touch_kernels import Pose, Stiffening, Touched
+from .touch_kernels import Pose, Stiffening, Touched, touch
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Index = NDArray[np.int64]
 
 #: No axis of a pose is free, and so none has inertia.
 _HELD, _NO_INERTIA, _NO_WRENCH = np.zeros(6, np.bool_), np.zeros((6, 6)), np.zeros(6)
@@ -51,12 +52,54 @@ def stiffening_by(
 
 
 @njit()
-def solve_cases(
+def solve_posed(
     rest: Array,
     radial: Array,
     areas: Array,
     compliance: Single,
     own: Array,
+    law: Array,
+    thing: Touched,
+    rotations: Array,
+    places: Array,
+    before: Array,
+    forces: Array,
+    friction: Array,
+    tolerance: float,
+    most_rounds: int,
+    system: System,
+    results: Array,
+) -> float:
+    """One step of a contact; returns the relative change that another round would make.
+
+    Parameters
+    ----------
+    rest, radial, areas, compliance, own: of the nodes, as in `Contact`
+    law: of the body, see `stiffening.law_of`
+    rotations, places: of the object before the step and after it, (2, 3, 3) and (2, 3)
+    before: displacement before the step [m], (n, 3)
+    forces, friction: before the step [N], (n, 3)
+    results: displacement, linear forces, forces, friction and normals, (5, n, 3); on entry the
+        linear forces before the step
+    """
+    contact = Contact(
+        rest, radial, areas, rest + before, np.zeros(rest.shape), friction, compliance, own
+    )
+    outcome = Outcome(results[1], results[2], results[3], results[4], results[0], np.zeros(6))
+    pose = Pose(rotations[0], places[0], rotations[1], places[1])
+    share, power = stiffening_by(law, thing.friction, areas, forces, friction)
+    stiff = Stiffening(share, power, law[0])
+    return solve_contact(
+        contact, thing, pose, stiff, 1.0, _HELD, _NO_INERTIA, _NO_WRENCH, tolerance, most_rounds,
+        False, system, outcome,
+    )[0]  # fmt: skip
+
+
+@njit()
+def posed_forces(
+    rest: Array,
+    radial: Array,
+    areas: Array,
     law: Array,
     shape: Touched,
     numbers: Array,
@@ -66,62 +109,114 @@ def solve_cases(
     before: Array,
     forces: Array,
     friction: Array,
-    tolerances: Array,
-    most_rounds: int,
-    system: System,
+    displacement: Array,
     results: Array,
-    errors: Array,
+    slopes: Array,
 ) -> None:
-    """One step of C contacts, all of which are near the first and start from what that changes.
+    """Forces in C contacts whose nodes are at given places.
 
     Parameters
     ----------
-    rest, radial, areas, compliance, own: of the nodes, as in `Contact`
-    law: of the body, see `stiffening.law_of`
+    rest, radial, areas, law: as in `solve_posed`
     shape: an object of the kind that all are
     numbers: of the objects' shapes, (C, 8)
     materials: stiffness, µ, σ0 and Dahl exponent of each, (C, 4)
     rotations, places: of the objects before the step and after it, (C, 2, 3, 3) and (C, 2, 3)
     before: displacement before the step [m], (C, n, 3)
     forces, friction: before the step [N], (C, n, 3)
-    tolerances: of the first, and of the others
-    results: displacement, linear forces, forces, friction and normals, (5, C, n, 3); on entry the
-        linear forces before the step
-    errors: relative change that another round would make in each, (C,) (output)
+    displacement: after it [m], (C, n, 3)
+    results: linear forces, forces, friction and normals, (4, C, n, 3) (output)
+    slopes: derivative of the first contact's linear forces by the nodes' places [N/m], (n, 3, 3)
+        (output); (0, 3, 3) where it is not wanted
     """
     cases, n = before.shape[0], before.shape[1]
-    offset, started = np.zeros((n, 3)), results[1, 0].copy()
-    at = np.empty((n, 3))
-    kept = np.empty((n, 3))
+    now, was, old, slope = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
+    stiffened, work = np.empty(2), np.empty(11)
     for c in range(cases):
-        for i in range(n):
-            for a in range(3):
-                at[i, a] = rest[i, a] + before[c, i, a]
-        contact = Contact(rest, radial, areas, at, offset, friction[c], compliance, own)
-        outcome = Outcome(
-            results[1, c], results[2, c], results[3, c], results[4, c], results[0, c], np.zeros(6)
-        )
         thing = Touched(
             shape.kind, numbers[c], shape.grid, shape.origin, shape.cells, materials[c, 0],
             materials[c, 1], materials[c, 2], materials[c, 3],
         )  # fmt: skip
         pose = Pose(rotations[c, 0], places[c, 0], rotations[c, 1], places[c, 1])
+        turn = pose.rotation @ pose.old_rotation.T
         share, power = stiffening_by(law, materials[c, 1], areas, forces[c], friction[c])
         stiff = Stiffening(share, power, law[0])
-        warm = c > 0 and errors[0] < tolerances[0]
-        if warm:
-            kept[:] = results[1, c]
-            for i in range(n):
-                for a in range(3):
-                    results[1, c, i, a] += results[1, 0, i, a] - started[i, a]
-            errors[c] = solve_contact(
-                contact, thing, pose, stiff, 1.0, _HELD, _NO_INERTIA, _NO_WRENCH, tolerances[1],
-                most_rounds, True, system, outcome,
-            )[0]  # fmt: skip
-            if errors[c] < tolerances[1]:
-                continue
-            results[1, c] = kept
-        errors[c] = solve_contact(
-            contact, thing, pose, stiff, 1.0, _HELD, _NO_INERTIA, _NO_WRENCH, tolerances[0],
-            most_rounds, False, system, outcome,
-        )[0]  # fmt: skip
+        tangent = c == 0 and len(slopes) > 0
+        for i in range(n):
+            inwards = 0.0
+            for a in range(3):
+                now[a] = rest[i, a] + displacement[c, i, a]
+                was[a] = rest[i, a] + before[c, i, a]
+                inwards -= displacement[c, i, a] * radial[i, a]
+                old[a] = 0.0
+                for b in range(3):
+                    old[a] += turn[a, b] * friction[c, i, b]
+            linear, true, normal = results[0, c, i], results[1, c, i], results[3, c, i]
+            touches = touch(
+                thing, pose, stiff, areas[i], was, now, inwards, radial[i], old, False, False,
+                tangent, normal, work, linear, true, slope, stiffened,
+            )  # fmt: skip
+            along = 0.0
+            for a in range(3):
+                if not touches:
+                    normal[a] = 0.0
+                along += true[a] * normal[a]
+            for a in range(3):
+                results[2, c, i, a] = true[a] - along * normal[a]
+            if tangent:
+                slopes[i] = slope
+
+
+@njit()
+def linear_system(
+    compliance: Single, own: Array, active: Index, slopes: Array, changes: Array, matrix: Single
+) -> None:
+    """Equations for changes of the linear forces on active nodes; their own motion is eliminated.
+
+    A force f = Φ(u) and u = A·f give δf − T·A·δf = r for a change r of Φ, T its slope. Here each
+    node's own 3 × 3 of A is taken to the left first, so that stiff objects leave them well scaled.
+
+    Parameters
+    ----------
+    compliance, own: as in `Contact`
+    active: nodes, (k,)
+    slopes: T of all nodes [N/m], (n, 3, 3)
+    changes: r of all nodes, (C, n, 3); those of active ones are changed as the matrix is
+    matrix: (3k, 3k) (output)
+    """
+    k = len(active)
+    left, inverse = np.empty((3, 3)), np.empty((3, 3))
+    answer, right = np.empty((3, 3), np.float32), np.empty(3)
+    for p in range(k):
+        i = active[p]
+        for a in range(3):
+            for b in range(3):
+                left[a, b] = 1.0 if a == b else 0.0
+                for d in range(3):
+                    left[a, b] -= slopes[i, a, d] * own[i, d, b]
+        if not invert_three(left, inverse):
+            inverse[:] = 0.0
+        for a in range(3):
+            for b in range(3):
+                total = 0.0
+                for d in range(3):
+                    total += inverse[a, d] * slopes[i, d, b]
+                answer[a, b] = total
+        for c in range(len(changes)):
+            for a in range(3):
+                right[a] = 0.0
+                for b in range(3):
+                    right[a] += inverse[a, b] * changes[c, i, b]
+            for a in range(3):
+                changes[c, i, a] = right[a]
+        x, y, z = compliance[3 * i], compliance[3 * i + 1], compliance[3 * i + 2]
+        for a in range(3):
+            row = matrix[3 * p + a]
+            for q in range(k):
+                for b in range(3):
+                    j = 3 * active[q] + b
+                    row[3 * q + b] = -(
+                        answer[a, 0] * x[j] + answer[a, 1] * y[j] + answer[a, 2] * z[j]
+                    )
+            for b in range(3):
+                row[3 * p + b] = 1.0 if a == b else 0.0

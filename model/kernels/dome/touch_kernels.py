@@ -89,6 +89,7 @@ def touch(
     old: Array,
     trial: bool,
     secant: bool,
+    tangent: bool,
     normal: Array,
     work: Array,
     linear: Array,
@@ -105,6 +106,7 @@ def touch(
     old: friction before the step, turned with the object [N]
     trial: whether a node that was not sliding that way sticks elastically
     secant: see `dahl_vector`
+    tangent: whether `slope` is wanted
     normal: the object's at the node (output)
     work: shape (11,)
     linear, true: forces [N], shape (3,) (outputs)
@@ -164,17 +166,21 @@ def touch(
             work[2], work[3], work[4], work[5] = bristle, 0.0, 0.0, bristle
             work[6], work[7] = 0.0, 0.0
     f_b, f_c = work[0], work[1]
+    for a in range(3):
+        tangential = f_b * _at(a, b0, b1, b2) + f_c * _at(a, c0, c1, c2)
+        true[a] = force * normal[a] + tangential
+        linear[a] = force / factor * normal[a] + tangential
+    if not tangent:
+        return True
     steep = 1.0  # slope of the gap along the normal, which a mesh rounds off at its edges
     if thing.kind == GRID:
         x, y, z = now[0] + _ASIDE * n0, now[1] + _ASIDE * n1, now[2] + _ASIDE * n2
         steep = (gap_at(thing, pose, x, y, z, aside) - gap) / _ASIDE
-    for a in range(3):
-        na, ba, ca = normal[a], _at(a, b0, b1, b2), _at(a, c0, c1, c2)
-        tangential = f_b * ba + f_c * ca
-        true[a] = force * na + tangential
-        linear[a] = force / factor * na + tangential
+    # The slip is measured before the object's turn in the step: the axes are turned with it.
+    u0, u1, u2 = _turned(r, r0, b0, b1, b2)
+    w0, w1, w2 = _turned(r, r0, c0, c1, c2)
     for k in range(3):  # column: the direction in which the node moves
-        nk, bk, ck = normal[k], _at(k, b0, b1, b2), _at(k, c0, c1, c2)
+        nk, bk, ck = normal[k], _at(k, u0, u1, u2), _at(k, w0, w1, w2)
         rise = steep * stiffness * nk
         v_b = work[2] * bk + work[3] * ck + work[6] * thing.friction * rise
         v_c = work[4] * bk + work[5] * ck + work[7] * thing.friction * rise
@@ -212,3 +218,16 @@ def touch(
 @njit(forceinline=True)
 def _at(k: int, x: float, y: float, z: float) -> float:
     return x if k == 0 else (y if k == 1 else z)
+
+
+@njit(forceinline=True)
+def _turned(r: Array, r0: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector turned from the old rotation of an object to the new one."""
+    a = r0[0, 0] * x + r0[1, 0] * y + r0[2, 0] * z
+    b = r0[0, 1] * x + r0[1, 1] * y + r0[2, 1] * z
+    c = r0[0, 2] * x + r0[1, 2] * y + r0[2, 2] * z
+    return (
+        r[0, 0] * a + r[0, 1] * b + r[0, 2] * c,
+        r[1, 0] * a + r[1, 1] * b + r[1, 2] * c,
+        r[2, 0] * a + r[2, 1] * b + r[2, 2] * c,
+    )

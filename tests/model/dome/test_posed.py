@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
 from chromagrip.model.dome import PosedContact, PosedContacts, together
@@ -44,22 +45,41 @@ def test_a_way_of_poses_is_the_motion_of_a_stepper(shape: Shape, height: float) 
     assert np.array_equal(contact.friction, before)
 
 
-def test_contacts_that_are_stepped_together_are_those_stepped_alone() -> None:
-    contacts, upright = PosedContacts(DOME), np.eye(3)
-    solids = [
-        Solid(shape=quadric(bent, bent), stiffness=k, friction=mu)
-        for bent, k, mu in [(50.0, 1e9, 0.5), (60.0, 1e9, 0.5), (50.0, 2e9, 0.5), (50.0, 1e9, 0.4)]
-    ]
-    places = np.array([[0.1e-3, 0.0, 7.5e-3]] * 4) + 1e-5 * np.diag([0.0, 2.0, 0.0, 1.0])[:, 1:]
-    last = moved(contacts, solids[0], 8e-3)
-    last = contacts.look(last, solids[0], upright, places[0])
-    every = contacts.step_all(together([last] * 4), solids, np.array([upright] * 4), places)
-    for k, (solid, place) in enumerate(zip(solids, places, strict=True)):
-        alone = contacts.step(last, solid, upright, place)
-        scale = abs(alone.forces).max()
-        assert every.at(k).forces == pytest.approx(alone.forces, abs=1e-3 * scale)
-        if k:
-            assert abs(every.at(k).forces - every.at(0).forces).max() > 5e-3 * scale
+def test_what_a_change_does_to_a_contact_is_what_a_step_with_it_does() -> None:
+    contacts, times = PosedContacts(DOME), 1e4
+    place, turn = np.array([0.12e-3, 0.0, 7.45e-3]), 0.02
+
+    def posed(twist: float) -> np.ndarray:
+        return Rotation.from_rotvec([0.0, 0.0, twist]).as_matrix()
+
+    def ways(share: float) -> tuple[list[Solid], np.ndarray, np.ndarray]:
+        """Objects and poses: unchanged, stiffer, of more friction, shifted, pressed and turned."""
+        solids = [
+            Solid(shape=quadric(50.0, 60.0), stiffness=k, friction=mu)
+            for k, mu in [
+                (1e9, 0.5), (1e9 * (1.0 + 0.1 * share), 0.5), (1e9, 0.5 * (1.0 + 0.1 * share)),
+                *[(1e9, 0.5)] * 3,
+            ]
+        ]  # fmt: skip
+        places = np.array([place] * 6)
+        places[3, 0] += 2e-6 * share
+        places[4, 2] -= 2e-6 * share
+        rotation = np.array([posed(turn)] * 5 + [posed(turn + 2e-3 * share)])
+        return solids, rotation, places
+
+    last = moved(contacts, ways(0.0)[0][0], 8e-3)
+    last = contacts.look(last, ways(0.0)[0][0], posed(turn), place)
+    after = contacts.step(last, ways(0.0)[0][0], posed(turn), place)
+    told = contacts.changed(together([last] * 6), after, *ways(1.0 / times), times)
+    for k in range(5):
+        ends = []
+        for share in (-0.3, 0.3):
+            solids, rotation, places = ways(share)
+            ends.append(contacts.step(last, solids[k + 1], rotation[k + 1], places[k + 1]))
+        for name in ("linear", "forces", "friction", "displacement"):
+            wanted = (getattr(ends[1], name) - getattr(ends[0], name)) / 0.6
+            change = getattr(told.at(k), name) - getattr(after, name)
+            assert change == pytest.approx(wanted, abs=0.03 * abs(wanted).max()), (k, name)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from ..silicone_values import ON_CORE
 from .contact import PLACE_ERROR, SIZE_ERROR
-from .contact_fit import INDEPENDENT
+from .contact_cost import INDEPENDENT
 from .contact_state import (
     BRISTLE,
     CURVES,

@@ -21,10 +21,12 @@ from ..friction import Z90
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from ..silicone_values import ON_CORE
-from .contact_fit import ContactFit, Followed, Key, Shifts, Solution
+from .contact_fit import ContactFit, Followed, Solution
 from .contact_starts import Rivals, Start, light_press, other_objects, start_from_rest
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT
-from .keys import far_on, thinned
+from .contact_way import sums_of
+from .key_shifts import Key, Shifts
+from .keys import Seldom, far_on, thinned
 from .marker_response import DomeResponse
 from .untouched import untouched_field
 
@@ -58,6 +60,10 @@ _SAME = 0.5
 _ROUNDS, _FEW_ROUNDS = 25, 8
 #: Rounds of a rival: of a better one there are more in the next turn.
 _RIVAL_ROUNDS = 4
+#: An object is fitted anew at least once in so many key frames that would change what is told.
+_SELDOM = 4
+#: A rival is worth looking for more if its cost is so much less, in squared deviations.
+_WORTH = 1.0
 #: Mean square of what is left at which other objects are tried, or so many times that of the
 #: solution before.
 _DOUBTFUL, _WORSE = 1.2, 1.3
@@ -110,7 +116,7 @@ class ContactReading:
         self.last: Solution | None = None
         self._now: Followed | None = None
         self._covariance = np.zeros((7, 7))
-        self._rivals = Rivals(self.dome)
+        self._rivals, self._refits = Rivals(self.dome), Seldom(1, _SELDOM)
         self._doubtful = _DOUBTFUL
         self._refused: Shifts | None = None
         #: Whether the last object is none that is read. It is followed: it may become one again.
@@ -179,21 +185,33 @@ class ContactReading:
             if misfit < self._doubtful and not far_on(self.dome, last.keys, now.pose):
                 self._now = now
                 return True
-            keys = thinned(self.dome, (*last.keys, Key(shifts=shifts, pose=now.pose)))
         except UserError:
             return False
+        keys = thinned(self.dome, (*last.keys, Key(shifts=shifts, pose=now.pose)))
+        start = last.object_, keys
         try:
-            solution = self._fit.add_key(last, keys)
+            held, tells = self._fit.hold(last, keys, now)
+        except UserError:
+            return self._taken(self._better(None, start, _FEW_ROUNDS), start)
+        solution = held
+        if held.misfit > self._doubtful or (tells and self._refits.due()):
+            solution = self._again(held)
+            self._refits.tried(better=solution is not held)
+        rival = self._rivals.next(solution)
+        if rival is not None:
+            before, solution = solution, self._rival(solution, rival)
+            self._rivals.tried(better=solution.cost < before.cost - _WORTH)
+        return self._taken(solution, start)
+
+    def _again(self, held: Solution) -> Solution:
+        """The object fitted anew to the key frames of a solution; the same where none is better."""
+        try:
+            solution = self._fit.along_chord(held)
         except UserError:
             solution = None
         if solution is None or solution.misfit > self._doubtful:
-            solution = self._better(solution, (last.object_, keys), _FEW_ROUNDS)
-        if solution is not None:
-            rival = self._rivals.next(solution.object_, solution.keys)
-            if rival is not None:
-                before, solution = solution, self._better(solution, rival, _RIVAL_ROUNDS)
-                self._rivals.tried(better=solution is not before)
-        return self._taken(solution, (last.object_, keys))
+            solution = self._better(solution, (held.object_, held.keys), _FEW_ROUNDS)
+        return held if solution is None or solution.cost > held.cost else solution
 
     def _found(self, shifts: Shifts) -> bool:
         """Find the contact of a frame from rest."""
@@ -233,6 +251,14 @@ class ContactReading:
             return solution
         return other if solution is None or other.misfit < solution.misfit else solution
 
+    def _rival(self, solution: Solution, start: Start) -> Solution:
+        """The better of a solution and a rival's."""
+        try:
+            other = self._fit.fit_keys(*start, _RIVAL_ROUNDS, rival_of=solution)
+        except UserError:
+            return solution
+        return other if other.misfit < solution.misfit else solution
+
     def _read(self, tracks: Tracks) -> Shifts:
         values, certain = self._shifts(tracks, MIN_MARKERS)
         # Focus and light change all sizes alike, and most markers are far from the contact.
@@ -258,7 +284,7 @@ class ContactReading:
         mu = math.exp(solution.object_[FRICTION])
         whole = self._covariance
         deviation = math.sqrt(whole[2, 2])
-        sums = _sums(contact)
+        sums = sums_of(contact)
         share = sums[1] / max(mu * sums[0], 1e-12)
         # Of (ΣFn, ΣFf), and of Γ = 1 − ΣFf/(µ·ΣFn) with all their correlations.
         scale = np.array([sums[0], 1.0])
@@ -298,9 +324,9 @@ class ContactReading:
         The wrench is the force along x, y, z [N] and the torque about z [N·m].
         """
         changes = solution.changes
-        sums = _sums(changes.contact)
+        sums = sums_of(changes.contact)
         slopes = np.zeros((7, MOVING + len(OBJECT)))
-        slopes[:2] = (_sums(changes.changed) - sums).T
+        slopes[:2] = (sums_of(changes.changed) - sums).T
         slopes[3:] = (self._wrench(changes.changed) - self._wrench(changes.contact)).T
         slopes /= self._fit.units
         slopes[0] /= max(float(sums[0]), 1e-12)
@@ -325,13 +351,3 @@ def _wrench_error(field: ForceField, mu: float) -> Array:
     out[:3, :3] += _NORMAL_ERROR**2 * np.outer(press, press)
     out[3, 3] = (_FRICTION_ERROR * mu * torsion(field)[2]) ** 2
     return out
-
-
-def _sums(contact: PosedContact) -> Array:
-    """ΣFn and ΣFf [N], shape (…, 2)."""
-    axis = (contact.forces - contact.friction).sum(axis=-2)
-    whole = contact.friction.sum(axis=-2)
-    length = np.maximum(np.linalg.norm(axis, axis=-1), 1e-12)
-    along = (whole * axis).sum(axis=-1) / length**2
-    across = np.linalg.norm(whole - axis * along[..., None], axis=-1)
-    return np.stack([contact.normal.sum(axis=-1), across], axis=-1)

@@ -5,7 +5,7 @@ The object and the poses of a few key frames are fitted together, over the whole
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,106 +13,39 @@ from numpy.typing import NDArray
 from ....errors import UserError
 from ....model import Dome
 from ....model.dome import PosedContact
+from .contact_cost import ContactCost
 from .contact_state import (
-    CURVES,
-    HOLLOW,
+    FRICTION,
     MOVING,
     OBJECT,
     limited_object,
     limited_pose,
     longest_of,
     moves_of,
-    prior_of,
     units_of,
 )
-from .contact_way import Changes, ContactWay
+from .contact_way import Changes, ContactWay, sums_of
+from .key_shifts import Key, Shifts
 from .marker_response import DomeResponse
 
 Array = NDArray[np.float64]
 
-#: Root mean square of a pair's residuals in deviations at which it counts half in a fit, …
-_ODD = 1.5
-#: … and from which on it counts less in a misfit.
-_OFF = 2.0
-#: Mean square of a pair's shifts in deviations above which it has moved, and how many are not few.
-_MOVED, _SEVERAL = 25.0, 12
-#: Key frames count as so many independent ones at most: errors of the model are alike in all.
-INDEPENDENT = 3.0
 #: Smallest gain of a round, in squared deviations.
 _GAIN = 0.3
+#: Rounds of a rival after which it must promise to become better.
+_PROMISING = 2
 #: Rounds with the derivatives of a former solution, and how far the object may be from it: so many
 #: of the longest steps.
 _CHORDS, _NEAR = 3, 0.25
+#: Changes for which no object is fitted anew: of ln ΣFn, ln µ and Γ, small beside what the silicone
+#: and the friction law leave unsure; the same in their deviations; and the gain in squared
+#: deviations, over the misfit and the number of key frames.
+_LITTLE, _UNSURE, _TOLD = 0.005, 0.2, 50.0
+#: Places of the last pose and the object among the unknowns of several key frames.
+_LAST = np.r_[-MOVING:0, 0 : len(OBJECT)]
 #: Most steps of a pose that is followed, the gain below which it stays as it is, in squared
 #: deviations, and the share of the gain before above which slopes are made anew.
 _STEPS, _STILL, _SLOW = 4, 0.03, 0.1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Shifts:
-    """Shifts of the pairs of a frame, V of them, whitened as they are compared.
-
-    Attributes
-    ----------
-    values: (x, y, log size) of both layers, shape (V, 6)
-    whiten: of each pair, to W independent values, shape (V, W, 6)
-    used: which of all pairs they are, shape (P,)
-    """
-
-    values: Array
-    whiten: Array
-    used: NDArray[np.bool_]
-
-    def apply(self, shifts: Array) -> Array:
-        """Whitened shifts (…, V, 6) as one vector, shape (…, V·W)."""
-        return np.einsum("vij,...vj->...vi", self.whiten, shifts).reshape(*shifts.shape[:-2], -1)
-
-    def residual(self, predicted: Array) -> Array:
-        """What is left of the shifts (…, P, 6) in deviations, shape (…, V·W)."""
-        return self.apply(self.values - predicted[..., self.used, :])
-
-    def weights(self, residual: Array) -> Array:
-        """Weight of every value: the less, the worse its pair is explained (Cauchy's)."""
-        return 1.0 / (1.0 + self._each(residual) / _ODD**2)
-
-    def loss(self, predicted: Array) -> float:
-        """What a fit makes least: of pairs that nothing explains it hardly grows (Cauchy's)."""
-        each = self._each(self.residual(predicted))
-        return float(_ODD**2 * np.log1p(each / _ODD**2).sum())
-
-    def cost(self, predicted: Array) -> float:
-        """Sum of squares of the residual, of which odd pairs' parts grow linearly (Huber's)."""
-        size = np.sqrt(self._each(self.residual(predicted)))
-        share = np.minimum(1.0, _OFF / np.maximum(size, _OFF))
-        return float((share * (2.0 - share) * size**2).sum())
-
-    def typical(self, predicted: Array) -> float:
-        """Median of what is left of the pairs that have moved, in squared deviations.
-
-        It is 0 where these are few.
-        """
-        pairs = len(self.whiten)
-        moved = (self.apply(self.values).reshape(pairs, -1) ** 2).mean(axis=1) > _MOVED
-        left = (self.residual(predicted).reshape(pairs, -1) ** 2).mean(axis=1)
-        return float(np.median(left[moved])) if moved.sum() >= _SEVERAL else 0.0
-
-    def _each(self, residual: Array) -> Array:
-        """Mean square of its pair's residual for every value, shape (V·W,)."""
-        each = residual.reshape(len(self.whiten), -1)
-        return np.repeat((each**2).mean(axis=1), each.shape[1])
-
-    @property
-    def count(self) -> int:
-        """How many independent values there are."""
-        return max(self.whiten.shape[0] * self.whiten.shape[1], 1)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Key:
-    """A key frame: its shifts, and the pose in it, shape (4,)."""
-
-    shifts: Shifts
-    pose: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,9 +57,11 @@ class Solution:
     object_: unknowns of the object, shape (8,)
     keys: with their poses
     slopes: of the shifts in each by the unknowns over their units, shapes (12, P, 6)
+    predicted: shifts of all pairs in each, shapes (P, 6)
     contact: in the last of them
     changes: of it by each unknown
     covariance: of the pose in the last key frame and the object, shape (12, 12)
+    cost: what a fit makes least
     misfit: mean square of what is left of the shifts, in deviations, odd pairs held down
     typical: median over pairs that have moved of what is left of their shifts, squared
     """
@@ -134,9 +69,11 @@ class Solution:
     object_: Array
     keys: tuple[Key, ...]
     slopes: tuple[Array, ...]
+    predicted: tuple[Array, ...]
     contact: PosedContact
     changes: Changes
     covariance: Array
+    cost: float
     misfit: float
     typical: float
 
@@ -173,11 +110,16 @@ class ContactFit:
         self._response = response
         self._way = ContactWay(dome)
         self._longest = longest_of(dome)
-        self._prior = prior_of(dome)
-        self._hollow = HOLLOW / dome.radius
+        self._cost = ContactCost(dome)
 
-    def fit_keys(self, object_: Array, keys: tuple[Key, ...], rounds: int) -> Solution:
+    def fit_keys(
+        self, object_: Array, keys: tuple[Key, ...], rounds: int, rival_of: Solution | None = None
+    ) -> Solution:
         """Object and poses that explain key frames best, near given ones.
+
+        Parameters
+        ----------
+        rival_of: the fit ends early where it does not promise to become better than this one
 
         Raises
         ------
@@ -189,9 +131,15 @@ class ContactFit:
         shifts = [key.shifts for key in keys]
         damping = 1e-3
         contact, changes, slopes, predicted = self._whole_way(object_, poses)
-        cost = self._cost(shifts, object_, poses, predicted)
-        information, gradient = self._normal(shifts, object_, poses, predicted, slopes)
-        for _ in range(rounds):
+        cost = self._cost.of(shifts, object_, poses, predicted)
+        information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
+        known = math.inf if rival_of is None else rival_of.cost
+        for turn in range(rounds):
+            if (
+                turn >= _PROMISING
+                and cost - gradient @ np.linalg.solve(information, gradient) > known
+            ):
+                break
             damped = information + damping * np.diag(np.diag(information))
             step = np.asarray(np.linalg.solve(damped, gradient), np.float64)
             step *= min(1.0, 1.0 / self._length(step))
@@ -201,7 +149,7 @@ class ContactFit:
             except UserError:
                 damping = max(10.0 * damping, 1e-2)
                 continue
-            after = self._cost(shifts, *tried, seen)
+            after = self._cost.of(shifts, *tried, seen)
             if after >= cost:
                 damping *= 10.0
                 if damping > 1e3:
@@ -210,49 +158,94 @@ class ContactFit:
             gain, cost, (object_, poses) = cost - after, after, tried
             damping = max(0.1 * damping, 1e-6)
             contact, changes, slopes, predicted = self._whole_way(object_, poses)
-            information, gradient = self._normal(shifts, object_, poses, predicted, slopes)
+            information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
             if gain < _GAIN:
                 break
         return self._solution(object_, poses, shifts, contact, changes, slopes, predicted)
 
-    def add_key(self, last: Solution, keys: tuple[Key, ...]) -> Solution | None:
-        """As `fit_keys` near a solution, of which only the last key frame is new.
+    def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> tuple[Solution, bool]:
+        """A solution with one more key frame and the same object, and whether that tells more.
 
-        The derivatives of the other key frames are those of the solution. None is where the object
-        becomes another one, so that they no longer hold.
+        Poses, shifts and slopes of the other key frames stay as they are, also those after one that
+        is left out: what has been followed knows the way better than key frames do.
+
+        Parameters
+        ----------
+        keys: some of those of the solution, and the new one
+        now: the contact in the new one
 
         Raises
         ------
         UserError
             When the contact does not converge.
         """
-        known = {id(key.shifts): slope for key, slope in zip(last.keys, last.slopes, strict=True)}
-        slopes = [known[id(key.shifts)] for key in keys[:-1]]
+        known = {
+            id(key.shifts): each
+            for key, *each in zip(last.keys, last.slopes, last.predicted, strict=True)
+        }
         shifts = [key.shifts for key in keys]
         object_, poses = last.object_, np.stack([key.pose for key in keys])
-        contact, predicted = self._predicted(object_, poses[:-1])
-        reached, changes = self._way.step_and_changes(
-            contact, last.changes, object_, poses[-2], poses[-1]
+        _, changes = self._way.step_and_changes(
+            last.contact, last.changes, object_, last.keys[-1].pose, poses[-1]
         )
-        slopes.append(self._slopes(changes))
-        predicted.append(self._seen(reached))
-        cost = self._cost(shifts, object_, poses, predicted)
+        new = [self._slopes(changes), now.seen]
+        slopes, predicted = map(list, zip(*(known.get(id(s), new) for s in shifts), strict=True))
+        held = self._solution(object_, poses, shifts, now.contact, changes, slopes, predicted)
+        information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
+        step = np.asarray(np.linalg.solve(information, gradient), np.float64)
+        gain = float(gradient @ step)
+        step = self.units * step[_LAST]
+        tells = self._tells(held, gain, step)
+        # What the object is held against is unsure, too.
+        return replace(held, covariance=held.covariance + np.outer(step, step)), tells
+
+    def _tells(self, held: Solution, gain: float, step: Array) -> bool:
+        """Whether a step of the last pose and the object changes what is told in the last frame.
+
+        Parameters
+        ----------
+        gain: of that step in all key frames, in squared deviations
+        """
+        sums, mu = sums_of(held.changes.contact), math.exp(held.object_[FRICTION])
+        slopes = np.zeros((3, MOVING + len(OBJECT)))  # of ln ΣFn, ln µ and Γ
+        normal, across = (sums_of(held.changes.changed) - sums).T / max(float(sums[0]), 1e-12)
+        slopes[0], slopes[1, MOVING + FRICTION] = normal / self.units, 1.0
+        share = float(sums[1]) / max(mu * float(sums[0]), 1e-12)
+        slopes[2] = share * (slopes[0] + slopes[1]) - across / (mu * self.units)
+        known = np.sqrt(np.diag(slopes @ held.covariance @ slopes.T))
+        much = abs(slopes @ step) > np.maximum(_UNSURE * known, _LITTLE)
+        return bool(much.any()) or gain > _TOLD * held.misfit * len(held.keys)
+
+    def along_chord(self, held: Solution) -> Solution | None:
+        """As `fit_keys` near a solution, with its derivatives.
+
+        None is where the object becomes another one, so that they no longer hold.
+
+        Raises
+        ------
+        UserError
+            When the contact does not converge.
+        """
+        shifts, slopes = [key.shifts for key in held.keys], list(held.slopes)
+        object_, poses = held.object_, np.stack([key.pose for key in held.keys])
+        reached, predicted = self._predicted(object_, poses)
+        cost = self._cost.of(shifts, object_, poses, predicted)
         for _ in range(_CHORDS):
-            information, gradient = self._normal(shifts, object_, poses, predicted, slopes)
+            information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
             step = np.asarray(np.linalg.solve(information, gradient), np.float64)
             tried = self._moved(object_, poses, step)
-            moved = abs(tried[0] - last.object_) / self._longest[MOVING:]
+            moved = abs(tried[0] - held.object_) / self._longest[MOVING:]
             if self._length(step) > 1.0 or moved.max() > _NEAR:
                 return None
             contact, seen = self._predicted(*tried)
-            after = self._cost(shifts, *tried, seen)
+            after = self._cost.of(shifts, *tried, seen)
             if after > cost + _GAIN:
                 return None
             gain, cost = cost - after, after
             (object_, poses), reached, predicted = tried, contact, seen
             if gain < _GAIN:
                 break
-        return self._solution(object_, poses, shifts, reached, changes, slopes, predicted)
+        return self._solution(object_, poses, shifts, reached, held.changes, slopes, predicted)
 
     def _solution(
         self,
@@ -264,19 +257,20 @@ class ContactFit:
         slopes: list[Array],
         predicted: list[Array],
     ) -> Solution:
-        information, _ = self._normal(shifts, object_, poses, predicted, slopes)
+        information, _ = self._cost.normal(shifts, object_, poses, predicted, slopes)
         misfit = sum(s.cost(p) for s, p in zip(shifts, predicted, strict=True))
         misfit /= sum(s.count for s in shifts)
         typical = [s.typical(p) for s, p in zip(shifts, predicted, strict=True)]
-        places = np.r_[-MOVING:0, 0 : len(OBJECT)]  # the last pose, then the object
-        inverse = np.linalg.inv(information)[np.ix_(places, places)]
+        inverse = np.linalg.inv(information)[np.ix_(_LAST, _LAST)]
         return Solution(
             object_=object_,
             keys=tuple(Key(shifts=s, pose=p) for s, p in zip(shifts, poses, strict=True)),
             slopes=tuple(slopes),
+            predicted=tuple(predicted),
             contact=contact,
             changes=changes,
             covariance=max(1.0, misfit) * inverse * np.outer(self.units, self.units),
+            cost=self._cost.of(shifts, object_, poses, predicted),
             misfit=misfit,
             typical=float(np.median(typical)),
         )
@@ -392,57 +386,3 @@ class ContactFit:
         on_object = abs(step[: len(OBJECT)] * share[MOVING:]).max()
         on_poses = abs(step[len(OBJECT) :].reshape(-1, MOVING) * share[:MOVING]).max()
         return float(max(on_object, on_poses))
-
-    def _share(self, keys: int) -> float:
-        return min(1.0, INDEPENDENT / keys)
-
-    def _cost(
-        self, shifts: list[Shifts], object_: Array, poses: Array, predicted: list[Array]
-    ) -> float:
-        seen = sum(s.loss(p) for s, p in zip(shifts, predicted, strict=True))
-        off = (object_ - self._prior.mean) / self._prior.deviation
-        hollow = np.minimum(object_[CURVES], 0.0)[:2] / self._hollow
-        moves = np.diff(poses, axis=0, prepend=0.0) / moves_of(self.dome, poses)
-        known = float(off @ off + hollow @ hollow)
-        return self._share(len(shifts)) * seen + known + float((moves**2).sum())
-
-    def _normal(
-        self,
-        shifts: list[Shifts],
-        object_: Array,
-        poses: Array,
-        predicted: list[Array],
-        slopes: list[Array],
-    ) -> tuple[Array, Array]:
-        """Information and gradient of the object, then of each pose, over their units."""
-        first = len(OBJECT)
-        size = first + MOVING * len(poses)
-        information, gradient = np.zeros((size, size)), np.zeros(size)
-        share = self._share(len(shifts))
-        for k, (frame, seen, slope) in enumerate(zip(shifts, predicted, slopes, strict=True)):
-            own = np.r_[first + MOVING * k : first + MOVING * (k + 1), 0:first]
-            whole = frame.apply(slope[:, frame.used])
-            residual = frame.residual(seen)
-            weighted = share * whole * frame.weights(residual)
-            information[np.ix_(own, own)] += weighted @ whole.T
-            gradient[own] += weighted @ residual
-        known = (self.units[MOVING:] / self._prior.deviation) ** 2
-        information[:first, :first] += np.diag(known)
-        gradient[:first] += known * (self._prior.mean - object_) / self.units[MOVING:]
-        hollow = np.flatnonzero(object_[CURVES][:2] < 0.0) + CURVES.start
-        units = self.units[MOVING:][hollow]
-        information[hollow, hollow] += (units / self._hollow) ** 2
-        gradient[hollow] -= units * object_[hollow] / self._hollow**2
-        # Each pose is near the one before, the first one near rest.
-        each = (self.units[:MOVING] / moves_of(self.dome, poses)) ** 2
-        moves = np.diff(poses, axis=0, prepend=0.0) / self.units[:MOVING]
-        for k, (move, known) in enumerate(zip(moves, each, strict=True)):
-            own = np.arange(first + MOVING * k, first + MOVING * (k + 1))
-            information[own, own] += known
-            gradient[own] -= known * move
-            if k:
-                information[own - MOVING, own - MOVING] += known
-                information[own, own - MOVING] -= known
-                information[own - MOVING, own] -= known
-                gradient[own - MOVING] += known * move
-        return information, gradient

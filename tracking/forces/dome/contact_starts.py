@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....model import Dome
-from .contact_fit import ContactFit, Key, Shifts
+from .contact_fit import ContactFit, Solution
 from .contact_state import CURVES, FRICTION, MOVING, PLACE, PRESS, STIFFNESS, prior_of
+from .key_shifts import Key, Shifts
+from .keys import Seldom
 
 Array = NDArray[np.float64]
 #: An object, and key frames with poses, from which a fit starts.
@@ -26,10 +28,12 @@ _PRESS = 0.1
 _CURVES = (0.0, 3.0)
 #: Rivals: factors of press and curvature, and of µ. They take turns.
 _RIVALS = ((1.6, 1.0), (1.0 / 1.6, 1.0), (1.0, 0.5))
+#: Deviations of ln k and ln µ beyond which a rival is not tried.
+_PLAUSIBLE = 5.0
 #: Power of the press that the stiffness goes with along the valley.
 _SOFTER = -1.8
 #: A rival is tried once in so many key frames that were added, at first and at last.
-_OFTEN, _SELDOM = 2, 8
+_OFTEN, _SELDOM = 2, 32
 
 
 def start_from_rest(fit: ContactFit, shifts: Shifts) -> Start:
@@ -79,34 +83,33 @@ class Rivals:
 
     def __init__(self, dome: Dome) -> None:
         self.dome = dome
-        self._turn = 0
-        self._wait, self._left = _OFTEN, _OFTEN
+        self._turn, self._often = 0, Seldom(_OFTEN, _SELDOM)
 
-    def next(self, object_: Array, keys: tuple[Key, ...]) -> Start | None:
-        """The next start, once in a while; None else."""
-        self._left -= 1
-        if self._left > 0:
+    def next(self, solution: Solution) -> Start | None:
+        """The next start, once in a while and if it may be the true one; None else."""
+        if not self._often.due():
             return None
         deeper, slippery = _RIVALS[self._turn % len(_RIVALS)]
         self._turn += 1
-        self._left = self._wait
-        other = object_.copy()
+        softer, slips = _SOFTER * math.log(deeper), math.log(slippery)
+        known = np.sqrt(np.diag(solution.covariance)[MOVING:])
+        if max(abs(softer) / known[STIFFNESS], abs(slips) / known[FRICTION]) > _PLAUSIBLE:
+            self.tried(better=False)
+            return None
+        other = solution.object_.copy()
         # Curvatures count from the dome's own.
         round_ = np.array([1.0, 1.0, 0.0]) / self.dome.radius
         other[CURVES] = deeper * (other[CURVES] + round_) - round_
-        other[STIFFNESS] += _SOFTER * math.log(deeper)
-        other[FRICTION] += math.log(slippery)
+        other[STIFFNESS] += softer
+        other[FRICTION] += slips
         press = np.ones(MOVING)
         press[PRESS] = deeper
-        return other, tuple(Key(shifts=key.shifts, pose=press * key.pose) for key in keys)
+        keys = (Key(shifts=key.shifts, pose=press * key.pose) for key in solution.keys)
+        return other, tuple(keys)
 
     def tried(self, better: bool) -> None:
         """Say whether the last start was better."""
-        if better:
-            self._wait = self._left = _OFTEN
-        elif self._turn % len(_RIVALS) == 0:
-            self._wait = min(2 * self._wait, _SELDOM)
-            self._left = self._wait
+        self._often.tried(better, rarer=self._turn % len(_RIVALS) == 0)
 
 
 def _light(dome: Dome) -> Array:

@@ -1,11 +1,11 @@
 """The way of a contact through key poses, and what each unknown changes along it.
 
-The derivatives are those of the contact solver itself, which is run once more for each unknown, a
-little changed. An unknown of the object changes the whole way: its runs have histories of their
-own, kept as differences from the best one. A pose changes its own frame alone; what it changes
-later, by friction, is left out of the derivatives and not of the way.
+The derivatives are those of the solved contact, to first order. An unknown of the object changes
+the whole way: what it has changed of the history is carried on. A pose changes its own frame alone;
+what it changes later, by friction, is left out of the derivatives and not of the way.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 _HISTORY = ("displacement", "linear", "forces", "friction")
 #: Longest part of a step, in shares of the thickness of the silicone, and the most parts.
 _PART, _MOST = 0.08, 8
+#: Part of a unit over which an unknown is changed.
+_SMALL = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,8 +81,10 @@ class ContactWay:
         """
         solid = self._solids_of(object_)[0]
         contact = self._look(contact, solid, object_, after)
-        start, objects = together([contact]), object_[None]
-        return self._parts(start, [solid], objects, before[None], after[None]).at(0)
+        for there in self._parts(before, after):
+            pose = poses_of(self.dome, object_[None], there[None])
+            contact = self._contacts.step(contact, solid, pose[0][0], pose[1][0])
+        return contact
 
     def step_and_changes(
         self,
@@ -108,24 +112,38 @@ class ContactWay:
         contact = self._look(contact, solids[0], object_, after)
         count = 1 + len(unknowns)
         objects = np.repeat(object_[None], count, axis=0)
-        befores, afters = (np.repeat(pose[None], count, axis=0) for pose in (before, after))
-        start = together([contact] * count)
+        moves = np.zeros((count, MOVING))
         for row, k in enumerate(unknowns, start=1):
             if k in OBJECT:
-                objects[row, k - MOVING] += self._units[k]
+                objects[row, k - MOVING] += _SMALL * self._units[k]
             else:
-                afters[row, k] += self._units[k]
+                moves[row, k] = _SMALL * self._units[k]
+        own = [solids[0], *(solids[1 + k - MOVING] if k in OBJECT else solids[0] for k in unknowns)]
+        start = together([contact] * count)
         if history is not None:
             unchanged, changed = map(self._contacts.onto, (history.contact, history.changed))
             for name in _HISTORY:
                 change = getattr(changed, name) - getattr(unchanged, name)
-                getattr(start, name)[1 + MOVING :] += change[MOVING:]
-        rotation, place = poses_of(self.dome, objects, befores)
-        start = replace(start, rotation=rotation, place=place)
-        own = [solids[0], *(solids[1 + k - MOVING] if k in OBJECT else solids[0] for k in unknowns)]
-        every = self._parts(start, own, objects, befores, afters)
-        reached = every.at(0)
-        return reached, Changes(contact=reached, changed=every.at(slice(1, None)))
+                getattr(start, name)[1 + MOVING :] += _SMALL * change[MOVING:]
+        places = np.repeat(before[None], count, axis=0)
+        every = contact
+        for there in self._parts(before, after):
+            rotation, place = poses_of(self.dome, objects, places)
+            start = replace(start, rotation=rotation, place=place)
+            places = there + moves * float((there == after).all())
+            rotation, place = poses_of(self.dome, objects, places)
+            contact = self._contacts.step(contact, solids[0], rotation[0], place[0])
+            every = self._contacts.changed(start, contact, own, rotation, place, 1.0 / _SMALL)
+            start = self._beside(contact, every)
+        return contact, Changes(contact=contact, changed=every)
+
+    def _beside(self, contact: PosedContact, every: PosedContact) -> PosedContact:
+        """A contact, and the same with small parts of changes."""
+        whole = together([contact] * (1 + len(every.place)))
+        for name in _HISTORY:
+            values = getattr(whole, name)
+            values[1:] += _SMALL * (getattr(every, name) - values[1:])
+        return whole
 
     def _look(
         self, contact: PosedContact, solid: Solid, object_: Array, after: Array
@@ -134,26 +152,27 @@ class ContactWay:
         return self._contacts.look(contact, solid, rotation[0], place[0])
 
     def _solids_of(self, object_: Array) -> list[Solid]:
-        """The object, and the same with each of its unknowns changed."""
+        """The object, and the same with each of its unknowns changed a little."""
         if not np.array_equal(object_, self._object):
-            changed = object_ + np.diag(self._units[MOVING:])
+            changed = object_ + np.diag(_SMALL * self._units[MOVING:])
             self._solids = [solid_of(each) for each in (object_, *changed)]
             self._object = object_.copy()
         return self._solids
 
-    def _parts(
-        self,
-        contacts: PosedContact,
-        solids: list[Solid],
-        objects: Array,
-        before: Array,
-        after: Array,
-    ) -> PosedContact:
-        way = float(abs(after[0, : PRESS + 1] - before[0, : PRESS + 1]).max())
+    def _parts(self, before: Array, after: Array) -> Iterator[Array]:
+        """Poses on the way from one to another, and that one."""
+        way = float(abs(after[: PRESS + 1] - before[: PRESS + 1]).max())
         parts = int(np.clip(np.ceil(way / (_PART * self.dome.thickness)), 1, _MOST))
-        for part in range(1, parts + 1):
-            there = before + part / parts * (after - before)
-            contacts = self._contacts.step_all(
-                contacts, solids, *poses_of(self.dome, objects, there)
-            )
-        return contacts
+        for part in range(1, parts):
+            yield before + part / parts * (after - before)
+        yield after
+
+
+def sums_of(contact: PosedContact) -> Array:
+    """ΣFn and ΣFf [N], shape (…, 2)."""
+    axis = (contact.forces - contact.friction).sum(axis=-2)
+    whole = contact.friction.sum(axis=-2)
+    length = np.maximum(np.linalg.norm(axis, axis=-1), 1e-12)
+    along = (whole * axis).sum(axis=-1) / length**2
+    across = np.linalg.norm(whole - axis * along[..., None], axis=-1)
+    return np.stack([contact.normal.sum(axis=-1), across], axis=-1)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....model import Dome
-from .contact_fit import Key
+from .key_shifts import Key
 
 Array = NDArray[np.float64]
 
@@ -35,3 +35,29 @@ def _way(dome: Dome, first: Array, second: Array) -> float:
     """Length of the way between two poses, in units of that from one key to the next."""
     unit = np.array([*(share * dome.thickness for share in _APART[:3]), _APART[3]])
     return float(np.linalg.norm((second - first) / unit))
+
+
+class Seldom:
+    """When to try what may be in vain: the less often, the longer it was.
+
+    Parameters
+    ----------
+    first, most: chances from one try to the next, at first and at last
+    """
+
+    def __init__(self, first: int, most: int) -> None:
+        self._first, self._most = first, most
+        self._wait = self._left = first
+
+    def due(self) -> bool:
+        """Whether to take this chance."""
+        self._left -= 1
+        return self._left <= 0
+
+    def tried(self, better: bool, rarer: bool = True) -> None:
+        """Say whether a try was of use, and whether the next one may be later if it was not."""
+        if better:
+            self._wait = self._first
+        elif rarer:
+            self._wait = min(2 * self._wait, self._most)
+        self._left = self._wait

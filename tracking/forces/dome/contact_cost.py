@@ -1,0 +1,83 @@
+"""What a fit of a contact makes least, and its normal equations."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....model import Dome
+from .contact_state import CURVES, HOLLOW, MOVING, OBJECT, moves_of, prior_of, units_of
+from .key_shifts import Shifts
+
+Array = NDArray[np.float64]
+
+#: Key frames count as so many independent ones at most: errors of the model are alike in all.
+INDEPENDENT = 3.0
+
+
+class ContactCost:
+    """Cost of an object (8,), and of its poses in K key frames, shape (K, 4).
+
+    Parameters
+    ----------
+    dome: body
+    """
+
+    def __init__(self, dome: Dome) -> None:
+        self.dome = dome
+        self.units = units_of(dome)
+        self._prior = prior_of(dome)
+        self._hollow = HOLLOW / dome.radius
+
+    def _share(self, keys: int) -> float:
+        return min(1.0, INDEPENDENT / keys)
+
+    def of(
+        self, shifts: list[Shifts], object_: Array, poses: Array, predicted: list[Array]
+    ) -> float:
+        """What a fit makes least, in squared deviations: what is left, and what is known before."""
+        seen = sum(s.loss(p) for s, p in zip(shifts, predicted, strict=True))
+        off = (object_ - self._prior.mean) / self._prior.deviation
+        hollow = np.minimum(object_[CURVES], 0.0)[:2] / self._hollow
+        moves = np.diff(poses, axis=0, prepend=0.0) / moves_of(self.dome, poses)
+        known = float(off @ off + hollow @ hollow)
+        return self._share(len(shifts)) * seen + known + float((moves**2).sum())
+
+    def normal(
+        self,
+        shifts: list[Shifts],
+        object_: Array,
+        poses: Array,
+        predicted: list[Array],
+        slopes: list[Array],
+    ) -> tuple[Array, Array]:
+        """Information and gradient of the object, then of each pose, over their units."""
+        first = len(OBJECT)
+        size = first + MOVING * len(poses)
+        information, gradient = np.zeros((size, size)), np.zeros(size)
+        share = self._share(len(shifts))
+        for k, (frame, seen, slope) in enumerate(zip(shifts, predicted, slopes, strict=True)):
+            own = np.r_[first + MOVING * k : first + MOVING * (k + 1), 0:first]
+            whole = frame.apply(slope[:, frame.used])
+            residual = frame.residual(seen)
+            weighted = share * whole * frame.weights(residual)
+            information[np.ix_(own, own)] += weighted @ whole.T
+            gradient[own] += weighted @ residual
+        known = (self.units[MOVING:] / self._prior.deviation) ** 2
+        information[:first, :first] += np.diag(known)
+        gradient[:first] += known * (self._prior.mean - object_) / self.units[MOVING:]
+        hollow = np.flatnonzero(object_[CURVES][:2] < 0.0) + CURVES.start
+        units = self.units[MOVING:][hollow]
+        information[hollow, hollow] += (units / self._hollow) ** 2
+        gradient[hollow] -= units * object_[hollow] / self._hollow**2
+        # Each pose is near the one before, the first one near rest.
+        each = (self.units[:MOVING] / moves_of(self.dome, poses)) ** 2
+        moves = np.diff(poses, axis=0, prepend=0.0) / self.units[:MOVING]
+        for k, (move, known) in enumerate(zip(moves, each, strict=True)):
+            own = np.arange(first + MOVING * k, first + MOVING * (k + 1))
+            information[own, own] += known
+            gradient[own] -= known * move
+            if k:
+                information[own - MOVING, own - MOVING] += known
+                information[own, own - MOVING] -= known
+                information[own - MOVING, own] -= known
+                gradient[own - MOVING] += known * move
+        return information, gradient

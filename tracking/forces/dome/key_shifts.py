@@ -1,0 +1,82 @@
+"""Shifts of the markers in a frame, as a contact is compared with them; key frames have poses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Root mean square of a pair's residuals in deviations at which it counts half in a fit, …
+_ODD = 1.5
+#: … and from which on it counts less in a misfit.
+_OFF = 2.0
+#: Mean square of a pair's shifts in deviations above which it has moved, and how many are not few.
+_MOVED, _SEVERAL = 25.0, 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shifts:
+    """Shifts of the pairs of a frame, V of them, whitened as they are compared.
+
+    Attributes
+    ----------
+    values: (x, y, log size) of both layers, shape (V, 6)
+    whiten: of each pair, to W independent values, shape (V, W, 6)
+    used: which of all pairs they are, shape (P,)
+    """
+
+    values: Array
+    whiten: Array
+    used: NDArray[np.bool_]
+
+    def apply(self, shifts: Array) -> Array:
+        """Whitened shifts (…, V, 6) as one vector, shape (…, V·W)."""
+        return np.einsum("vij,...vj->...vi", self.whiten, shifts).reshape(*shifts.shape[:-2], -1)
+
+    def residual(self, predicted: Array) -> Array:
+        """What is left of the shifts (…, P, 6) in deviations, shape (…, V·W)."""
+        return self.apply(self.values - predicted[..., self.used, :])
+
+    def weights(self, residual: Array) -> Array:
+        """Weight of every value: the less, the worse its pair is explained (Cauchy's)."""
+        return 1.0 / (1.0 + self._each(residual) / _ODD**2)
+
+    def loss(self, predicted: Array) -> float:
+        """What a fit makes least: of pairs that nothing explains it hardly grows (Cauchy's)."""
+        each = self._each(self.residual(predicted))
+        return float(_ODD**2 * np.log1p(each / _ODD**2).sum())
+
+    def cost(self, predicted: Array) -> float:
+        """Sum of squares of the residual, of which odd pairs' parts grow linearly (Huber's)."""
+        size = np.sqrt(self._each(self.residual(predicted)))
+        share = np.minimum(1.0, _OFF / np.maximum(size, _OFF))
+        return float((share * (2.0 - share) * size**2).sum())
+
+    def typical(self, predicted: Array) -> float:
+        """Median of what is left of the pairs that have moved, in squared deviations.
+
+        It is 0 where these are few.
+        """
+        pairs = len(self.whiten)
+        moved = (self.apply(self.values).reshape(pairs, -1) ** 2).mean(axis=1) > _MOVED
+        left = (self.residual(predicted).reshape(pairs, -1) ** 2).mean(axis=1)
+        return float(np.median(left[moved])) if moved.sum() >= _SEVERAL else 0.0
+
+    def _each(self, residual: Array) -> Array:
+        """Mean square of its pair's residual for every value, shape (V·W,)."""
+        each = residual.reshape(len(self.whiten), -1)
+        return np.repeat((each**2).mean(axis=1), each.shape[1])
+
+    @property
+    def count(self) -> int:
+        """How many independent values there are."""
+        return max(self.whiten.shape[0] * self.whiten.shape[1], 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """A key frame: its shifts, and the pose in it, shape (4,)."""
+
+    shifts: Shifts
+    pose: Array
