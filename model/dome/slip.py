@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 #: How far a point of the skin may be from the nearest node [pitches].
 NEAREST = 0.6
+#: Places of the axes that follow each one.
+_NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +91,9 @@ def _least(paths: Array, places: Array, normals: Array, around: float) -> float:
     """
     if not len(paths):
         return 0.0
-    arms = np.cross(normals, places - places.mean(axis=0))
+    away = places - places.mean(axis=0)
+    # The cross product; `np.cross` takes ten times as long for so few.
+    arms = normals[:, _NEXT] * away[:, _AFTER] - normals[:, _AFTER] * away[:, _NEXT]
     size = (arms**2).sum()
     turn = abs((arms * (paths - paths.mean(axis=0))).sum()) / size if size > 0.0 else 0.0
     return max(0.0, float(np.linalg.norm(paths, axis=1).min()) - turn * around)

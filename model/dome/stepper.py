@@ -177,7 +177,8 @@ class Stepper(Skin):
         wanted[:3] += motion.mass * np.asarray(motion.gravity)
         spin = self.velocity[3:]
         wanted += mass @ self.velocity / step
-        wanted[3:] -= np.cross(spin, mass[3:, 3:] @ spin)
+        if spin.any():
+            wanted[3:] -= np.cross(spin, mass[3:, 3:] @ spin)
         inertia = mass / step**2 + np.diag(motion.drag) / step
         return inertia, wanted
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from chromagrip.errors import UserError
 from chromagrip.model import (
@@ -364,13 +365,18 @@ def test_a_press_through_the_silicone_is_refused() -> None:
         simulate_contact(COARSE, solid, press_and_move(1.9e-3), 5e-3)
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.5])
 @pytest.mark.parametrize("shape", [ball(3e-3), torus(4e-3, 0.5e-3), cylinder(2e-3, 6e-3, 0.5e-3)])
-def test_the_slope_of_a_node_is_its_derivative(shape: Shape) -> None:
-    """On curved objects, by differences: the normal turns, and the friction with it."""
+def test_the_slope_of_a_node_is_its_derivative(shape: Shape, turn: float) -> None:
+    """On curved objects, by differences: the normal turns, and the friction with it and the object.
+
+    An object that turns in the step moves the place that a node's slip is counted from.
+    """
     solid = Solid(shape=shape, stiffness=1e9, dahl_stiffness=2e8, dahl_exponent=0.5)
     still = np.eye(3)
     down = np.array([0.0, 0.0, shape.reach_down()])
-    pose = Pose(still, down + np.array([2e-5, 1e-5, 4e-5]), still, down)
+    before = Rotation.from_rotvec([0.0, 0.0, -turn]).as_matrix()
+    pose = Pose(before, down + np.array([2e-5, 1e-5, 4e-5]), still, down)
     law = Stiffening(2.0, 1.4, 2e-3)
 
     def at(now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -378,7 +384,7 @@ def test_the_slope_of_a_node_is_its_derivative(shape: Shape) -> None:
         assert touch(
             touched(solid), pose, law, 1.6e-7, np.array([1e-4, 2e-5, 6e-5]), now,
             2e-4 - now[2], np.array([0.0, 0.0, 1.0]), np.array([1e-4, -2e-4, 0.0]), False, False,
-            np.empty(3), np.empty(11), linear, np.empty(3), slope, np.empty(2),
+            True, np.empty(3), np.empty(11), linear, np.empty(3), slope, np.empty(2),
         )  # fmt: skip
         return linear, slope
 
