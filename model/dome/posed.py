@@ -182,18 +182,31 @@ class PosedContacts:
             )  # fmt: skip
         return replace(last._made(moved), nodes=self.near)
 
-    def step(self, last: PosedContact, solid: Solid, rotation: Array, place: Array) -> PosedContact:
+    def step(
+        self,
+        last: PosedContact,
+        solid: Solid,
+        rotation: Array,
+        place: Array,
+        alike: PosedContact | None = None,
+    ) -> PosedContact:
         """Contact after the object has moved to a pose.
 
         Parameters
         ----------
         last: contact, on the nodes that are looked at
+        alike: contact near the one that is sought, on any nodes; it makes the search shorter
 
         Raises
         ------
         ConvergenceError
             When the contact has no solution near the one before.
         """
+        if alike is not None:
+            guess = self.onto(alike).linear
+            after, error = self._solve(last, solid, rotation, place, guess, warm=True)
+            if error < TOLERANCE:
+                return after
         return self._halved(last, solid, rotation, place, _HALVINGS)
 
     def changed(
@@ -280,7 +293,7 @@ class PosedContacts:
     def _halved(
         self, last: PosedContact, solid: Solid, rotation: Array, place: Array, left: int
     ) -> PosedContact:
-        after, error = self._solve(last, solid, rotation, place)
+        after, error = self._solve(last, solid, rotation, place, last.linear)
         if error < TOLERANCE or (not left and error < ENOUGH):
             return after
         if not left:
@@ -291,16 +304,22 @@ class PosedContacts:
         return self._halved(middle, solid, rotation, place, left - 1)
 
     def _solve(
-        self, last: PosedContact, solid: Solid, rotation: Array, place: Array
+        self,
+        last: PosedContact,
+        solid: Solid,
+        rotation: Array,
+        place: Array,
+        guess: Array,
+        warm: bool = False,
     ) -> tuple[PosedContact, float]:
         near, nodes, block = self.near, self._lattice, self._block
         results = np.zeros((5, *last.linear.shape))
-        results[1] = last.linear
+        results[1] = guess
         error = solve_posed(
             nodes.points[near], nodes.outwards[near], nodes.areas[near], block.compliance,
             block.own, self._law, touched(solid), np.stack([last.rotation, rotation]),
             np.stack([last.place, place]), last.displacement, last.forces, last.friction,
-            TOLERANCE, ROUNDS, block.system, results,
+            TOLERANCE, ROUNDS, warm, block.system, results,
         )  # fmt: skip
         results[4][~results[2].any(axis=-1)] = 0.0
         after = PosedContact(

@@ -67,6 +67,7 @@ def solve_posed(
     friction: Array,
     tolerance: float,
     most_rounds: int,
+    warm: bool,
     system: System,
     results: Array,
 ) -> float:
@@ -79,8 +80,9 @@ def solve_posed(
     rotations, places: of the object before the step and after it, (2, 3, 3) and (2, 3)
     before: displacement before the step [m], (n, 3)
     forces, friction: before the step [N], (n, 3)
-    results: displacement, linear forces, forces, friction and normals, (5, n, 3); on entry the
-        linear forces before the step
+    warm: as of `solve_contact`
+    results: displacement, linear forces, forces, friction and normals, (5, n, 3); on entry a guess
+        of the linear forces
     """
     contact = Contact(
         rest, radial, areas, rest + before, np.zeros(rest.shape), friction, compliance, own
@@ -91,7 +93,7 @@ def solve_posed(
     stiff = Stiffening(share, power, law[0])
     return solve_contact(
         contact, thing, pose, stiff, 1.0, _HELD, _NO_INERTIA, _NO_WRENCH, tolerance, most_rounds,
-        False, system, outcome,
+        warm, system, outcome,
     )[0]  # fmt: skip
 
 

@@ -61,7 +61,7 @@ _ROUNDS, _FEW_ROUNDS = 25, 8
 #: Rounds of a rival: of a better one there are more in the next turn.
 _RIVAL_ROUNDS = 4
 #: An object is fitted anew at least once in so many key frames that would change what is told.
-_SELDOM = 4
+_SELDOM = 1
 #: A rival is worth looking for more if its cost is so much less, in squared deviations.
 _WORTH = 1.0
 #: Mean square of what is left at which other objects are tried, or so many times that of the

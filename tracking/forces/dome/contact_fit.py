@@ -40,7 +40,7 @@ _CHORDS, _NEAR = 3, 0.25
 #: Changes for which no object is fitted anew: of ln ΣFn, ln µ and Γ, small beside what the silicone
 #: and the friction law leave unsure; the same in their deviations; and the gain in squared
 #: deviations, over the misfit and the number of key frames.
-_LITTLE, _UNSURE, _TOLD = 0.005, 0.2, 50.0
+_LITTLE, _UNSURE, _TOLD = 0.003, 0.05, 50.0
 #: Places of the last pose and the object among the unknowns of several key frames.
 _LAST = np.r_[-MOVING:0, 0 : len(OBJECT)]
 #: Most steps of a pose that is followed, the gain below which it stays as it is, in squared
@@ -130,7 +130,7 @@ class ContactFit:
         poses = limited_pose(self.dome, np.stack([key.pose for key in keys]))
         shifts = [key.shifts for key in keys]
         damping = 1e-3
-        contact, changes, slopes, predicted = self._whole_way(object_, poses)
+        contacts, changes, slopes, predicted = self._whole_way(object_, poses)
         cost = self._cost.of(shifts, object_, poses, predicted)
         information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
         known = math.inf if rival_of is None else rival_of.cost
@@ -145,7 +145,7 @@ class ContactFit:
             step *= min(1.0, 1.0 / self._length(step))
             tried = self._moved(object_, poses, step)
             try:
-                _, seen = self._predicted(*tried)
+                reached, seen = self._predicted(*tried, contacts)
             except UserError:
                 damping = max(10.0 * damping, 1e-2)
                 continue
@@ -157,11 +157,11 @@ class ContactFit:
                 continue
             gain, cost, (object_, poses) = cost - after, after, tried
             damping = max(0.1 * damping, 1e-6)
-            contact, changes, slopes, predicted = self._whole_way(object_, poses)
+            contacts, changes, slopes, predicted = self._whole_way(object_, poses, reached)
             information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
             if gain < _GAIN:
                 break
-        return self._solution(object_, poses, shifts, contact, changes, slopes, predicted)
+        return self._solution(object_, poses, shifts, contacts[-1], changes, slopes, predicted)
 
     def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> tuple[Solution, bool]:
         """A solution with one more key frame and the same object, and whether that tells more.
@@ -228,7 +228,7 @@ class ContactFit:
         """
         shifts, slopes = [key.shifts for key in held.keys], list(held.slopes)
         object_, poses = held.object_, np.stack([key.pose for key in held.keys])
-        reached, predicted = self._predicted(object_, poses)
+        contacts, predicted = self._predicted(object_, poses)
         cost = self._cost.of(shifts, object_, poses, predicted)
         for _ in range(_CHORDS):
             information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
@@ -237,15 +237,15 @@ class ContactFit:
             moved = abs(tried[0] - held.object_) / self._longest[MOVING:]
             if self._length(step) > 1.0 or moved.max() > _NEAR:
                 return None
-            contact, seen = self._predicted(*tried)
+            reached, seen = self._predicted(*tried, contacts)
             after = self._cost.of(shifts, *tried, seen)
             if after > cost + _GAIN:
                 return None
             gain, cost = cost - after, after
-            (object_, poses), reached, predicted = tried, contact, seen
+            (object_, poses), contacts, predicted = tried, reached, seen
             if gain < _GAIN:
                 break
-        return self._solution(object_, poses, shifts, reached, held.changes, slopes, predicted)
+        return self._solution(object_, poses, shifts, contacts[-1], held.changes, slopes, predicted)
 
     def _solution(
         self,
@@ -303,7 +303,7 @@ class ContactFit:
             step, gain = self._pose_step(last.pose, pose, shifts, whole, seen)
             if gain > _SLOW * before and gain > _STILL and not fresh:
                 reached, changes = way.step_and_changes(
-                    last.contact, None, object_, last.pose, pose, moving
+                    last.contact, None, object_, last.pose, pose, moving, reached
                 )
                 slopes, fresh = self._slopes(changes), True
                 whole = shifts.apply(slopes[:, shifts.used])
@@ -313,7 +313,7 @@ class ContactFit:
             before = gain
             step *= min(1.0, 1.0 / float(abs(units * step / self._longest[:MOVING]).max()))
             pose = limited_pose(self.dome, pose + units * step)
-            reached = way.step(last.contact, object_, last.pose, pose)
+            reached = way.step(last.contact, object_, last.pose, pose, reached)
             seen = self._seen(reached)
         now = Followed(contact=reached, pose=pose, seen=seen, slopes=slopes)
         return now, shifts.cost(seen) / shifts.count
@@ -351,29 +351,43 @@ class ContactFit:
         """What each unknown changes of them over its unit, (C, P, 6)."""
         return self._response.along(changes.contact.nodes, changes.linear)
 
-    def _predicted(self, object_: Array, poses: Array) -> tuple[PosedContact, list[Array]]:
-        """Contact in the last key frame, and shifts of all pairs in each."""
-        contact, before, out = self._way.untouched(object_), np.zeros(MOVING), []
-        for pose in poses:
-            contact = self._way.step(contact, object_, before, pose)
+    def _predicted(
+        self, object_: Array, poses: Array, alike: list[PosedContact] | None = None
+    ) -> tuple[list[PosedContact], list[Array]]:
+        """Contact in each key frame, and shifts of all pairs in it.
+
+        Parameters
+        ----------
+        alike: contacts near those
+        """
+        contact, before = self._way.untouched(object_), np.zeros(MOVING)
+        contacts, seen = [], []
+        for k, pose in enumerate(poses):
+            near = alike[k] if alike else None
+            contact = self._way.step(contact, object_, before, pose, near)
             before = pose
-            out.append(self._seen(contact))
-        return contact, out
+            contacts.append(contact)
+            seen.append(self._seen(contact))
+        return contacts, seen
 
     def _whole_way(
-        self, object_: Array, poses: Array
-    ) -> tuple[PosedContact, Changes, list[Array], list[Array]]:
-        """Last contact and its changes; slopes (12, P, 6) and shifts (P, 6) in each key frame."""
+        self, object_: Array, poses: Array, alike: list[PosedContact] | None = None
+    ) -> tuple[list[PosedContact], Changes, list[Array], list[Array]]:
+        """Contact, slopes (12, P, 6) and shifts (P, 6) in each key frame; changes of the last."""
         contact, before = self._way.untouched(object_), np.zeros(MOVING)
         changes: Changes | None = None
-        slopes, predicted = [], []
-        for pose in poses:
-            contact, changes = self._way.step_and_changes(contact, changes, object_, before, pose)
+        contacts, slopes, predicted = [], [], []
+        for k, pose in enumerate(poses):
+            near = alike[k] if alike else None
+            contact, changes = self._way.step_and_changes(
+                contact, changes, object_, before, pose, alike=near
+            )
             before = pose
+            contacts.append(contact)
             slopes.append(self._slopes(changes))
             predicted.append(self._seen(contact))
         assert changes is not None
-        return contact, changes, slopes, predicted
+        return contacts, changes, slopes, predicted
 
     def _moved(self, object_: Array, poses: Array, step: Array) -> tuple[Array, Array]:
         moved = object_ + self.units[MOVING:] * step[: len(OBJECT)]

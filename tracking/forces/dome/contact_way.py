@@ -65,7 +65,12 @@ class ContactWay:
         return self._contacts.untouched(rotation[0], place[0])
 
     def step(
-        self, contact: PosedContact, object_: Array, before: Array, after: Array
+        self,
+        contact: PosedContact,
+        object_: Array,
+        before: Array,
+        after: Array,
+        alike: PosedContact | None = None,
     ) -> PosedContact:
         """Contact at the next pose, in parts where it is far.
 
@@ -73,6 +78,7 @@ class ContactWay:
         ----------
         object_: unknowns of the object, shape (8,)
         before, after: poses, shape (4,)
+        alike: contact near the one that is sought
 
         Raises
         ------
@@ -83,7 +89,8 @@ class ContactWay:
         contact = self._look(contact, solid, object_, after)
         for there in self._parts(before, after):
             pose = poses_of(self.dome, object_[None], there[None])
-            contact = self._contacts.step(contact, solid, pose[0][0], pose[1][0])
+            near = alike if there is after else None
+            contact = self._contacts.step(contact, solid, pose[0][0], pose[1][0], near)
         return contact
 
     def step_and_changes(
@@ -94,6 +101,7 @@ class ContactWay:
         before: Array,
         after: Array,
         unknowns: tuple[int, ...] = tuple(range(UNKNOWNS)),
+        alike: PosedContact | None = None,
     ) -> tuple[PosedContact, Changes]:
         """Contact at the next pose, and what each unknown changes of it.
 
@@ -102,6 +110,7 @@ class ContactWay:
         contact: before the step
         history: what the unknowns of the object changed of it; None is nothing
         unknowns: that are changed; all of them where there is a history
+        alike: as of `step`
 
         Raises
         ------
@@ -130,9 +139,11 @@ class ContactWay:
         for there in self._parts(before, after):
             rotation, place = poses_of(self.dome, objects, places)
             start = replace(start, rotation=rotation, place=place)
-            places = there + moves * float((there == after).all())
+            end = there is after
+            places = there + moves * float(end)
             rotation, place = poses_of(self.dome, objects, places)
-            contact = self._contacts.step(contact, solids[0], rotation[0], place[0])
+            near = alike if end else None
+            contact = self._contacts.step(contact, solids[0], rotation[0], place[0], near)
             every = self._contacts.changed(start, contact, own, rotation, place, 1.0 / _SMALL)
             start = self._beside(contact, every)
         return contact, Changes(contact=contact, changed=every)
