@@ -60,8 +60,9 @@ _SAME = 0.5
 _ROUNDS, _FEW_ROUNDS = 25, 8
 #: Rounds of a rival: of a better one there are more in the next turn.
 _RIVAL_ROUNDS = 4
-#: An object is fitted anew at least once in so many key frames that would change what is told.
-_SELDOM = 1
+#: An object is fitted anew at least once in so many key frames that would change what is told, and
+#: so many fits in vain make them rarer.
+_SELDOM, _PATIENCE = 8, 3
 #: A rival is worth looking for more if its cost is so much less, in squared deviations.
 _WORTH = 1.0
 #: Mean square of what is left at which other objects are tried, or so many times that of the
@@ -116,7 +117,7 @@ class ContactReading:
         self.last: Solution | None = None
         self._now: Followed | None = None
         self._covariance = np.zeros((7, 7))
-        self._rivals, self._refits = Rivals(self.dome), Seldom(1, _SELDOM)
+        self._rivals, self._refits = Rivals(self.dome), Seldom(1, _SELDOM, _PATIENCE)
         self._doubtful = _DOUBTFUL
         self._refused: Shifts | None = None
         #: Whether the last object is none that is read. It is followed: it may become one again.

@@ -83,7 +83,7 @@ class Rivals:
 
     def __init__(self, dome: Dome) -> None:
         self.dome = dome
-        self._turn, self._often = 0, Seldom(_OFTEN, _SELDOM)
+        self._turn, self._often = 0, Seldom(_OFTEN, _SELDOM, len(_RIVALS))
 
     def next(self, solution: Solution) -> Start | None:
         """The next start, once in a while and if it may be the true one; None else."""
@@ -109,7 +109,7 @@ class Rivals:
 
     def tried(self, better: bool) -> None:
         """Say whether the last start was better."""
-        self._often.tried(better, rarer=self._turn % len(_RIVALS) == 0)
+        self._often.tried(better)
 
 
 def _light(dome: Dome) -> Array:

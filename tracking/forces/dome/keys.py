@@ -43,21 +43,24 @@ class Seldom:
     Parameters
     ----------
     first, most: chances from one try to the next, at first and at last
+    patience: tries in vain after which there are twice as many from one to the next
     """
 
-    def __init__(self, first: int, most: int) -> None:
-        self._first, self._most = first, most
+    def __init__(self, first: int, most: int, patience: int) -> None:
+        self._first, self._most, self._patience = first, most, patience
         self._wait = self._left = first
+        self._vain = 0
 
     def due(self) -> bool:
         """Whether to take this chance."""
         self._left -= 1
         return self._left <= 0
 
-    def tried(self, better: bool, rarer: bool = True) -> None:
-        """Say whether a try was of use, and whether the next one may be later if it was not."""
+    def tried(self, better: bool) -> None:
+        """Say whether a try was of use."""
+        self._vain = 0 if better else self._vain + 1
         if better:
             self._wait = self._first
-        elif rarer:
+        elif self._vain % self._patience == 0:
             self._wait = min(2 * self._wait, self._most)
         self._left = self._wait
