@@ -5,6 +5,7 @@ the whole way: what it has changed of the history is carried on. A pose changes 
 what it changes later, by friction, is left out of the derivatives and not of the way.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -172,7 +173,10 @@ class ContactWay:
 
     def _parts(self, before: Array, after: Array) -> Iterator[Array]:
         """Poses on the way from one to another, and that one."""
-        way = float(abs(after[: PRESS + 1] - before[: PRESS + 1]).max())
+        move = after[: PRESS + 1] - before[: PRESS + 1]
+        # The length along the skin, not its larger component: friction knows how many parts there
+        # are, and must not know which way x points.
+        way = max(math.hypot(*move[:PRESS]), abs(float(move[PRESS])))
         parts = int(np.clip(np.ceil(way / (_PART * self.dome.thickness)), 1, _MOST))
         for part in range(1, parts):
             yield before + part / parts * (after - before)
