@@ -38,7 +38,7 @@ SPARSE = FitSettings(rows=2, limit=0.1)
 QUICK = FitSettings(rows=2, limit=0.2)
 
 #: A fit of the colours helped where it lowers the misfit to less than this share.
-_BETTER = 0.9
+_BETTER = 0.98
 #: Newly lost markers that have all markers detected anew: more than this number …
 _FEW = 3
 #: … and more than this share.
@@ -182,16 +182,21 @@ def _tuned(
     It is time when the pairs are explained worse than before, and now and then while they are
     explained worse than by noise alone.
     """
-    if look.fits.typical > WORSE * memory.typical:
+    least = 1.0
+    waited, patience = memory.waited + 1, memory.patience
+
+    def is_time(typical: float) -> bool:
+        return typical > WORSE * memory.typical or (typical > WORSE and waited > patience)
+
+    tried = is_time(look.fits.typical)
+    if tried:
         # Templates explain less as the pairs move on, which no colours change.
         forget(memory.templates)
         fresh = known.fit.fit(image, look.fits.state.unsloped(), STEPS)
         look = better(look, judge(known, memory, image, fresh, start))
+        tried = is_time(look.fits.typical)
     typical = look.fits.typical
-    least = 1.0
-    waited, patience = memory.waited + 1, memory.patience
     worse = typical > WORSE * memory.typical
-    tried = worse or (typical > WORSE and waited > patience)
     if tried:
         waited, patience = 0, PATIENCE if worse else 2 * patience
         fits = tune(known.fit, image, look.fits, memory.start.fits, STEPS)
