@@ -17,7 +17,15 @@ from ...tracks import Tracks
 from ..reconstructors import NoEstimateError
 from ..shifts import MEASURED
 from .code_kernels import left_over, typical_variance, whitened
-from .noise_level import NOISE_CHANGE, NoiseLevel, VagueSizes, Weights, noise_level, vague_sizes
+from .noise_level import (
+    NOISE_CHANGE,
+    NoiseLevel,
+    VagueSizes,
+    Weights,
+    changed,
+    noise_level,
+    vague_sizes,
+)
 from .readout import SIZE_CHANGE
 from .specimen import SIZES, Specimen, aligned
 
@@ -56,19 +64,21 @@ _LEAST_TURN = np.deg2rad(0.7)
 _CERTAIN_TURN = 3.0
 #: Changes of the azimuth in one frame.
 _TURNS = 6
-#: Lost measurements over unknowns below which a covariance is updated, not computed anew.
-_FEW = 0.5
 #: Part of the noise's variance that is added before a logarithm: less says nothing.
 _LEAST = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
-    """Covariance (U, U) of the unknowns from some pairs (P,) by some weights."""
+    """Covariance (U, U) of the unknowns from some pairs (P,) by some weights.
+
+    `excess` is that of the codes beyond training, shape (K, K).
+    """
 
     weights: Weights
     pairs: Mask
     covariance: Array
+    excess: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,11 +216,6 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
             f"the markers move as no trained press moves them: χ² is {misfit:.0f} a measurement, "
             f"{_UNLIKE:g} at most is allowed"
         )
-    excess = noise.excess
-    whole = noise.weights.covariance
-    if fit.posterior.covariance is not whole:
-        change = fit.posterior.covariance - whole
-        excess = excess + (noise.unshrink[:, None] * change * noise.unshrink)[:count, :count]
     odd = fit.unknowns[count : -len(SIZES)]
     unit = noise.odd_unit
     missed = fit.missed if every else fit.missed * fit.pairs[:, None]
@@ -220,7 +225,7 @@ def trained_codes(specimen: Specimen, fit: Fit, noise: NoiseLevel) -> Codes:
         value=fit.unknowns[:count],
         variance=noise.variance,
         constant_variance=noise.constant_variance,
-        excess=excess,
+        excess=fit.posterior.excess,
         context=np.append(
             specimen.smooth.statistics(residual, fit.pairs), odd_statistic(odd / unit, axis=0)
         ),
@@ -312,17 +317,18 @@ class _Solver:
 
     def _posterior(self, pairs: Mask) -> Posterior:
         weights, before = self.weights, self.before
-        if pairs.all():
-            return Posterior(weights=weights, pairs=pairs, covariance=weights.covariance)
         if before is not None and before.weights is weights and np.array_equal(before.pairs, pairs):
             return before
-        rows = weights.rows.reshape(len(pairs), MEASURED, -1)[~pairs]
-        lost = rows.reshape(-1, rows.shape[2]).astype(float)
-        if len(lost) < _FEW * len(weights.covariance):
+        covariance = weights.covariance
+        if not pairs.all():
             # What the lost pairs told is taken back.
-            gain = lost @ weights.covariance
-            left = np.eye(len(lost)) - gain @ lost.T
-            covariance = weights.covariance + gain.T @ np.linalg.solve(left, gain)
-        else:
-            covariance = np.asarray(np.linalg.inv(weights.information - lost.T @ lost))
-        return Posterior(weights=weights, pairs=pairs, covariance=covariance)
+            lost = weights.rows.reshape(len(pairs), MEASURED, -1)[~pairs].astype(float)
+            _, covariance = changed(
+                weights, lost, np.broadcast_to(-np.eye(MEASURED), (*lost.shape[:2], MEASURED))
+            )
+        return Posterior(
+            weights=weights,
+            pairs=pairs,
+            covariance=covariance,
+            excess=self.noise.excess_of(covariance),
+        )

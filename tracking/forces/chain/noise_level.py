@@ -24,6 +24,8 @@ _DETERMINED = 0.7
 NOISE_CHANGE = 0.25
 #: … and those of single pairs where the variance of a log size is more than this many times theirs.
 _VAGUER = 4.0
+#: Measurements of pairs over unknowns up to which a covariance is updated, not computed anew.
+_FEW = 0.5
 #: Directions of codes whose variance is more than this many times the median's widen the interval.
 _NOISIER = 2.0
 
@@ -77,6 +79,15 @@ class NoiseLevel:
     excess: Array
     across_variance: float
     odd_unit: Array
+
+    def excess_of(self, covariance: Array) -> Array:
+        """The same where the unknowns have another covariance (U, U) than by `weights`."""
+        if covariance is self.weights.covariance:
+            return self.excess
+        count = len(self.excess)
+        change = (covariance - self.weights.covariance)[:count, :count]
+        factor = self.unshrink[:count]
+        return np.asarray(self.excess + factor[:, None] * change * factor)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,23 +174,46 @@ def vague_sizes(
     shifts, pairs = specimen.shifts, np.empty_like(visible)
     if not find_vague(tracks.covariance, shifts.pairs, visible, noise.sizes, _VAGUER, pairs):
         return None
+    if before is not None and not (pairs & ~before.pairs).any():
+        # Pairs at the bound come and go: those that are surer again are weighed as before.
+        now = shifts.covariance(tracks, pairs).diagonal(axis1=1, axis2=2)
+        then = before.variances[pairs[before.pairs]]
+        if (abs(now - then) < NOISE_CHANGE * then).all():
+            return before
     covariance = shifts.covariance(tracks, pairs)
     variances = covariance.diagonal(axis1=1, axis2=2)
-    if before is not None and np.array_equal(pairs, before.pairs):
-        change = abs(variances - before.variances)
-        if (change < NOISE_CHANGE * before.variances).all():
-            return before
-    whiten, unknowns = noise.weights.whiten.copy(), noise.aligned.loadings.shape[2]
-    rows = noise.weights.rows.reshape(len(pairs), MEASURED, unknowns).copy()
-    sure = rows[pairs].reshape(-1, unknowns).astype(float)
+    weights, loadings = noise.weights, noise.aligned.loadings[pairs]
     own = np.linalg.inv(np.linalg.cholesky(covariance + noise.constant[pairs]))
-    vague = (own @ noise.aligned.loadings[pairs]).reshape(sure.shape)
-    whiten[pairs], rows[pairs] = own, vague.reshape(-1, MEASURED, unknowns)
-    information = noise.weights.information - sure.T @ sure + vague.T @ vague
-    weights = Weights(
-        whiten=whiten,
-        rows=rows.reshape(-1, unknowns),
-        information=information,
-        covariance=np.asarray(np.linalg.inv(information)),
-    )
-    return VagueSizes(pairs=pairs, variances=variances, weights=weights)
+    usual = weights.whiten[pairs].astype(float)
+    unknowns = loadings.shape[2]
+    whiten, rows = weights.whiten.copy(), weights.rows.copy()
+    whiten[pairs] = own
+    rows.reshape(len(pairs), MEASURED, unknowns)[pairs] = own @ loadings
+    change = np.swapaxes(own, 1, 2) @ own - np.swapaxes(usual, 1, 2) @ usual
+    information, covariance = changed(weights, loadings, change)
+    vague = Weights(whiten=whiten, rows=rows, information=information, covariance=covariance)
+    return VagueSizes(pairs=pairs, variances=variances, weights=vague)
+
+
+def changed(weights: Weights, rows: Array, change: Array) -> tuple[Array, Array]:
+    """Information and covariance of all unknowns once V pairs say more or less of them.
+
+    Parameters
+    ----------
+    weights: before
+    rows: of these pairs, shape (V, 6, U)
+    change: of their inverse covariance in the units of `rows`, shape (V, 6, 6)
+
+    Returns
+    -------
+    Both of shape (U, U).
+    """
+    flat, weighed = (x.reshape(-1, rows.shape[2]) for x in (rows, change @ rows))
+    information = weights.information + flat.T @ weighed
+    if len(flat) > _FEW * rows.shape[2]:
+        return information, np.asarray(np.linalg.inv(information))
+    # By the formula of Woodbury.
+    gain = weighed @ weights.covariance
+    left = np.eye(len(flat)) + gain @ flat.T
+    told = weights.covariance @ flat.T
+    return information, np.asarray(weights.covariance - told @ np.linalg.solve(left, gain))
