@@ -84,7 +84,8 @@ def paint_tiles(
     ----------
     image: sRGB, drawn into, shape (H, 3·W)
     clear: sRGB without markers, shape (H, 3·W)
-    ground: linear light without markers, not negative, shape (H, 3·W, to whole tiles)
+    ground: linear light without markers, not negative, of each tile, shape (T, TILE, 3·TILE):
+        a tile's is read in one piece
     numbers, boxes: of `prepare`, two layers
     spans, left, hidden: of `update_pairs`
     encoding: `colour.encoding_table()`
@@ -143,7 +144,7 @@ def paint_tiles(
                     )  # fmt: skip
                 else:
                     _absorb(k, x0, y0, y1, boxes, spans, left, light, touched)
-            _finish(image, clear, ground, x0, y0, y1, light, touched, encoding, place)
+            _finish(image, clear, ground[t], x0, y0, y1, light, touched, encoding, place)
 
 
 @njit()
@@ -159,7 +160,7 @@ def _finish(
     encoding: NDArray[np.uint8],
     place: NDArray[np.uint32],
 ) -> None:
-    """Encode the tile at (x0, y0); where no marker is, it is that of `clear`."""
+    """Encode the tile at (x0, y0) with its ground; where no marker is, it is that of `clear`."""
     most, half = np.float32(encoding.shape[0] - 1), np.float32(0.5)
     # Unsigned indices need no check for negative ones: these loops vectorise.
     start, wide = np.uint64(3 * x0), np.uint64(3 * LANES)
@@ -172,7 +173,7 @@ def _finish(
                 image[y, start + j] = clear[y, start + j]
             continue
         for j in range(np.uint64(light.shape[1])):  # with its number it would not be vector code
-            value = ground[y, start + j] * light[y - y0, j]  # dyes add no light
+            value = ground[y - y0, j] * light[y - y0, j]  # dyes add no light
             place[j] = np.uint32(np.int32(value * most + half))
         for h in range(np.uint64(TILE // LANES)):
             first = wide * h

@@ -36,8 +36,7 @@ class Painter:
         self._redraw = redraw
         self._encoding = encoding_table()
         ground = ground_image(sensor)
-        spare = -ground.shape[1] % TILE
-        self._ground = np.pad(ground.reshape(len(ground), -1), ((0, 0), (0, 3 * spare)))
+        self._ground = _in_tiles(ground)
         self._clear = np.empty(ground.shape, dtype=np.uint8)
         encode(ground, self._encoding, self._clear)
         self._image = self._clear.copy()
@@ -133,6 +132,15 @@ def coverage_image(
     room, image = _Room(boxes, 1), np.zeros(size, dtype=np.float32)
     union(numbers, boxes, width, square, room.ramp, room.covered, room.spans, image)
     return image
+
+
+def _in_tiles(ground: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Image (H, W, 3) tile by tile, row after row of them, filled up with 0: (T, TILE, 3·TILE)."""
+    spare = [(0, -size % TILE) for size in ground.shape[:2]]
+    rows = np.pad(ground, (*spare, (0, 0))).reshape(
+        -1, TILE, (ground.shape[1] + spare[1][1]) // TILE, 3 * TILE
+    )
+    return np.ascontiguousarray(np.swapaxes(rows, 1, 2)).reshape(-1, TILE, 3 * TILE)
 
 
 class _Room:
