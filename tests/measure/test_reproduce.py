@@ -96,7 +96,8 @@ def as_printed(scale: float = 1.0) -> Runs:
             slip = 1.3 if name == "react-to-slip" else 0.0
             cells[job] = cell(job, scale * value, slip)
             ours = object_job(name, obj, OURS)
-            cells[ours] = cell(ours, 2.0 * scale * value, 2.0 * slip)
+            if ours != job:  # those of flat objects are the same
+                cells[ours] = cell(ours, 2.0 * scale * value, 2.0 * slip)
     return Runs(cells)
 
 
@@ -205,9 +206,13 @@ def test_cells_as_printed_reproduce_and_others_differ_by_how_much() -> None:
     assert sum(not check.agrees for check in section.checks) == 6
     # Surfaces that travel have a line and rows of their own.
     (line,) = (line for line in section.extra_tables[0].lines if line[0] == OURS.text)
-    assert line[3].startswith("1102 ± 229 (+120.0")
+    runs = as_printed(1.1)
+    ours = [runs.cells[object_job("react-to-slip", obj, OURS)].pressure for obj in OBJECTS]
+    # Twice as much but for the nine flat objects.
+    assert 1.1 * 501.0 < np.mean(ours) < 2.2 * 501.0
+    assert line[3].startswith(f"{np.mean(ours):.0f} ± {np.std(ours, ddof=1):.0f} (")
     found = {(*row.subject, row.score): row.value for row in section.rows}
-    assert found["table-2", "travels", "react-to-slip", "mean"] == pytest.approx(2.2 * 501.0)
+    assert found["table-2", "travels", "react-to-slip", "mean"] == pytest.approx(np.mean(ours))
     assert found["table-2", "travels", "react-to-slip", "largest_displacement"] == 2.6
 
 
@@ -438,6 +443,41 @@ def test_the_camera_adds_its_own_runs_and_no_others() -> None:
     assert {job.values["path"] for job in more} == {"camera"}
     # Conservative Control looks at nothing.
     assert "conservative" not in {job.values["controller"] for job in more}
+
+
+def test_a_flat_object_is_run_once_whether_or_not_surfaces_travel() -> None:
+    jobs = set(object_jobs(None, [OURS]))
+    assert len(jobs) == 81 + 54
+    flat = (0.5, 32.0, math.inf)
+    values = object_job("react-to-slip", flat).values
+    runs = run_jobs(
+        [
+            make_job(values["controller"], values | {"object.surface": surface})
+            for surface in ("stays", "travels")
+        ],
+        [],
+        None,
+        1,
+        silent,
+    )
+    stays, travels = (replace(found, changes="") for found in runs.cells.values())
+    assert stays == travels
+
+
+def test_a_quick_run_says_what_it_leaves_out() -> None:
+    seen = {job for job in object_jobs("thesis", [], quick=True) if "camera" in job.changes}
+    assert len(seen) == 2 * 3
+    runs = as_printed()
+    cells = {job: cell(job, 500.0, 0.1) for job in seen}
+    section = table_2(Runs(runs.cells | cells), "thesis", [], quick=True)
+    assert any("3 of the 27 objects through the camera" in note for note in section.notes)
+    held = [row for row in section.rows if row.score == "held"]
+    assert [(row.value, row.unit) for row in held] == [(3, "of 3")] * 2
+    # The mean of three objects is not put beside the thesis's of 27.
+    lines = [line[0] for line in section.extra_tables[0].lines]
+    assert not any("camera" in line or line == OURS.text for line in lines)
+    assert not any("travels" in row.subject for row in section.rows)
+    assert "travel" in table_2(runs, None, [], quick=True).notes[-1]
 
 
 @pytest.mark.parametrize(

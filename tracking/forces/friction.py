@@ -220,7 +220,8 @@ class FrictionEstimate:
         mean, held = average.mean, memory.held
         trusted = [reading for reading in readings if reading.may_fall]
         if len(trusted) > _MAJORITY * len(readings):
-            mean = held = _average(trusted, weighted).mean
+            fallen = len(trusted) < len(readings)
+            mean = held = _average(trusted, weighted).mean if fallen else average.mean
         else:
             if full:  # the first few frames are too noisy to be held on to
                 stated = 0.0 if math.isnan(average.stated) else average.stated
@@ -262,12 +263,16 @@ def _average(readings: Sequence[_Reading], weighted: bool) -> _Average:
     In plain floats, which are several times faster than arrays of so few numbers.
     """
     count = len(readings)
-    weights = [reading.deviation**-2.0 if weighted else 1.0 for reading in readings]
+    values = [reading.value for reading in readings]
+    plain = math.fsum(values) / count
+    squares = math.fsum([(value - plain) ** 2 for value in values])
+    scatter = math.sqrt(squares / (count - 1)) if count > 1 else math.nan
+    if not weighted:
+        return _Average(mean=plain, scatter=scatter, stated=math.nan)
+    weights = [reading.deviation**-2.0 for reading in readings]
     total = math.fsum(weights)
-    plain = math.fsum(reading.value for reading in readings) / count
-    squares = math.fsum((reading.value - plain) ** 2 for reading in readings)
     return _Average(
-        mean=math.fsum(w * r.value for w, r in zip(weights, readings, strict=True)) / total,
-        scatter=math.sqrt(squares / (count - 1)) if count > 1 else math.nan,
-        stated=math.sqrt(count / total) if weighted else math.nan,
+        mean=math.fsum([w * value for w, value in zip(weights, values, strict=True)]) / total,
+        scatter=scatter,
+        stated=math.sqrt(count / total),
     )

@@ -120,7 +120,7 @@ def run(
         require("data", "video", purpose="writing a run folder")
     with ExitStack() as stack, one_thread():
         camera = None
-        if scene.path == "camera" or scene.body == "chain" or out is not None:
+        if scene.path == "camera" or out is not None:
             camera = stack.enter_context(closing(open_camera(scene, methods)))
         if out is None:
             return _record(scene, methods, camera, known, read_with, None, progress, within)

@@ -17,6 +17,7 @@ from .figure_16_table_2 import OURS, figure_16, object_jobs, table_2
 from .figure_17 import figure_17, setting_jobs
 from .figures_9_to_11 import figure_9, figure_10, figure_11
 from .figures_13_to_15 import figure_13, figure_14, figure_15, validation_jobs
+from .quick import left_out
 from .runs import BLUNTER, SWEEP, UNFINISHED, UNPRINTED, Job, Runs, Variant, run_jobs
 from .statements import Section
 
@@ -27,7 +28,7 @@ class Plan:
 
     Attributes
     ----------
-    quick: no sweep of unprinted parameters, fewer settings
+    quick: no sweep of unprinted parameters, fewer settings, see `left_out` for Table 2
     camera: scene at whose rate the grasps also go through the camera; None for the truth path only
     """
 
@@ -44,6 +45,12 @@ class Plan:
         """The same for Table 2."""
         return [] if self.quick else [*SWEEP, BLUNTER]
 
+    @property
+    def objects(self) -> list[Job]:
+        """Jobs of Table 2."""
+        variants = [] if self.quick else [OURS, *self.sweep_of_objects]
+        return object_jobs(self.camera, variants, self.quick)
+
 
 #: Function that makes the sections of each figure or table from the runs.
 PARTS: dict[str, Callable[[Runs, Plan], list[Section]]] = {
@@ -54,7 +61,7 @@ PARTS: dict[str, Callable[[Runs, Plan], list[Section]]] = {
     "figure-14": lambda runs, plan: [figure_14(runs, plan.camera, plan.sweep)],
     "figure-15": lambda runs, plan: [figure_15(runs, plan.camera)],
     "figure-16": lambda runs, plan: [figure_16(runs)],
-    "table-2": lambda runs, plan: [table_2(runs, plan.camera, plan.sweep_of_objects)],
+    "table-2": lambda runs, plan: [table_2(runs, plan.camera, plan.sweep_of_objects, plan.quick)],
     "figure-17": lambda runs, plan: [figure_17(runs, plan.quick, plan.sweep)],
     "appendix-b": lambda runs, plan: appendix_b(),
 }
@@ -66,7 +73,7 @@ _TRACED: dict[str, Callable[[Plan], list[Job]]] = dict.fromkeys(
 #: Runs of the parts that need their results only.
 _SUMMED: dict[str, Callable[[Plan], list[Job]]] = {
     "figure-16": lambda plan: object_jobs(None, []),
-    "table-2": lambda plan: object_jobs(plan.camera, [OURS, *plan.sweep_of_objects]),
+    "table-2": lambda plan: plan.objects,
     "figure-17": lambda plan: setting_jobs(plan.quick, plan.sweep),
 }
 
@@ -106,11 +113,12 @@ def reproduce(
     for name in parts:
         progress(name)
         sections += PARTS[name](runs, plan)
+    less = (left_out(plan.camera),) if plan.quick and "table-2" in parts else ()
     verdicts = tuple((s.heading, s.title, s.verdict) for s in sections)
     report = Report(
         rows=tuple(row for section in sections for row in section.rows),
         tables=(Table(("figure", "title", "verdict"), verdicts),),
-        notes=tuple(f"{s.heading}: {s.sentence}" for s in sections),
+        notes=tuple(f"{s.heading}: {s.sentence}" for s in sections) + less,
         quick=plan.quick,
     )
     if out is not None and unfinished is not None:
@@ -139,7 +147,8 @@ def _write(sections: list[Section], report: Report, plan: Plan, out: Path) -> No
         if plan.camera
         else "nothing went through the camera; --camera adds it"
     )
-    quick = "A quick run: fewer settings, no sweep of unprinted parameters. " if plan.quick else ""
+    less = "Also fewer settings, and no sweep of unprinted parameters. "
+    quick = f"{left_out(plan.camera)} {less}" if plan.quick else ""
     introduction = [
         Markup(
             "C. Langens, <i>Controlling grip force by maintaining a constant frictional safety "
