@@ -182,6 +182,12 @@ class PosedContacts:
             )  # fmt: skip
         return replace(last._made(moved), nodes=self.near)
 
+    def known(self, contact: PosedContact) -> PosedContact | None:
+        """A contact on the nodes that are looked at now; None unless it is known on all of them."""
+        if contact.nodes is not self.near and not np.isin(self.near, contact.nodes).all():
+            return None
+        return self.onto(contact)
+
     def step(
         self,
         last: PosedContact,

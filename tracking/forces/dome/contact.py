@@ -21,7 +21,8 @@ from ..friction import Z90
 from ..reconstructors import NoEstimateError
 from ..shifts import MarkerShifts
 from ..silicone_values import ON_CORE
-from .contact_fit import ContactFit, Followed, Solution
+from .contact_fit import ContactFit
+from .contact_solution import Followed, Solution
 from .contact_starts import Rivals, Start, light_press, other_objects, start_from_rest
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT
 from .contact_way import sums_of
@@ -207,7 +208,7 @@ class ContactReading:
     def _again(self, held: Solution) -> Solution:
         """The object fitted anew to the key frames of a solution; the same where none is better."""
         try:
-            solution = self._fit.along_chord(held)
+            solution = self._fit.along_chord(held, held.misfit > self._doubtful)
         except UserError:
             solution = None
         if solution is None or solution.misfit > self._doubtful:

@@ -1,11 +1,13 @@
 """What a fit of a contact makes least, and its normal equations."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ....model import Dome
 from .contact_state import CURVES, HOLLOW, MOVING, OBJECT, moves_of, prior_of, units_of
-from .key_shifts import Shifts
+from .key_shifts import Explained
 
 Array = NDArray[np.float64]
 
@@ -30,37 +32,31 @@ class ContactCost:
     def _share(self, keys: int) -> float:
         return min(1.0, INDEPENDENT / keys)
 
-    def of(
-        self, shifts: list[Shifts], object_: Array, poses: Array, predicted: list[Array]
-    ) -> float:
-        """What a fit makes least, in squared deviations: what is left, and what is known before."""
-        seen = sum(s.loss(p) for s, p in zip(shifts, predicted, strict=True))
+    def of(self, losses: Sequence[float], object_: Array, poses: Array) -> float:
+        """What a fit makes least, in squared deviations: what is left, and what is known before.
+
+        Parameters
+        ----------
+        losses: see `Shifts.loss`, of each key frame
+        """
         off = (object_ - self._prior.mean) / self._prior.deviation
         hollow = np.minimum(object_[CURVES], 0.0)[:2] / self._hollow
         moves = np.diff(poses, axis=0, prepend=0.0) / moves_of(self.dome, poses)
         known = float(off @ off + hollow @ hollow)
-        return self._share(len(shifts)) * seen + known + float((moves**2).sum())
+        return self._share(len(losses)) * sum(losses) + known + float((moves**2).sum())
 
     def normal(
-        self,
-        shifts: list[Shifts],
-        object_: Array,
-        poses: Array,
-        predicted: list[Array],
-        slopes: list[Array],
+        self, explained: Sequence[Explained], object_: Array, poses: Array
     ) -> tuple[Array, Array]:
         """Information and gradient of the object, then of each pose, over their units."""
         first = len(OBJECT)
         size = first + MOVING * len(poses)
         information, gradient = np.zeros((size, size)), np.zeros(size)
-        share = self._share(len(shifts))
-        for k, (frame, seen, slope) in enumerate(zip(shifts, predicted, slopes, strict=True)):
+        share = self._share(len(explained))
+        for k, each in enumerate(explained):
             own = np.r_[first + MOVING * k : first + MOVING * (k + 1), 0:first]
-            whole = frame.apply(slope[:, frame.used])
-            residual = frame.residual(seen)
-            weighted = share * whole * frame.weights(residual)
-            information[np.ix_(own, own)] += weighted @ whole.T
-            gradient[own] += weighted @ residual
+            information[own[:, None], own] += share * each.normal[0]
+            gradient[own] += share * each.normal[1]
         known = (self.units[MOVING:] / self._prior.deviation) ** 2
         information[:first, :first] += np.diag(known)
         gradient[:first] += known * (self._prior.mean - object_) / self.units[MOVING:]

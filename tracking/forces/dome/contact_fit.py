@@ -5,7 +5,8 @@ The object and the poses of a few key frames are fitted together, over the whole
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,8 @@ from ....errors import UserError
 from ....model import Dome
 from ....model.dome import PosedContact
 from .contact_cost import ContactCost
+from .contact_solution import Followed, Solution, tells_more
 from .contact_state import (
-    FRICTION,
     MOVING,
     OBJECT,
     limited_object,
@@ -24,8 +25,8 @@ from .contact_state import (
     moves_of,
     units_of,
 )
-from .contact_way import Changes, ContactWay, sums_of
-from .key_shifts import Key, Shifts
+from .contact_way import Changes, ContactWay
+from .key_shifts import Explained, Key, Shifts
 from .marker_response import DomeResponse
 
 Array = NDArray[np.float64]
@@ -37,62 +38,11 @@ _PROMISING = 2
 #: Rounds with the derivatives of a former solution, and how far the object may be from it: so many
 #: of the longest steps.
 _CHORDS, _NEAR = 3, 0.25
-#: Changes for which no object is fitted anew: of ln ΣFn, ln µ and Γ, small beside what the silicone
-#: and the friction law leave unsure; the same in their deviations; and the gain in squared
-#: deviations, over the misfit and the number of key frames.
-_LITTLE, _UNSURE, _TOLD = 0.003, 0.05, 50.0
 #: Places of the last pose and the object among the unknowns of several key frames.
 _LAST = np.r_[-MOVING:0, 0 : len(OBJECT)]
 #: Most steps of a pose that is followed, the gain below which it stays as it is, in squared
 #: deviations, and the share of the gain before above which slopes are made anew.
 _STEPS, _STILL, _SLOW = 4, 0.03, 0.1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Solution:
-    """An object and its poses, that explain key frames.
-
-    Attributes
-    ----------
-    object_: unknowns of the object, shape (8,)
-    keys: with their poses
-    slopes: of the shifts in each by the unknowns over their units, shapes (12, P, 6)
-    predicted: shifts of all pairs in each, shapes (P, 6)
-    contact: in the last of them
-    changes: of it by each unknown
-    covariance: of the pose in the last key frame and the object, shape (12, 12)
-    cost: what a fit makes least
-    misfit: mean square of what is left of the shifts, in deviations, odd pairs held down
-    typical: median over pairs that have moved of what is left of their shifts, squared
-    """
-
-    object_: Array
-    keys: tuple[Key, ...]
-    slopes: tuple[Array, ...]
-    predicted: tuple[Array, ...]
-    contact: PosedContact
-    changes: Changes
-    covariance: Array
-    cost: float
-    misfit: float
-    typical: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Followed:
-    """A contact that is followed with its object held.
-
-    Attributes
-    ----------
-    contact, pose: in the last frame
-    seen: shifts of all pairs in it, shape (P, 6)
-    slopes: of the shifts by the pose over its units, in that frame or a frame before, (4, P, 6)
-    """
-
-    contact: PosedContact
-    pose: Array
-    seen: Array
-    slopes: Array
 
 
 class ContactFit:
@@ -130,9 +80,10 @@ class ContactFit:
         poses = limited_pose(self.dome, np.stack([key.pose for key in keys]))
         shifts = [key.shifts for key in keys]
         damping = 1e-3
-        contacts, changes, slopes, predicted = self._whole_way(object_, poses)
-        cost = self._cost.of(shifts, object_, poses, predicted)
-        information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
+        contacts, seen = self._predicted(object_, poses)
+        explained, slopes, changes = self._explained(object_, poses, shifts, contacts, seen)
+        cost = self._cost.of([each.loss for each in explained], object_, poses)
+        information, gradient = self._cost.normal(explained, object_, poses)
         known = math.inf if rival_of is None else rival_of.cost
         for turn in range(rounds):
             if (
@@ -149,7 +100,7 @@ class ContactFit:
             except UserError:
                 damping = max(10.0 * damping, 1e-2)
                 continue
-            after = self._cost.of(shifts, *tried, seen)
+            after = self._cost.of(_losses(shifts, seen), *tried)
             if after >= cost:
                 damping *= 10.0
                 if damping > 1e3:
@@ -157,11 +108,12 @@ class ContactFit:
                 continue
             gain, cost, (object_, poses) = cost - after, after, tried
             damping = max(0.1 * damping, 1e-6)
-            contacts, changes, slopes, predicted = self._whole_way(object_, poses, reached)
-            information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
+            contacts = reached
+            explained, slopes, changes = self._explained(object_, poses, shifts, contacts, seen)
+            information, gradient = self._cost.normal(explained, object_, poses)
             if gain < _GAIN:
                 break
-        return self._solution(object_, poses, shifts, contacts[-1], changes, slopes, predicted)
+        return self._solution(object_, poses, explained, contacts[-1], changes, slopes)
 
     def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> tuple[Solution, bool]:
         """A solution with one more key frame and the same object, and whether that tells more.
@@ -179,100 +131,93 @@ class ContactFit:
         UserError
             When the contact does not converge.
         """
-        known = {
-            id(key.shifts): each
-            for key, *each in zip(last.keys, last.slopes, last.predicted, strict=True)
-        }
-        shifts = [key.shifts for key in keys]
+        before = {id(each.shifts): each for each in last.explained}
         object_, poses = last.object_, np.stack([key.pose for key in keys])
         _, changes = self._way.step_and_changes(
-            last.contact, last.changes, object_, last.keys[-1].pose, poses[-1]
+            last.contact, last.changes, object_, last.keys[-1].pose, poses[-1], alike=now.contact
         )
-        new = [self._slopes(changes), now.seen]
-        slopes, predicted = map(list, zip(*(known.get(id(s), new) for s in shifts), strict=True))
-        held = self._solution(object_, poses, shifts, now.contact, changes, slopes, predicted)
-        information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
+        slopes = self._slopes(changes)
+        new = _explained(keys[-1].shifts, now.seen, slopes)
+        explained = [before.get(id(key.shifts), new) for key in keys]
+        held = self._solution(object_, poses, explained, now.contact, changes, slopes)
+        information, gradient = self._cost.normal(explained, object_, poses)
         step = np.asarray(np.linalg.solve(information, gradient), np.float64)
         gain = float(gradient @ step)
         step = self.units * step[_LAST]
-        tells = self._tells(held, gain, step)
+        tells = tells_more(held, self.units, gain, step)
         # What the object is held against is unsure, too.
         return replace(held, covariance=held.covariance + np.outer(step, step)), tells
 
-    def _tells(self, held: Solution, gain: float, step: Array) -> bool:
-        """Whether a step of the last pose and the object changes what is told in the last frame.
+    def along_chord(self, held: Solution, doubtful: bool) -> Solution | None:
+        """As `fit_keys` near a solution, with its derivatives.
+
+        None is where the object becomes another one, so that they no longer hold. The way through
+        the key frames alone is not quite the one that has been followed: where no object promises
+        to explain them better along it, the solution is returned as it is.
 
         Parameters
         ----------
-        gain: of that step in all key frames, in squared deviations
-        """
-        sums, mu = sums_of(held.changes.contact), math.exp(held.object_[FRICTION])
-        slopes = np.zeros((3, MOVING + len(OBJECT)))  # of ln ΣFn, ln µ and Γ
-        normal, across = (sums_of(held.changes.changed) - sums).T / max(float(sums[0]), 1e-12)
-        slopes[0], slopes[1, MOVING + FRICTION] = normal / self.units, 1.0
-        share = float(sums[1]) / max(mu * float(sums[0]), 1e-12)
-        slopes[2] = share * (slopes[0] + slopes[1]) - across / (mu * self.units)
-        known = np.sqrt(np.diag(slopes @ held.covariance @ slopes.T))
-        much = abs(slopes @ step) > np.maximum(_UNSURE * known, _LITTLE)
-        return bool(much.any()) or gain > _TOLD * held.misfit * len(held.keys)
-
-    def along_chord(self, held: Solution) -> Solution | None:
-        """As `fit_keys` near a solution, with its derivatives.
-
-        None is where the object becomes another one, so that they no longer hold.
+        doubtful: whether the solution explains so little that anything is tried
 
         Raises
         ------
         UserError
             When the contact does not converge.
         """
-        shifts, slopes = [key.shifts for key in held.keys], list(held.slopes)
+        shifts = [key.shifts for key in held.keys]
         object_, poses = held.object_, np.stack([key.pose for key in held.keys])
-        contacts, predicted = self._predicted(object_, poses)
-        cost = self._cost.of(shifts, object_, poses, predicted)
+        contacts, seen = self._predicted(object_, poses)
+        explained = _seen_as(held.explained, seen)
+        cost = self._cost.of([each.loss for each in explained], object_, poses)
         for _ in range(_CHORDS):
-            information, gradient = self._cost.normal(shifts, object_, poses, predicted, slopes)
+            information, gradient = self._cost.normal(explained, object_, poses)
             step = np.asarray(np.linalg.solve(information, gradient), np.float64)
+            if cost - gradient @ step > held.cost and not doubtful:
+                return held
             tried = self._moved(object_, poses, step)
             moved = abs(tried[0] - held.object_) / self._longest[MOVING:]
             if self._length(step) > 1.0 or moved.max() > _NEAR:
                 return None
             reached, seen = self._predicted(*tried, contacts)
-            after = self._cost.of(shifts, *tried, seen)
+            after = self._cost.of(_losses(shifts, seen), *tried)
             if after > cost + _GAIN:
                 return None
             gain, cost = cost - after, after
-            (object_, poses), contacts, predicted = tried, reached, seen
+            (object_, poses), contacts = tried, reached
+            explained = _seen_as(held.explained, seen)
             if gain < _GAIN:
                 break
-        return self._solution(object_, poses, shifts, contacts[-1], held.changes, slopes, predicted)
+        return self._solution(
+            object_, poses, explained, contacts[-1], held.changes, held.slopes
+        )
 
     def _solution(
         self,
         object_: Array,
         poses: Array,
-        shifts: list[Shifts],
+        explained: list[Explained],
         contact: PosedContact,
         changes: Changes,
-        slopes: list[Array],
-        predicted: list[Array],
+        slopes: Array,
     ) -> Solution:
-        information, _ = self._cost.normal(shifts, object_, poses, predicted, slopes)
-        misfit = sum(s.cost(p) for s, p in zip(shifts, predicted, strict=True))
-        misfit /= sum(s.count for s in shifts)
-        typical = [s.typical(p) for s, p in zip(shifts, predicted, strict=True)]
+        information, _ = self._cost.normal(explained, object_, poses)
+        misfit = sum(each.cost for each in explained)
+        misfit /= sum(each.shifts.count for each in explained)
         inverse = np.linalg.inv(information)[np.ix_(_LAST, _LAST)]
         return Solution(
             object_=object_,
-            keys=tuple(Key(shifts=s, pose=p) for s, p in zip(shifts, poses, strict=True)),
-            slopes=tuple(slopes),
-            predicted=tuple(predicted),
+            keys=tuple(
+                Key(shifts=each.shifts, pose=pose)
+                for each, pose in zip(explained, poses, strict=True)
+            ),
+            explained=tuple(explained),
+            slopes=slopes,
             contact=contact,
             changes=changes,
             covariance=max(1.0, misfit) * inverse * np.outer(self.units, self.units),
-            cost=self._cost.of(shifts, object_, poses, predicted),
+            cost=self._cost.of([each.loss for each in explained], object_, poses),
             misfit=misfit,
-            typical=float(np.median(typical)),
+            typical=float(np.median([each.typical for each in explained])),
         )
 
     def last_of(self, solution: Solution) -> Followed:
@@ -281,7 +226,7 @@ class ContactFit:
             contact=solution.contact,
             pose=solution.keys[-1].pose,
             seen=self._seen(solution.contact),
-            slopes=solution.slopes[-1][:MOVING],
+            slopes=solution.slopes[:MOVING],
         )
 
     def follow(self, object_: Array, last: Followed, shifts: Shifts) -> tuple[Followed, float]:
@@ -303,7 +248,7 @@ class ContactFit:
             step, gain = self._pose_step(last.pose, pose, shifts, whole, seen)
             if gain > _SLOW * before and gain > _STILL and not fresh:
                 reached, changes = way.step_and_changes(
-                    last.contact, None, object_, last.pose, pose, moving, reached
+                    last.contact, None, object_, last.pose, pose, moving, reached, solved=True
                 )
                 slopes, fresh = self._slopes(changes), True
                 whole = shifts.apply(slopes[:, shifts.used])
@@ -370,24 +315,26 @@ class ContactFit:
             seen.append(self._seen(contact))
         return contacts, seen
 
-    def _whole_way(
-        self, object_: Array, poses: Array, alike: list[PosedContact] | None = None
-    ) -> tuple[list[PosedContact], Changes, list[Array], list[Array]]:
-        """Contact, slopes (12, P, 6) and shifts (P, 6) in each key frame; changes of the last."""
+    def _explained(
+        self,
+        object_: Array,
+        poses: Array,
+        shifts: list[Shifts],
+        contacts: list[PosedContact],
+        seen: list[Array],
+    ) -> tuple[list[Explained], Array, Changes]:
+        """What contacts show of key frames, slopes (12, P, 6) in the last and its changes."""
         contact, before = self._way.untouched(object_), np.zeros(MOVING)
         changes: Changes | None = None
-        contacts, slopes, predicted = [], [], []
-        for k, pose in enumerate(poses):
-            near = alike[k] if alike else None
+        explained = []
+        for frame, pose, reached, predicted in zip(shifts, poses, contacts, seen, strict=True):
             contact, changes = self._way.step_and_changes(
-                contact, changes, object_, before, pose, alike=near
+                contact, changes, object_, before, pose, alike=reached, solved=True
             )
-            before = pose
-            contacts.append(contact)
-            slopes.append(self._slopes(changes))
-            predicted.append(self._seen(contact))
+            before, slopes = pose, self._slopes(changes)
+            explained.append(_explained(frame, predicted, slopes))
         assert changes is not None
-        return contacts, changes, slopes, predicted
+        return explained, slopes, changes
 
     def _moved(self, object_: Array, poses: Array, step: Array) -> tuple[Array, Array]:
         moved = object_ + self.units[MOVING:] * step[: len(OBJECT)]
@@ -400,3 +347,17 @@ class ContactFit:
         on_object = abs(step[: len(OBJECT)] * share[MOVING:]).max()
         on_poses = abs(step[len(OBJECT) :].reshape(-1, MOVING) * share[:MOVING]).max()
         return float(max(on_object, on_poses))
+
+
+def _explained(shifts: Shifts, predicted: Array, slopes: Array) -> Explained:
+    whole = shifts.apply(slopes[:, shifts.used])
+    return Explained(shifts=shifts, predicted=predicted, whole=whole)
+
+
+def _seen_as(explained: Sequence[Explained], seen: list[Array]) -> list[Explained]:
+    """The same key frames with the same slopes, and other shifts of all pairs."""
+    return [replace(each, predicted=new) for each, new in zip(explained, seen, strict=True)]
+
+
+def _losses(shifts: list[Shifts], seen: list[Array]) -> list[float]:
+    return [frame.loss(predicted) for frame, predicted in zip(shifts, seen, strict=True)]

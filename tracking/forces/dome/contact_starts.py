@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....model import Dome
-from .contact_fit import ContactFit, Solution
+from .contact_fit import ContactFit
+from .contact_solution import Solution
 from .contact_state import CURVES, FRICTION, MOVING, PLACE, PRESS, STIFFNESS, prior_of
 from .key_shifts import Key, Shifts
 from .keys import Seldom

@@ -103,6 +103,7 @@ class ContactWay:
         after: Array,
         unknowns: tuple[int, ...] = tuple(range(UNKNOWNS)),
         alike: PosedContact | None = None,
+        solved: bool = False,
     ) -> tuple[PosedContact, Changes]:
         """Contact at the next pose, and what each unknown changes of it.
 
@@ -112,6 +113,7 @@ class ContactWay:
         history: what the unknowns of the object changed of it; None is nothing
         unknowns: that are changed; all of them where there is a history
         alike: as of `step`
+        solved: whether it is that contact itself
 
         Raises
         ------
@@ -144,7 +146,10 @@ class ContactWay:
             places = there + moves * float(end)
             rotation, place = poses_of(self.dome, objects, places)
             near = alike if end else None
-            contact = self._contacts.step(contact, solids[0], rotation[0], place[0], near)
+            known = self._contacts.known(near) if near is not None and solved else None
+            if known is None:
+                known = self._contacts.step(contact, solids[0], rotation[0], place[0], near)
+            contact = known
             every = self._contacts.changed(start, contact, own, rotation, place, 1.0 / _SMALL)
             start = self._beside(contact, every)
         return contact, Changes(contact=contact, changed=every)
