@@ -73,6 +73,7 @@ class AtRest:
     relocator: finds the markers without knowing where they were
     state: of the pairs
     misfit: of the pairs, 0 where none was found, shape (M,)
+    typical: median misfit, at least 1
     odd: pairs that no disc explains; they shade others, and are not looked for, shape (M,)
     pitch: typical distance to the nearest other marker [px]
     shape: of an image
@@ -86,6 +87,7 @@ class AtRest:
     relocator: Relocator
     state: PairState
     misfit: Array
+    typical: float
     odd: Mask
     pitch: float
     shape: tuple[int, ...]
@@ -189,6 +191,7 @@ def _at_rest(
         relocator=Relocator(rest, palette),
         state=found.state,
         misfit=np.where(np.isfinite(found.misfit), found.misfit, 0.0),
+        typical=max(1.0, found.typical),
         odd=np.isfinite(found.misfit) & ~visible_markers(found).any(axis=1),
         pitch=rest.pitch,
         shape=rest.image.shape,

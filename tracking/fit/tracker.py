@@ -95,7 +95,7 @@ class MarkerTracker:
             visible=visible,
             intact=visible,
             last_seen=np.where(visible.T, rest[-1].time, np.nan)[: known.layers],
-            typical=max(1.0, fits.typical),
+            typical=known.typical,
         )
         look = surveyed(known, self._memory, fits)
         tracks = _tracks(known, self._memory, rest[-1], look, np.zeros_like(visible))
@@ -180,19 +180,22 @@ def _tuned(
     """Memory, look and ambiguous markers with the colours and the blur fitted, where it is time.
 
     It is time when the pairs are explained worse than before, and now and then while they are
-    explained worse than by noise alone.
+    explained worse than at rest: what is left there no colours explain.
     """
     least = 1.0
     waited, patience = memory.waited + 1, memory.patience
 
     def is_time(typical: float) -> bool:
-        return typical > WORSE * memory.typical or (typical > WORSE and waited > patience)
+        worse = typical > WORSE * known.typical
+        return typical > WORSE * memory.typical or (worse and waited > patience)
 
-    tried = is_time(look.fits.typical)
+    before = look.fits.typical
+    tried = is_time(before)
     if tried:
         # Templates explain less as the pairs move on, which no colours change.
         forget(memory.templates)
         fresh = known.fit.fit(image, look.fits.state.unsloped(), STEPS)
+        before = min(before, fresh.typical)  # what is gained by that is not the colours' merit
         look = better(look, judge(known, memory, image, fresh, start))
         tried = is_time(look.fits.typical)
     typical = look.fits.typical
@@ -209,7 +212,7 @@ def _tuned(
             look = judge(known, memory, image, fits, start)
             forget(memory.templates)
             ambiguous = look.visible & (look.torn | ambiguous)
-            before, typical = typical, look.fits.typical
+            typical = look.fits.typical
             if typical < _BETTER * before:
                 patience = PATIENCE
     memory = replace(memory, waited=waited, patience=patience)

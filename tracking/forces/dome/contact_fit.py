@@ -187,9 +187,7 @@ class ContactFit:
             explained = _seen_as(held.explained, seen)
             if gain < _GAIN:
                 break
-        return self._solution(
-            object_, poses, explained, contacts[-1], held.changes, held.slopes
-        )
+        return self._solution(object_, poses, explained, contacts[-1], held.changes, held.slopes)
 
     def _solution(
         self,
