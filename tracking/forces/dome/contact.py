@@ -207,12 +207,14 @@ class ContactReading:
 
     def _again(self, held: Solution) -> Solution:
         """The object fitted anew to the key frames of a solution; the same where none is better."""
+        doubtful = held.misfit > self._doubtful
         try:
-            solution = self._fit.along_chord(held, held.misfit > self._doubtful)
+            solution = self._fit.along_chord(held, doubtful)
         except UserError:
             solution = None
         if solution is None or solution.misfit > self._doubtful:
-            solution = self._better(solution, (held.object_, held.keys), _FEW_ROUNDS)
+            start, rival_of = (held.object_, held.keys), None if doubtful else held
+            solution = self._better(solution, start, _FEW_ROUNDS, rival_of)
         return held if solution is None or solution.cost > held.cost else solution
 
     def _found(self, shifts: Shifts) -> bool:
@@ -245,10 +247,16 @@ class ContactReading:
         shaped = mean - half < _HOLLOW - doubt or mean + half > _EDGE + doubt
         return shaped and solution.misfit > _SHAPED
 
-    def _better(self, solution: Solution | None, start: Start, rounds: int) -> Solution | None:
+    def _better(
+        self,
+        solution: Solution | None,
+        start: Start,
+        rounds: int,
+        rival_of: Solution | None = None,
+    ) -> Solution | None:
         """The better of a solution and that from another start."""
         try:
-            other = self._fit.fit_keys(*start, rounds)
+            other = self._fit.fit_keys(*start, rounds, rival_of)
         except UserError:
             return solution
         return other if solution is None or other.misfit < solution.misfit else solution
