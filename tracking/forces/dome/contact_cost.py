@@ -65,9 +65,9 @@ class ContactCost:
         information[hollow, hollow] += (units / self._hollow) ** 2
         gradient[hollow] -= units * object_[hollow] / self._hollow**2
         # Each pose is near the one before, the first one near rest.
-        each = (self.units[:MOVING] / moves_of(self.dome, poses)) ** 2
+        near = (self.units[:MOVING] / moves_of(self.dome, poses)) ** 2
         moves = np.diff(poses, axis=0, prepend=0.0) / self.units[:MOVING]
-        for k, (move, known) in enumerate(zip(moves, each, strict=True)):
+        for k, (move, known) in enumerate(zip(moves, near, strict=True)):
             own = np.arange(first + MOVING * k, first + MOVING * (k + 1))
             information[own, own] += known
             gradient[own] -= known * move
