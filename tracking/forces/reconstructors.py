@@ -57,7 +57,7 @@ METHODS = {
         "a contact fitted by synthesis, on a dome of silicone",
     ),
     "traction": (
-        ".dome.traction:TractionReading",
+        ".dome.traction.reading:TractionReading",
         "free tractions, on a dome of silicone with two soft layers",
     ),
 }

@@ -30,8 +30,8 @@ from chromagrip.tracking.forces import (
     silicone_of,
     with_silicone,
 )
-from chromagrip.tracking.forces.dome.traction import TractionReading
-from chromagrip.tracking.forces.dome.traction_friction import read_slip
+from chromagrip.tracking.forces.dome.traction.friction import read_slip
+from chromagrip.tracking.forces.dome.traction.reading import TractionReading
 
 from .drawn import Drawn
 

@@ -13,8 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ....model import Dome
-from ....model.dome import SkinField, lattice, stiffening_of
+from .....model import Dome
+from .....model.dome import SkinField, lattice, stiffening_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ....model import Dome
-from ....model.dome import lattice
+from .....model import Dome
+from .....model.dome import lattice
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

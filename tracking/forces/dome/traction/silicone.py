@@ -12,15 +12,15 @@ import numpy as np
 from msgspec.structs import replace as changed
 from numpy.typing import NDArray
 
-from ....model import Dome
-from ...tracks import Tracks
-from ..calibration import SensorCalibration, silicone_of, with_silicone
-from ..pose import CameraPose
-from ..shifts import MarkerShifts
-from ..silicone_values import silicone_names
-from .marker_response import DomeResponse
-from .traction_fit import TractionFit, Tractions
-from .traction_skin import Skin
+from .....model import Dome
+from ....tracks import Tracks
+from ...calibration import SensorCalibration, silicone_of, with_silicone
+from ...pose import CameraPose
+from ...shifts import MarkerShifts
+from ...silicone_values import silicone_names
+from ..marker_response import DomeResponse
+from .fit import TractionFit, Tractions
+from .skin import Skin
 
 Array = NDArray[np.float64]
 

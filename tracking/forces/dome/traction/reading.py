@@ -10,21 +10,21 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ....errors import UserError
-from ....model import Dome, ForceField, FrictionReading
-from ....model.dome import lattice
-from ....render import layer_depths
-from ...tracks import Tracks
-from ..calibration import SensorCalibration
-from ..reconstructors import NoEstimateError
-from ..shifts import MarkerShifts
-from ..silicone_values import ON_CORE, SILICONE_ERROR
-from .marker_response import DomeResponse
-from .traction_fit import Frame, TractionFit, Tractions
-from .traction_friction import Slip, read_slip
-from .traction_silicone import Sums, UnsureSilicone
-from .traction_skin import Parted, Skin
-from .untouched import untouched_field
+from .....errors import UserError
+from .....model import Dome, ForceField, FrictionReading
+from .....model.dome import lattice
+from .....render import layer_depths
+from ....tracks import Tracks
+from ...calibration import SensorCalibration
+from ...reconstructors import NoEstimateError
+from ...shifts import MarkerShifts
+from ...silicone_values import ON_CORE, SILICONE_ERROR
+from ..marker_response import DomeResponse
+from ..untouched import untouched_field
+from .fit import Frame, TractionFit, Tractions
+from .friction import Slip, read_slip
+from .silicone import Sums, UnsureSilicone
+from .skin import Parted, Skin
 
 Array = NDArray[np.float64]
 

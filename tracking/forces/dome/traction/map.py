@@ -7,7 +7,7 @@ those of its zone.
 import numpy as np
 from numpy.typing import NDArray
 
-from .marker_response import DomeResponse
+from ..marker_response import DomeResponse
 
 Array = NDArray[np.float64]
 Table = NDArray[np.float32]

@@ -13,10 +13,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ....model import Dome
-from ....model.dome import lattice
-from .marker_response import DomeResponse
-from .traction_map import WhitenedMap
+from .....model import Dome
+from .....model.dome import lattice
+from ..marker_response import DomeResponse
+from .map import WhitenedMap
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
