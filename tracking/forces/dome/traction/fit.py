@@ -121,7 +121,7 @@ class TractionFit:
     ----------
     dome: body
     response: of its markers
-    beside: nodes beside each node, see `traction_skin.neighbours`
+    beside: nodes beside each node, see `skin.neighbours`
     places: of the pairs at rest on the skin [m], shape (P, 3)
     noise: covariance of the pairs' shifts, shape (P, 6, 6)
     prepared: nodes whose products are made at once, shape (n,)

@@ -1,8 +1,8 @@
 """Force field from tracks on a dome whose two layers of markers both move: free tractions.
 
 Two soft layers at different depths show tractions of the skin almost where they act. So no object
-is looked for: any pressing tractions within a zone that the markers tell (`traction_fit`) are
-parted into normal force and friction by the surface that the skin lies on (`traction_skin`).
+is looked for: any pressing tractions within a zone that the markers tell (`fit`) are
+parted into normal force and friction by the surface that the skin lies on (`skin`).
 """
 
 import math
