@@ -32,6 +32,7 @@ from . import (
     pictures,
     readouts,
     render,
+    report,
     score,
     sweep,
 )
@@ -49,6 +50,7 @@ KINDS = {"FLOAT": "a number", "INT": "a whole number"}
 #: Commands by name; the commands of a group have names of two words.
 COMMANDS: dict[str, Command] = {
     "grasp": grasp.grasp,
+    "report": report.report,
     "plan": grasp.plan,
     "sweep": sweep.sweep,
     "render": render.render,

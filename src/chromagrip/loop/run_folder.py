@@ -36,7 +36,14 @@ if TYPE_CHECKING:
     from .tactile_video import TactileVideo
 
 #: Files of a run folder.
-FILES = ("summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml")
+FILES = (
+    "summary.json",
+    "trace.parquet",
+    "figure.png",
+    "tactile.mp4",
+    "scene.toml",
+    "report.html",
+)
 #: Folder of the camera's raw pictures in it, where they were asked for.
 FRAMES = "frames"
 #: Folder of unfinished files in it.
@@ -322,11 +329,13 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo":
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
     from .figure import draw_figure
+    from .report import RunRead, write_report
 
     write_trace(scene, trace, folder / "trace.parquet")
     draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    write_report(RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns))
 
 
 def write_trace(scene: Scene, trace: Trace, path: Path) -> None:

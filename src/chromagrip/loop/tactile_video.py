@@ -25,6 +25,8 @@ FPS = 25
 QUALITY = 20
 #: The video is this many times slower than the run.
 SLOWDOWN = 4
+#: A picture in so many is complete, so that a player reaches any quickly.
+SEEKABLE = {"g": "25"}
 #: Length of a force arrow at 251 nodes [px/N].
 ARROW = 1200.0
 #: Width of the text beside a dome's traction [px].
@@ -48,7 +50,7 @@ class TactileVideo(VideoFile):
     """
 
     def __init__(self, path: Path, scene: Scene) -> None:
-        super().__init__(path, FPS, QUALITY)
+        super().__init__(path, FPS, QUALITY, SEEKABLE)
         self._view = scene.build_sensor().view
         self._traction: TractionPicture | None = None
         if scene.body == "dome":  # the estimator's dome is the sensor's, the true one the scene's
@@ -85,7 +87,7 @@ class TactileVideo(VideoFile):
         for k, line in enumerate(lines):
             write(column, line, (8, 24 + 18 * k))
         self._traction.legend(column, (8, 24 + 18 * (len(lines) + 1)))
-        self.append(_beside(image, np.hstack([picture, column])))
+        self.append(_beside(image, np.hstack([picture, column])), self.slot(sample.time))
 
     def add(self, image: Image, sample: Sample) -> None:
         """Append one sample with its image; a dropped frame adds nothing."""
@@ -107,7 +109,7 @@ class TactileVideo(VideoFile):
         write(overlay, f"{source} force per node", (8, overlay.shape[0] - 28), FORCE_COLOUR)
         if sample.tracks is not None:
             write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), TRACK_COLOUR)
-        self.append(np.hstack([image, overlay]))
+        self.append(np.hstack([image, overlay]), self.slot(sample.time))
 
 
 def _sums(kind: str, field: ForceField, mu: float) -> tuple[str, ...]:

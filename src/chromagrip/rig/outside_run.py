@@ -177,9 +177,12 @@ class OutsideRecord:
 
 
 def _write(out: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
-    """Write the results; the summary is the last one."""
+    """Write the results; the summary is the last one but for the report."""
+    from ..loop.report import RunRead, write_report
+
     with whole_file(out / "trace.parquet") as part:
         write_trace(scene, trace, part)
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     with whole_file(out / "summary.json") as part:
         part.write_text(text + "\n", encoding="utf-8")
+    write_report(RunRead(folder=out, scene=scene, summary=summary, columns=trace.columns))

@@ -139,7 +139,9 @@ def _open_video(folder: Path, scene: Scene) -> "PinchVideo":
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
 
+    from ...loop.report import RunRead
     from .figure import draw_figure
+    from .report import write_report
 
     (folder / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
     table = pa.table({name: pa.array(trace[name]) for name in COLUMNS})
@@ -148,3 +150,4 @@ def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -
     draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    write_report(RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...loop.dome_picture import STICKS, TractionPicture, write
-from ...loop.tactile_video import FPS, QUALITY, SLOWDOWN
+from ...loop.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
 from ...model import ForceField
 from ...output.video import VideoFile
 from ...render import Frame
@@ -57,7 +57,7 @@ class PinchVideo(VideoFile):
     """
 
     def __init__(self, path: Path, scene: Scene) -> None:
-        super().__init__(path, FPS, QUALITY)
+        super().__init__(path, FPS, QUALITY, SEEKABLE)
         self._scene, self._seen = scene, scene.path == "camera"
         pinch = build_pinch(scene)
         self.stage = set_stage(pinch, scene.duration_s, SCENE, (SIDE, SIDE - CAPTION))
@@ -86,7 +86,7 @@ class PinchVideo(VideoFile):
 
     def show(self, sample: PinchSample, frames: tuple[Frame, Frame]) -> None:
         """Append the picture of a frame that was added."""
-        self.append(self.compose(sample, frames))
+        self.append(self.compose(sample, frames), self._slot)
 
     def compose(self, sample: PinchSample, frames: tuple[Frame, Frame]) -> Image:
         """Picture of a frame, RGB, (720, 1280, 3)."""

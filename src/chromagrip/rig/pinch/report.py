@@ -1,0 +1,164 @@
+"""The report of a run folder of two fingers."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...loop.report import (
+    REPORT,
+    RunRead,
+    curves_there,
+    estimate_words,
+    facts_of,
+    margin_panel,
+    margin_words,
+)
+from ...loop.tactile_video import SLOWDOWN
+from ...output.run_page import Curve, Panel, RunOnPage, write_run_page
+from ...scene.scene import Scene
+from .trace import FINGERS
+
+Array = NDArray[np.float64]
+
+#: Turn that a panel shows at least to both sides [°]: less is the solver's noise.
+_TURN = 1.0
+#: Values of a summary on the page: name, key, format, unit.
+_FACTS = (
+    ("controller", "controller", "", ""),
+    ("path", "path", "", ""),
+    ("sensors", "sensor", "", ""),
+    ("seed of the noise", "seed", "", ""),
+    ("outcome", "outcome", "", ""),
+    ("mass", "final_mass_g", ".0f", "g"),
+    ("smaller Γ at the end, true", "final_margin_true", ".3f", ""),
+    ("the same with torsion", "final_limit_margin_true", ".3f", ""),
+    ("smallest while lifted, with torsion", "smallest_limit_margin_true", ".3f", ""),
+    ("error of Γ, RMS", "margin_rmse", ".3f", ""),
+    ("slid by", "slide_mm", ".2f", "mm"),
+    ("turned by, at most", "largest_turn_deg", ".1f", "°"),
+    ("largest pressure", "max_pressure_kpa", ".0f", "kPa"),
+    ("largest grip force", "max_grip_n", ".2f", "N"),
+    ("grip force at the end", "final_grip_n", ".2f", "N"),
+    ("frames", "frames", "", ""),
+    ("speed of the loop", "frames_per_second", ".0f", "frames/s"),
+)
+_OUTCOMES = {
+    "held": "Held: the object neither turned nor was it crushed or dropped.",
+    "turned": "Turned: the object swung between the fingers.",
+    "crushed": "Crushed: the pressure was more than the object bears.",
+    "dropped": "Dropped: the object slid out of the fingers.",
+}
+
+
+def write_report(run: RunRead) -> None:
+    """Write the report of a run of two fingers into its folder."""
+    title = f"{run.scene.controller} with two fingers, {run.scene.path} path"
+    write_run_page(run.folder / REPORT, [pinch_on_page(run, title)], title)
+
+
+def pinch_on_page(run: RunRead, name: str) -> RunOnPage:
+    """A run of two fingers as the page shows it, under a name."""
+    return RunOnPage(
+        name=name,
+        time=run.columns["time_s"],
+        panels=tuple(_panels(run.scene, run.columns)),
+        words=tuple(_words(run.scene, run.summary)),
+        facts=tuple(facts_of(run.summary, _FACTS)),
+        video=run.video,
+        slowdown=SLOWDOWN,
+        caption="Both cameras with what was read of them, and the object between the fingers.",
+    )
+
+
+def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
+    for finger in FINGERS:
+        yield margin_panel(scene, f"margins, {finger} finger", _margins(of, finger))
+    yield Panel(
+        title="friction ΣFf [N]",
+        curves=curves_there(
+            [
+                Curve(
+                    label=f"{finger} finger, {name}",
+                    values=of[f"{finger}_friction_{name}_n"],
+                    role="true" if name == "true" else "estimated",
+                    second=finger == FINGERS[1],
+                )
+                for finger in FINGERS
+                for name in ("true", "estimated")
+            ]
+        ),
+    )
+    yield Panel(
+        title="grip and table [N]",
+        curves=[
+            Curve(label="grip of each finger", values=of["grip_n"], role="commanded", steps=True),
+            Curve(label="force of the table", values=of["table_n"], role="other"),
+        ],
+    )
+    yield Panel(
+        title="friction coefficient µ",
+        curves=curves_there(
+            [
+                Curve(
+                    label=f"{finger} finger, {name}",
+                    values=of[f"{finger}_mu_{name}"],
+                    role="true" if name == "true" else "estimated",
+                    second=finger == FINGERS[1],
+                )
+                for finger in FINGERS
+                for name in ("true", "estimated")
+            ]
+        ),
+        limits=(0.0, 2.0),
+    )
+    yield Panel(
+        title="turn of the object [°], true",
+        curves=[
+            Curve(label="in the hand", values=of["turn_deg"], role="true"),
+            Curve(label="elastic twist", values=of["elastic_deg"], role="true", second=True),
+        ],
+        span=(-_TURN, _TURN),
+    )
+    yield Panel(
+        title="slid by [mm], true",
+        curves=[Curve(label="in the hand", values=of["slide_mm"], role="true")],
+    )
+    yield Panel(
+        title="mean pressure [kPa], true",
+        curves=[Curve(label="of the contact pressed more", values=of["pressure_kpa"], role="true")],
+    )
+
+
+def _margins(of: dict[str, Array], finger: str) -> list[Curve]:
+    column = {name: of[f"{finger}_{name}"] for name in ("margin_low", "margin_high")}
+    return [
+        Curve(label="Γ, true", values=of[f"{finger}_margin_true"], role="true", second=True),
+        Curve(
+            label="Γ, estimated",
+            values=of[f"{finger}_margin_estimated"],
+            role="estimated",
+            second=True,
+            low=column["margin_low"],
+            high=column["margin_high"],
+        ),
+        Curve(label="with torsion, true", values=of[f"{finger}_limit_margin_true"], role="true"),
+        Curve(
+            label="with torsion, estimated",
+            values=of[f"{finger}_limit_margin_estimated"],
+            role="estimated",
+        ),
+    ]
+
+
+def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
+    """What happened, in sentences."""
+    if not summary["complete"]:
+        yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
+    yield _OUTCOMES[summary["outcome"]]
+    if not summary["lifted"]:
+        yield "The table still bore a part of the weight at the end."
+    name = "The smaller margin, with torsion,"
+    yield margin_words(scene, name, summary["final_limit_margin_true"], None)
+    yield from estimate_words(summary, 2 * summary["frames"])

@@ -1,0 +1,55 @@
+"""Reports of finished runs, of one finger or two, and several runs beside each other."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..errors import UserError
+from ..loop.report import REPORT, RunRead, read_run, run_on_page
+from ..output.folder import disk_errors
+from ..output.run_page import RunOnPage, write_run_page
+from .pinch.report import pinch_on_page
+
+#: Runs that can be told apart on a page.
+MOST_RUNS = 6
+
+
+def write_reports(folders: Sequence[Path], out: Path | None = None) -> Path:
+    """Write the report of a run, or of several beside each other; its file.
+
+    Parameters
+    ----------
+    folders: run folders
+    out: file of the page; None is report.html in the only folder
+
+    Raises
+    ------
+    UserError
+        When a folder holds no finished run, there are too many of them, or several and no `out`.
+    """
+    if not 1 <= len(folders) <= MOST_RUNS:
+        raise UserError(f"a report is of 1 to {MOST_RUNS} runs, not of {len(folders)}")
+    if out is None and len(folders) > 1:
+        raise UserError("a report of several runs needs a file of its own: give --out FILE.html")
+    path = folders[0] / REPORT if out is None else out
+    named = zip(folders, _names(folders), strict=True)
+    runs = [_on_page(read_run(folder), name) for folder, name in named]
+    title = runs[0].name if len(runs) == 1 else f"{len(runs)} runs side by side"
+    with disk_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_run_page(path, runs, title)
+    return path
+
+
+def _on_page(run: RunRead, name: str) -> RunOnPage:
+    two = run.summary["mechanics"] == "pinch"
+    return pinch_on_page(run, name) if two else run_on_page(run, name)
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Names of folders, with as much of their paths as tells them apart."""
+    parts = [folder.resolve().parts for folder in folders]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(part[-depth:]) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    raise UserError("the same folder is given twice")
