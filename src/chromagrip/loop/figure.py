@@ -1,4 +1,4 @@
-"""The thesis's Figs. 13–15 of one run in one picture."""
+"""The course of one run in one picture, after the thesis's Figs. 13–15."""
 
 from pathlib import Path
 
@@ -6,71 +6,131 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
+from ..model import GROSS_SLIP
+from ..scene.controllers import target_margin
 from ..scene.scene import Scene
+from ..tracking import Z90
 from .trace import Trace
 
-TRUE = "#1f3b73"
-ESTIMATED = "#d1495b"
-LOAD = "#6c757d"
+Array = NDArray[np.float64]
+
+#: Colours that people with any colour vision tell apart (Okabe and Ito).
+TRUE = "#0072b2"
+ESTIMATED = "#d55e00"
+LOAD = "#5a5a5a"
 
 
 def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
-    """Write load and grip, forces, margin, pressure and displacement over time to a PNG."""
-    figure = Figure(figsize=(8.0, 10.0), layout="constrained")
+    """Write grip, forces, margin, µ, slip and pressure over time to a PNG."""
+    figure = Figure(figsize=(8.0, 11.0), layout="constrained")
     FigureCanvasAgg(figure)
-    force, contact, margin, pressure, displacement = figure.subplots(5, 1, sharex=True)
+    grip, contact, margin, friction, slip, pressure = figure.subplots(
+        6, 1, sharex=True, height_ratios=(1.0, 1.1, 1.4, 1.0, 0.8, 0.8)
+    )
     time = trace["time_s"]
 
-    force.step(time, trace["load_n"], where="post", color=LOAD, label="load")
-    force.step(time, trace["grip_n"], where="post", color=TRUE, label="grip")
-    force.set_ylabel("force [N]")
+    grip.step(time, trace["load_n"], "--", where="post", color=LOAD, label="load")
+    grip.step(time, trace["grip_n"], where="post", color=TRUE, label="grip")
+    grip.set_ylabel("drive [N]")
 
-    for name, style in (("normal", "-"), ("friction", "--")):
-        estimated = trace[f"{name}_estimated_n"]
-        contact.plot(time, estimated, style, color=ESTIMATED, lw=1.0, label=f"{name}, estimated")
-        contact.plot(time, trace[f"{name}_true_n"], style, color=TRUE, label=f"{name}, true")
-    contact.set_ylabel("contact force [N]")
+    for name, sign, style in (("normal", "ΣFn", "-"), ("friction", "ΣFf", "--")):
+        _estimated(
+            contact,
+            time,
+            trace[f"{name}_estimated_n"],
+            Z90 * trace[f"{name}_deviation_n"],
+            f"{sign} estimated",
+            style,
+        )
+        contact.plot(time, trace[f"{name}_true_n"], style, color=TRUE, label=f"{sign} true")
+    contact.set_ylabel("contact [N]")
+    contact.set_ylim(bottom=0.0)
 
-    margin.fill_between(
-        time, trace["margin_low"], trace["margin_high"], color=ESTIMATED, alpha=0.2, lw=0
-    )
-    margin.plot(time, trace["margin_estimated"], color=ESTIMATED, lw=1.0, label="estimated, 90 %")
-    margin.plot(time, trace["margin_true"], color=TRUE, label="true")
-    if scene.body == "dome":
-        for name, colour in (("estimated", ESTIMATED), ("true", TRUE)):
-            course, label = trace[f"limit_margin_{name}"], f"with torsion, {name}"
-            margin.plot(time, course, "--", color=colour, lw=1.0, label=label)
-    margin.axhline(scene.safety_margin.desired_margin, color=LOAD, lw=0.8, ls=":")
-    margin.set_ylim(-0.15, 1.05)
-    margin.set_ylabel("safety margin Γ")
+    _margins(scene, trace, margin)
+    half = 0.5 * (trace["mu_high"] - trace["mu_low"])
+    _estimated(friction, time, trace["mu_high"] - half, half, "90 % interval", line=False)
+    friction.plot(time, trace["mu_estimated"], "-", color=ESTIMATED, lw=1.0, label="estimated")
+    friction.plot(time, trace["mu_true"], color=TRUE, label="true")
+    friction.set_ylim(0.0, min(2.0, friction.get_ylim()[1]))
+    friction.set_ylabel("µ")
 
+    _slip(trace, slip)
     pressure.plot(time, trace["pressure_n_per_m"], color=TRUE, label="outermost nodes")
     pressure.plot(
         time, trace["pressure_pitch_n_per_m"], color=TRUE, ls=":", label="plus one node pitch"
     )
+    pressure.set_ylim(bottom=0.0)
     pressure.set_ylabel("pressure [N/m]")
-
-    displacement.plot(
-        time, trace["lateral_displacement_mm"], color=TRUE, label="lateral displacement"
-    )
-    displacement.plot(time, trace["rigid_slip_mm"], color=TRUE, ls=":", label="rigid slip")
-    top = max(0.05, float(np.nanmax(trace["lateral_displacement_mm"], initial=0.0)))
-    displacement.set_ylim(-0.05 * top, 1.2 * top)
-    displacement.set_ylabel("slip [mm]")
-    displacement.set_xlabel("time [s]")
-    displacement.set_xlim(0.0, scene.duration_s)
-
-    for axes in (force, contact, margin, pressure, displacement):
+    pressure.set_xlabel("time [s]")
+    pressure.set_xlim(0.0, scene.duration_s)
+    for axes in (grip, contact, margin, friction, slip, pressure):
         finish(axes)
-    plural = "" if scene.camera.latency_frames == 1 else "s"
-    stopped = "" if len(trace) == scene.frames else f", interrupted at {time[-1]:.2f} s"
-    figure.suptitle(
-        f"{scene.controller}, {scene.path} path at {scene.camera.rate_hz:g} Hz "
-        f"with a latency of {scene.camera.latency_frames} frame{plural}{stopped}",
-        fontsize=11,
-    )
+    figure.suptitle(_title(scene, trace), fontsize=11)
     figure.savefig(path, dpi=110)
+
+
+def _margins(scene: Scene, trace: Trace, axes: Axes) -> None:
+    """Γ, and on a dome the margin of force and torsion together, with the target."""
+    time = trace["time_s"]
+    axes.fill_between(
+        time, trace["margin_low"], trace["margin_high"], color=ESTIMATED, alpha=0.2, lw=0,
+        label="90 % interval",
+    )  # fmt: skip
+    axes.plot(time, trace["margin_estimated"], color=ESTIMATED, lw=1.0, label="estimated")
+    axes.plot(time, trace["margin_true"], color=TRUE, label="true")
+    if scene.body == "dome":
+        for name, colour in (("estimated", ESTIMATED), ("true", TRUE)):
+            course, label = trace[f"limit_margin_{name}"], f"with torsion, {name}"
+            axes.plot(time, course, "--", color=colour, lw=1.0, label=label)
+    target = target_margin(scene)
+    if target is not None:
+        axes.axhline(target, color=LOAD, lw=1.2, ls=":", label=f"target {target:g}")
+    axes.set_ylim(-0.15, 1.05)
+    axes.set_ylabel("safety margin Γ")
+
+
+def _slip(trace: Trace, axes: Axes) -> None:
+    """Slip of the object, and from where on it is gross."""
+    time, way = trace["time_s"], trace["lateral_displacement_mm"]
+    axes.plot(time, way, color=TRUE, label="lateral displacement")
+    axes.plot(time, trace["rigid_slip_mm"], color=TRUE, ls=":", label="rigid slip")
+    gross = 1e3 * GROSS_SLIP
+    axes.axhline(gross, color=LOAD, lw=1.2, ls="-.", label=f"gross slip from {gross:g}")
+    axes.fill_between(
+        time, 0.0, way, where=way > gross, color=ESTIMATED, alpha=0.3, lw=0, hatch="//"
+    )
+    axes.set_ylim(0.0, 1.15 * max(gross, float(np.nanmax(way, initial=0.0))))
+    axes.set_ylabel("slip [mm]")
+
+
+def _estimated(
+    axes: Axes,
+    time: Array,
+    value: Array,
+    half: Array,
+    label: str,
+    style: str = "-",
+    *,
+    line: bool = True,
+) -> None:
+    """An estimate with the half width of its interval."""
+    axes.fill_between(
+        time, value - half, value + half, color=ESTIMATED, alpha=0.2, lw=0,
+        label=None if line else label,
+    )  # fmt: skip
+    if line:
+        axes.plot(time, value, style, color=ESTIMATED, lw=1.0, label=f"{label}, 90 % shaded")
+
+
+def _title(scene: Scene, trace: Trace) -> str:
+    plural = "" if scene.camera.latency_frames == 1 else "s"
+    ended = "" if len(trace) == scene.frames else f", ended at {trace['time_s'][-1]:.2f} s"
+    return (
+        f"{scene.controller}, {scene.path} path at {scene.camera.rate_hz:g} Hz "
+        f"with a latency of {scene.camera.latency_frames} frame{plural}{ended}"
+    )
 
 
 def finish(axes: Axes) -> None:

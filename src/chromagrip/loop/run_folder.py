@@ -267,12 +267,7 @@ class RunFiles:
                 self._frames.add(sample.index, frame)
             if slot > self._slot:
                 self._slot = slot
-                show = self._video.add_traction if self._on_dome else self._video.add
-                show(frame.image, sample)
-
-    @property
-    def _on_dome(self) -> bool:
-        return self._scene.body == "dome"
+                self._video.add(frame.image, sample)
 
     def write(self, trace: Trace, summary: Summary) -> None:
         """Write the results, and give all files their names."""

@@ -1,8 +1,10 @@
-"""The tactile video: the camera's image beside the forces that were estimated from it.
+"""The tactile video: the camera's picture beside the forces, as estimated and as they are in truth.
 
-Beside the image of a dome it shows the traction from above: the estimated one on the camera path.
+Of a chain it shows the contact from the side of the camera, magnified; of a dome from above.
 """
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -11,10 +13,9 @@ from numpy.typing import NDArray
 
 from ..model import REFERENCE_NODES, ForceField, margin_within
 from ..output.video import VideoFile
-from ..render import View
 from ..scene.scene import Scene
 from ..tracking import Tracks
-from .dome_picture import TractionPicture, write
+from .dome_picture import OUTLINE, TractionPicture, write
 from .steps.sample import Sample
 
 Image = NDArray[np.uint8]
@@ -27,21 +28,31 @@ QUALITY = 20
 SLOWDOWN = 4
 #: A picture in so many is complete, so that a player reaches any quickly.
 SEEKABLE = {"g": "25"}
-#: Length of a force arrow at 251 nodes [px/N].
+#: Length of a force arrow at 251 nodes [px/N], in pictures of the camera's own size.
 ARROW = 1200.0
-#: Width of the text beside a dome's traction [px].
-TEXT_WIDTH = 192
 #: Factor by which displacements of markers are magnified.
 MAGNIFY = 4.0
+#: Height of the line of text above the pictures [px].
+HEAD = 30
+#: Magnification of the contact of a chain.
+ZOOM = 2
+#: Place of the skin in such a picture: share of its height from the top. Arrows point up.
+_SKIN = 0.8
+#: Largest arrow there, as a share of the height; longer ones halve the scale from then on.
+_LONGEST = 0.7
+#: Length of the arrow of the scale, about [px].
+_SCALE = 60.0
 
 Colour = tuple[int, int, int]
-#: Colours of forces and markers' motion, RGB.
-FORCE_COLOUR: Colour = (30, 60, 200)
-TRACK_COLOUR: Colour = (0, 130, 60)
+#: Colours of estimated and true forces, and of markers' motion, RGB.
+FORCE_COLOUR: Colour = (200, 70, 0)
+TRUE_COLOUR: Colour = (0, 90, 160)
+TRACK_COLOUR: Colour = (0, 120, 60)
+INK: Colour = (20, 20, 20)
 
 
 class TactileVideo(VideoFile):
-    """Pairs of pictures: the camera's image, and forces and markers' motion on it.
+    """The camera's picture, and beside it the contact as it was estimated and as it is in truth.
 
     Parameters
     ----------
@@ -52,107 +63,170 @@ class TactileVideo(VideoFile):
     def __init__(self, path: Path, scene: Scene) -> None:
         super().__init__(path, FPS, QUALITY, SEEKABLE)
         self._view = scene.build_sensor().view
-        self._traction: TractionPicture | None = None
+        self._seen = scene.path == "camera"
+        self._scale = ZOOM * ARROW
+        self._tractions: dict[str, TractionPicture] = {}
         if scene.body == "dome":  # the estimator's dome is the sensor's, the true one the scene's
-            seen = scene.path == "camera"
-            self._traction = TractionPicture(
-                scene.build_sensor().dome if seen else scene.build_dome()
-            )
+            side = self._view.height
+            if self._seen:
+                self._tractions["estimated"] = TractionPicture(scene.build_sensor().dome, side)
+            self._tractions["true"] = TractionPicture(scene.build_dome(), side)
 
     def slot(self, time: float) -> int:
         """Number of the video's picture at a time [s]."""
         return int(time * FPS * SLOWDOWN + 1e-6)
-
-    def add_traction(self, image: Image, sample: Sample) -> None:
-        """Append one sample of a dome with its image, and its traction as it was estimated."""
-        assert self._traction is not None
-        assert sample.observation is not None
-        seen = sample.tracks is not None
-        field = sample.observation.field if seen else sample.field
-        mu = sample.observation.friction if seen else sample.friction
-        picture = self._traction.draw(field, mu)
-        write(picture, f"{'estimated' if seen else 'true'} traction", (8, 18))
-        column = np.full((picture.shape[0], TEXT_WIDTH, 3), 255, np.uint8)
-        lines = (
-            f"t {sample.time:.2f} s",
-            f"load {sample.load:.2f} N",
-            f"grip {sample.grip:.2f} N",
-            "",
-            *(_sums("estimated", field, mu) if seen else ()),
-            *_sums("true", sample.field, sample.friction),
-            f"object x {1e3 * sample.truth.place[0]:.2f} mm",
-            f"depth {1e3 * sample.truth.indentation:.2f} mm",
-            f"turn {np.degrees(sample.truth.turn):.1f} deg",
-        )
-        for k, line in enumerate(lines):
-            write(column, line, (8, 24 + 18 * k))
-        self._traction.legend(column, (8, 24 + 18 * (len(lines) + 1)))
-        self.append(_beside(image, np.hstack([picture, column])), self.slot(sample.time))
 
     def add(self, image: Image, sample: Sample) -> None:
         """Append one sample with its image; a dropped frame adds nothing."""
         observation = sample.observation
         if observation is None:
             return
-        overlay = draw_overlay(image, observation.field, self._view, sample.tracks, sample.rest)
-        source = "true" if sample.tracks is None else "estimated"
-        write(
-            overlay,
-            f"t {sample.time:.2f} s  load {sample.load:.2f} N  grip {sample.grip:.2f} N",
-            (8, 18),
-        )
-        write(
-            overlay,
-            f"margin {observation.margin:.2f}  friction {observation.friction:.2f}",
-            (8, 36),
-        )
-        write(overlay, f"{source} force per node", (8, overlay.shape[0] - 28), FORCE_COLOUR)
-        if sample.tracks is not None:
-            write(overlay, f"marker motion x{MAGNIFY:g}", (8, overlay.shape[0] - 10), TRACK_COLOUR)
-        self.append(np.hstack([image, overlay]), self.slot(sample.time))
+        contacts = [("true", sample.field, sample.friction)]
+        if self._seen:
+            contacts.insert(0, ("estimated", observation.field, observation.friction))
+        draw = self._draw_tractions if self._tractions else self._draw_slices
+        self.append(_headed(np.hstack([image, draw(image, sample, contacts)]), sample),
+                    self.slot(sample.time))  # fmt: skip
+
+    def _draw_slices(
+        self, image: Image, sample: Sample, contacts: list[tuple[str, ForceField, float]]
+    ) -> Image:
+        """Each contact of a chain, magnified, one above the other."""
+        height, width = image.shape[0] // len(contacts), image.shape[1]
+        middle = self._view.project(np.array([[0.0, 0.0, _apex(sample.field)]]))[0]
+        corner = middle - np.array([0.5 * width, _SKIN * height]) / ZOOM
+        ground = _magnified(image, corner, (height, width))
+        for _, field, _ in contacts:
+            self._rescale(field, _LONGEST * height)
+        pictures = []
+        for kind, field, mu in contacts:
+            canvas = ground.copy()
+            if kind == "estimated" and sample.tracks is not None and sample.rest is not None:
+                _draw_motion(canvas, sample.tracks, sample.rest, corner)
+                write(canvas, f"marker motion x{MAGNIFY:g}", (8, height - 10), TRACK_COLOUR)
+            colour = FORCE_COLOUR if kind == "estimated" else TRUE_COLOUR
+            self._draw_forces(canvas, field, corner, colour)
+            _say(canvas, (f"{kind} force per node", *_sums(field, mu)), (8, 18), colour)
+            self._draw_scale(canvas, field, colour)
+            pictures.append(canvas)
+        for canvas in pictures[1:]:
+            canvas[0] = OUTLINE
+        return np.vstack(pictures)
+
+    def _rescale(self, field: ForceField, longest: float) -> None:
+        """Halve the scale of the arrows until the longest is short enough."""
+        largest = float(np.hypot(field.normal, field.friction).max()) * _per_node(field)
+        while largest * self._scale > longest:
+            self._scale /= 2.0
+
+    def _draw_forces(
+        self, canvas: Image, field: ForceField, corner: NDArray[np.float64], colour: Colour
+    ) -> None:
+        """Arrows on every third node: across is friction, up is normal force."""
+        x, z = field.position.T
+        base = ZOOM * (self._view.project(np.stack([x, np.zeros_like(x), z], axis=-1)) - corner)
+        force = np.stack([field.friction, -field.normal], axis=-1)
+        for k in np.flatnonzero(field.contact)[::3]:
+            tip = base[k] + self._scale * _per_node(field) * force[k]
+            _line(canvas, base[k], tip, colour, head=True)
+
+    def _draw_scale(self, canvas: Image, field: ForceField, colour: Colour) -> None:
+        """Arrow of a round force in the lower right corner."""
+        scale = self._scale * _per_node(field)
+        force = rounded_down(_SCALE / scale)
+        x, y = canvas.shape[1] - 150, canvas.shape[0] - 14
+        _line(canvas, np.array([x, y]), np.array([x + scale * force, y]), colour, head=True)
+        write(canvas, f"{force:g} N", (x + int(scale * force) + 8, y + 4), colour)
+
+    def _draw_tractions(
+        self, image: Image, sample: Sample, contacts: list[tuple[str, ForceField, float]]
+    ) -> Image:
+        """Each contact of a dome from above, side by side."""
+        pictures = []
+        top = max(picture.top for picture in self._tractions.values())
+        for kind, field, mu in contacts:
+            picture = self._tractions[kind]
+            picture.top = top  # both with one scale
+            canvas = picture.draw(field, mu)
+            top = picture.top
+            lines = (f"{kind} traction", *_sums(field, mu))
+            if kind == "true":
+                truth = sample.truth
+                lines += (
+                    f"object x {1e3 * truth.place[0]:.2f} mm",
+                    f"depth {1e3 * truth.indentation:.2f} mm",
+                    f"turn {np.degrees(truth.turn):.1f} deg",
+                )
+            _say(canvas, lines, (8, 18), FORCE_COLOUR if kind == "estimated" else TRUE_COLOUR)
+            canvas[:, 0] = OUTLINE
+            pictures.append(canvas)
+        self._tractions[contacts[-1][0]].legend(pictures[-1], (8, len(image) - 92))
+        return np.hstack(pictures)
 
 
-def _sums(kind: str, field: ForceField, mu: float) -> tuple[str, ...]:
+def rounded_down(value: float) -> float:
+    """The largest of …, 1, 2, 5, 10, … that is no larger."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * power for step in (5.0, 2.0, 1.0) if step * power <= value * 1.0001))
+
+
+def _per_node(field: ForceField) -> float:
+    """Forces of coarser chains are larger, which their arrows are not."""
+    return len(field.normal) / REFERENCE_NODES
+
+
+def _apex(field: ForceField) -> float:
+    """Height of the middle node of a chain [m]."""
+    return float(field.position[len(field.position) // 2, 1])
+
+
+def _headed(picture: Image, sample: Sample) -> Image:
+    """Picture below a line of text about the sample."""
+    head = np.full((HEAD, picture.shape[1], 3), 255, np.uint8)
+    slow = f"shown {SLOWDOWN:g} times slower"
+    write(head, f"t {sample.time:.2f} s    load {sample.load:.2f} N    grip {sample.grip:.2f} N",
+          (8, 20))  # fmt: skip
+    write(head, slow, (picture.shape[1] - 190, 20))
+    return np.vstack([head, picture])
+
+
+def _sums(field: ForceField, mu: float) -> tuple[str, ...]:
     """Lines about the sums of a field."""
+    margin = field.safety_margin(mu)
+    torsion = margin_within(field, mu) if field.directions is not None else math.nan
     return (
-        f"{kind}:",
         f"normal {field.total_normal:.2f} N",
         f"friction {field.total_friction:.2f} N",
-        f"margin {field.safety_margin(mu):.2f}",
-        f"with torsion {margin_within(field, mu):.2f}",
+        f"mu {_known(mu)}",
+        f"margin {_known(margin)}",
+        *(() if math.isnan(torsion) else (f"with torsion {torsion:.2f}",)),
     )
 
 
-def _beside(left: Image, right: Image) -> Image:
-    """Two pictures side by side, the lower one in the middle of white."""
-    height = max(len(left), len(right))
-    whole = np.full((height, left.shape[1] + right.shape[1], 3), 255, np.uint8)
-    for picture, at in ((left, 0), (right, left.shape[1])):
-        top = (height - len(picture)) // 2
-        whole[top : top + len(picture), at : at + picture.shape[1]] = picture
-    return whole
+def _known(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "unknown"
 
 
-def draw_overlay(
-    image: Image, field: ForceField, view: View, tracks: Tracks | None, rest: Tracks | None
-) -> Image:
-    """Paled image with the markers' motion and the force on every third node, RGB.
+def _say(canvas: Image, lines: Sequence[str], place: tuple[int, int], colour: Colour) -> None:
+    """Lines of text below each other, the first one in a colour."""
+    for k, line in enumerate(lines):
+        write(canvas, line, (place[0], place[1] + 18 * k), colour if k == 0 else INK)
 
-    An arrow is the contact force on a node: across is friction, up is normal force.
-    """
-    canvas: Image = (255 - 0.35 * (255.0 - image)).astype(np.uint8)
-    if tracks is not None and rest is not None:
-        for now, start in zip(tracks.position[0], rest.position[0], strict=True):
-            if np.isfinite(now).all() and np.isfinite(start).all():
-                tip = now + (MAGNIFY - 1.0) * (now - start)
-                _line(canvas, start, tip, TRACK_COLOUR)
-    x, z = field.position.T
-    base = view.project(np.stack([x, np.zeros_like(x), z], axis=-1))
-    force = np.stack([field.friction, -field.normal], axis=-1)
-    scale = ARROW * len(x) / REFERENCE_NODES
-    for k in np.flatnonzero(field.contact)[::3]:
-        _line(canvas, base[k], base[k] + scale * force[k], FORCE_COLOUR, head=True)
-    return canvas
+
+def _magnified(image: Image, corner: NDArray[np.float64], size: tuple[int, int]) -> Image:
+    """Paled part of an image, of a corner (x, y) on, magnified to a size (rows, columns)."""
+    shift = np.array([[ZOOM, 0.0, -ZOOM * corner[0]], [0.0, ZOOM, -ZOOM * corner[1]]])
+    part = cv2.warpAffine(image, shift, size[::-1], borderMode=cv2.BORDER_REPLICATE)
+    return (255 - 0.3 * (255.0 - part)).astype(np.uint8)
+
+
+def _draw_motion(canvas: Image, tracks: Tracks, rest: Tracks, corner: NDArray[np.float64]) -> None:
+    """Ways of the outer markers since rest, magnified."""
+    for now, start in zip(tracks.position[0], rest.position[0], strict=True):
+        if np.isfinite(now).all() and np.isfinite(start).all():
+            way = ZOOM * MAGNIFY * (now - start)
+            at = ZOOM * (start - corner)
+            _line(canvas, at, at + way, TRACK_COLOUR)
 
 
 def _line(
