@@ -37,6 +37,7 @@ EXTRAS = {
     "ray": Extra("ray", "making datasets on a Ray cluster"),
     "cloud": Extra("fsspec", "a dataset at an address"),
     "learn": Extra("torch", "reading datasets with PyTorch"),
+    "live": Extra("viser", "the live page"),
     "reference": Extra("mitsuba", "path tracing the reference pictures"),
 }
 

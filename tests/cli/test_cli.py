@@ -18,6 +18,7 @@ import pytest
 from chromagrip.__main__ import main
 from chromagrip.control import GripCommand
 from chromagrip.extras import EXTRAS
+from chromagrip.loop.run_folder import FILES
 from chromagrip.measure.bench.control import SCENES
 from chromagrip.render.drawing.gl import gl_problem
 
@@ -36,7 +37,7 @@ def test_a_run_leaves_its_folder(tmp_path: Path, typed: Typed) -> None:
     done = typed("grasp", *QUICK, "--out", str(out))
     assert done.returncode == 0, done.stderr
     assert "safety margin at the end" in done.stdout
-    names = {"summary.json", "trace.parquet", "figure.png", "tactile.mp4", "scene.toml"}
+    names = set(FILES)
     assert {p.name for p in out.iterdir()} == names
 
     summary = json.loads((out / "summary.json").read_text())
@@ -51,7 +52,7 @@ def test_a_run_leaves_its_folder(tmp_path: Path, typed: Typed) -> None:
         stream = video.streams.video[0]
         frames = list(video.decode(video=0))
     assert len(frames) == 11
-    assert (frames[0].width, frames[0].height) == (1280, 480)
+    assert (frames[0].width, frames[0].height) == (1280, 510)
     assert stream.codec_context.pix_fmt == "yuv444p"
 
     assert (out / "figure.png").read_bytes()[:4] == b"\x89PNG"

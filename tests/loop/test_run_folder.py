@@ -42,9 +42,9 @@ FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 @pytest.mark.parametrize(
     "target",
     [
-        "chromagrip.loop.figure.draw_figure",
-        "chromagrip.loop.tactile_video.TactileVideo.add",
-        "chromagrip.loop.tactile_video.TactileVideo._finish",
+        "chromagrip.loop.shown.figure.draw_figure",
+        "chromagrip.loop.shown.tactile_video.TactileVideo.add",
+        "chromagrip.loop.shown.tactile_video.TactileVideo._finish",
         "pyarrow.parquet.write_table",
         "pathlib.Path.write_text",
     ],

@@ -304,6 +304,7 @@ def test_from_the_command_line(typed: Typed, taken: Path, tmp_path: Path) -> Non
         "scene.toml",
         "trace.parquet",
         "summary.json",
+        "report.html",
     }
     done = typed("grasp", "--gripper", "simulated")
     assert "--gripper goes with --source" in done.stderr

@@ -32,7 +32,6 @@ from . import (
     pictures,
     readouts,
     render,
-    report,
     score,
     sweep,
 )
@@ -50,7 +49,7 @@ KINDS = {"FLOAT": "a number", "INT": "a whole number"}
 #: Commands by name; the commands of a group have names of two words.
 COMMANDS: dict[str, Command] = {
     "grasp": grasp.grasp,
-    "report": report.report,
+    "report": grasp.report,
     "plan": grasp.plan,
     "sweep": sweep.sweep,
     "render": render.render,

@@ -1,4 +1,4 @@
-"""The commands `grasp` and `plan`: run a scene, and choose how finely it is computed."""
+"""The commands `grasp`, `report` and `plan`: run a scene, show runs, and choose the methods."""
 
 import json
 from pathlib import Path
@@ -251,4 +251,26 @@ def plan(
     print(*choice.lines, sep="\n")
     kept = dict(text.split("=", 1) for text in changes)
     print(grasp_command(scene, kept | choice.changes))
+    return 0
+
+
+def report(
+    folders: Annotated[tuple[Path, ...], tyro.conf.Positional, option("run folders", "DIR")],
+    *,
+    out: Annotated[
+        Path | None,
+        option("file of the page; of one run by default report.html in its folder", "FILE"),
+    ] = None,
+) -> int:
+    """Write the page of a finished run anew, or of several runs side by side.
+
+    The page holds everything that it shows and needs no network.
+
+    Example: chromagrip report runs/before runs/after --out compared.html
+    """
+    from ..rig.report import write_reports
+
+    if out is None and len(folders) > 1:
+        out = new_folder("report") / "report.html"
+    print(write_reports(folders, out))
     return 0

@@ -33,7 +33,7 @@ from .steps.sample import Sample
 from .trace import COLUMNS, Summary, Trace, TraceLines, columns_of, make_trace, row, summarise
 
 if TYPE_CHECKING:
-    from .tactile_video import TactileVideo
+    from .shown.tactile_video import TactileVideo
 
 #: Files of a run folder.
 FILES = (
@@ -317,14 +317,14 @@ def refuse_killed(folder: Path, overwrite: bool) -> None:
 
 
 def _open_video(folder: Path, scene: Scene) -> "TactileVideo":
-    from .tactile_video import TactileVideo
+    from .shown.tactile_video import TactileVideo
 
     return TactileVideo(folder / "tactile.mp4", scene)
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
-    from .figure import draw_figure
-    from .report import RunRead, write_report
+    from .shown.figure import draw_figure
+    from .shown.report import RunRead, write_report
 
     write_trace(scene, trace, folder / "trace.parquet")
     draw_figure(scene, trace, folder / "figure.png")

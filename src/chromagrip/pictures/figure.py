@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..control import GripObservation
-from ..loop.figure import ESTIMATED, LOAD, TRUE, finish
-from ..loop.tactile_video import ARROW, MAGNIFY
+from ..loop.shown.figure import ESTIMATED, LOAD, TRUE, finish
+from ..loop.shown.tactile_video import ARROW, MAGNIFY
 from ..model import REFERENCE_NODES, ForceField
 from ..output.folder import whole_file
 from ..output.parquet import Row

@@ -178,7 +178,7 @@ class OutsideRecord:
 
 def _write(out: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
     """Write the results; the summary is the last one but for the report."""
-    from ..loop.report import RunRead, write_report
+    from ..loop.shown.report import RunRead, write_report
 
     with whole_file(out / "trace.parquet") as part:
         write_trace(scene, trace, part)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import UserError
-from ..loop.report import REPORT, RunRead, read_run, run_on_page
+from ..loop.shown.report import REPORT, RunRead, read_run, run_on_page
 from ..output.folder import disk_errors
 from ..output.run_page import RunOnPage, write_run_page
 from .pinch.report import pinch_on_page

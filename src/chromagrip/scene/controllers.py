@@ -1,12 +1,7 @@
 """Controllers by name; the settings of each of ours are the table of that name in a scene."""
 
-from typing import TYPE_CHECKING
-
 from ..by_name import Registry
 from ..control import Controller
-
-if TYPE_CHECKING:
-    from .scene import Scene
 
 CONTROLLERS = Registry(
     protocol=Controller,
@@ -31,10 +26,3 @@ CONTROLLERS = Registry(
         "conservative": ("..control:ConservativeControl", "constant force, more than is needed"),
     },
 )
-
-
-def target_margin(scene: "Scene") -> float | None:
-    """Safety margin that the scene's controller aims at; None where it has no such setting."""
-    settings = getattr(scene, scene.controller.replace("-", "_"), None)
-    target: float | None = getattr(settings, "desired_margin", None)
-    return target

@@ -221,6 +221,13 @@ class Scene(Table, frozen=True):
         """Frames of the run, the first at time 0."""
         return math.floor(self.duration_s * self.camera.rate_hz + 1e-9) + 1
 
+    @property
+    def target_margin(self) -> float | None:
+        """Safety margin that the controller aims at; None where it has no such setting."""
+        settings = getattr(self, self._settings_name, None)
+        target: float | None = getattr(settings, "desired_margin", None)
+        return target
+
     def build_sensor(self) -> SensorDesign:
         """The sensor's design."""
         return load_sensor(self.sensor)

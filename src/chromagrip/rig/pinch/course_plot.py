@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...control import GripObservation
-from ...loop.figure import ESTIMATED, LOAD, TRUE
+from ...loop.shown.figure import ESTIMATED, LOAD, TRUE
 from ...model import margin_within
 from .rig import PinchSample
 

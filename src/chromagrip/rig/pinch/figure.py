@@ -5,7 +5,7 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ...loop.figure import ESTIMATED, LOAD, TRUE, finish
+from ...loop.shown.figure import ESTIMATED, LOAD, TRUE, finish
 from ...loop.trace import Trace
 from ...scene.scene import Scene
 from .trace import FINGERS, OUTCOMES

@@ -139,7 +139,7 @@ def _open_video(folder: Path, scene: Scene) -> "PinchVideo":
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
 
-    from ...loop.report import RunRead
+    from ...loop.shown.report import RunRead
     from .figure import draw_figure
     from .report import write_report
 

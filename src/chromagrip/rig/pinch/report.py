@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...loop.report import (
+from ...loop.shown.report import (
     REPORT,
     RunRead,
     curves_there,
@@ -15,7 +15,7 @@ from ...loop.report import (
     margin_panel,
     margin_words,
 )
-from ...loop.tactile_video import SLOWDOWN
+from ...loop.shown.tactile_video import SLOWDOWN
 from ...output.run_page import Curve, Panel, RunOnPage, write_run_page
 from ...scene.scene import Scene
 from .trace import FINGERS

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...loop.dome_picture import STICKS, TractionPicture, write
-from ...loop.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
+from ...loop.shown.dome_picture import STICKS, TractionPicture, write
+from ...loop.shown.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
 from ...model import ForceField
 from ...output.video import VideoFile
 from ...render import Frame

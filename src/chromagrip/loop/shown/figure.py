@@ -8,11 +8,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..model import GROSS_SLIP
-from ..scene.controllers import target_margin
-from ..scene.scene import Scene
-from ..tracking import Z90
-from .trace import Trace
+from ...model import GROSS_SLIP
+from ...scene.scene import Scene
+from ...tracking import Z90
+from ..trace import Trace
 
 Array = NDArray[np.float64]
 
@@ -84,7 +83,7 @@ def _margins(scene: Scene, trace: Trace, axes: Axes) -> None:
         for name, colour in (("estimated", ESTIMATED), ("true", TRUE)):
             course, label = trace[f"limit_margin_{name}"], f"with torsion, {name}"
             axes.plot(time, course, "--", color=colour, lw=1.0, label=label)
-    target = target_margin(scene)
+    target = scene.target_margin
     if target is not None:
         axes.axhline(target, color=LOAD, lw=1.2, ls=":", label=f"target {target:g}")
     axes.set_ylim(-0.15, 1.05)

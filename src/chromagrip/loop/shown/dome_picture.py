@@ -5,8 +5,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..model import ForceField, SoftBody
-from ..model.dome import lattice
+from ...model import ForceField, SoftBody
+from ...model.dome import lattice
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

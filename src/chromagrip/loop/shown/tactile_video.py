@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..model import REFERENCE_NODES, ForceField, margin_within
-from ..output.video import VideoFile
-from ..scene.scene import Scene
-from ..tracking import Tracks
+from ...model import REFERENCE_NODES, ForceField, margin_within
+from ...output.video import VideoFile
+from ...scene.scene import Scene
+from ...tracking import Tracks
+from ..steps.sample import Sample
 from .dome_picture import OUTLINE, TractionPicture, write
-from .steps.sample import Sample
 
 Image = NDArray[np.uint8]
 

@@ -9,13 +9,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError
-from ..extras import need
-from ..model import GROSS_SLIP
-from ..output.run_page import Curve, Panel, RunOnPage, write_run_page
-from ..scene.controllers import target_margin
-from ..scene.scene import Scene, load_scene
-from ..tracking import Z90
+from ...errors import UserError
+from ...extras import need
+from ...model import GROSS_SLIP
+from ...output.run_page import Curve, Panel, RunOnPage, write_run_page
+from ...scene.scene import Scene, load_scene
+from ...tracking import Z90
 from .tactile_video import SLOWDOWN
 
 Array = NDArray[np.float64]
@@ -125,7 +124,7 @@ def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
 
 def margin_panel(scene: Scene, title: str, curves: Sequence[Curve]) -> Panel:
     """Panel of margins, with the target of the controller."""
-    target = target_margin(scene)
+    target = scene.target_margin
     return Panel(
         title=title,
         curves=curves_there(curves),
@@ -240,7 +239,7 @@ def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
 
 def margin_words(scene: Scene, name: str, true: float | None, estimated: float | None) -> str:
     """Where a margin ended, and what it should have been."""
-    target = target_margin(scene)
+    target = scene.target_margin
     values = [
         f"{value:.2f} {kind}"
         for value, kind in ((true, "in truth"), (estimated, "as estimated"))
