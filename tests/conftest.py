@@ -1,13 +1,17 @@
 """What tests of several files use."""
 
 import hashlib
+import json
 import os
+import shutil
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from subprocess import CompletedProcess
+from typing import Any
 
 import cv2
 import pytest
@@ -89,3 +93,60 @@ def bytes_of() -> Callable[[Path], dict[str, str]]:
         }
 
     return digests
+
+
+class Browser:
+    """Chromium without a window; `made` is Selenium's driver."""
+
+    def __init__(self, made: Any) -> None:
+        self.made = made
+
+    def complaints(self) -> list[str]:
+        """What the page's console says, but for remarks."""
+        said = self.made.get_log("browser")
+        return [entry["message"] for entry in said if entry["level"] != "INFO"]
+
+    def requested(self) -> set[str]:
+        """Addresses that the page asked for, but for those that hold what they show."""
+        logged = self.made.get_log("performance")
+        events = [json.loads(entry["message"])["message"] for entry in logged]
+        addresses = {
+            event["params"]["request"]["url"]
+            for event in events
+            if event["method"] == "Network.requestWillBeSent"
+        }
+        return {address for address in addresses if not address.startswith(("data:", "blob:"))}
+
+
+@contextmanager
+def open_browser(width: int, height: int = 900) -> Iterator[Browser]:
+    """Browser of a width [px]; the test is skipped where this machine has none."""
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if program is None or driver is None:
+        pytest.skip("needs the programs chromium and chromedriver (Debian: chromium-driver)")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for word in (
+        "--headless=new",
+        "--no-sandbox",
+        "--hide-scrollbars",
+        f"--window-size={width},{height}",
+    ):
+        options.add_argument(word)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    made = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    try:
+        # A window is no narrower than 500 px.
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        made.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        yield Browser(made)
+    finally:
+        made.quit()
+
+
+@pytest.fixture
+def browsing() -> Callable[[int], AbstractContextManager[Browser]]:
+    """Opens a browser of a width [px]."""
+    return open_browser
