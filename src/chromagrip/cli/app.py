@@ -50,6 +50,7 @@ KINDS = {"FLOAT": "a number", "INT": "a whole number"}
 COMMANDS: dict[str, Command] = {
     "grasp": grasp.grasp,
     "report": grasp.report,
+    "live": grasp.live,
     "plan": grasp.plan,
     "sweep": sweep.sweep,
     "render": render.render,

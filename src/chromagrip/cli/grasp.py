@@ -274,3 +274,29 @@ def report(
         out = new_folder("report") / "report.html"
     print(write_reports(folders, out))
     return 0
+
+
+def live(
+    scene: Annotated[SceneName, tyro.conf.Positional] = "dome-1",
+    *,
+    changes: Changes = (),
+    port: Annotated[int, option("of the page", "N")] = 8090,
+    seconds: Annotated[float | None, option("end after this time", "S")] = None,
+) -> int:
+    """Serve a page on this machine on which a grasp goes on while its sliders are moved.
+
+    It shows the fingertip in three dimensions, the camera's picture and curves. Ctrl-C ends it.
+
+    Example: chromagrip live dome-1 --set object.friction=0.4
+    """
+    from ..live.serve import serve
+
+    chosen = {"path": "camera"} | dict(map(parse_change, changes))
+
+    def ready(address: str) -> None:
+        print(f"{address}  (Ctrl-C ends)", flush=True)
+
+    resolved = load_scene(scene, chosen)
+    prepare_scene(resolved, pictures=True)
+    serve(resolved, port, ready, seconds)
+    return 0

@@ -1,1 +1,1 @@
-"""The live page of a running grasp; not built yet."""
+"""The live page of a running grasp: sliders, the fingertip in three dimensions, curves."""

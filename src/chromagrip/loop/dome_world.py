@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..errors import located
+from ..errors import UserError, located
 from ..model import DomeState, ForceField, Motion, SoftBody, Solid, dome_forces
 from ..model.dome import (
     DomeSlip,
@@ -86,6 +86,20 @@ class DomePlant:
             applied=applied,
             forces=forces[-1],
         )
+
+    def changed(self, world: World, scene: Scene) -> World:
+        """World with the object of another scene, as `Plant` says."""
+        for axis, key in (("y", "sideways_n"), ("rz", "twists_nmm")):
+            if any(getattr(scene.load, key)) and axis not in self._motion.free:
+                raise UserError(
+                    f"the object is held along {axis}; a grasp whose load.{key} is to change needs "
+                    "some from its start"
+                )
+        before, now = self.scene.object, scene.object
+        stiffness = self._solid.stiffness * now.stiffness_kpa / before.stiffness_kpa
+        self._solid = replace(self._solid, stiffness=stiffness, friction=now.friction)
+        self.scene = scene
+        return world
 
     def _guided(self) -> Motion:
         """Motion of the object: free along x and z, and along y and about z where it is loaded."""

@@ -148,6 +148,15 @@ class Plant(Protocol):
             When the body cannot go on.
         """
 
+    def changed(self, world: World, scene: Scene) -> World:
+        """World from which to go on with the load, the µ and the stiffness of another scene.
+
+        Raises
+        ------
+        UserError
+            For a load along an axis that the object is held in.
+        """
+
 
 def of_chain(contact: Contact) -> tuple[ContactObject, State, SlipRecord]:
     """Object, state and slip of a contact on a chain."""
@@ -232,6 +241,12 @@ class ChainPlant:
         return World(
             now=replace(now, state=state), exposed=exposed, applied=applied, forces=forces[-1]
         )
+
+    def changed(self, world: World, scene: Scene) -> World:
+        """World with the object of another scene, as `Plant` says."""
+        self.scene = scene
+        obj = scene.build_object(world.now.state.time)
+        return replace(world, now=replace(world.now, obj=obj))
 
     def _parts(self, world: World, forces: Array, times: list[float]) -> Iterator[Part]:
         """Steps of a frame period, with one object each."""

@@ -189,6 +189,30 @@ class Rig:
         arrived = self.arrived
         return arrived[-1].observation if arrived else None
 
+    def change(self, scene: Scene) -> None:
+        """Go on from this frame with the load, the µ and the stiffness of another scene.
+
+        The same scene with these values from its start would have come to another state.
+
+        Raises
+        ------
+        UserError
+            Before `reset`; for a scene that differs elsewhere; for a load along an axis that the
+            object is held in.
+        """
+        self._check_begun("change()")
+        ours, theirs = self.scene.object, scene.object
+        alike = msgspec.structs.replace(
+            ours, friction=theirs.friction, stiffness_kpa=theirs.stiffness_kpa
+        )
+        if msgspec.structs.replace(self.scene, load=scene.load, object=alike) != scene:
+            raise UserError(
+                "during a grasp only load, object.friction and object.stiffness_kpa can change; "
+                "anything else needs a rig of its own"
+            )
+        self._world = self._plant.changed(self._world, scene)
+        self.scene = scene
+
     def sample(self, grip: float = float("nan")) -> Sample:
         """The frame, truth beside estimate.
 

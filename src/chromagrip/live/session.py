@@ -1,0 +1,169 @@
+"""A grasp that goes on while its wishes change."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field
+from threading import Event, Lock, Thread
+
+from ..errors import UserError
+from ..loop.latency import HoldingController
+from ..loop.methods import Methods
+from ..loop.steps.rig import Rig
+from ..loop.steps.sample import Sample
+from ..output.processes import one_thread
+from ..scene.scene import Scene
+from .wishes import Wishes, scene_for, wishes_of
+
+#: Time over which the speed is averaged [s].
+_SPEED_OVER = 1.0
+#: Wait of a grasp that is paused [s].
+_NAP = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """A frame for the page.
+
+    Attributes
+    ----------
+    sample: truth beside estimate
+    scene: of the grasp, which a change of a wish replaces
+    updates: frames computed per second
+    speed: of the grasp over real time
+    """
+
+    sample: Sample
+    scene: Scene
+    updates: float
+    speed: float
+
+
+@dataclass
+class Session:
+    """A live grasp in a thread of its own; a context.
+
+    Attributes
+    ----------
+    base: scene that the sliders change
+    show: called with each frame, in that thread
+    tell: called with a sentence where something is refused or the grasp ends, "" where all is well
+    paused: whether it stands
+    """
+
+    base: Scene
+    show: Callable[[Shown], None]
+    tell: Callable[[str], None]
+    paused: bool = False
+    _wishes: Wishes = field(init=False)
+    _anew: bool = False
+    _steps: int = 0
+    _stop: Event = field(default_factory=Event)
+    _lock: Lock = field(default_factory=Lock)
+    _thread: Thread = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._wishes = wishes_of(self.base)
+        self._thread = Thread(target=self._run, name="grasp", daemon=True)
+
+    def __enter__(self) -> "Session":
+        """Begin."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the grasp."""
+        self._stop.set()
+        self._thread.join()
+
+    @property
+    def wishes(self) -> Wishes:
+        """What is wished for now."""
+        return self._wishes
+
+    def wish(self, wishes: Wishes) -> None:
+        """Go on, or begin anew, with other values."""
+        with self._lock:
+            self._wishes = wishes
+
+    def begin_anew(self) -> None:
+        """Begin another grasp with the same wishes."""
+        with self._lock:
+            self._anew = True
+
+    def step_once(self) -> None:
+        """Compute one frame of a grasp that is paused."""
+        with self._lock:
+            self._steps += 1
+
+    def _run(self) -> None:
+        refused: Wishes | None = None
+        with one_thread():
+            while not self._stop.is_set():
+                wishes = self._wishes
+                if wishes == refused:
+                    self._stop.wait(_NAP)
+                    continue
+                try:
+                    self._grasp(wishes)
+                except UserError as error:
+                    self.tell(str(error))
+                    refused = wishes
+                else:
+                    refused = None
+
+    def _grasp(self, wishes: Wishes) -> None:
+        """One grasp, until another has to begin."""
+        scene = scene_for(self.base, wishes)
+        methods = Methods.of_scene(scene)
+        with self._lock:
+            self._anew = False
+        with closing(Rig(scene, methods)) as rig:
+            controller = HoldingController(methods.build_controller(scene), scene.controller)
+            first = rig.reset()
+            controller.start(first)
+            self.tell("")
+            ends: deque[float] = deque([time.perf_counter()])
+            while not (self._stop.is_set() or rig.done):
+                now, anew = self._wishes, self._anew
+                if anew or now.begins_anew != wishes.begins_anew:
+                    return
+                if self._waits():
+                    self._stop.wait(_NAP)
+                    ends.clear()
+                    continue
+                if now != wishes:
+                    rig.change(scene_for(self.base, now))
+                    if now.automatic and not wishes.automatic and rig.reading.observation:
+                        controller.start(rig.reading.observation)
+                    wishes = now
+                grip = controller.command(rig.arrived) if now.automatic else now.grip
+                sample = rig.sample(grip)
+                rig.step(grip)
+                self._pace(ends, scene.period)
+                span = max(ends[-1] - ends[0], 1e-9)
+                rate = (len(ends) - 1) / span if len(ends) > 1 else 0.0
+                self.show(
+                    Shown(sample=sample, scene=rig.scene, updates=rate, speed=rate * scene.period)
+                )
+
+    def _waits(self) -> bool:
+        """Whether the grasp stands; a step that was asked for is taken."""
+        with self._lock:
+            if not self.paused:
+                self._steps = 0
+                return False
+            if self._steps:
+                self._steps -= 1
+                return False
+            return True
+
+    def _pace(self, ends: deque[float], period: float) -> None:
+        """Note the end of a frame, no earlier than its time has come."""
+        now = time.perf_counter()
+        if ends and now < ends[-1] + period:
+            self._stop.wait(ends[-1] + period - now)
+        ends.append(time.perf_counter())
+        while len(ends) > 2 and ends[-1] - ends[0] > _SPEED_OVER:
+            ends.popleft()

@@ -1,0 +1,113 @@
+"""Curves of the last seconds: margins, forces, friction."""
+
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .session import Shown
+
+if TYPE_CHECKING:
+    import viser
+
+#: Length of the curves [s], and frames on them at most.
+SECONDS, FRAMES = 10.0, 400
+#: Colours as in the figures: true, estimated, and its interval.
+_TRUE, _ESTIMATED, _INTERVAL = "#0072b2", "#d55e00", "rgba(213, 94, 0, 0.2)"
+_EDGE: dict[str, Any] = {"stroke": _INTERVAL, "width": 1}
+_READ: dict[str, Any] = {"stroke": _ESTIMATED, "width": 2, "dash": (6, 3)}
+_KNOWN: dict[str, Any] = {"stroke": _TRUE, "width": 2}
+_DOTTED: dict[str, Any] = {"dash": (2, 2)}
+#: Title of each plot, its range of values, and label, look and column of each curve.
+_PLOTS: tuple[
+    tuple[str, tuple[float, float] | None, list[tuple[str, dict[str, Any], str]]], ...
+] = (
+    (
+        "safety margin Γ, 90 % shaded",
+        (-0.2, 1.05),
+        [
+            ("low", _EDGE, "margin_low"),
+            ("high", _EDGE, "margin_high"),
+            ("estimated", _READ, "margin"),
+            ("true", _KNOWN, "margin_true"),
+        ],
+    ),
+    (
+        "forces [N]",
+        None,
+        [
+            ("ΣFn est.", _READ, "normal"),
+            ("ΣFn true", _KNOWN, "normal_true"),
+            ("ΣFf est.", _READ | _DOTTED, "friction"),
+            ("ΣFf true", _KNOWN | _DOTTED, "friction_true"),
+            ("grip", {"stroke": "#7a7a7a", "width": 1}, "grip"),
+        ],
+    ),
+    (
+        "friction coefficient µ, 90 % shaded",
+        (0.0, 1.5),
+        [
+            ("low", _EDGE, "mu_low"),
+            ("high", _EDGE, "mu_high"),
+            ("estimated", _READ, "mu"),
+            ("true", _KNOWN, "mu_true"),
+        ],
+    ),
+)
+
+
+class Strips:
+    """The curves; each has the last seconds of the grasp.
+
+    Parameters
+    ----------
+    server: of the page
+    """
+
+    def __init__(self, server: "viser.ViserServer") -> None:
+        self._rows: deque[dict[str, float]] = deque(maxlen=FRAMES)
+        self._handles = []
+        for title, span, curves in _PLOTS:
+            banded = curves[0][0] == "low"
+            self._handles.append(
+                server.gui.add_uplot(
+                    data=tuple(np.zeros(2) for _ in range(len(curves) + 1)),
+                    series=({"label": "s"}, *({"label": name, **look} for name, look, _ in curves)),
+                    title=title,
+                    scales={
+                        "x": {"time": False},
+                        **({} if span is None else {"y": {"range": span}}),
+                    },
+                    bands=({"series": (2, 1), "fill": _INTERVAL},) if banded else None,
+                    aspect=2.0,
+                )
+            )
+
+    def add(self, shown: Shown) -> None:
+        """Append a frame; a time before the last one begins the curves anew."""
+        sample, seen = shown.sample, shown.sample.observation
+        if self._rows and sample.time <= self._rows[-1]["time"]:
+            self._rows.clear()
+        row = {
+            "time": sample.time,
+            "margin_true": sample.field.safety_margin(sample.friction),
+            "normal_true": sample.field.total_normal,
+            "friction_true": sample.field.total_friction,
+            "mu_true": sample.friction,
+            "grip": sample.applied,
+        }
+        if seen is not None:
+            row |= {"margin": seen.margin, "mu": seen.friction}
+            row |= {"normal": seen.field.total_normal, "friction": seen.field.total_friction}
+            row["margin_low"], row["margin_high"] = seen.margin_interval
+            row["mu_low"], row["mu_high"] = seen.friction_interval
+        self._rows.append(row)
+
+    def draw(self) -> None:
+        """Send the curves to the page."""
+        rows = [row for row in self._rows if row["time"] > self._rows[-1]["time"] - SECONDS]
+        if len(rows) < 2:
+            return
+        for handle, (_, _, curves) in zip(self._handles, _PLOTS, strict=True):
+            names = ("time", *(name for _, _, name in curves))
+            handle.data = tuple(np.array([row.get(name, np.nan) for row in rows]) for name in names)

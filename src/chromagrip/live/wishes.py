@@ -1,0 +1,139 @@
+"""What the sliders of the page ask for, and the scene that follows from it."""
+
+import math
+from dataclasses import dataclass
+
+import msgspec
+
+from ..errors import UserError
+from ..scene.scene import Scene
+from ..scene.settings import LoadSettings
+
+#: Length of a live grasp [s].
+LONGEST = 3600.0
+#: A load so small is none; it leaves an axis of the object free.
+_NEXT_TO_NOTHING = 1e-9
+#: Objects by the name that the page gives them: changes of the scene's object.
+OBJECTS: dict[str, dict[str, object]] = {
+    "ball of 15 mm": {"shape": "ball", "radius_mm": 15.0, "size_mm": ()},
+    "ball of 6 mm": {"shape": "ball", "radius_mm": 6.0, "size_mm": ()},
+    "plane": {"shape": "ball", "radius_mm": math.inf, "size_mm": ()},
+    "box": {
+        "shape": "box",
+        "radius_mm": math.inf,
+        "size_mm": (12.0, 12.0, 12.0),
+        "rounding_mm": 1.5,
+    },
+    "cylinder": {
+        "shape": "cylinder",
+        "radius_mm": math.inf,
+        "size_mm": (6.0, 30.0),
+        "rounding_mm": 1.0,
+    },
+    "torus": {"shape": "torus", "radius_mm": math.inf, "size_mm": (8.0, 4.0)},
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wishes:
+    """Values of the sliders.
+
+    Attributes
+    ----------
+    automatic: whether the controller grips
+    grip: force where it does not [N]
+    load: size of the lateral load [N]
+    azimuth: of the load about the fingertip's axis [°]
+    twist: torque about that axis [N·mm]
+    friction: µ of the object
+    stiffness: of the object [kPa]
+    controller: name
+    sensor: name of the design
+    object: name in `OBJECTS`; empty is the scene's
+    tilt: turn of the object about y [°]
+    noise: of the camera [grey levels]
+    latency: frames between an image and the command from it
+    """
+
+    automatic: bool
+    grip: float
+    load: float
+    azimuth: float
+    twist: float
+    friction: float
+    stiffness: float
+    controller: str
+    sensor: str
+    object: str
+    tilt: float
+    noise: float
+    latency: int
+
+    @property
+    def begins_anew(self) -> tuple[object, ...]:
+        """What cannot change during a grasp: where it changes, another one begins."""
+        return (
+            self.controller, self.sensor, self.object, self.tilt, self.noise, self.latency
+        )  # fmt: skip
+
+
+def wishes_of(scene: Scene) -> Wishes:
+    """Values at which the sliders begin: those of the scene, with its last load."""
+    load, end = scene.load, scene.duration_s
+    x, y = load.force(end), load.sideways(end)
+    return Wishes(
+        automatic=True,
+        grip=1.0,
+        load=math.hypot(x, y),
+        azimuth=math.degrees(math.atan2(y, x)) if x or y else 0.0,
+        twist=1e3 * load.twist(end),
+        friction=scene.object.friction_at(end),
+        stiffness=scene.object.stiffness_kpa,
+        controller=scene.controller,
+        sensor=scene.sensor,
+        object="",
+        tilt=scene.object.turned_deg[1],
+        noise=scene.camera.noise_levels,
+        latency=scene.camera.latency_frames,
+    )
+
+
+def scene_for(base: Scene, wishes: Wishes) -> Scene:
+    """Scene of a grasp with these values; what no slider is for is that of `base`.
+
+    Raises
+    ------
+    UserError
+        For values that make no scene.
+    """
+    if base.pinch.mass_g:
+        raise UserError("the live page shows one finger; this scene is a pinch of two")
+    dome = base.body == "dome"
+    azimuth = math.radians(wishes.azimuth) if dome else 0.0
+    load = LoadSettings(
+        times_s=(0.0,),
+        forces_n=(wishes.load * math.cos(azimuth),),
+        sideways_n=(wishes.load * math.sin(azimuth) + _NEXT_TO_NOTHING,) if dome else (),
+        twists_nmm=(wishes.twist + _NEXT_TO_NOTHING,) if dome else (),
+    )
+    fixed: dict[str, object] = {"friction_times_s": (), "frictions": (), "creeps": 0.0}
+    if dome:
+        turned = (base.object.turned_deg[0], wishes.tilt, base.object.turned_deg[2])
+        fixed |= {**OBJECTS.get(wishes.object, {}), "turned_deg": turned}
+        if wishes.object:
+            fixed["mesh"] = ""
+    obj = msgspec.structs.replace(
+        base.object, friction=wishes.friction, stiffness_kpa=wishes.stiffness, **fixed
+    )
+    camera = msgspec.structs.replace(
+        base.camera, noise_levels=wishes.noise, latency_frames=wishes.latency
+    )
+    return msgspec.structs.replace(
+        base,
+        duration_s=LONGEST,
+        controller=wishes.controller,
+        sensor=wishes.sensor,
+        load=load,
+        object=obj,
+        camera=camera,
+    )
