@@ -54,6 +54,7 @@ class FingertipView:
         self._drawn: tuple[Any, ...] = ()
         self._largest = 1e-6
         server.scene.set_up_direction("+z")
+        server.scene.configure_default_lights(cast_shadow=False)  # which take most of the time
         server.initial_camera.position = (1.6, -1.6, 1.9)
         server.initial_camera.look_at = (0.0, 0.0, 0.6)
 
@@ -94,14 +95,14 @@ class FingertipView:
         mesh = object_mesh(scene.object)
         self._object = self._server.scene.add_mesh_simple(
             "/object", UNIT * np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32),
-            color=OBJECT, opacity=0.35, side="double",
+            color=OBJECT, opacity=0.25, side="double",
         )  # fmt: skip
         self._dots = self._server.scene.add_point_cloud(
-            "/pressure", UNIT * self._points[:1], SKIN[None], point_size=0.04
+            "/pressure", UNIT * self._points[:1], SKIN[None], point_size=0.04, point_shape="circle"
         )
         self._arrows = self._server.scene.add_arrows(
-            "/friction", np.zeros((1, 2, 3)), np.array(STICKS), shaft_radius=0.008,
-            head_radius=0.022, head_length=0.05,
+            "/friction", np.zeros((1, 2, 3)), np.array(STICKS), shaft_radius=0.006,
+            head_radius=0.018, head_length=0.04,
         )  # fmt: skip
         self._drawn = (self._skin, self._object, self._dots, self._arrows)
 
