@@ -42,7 +42,8 @@ MAY_IMPORT = {
     "rig": "model render tracking control output scene loop",
     "live": "model render tracking control output scene loop",
     "measure": "model render tracking control output scene loop pictures calibrate dataset rig",
-    "cli": "model render tracking control output scene loop pictures calibrate dataset measure rig live",
+    "cli": "model render tracking control output scene loop pictures calibrate dataset measure rig "
+    "live",
 }
 #: Modules beside the rooms: the entry points.
 DOORS = {"__init__": "scene loop rig", "__main__": "cli"}
