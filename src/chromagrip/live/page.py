@@ -50,7 +50,7 @@ class Page:
         self._server, self._base = server, base
         self._session: Session | None = None
         self._due = self._curves_due = 0.0
-        self._refused = ""
+        self._applied = 0.0
         self.view = FingertipView(server)
         server.gui.configure_theme(
             control_layout="collapsible", control_width="large", show_logo=False,
@@ -70,6 +70,7 @@ class Page:
     def show(self, shown: Shown) -> None:
         """Show a frame, where it is time for a picture; called by the session."""
         self._strips.add(shown)
+        self._applied = shown.sample.applied
         now = time.perf_counter()
         if now < self._due and not (self._session and self._session.paused):
             return
@@ -83,7 +84,6 @@ class Page:
 
     def tell(self, sentence: str) -> None:
         """Say why a wish is refused; "" where none is."""
-        self._refused = sentence
         if sentence:
             self._status.content = f"**Refused:** {sentence}"
 
@@ -98,6 +98,8 @@ class Page:
             f"true: Γ {true:.2f}, ΣFn {sample.field.total_normal:.2f} N, "
             f"ΣFf {sample.field.total_friction:.2f} N"
         )
+        if sample.time > 0.0 and not sample.field.contact.any():
+            lines.append("**nothing touches the object:** press anew to begin again")
         if seen is not None and seen.no_estimate:
             lines.append(f"**no estimate:** {seen.no_estimate}")
         elif seen is not None:
@@ -152,6 +154,8 @@ class Page:
         """Let the controller grip, or the slider, which begins at the grip of now."""
         automatic = bool(self._automatic.value)
         self._grip.disabled = automatic
+        if not automatic:
+            self._grip.value = round(self._applied, 2)
         self._wish(automatic=automatic, grip=float(self._grip.value))
 
     def _wish(self, **changes: Any) -> None:
