@@ -77,11 +77,11 @@ def test_sliders_change_the_grasp(width: int, port: int, browsing: Browsing) -> 
         made.get(f"http://127.0.0.1:{port}")
         until(lambda: begun(made))
         assert made.execute_script("return document.body.scrollWidth") <= width
+        type_number(made, "load [N]", 0.0)
         made.find_element(
             "xpath", '//label[text()="controller grips"]/following::input[1]'
         ).send_keys(" ")
         until(lambda: bool(field(made, "grip [N]").is_enabled()))
-        type_number(made, "load [N]", 0.0)
         type_number(made, "grip [N]", 4.0)
         until(lambda: abs(true_values(made)["normal"] - 4.0) < 0.2)
         type_number(made, "load [N]", 1.0)
