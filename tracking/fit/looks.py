@@ -95,6 +95,8 @@ def untangled(known: AtRest, memory: Memory, image: Image, look: Look) -> Look:
     first, second = displacement[far, 0], displacement[far, 1]
     # The ratio in the image is not quite that of the layers, which lie at different depths.
     share = (first * second).sum() / (first**2).sum() if far.any() else known.share
+    if not share:  # a layer that stays says nothing of where the other one is
+        return look
     expected = np.stack([displacement[:, 1] / share, displacement[:, 0] * share], axis=1)
     off = np.linalg.norm(displacement - expected, axis=2)
     wrong = on_others & clear[:, ::-1] & (off > _ASIDE * known.fit.radius)
