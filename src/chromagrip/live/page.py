@@ -115,7 +115,7 @@ class Page:
         gui = self._server.gui
         self._forces = gui.add_button_group("forces shown", ("estimated", "true"))
         self._automatic = gui.add_checkbox("controller grips", first.automatic)
-        self._grip = gui.add_slider("grip [N]", 0.0, 10.0, 0.01, first.grip, disabled=True)
+        self._grip: Any = gui.add_slider("grip [N]", 0.0, 10.0, 0.01, first.grip, disabled=True)
         self._automatic.on_update(lambda _: self._take_over())
         self._grip.on_update(lambda _: self._wish(grip=float(self._grip.value)))
         dome = self._base.body == "dome"
@@ -129,17 +129,19 @@ class Page:
             if dome:
                 self._add_choice("object", "object", ("of the scene", *OBJECTS), first)
                 self._add_slider("tilt [°]", "tilt", -20.0, 20.0, 1.0, "turn about y", first)
-            for row in _ANEW:
-                self._add_slider(*row, first)
+            for label, name, low, high, step, hint in _ANEW:
+                self._add_slider(label, name, low, high, step, hint, first)
 
     def _add_slider(
         self, label: str, name: str, low: float, high: float, step: float, hint: str, first: Wishes
     ) -> None:
+        """Slider of a wish, from a value within its ends."""
         value = min(max(getattr(first, name), low), high)
         slider = self._server.gui.add_slider(label, low, high, step, value, hint=hint)
         slider.on_update(lambda _: self._wish(**{name: slider.value}))
 
     def _add_choice(self, label: str, name: str, options: tuple[str, ...], first: Wishes) -> None:
+        """Choice of a wish."""
         value = getattr(first, name) or options[0]
         if value not in options:
             options = (value, *options)

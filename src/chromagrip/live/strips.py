@@ -69,10 +69,11 @@ class Strips:
         self._handles = []
         for title, span, curves in _PLOTS:
             banded = curves[0][0] == "low"
+            series: list[Any] = [{"label": name, **look} for name, look, _ in curves]
             self._handles.append(
                 server.gui.add_uplot(
                     data=tuple(np.zeros(2) for _ in range(len(curves) + 1)),
-                    series=({"label": "s"}, *({"label": name, **look} for name, look, _ in curves)),
+                    series=({"label": "s"}, *series),
                     title=title,
                     scales={
                         "x": {"time": False},

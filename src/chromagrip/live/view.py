@@ -82,10 +82,9 @@ class FingertipView:
             drawn.remove()
         if scene.body == "dome":
             nodes = lattice(scene.build_dome())
-            self._points, self._areas = nodes.points, nodes.areas
+            self._points: Array = nodes.points
         else:
             self._points = _half_sphere(scene.build_fingertip().radius)
-            self._areas = np.ones(len(self._points))
         flat = scipy.spatial.Delaunay(self._points[:, :2])
         self._faces = flat.simplices.astype(np.uint32)
         self._skin = self._server.scene.add_mesh_simple(
@@ -109,7 +108,8 @@ class FingertipView:
     def _show_dome(self, sample: Sample, field: ForceField) -> None:
         state = sample.truth.state
         assert isinstance(state, DomeState)
-        moved = self._points + displacements(self._scene.build_dome(), state)  # type: ignore[union-attr]
+        assert self._scene is not None
+        moved: Array = self._points + displacements(self._scene.build_dome(), state)
         self._skin.vertices = (UNIT * moved).astype(np.float32)
         self._object.position = tuple(UNIT * state.place)
         turn = scipy.spatial.transform.Rotation.from_matrix(state.rotation)

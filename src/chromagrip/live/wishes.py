@@ -70,7 +70,7 @@ class Wishes:
     latency: int
 
     @property
-    def begins_anew(self) -> tuple[object, ...]:
+    def begins_anew(self) -> tuple[str | float, ...]:
         """What cannot change during a grasp: where it changes, another one begins."""
         return (
             self.controller, self.sensor, self.object, self.tilt, self.noise, self.latency
