@@ -342,7 +342,7 @@ class _Links(HTMLParser):
         self.found: list[tuple[str, str]] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        assert tag not in ("script", "link", "iframe", "object")
+        assert tag not in ("link", "iframe", "object")
         self.found += [
             (key, value or "") for key, value in attrs if key in ("src", "href", "srcset")
         ]
