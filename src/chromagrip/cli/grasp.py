@@ -13,7 +13,6 @@ from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_ch
 from .options import (
     Changes,
     Flag,
-    JsonOnly,
     Overwrite,
     SceneName,
     counting,
@@ -228,7 +227,7 @@ def plan(
     *,
     tolerance: Annotated[float, option("of the safety margin Γ, RMS", "SHARE")] = 0.05,
     changes: Changes = (),
-    json_only: JsonOnly = False,
+    json_only: Annotated[Flag, option("print one JSON object", name="json")] = False,
 ) -> int:
     """Choose the cheapest methods and steps that keep Γ of a scene within a tolerance.
 
@@ -255,7 +254,9 @@ def plan(
 
 
 def report(
-    folders: Annotated[tuple[Path, ...], tyro.conf.Positional, option("run folders", "DIR")],
+    folders: Annotated[
+        tuple[Path, ...], tyro.conf.Positional, option("one to six run folders", "DIR [DIR ...]")
+    ],
     *,
     out: Annotated[
         Path | None,

@@ -60,8 +60,8 @@ class Page:
         self._picture = server.gui.add_image(
             picture_blank(), label="camera, with the motion of the markers × 4", format="jpeg"
         )
-        self._strips = Strips(server)
         self._add_controls(wishes_of(base))
+        self._strips = Strips(server)
 
     def connect(self, session: Session) -> None:
         """Let the sliders ask that session."""
@@ -78,6 +78,8 @@ class Page:
         self.view.show(shown, self._forces.value == "estimated")
         self._picture.image = picture_of(shown)
         self._status.content = self._said(shown)
+        if self._automatic.value:  # the slider shows what the controller does
+            self._grip.value = round(self._applied, 2)
         if now >= self._curves_due:
             self._curves_due = now + CURVES_EVERY
             self._strips.draw()
@@ -113,17 +115,17 @@ class Page:
     def _add_controls(self, first: Wishes) -> None:
         """Sliders and buttons."""
         gui = self._server.gui
-        self._forces = gui.add_button_group("forces shown", ("estimated", "true"))
+        self._forces = gui.add_dropdown("forces shown", ("estimated", "true"))
         self._automatic = gui.add_checkbox("controller grips", first.automatic)
         self._grip: Any = gui.add_slider("grip [N]", 0.0, 10.0, 0.01, first.grip, disabled=True)
         self._automatic.on_update(lambda _: self._take_over())
-        self._grip.on_update(lambda _: self._wish(grip=float(self._grip.value)))
+        self._grip.on_update(lambda _: self._wish_grip())
         dome = self._base.body == "dome"
         for label, name, low, high, step, hint in _ALWAYS + (_OF_DOME if dome else ()):
             self._add_slider(label, name, low, high, step, hint, first)
         buttons = gui.add_button_group("grasp", ("pause", "step", "anew"))
         buttons.on_click(lambda event: self._press(event.target.value))
-        with gui.add_folder("begins the grasp anew"):
+        with gui.add_folder("begins the grasp anew", expand_by_default=False):
             self._add_choice("controller", "controller", tuple(CONTROLLERS.entries), first)
             self._add_choice("design", "sensor", _DESIGNS[self._base.body], first)
             if dome:
@@ -159,6 +161,10 @@ class Page:
         if not automatic:
             self._grip.value = round(self._applied, 2)
         self._wish(automatic=automatic, grip=float(self._grip.value))
+
+    def _wish_grip(self) -> None:
+        if not self._automatic.value:
+            self._wish(grip=float(self._grip.value))
 
     def _wish(self, **changes: Any) -> None:
         if self._session is not None:

@@ -11,6 +11,7 @@ from ..extras import need
 from ..scene.scene import Scene
 from .page import Page
 from .session import Session
+from .wishes import scene_for, wishes_of
 
 #: Only programs on this machine reach the page.
 HOST = "127.0.0.1"
@@ -37,6 +38,7 @@ def serve(
     """
     viser = need("viser", "live")
     check_port(port)
+    scene_for(scene, wishes_of(scene))  # what cannot be shown is refused before a page is there
     with redirect_stdout(io.StringIO()):  # it prints a banner of its own
         server = viser.ViserServer(host=HOST, port=port, label="chromagrip", verbose=False)
     try:
@@ -48,11 +50,14 @@ def serve(
             while end is None or time.monotonic() < end:
                 time.sleep(0.1)
     finally:
-        server.stop()
+        with redirect_stdout(io.StringIO()):
+            server.stop()
 
 
 def check_port(port: int) -> None:
     """Refuse a port that another program has."""
+    if not 0 < port < 65536:
+        raise UserError(f"port {port} does not exist; allowed are 1 to 65535")
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import viser
 
 #: Length of the curves [s], and frames on them at most.
-SECONDS, FRAMES = 10.0, 400
+SECONDS, FRAMES = 10.0, 2000
 #: Colours as in the figures: true, estimated, and its interval.
 _TRUE, _ESTIMATED, _INTERVAL = "#0072b2", "#d55e00", "rgba(213, 94, 0, 0.2)"
 _EDGE: dict[str, Any] = {"stroke": _INTERVAL, "width": 1}
@@ -23,7 +23,7 @@ _PLOTS: tuple[
     tuple[str, tuple[float, float] | None, list[tuple[str, dict[str, Any], str]]], ...
 ] = (
     (
-        "safety margin Γ, 90 % shaded",
+        "Γ: true solid, estimated dashed, 90 % shaded",
         (-0.2, 1.05),
         [
             ("low", _EDGE, "margin_low"),
@@ -33,7 +33,7 @@ _PLOTS: tuple[
         ],
     ),
     (
-        "forces [N]",
+        "forces [N]: ΣFn thick, ΣFf dotted, grip thin",
         None,
         [
             ("ΣFn est.", _READ, "normal"),
@@ -44,7 +44,7 @@ _PLOTS: tuple[
         ],
     ),
     (
-        "friction coefficient µ, 90 % shaded",
+        "µ: true solid, estimated dashed, 90 % shaded",
         (0.0, 1.5),
         [
             ("low", _EDGE, "mu_low"),
@@ -80,7 +80,8 @@ class Strips:
                         **({} if span is None else {"y": {"range": span}}),
                     },
                     bands=({"series": (2, 1), "fill": _INTERVAL},) if banded else None,
-                    aspect=2.0,
+                    legend={"show": False},
+                    aspect=2.2,
                 )
             )
 

@@ -182,8 +182,8 @@
       element("line", { x1: margin.left, x2: right, y1: y(level), y2: y(level), stroke: "var(--ink)", "stroke-dasharray": "2 3" }, plot.svg);
       element("text", { x: right - 2, y: y(level) - 4, "text-anchor": "end" }, plot.svg).textContent = label;
     }
-    // Three digits of the largest value; less than that is not drawn either.
-    plot.digits = Math.max(0, 3 - Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)))));
+    // A thousandth of the axis; less than that is not drawn either.
+    plot.digits = Math.max(0, 3 - Math.floor(Math.log10(Math.max(Math.abs(low), Math.abs(high)))));
     plot.cursor = element("line", { y1: margin.top, y2: bottom, stroke: "var(--ink)", "stroke-width": 1 }, plot.svg);
     plot.x = x;
   }
@@ -208,7 +208,7 @@
       plot.curves.forEach(({ curve, k }, i) => {
         const value = curve.values[indexAt(runs[k].time, now)];
         plot.shown[i].textContent =
-          value === null || value === undefined ? "–" : Number(value.toFixed(plot.digits)).toString();
+          value === null || value === undefined ? "–" : Number(value.toFixed(plot.digits)).toFixed(plot.digits);
       });
     }
     if (!follow) {

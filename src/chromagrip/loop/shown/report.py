@@ -59,6 +59,8 @@ def read_run(folder: Path) -> RunRead:
     UserError
         When it is none, or a file of it cannot be read.
     """
+    if not folder.is_dir():
+        raise UserError(f"{folder} is not a run folder: there is no such folder")
     for name in ("summary.json", "trace.parquet", "scene.toml"):
         if not (folder / name).is_file():
             raise UserError(f"{folder} is not a finished run: it has no {name}")
@@ -89,7 +91,9 @@ def run_on_page(run: RunRead, name: str) -> RunOnPage:
         facts=tuple(_facts(run.summary)),
         video=run.video,
         slowdown=SLOWDOWN,
-        caption="Left: the camera's picture. Right: what was read of it.",
+        caption="Left: the camera's picture. Right: the contact as it was estimated, and as it is."
+        if run.scene.path == "camera"
+        else "Left: the camera's picture. Right: the true contact.",
     )
 
 

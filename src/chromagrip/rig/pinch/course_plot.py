@@ -41,7 +41,7 @@ def _rgb(colour: str) -> Colour:
 
 #: Colours of the truth, of what was estimated, of its interval, and of further lines.
 TRUTH, SEEN, OTHER = _rgb(TRUE), _rgb(ESTIMATED), _rgb(LOAD)
-_BAND = "#f6d6da"
+_BAND = "#f6decb"
 BAND = _rgb(_BAND)
 
 
@@ -120,11 +120,13 @@ class CoursePlot:
     ----------
     size: width and height [px]
     duration: of the scene [s]
-    desired: margin that is to be held, which has a line
+    desired: margin that is to be held, which has a line; None where there is none
     kind: what the second kind of curve is, such as `estimated`
     """
 
-    def __init__(self, size: tuple[int, int], duration: float, desired: float, kind: str) -> None:
+    def __init__(
+        self, size: tuple[int, int], duration: float, desired: float | None, kind: str
+    ) -> None:
         self._size, self._duration, self._desired, self._kind = size, duration, desired, kind
         self._most = FIRST_FORCE
         self.panels: tuple[Panel, ...]
@@ -142,7 +144,8 @@ class CoursePlot:
         for panel, margins in zip(self.panels[:2], courses.margins, strict=True):
             values = {name: np.array(course) for name, course in margins.items()}
             paint_band(picture, panel, times, values["low"], values["high"])
-            _paint_level(picture, panel, self._desired)
+            if self._desired is not None:
+                _paint_level(picture, panel, self._desired)
             paint_curve(picture, panel, times, values["seen"], SEEN, 1)
             paint_curve(picture, panel, times, values["true"], TRUTH, 1)
             paint_curve(picture, panel, times, values["limit_seen"], SEEN, 2)
@@ -183,8 +186,10 @@ class CoursePlot:
             Line2D([], [], color=seen, lw=2, label=f"{self._kind}, with torsion"),
             Patch(color=_BAND, label="its 90 % interval"),
             Line2D([], [], color=seen, lw=0.8, label=f"{self._kind} Γ"),
-            Line2D([], [], color=LOAD, lw=1, ls=":", label=f"{100 * self._desired:g} %"),
         ]
+        if self._desired is not None:
+            label = f"target {self._desired:g}"
+            keys.append(Line2D([], [], color=LOAD, lw=1, ls=":", label=label))
         look = {"frameon": False, "fontsize": 8.5, "handlelength": 1.4, "columnspacing": 1.3}
         figure.legend(handles=keys, loc="upper left", bbox_to_anchor=(0.03, 1.01), ncol=6, **look)
         forces = [

@@ -32,7 +32,9 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
             course = trace[f"{finger}_limit_margin_{name}"]
             margin.plot(time, course, style, color=colour, lw=1.0, label=label)
     contact.set_ylabel("friction [N]")
-    margin.axhline(scene.safety_margin.desired_margin, color=LOAD, lw=0.8, ls=":")
+    if scene.target_margin is not None:
+        label = f"target {scene.target_margin:g}"
+        margin.axhline(scene.target_margin, color=LOAD, lw=1.2, ls=":", label=label)
     margin.set_ylim(-0.15, 1.05)
     margin.set_ylabel("margin with torsion")
     turn.plot(time, trace["turn_deg"], color=TRUE, label="turn")

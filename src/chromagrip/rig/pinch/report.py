@@ -44,12 +44,6 @@ _FACTS = (
     ("frames", "frames", "", ""),
     ("speed of the loop", "frames_per_second", ".0f", "frames/s"),
 )
-_OUTCOMES = {
-    "held": "Held: the object neither turned nor was it crushed or dropped.",
-    "turned": "Turned: the object swung between the fingers.",
-    "crushed": "Crushed: the pressure was more than the object bears.",
-    "dropped": "Dropped: the object slid out of the fingers.",
-}
 
 
 def write_report(run: RunRead) -> None:
@@ -68,7 +62,7 @@ def pinch_on_page(run: RunRead, name: str) -> RunOnPage:
         facts=tuple(facts_of(run.summary, _FACTS)),
         video=run.video,
         slowdown=SLOWDOWN,
-        caption="Both cameras with what was read of them, and the object between the fingers.",
+        caption="The cameras' pictures with the tractions, and the object between the fingers.",
     )
 
 
@@ -156,7 +150,15 @@ def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
     """What happened, in sentences."""
     if not summary["complete"]:
         yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
-    yield _OUTCOMES[summary["outcome"]]
+    pinch = scene.pinch
+    bounds = f"{pinch.turned_deg:g}° count as turned and {pinch.dropped_mm:g} mm as dropped"
+    if pinch.crushed_kpa:
+        bounds += f", {pinch.crushed_kpa:g} kPa as crushed"
+    yield (
+        f"{str(summary['outcome']).capitalize()}: the object turned by up to "
+        f"{summary['largest_turn_deg']:.1f}° and slid by {summary['slide_mm']:.2f} mm, under up to "
+        f"{summary['max_pressure_kpa']:.0f} kPa; {bounds}."
+    )
     if not summary["lifted"]:
         yield "The table still bore a part of the weight at the end."
     name = "The smaller margin, with torsion,"

@@ -68,7 +68,7 @@ class PinchVideo(VideoFile):
         self._zoomed = True
         self.courses = Courses()
         self.plot = CoursePlot(
-            PLOTS, scene.duration_s, scene.safety_margin.desired_margin,
+            PLOTS, scene.duration_s, scene.target_margin,
             "estimated" if self._seen else "observed",
         )  # fmt: skip
         self._start = math.nan
