@@ -58,7 +58,7 @@ def test_what_gross_slip_is_stands_in_the_panel(held: Path) -> None:
     assert ("target 0.3", 0.3) in levels
 
 
-def test_a_run_without_pictures_has_no_estimates(held: Path) -> None:
+def test_the_panel_of_margins_has_the_true_one(held: Path) -> None:
     (margins, *_) = run_on_page(read_run(held), "run").panels
     assert any(curve.role == "true" for curve in margins.curves)
 

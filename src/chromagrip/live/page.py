@@ -9,7 +9,7 @@ from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Scene
 from .session import Session, Shown
 from .strips import Strips
-from .view import FingertipView, picture_of
+from .view import FingertipView, blank_picture, picture_of
 from .wishes import OBJECTS, Wishes, wishes_of
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Page:
         )  # fmt: skip
         self._status = server.gui.add_markdown("starting …")
         self._picture = server.gui.add_image(
-            picture_blank(), label="camera, with the motion of the markers × 4", format="jpeg"
+            blank_picture(), label="camera, with the motion of the markers × 4", format="jpeg"
         )
         self._add_controls(wishes_of(base))
         self._strips = Strips(server)
@@ -182,10 +182,3 @@ class Page:
         if button == "step":
             session.paused = True
         actions[button]()
-
-
-def picture_blank() -> Any:
-    """Picture before the first frame."""
-    import numpy as np
-
-    return np.full((315, 420, 3), 128, np.uint8)

@@ -15,8 +15,6 @@ from .wishes import scene_for, wishes_of
 
 #: Only programs on this machine reach the page.
 HOST = "127.0.0.1"
-#: Port where none is asked for.
-PORT = 8090
 
 
 def serve(

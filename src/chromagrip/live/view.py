@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..loop.shown.dome_picture import SLIPPING
 from ..loop.shown.tactile_video import MAGNIFY
 from ..loop.steps.sample import Sample
 from ..model import DomeState, ForceField
@@ -32,8 +33,6 @@ LONGEST, _LEAST = 0.5, 0.04
 SKIN, PRESSED, OBJECT = np.array([232, 226, 214]), np.array([20, 90, 190]), (120, 120, 125)
 #: Colours of friction where skin sticks and slips, RGB; slipping arrows are thicker at their heads.
 STICKS, SLIPS = (20, 20, 20), (213, 94, 0)
-#: Share of the friction limit above which a node slips.
-_SLIPPING = 0.999
 #: Side of the picture on the page [px].
 PICTURE = 420
 #: Colour of the markers' motion, RGB.
@@ -81,14 +80,14 @@ class FingertipView:
         for drawn in self._drawn:
             drawn.remove()
         if scene.body == "dome":
-            nodes = lattice(scene.build_dome())
-            self._points: Array = nodes.points
+            self._dome = scene.build_dome()
+            self._points: Array = lattice(self._dome).points
         else:
             self._points = _half_sphere(scene.build_fingertip().radius)
         flat = scipy.spatial.Delaunay(self._points[:, :2])
-        self._faces = flat.simplices.astype(np.uint32)
+        faces = flat.simplices.astype(np.uint32)
         self._skin = self._server.scene.add_mesh_simple(
-            "/skin", UNIT * self._points, self._faces, color=tuple(SKIN), side="double",
+            "/skin", UNIT * self._points, faces, color=tuple(SKIN), side="double",
             opacity=0.9,
         )  # fmt: skip
         mesh = object_mesh(scene.object)
@@ -108,8 +107,7 @@ class FingertipView:
     def _show_dome(self, sample: Sample, field: ForceField) -> None:
         state = sample.truth.state
         assert isinstance(state, DomeState)
-        assert self._scene is not None
-        moved: Array = self._points + displacements(self._scene.build_dome(), state)
+        moved: Array = self._points + displacements(self._dome, state)
         self._skin.vertices = (UNIT * moved).astype(np.float32)
         self._object.position = tuple(UNIT * state.place)
         turn = scipy.spatial.transform.Rotation.from_matrix(state.rotation)
@@ -146,7 +144,7 @@ class FingertipView:
         if not len(kept):
             start, way = np.full((1, 3), -1.0), np.full((1, 3), 1e-4)
             kept = np.zeros(1, dtype=np.intp)
-        slips = size[kept] > _SLIPPING * mu * field.normal[kept]
+        slips = size[kept] > SLIPPING * mu * field.normal[kept]
         self._arrows.points = np.stack([start, start + way], axis=1).astype(np.float32)
         self._arrows.colors = np.where(slips[:, None], SLIPS, STICKS).astype(np.uint8)
 
@@ -191,11 +189,16 @@ def object_mesh(settings: ObjectSettings) -> "trimesh.Trimesh":
     return made
 
 
+def blank_picture() -> Image:
+    """Picture where the camera has taken none, RGB."""
+    return np.full((PICTURE, PICTURE, 3), 128, np.uint8)
+
+
 def picture_of(shown: Shown) -> Image:
     """The camera's picture with the motion of the markers, magnified, RGB."""
     sample = shown.sample
     if sample.frame is None:
-        return np.full((PICTURE, PICTURE, 3), 128, np.uint8)
+        return blank_picture()
     canvas = sample.frame.image.copy()
     if sample.tracks is not None and sample.rest is not None:
         seen = sample.tracks.visible[0] & sample.rest.visible[0]

@@ -4,7 +4,7 @@ import base64
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -92,11 +92,12 @@ class RunOnPage:
     video: Path | None = None
     slowdown: float = 1.0
     caption: str = ""
-    _kept: NDArray[np.intp] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
+    @property
+    def _kept(self) -> NDArray[np.intp]:
+        """Instants that the page keeps."""
         stride = max(1, math.ceil(len(self.time) / MOST_INSTANTS))
-        object.__setattr__(self, "_kept", np.arange(0, len(self.time), stride))
+        return np.arange(0, len(self.time), stride)
 
     @property
     def left_out(self) -> bool:

@@ -88,7 +88,7 @@ def run_on_page(run: RunRead, name: str) -> RunOnPage:
         time=run.columns["time_s"],
         panels=tuple(_panels(run.scene, run.columns)),
         words=tuple(_words(run.scene, run.summary)),
-        facts=tuple(_facts(run.summary)),
+        facts=tuple(facts_of(run.summary, _FACTS)),
         video=run.video,
         slowdown=SLOWDOWN,
         caption="Left: the camera's picture. Right: the contact as it was estimated, and as it is."
@@ -100,6 +100,20 @@ def run_on_page(run: RunRead, name: str) -> RunOnPage:
 def curves_there(curves: Sequence[Curve]) -> tuple[Curve, ...]:
     """Those of the curves that have a value."""
     return tuple(curve for curve in curves if np.isfinite(curve.values).any())
+
+
+def estimated(
+    of: dict[str, Array], name: str, label: str = "estimated", second: bool = False
+) -> Curve:
+    """Estimate of that name with the ends of its 90 % interval, which have columns of their own."""
+    return Curve(
+        label=label,
+        values=of[f"{name}_estimated"],
+        role="estimated",
+        second=second,
+        low=of[f"{name}_low"],
+        high=of[f"{name}_high"],
+    )
 
 
 def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
@@ -147,16 +161,7 @@ def _drives(of: dict[str, Array]) -> list[Curve]:
 
 
 def _frictions(of: dict[str, Array]) -> list[Curve]:
-    return [
-        Curve(label="true", values=of["mu_true"], role="true"),
-        Curve(
-            label="estimated",
-            values=of["mu_estimated"],
-            role="estimated",
-            low=of["mu_low"],
-            high=of["mu_high"],
-        ),
-    ]
+    return [Curve(label="true", values=of["mu_true"], role="true"), estimated(of, "mu")]
 
 
 def _slips(of: dict[str, Array]) -> list[Curve]:
@@ -182,13 +187,7 @@ def _margins(of: dict[str, Array]) -> list[Curve]:
     """Γ, and on a dome the margin of force and torsion together."""
     curves = [
         Curve(label="true", values=of["margin_true"], role="true"),
-        Curve(
-            label="estimated",
-            values=of["margin_estimated"],
-            role="estimated",
-            low=of["margin_low"],
-            high=of["margin_high"],
-        ),
+        estimated(of, "margin"),
     ]
     if "limit_margin_estimated" in of:
         curves += [
@@ -228,8 +227,7 @@ def _with_deviation(
 
 def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
     """What happened, in sentences."""
-    if not summary["complete"]:
-        yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
+    yield from early_words(scene, summary)
     way, limit = summary["lateral_displacement_mm"], 1e3 * GROSS_SLIP
     if summary["gross_slip"] is None or way is None:
         yield "Frames from outside do not tell whether the object slid."
@@ -239,6 +237,12 @@ def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
         yield f"Held: the object slid by {way:.3f} mm; from {limit:g} mm on it is gross slip."
     yield margin_words(scene, "Γ", summary["final_margin_true"], summary["final_margin_estimated"])
     yield from estimate_words(summary, summary["frames"])
+
+
+def early_words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
+    """That a run ended before its scene, where it did."""
+    if not summary["complete"]:
+        yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
 
 
 def margin_words(scene: Scene, name: str, true: float | None, estimated: float | None) -> str:
@@ -287,10 +291,6 @@ _FACTS = (
     ("frames without an estimate", "without_estimate", "", ""),
     ("speed of the loop", "frames_per_second", ".0f", "frames/s"),
 )
-
-
-def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    yield from facts_of(summary, _FACTS)
 
 
 def facts_of(

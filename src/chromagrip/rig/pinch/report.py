@@ -10,7 +10,9 @@ from ...loop.shown.report import (
     REPORT,
     RunRead,
     curves_there,
+    early_words,
     estimate_words,
+    estimated,
     facts_of,
     margin_panel,
     margin_words,
@@ -71,18 +73,7 @@ def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
         yield margin_panel(scene, f"margins, {finger} finger", _margins(of, finger))
     yield Panel(
         title="friction ΣFf [N]",
-        curves=curves_there(
-            [
-                Curve(
-                    label=f"{finger} finger, {name}",
-                    values=of[f"{finger}_friction_{name}_n"],
-                    role="true" if name == "true" else "estimated",
-                    second=finger == FINGERS[1],
-                )
-                for finger in FINGERS
-                for name in ("true", "estimated")
-            ]
-        ),
+        curves=_of_both(of, "friction", "_n"),
     )
     yield Panel(
         title="grip and table [N]",
@@ -93,18 +84,7 @@ def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
     )
     yield Panel(
         title="friction coefficient µ",
-        curves=curves_there(
-            [
-                Curve(
-                    label=f"{finger} finger, {name}",
-                    values=of[f"{finger}_mu_{name}"],
-                    role="true" if name == "true" else "estimated",
-                    second=finger == FINGERS[1],
-                )
-                for finger in FINGERS
-                for name in ("true", "estimated")
-            ]
-        ),
+        curves=_of_both(of, "mu", ""),
         limits=(0.0, 2.0),
     )
     yield Panel(
@@ -125,18 +105,26 @@ def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
     )
 
 
+def _of_both(of: dict[str, Array], name: str, unit: str) -> tuple[Curve, ...]:
+    """True and estimated value of that name of both fingers."""
+    return curves_there(
+        [
+            Curve(
+                label=f"{finger} finger, {kind}",
+                values=of[f"{finger}_{name}_{kind}{unit}"],
+                role="true" if kind == "true" else "estimated",
+                second=finger == FINGERS[1],
+            )
+            for finger in FINGERS
+            for kind in ("true", "estimated")
+        ]
+    )
+
+
 def _margins(of: dict[str, Array], finger: str) -> list[Curve]:
-    column = {name: of[f"{finger}_{name}"] for name in ("margin_low", "margin_high")}
     return [
         Curve(label="Γ, true", values=of[f"{finger}_margin_true"], role="true", second=True),
-        Curve(
-            label="Γ, estimated",
-            values=of[f"{finger}_margin_estimated"],
-            role="estimated",
-            second=True,
-            low=column["margin_low"],
-            high=column["margin_high"],
-        ),
+        estimated(of, f"{finger}_margin", "Γ, estimated", second=True),
         Curve(label="with torsion, true", values=of[f"{finger}_limit_margin_true"], role="true"),
         Curve(
             label="with torsion, estimated",
@@ -148,8 +136,7 @@ def _margins(of: dict[str, Array], finger: str) -> list[Curve]:
 
 def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
     """What happened, in sentences."""
-    if not summary["complete"]:
-        yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
+    yield from early_words(scene, summary)
     pinch = scene.pinch
     bounds = f"{pinch.turned_deg:g}° count as turned and {pinch.dropped_mm:g} mm as dropped"
     if pinch.crushed_kpa:
