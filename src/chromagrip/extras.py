@@ -38,6 +38,8 @@ EXTRAS = {
     "cloud": Extra("fsspec", "a dataset at an address"),
     "learn": Extra("torch", "reading datasets with PyTorch"),
     "live": Extra("viser", "the live page"),
+    "ros": Extra("mcap", "writing a run as an MCAP log"),
+    "viz": Extra("rerun", "writing a run as a Rerun log"),
     "reference": Extra("mitsuba", "path tracing the reference pictures"),
 }
 
