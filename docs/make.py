@@ -1,7 +1,7 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
-Parts: images, bodies, loop, dataset, control, model, render, track, force, force-dome,
-loop-dome, control-pinch, ranges, tolerances, charts, limit, limit-dome, stability,
+Parts: images, gallery, tutorials, bodies, loop, dataset, control, model, render, track, force,
+force-dome, loop-dome, control-pinch, ranges, tolerances, charts, limit, limit-dome, stability,
 stability-track, stability-force, stability-loop, stability-loop-dome, stability-loop-pinch,
 appendix-b, reproduction.
 Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+from website.gallery import GALLERY
+from website.notebook import executed, with_outputs
 
 from chromagrip.calibrate.first_use import EPOCHS, HISTORIES, NOISE
 from chromagrip.calibrate.readout import VARIATIONS
@@ -38,6 +40,8 @@ from chromagrip.output.report import Table, machine, markdown, number, report_ma
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
+#: Width of a page [px].
+PAGE = 1000
 TITLES = {
     "loop": "The closed loop, measured",
     "control": "Controllers, measured",
@@ -56,9 +60,10 @@ TITLES = {
 def made_by(*words: str) -> Iterator[Path]:
     """Folder that a command of ours writes with `--out`."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-P", "-m", "chromagrip", *words, "--out", folder]
-        subprocess.run([*command, "--overwrite"], check=True)
-        yield Path(folder)
+        made = Path(folder) / "made"
+        command = [sys.executable, "-P", "-m", "chromagrip", *words, "--out", str(made)]
+        subprocess.run(command, check=True)
+        yield made
 
 
 def keep(words: str, files: Mapping[str, Path]) -> None:
@@ -292,8 +297,50 @@ def surfaces_of_table_2(sections: Iterable[Section]) -> None:
     fill("node-models", "table 2", markdown(Table(found.header, found.lines[:3])))
 
 
+def tutorials() -> None:
+    """What the commands of the tutorials print."""
+    for page in sorted((DOCS / "tutorials").glob("*.md")):
+        with tempfile.TemporaryDirectory() as folder:
+            book = executed(page, Path(folder))
+        page.write_text(with_outputs(page.read_text(encoding="utf-8"), book), encoding="utf-8")
+
+
+def gallery() -> None:
+    """Pictures of the gallery, and its page with the command of each."""
+    (IMAGES / "gallery").mkdir(exist_ok=True)
+    lines = [
+        "# Gallery",
+        "",
+        "The command below a picture makes it, as the file that is named.",
+        "",
+    ]
+    for section, entries in GALLERY.items():
+        lines += [f"## {section}", ""]
+        for entry in entries:
+            with made_by(*entry.command.split()) as folder:
+                picture = picture_of(folder / entry.file, entry.at_s)
+            cv2.imwrite(str(IMAGES / "gallery" / f"{entry.name}.jpg"), picture)
+            lines += [f"![{entry.caption}](images/gallery/{entry.name}.jpg)", "", entry.caption, ""]
+            lines += ["```", f"chromagrip {entry.command}   # {entry.file}", "```", ""]
+    (DOCS / "gallery.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+
+
+def picture_of(file: Path, at_s: float) -> Any:
+    """A picture, or a frame of a video at an instant [s], at most as wide as a page."""
+    if file.suffix == ".mp4":
+        video = cv2.VideoCapture(str(file))
+        video.set(cv2.CAP_PROP_POS_MSEC, 1e3 * at_s)
+        picture = video.read()[1]
+    else:
+        picture = cv2.imread(str(file))
+    share = min(1.0, PAGE / picture.shape[1])
+    return cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+
+
 PARTS: dict[str, Callable[[], None]] = {
     "images": images,
+    "gallery": gallery,
+    "tutorials": tutorials,
     "bodies": bodies,
     "loop": partial(table, "loop"),
     "dataset": partial(table, "dataset"),

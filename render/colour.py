@@ -8,13 +8,23 @@ ENCODE_STEPS = 4096
 
 
 def decode_srgb(level: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Linear light 0…1 of sRGB levels 0…255 (IEC 61966-2-1)."""
+    """Linear light 0…1 of sRGB levels 0…255 (IEC 61966-2-1), of the shape of `level`.
+
+    Parameters
+    ----------
+    level: sRGB level from 0 to 255, of any shape
+    """
     v = np.asarray(level, dtype=float) / 255.0
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
 def encode_srgb(linear: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """SRGB levels 0…255, not rounded, of linear light 0…1."""
+    """SRGB levels 0…255 of linear light 0…1, not rounded, of the shape of `linear`.
+
+    Parameters
+    ----------
+    linear: linear light from 0 to 1, of any shape
+    """
     v = np.clip(np.asarray(linear, dtype=float), 0.0, 1.0)
     return 255.0 * np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
 

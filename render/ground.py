@@ -21,7 +21,13 @@ def pixel_places(sensor: SensorDesign) -> Array:
 
 
 def inside_rim(sensor: SensorDesign, places: Array) -> Array:
-    """Distance in the image from the edge of the skin, positive inside [px], shape (H, W)."""
+    """Distance in the image from the edge of the skin, positive inside [px], shape (H, W).
+
+    Parameters
+    ----------
+    sensor: design
+    places: on the resting skin, from `pixel_places`, shape (H, W, 2)
+    """
     distance = sensor.shape.rim_distance(places)
     slope = np.hypot(*np.gradient(distance))
     return np.where(np.isfinite(distance), distance, -1.0) / np.maximum(

@@ -144,10 +144,13 @@ def _interpolation(place: Array, stations: Array) -> "scipy.sparse.csr_array":
 
 
 def node_before(place: Array, stations: Array) -> tuple[NDArray[np.int64], Array]:
-    """Node before each signed place, and the weight of that behind it, shapes of `place`."""
+    """Node before each signed place, and the weight of that behind it, shapes of `place`.
+
+    Places beyond the outer nodes, such as a pad's corners, move as these do: they are held.
+    """
     index = np.clip(np.searchsorted(stations, place, side="right") - 1, 0, len(stations) - 2)
     weight = (place - stations[index]) / (stations[index + 1] - stations[index])
-    return index.astype(np.int64), np.asarray(weight)
+    return index.astype(np.int64), np.clip(weight, 0.0, 1.0)
 
 
 def stations_of(skin: Skin, nodes: int | Array) -> Array:

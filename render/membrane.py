@@ -80,7 +80,13 @@ class MembraneMap:
 
 
 def rest_membrane(sensor: SensorDesign, places: Array | None = None) -> Membrane:
-    """Markers of the unloaded sensor, at their own places or as designed."""
+    """Markers of the unloaded sensor, at their own places or as designed.
+
+    Parameters
+    ----------
+    sensor: design
+    places: of the markers of each layer, shape (2, M, 2); None is as designed
+    """
     return MembraneMap(sensor, 11, places)(np.zeros((11, 2)))
 
 
@@ -96,7 +102,13 @@ def swelling(raised: Array, thickness: float) -> Array:
 
 
 def outline_axes(carried: Array, stretch: float) -> Array:
-    """Axes of unit outlines on a skin carried by F = R·U: R and `stretch` of the U, (…, 3, 2)."""
+    """Axes of unit outlines on a skin carried by F = R·U: R and `stretch` of the U, (…, 3, 2).
+
+    Parameters
+    ----------
+    carried: F of each marker, its columns in space, shape (…, 3, 2)
+    stretch: share of the skin's stretch that an outline follows
+    """
     flat = np.ascontiguousarray(carried, dtype=float).reshape(-1, 3, 2)
     out = np.empty_like(flat)
     unit_axes_each(flat, stretch, out)

@@ -58,7 +58,13 @@ def outlines(membrane: Membrane, view: View) -> Array:
 
 
 def outline_points(membrane: Membrane, q: Array) -> Array:
-    """Points in space of markers' own coordinates q (K, 2) [m], shape (2, M, K, 3)."""
+    """Points in space of markers' own coordinates q (K, 2) [m], shape (2, M, K, 3).
+
+    Parameters
+    ----------
+    membrane: carries the markers
+    q: a marker's own coordinates, on the unit disc or square, shape (K, 2)
+    """
     # One product of matrices instead of one for each marker.
     offsets = (membrane.axes.reshape(-1, 2) @ q.T).reshape(*membrane.axes.shape[:-1], len(q))
     return np.swapaxes(membrane.centres[..., None] + offsets, -1, -2)
@@ -68,6 +74,11 @@ def centroids(coefficients: Array, square: bool) -> Array:
     """Centroids of the outlines' area in the image [px], shape (…, 2).
 
     To second order: ∫ p·|∂p/∂q| over the unit disc (mean of q₁² is 1/4) or square (1/3).
+
+    Parameters
+    ----------
+    coefficients: of `outlines` [px], shape (…, 6, 2)
+    square: whether markers are squares, not discs
     """
     flat = np.ascontiguousarray(coefficients, dtype=float).reshape(-1, 6, 2)
     out = np.empty((len(flat), 2))
@@ -76,7 +87,13 @@ def centroids(coefficients: Array, square: bool) -> Array:
 
 
 def areas(coefficients: Array, square: bool) -> Array:
-    """Areas of the outlines in the image [px²], shape (…)."""
+    """Areas of the outlines in the image [px²], shape (…).
+
+    Parameters
+    ----------
+    coefficients: of `outlines` [px], shape (…, 6, 2)
+    square: whether markers are squares, not discs
+    """
     return (4.0 if square else np.pi) * abs(
         _cross(coefficients[..., 1, :], coefficients[..., 2, :])
     )

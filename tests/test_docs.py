@@ -18,7 +18,7 @@ from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
 from chromagrip.rig.pinch.trace import COLUMNS as PINCH_COLUMNS
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "fixtures/README.md"])
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "fixtures/README.md"])
 Typed = Callable[..., CompletedProcess[str]]
 
 
@@ -38,7 +38,8 @@ def anchor(heading: str) -> str:
 
 def typed_commands(text: str) -> Iterator[list[str]]:
     """Words of every `chromagrip` command in a page, in code blocks and between back quotes."""
-    lines = [line for language, block in blocks(text) if not language for line in block.split("\n")]
+    typed = [block for language, block in blocks(text) if language in ("", "bash")]
+    lines = [line for block in typed for line in block.split("\n")]
     inline = re.findall(
         r"(?<!`)`([^`]+)`(?!`)", re.sub(r"^```.*?^```$", "", text, flags=re.S | re.M)
     )
@@ -63,7 +64,8 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 def test_the_index_lists_every_page() -> None:
     index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
-    pages = {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    found = (ROOT / "docs").rglob("*.md")
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in found} - {"README.md"}
     assert {page for page in pages if f"]({page})" not in index} == set()
 
 

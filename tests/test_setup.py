@@ -81,7 +81,7 @@ def test_run_without_a_python_says_so_in_one_line(tmp_path: Path) -> None:
     assert not (tmp_path / ".venv").exists()
 
 
-@pytest.mark.parametrize("job", ["demo", "test", "lint", "check-all", "lock"])
+@pytest.mark.parametrize("job", ["demo", "test", "lint", "docs", "check-all", "lock"])
 def test_make_forwards_to_run(job: str) -> None:
     make = shutil.which("make")
     if make is None:

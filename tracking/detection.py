@@ -209,7 +209,13 @@ def neighbours(points: Array, count: int) -> NDArray[np.int64]:
 
 
 def join_layers(layers: list[Array], reach: float) -> Array:
-    """Markers of all layers, those within `reach` of each other under one number, (L, M, 2)."""
+    """Markers of all layers, those within `reach` of each other under one number, (L, M, 2).
+
+    Parameters
+    ----------
+    layers: places of each layer's markers [px], shapes (M₀, 2) and (M₁, 2)
+    reach: largest distance of two markers of one pair [px]
+    """
     if len(layers) == 1:
         return layers[0][None]
     first, second = layers

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 #: Share of the ground's linear light; above 1 for markers that are brighter than the ground.
 Transmittance = Annotated[float, Meta(gt=0.0, le=100.0)]
 Name = Annotated[str, Meta(min_length=1, max_length=40)]
+#: Palette that is used where none is named: magenta over yellow, as in ChromaTouch.
 DEFAULT_PALETTE = "chromatouch"
 #: Name that stands for a palette that is learned from the picture.
 AUTO_PALETTE = "auto"

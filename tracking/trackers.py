@@ -80,6 +80,7 @@ TRACKERS = Registry(
         ),
     },
 )
+#: Tracker that is used where none is named.
 DEFAULT_TRACKER = "fit"
 
 

@@ -50,12 +50,23 @@ def unmixing_matrix(transmittance: Array) -> Array:
     """Least-squares map from log attenuation (R, G, B) to dye densities, shape (L, 3).
 
     A density is 1 inside a marker of that dye and 0 outside, wherever the other layer's lie.
+
+    Parameters
+    ----------
+    transmittance: share of the ground's light that each dye leaves, shape (L, 3)
     """
     return np.linalg.pinv(-np.log(transmittance).T)
 
 
 def dye_densities(linear: Light, ground: Light, matrix: Array) -> Light:
-    """Density of each dye per pixel, shape (L, H, W), as precise as the light."""
+    """Density of each dye per pixel, shape (L, H, W), as precise as the light.
+
+    Parameters
+    ----------
+    linear: linear light of the picture, shape (H, W, 3)
+    ground: of the sensor without markers, shape (H, W, 3)
+    matrix: of `unmixing_matrix`, shape (L, 3)
+    """
     attenuation = np.log(np.maximum(ground, _BLACK)) - np.log(np.maximum(linear, _BLACK))
     mixed = cv2.transform(attenuation, matrix).reshape(*attenuation.shape[:2], -1)
     return np.ascontiguousarray(np.moveaxis(mixed, 2, 0))

@@ -71,7 +71,13 @@ class Ensemble:
 
 
 def rest_ensemble(fingertip: Fingertip, count: int) -> Ensemble:
-    """Undeformed fingertips whose apex just touches the object."""
+    """Undeformed fingertips whose apex just touches the object.
+
+    Parameters
+    ----------
+    fingertip: that all are
+    count: number of them
+    """
     n = fingertip.nodes
     return Ensemble(
         time=0.0,

@@ -10,6 +10,7 @@ from ...errors import UserError
 from ..checks import finite, within
 
 Array = NDArray[np.float64]
+#: Force of a spring, see `Fingertip.law` (thesis Eqs. 3, 17 and 14).
 SpringLaw = Literal["split", "inverse-poisson", "axial"]
 
 #: Node count at which the thesis prints its per-node constants.

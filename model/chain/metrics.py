@@ -36,7 +36,12 @@ class SlipRecord:
 
 
 def no_slip(nodes: int) -> SlipRecord:
-    """Record of a grasp that has not begun."""
+    """Record of a grasp that has not begun.
+
+    Parameters
+    ----------
+    nodes: number of the chain's nodes
+    """
     return SlipRecord(origin=np.full(nodes, np.nan))
 
 
@@ -47,7 +52,7 @@ def follow_slip(
     dt: float,
     kept: Sequence[int] | None = None,
 ) -> list[SlipRecord]:
-    """Record after some steps of `dt` seconds of a run whose nodes touch as given, shape (R, N).
+    """Records of slip after some steps of a run.
 
     A round object that slides takes its contact along: nodes at the back leave, others join at the
     front. New nodes start from the slip of the contact so far; counted from zero, they would hide
@@ -55,6 +60,10 @@ def follow_slip(
 
     Parameters
     ----------
+    record: before the run
+    run: of the chain, R instants
+    touching: whether each node touches the object at each instant, shape (R, N)
+    dt: from instant to instant [s]
     kept: numbers of the instants that records are wanted of, from 1; None is each
     """
     origin, now = np.empty((len(run), len(record.origin))), np.empty((len(run), 4))

@@ -98,7 +98,12 @@ def spring_force(
 def spring_forces(fingertip: Fingertip, seen: Array) -> tuple[Array, Array]:
     """Forces that hold each node against its tissue spring, and against its membrane springs [N].
 
-    Parameters as in `chain_forces`, which gives their sum; both of shape (N, 2).
+    Their sum is `chain_forces`; both are of shape (N, 2).
+
+    Parameters
+    ----------
+    fingertip: the chain
+    seen: node displacements (x, z) relative to the rigid part [m], shape (N, 2)
     """
     without = replace(fingertip, membrane_stiffness=TINY, poisson_membrane=0.0)
     tissue = chain_forces(without, seen)

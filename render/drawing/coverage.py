@@ -44,7 +44,12 @@ _STEEPER = 2.22
 
 
 def edge_width(blur: float) -> float:
-    """Standard deviation of an edge: lens blur [px] and the pixel's own box of variance 1/12."""
+    """Standard deviation of an edge: lens blur [px] and the pixel's own box of variance 1/12.
+
+    Parameters
+    ----------
+    blur: standard deviation of the lens [px]
+    """
     return math.sqrt(blur**2 + 1.0 / 12.0)
 
 

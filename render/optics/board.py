@@ -79,6 +79,12 @@ def _dictionary(name: str) -> cv2.aruco.Dictionary:
 
 
 def board_picture(board: Board, pixels_per_square: int) -> Picture:
-    """Grey picture of the board to print, without a margin."""
+    """Grey picture of the board to print, without a margin.
+
+    Parameters
+    ----------
+    board: to print
+    pixels_per_square: side of a square in the picture [px]
+    """
     size = (board.columns * pixels_per_square, board.rows * pixels_per_square)
     return np.asarray(board.opencv().generateImage(size), dtype=np.uint8)

@@ -186,7 +186,7 @@ def test_the_card_counts_what_is_covered(made: Path) -> None:
     error = sorted(abs(value - truth) for truth, _, value, _ in rows)
     middle = (error[(len(rows) - 1) // 2] + error[len(rows) // 2]) / 2
     assert f"| `force_z_n` | {len(rows)} | {middle:.2g} | {covered:.0%} |" in text
-    assert "- `reading_margin_low`: read from the picture: lower end of its interval" in text
+    assert "| `reading_margin_low` | – | read from the picture: lower end of its interval |" in text
     assert reading_lines("", []) == []
 
 

@@ -146,3 +146,19 @@ def test_squares_lie_along_x_and_y_and_turn_with_the_skin() -> None:
     np.testing.assert_allclose(
         lean, np.tile([0.1, 0.0, 1.0] / np.hypot(0.1, 1), (len(lean), 1)), atol=1e-9
     )
+
+
+def test_markers_outside_the_outermost_nodes_stay() -> None:
+    """A pad's corners are farther from its middle than its rim, which is held."""
+    sensor = load_sensor("flat-2019")
+    x = np.linspace(-sensor.shape.half, sensor.shape.half, 251)
+    held = np.clip((sensor.shape.half - abs(x)) / 1e-3, 0.0, 1.0)
+    moved = np.column_stack([5e-4 * held, -5e-4 * held])
+    mapped = MembraneMap(sensor, 251)
+    rest, pressed = mapped(np.zeros_like(moved)), mapped(moved)
+    outside = sensor.places[:, 0] > sensor.shape.half
+    assert outside.sum() >= 4
+    np.testing.assert_allclose(pressed.centres[:, outside], rest.centres[:, outside], atol=1e-12)
+    np.testing.assert_allclose(pressed.axes[:, outside], rest.axes[:, outside], atol=1e-12)
+    middle = sensor.places[:, 0] < 0.5 * sensor.shape.half
+    np.testing.assert_allclose((pressed.centres - rest.centres)[0, middle, 0], 5e-4, rtol=1e-9)

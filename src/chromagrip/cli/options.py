@@ -167,10 +167,15 @@ def stem_of(source: str) -> str:
     return (path.name if path.is_dir() else path.stem).replace(":", "-")
 
 
+def _screen() -> Console:
+    # A notebook sets FORCE_COLOR, and would get every state of a bar below the one before.
+    return Console(stderr=True, force_terminal=sys.stderr.isatty())
+
+
 @contextmanager
 def status(text: str = "starting") -> Iterator[Callable[[str], None]]:
     """Show the current step of long work; yields the function that changes it."""
-    with Console(stderr=True).status(text) as line:
+    with _screen().status(text) as line:
         yield _reporter(line)
 
 
@@ -195,7 +200,7 @@ def counting(
     transient: whether the bar goes away at the end
     logged: line for a log, once there is something to count; a bar is for a terminal alone
     """
-    console = Console(stderr=True)
+    console = _screen()
     unsaid = bool(logged) and not console.is_terminal
     with Progress(
         TextColumn("{task.description}"),

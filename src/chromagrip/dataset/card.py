@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ..extras import need
+from ..output.figure import png
 from ..output.folder import write_whole
-from ..output.png import encode_png
 from .folder import (
     CARD,
     SHEET,
@@ -20,8 +20,7 @@ from .folder import (
 )
 from .labels import COMMON, STATES, columns_of
 from .labels.reading import reading_lines
-from .pictures import pictures_in
-from .read import tables
+from .read import Loaded, load_sequence, tables
 from .recipe import CASE, Case, Recipe, Values, bodies_of, dotted
 
 if TYPE_CHECKING:
@@ -39,8 +38,30 @@ _ROUNDING = 1e-9
 _ACROSS = 4
 #: Rows of the sheet.
 _DOWN = 3
-#: Width of a picture on the sheet [px].
-_PICTURE = 240
+#: Factors by which a sheet may magnify motion, and its longest arrow over the picture's height.
+_MAGNIFY, _ARROW = (1, 2, 5, 10, 20, 50), 0.12
+#: Unit of a column, by the end of its name.
+_UNITS = {
+    "_nmm": "N·mm", "_n": "N", "_mm": "mm", "_px": "px", "_s": "s", "_deg": "°", "_kpa": "kPa",
+}  # fmt: skip
+_SNIPPET = """## Loading
+
+```python
+from chromagrip.dataset import load_sequences
+
+for one in load_sequences("FOLDER"):  # of this card
+    picture = one.pictures[-1]  # RGB, shape {shape}
+    force, margin = one.frames["normal_n"], one.frames["margin"]  # a value for each frame
+```
+
+Without chromagrip, pandas reads `frames.parquet` and `markers.parquet` of each sequence.
+For PyTorch there is `chromagrip.dataset.torch.Frames`, for other tools `chromagrip dataset export`.
+
+## Licence
+
+chromagrip claims no right in what it makes: pictures and labels belong to whoever ran it.
+Meshes and sensor designs that were given to it keep their own licences.
+"""
 
 
 def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
@@ -55,8 +76,10 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     pa = need("pyarrow", "data")
     values = {name: pa.chunked_array(parts[name]) for name in columns}
     read = reading_lines(recipe.reading, (table for _, table in tables(folder, "frames")))
-    write_whole(folder / CARD, _card(recipe, drawn, values, read).encode())
-    write_whole(folder / SHEET, encode_png(_sheet(folder, numbers)))
+    chosen = np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)
+    shown = [load_sequence(folder / sequence_name(numbers[at])) for at in dict.fromkeys(chosen)]
+    write_whole(folder / CARD, _card(recipe, drawn, values, read, shown[0]).encode())
+    write_whole(folder / SHEET, _sheet(shown))
 
 
 def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
@@ -70,7 +93,11 @@ def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
 
 
 def _card(
-    recipe: Recipe, drawn: list[Values], values: "dict[str, pa.ChunkedArray]", read: list[str]
+    recipe: Recipe,
+    drawn: list[Values],
+    values: "dict[str, pa.ChunkedArray]",
+    read: list[str],
+    one: Loaded,
 ) -> str:
     counted = values.pop("slip_state").value_counts().to_pylist()
     states = {one["values"]: one["counts"] for one in counted}
@@ -84,6 +111,8 @@ def _card(
         f"{len(drawn)} sequences, {sum(states.values())} frames, made by chromagrip: simulated "
         "pictures of a fingertip with two layers of coloured markers, with what is true of them.",
         "",
+        *_sizes(one),
+        "",
         *_counts("case", [one[CASE] for one in drawn if CASE in one]),
         *_counts("motion", motions),
         "| slip state | frames |",
@@ -92,11 +121,13 @@ def _card(
         "",
     ]
     for name, column in values.items():
-        lines += [f"`{name}`: {COMMON[name]}", "", "```", *_histogram(column), "```", ""]
+        unit = f" [{_unit(name)}]" if _unit(name) else ""
+        lines += [f"`{name}`: {COMMON[name]}{unit}", "", "```", *_histogram(column), "```", ""]
     lines += [
         *read,
         "![pictures](contact-sheet.png)",
         "",
+        _SNIPPET.format(shape=one.pictures[-1].shape),
     ]
     for body in bodies:
         frame, markers, nodes = columns_of(body, bool(recipe.reading))
@@ -104,12 +135,13 @@ def _card(
         lines += [
             f"## Columns of `frames.parquet`{of}",
             "",
-            *(f"- `{name}`: {text}" for name, text in frame.items()),
+            *_columns(frame),
             "",
             f"## Columns of `markers.parquet`{of}",
             "",
-            *(f"- `{name}`: {text}" for name, text in markers.items()),
-            *(f"- `{name}`: {text}" for name, text in nodes.items()),
+            "Each cell is a list: of 2M values, the outer layer's first, of M pairs or of N nodes.",
+            "",
+            *_columns({**markers, **nodes}),
             "",
         ]
     lines += ["## What was drawn", "", *_draws(recipe)]
@@ -117,6 +149,29 @@ def _card(
         said = [f"- `{key}` = {value}" for key, value in dotted(case.scene).items()]
         lines += ["", f"### Case {case.name}", "", *said, *_draws(case)]
     return "\n".join(lines) + "\n"
+
+
+def _sizes(one: Loaded) -> list[str]:
+    """What a sequence holds."""
+    height, width, _ = one.pictures[-1].shape
+    nodes = one.markers["node_contact"].shape[1] if "node_contact" in one.markers else 0
+    return [
+        "| of the first sequence | |",
+        "|---|---|",
+        f"| pictures | {len(one.pictures)}, and one at rest; {width} × {height} px, 8-bit RGB |",
+        f"| markers in each of two layers, M | {one.places.shape[2]} |",
+        f"| nodes of the mechanics, N | {nodes} |",
+    ]
+
+
+def _unit(column: str) -> str:
+    return next((unit for end, unit in _UNITS.items() if column.endswith(end)), "")
+
+
+def _columns(texts: dict[str, str]) -> list[str]:
+    """Table of columns with their units."""
+    rows = [f"| `{name}` | {_unit(name) or '–'} | {text} |" for name, text in texts.items()]
+    return ["| column | unit | content |", "|---|---|---|", *rows]
 
 
 def _draws(part: Recipe | Case) -> list[str]:
@@ -151,22 +206,45 @@ def _histogram(column: "pa.ChunkedArray") -> list[str]:
     ]
 
 
-def _size(image: NDArray[Any]) -> tuple[int, int]:
-    """Width and height of a picture on the sheet [px]."""
-    return _PICTURE, round(_PICTURE * image.shape[0] / image.shape[1])
-
-
-def _sheet(folder: Path, numbers: list[int]) -> NDArray[np.uint8]:
-    """Last pictures of some sequences, side by side."""
-    chosen = np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)
-    small: list[NDArray[np.uint8]] = []
-    for at in dict.fromkeys(chosen):
-        image = pictures_in(folder / sequence_name(numbers[at]))[-1]
-        # Pictures of other sensors take the shape of the first one.
-        size = small[0].shape[1::-1] if small else _size(image)
-        small.append(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8))
-    blank = np.full_like(small[0], 255)
-    rows = [small[k : k + _ACROSS] for k in range(0, len(small), _ACROSS)]
-    return np.vstack(
-        [np.hstack(row + [blank] * (min(_ACROSS, len(small)) - len(row))) for row in rows]
+def _sheet(shown: list[Loaded]) -> bytes:
+    """Last pictures of some sequences with the markers' motion, forces and Γ, as a PNG."""
+    down = -(-len(shown) // _ACROSS)
+    figure = Figure(figsize=(3.0 * _ACROSS, 3.1 * down + 0.5), layout="constrained")
+    axes = figure.subplots(down, _ACROSS, squeeze=False)
+    for axis in axes.flat:
+        axis.set_axis_off()
+    for axis, one in zip(axes.flat, shown, strict=False):
+        magnify = _draw_motion(axis, one)
+        force, margin = one.frames["normal_n"][-1], one.frames["margin"][-1]
+        held = f"Γ {margin:.2f}" if np.isfinite(margin) else "no contact"
+        title = f"{one.number}: {one.values.get('motion', 'press')}, motion × {magnify}"
+        axis.set_title(f"{title}\nΣFn {force:.2f} N, {held}", fontsize=11)
+    said = (
+        "part of the last picture of a sequence; arrows: motion of the outer layer since the first"
     )
+    figure.supxlabel(said, fontsize=11)
+    return png(figure, 90)
+
+
+def _draw_motion(axis: Axes, one: Loaded) -> int:
+    """Draw a sequence's last picture and its markers' motion; returns how much it is magnified."""
+    picture, places = one.pictures[-1], one.places[:, 0]
+    height, width, _ = picture.shape
+    seen = one.visible[0, 0] & one.visible[-1, 0]
+    start, moved = places[0, seen], places[-1, seen] - places[0, seen]
+    length = np.linalg.norm(moved, axis=1)
+    largest = max(float(length.max(initial=0.0)), 1e-9)
+    magnify = max([m for m in _MAGNIFY if m * largest < _ARROW * height], default=1)
+    axis.imshow(picture)
+    axis.quiver(
+        *start.T, *moved.T, color="#0072b2", angles="xy", scale_units="xy", scale=1.0 / magnify,
+        width=7e-3,
+    )  # fmt: skip
+    moving = start[length > 0.2 * largest]
+    if len(moving):
+        low, high = moving.min(axis=0), moving.max(axis=0)
+        half = min(0.5 * height, max(0.7 * float((high - low).max()), 0.25 * height))
+        x, y = np.clip(0.5 * (low + high), half, [width - half, height - half])
+        axis.set_xlim(x - half, x + half)
+        axis.set_ylim(y + half, y - half)
+    return magnify

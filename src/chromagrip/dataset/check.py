@@ -42,6 +42,11 @@ def check(folder: Place, progress: Callable[[int, int], None] = lambda done, tot
 
     Of a frozen recipe, pictures and labels must be those that are recorded, but for rounding.
 
+    Parameters
+    ----------
+    folder: of the dataset, or its address
+    progress: called with the number of sequences that are checked, and of all
+
     Raises
     ------
     UserError

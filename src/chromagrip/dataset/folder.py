@@ -90,7 +90,12 @@ class FileList(TypedDict):
 
 
 def sequence_name(number: int) -> str:
-    """Folder of a sequence."""
+    """Folder of a sequence.
+
+    Parameters
+    ----------
+    number: of the sequence, from 0
+    """
     return f"sequence-{number:06d}"
 
 

@@ -1,12 +1,12 @@
 """A labelled picture of an image and its ground truth."""
 
-import textwrap
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from ...model import margin_within
 from ...scene.scene import Scene
@@ -17,95 +17,143 @@ from .poses import Shot
 MAGENTA = "#b0125b"
 YELLOW = "#b58900"
 FORCE = "#1f4fd8"
-#: Spacing of the flow's arrows [px].
-SPACING = 16
-#: Factor by which the flow is magnified: its longest arrow is longer than the spacing by half.
-MAGNIFY = (4.0, 20.0)
-#: Letters in a line of the title.
-WIDTH = 110
-#: Longest arrow of a force over the height of the picture, and over the width of the contact.
-ARROW, OF_CONTACT = 0.08, 0.35
+#: Arrows of the motion along a side of the window.
+ARROWS = 22
+#: Factor by which the motion is magnified at most.
+MAGNIFY = 20.0
+#: Longest arrow of a force over the side of the window.
+ARROW = 0.14
+#: Motion over its largest that belongs to the window, and the smallest window over the picture.
+MOVED, SMALLEST = 0.2, 0.2
+
+#: Columns and rows of a part of the picture: left, right, top, bottom [px].
+Window = tuple[float, float, float, float]
 
 
 def draw_preview(scene: Scene, shot: Shot, path: Path) -> None:
-    """Image with markers, forces, layers, flow and depth, with the pose above."""
+    """The picture, and its contact magnified: forces, layers, motion, indentation, numbers."""
     matplotlib.use("Agg", force=False)
-    figure = Figure(figsize=(12.0, 9.4), dpi=100, layout="constrained")
-    axes = figure.subplots(2, 2)
-    figure.suptitle(textwrap.fill(_title(scene, shot), WIDTH))
-    _markers(axes[0, 0], scene, shot)
-    _layers(axes[0, 1], shot)
-    _flow(axes[1, 0], shot)
+    figure = Figure(figsize=(12.6, 8.2), dpi=100, layout="constrained")
+    axes = figure.subplots(2, 3)
+    names = [Path(scene.sensor).stem]
+    if isinstance(shot.settled.pose, DomePose):
+        names.append(scene.build_solid().shape.name)
+    figure.suptitle(f"{', '.join(names)}: {_done(shot)}", fontsize=15)
+    window = _window(shot)
+    _whole(axes[0, 0], shot, window)
+    _forces(axes[0, 1], scene, shot, window)
+    _layers(axes[0, 2], shot)
+    _motion(axes[1, 0], shot, window)
     _depth(figure, axes[1, 1], shot)
+    _numbers(axes[1, 2], scene, shot)
     for axis in axes.flat:
         axis.set_xticks([])
         axis.set_yticks([])
+    for axis in (axes[0, 1], axes[0, 2], axes[1, 0], axes[1, 1]):
+        axis.set_xlim(window[0], window[1])
+        axis.set_ylim(window[3], window[2])
     figure.savefig(path)
 
 
-def _title(scene: Scene, shot: Shot) -> str:
+def _window(shot: Shot) -> Window:
+    """Square around the part that has moved."""
+    length = np.nan_to_num(np.linalg.norm(shot.truth.flow[0], axis=-1))
+    height, width = length.shape
+    rows, columns = np.nonzero(length > MOVED * max(length.max(), 1e-9))
+    if not len(rows):
+        return -0.5, width - 0.5, -0.5, height - 0.5
+    side = 1.1 * max(np.ptp(rows), np.ptp(columns), SMALLEST * height)
+    x, y = (columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2
+    if side > 0.8 * height:
+        x, y, side = (width - 1) / 2, (height - 1) / 2, height
+    return x - side / 2, x + side / 2, y - side / 2, y + side / 2
+
+
+def _done(shot: Shot) -> str:
+    """What was done to the fingertip, in words."""
     pose, field = shot.settled.pose, shot.settled.field
-    if isinstance(pose, DomePose):
-        forces = _dome_title(pose, shot)
-    elif field is None:
-        forces = f"pressed {pose.depth * 1e3:g} mm, sheared {pose.shear * 1e3:g} mm"
+    if not isinstance(pose, DomePose):
+        if field is None:
+            return f"pressed {pose.depth * 1e3:g} mm, sheared {pose.shear * 1e3:g} mm"
+        return f"grip {pose.grip:g} N, load {pose.load:g} N"
+    if pose.force is not None:
+        parts = ["held with {:z.2g}, {:z.2g} and {:z.2g} N".format(*pose.force)]
     else:
-        margin = field.safety_margin(shot.settled.friction)
-        forces = f"grip {pose.grip:g} N, load {pose.load:g} N, µ {shot.settled.friction:.3g}" + (
-            f", safety margin {margin:.2f}" if np.isfinite(margin) else ", no contact"
-        )
-    return f"{Path(scene.sensor).stem}, {scene.renderer}: {forces}"
-
-
-def _dome_title(pose: DomePose, shot: Shot) -> str:
-    """How an object was put on a dome, and what it does there."""
-    field, friction = shot.settled.field, shot.settled.friction
-    assert field is not None
-    x, y, z = field.total_force
-    parts = []
-    if pose.force is None:
-        parts.append(f"pressed {1e3 * pose.press:.3g} mm")
+        parts = [f"pressed {1e3 * pose.press:.3g} mm"]
         if any(pose.shear):
             parts.append("sheared " + " and ".join(f"{1e3 * s:.3g}" for s in pose.shear) + " mm")
     if pose.twist:
         parts.append(f"twisted {np.degrees(pose.twist):.3g}°")
-    parts.append(f"force {x:z.2f}, {y:z.2f} and {-z:z.2f} N down")
-    parts.append(f"torque {1e3 * field.torque((0.0, 0.0, 1.0)):z.2f} N·mm")
-    margin, limit = field.safety_margin(friction), margin_within(field, friction)
-    parts.append(
-        f"Γ {margin:z.2f}, with torsion {limit:z.2f}" if np.isfinite(margin) else "no contact"
-    )
     return ", ".join(parts)
 
 
-def _markers(axis: Any, scene: Scene, shot: Shot) -> None:
-    field = shot.settled.field
-    forces = field is not None and bool(field.contact.any())
-    axis.set_title("image, marker centres" + (", contact forces" if forces else ""))
+def _facts(scene: Scene, shot: Shot) -> list[tuple[str, str]]:
+    """Quantities of the contact, each with its value and unit."""
+    field, friction = shot.settled.field, shot.settled.friction
+    facts = [
+        ("renderer", scene.renderer),
+        ("largest motion", f"{_largest(shot):.1f} px"),
+    ]
+    if field is None:
+        return facts
+    if not field.contact.any():
+        return [*facts, ("contact", "none")]
+    facts += [("µ", f"{friction:.3g}"), ("ΣFn", f"{field.total_normal:.2f} N")]
+    facts += [("ΣFf", f"{abs(field.total_friction):.2f} N")]
+    margin = field.safety_margin(friction)
+    facts += [("Γ", f"{margin:.2f}")]
+    if field.position.shape[1] == 3:
+        x, y, z = field.total_force
+        facts += [("force along x, y, down", f"{x:z.2f}, {y:z.2f}, {-z:z.2f} N")]
+        facts += [("torque about the axis", f"{1e3 * field.torque((0.0, 0.0, 1.0)):z.2f} N·mm")]
+        facts += [("Γ with torsion", f"{margin_within(field, friction):.2f}")]
+    return facts
+
+
+def _largest(shot: Shot) -> float:
+    return float(np.nanmax(np.linalg.norm(shot.truth.flow[0], axis=-1), initial=0.0))
+
+
+def _numbers(axis: Any, scene: Scene, shot: Shot) -> None:
+    axis.set_title("what is true")
+    axis.set_frame_on(False)
+    for row, (name, value) in enumerate(_facts(scene, shot)):
+        axis.text(0.02, 0.93 - 0.1 * row, name, transform=axis.transAxes, fontsize=12)
+        axis.text(0.98, 0.93 - 0.1 * row, value, transform=axis.transAxes, fontsize=12, ha="right")
+
+
+def _whole(axis: Any, shot: Shot, window: Window) -> None:
+    axis.set_title("picture; the square is magnified")
+    axis.imshow(shot.frame.image)
+    left, right, top, bottom = window
+    axis.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, ec=FORCE, lw=1.8))
+
+
+def _forces(axis: Any, scene: Scene, shot: Shot, window: Window) -> None:
     axis.imshow(shot.frame.image)
     for layer, colour in ((1, YELLOW), (0, MAGENTA)):
         visible = shot.truth.visible[layer]
-        axis.plot(*shot.truth.pixels[layer, visible].T, "+", color=colour, markersize=3.5, mew=0.7)
-    if field is None or not forces:
+        axis.plot(*shot.truth.pixels[layer, visible].T, "+", color=colour, ms=5.0, mew=1.0)
+    field = shot.settled.field
+    if field is None or not field.contact.any():
+        axis.set_title("marker centres (+)")
         return
     view, touching = scene.build_sensor().view, field.contact
     if field.position.shape[1] == 3:  # friction alone: a press along the view has no direction
-        places, step = field.position[touching], 2e-4
+        what, places, step = "friction", field.position[touching], 2e-4
         friction = field.friction[touching]
-        longest = max(np.linalg.norm(friction, axis=1).max(), 1e-12)
+        largest = max(float(np.linalg.norm(friction, axis=1).max()), 1e-12)
         base = view.project(places)
-        force = (view.project(places + step * friction / longest) - base) / step
-        largest = np.linalg.norm(force, axis=1).max()
-        # Longer ones would hide each other where the contact is small in the picture.
-        wide = float(np.ptp(base, axis=0).max())
-        force *= min(ARROW * view.height, OF_CONTACT * wide) / max(largest, 1e-12)
-        every = 1
+        force = (view.project(places + step * friction / largest) - base) / step
+        # Arrows of neighbours would hide each other.
+        every = max(1, len(base) // 120)
     else:
-        x, z = field.position[touching].T
+        what, (x, z), every = "force", field.position[touching].T, 2
         base = view.project(np.column_stack([x, np.zeros_like(x), z]))
         force = np.column_stack([field.friction, -field.normal])[touching]
-        force *= 0.12 * view.height / max(abs(force).max(), 1e-12)
-        every = 2
+        largest = max(float(np.linalg.norm(force, axis=1).max()), 1e-12)
+    force *= ARROW * (window[1] - window[0]) / max(np.linalg.norm(force, axis=1).max(), 1e-12)
+    axis.set_title(f"markers (+) and {what}, ≤ {largest:.2g} N a node")
     axis.quiver(
         *base[::every].T,
         *force[::every].T,
@@ -113,44 +161,43 @@ def _markers(axis: Any, scene: Scene, shot: Shot) -> None:
         scale_units="xy",
         scale=1,
         color=FORCE,
-        width=2e-3,
+        width=4e-3,
     )
 
 
 def _layers(axis: Any, shot: Shot) -> None:
-    axis.set_title("layers: magenta, yellow, overlap")
+    axis.set_title("layers; red where both lie")
     magenta, yellow = shot.truth.masks
     picture = np.ones((*magenta.shape, 3))
     picture *= 1.0 - magenta[..., None] * (1.0 - np.array([0.85, 0.25, 0.55]))
     picture *= 1.0 - yellow[..., None] * (1.0 - np.array([1.0, 0.85, 0.2]))
-    axis.imshow(picture)
+    axis.imshow(np.clip(picture, 0.0, 1.0))
 
 
-def _flow(axis: Any, shot: Shot) -> None:
-    flow = shot.truth.flow[0]
+def _motion(axis: Any, shot: Shot, window: Window) -> None:
+    flow, largest = shot.truth.flow[0], _largest(shot)
+    spacing = max(2, round((window[1] - window[0]) / ARROWS))
+    magnify = max(1, round(min(1.3 * spacing / max(largest, 1e-3), MAGNIFY)))
+    axis.set_title(f"motion since rest, × {magnify}")
     length = np.linalg.norm(flow, axis=-1)
-    largest = float(np.nanmax(length, initial=0.0))
-    magnify = round(float(np.clip(1.5 * SPACING / max(largest, 1e-3), *MAGNIFY)))
-    axis.set_title(f"motion of the outer layer since rest, up to {largest:.1f} px, ×{magnify}")
-    axis.imshow(length, cmap="Greys", vmin=0.0, vmax=max(2.0 * largest, 1e-3))
-    rows, cols = (slice(SPACING // 2, None, SPACING) for _ in range(2))
-    y, x = np.mgrid[: length.shape[0], : length.shape[1]]
-    arrows = magnify * flow[rows, cols]
+    axis.imshow(length, cmap="Greys", vmin=0.0, vmax=max(2.5 * largest, 1e-3))
+    y, x = np.mgrid[
+        spacing // 2 : length.shape[0] : spacing, spacing // 2 : length.shape[1] : spacing
+    ]
     axis.quiver(
-        x[rows, cols],
-        y[rows, cols],
-        arrows[..., 0],
-        arrows[..., 1],
+        x,
+        y,
+        *(magnify * flow[y, x]).transpose(2, 0, 1),
         angles="xy",
         scale_units="xy",
         scale=1,
-        width=1.5e-3,
+        width=4e-3,
         color=MAGENTA,
     )
 
 
 def _depth(figure: Figure, axis: Any, shot: Shot) -> None:
     # The distance itself is mostly that the rays of a pad's rim are longer.
-    axis.set_title("how much nearer to the camera the skin is than at rest")
+    axis.set_title("skin nearer to the camera than at rest")
     picture = axis.imshow(1e3 * (shot.rest_depth - shot.truth.depth), cmap="viridis")
-    figure.colorbar(picture, ax=axis, label="mm", shrink=0.85)
+    figure.colorbar(picture, ax=axis, label="mm", location="bottom", shrink=0.8)
