@@ -213,6 +213,12 @@ REFUSED = {
         "writing a run folder needs the extras `data` and `video`: "
         "pip install 'chromagrip[data,video]'"
     ),
+    ("grasp", "--log", "mcap", "--out", "new"): (
+        "writing a run as an MCAP log needs the extra `ros`: pip install 'chromagrip[ros]'"
+    ),
+    ("grasp", "--log", "rerun", "--out", "new"): (
+        "writing a run as a Rerun log needs the extra `viz`: pip install 'chromagrip[viz]'"
+    ),
     ("grasp", "--renderer", "pyrender", "--json"): (
         "the renderer pyrender needs the extra `gl`: pip install 'chromagrip[gl]'"
     ),

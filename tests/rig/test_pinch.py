@@ -200,6 +200,26 @@ def _goes_on_alike(rig: PinchRig) -> None:
         PinchRig(scene(duration_s=1.1)).restore(saved)
 
 
+def test_the_trace_has_force_and_torque_of_each_finger() -> None:
+    """The second finger sees a turn the other way round; the truth path observes the truth."""
+    changes = {"path": "truth", "sensor": "thesis", "dome.pitch_mm": 0.8, "duration_s": 1.0}
+    trace = run_pinch(load_scene("pinch-offcentre", changes)).trace
+    for finger, sense in (("first", -1.0), ("second", 1.0)):
+        for name in ("force_x_{}_n", "force_y_{}_n", "force_z_{}_n", "torque_{}_nmm"):
+            true, estimated = (trace[f"{finger}_{name.format(k)}"] for k in ("true", "estimated"))
+            np.testing.assert_allclose(estimated, true, atol=1e-9)
+        assert sense * trace[f"{finger}_torque_estimated_nmm"][-1] > 5.0
+        assert trace[f"{finger}_force_z_true_n"][-1] == pytest.approx(
+            -trace[f"{finger}_normal_true_n"][-1], rel=1e-3
+        )
+        assert trace[f"{finger}_force_x_true_n"][-1] == pytest.approx(
+            trace[f"{finger}_friction_true_n"][-1], rel=1e-2
+        )
+        known = np.isfinite(trace[f"{finger}_mu_low"])
+        mu, low, high = (trace[f"{finger}_mu_{k}"][known] for k in ("estimated", "low", "high"))
+        assert ((low <= mu) & (mu <= high)).all()
+
+
 def test_each_finger_has_its_own_camera_and_a_saved_pinch_goes_on() -> None:
     rig = PinchRig(scene(path="camera", duration_s=0.1, camera__rest_frames=2))
     rig.reset(seed=3)

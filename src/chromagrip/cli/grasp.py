@@ -8,6 +8,7 @@ import tyro
 
 from ..errors import UserError
 from ..output.frames import FrameFormat
+from ..output.logs.write import KINDS, LogFormat, require_logs
 from ..scene import load_scene
 from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
 from .options import (
@@ -26,6 +27,16 @@ from .readouts import prepare_scene
 
 if TYPE_CHECKING:
     from ..loop.trace import Summary
+
+
+Logs = Annotated[
+    tuple[LogFormat, ...] | None,
+    option(
+        "also write run.mcap, which Foxglove and PlotJuggler open (extra ros), or run.rrd for "
+        "Rerun (extra viz)",
+        "mcap|rerun [...]",
+    ),
+]
 
 
 def grasp(
@@ -72,6 +83,7 @@ def grasp(
         FrameFormat | None,
         option("keep the camera's raw pictures too, lossless, in DIR/frames", "png|ffv1"),
     ] = None,
+    log: Logs = None,
     answer_within: Annotated[
         float, option("time in which a module:Class must answer; inf is no limit", "SECONDS")
     ] = 60.0,
@@ -123,6 +135,9 @@ def grasp(
         raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")
     if frames is not None and out is None and json_only:
         raise UserError(f"--frames {frames} needs a folder: give --out beside --json")
+    logs = _asked(log)
+    if logs and out is None and json_only:
+        raise UserError(f"--log {logs[0]} needs a folder: give --out beside --json")
     outside: dict[str, Any] = {
         "gripper": gripper,
         "gripper_arguments": _arguments("--gripper-arg", gripper_arguments) or None,
@@ -142,12 +157,16 @@ def grasp(
     if resolved.pinch.mass_g:
         if source is not None:
             raise UserError("--source is for one finger; this scene is a pinch")
-        return run_two(resolved, out, overwrite, answer_within, frames, json_only)
+        return run_two(resolved, out, overwrite, answer_within, frames, logs, json_only)
 
     from ..loop.run_folder import run  # OpenCV loads only when something is run
 
     prepare_scene(resolved, pictures=out is not None or resolved.path == "camera")
-    shared: dict[str, Any] = {"overwrite": overwrite, "answer_within_s": answer_within}
+    shared: dict[str, Any] = {
+        "overwrite": overwrite,
+        "log": logs,
+        "answer_within_s": answer_within,
+    }
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
         if source is not None:
             from ..rig.outside_run import run_outside
@@ -160,6 +179,14 @@ def grasp(
     else:
         _print_summary(result.summary, result.folder)
     return 0
+
+
+def _asked(log: tuple[LogFormat, ...] | None) -> tuple[LogFormat, ...]:
+    """Formats of the logs that are asked for, whose extras are installed."""
+    if log == ():
+        raise UserError(f"--log: expected one or more of {', '.join(KINDS)}")
+    require_logs(log or ())
+    return log or ()
 
 
 def _arguments(flag: str, texts: tuple[str, ...]) -> dict[str, Any]:
@@ -262,18 +289,21 @@ def report(
         Path | None,
         option("file of the page; of one run by default report.html in its folder", "FILE"),
     ] = None,
+    log: Logs = None,
 ) -> int:
     """Write the page of a finished run anew, or of several runs side by side.
 
-    The page holds everything that it shows and needs no network.
+    The page holds everything that it shows and needs no network. Logs lie in the runs' folders.
 
     Example: chromagrip report runs/before runs/after --out compared.html
     """
-    from ..rig.report import write_reports
+    from ..rig.report import write_logs_again, write_reports
 
     if out is None and len(folders) > 1:
         out = new_folder("report") / "report.html"
-    print(write_reports(folders, out))
+    logs = _asked(log)
+    for path in (write_reports(folders, out), *write_logs_again(folders, logs)):
+        print(path)
     return 0
 
 

@@ -1,10 +1,12 @@
 """What `grasp` does with a scene of two fingers."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..output.frames import FrameFormat
+from ..output.logs.write import LogFormat
 from ..scene.fingers import fingers
 from .options import counting, print_table, value_table
 from .readouts import prepare_scene
@@ -20,6 +22,7 @@ def run_two(
     overwrite: bool,
     answer_within: float,
     frames: FrameFormat | None,
+    log: Sequence[LogFormat],
     json_only: bool,
 ) -> int:
     """Run a pinch, and print its summary."""
@@ -30,7 +33,7 @@ def run_two(
     with counting(f"{scene.controller}, {scene.path}", "frames") as progress:
         result = run_pinch(
             scene, out, overwrite=overwrite, progress=progress, frames=frames,
-            answer_within_s=answer_within,
+            log=log, answer_within_s=answer_within,
         )  # fmt: skip
     if json_only:
         print(json.dumps(result.summary))

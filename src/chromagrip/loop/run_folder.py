@@ -18,7 +18,8 @@ from ..control import Controller
 from ..errors import UserError
 from ..extras import need, require
 from ..output.folder import prepare
-from ..output.frames import FrameFiles, FrameFormat
+from ..output.frames import FRAMES, FrameFiles, FrameFormat
+from ..output.logs.write import LOG_FILES, LogFormat, require_logs, write_logs
 from ..output.processes import one_thread
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
@@ -44,8 +45,6 @@ FILES = (
     "scene.toml",
     "report.html",
 )
-#: Folder of the camera's raw pictures in it, where they were asked for.
-FRAMES = "frames"
 #: Folder of unfinished files in it.
 PARTS = ".parts"
 #: Lines of the trace until now, in `PARTS`, for a run that is killed.
@@ -86,6 +85,7 @@ def run(
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
     frames: FrameFormat | None = None,
+    log: Sequence[LogFormat] = (),
     answer_within_s: float = ANSWER_WITHIN_S,
 ) -> Result:
     """Run a scene of one finger; with `out`, write summary, trace, figure, video and scene there.
@@ -103,6 +103,7 @@ def run(
         factory without arguments, or a name
     tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
     frames: keep the camera's raw pictures too, in the folder `frames` of `out`
+    log: formats in which the run is also written into `out`, for other tools: `mcap`, `rerun`
     answer_within_s: time in which a controller that is not ours must answer; inf is no limit
 
     Raises
@@ -110,7 +111,7 @@ def run(
     UserError
         For a scene, a method, a folder or a renderer that cannot be used.
     """
-    within = check_asked(out, frames, answer_within_s)
+    within = check_asked(out, frames, log, answer_within_s)
     if isinstance(scene, str):
         scene = load_scene(scene)
     scene, methods = choose(
@@ -131,7 +132,7 @@ def run(
             camera = stack.enter_context(closing(open_camera(scene, methods)))
         if out is None:
             return _record(scene, methods, camera, known, read_with, None, progress, within)
-        with RunFiles(Path(out), overwrite, scene, frames) as files:
+        with RunFiles(Path(out), overwrite, scene, frames, log) as files:
             return _record(scene, methods, camera, known, read_with, files, progress, within)
 
 
@@ -179,11 +180,17 @@ def _record(
 
 
 def check_asked(
-    out: Path | str | None, frames: FrameFormat | None, answer_within_s: float
+    out: Path | str | None,
+    frames: FrameFormat | None,
+    log: Sequence[LogFormat],
+    answer_within_s: float,
 ) -> float:
     """Refuse what no run can do; the time in which a controller must answer [s]."""
     if frames is not None and out is None:
         raise UserError(f"pictures as {frames} need a folder: give `out`")
+    if log and out is None:
+        raise UserError(f"a log as {log[0]} needs a folder: give `out`")
+    require_logs(log)
     if not answer_within_s > 0.0:
         raise UserError(f"answer_within_s = {answer_within_s} must be above 0; inf is no limit")
     return answer_within_s
@@ -209,14 +216,20 @@ class RunFiles:
     overwrite: remove an earlier run's files
     scene: that is run
     frames: how the camera's pictures are kept; None does not keep them
+    log: formats of the logs that are written after the other files
     """
 
     def __init__(
-        self, folder: Path, overwrite: bool, scene: Scene, frames: FrameFormat | None = None
+        self,
+        folder: Path,
+        overwrite: bool,
+        scene: Scene,
+        frames: FrameFormat | None = None,
+        log: Sequence[LogFormat] = (),
     ) -> None:
         self.folder = folder
         self._parts = folder / PARTS
-        self._scene = scene
+        self._scene, self._log = scene, log
         self._video: TactileVideo | None = None
         self._frames: FrameFiles | None = None
         self._slot = -1
@@ -225,7 +238,7 @@ class RunFiles:
         prepare(folder, overwrite)
         with self._writing():
             self._discard()
-            for name in FILES:
+            for name in (*FILES, *LOG_FILES):
                 (folder / name).unlink(missing_ok=True)
             shutil.rmtree(folder / FRAMES, ignore_errors=True)
             self._parts.mkdir()
@@ -282,6 +295,8 @@ class RunFiles:
                 self._lines.drop()
             for part in sorted(self._parts.iterdir()):
                 part.replace(self.folder / part.name)
+        # Last, from the finished folder: a log that cannot be written costs no run.
+        write_run_logs(self.folder, self._scene, trace, summary, self._log)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -331,6 +346,18 @@ def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
     write_report(RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns))
+
+
+def write_run_logs(
+    folder: Path, scene: Scene, trace: Trace, summary: Summary, formats: Sequence[LogFormat]
+) -> None:
+    """Write the logs of a run of one finger into its folder, which has all other files."""
+    if formats:
+        from .shown.log import log_of
+        from .shown.report import RunRead
+
+        read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
+        write_logs(log_of(read), folder, formats)
 
 
 def write_trace(scene: Scene, trace: Trace, path: Path) -> None:

@@ -18,6 +18,8 @@ from .video import VideoFile
 
 #: How pictures are kept.
 FrameFormat = Literal["png", "ffv1"]
+#: Folder of the camera's raw pictures in a run folder, where they were asked for.
+FRAMES = "frames"
 
 
 class FrameFiles:

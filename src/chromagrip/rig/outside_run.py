@@ -5,7 +5,7 @@ import math
 import shutil
 import time
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,20 @@ from ..loop.methods import Methods, choose
 from ..loop.run_folder import (
     ANSWER_WITHIN_S,
     FILES,
-    FRAMES,
     LINES,
     PARTS,
     Result,
+    check_asked,
     refuse_killed,
     scene_text,
+    write_run_logs,
     write_trace,
 )
 from ..loop.steps.rig import readable
 from ..loop.trace import Summary, Trace, TraceLines, make_trace, outside_row, summarise
 from ..output.folder import disk_errors, prepare, whole_file
+from ..output.frames import FRAMES
+from ..output.logs.write import LOG_FILES, LogFormat
 from ..output.pictures import open_source
 from ..output.processes import one_thread
 from ..output.versions import versions
@@ -53,6 +56,7 @@ def run_outside(
     overwrite: bool = False,
     fps: float | None = None,
     frame_within_s: float = FRAME_WITHIN_S,
+    log: Sequence[LogFormat] = (),
     answer_within_s: float = ANSWER_WITHIN_S,
     progress: Callable[[int, int | None], None] = lambda done, total: None,
 ) -> Result:
@@ -71,6 +75,7 @@ def run_outside(
     fps: rate of frames without times of their own [Hz]
     frame_within_s, answer_within_s: times in which the next frame must come, and controller and
         gripper must answer
+    log: formats in which the run is also written into `out`, see `loop.run_folder.run`
     progress: called with the number of frames done, and None
 
     Raises
@@ -79,11 +84,12 @@ def run_outside(
         For what cannot be used, and when source, controller or gripper fail.
     """
     scene, methods, known = _checked(scene)
+    check_asked(out, None, log, answer_within_s)
     opened = open_source(source, fps)
     made = GRIPPERS.build(gripper, gripper_arguments)
     held = HeldGripper(made, name_of(gripper), answer_within_s)
     limit = math.inf if scene.controller in CONTROLLERS.entries else answer_within_s
-    record = OutsideRecord(scene, methods, known, out, overwrite)
+    record = OutsideRecord(scene, methods, known, out, overwrite, log)
     with one_thread(), closing(Feed(opened, frame_within_s)) as feed:
         about, ended = {"source": source, "gripper": name_of(gripper)}, False
         try:
@@ -115,6 +121,7 @@ class OutsideRecord:
     scene, methods, known: of the loop
     out: run folder; None writes nothing
     overwrite: remove an earlier run's files
+    log: formats of the logs that are written after the other files
     """
 
     def __init__(
@@ -124,8 +131,9 @@ class OutsideRecord:
         known: SensorCalibration,
         out: Path | None,
         overwrite: bool,
+        log: Sequence[LogFormat] = (),
     ) -> None:
-        self._scene, self._out = scene, out
+        self._scene, self._out, self._log = scene, out, log
         self._used = used(methods.reconstructor, known)
         self._rows, self._reasons = array("d"), list[str]()
         self._lines: TraceLines | None = None
@@ -135,7 +143,7 @@ class OutsideRecord:
             refuse_killed(out, overwrite)
             prepare(out, overwrite)
             with disk_errors(out / PARTS):
-                for name in FILES:
+                for name in (*FILES, *LOG_FILES):
                     (out / name).unlink(missing_ok=True)
                 for name in (PARTS, FRAMES):
                     shutil.rmtree(out / name, ignore_errors=True)
@@ -173,6 +181,8 @@ class OutsideRecord:
             if self._rows:
                 _write(self._out, self._scene, trace, summary)
             shutil.rmtree(self._out / PARTS, ignore_errors=True)
+            if self._rows:
+                write_run_logs(self._out, self._scene, trace, summary, self._log)
         return Result(scene=self._scene, summary=summary, trace=trace, folder=self._out)
 
 

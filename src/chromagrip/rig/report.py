@@ -4,9 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import UserError
+from ..loop.shown.log import log_of
 from ..loop.shown.report import REPORT, RunRead, read_run, run_on_page
 from ..output.folder import disk_errors
+from ..output.logs.write import LogFormat, require_logs, write_logs
 from ..output.run_page import RunOnPage, write_run_page
+from .pinch.log import log_of as log_of_pinch
 from .pinch.report import pinch_on_page
 
 #: Runs that can be told apart on a page.
@@ -40,9 +43,34 @@ def write_reports(folders: Sequence[Path], out: Path | None = None) -> Path:
     return path
 
 
+def write_logs_again(folders: Sequence[Path], formats: Sequence[LogFormat]) -> list[Path]:
+    """Write the logs of finished runs into their folders; the files.
+
+    Parameters
+    ----------
+    folders: run folders
+    formats: of the logs
+
+    Raises
+    ------
+    UserError
+        When a folder holds no finished run, an extra is missing, or a log cannot be written.
+    """
+    require_logs(formats)
+    paths: list[Path] = []
+    for folder in folders if formats else ():
+        run = read_run(folder)
+        log = log_of_pinch(run) if _is_pinch(run) else log_of(run)
+        paths += write_logs(log, folder, formats)
+    return paths
+
+
+def _is_pinch(run: RunRead) -> bool:
+    return run.summary["mechanics"] == "pinch"
+
+
 def _on_page(run: RunRead, name: str) -> RunOnPage:
-    two = run.summary["mechanics"] == "pinch"
-    return pinch_on_page(run, name) if two else run_on_page(run, name)
+    return pinch_on_page(run, name) if _is_pinch(run) else run_on_page(run, name)
 
 
 def _names(folders: Sequence[Path]) -> list[str]:

@@ -1,11 +1,13 @@
 """Running any scene, with one finger or with two."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..by_name import Choice
 from ..control import Controller
 from ..loop.run_folder import ANSWER_WITHIN_S, Progress, Result, run
 from ..output.frames import FrameFormat
+from ..output.logs.write import LogFormat
 from ..scene.scene import Scene, load_scene
 from .pinch.run import run_pinch
 
@@ -21,6 +23,7 @@ def run_scene(
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
     frames: FrameFormat | None = None,
+    log: Sequence[LogFormat] = (),
     answer_within_s: float = ANSWER_WITHIN_S,
 ) -> Result:
     """Run a scene; with `out`, write summary, trace, figure, video and scene into that folder.
@@ -39,6 +42,7 @@ def run_scene(
     tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
     frames: keep the camera's raw pictures too, in the folder `frames` of `out`; of two fingers in
         its folders `first` and `second`
+    log: formats in which the run is also written into `out`, for other tools: `mcap`, `rerun`
     answer_within_s: time in which a controller that is not ours must answer; inf is no limit
 
     Returns
@@ -56,5 +60,5 @@ def run_scene(
     return run_it(
         scene, out, overwrite=overwrite, progress=progress, controller=controller,
         tracker=tracker, reconstructor=reconstructor, renderer=renderer, frames=frames,
-        answer_within_s=answer_within_s,
+        log=log, answer_within_s=answer_within_s,
     )  # fmt: skip

@@ -2,17 +2,18 @@
 
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from ...errors import UserError
 from ...extras import need
-from ...loop.run_folder import FILES, FRAMES, PARTS, scene_text
+from ...loop.run_folder import FILES, PARTS, scene_text
 from ...loop.trace import Summary, Trace
 from ...output.folder import prepare
-from ...output.frames import FrameFiles, FrameFormat
+from ...output.frames import FRAMES, FrameFiles, FrameFormat
+from ...output.logs.write import LOG_FILES, LogFormat, write_logs
 from ...output.versions import versions
 from ...render import Frame
 from ...scene.scene import Scene
@@ -20,6 +21,7 @@ from .rig import PinchRig, PinchSample
 from .trace import COLUMNS, FINGERS
 
 if TYPE_CHECKING:
+    from ...loop.shown.report import RunRead
     from .video import PinchVideo
 
 
@@ -35,6 +37,7 @@ class PinchFiles:
     overwrite: remove an earlier run's files
     scene: that is run
     frames: how both cameras' raw pictures are kept; None does not keep them
+    log: formats of the logs that are written after the other files
 
     Raises
     ------
@@ -43,17 +46,22 @@ class PinchFiles:
     """
 
     def __init__(
-        self, folder: Path, overwrite: bool, scene: Scene, frames: FrameFormat | None = None
+        self,
+        folder: Path,
+        overwrite: bool,
+        scene: Scene,
+        frames: FrameFormat | None = None,
+        log: Sequence[LogFormat] = (),
     ) -> None:
         self.folder = folder
         self._parts = folder / PARTS
-        self._scene = scene
+        self._scene, self._log = scene, log
         self._video: PinchVideo | None = None
         self._frames: list[FrameFiles] = []
         prepare(folder, overwrite)
         with self._writing():
             self._discard()
-            for name in FILES:
+            for name in (*FILES, *LOG_FILES):
                 (folder / name).unlink(missing_ok=True)
             shutil.rmtree(folder / FRAMES, ignore_errors=True)
             self._parts.mkdir()
@@ -106,6 +114,11 @@ class PinchFiles:
             _write_results(self._parts, self._scene, trace, summary)
             for part in sorted(self._parts.iterdir()):
                 part.replace(self.folder / part.name)
+        if self._log:
+            from .log import log_of
+
+            read = _as_read(self.folder, self._scene, trace, summary)
+            write_logs(log_of(read), self.folder, self._log)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -139,7 +152,6 @@ def _open_video(folder: Path, scene: Scene) -> "PinchVideo":
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
 
-    from ...loop.shown.report import RunRead
     from .figure import draw_figure
     from .report import write_report
 
@@ -150,4 +162,11 @@ def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -
     draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-    write_report(RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns))
+    write_report(_as_read(folder, scene, trace, summary))
+
+
+def _as_read(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> "RunRead":
+    """What reading the folder would give."""
+    from ...loop.shown.report import RunRead
+
+    return RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...by_name import Choice
@@ -11,6 +12,7 @@ from ...loop.latency import HoldingController
 from ...loop.methods import choose
 from ...loop.run_folder import ANSWER_WITHIN_S, Progress, Result, check_asked
 from ...output.frames import FrameFormat
+from ...output.logs.write import LogFormat
 from ...output.processes import one_thread
 from ...scene.controllers import CONTROLLERS
 from ...scene.scene import Scene, load_scene
@@ -30,6 +32,7 @@ def run_pinch(
     reconstructor: Choice | None = None,
     renderer: Choice | None = None,
     frames: FrameFormat | None = None,
+    log: Sequence[LogFormat] = (),
     answer_within_s: float = ANSWER_WITHIN_S,
 ) -> Result:
     """Run a scene of two fingers; with `out`, write a run folder there.
@@ -46,14 +49,14 @@ def run_pinch(
     overwrite: write into a folder that is not empty, over an earlier run's files
     progress: called after every frame
     frames: keep both cameras' raw pictures too, in the folder `frames` of `out`
-    controller, tracker, reconstructor, renderer, answer_within_s: as in `loop.run_folder.run`
+    controller, tracker, reconstructor, renderer, log, answer_within_s: as in `loop.run_folder.run`
 
     Raises
     ------
     UserError
         For a scene, a method or a folder that cannot be used; when the silicone cannot go on.
     """
-    within = check_asked(out, frames, answer_within_s)
+    within = check_asked(out, frames, log, answer_within_s)
     if isinstance(scene, str):
         scene = load_scene(scene)
     scene, methods = choose(
@@ -69,7 +72,7 @@ def run_pinch(
     if out is None:
         return _record(rig, held, None, progress)
     require("data", "video", purpose="writing a run folder")
-    with one_thread(), PinchFiles(Path(out), overwrite, scene, frames) as files:
+    with one_thread(), PinchFiles(Path(out), overwrite, scene, frames, log) as files:
         return _record(rig, held, files, progress)
 
 

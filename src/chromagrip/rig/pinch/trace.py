@@ -37,6 +37,9 @@ WHOLE = {
 FINGER = {
     "normal_true_n": "ΣFn",
     "friction_true_n": "ΣFf",
+    "force_x_true_n": "force of the object on the finger along the finger's x",
+    "force_y_true_n": "along its y",
+    "force_z_true_n": "along its z; a press is negative",
     "torque_true_nmm": "torque of the object about the finger's axis",
     "mu_true": "the object's µ",
     "margin_true": "Γ with the object's µ; NaN without contact",
@@ -44,10 +47,16 @@ FINGER = {
     "normal_estimated_n": "ΣFn as estimated; estimates are NaN of a dropped frame",
     "friction_estimated_n": "ΣFf as estimated",
     "mu_estimated": "µ as estimated",
+    "mu_low": "lower end of the 90 % interval of µ",
+    "mu_high": "upper end",
     "margin_estimated": "Γ as estimated",
     "margin_low": "lower end of the 90 % interval of Γ",
     "margin_high": "upper end",
     "limit_margin_estimated": "margin of force and torsion as estimated",
+    "force_x_estimated_n": "the same forces and torque as estimated",
+    "force_y_estimated_n": "along its y",
+    "force_z_estimated_n": "along its z",
+    "torque_estimated_nmm": "about the finger's axis",
     "lateral_displacement_mm": "of the object over the fingertip, largest so far",
     "rigid_slip_mm": "sliding of the whole contact, summed so far",
     "contact_nodes": "nodes in contact",
@@ -125,6 +134,7 @@ def _true(contact: Contact) -> tuple[float, ...]:
     return (
         field.total_normal,
         field.total_friction,
+        *field.wrench[:3].tolist(),
         1e3 * float(field.wrench[3]),
         mu,
         field.safety_margin(mu),
@@ -134,14 +144,17 @@ def _true(contact: Contact) -> tuple[float, ...]:
 
 def _seen(observation: GripObservation | None) -> tuple[float, ...]:
     if observation is None:
-        return (math.nan,) * 7
+        return (math.nan,) * 13
     return (
         observation.field.total_normal,
         observation.field.total_friction,
         observation.friction,
+        *observation.friction_interval,
         observation.margin,
         *observation.margin_interval,
         observation.limit_margin,
+        *observation.force,
+        1e3 * observation.torque,
     )
 
 

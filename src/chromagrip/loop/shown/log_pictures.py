@@ -1,0 +1,92 @@
+"""Pictures of a run folder for its log: raw ones where they were kept, and those of the video."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ...output.logs.entries import Array, Pictures
+from ...output.pictures import open_source
+from ...output.png import encode_png
+from .tactile_video import FPS, SLOWDOWN
+
+Image = NDArray[np.uint8]
+
+#: Quality of JPEG. Colours are at full resolution, because the markers are told by them.
+_JPEG = (cv2.IMWRITE_JPEG_QUALITY, 80, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Part of the pictures of a run's video.
+
+    Attributes
+    ----------
+    topic, meaning: in the log
+    top, left: its first row and column [px]
+    right: column that it ends before [px]; None is the end of the picture
+    """
+
+    topic: str
+    meaning: str
+    top: int = 0
+    left: int = 0
+    right: int | None = None
+
+
+def raw_pictures(folder: Path, topic: str) -> list[Pictures]:
+    """Pictures of a folder that `--frames` filled, without loss; none where it was not used."""
+    if not (folder / "frames.csv").is_file():
+        return []
+
+    def read() -> Iterator[tuple[float, bytes]]:
+        with (folder / "frames.csv").open(encoding="utf-8", newline="") as file:
+            rows = [(float(row["time_s"]), row["file"]) for row in csv.DictReader(file)]
+        if (folder / "frames.mkv").is_file():
+            frames = open_source(str(folder / "frames.mkv")).frames()
+            for (time, _), frame in zip(rows, frames, strict=True):
+                yield time, encode_png(frame.image)
+            return
+        for time, name in rows:
+            try:
+                yield time, (folder / name).read_bytes()
+            except OSError as error:
+                raise UserError(f"{folder / name} cannot be read: {error.strerror}") from None
+
+    meaning = "what the camera took, without loss"
+    return [Pictures(topic=topic, meaning=meaning, encoding="png", read=read)]
+
+
+def video_pictures(video: Path, part: Part, times: Array) -> Pictures:
+    """A part of a video's pictures, each at the instant of its frame.
+
+    Parameters
+    ----------
+    video: of a run, slower than the run
+    part: of its pictures
+    times: of the frames whose pictures came [s]
+    """
+    slots = (times * FPS * SLOWDOWN + 1e-6).astype(int)
+    shown, first = np.unique(slots, return_index=True)
+    # The video rounds a time down to its rate; its picture is of the first frame from then on.
+    instants = dict(zip(shown.tolist(), times[first].tolist(), strict=True))
+
+    def read() -> Iterator[tuple[float, bytes]]:
+        for frame in open_source(str(video)).frames():
+            slot = round(frame.time * FPS)
+            time = instants.get(slot, slot / (FPS * SLOWDOWN))
+            yield time, _jpeg(frame.image[part.top :, part.left : part.right])
+
+    return Pictures(topic=part.topic, meaning=part.meaning, encoding="jpeg", read=read)
+
+
+def _jpeg(image: Image) -> bytes:
+    done, data = cv2.imencode(".jpg", image[..., ::-1], _JPEG)
+    if not done:
+        raise UserError(f"a picture of {image.shape[1]} × {image.shape[0]} cannot be made a JPEG")
+    return data.tobytes()
