@@ -3,7 +3,7 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -166,6 +166,22 @@ class Trace:
     def __len__(self) -> int:
         """Frames."""
         return len(self.columns["time_s"])
+
+
+def may_slide(scene: Scene, of: Mapping[str, Array], before: str = "") -> NDArray[np.bool_]:
+    """Frames whose interval of the held margin does not exclude sliding, so that the grip rises.
+
+    Parameters
+    ----------
+    scene: that was run
+    of: columns of its trace
+    before: what stands before the names of a finger's columns
+    """
+    smaller = f"{before}limit_margin_low"  # that of a pinch is not in its trace
+    held = scene.body == "dome" and scene.held_margin == "smaller" and smaller in of
+    low = of[smaller if held else f"{before}margin_low"]
+    margin = scene.sliding_margin
+    return low <= (-np.inf if margin is None else margin)
 
 
 class TraceLines:

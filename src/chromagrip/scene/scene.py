@@ -228,6 +228,13 @@ class Scene(Table, frozen=True):
         target: float | None = getattr(settings, "desired_margin", None)
         return target
 
+    @property
+    def sliding_margin(self) -> float | None:
+        """Γ down to which an interval must reach for sliding to be possible; None: not asked."""
+        settings = getattr(self, self._settings_name, None)
+        first = getattr(settings, "grip_first", None)
+        return None if first is None or self.path != "camera" else float(first.sliding_margin)
+
     def build_sensor(self) -> SensorDesign:
         """The sensor's design."""
         return load_sensor(self.sensor)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...model import GROSS_SLIP
 from ...scene.scene import Scene
 from ...tracking import Z90
-from ..trace import Trace
+from ..trace import Trace, may_slide
 
 Array = NDArray[np.float64]
 
@@ -86,6 +86,12 @@ def _margins(scene: Scene, trace: Trace, axes: Axes) -> None:
     target = scene.target_margin
     if target is not None:
         axes.axhline(target, color=LOAD, lw=1.2, ls=":", label=f"target {target:g}")
+    if scene.sliding_margin is not None:
+        label = f"interval reaches\n{scene.sliding_margin:g}: Grip First"
+        axes.fill_between(
+            time, 0.0, 1.0, where=may_slide(scene, trace.columns), step="mid", color=LOAD,
+            transform=axes.get_xaxis_transform(), alpha=0.13, lw=0, hatch="..", label=label,
+        )  # fmt: skip
     axes.set_ylim(-0.15, 1.05)
     axes.set_ylabel("safety margin Γ")
 

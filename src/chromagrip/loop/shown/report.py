@@ -15,6 +15,7 @@ from ...model import GROSS_SLIP
 from ...output.run_page import Curve, Panel, RunOnPage, write_run_page
 from ...scene.scene import Scene, load_scene
 from ...tracking import Z90
+from ..trace import may_slide
 from .tactile_video import SLOWDOWN
 
 Array = NDArray[np.float64]
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 REPORT = "report.html"
 #: Margins that a panel shows at most.
 MARGINS = (-0.2, 1.05)
+#: Error of Γ at the end from which on the page says more about it.
+_NOTABLE = 0.03
 #: Largest µ that a panel shows.
 _LARGEST_FRICTION = 2.0
 
@@ -87,7 +90,7 @@ def run_on_page(run: RunRead, name: str) -> RunOnPage:
         name=name,
         time=run.columns["time_s"],
         panels=tuple(_panels(run.scene, run.columns)),
-        words=tuple(_words(run.scene, run.summary)),
+        words=tuple(_words(run.scene, run.summary, run.columns)),
         facts=tuple(facts_of(run.summary, _FACTS)),
         video=run.video,
         slowdown=SLOWDOWN,
@@ -118,15 +121,19 @@ def estimated(
 
 def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
     """Panels of a trace's columns, without those that have no value."""
-    sums = [*_with_deviation(of, "normal", "ΣFn"), *_with_deviation(of, "friction", "ΣFf", True)]
-    torques = _with_deviation(of, "torque", unit="nmm") if "torque_true_nmm" in of else []
+    read = word_for_read(scene)
+    sums = [
+        *_with_deviation(of, "normal", read, "ΣFn"),
+        *_with_deviation(of, "friction", read, "ΣFf", True),
+    ]
+    torques = _with_deviation(of, "torque", read, unit="nmm") if "torque_true_nmm" in of else []
     panels = (
-        margin_panel(scene, "safety margin Γ", _margins(of)),
+        margin_panel(scene, "safety margin Γ", _margins(of, read)),
         Panel(title="contact forces [N]", curves=curves_there(sums)),
         Panel(title="grip and load [N]", curves=curves_there(_drives(of))),
         Panel(
             title="friction coefficient µ",
-            curves=curves_there(_frictions(of)),
+            curves=curves_there(_frictions(of, read)),
             limits=(0.0, _LARGEST_FRICTION),
         ),
         Panel(
@@ -142,11 +149,14 @@ def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
 
 def margin_panel(scene: Scene, title: str, curves: Sequence[Curve]) -> Panel:
     """Panel of margins, with the target of the controller."""
-    target = scene.target_margin
+    levels = (
+        ("target {:g}", scene.target_margin),
+        ("sliding possible from {:g} down", scene.sliding_margin),
+    )
     return Panel(
         title=title,
         curves=curves_there(curves),
-        levels=() if target is None else ((f"target {target:g}", target),),
+        levels=tuple((text.format(value), value) for text, value in levels if value is not None),
         span=(0.0, 1.0),
         limits=MARGINS,
     )
@@ -155,13 +165,18 @@ def margin_panel(scene: Scene, title: str, curves: Sequence[Curve]) -> Panel:
 def _drives(of: dict[str, Array]) -> list[Curve]:
     return [
         Curve(label="grip commanded", values=of["grip_n"], role="commanded", steps=True),
-        Curve(label="grip applied", values=of["applied_n"], role="estimated"),
+        Curve(label="grip applied", values=of["applied_n"], role="commanded", second=True),
         Curve(label="load", values=of["load_n"], role="other", steps=True),
     ]
 
 
-def _frictions(of: dict[str, Array]) -> list[Curve]:
-    return [Curve(label="true", values=of["mu_true"], role="true"), estimated(of, "mu")]
+def word_for_read(scene: Scene) -> str:
+    """What the controller's values are: estimates, or the truth with noise."""
+    return "estimated" if scene.path == "camera" else "observed"
+
+
+def _frictions(of: dict[str, Array], read: str) -> list[Curve]:
+    return [Curve(label="true", values=of["mu_true"], role="true"), estimated(of, "mu", read)]
 
 
 def _slips(of: dict[str, Array]) -> list[Curve]:
@@ -183,27 +198,32 @@ def _pressures(of: dict[str, Array]) -> list[Curve]:
     ]
 
 
-def _margins(of: dict[str, Array]) -> list[Curve]:
+def _margins(of: dict[str, Array], read: str) -> list[Curve]:
     """Γ, and on a dome the margin of force and torsion together."""
     curves = [
         Curve(label="true", values=of["margin_true"], role="true"),
-        estimated(of, "margin"),
+        estimated(of, "margin", read),
     ]
     if "limit_margin_estimated" in of:
         curves += [
             Curve(
-                label=f"with torsion, {name}",
+                label=f"with torsion, {word}",
                 values=of[f"limit_margin_{name}"],
                 role="true" if name == "true" else "estimated",
                 second=True,
             )
-            for name in ("true", "estimated")
+            for name, word in (("true", "true"), ("estimated", read))
         ]
     return curves
 
 
 def _with_deviation(
-    of: dict[str, Array], name: str, label: str = "", second: bool = False, unit: str = "n"
+    of: dict[str, Array],
+    name: str,
+    read: str,
+    label: str = "",
+    second: bool = False,
+    unit: str = "n",
 ) -> list[Curve]:
     """True and estimated value of that name, the latter with its 90 % interval."""
     value, spread = of[f"{name}_estimated_{unit}"], Z90 * of[f"{name}_deviation_{unit}"]
@@ -215,7 +235,7 @@ def _with_deviation(
             second=second,
         ),
         Curve(
-            label=f"{label} estimated".strip(),
+            label=f"{label} {read}".strip(),
             values=value,
             role="estimated",
             second=second,
@@ -225,7 +245,23 @@ def _with_deviation(
     ]
 
 
-def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
+def doubt_words(scene: Scene, share: float) -> Iterator[str]:
+    """Why the grip is more than the target asks for, where it is.
+
+    Parameters
+    ----------
+    scene: that was run
+    share: of the frames in which sliding was possible
+    """
+    if scene.sliding_margin is not None and share > 0.0:
+        yield (
+            f"In {share:.0%} of the frames the interval of the margin reached down to "
+            f"{scene.sliding_margin:g}: the object might have slid, so the grip was held or raised "
+            "(Grip First)."
+        )
+
+
+def _words(scene: Scene, summary: dict[str, Any], of: dict[str, Array]) -> Iterator[str]:
     """What happened, in sentences."""
     yield from early_words(scene, summary)
     way, limit = summary["lateral_displacement_mm"], 1e3 * GROSS_SLIP
@@ -235,7 +271,17 @@ def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
         yield f"Gross slip: the object slid by {way:.2f} mm, more than {limit:g} mm."
     else:
         yield f"Held: the object slid by {way:.3f} mm; from {limit:g} mm on it is gross slip."
-    yield margin_words(scene, "Γ", summary["final_margin_true"], summary["final_margin_estimated"])
+    true, estimate = summary["final_margin_true"], summary["final_margin_estimated"]
+    yield margin_words(scene, "Γ", true, estimate)
+    if true is not None and estimate is not None and abs(true - estimate) > _NOTABLE:
+        low, high = of["margin_low"][-1], of["margin_high"][-1]
+        where = "within" if low <= true <= high else "outside"
+        yield (
+            f"The controller holds the estimate, which is {abs(true - estimate):.2f} too "
+            f"{'high' if estimate > true else 'low'}; the truth is {where} its 90 % interval, "
+            f"{low:.2f} to {high:.2f}."
+        )
+    yield from doubt_words(scene, float(np.mean(may_slide(scene, of))))
     yield from estimate_words(summary, summary["frames"])
 
 
@@ -250,7 +296,7 @@ def margin_words(scene: Scene, name: str, true: float | None, estimated: float |
     target = scene.target_margin
     values = [
         f"{value:.2f} {kind}"
-        for value, kind in ((true, "in truth"), (estimated, "as estimated"))
+        for value, kind in ((true, "in truth"), (estimated, f"as {word_for_read(scene)}"))
         if value is not None
     ]
     ended = f"{name} ended at {', '.join(values)}" if values else f"{name} is not known at the end"

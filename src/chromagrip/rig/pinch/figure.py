@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -16,37 +17,35 @@ _TURN = 1.0
 
 def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     """Write the course of a pinch to a PNG."""
-    figure = Figure(figsize=(8.0, 10.0), layout="constrained")
+    figure = Figure(figsize=(8.0, 12.0), layout="constrained")
     FigureCanvasAgg(figure)
-    force, contact, margin, turn, pressure = figure.subplots(5, 1, sharex=True)
+    force, contact, margin, friction, turn, pressure = figure.subplots(6, 1, sharex=True)
     time = trace["time_s"]
     force.step(time, trace["grip_n"], where="post", color=TRUE, label="grip")
-    force.plot(time, trace["table_n"], color=LOAD, label="table")
+    force.plot(time, trace["table_n"], "--", color=LOAD, label="table")
     force.set_ylabel("force [N]")
-    for finger, style in zip(FINGERS, ("-", "--"), strict=True):
-        seen = "observed" if scene.path == "truth" else "estimated"
-        for name, colour in (("true", TRUE), ("estimated", ESTIMATED)):
-            label = f"{finger}, {name if name == 'true' else seen}"
-            course = trace[f"{finger}_friction_{name}_n"]
-            contact.plot(time, course, style, color=colour, lw=1.0, label=label)
-            course = trace[f"{finger}_limit_margin_{name}"]
-            margin.plot(time, course, style, color=colour, lw=1.0, label=label)
-    contact.set_ylabel("friction [N]")
+    for axes, column, name in (
+        (contact, "friction_{}_n", "friction [N]"),
+        (margin, "limit_margin_{}", "margin with torsion"),
+        (friction, "mu_{}", "µ"),
+    ):
+        _of_both(scene, trace, axes, column)
+        axes.set_ylabel(name)
     if scene.target_margin is not None:
         label = f"target {scene.target_margin:g}"
         margin.axhline(scene.target_margin, color=LOAD, lw=1.2, ls=":", label=label)
     margin.set_ylim(-0.15, 1.05)
-    margin.set_ylabel("margin with torsion")
-    turn.plot(time, trace["turn_deg"], color=TRUE, label="turn")
-    turn.plot(time, trace["elastic_deg"], ":", color=TRUE, label="elastic twist")
+    friction.set_ylim(0.0, min(2.0, friction.get_ylim()[1]))
+    turn.plot(time, trace["turn_deg"], color=TRUE, label="turn, true")
+    turn.plot(time, trace["elastic_deg"], ":", color=TRUE, label="elastic twist, true")
     turn.set_ylabel("turn [°]")
     low, high = turn.get_ylim()
     turn.set_ylim(min(low, -_TURN), max(high, _TURN))
-    pressure.plot(time, trace["pressure_kpa"], color=TRUE, label="pressure")
+    pressure.plot(time, trace["pressure_kpa"], color=TRUE, label="mean, true")
     pressure.set_ylabel("pressure [kPa]")
     pressure.set_xlabel("time [s]")
     pressure.set_xlim(0.0, scene.duration_s)
-    for axes in (force, contact, margin, turn, pressure):
+    for axes in (force, contact, margin, friction, turn, pressure):
         finish(axes)
     outcome = OUTCOMES[int(trace["outcome"][-1])]
     stopped = "" if len(trace) == scene.frames else f", interrupted at {time[-1]:.2f} s"
@@ -55,3 +54,13 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
         fontsize=11,
     )
     figure.savefig(path, dpi=110)
+
+
+def _of_both(scene: Scene, trace: Trace, axes: Axes, column: str) -> None:
+    """True and estimated value of both fingers, the estimate thin over the truth."""
+    time, seen = trace["time_s"], "observed" if scene.path == "truth" else "estimated"
+    for finger, style in zip(FINGERS, ("-", "--"), strict=True):
+        true = trace[f"{finger}_{column.format('true')}"]
+        axes.plot(time, true, style, color=TRUE, lw=2.6, alpha=0.55, label=f"{finger}, true")
+        read = trace[f"{finger}_{column.format('estimated')}"]
+        axes.plot(time, read, style, color=ESTIMATED, lw=0.9, label=f"{finger}, {seen}")

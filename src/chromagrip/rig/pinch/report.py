@@ -10,14 +10,17 @@ from ...loop.shown.report import (
     REPORT,
     RunRead,
     curves_there,
+    doubt_words,
     early_words,
     estimate_words,
     estimated,
     facts_of,
     margin_panel,
     margin_words,
+    word_for_read,
 )
 from ...loop.shown.tactile_video import SLOWDOWN
+from ...loop.trace import may_slide
 from ...output.run_page import Curve, Panel, RunOnPage, write_run_page
 from ...scene.scene import Scene
 from .trace import FINGERS
@@ -60,7 +63,7 @@ def pinch_on_page(run: RunRead, name: str) -> RunOnPage:
         name=name,
         time=run.columns["time_s"],
         panels=tuple(_panels(run.scene, run.columns)),
-        words=tuple(_words(run.scene, run.summary)),
+        words=tuple(_words(run.scene, run.summary, run.columns)),
         facts=tuple(facts_of(run.summary, _FACTS)),
         video=run.video,
         slowdown=SLOWDOWN,
@@ -69,11 +72,12 @@ def pinch_on_page(run: RunRead, name: str) -> RunOnPage:
 
 
 def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
+    read = word_for_read(scene)
     for finger in FINGERS:
-        yield margin_panel(scene, f"margins, {finger} finger", _margins(of, finger))
+        yield margin_panel(scene, f"margins, {finger} finger", _margins(of, finger, read))
     yield Panel(
         title="friction ΣFf [N]",
-        curves=_of_both(of, "friction", "_n"),
+        curves=_of_both(of, "friction", "_n", read),
     )
     yield Panel(
         title="grip and table [N]",
@@ -84,7 +88,7 @@ def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
     )
     yield Panel(
         title="friction coefficient µ",
-        curves=_of_both(of, "mu", ""),
+        curves=_of_both(of, "mu", "", read),
         limits=(0.0, 2.0),
     )
     yield Panel(
@@ -105,36 +109,38 @@ def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
     )
 
 
-def _of_both(of: dict[str, Array], name: str, unit: str) -> tuple[Curve, ...]:
-    """True and estimated value of that name of both fingers."""
+def _of_both(of: dict[str, Array], name: str, unit: str, read: str) -> tuple[Curve, ...]:
+    """True and estimated value of that name of both fingers, with intervals where there are."""
     return curves_there(
         [
             Curve(
-                label=f"{finger} finger, {kind}",
+                label=f"{finger} finger, {word}",
                 values=of[f"{finger}_{name}_{kind}{unit}"],
                 role="true" if kind == "true" else "estimated",
                 second=finger == FINGERS[1],
+                low=of.get(f"{finger}_{name}_low") if kind == "estimated" else None,
+                high=of.get(f"{finger}_{name}_high") if kind == "estimated" else None,
             )
             for finger in FINGERS
-            for kind in ("true", "estimated")
+            for kind, word in (("true", "true"), ("estimated", read))
         ]
     )
 
 
-def _margins(of: dict[str, Array], finger: str) -> list[Curve]:
+def _margins(of: dict[str, Array], finger: str, read: str) -> list[Curve]:
     return [
         Curve(label="Γ, true", values=of[f"{finger}_margin_true"], role="true", second=True),
-        estimated(of, f"{finger}_margin", "Γ, estimated", second=True),
+        estimated(of, f"{finger}_margin", f"Γ, {read}", second=True),
         Curve(label="with torsion, true", values=of[f"{finger}_limit_margin_true"], role="true"),
         Curve(
-            label="with torsion, estimated",
+            label=f"with torsion, {read}",
             values=of[f"{finger}_limit_margin_estimated"],
             role="estimated",
         ),
     ]
 
 
-def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
+def _words(scene: Scene, summary: dict[str, Any], of: dict[str, Array]) -> Iterator[str]:
     """What happened, in sentences."""
     yield from early_words(scene, summary)
     pinch = scene.pinch
@@ -150,4 +156,6 @@ def _words(scene: Scene, summary: dict[str, Any]) -> Iterator[str]:
         yield "The table still bore a part of the weight at the end."
     name = "The smaller margin, with torsion,"
     yield margin_words(scene, name, summary["final_limit_margin_true"], None)
+    either = [may_slide(scene, of, f"{finger}_") for finger in FINGERS]
+    yield from doubt_words(scene, float(np.mean(np.any(either, axis=0))))
     yield from estimate_words(summary, 2 * summary["frames"])

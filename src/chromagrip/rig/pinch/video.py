@@ -179,6 +179,7 @@ class PinchVideo(VideoFile):
             (f"weight {weight:.2f} N", 350, STICKS),
             (f"so far: {outcome}", 530, GOOD if outcome == OUTCOMES[0] else BAD),
             (f"{scene.controller}, {scene.path} path", 760, INK),
+            (f"shown {SLOWDOWN} times slower", 1060, INK),
         )
         for text, column, colour in words:
             cv2.putText(
