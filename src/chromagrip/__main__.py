@@ -24,6 +24,9 @@ def main() -> None:
         from .compiled import announce
     except ImportError as error:
         _refuse(f"{error}; `chromagrip doctor` names what mends it")
+    except KeyboardInterrupt:
+        print("chromagrip: interrupted", file=sys.stderr)
+        sys.exit(130)
     announce()
     gc.freeze()
     gc.enable()

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from chromagrip import UserError, load_scene, run
-from chromagrip.loop.run_folder import FILES
+from chromagrip.loop.run_folder import FILES, RunFiles
 
 Typed = Callable[..., CompletedProcess[str]]
 QUICK = {"path": "truth", "duration_s": 0.1, "controller": "conservative"}
@@ -26,6 +26,18 @@ def test_a_run_leaves_its_files_and_nothing_else(tmp_path: Path) -> None:
         run(load_scene("camera-100hz", QUICK), tmp_path)
     run(load_scene("camera-100hz", QUICK), tmp_path, overwrite=True)
     assert {path.name for path in tmp_path.iterdir()} == set(FILES)
+
+
+def test_a_run_that_ends_before_its_first_frame_leaves_no_folder(tmp_path: Path) -> None:
+    scene = load_scene("camera-100hz", QUICK)
+    with RunFiles(tmp_path / "new", False, scene):
+        assert (tmp_path / "new" / "scene.toml").is_file()
+    assert not (tmp_path / "new").exists()
+    kept = tmp_path / "mine.txt"
+    kept.write_text("mine")
+    with RunFiles(tmp_path, True, scene):
+        pass
+    assert kept.read_text() == "mine"
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +73,7 @@ def test_a_full_disk_leaves_no_results(
     words = f"^(folder )?{out}.* cannot be written: No space left on device$"
     with pytest.raises(UserError, match=words):
         run(load_scene("camera-100hz", QUICK), out, overwrite=True)
-    assert {path.name for path in out.iterdir()} <= {"scene.toml"}
+    assert not out.exists()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of file sizes")
@@ -77,4 +89,4 @@ def test_files_that_cannot_grow_are_one_sentence(
     assert (done.returncode, done.stdout) == (2, "")
     words = f"chromagrip: .*run-{limit}.* cannot be written: File too large"
     assert re.fullmatch(words, done.stderr.strip()), done.stderr
-    assert {path.name for path in (tmp_path / f"run-{limit}").iterdir()} <= {"scene.toml"}
+    assert not (tmp_path / f"run-{limit}").exists()

@@ -323,12 +323,18 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
     for name, (words, unit) in VALUES.items():
         values = summary["estimates"].get(name)
         if values is not None:
-            last = "–" if values["last"] is None else f"{values['last']:z.3f}{unit}"
+            last = "–"
+            if values["last"] is not None:
+                low, high = values["last_interval"]
+                last = f"{values['last']:z.3f}{unit} ({low:z.3f} … {high:z.3f})"
             table.add_row(words, f"{last} at the end, median {values['median']:z.3f}{unit}")
     if "mu" in summary["estimates"]:
         observable = summary["mu_observable_frames"]
         hint = "" if observable else ": nothing slips, µ and Γ are guesses"
-        table.add_row("", f"µ observable in {observable} frames{hint}")
+        plural = "" if observable == 1 else "s"
+        table.add_row(
+            "", f"in brackets 90 % intervals; µ observable in {observable} frame{plural}{hint}"
+        )
     share = f", {silent / frames:.1%} of the frames" if frames else ""
     table.add_row("without estimate", f"{silent}{share}")
     for reason, count in summary["without_estimate_because"].items():

@@ -17,7 +17,7 @@ from ..by_name import Choice
 from ..control import Controller
 from ..errors import UserError
 from ..extras import need, require
-from ..output.folder import prepare
+from ..output.folder import leave, prepare
 from ..output.frames import FRAMES, FrameFiles, FrameFormat
 from ..output.logs.write import LOG_FILES, LogFormat, require_logs, write_logs
 from ..output.processes import one_thread
@@ -256,7 +256,7 @@ class RunFiles:
 
     def __exit__(self, *_: object) -> None:
         """Remove unfinished files."""
-        self._discard()
+        self._drop()
 
     def keep(self, line: Sequence[float]) -> None:
         """Append a line of the trace to what a kill leaves."""
@@ -303,12 +303,17 @@ class RunFiles:
         try:
             yield
         except UserError:  # of the video
-            self._discard()
+            self._drop()
             raise
         except OSError as error:
-            self._discard()
+            self._drop()
             reason = error.strerror or error
             raise UserError(f"folder {self.folder} cannot be written: {reason}") from None
+
+    def _drop(self) -> None:
+        """Remove unfinished files, and the folder where there are no others."""
+        self._discard()
+        leave(self.folder, "scene.toml")
 
     def _discard(self) -> None:
         """Close and remove unfinished files."""

@@ -39,6 +39,14 @@ def prepare(folder: Path, overwrite: bool | None) -> None:
         raise UserError(f"folder {folder} is not empty; {mend}")
 
 
+def leave(folder: Path, name: str) -> None:
+    """Remove the first file of a result that has no others, and the folder if it is then empty."""
+    with suppress(OSError):
+        if [each.name for each in folder.iterdir()] == [name]:
+            (folder / name).unlink()
+        folder.rmdir()
+
+
 def part_of(path: Path) -> Path:
     """Path of a file until it is complete, with the same suffix."""
     return path.with_name(f"{PART}{path.name}")

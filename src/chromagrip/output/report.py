@@ -259,6 +259,8 @@ def report_lines(report: Report) -> Iterator[str]:
     """Report as text for a screen: tables, notes and figures."""
     for table in report.tables:
         yield from table_lines(table)
+    if report.quick:
+        yield from ("Quick: fewer runs or settings than without --quick.", "")
     for note in report.notes:
         yield from (*textwrap.wrap(note, SCREEN_WIDTH), "")
     yield from table_lines(report.listed(), math.inf)

@@ -11,7 +11,7 @@ from ...errors import UserError
 from ...extras import need
 from ...loop.run_folder import FILES, PARTS, scene_text
 from ...loop.trace import Summary, Trace
-from ...output.folder import prepare
+from ...output.folder import leave, prepare
 from ...output.frames import FRAMES, FrameFiles, FrameFormat
 from ...output.logs.write import LOG_FILES, LogFormat, write_logs
 from ...output.versions import versions
@@ -78,7 +78,7 @@ class PinchFiles:
 
     def __exit__(self, *_: object) -> None:
         """Remove unfinished files."""
-        self._discard()
+        self._drop()
 
     def show(self, sample: PinchSample, rig: PinchRig) -> None:
         """Take a frame into the video, where one is due, and keep its pictures."""
@@ -125,12 +125,17 @@ class PinchFiles:
         try:
             yield
         except UserError:  # of the video
-            self._discard()
+            self._drop()
             raise
         except OSError as error:
-            self._discard()
+            self._drop()
             reason = error.strerror or error
             raise UserError(f"folder {self.folder} cannot be written: {reason}") from None
+
+    def _drop(self) -> None:
+        """Remove unfinished files, and the folder where there are no others."""
+        self._discard()
+        leave(self.folder, "scene.toml")
 
     def _discard(self) -> None:
         """Close and remove unfinished files."""

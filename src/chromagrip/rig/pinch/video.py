@@ -178,8 +178,8 @@ class PinchVideo(VideoFile):
             (f"grip {sample.grip:.2f} N", 180, STICKS),
             (f"weight {weight:.2f} N", 350, STICKS),
             (f"so far: {outcome}", 530, GOOD if outcome == OUTCOMES[0] else BAD),
-            (f"{scene.controller}, {scene.path} path", 760, INK),
-            (f"shown {SLOWDOWN} times slower", 1060, INK),
+            (f"{scene.controller}, {scene.path} path", 720, INK),
+            (f"shown {SLOWDOWN} times slower", 1065, INK),
         )
         for text, column, colour in words:
             cv2.putText(
