@@ -110,7 +110,7 @@ def draw_charts() -> None:
 
 
 def images() -> None:
-    """The default run's figure and one frame of its tactile video; the dome's traction."""
+    """Figure and a frame of the default run, a frame of a pinch, the dome's traction."""
     example = [str(DOCS.parent / "examples/dome_contact.py"), "twist"]
     subprocess.run([sys.executable, "-P", *example, str(IMAGES / "dome-twist.png")], check=True)
     with made_by("grasp") as folder:
@@ -118,6 +118,8 @@ def images() -> None:
         video = cv2.VideoCapture(str(folder / "tactile.mp4"))
         video.set(cv2.CAP_PROP_POS_FRAMES, 150)
         cv2.imwrite(str(IMAGES / "tactile.png"), video.read()[1])
+    with made_by("grasp", "--scene", "pinch-offcentre") as folder:
+        cv2.imwrite(str(IMAGES / "pinch.png"), frame_at(folder / "tactile.mp4", 7.5))
 
 
 def bodies() -> None:
@@ -325,14 +327,16 @@ def gallery() -> None:
     (DOCS / "gallery.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
 
 
+def frame_at(file: Path, at_s: float) -> Any:
+    """Frame of a video at an instant [s]."""
+    video = cv2.VideoCapture(str(file))
+    video.set(cv2.CAP_PROP_POS_MSEC, 1e3 * at_s)
+    return video.read()[1]
+
+
 def picture_of(file: Path, at_s: float) -> Any:
     """A picture, or a frame of a video at an instant [s], at most as wide as a page."""
-    if file.suffix == ".mp4":
-        video = cv2.VideoCapture(str(file))
-        video.set(cv2.CAP_PROP_POS_MSEC, 1e3 * at_s)
-        picture = video.read()[1]
-    else:
-        picture = cv2.imread(str(file))
+    picture = frame_at(file, at_s) if file.suffix == ".mp4" else cv2.imread(str(file))
     share = min(1.0, PAGE / picture.shape[1])
     return cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
 

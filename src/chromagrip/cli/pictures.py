@@ -324,7 +324,7 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
         values = summary["estimates"].get(name)
         if values is not None:
             last = "–"
-            if values["last"] is not None:
+            if values["last"] is not None and values["last_interval"] is not None:
                 low, high = values["last_interval"]
                 last = f"{values['last']:z.3f}{unit} ({low:z.3f} … {high:z.3f})"
             table.add_row(words, f"{last} at the end, median {values['median']:z.3f}{unit}")
