@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib.resources import files
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -210,8 +211,9 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
     if not able:
         best = min(expected, key=lambda f: expected[f][1])
         raise UserError(
-            f"nothing is known to keep Γ within {tolerance:g} here; the best, {best.name}, is "
-            f"expected to err by {expected[best][1]:.3f}"
+            f"nothing is known to keep Γ within {tolerance:g} here; the best, {best.name}, errs by "
+            f"{expected[best][1]:.3f}: give a tolerance of {ceil(100 * expected[best][1]) / 100:g} "
+            "or more"
         )
     chosen = min(able, key=lambda f: expected[f][0])
     spent, error = expected[chosen]
