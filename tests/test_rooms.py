@@ -40,7 +40,7 @@ MAY_IMPORT = {
     "calibrate": "model render tracking control output scene loop pictures",
     "dataset": "model render tracking control output scene loop",
     "rig": "model render tracking control output scene loop",
-    "live": "model render tracking control output scene loop",
+    "live": "model render tracking control output scene loop pictures rig",
     "measure": "model render tracking control output scene loop pictures calibrate dataset rig",
     "cli": "model render tracking control output scene loop pictures calibrate dataset measure rig "
     "live",

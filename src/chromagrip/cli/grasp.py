@@ -1,6 +1,7 @@
 """The commands `grasp`, `report` and `plan`: run a scene, show runs, and choose the methods."""
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +17,7 @@ from .options import (
     Flag,
     Overwrite,
     SceneName,
+    check_least,
     counting,
     new_folder,
     option,
@@ -23,7 +25,7 @@ from .options import (
     value_table,
 )
 from .pinch import run_two
-from .readouts import prepare_scene
+from .readouts import prepare, prepare_scene
 
 if TYPE_CHECKING:
     from ..loop.trace import Summary
@@ -308,26 +310,80 @@ def report(
 
 
 def live(
-    scene: Annotated[SceneName, tyro.conf.Positional] = "dome-1",
+    scene: Annotated[
+        str | None,
+        tyro.conf.Positional,
+        option("shipped scene, or a .toml file; by default dome-1", "NAME|FILE.toml"),
+    ] = None,
     *,
     changes: Changes = (),
+    run: Annotated[Path | None, option("show a finished run instead", "DIR")] = None,
+    source: Annotated[
+        str | None,
+        option("show a camera instead: camera:0, a folder, a video or pipe:FILE", "SOURCE"),
+    ] = None,
+    calibration: Annotated[
+        str | None,
+        option("of --source: of `chromagrip calibrate sensor`, or a sensor's name", "NAME|FILE"),
+    ] = None,
+    rest: Annotated[
+        str | None,
+        option("of --source: the unloaded sensor, as in `estimate`; by default first:8", "REST"),
+    ] = None,
+    fps: Annotated[float | None, option("of --source: rate of pictures", "HZ")] = None,
+    record: Annotated[Path, option("where the button `record` keeps grasps", "DIR")] = Path(
+        "runs/live"
+    ),
+    host: Annotated[
+        str, option("address of this machine; any but 127.0.0.1 needs a token", "HOST")
+    ] = "127.0.0.1",
     port: Annotated[int, option("of the page", "N")] = 8090,
+    token: Annotated[
+        str | None, option("that the page's address must hold; by default a new one", "TEXT")
+    ] = None,
     seconds: Annotated[float | None, option("end after this time", "S")] = None,
 ) -> int:
-    """Serve a page on this machine on which a grasp goes on while its sliders are moved.
+    """Serve a page on which a grasp goes on while its sliders are moved, or a run or camera shows.
 
     It shows the fingertip in three dimensions, the camera's picture and curves. Ctrl-C ends it.
 
     Example: chromagrip live dome-1 --set object.friction=0.4
     """
-    from ..live.serve import serve
+    from ..live.serve import Address, serve_grasp, token_for
 
-    chosen = {"path": "camera"} | dict(map(parse_change, changes))
+    if run is not None and source is not None:
+        raise UserError("--run and --source are two pages; give one of them")
+    other = "--run" if run is not None else "--source" if source is not None else ""
+    if other and (scene is not None or changes):
+        raise UserError(f"{other} has a scene of its own; leave out scene and --set")
+    for name, value in (("calibration", calibration), ("rest", rest), ("fps", fps)):
+        if value is not None and source is None:
+            raise UserError(f"--{name} goes with --source")
+    check_least(fps=(fps, 1e-3), seconds=(seconds, 0.0))
 
     def ready(address: str) -> None:
-        print(f"{address}  (Ctrl-C ends)", flush=True)
+        print(f"{address}  (Ctrl-C ends)", file=screen, flush=True)
 
-    resolved = load_scene(scene, chosen)
-    prepare_scene(resolved, pictures=True)
-    serve(resolved, port, ready, seconds)
+    screen = sys.stdout  # which is another one while viser says goodbye
+    place = Address(
+        host=host, port=port, token=token_for(host, token), seconds=seconds, ready=ready
+    )
+    if run is not None:
+        from ..live.run_page import serve_run
+
+        serve_run(run, place)
+    elif source is not None:
+        from ..live.watch import serve_source
+        from ..tracking import load_calibration
+
+        if calibration is None:
+            raise UserError("--source needs --calibration, of the sensor before the camera")
+        prepare(load_calibration(calibration), "auto")
+        serve_source(source, calibration, rest or "first:8", fps, place)
+    else:
+        resolved = load_scene(
+            scene or "dome-1", {"path": "camera"} | dict(map(parse_change, changes))
+        )
+        prepare_scene(resolved, pictures=True)
+        serve_grasp(resolved, place, record)
     return 0

@@ -1,24 +1,27 @@
-"""The page: sliders, what they ask for, and what a frame shows."""
+"""The page of a live grasp: sliders, what they ask for, and what a frame shows."""
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from ..errors import UserError
 from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Scene
+from .board import Board, line_of_estimate, line_of_speed, line_of_truth
+from .picture import picture_of
 from .session import Session, Shown
-from .strips import Strips
-from .view import FingertipView, blank_picture, picture_of
-from .wishes import OBJECTS, Wishes, wishes_of
+from .strips import row_of
+from .view import GraspView
+from .wishes import OBJECTS, Wishes, scene_for, wishes_of
 
 if TYPE_CHECKING:
     import viser
 
-#: Times between two pictures of the page, and between two drawings of its curves [s].
-EVERY, CURVES_EVERY = 1.0 / 30.0, 1.0 / 10.0
-#: Speed below which the page says that the machine is too slow.
-_SLOW = 0.98
+#: Kinds of files that may be dropped in as an object, and their largest size [bytes].
+MESHES, LARGEST_MESH = (".stl", ".obj", ".ply"), 20_000_000
+_OF_THE_SCENE = "of the scene"
 #: Sliders: label, wish, lowest and highest value, step, hint; those of a dome only come second.
 _ALWAYS = (
     ("load [N]", "load", 0.0, 3.0, 0.01, "lateral force on the object"),
@@ -38,7 +41,7 @@ _DESIGNS = {"dome": ("thesis", "dome-2020", "dome-2022"), "chain": ("thesis",)}
 
 
 class Page:
-    """The page of one session.
+    """The page of one session; a context that keeps the files which are dropped onto it.
 
     Parameters
     ----------
@@ -49,19 +52,23 @@ class Page:
     def __init__(self, server: "viser.ViserServer", base: Scene) -> None:
         self._server, self._base = server, base
         self._session: Session | None = None
-        self._due = self._curves_due = 0.0
         self._applied = 0.0
-        self.view = FingertipView(server)
-        server.gui.configure_theme(
-            control_layout="collapsible", control_width="large", show_logo=False,
-            show_share_button=False,
-        )  # fmt: skip
-        self._status = server.gui.add_markdown("starting …")
-        self._picture = server.gui.add_image(
-            blank_picture(), label="camera, with the motion of the markers × 4", format="jpeg"
-        )
+        self._told = self._kept = ""
+        self._state: list[str] = []
+        self._folder = TemporaryDirectory(prefix="chromagrip-")
+        self._meshes: dict[str, str] = {}
+        self.view = GraspView(server)
+        self.board = Board(server, "camera, with the motion of the markers × 4")
         self._add_controls(wishes_of(base))
-        self._strips = Strips(server)
+        self.board.finish()
+
+    def __enter__(self) -> "Page":
+        """Use as a context."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Remove the files that were dropped onto the page."""
+        self._folder.cleanup()
 
     def connect(self, session: Session) -> None:
         """Let the sliders ask that session."""
@@ -69,48 +76,47 @@ class Page:
 
     def show(self, shown: Shown) -> None:
         """Show a frame, where it is time for a picture; called by the session."""
-        self._strips.add(shown)
-        self._applied = shown.sample.applied
-        now = time.perf_counter()
-        if now < self._due and not (self._session and self._session.paused):
+        sample = shown.sample
+        self.board.add(row_of(sample))
+        self._applied = sample.applied
+        if not self.board.is_due(self._session is not None and self._session.paused):
             return
-        self._due = now + EVERY
-        self.view.show(shown, self._forces.value == "estimated")
-        self._picture.image = picture_of(shown)
-        self._status.content = self._said(shown)
+        self.view.begin(shown.scene)
+        self.view.show(self.view.drawn(sample, self._forces.value == "estimated"))
+        image = None if sample.frame is None else sample.frame.image
+        self._state = self._lines(shown)
+        self.board.show(picture_of(image, sample.tracks, sample.rest), self._said())
         if self._automatic.value:  # the slider shows what the controller does
             self._grip.value = round(self._applied, 2)
-        if now >= self._curves_due:
-            self._curves_due = now + CURVES_EVERY
-            self._strips.draw()
 
     def tell(self, sentence: str) -> None:
         """Say why a wish is refused; "" where none is."""
-        if sentence:
-            self._status.content = f"**Refused:** {sentence}"
+        self._told = f"**Refused:** {sentence}" if sentence else ""
+        self.board.say(self._said())
 
-    def _said(self, shown: Shown) -> str:
+    def tell_kept(self, sentence: str) -> None:
+        """Say what became of a recording."""
+        self._kept = sentence
+        if self._session is not None:
+            wanted = self._session.recorder.wanted
+            self._record.label = "stop recording" if wanted else "record"
+        self.board.say(self._said())
+
+    def _said(self) -> list[str]:
+        """State of the grasp, and what was told last."""
+        return [line for line in (*self._state, self._told, self._kept) if line]
+
+    def _lines(self, shown: Shown) -> list[str]:
         """State of the grasp in Markdown."""
-        sample, seen = shown.sample, shown.sample.observation
-        true = sample.field.safety_margin(sample.friction)
-        lines = [f"**t = {sample.time:.2f} s**, {shown.updates:.0f} updates/s"]
-        if shown.speed < _SLOW:
-            lines[0] += f": this machine is behind, at {shown.speed:.2f} × real time"
-        lines.append(
-            f"true: Γ {true:.2f}, ΣFn {sample.field.total_normal:.2f} N, "
-            f"ΣFf {sample.field.total_friction:.2f} N"
-        )
+        sample = shown.sample
+        lines = [
+            line_of_speed(sample.time, shown.updates, shown.speed),
+            line_of_truth(sample),
+            line_of_estimate(sample.observation),
+        ]
         if sample.time > 0.0 and not sample.field.contact.any():
             lines.append("**nothing touches the object:** press anew to begin again")
-        if seen is not None and seen.no_estimate:
-            lines.append(f"**no estimate:** {seen.no_estimate}")
-        elif seen is not None:
-            low, high = seen.margin_interval
-            lines.append(
-                f"estimated: Γ {seen.margin:.2f} ({low:.2f} to {high:.2f}), "
-                f"ΣFn {seen.field.total_normal:.2f} N, ΣFf {seen.field.total_friction:.2f} N"
-            )
-        return "<br/>".join(lines)
+        return lines
 
     def _add_controls(self, first: Wishes) -> None:
         """Sliders and buttons."""
@@ -125,11 +131,17 @@ class Page:
             self._add_slider(label, name, low, high, step, hint, first)
         buttons = gui.add_button_group("grasp", ("pause", "step", "anew"))
         buttons.on_click(lambda event: self._press(event.target.value))
+        hint = "keeps the grasp from now on in a run folder, until it is pressed again"
+        self._record = gui.add_button("record", hint=hint)
+        self._record.on_click(lambda _: self._press("record"))
         with gui.add_folder("begins the grasp anew", expand_by_default=False):
             self._add_choice("controller", "controller", tuple(CONTROLLERS.entries), first)
             self._add_choice("design", "sensor", _DESIGNS[self._base.body], first)
             if dome:
-                self._add_choice("object", "object", ("of the scene", *OBJECTS), first)
+                self._objects = self._add_choice(
+                    "object", "object", (_OF_THE_SCENE, *OBJECTS), first
+                )
+                self._add_upload()
                 self._add_slider("tilt [°]", "tilt", -20.0, 20.0, 1.0, "turn about y", first)
             for label, name, low, high, step, hint in _ANEW:
                 self._add_slider(label, name, low, high, step, hint, first)
@@ -142,7 +154,7 @@ class Page:
         slider = self._server.gui.add_slider(label, low, high, step, value, hint=hint)
         slider.on_update(lambda _: self._wish(**{name: slider.value}))
 
-    def _add_choice(self, label: str, name: str, options: tuple[str, ...], first: Wishes) -> None:
+    def _add_choice(self, label: str, name: str, options: tuple[str, ...], first: Wishes) -> Any:
         """Choice of a wish."""
         value = getattr(first, name) or options[0]
         if value not in options:
@@ -150,9 +162,53 @@ class Page:
         choice = self._server.gui.add_dropdown(label, options, initial_value=value)
 
         def chosen(_: Any) -> None:
-            self._wish(**{name: "" if choice.value == "of the scene" else choice.value})
+            value = "" if choice.value == _OF_THE_SCENE else choice.value
+            self._wish(**{name: self._meshes.get(value, value)})
 
         choice.on_update(chosen)
+        return choice
+
+    def _add_upload(self) -> None:
+        """Button that takes an object from a file."""
+        kinds = ", ".join(MESHES)
+        button = self._server.gui.add_upload_button(
+            f"object from a file ({kinds})", mime_type=",".join(MESHES), hint="closed, in mm"
+        )
+        button.on_upload(
+            lambda event: self.drop(event.target.value.name, event.target.value.content)
+        )
+
+    def drop(self, name: str, content: bytes) -> None:
+        """Take the object of a file, or say why it cannot be one; the grasp goes on.
+
+        Parameters
+        ----------
+        name: of the file
+        content: of it
+        """
+        name = Path(name).name
+        suffix = Path(name).suffix.lower()
+        path = Path(self._folder.name) / f"{len(self._meshes) + 1}{suffix}"
+        try:
+            if suffix not in MESHES:
+                raise UserError(f"{name}: an object is a file {', '.join(MESHES)}")
+            if len(content) > LARGEST_MESH:
+                most = LARGEST_MESH // 10**6
+                raise UserError(f"{name} has {len(content) / 1e6:.0f} MB; at most {most} are taken")
+            path.write_bytes(content)
+            session = self._session
+            wishes = wishes_of(self._base) if session is None else session.wishes
+            scene_for(self._base, replace(wishes, object=str(path)))
+        except UserError as error:
+            path.unlink(missing_ok=True)
+            self.tell(str(error).replace(str(path), name))
+            return
+        self._told = ""
+        self._meshes[name] = str(path)
+        self._objects.options = tuple(dict.fromkeys((*self._objects.options, name)))
+        if self._objects.value == name:  # the same file again, which may be another one now
+            self._wish(object=str(path))
+        self._objects.value = name
 
     def _take_over(self) -> None:
         """Let the controller grip, or the slider, which begins at the grip of now."""
@@ -178,7 +234,15 @@ class Page:
             "pause": lambda: setattr(session, "paused", not session.paused),
             "step": session.step_once,
             "anew": session.begin_anew,
+            "record": self._toggle_record,
         }
         if button == "step":
             session.paused = True
         actions[button]()
+
+    def _toggle_record(self) -> None:
+        """Begin a recording, or end it."""
+        session = self._session
+        assert session is not None
+        session.recorder.wanted = not session.recorder.wanted
+        self._record.label = "stop recording" if session.recorder.wanted else "record"

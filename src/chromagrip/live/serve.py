@@ -1,66 +1,151 @@
-"""Serving the live page on this machine."""
+"""Serving the live page: of a grasp, of a finished run, or of a camera."""
 
+import errno
 import io
+import secrets
 import socket
+import threading
 import time
-from collections.abc import Callable
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 from ..errors import UserError
 from ..extras import need
 from ..scene.scene import Scene
+from .gate import LOCAL, Gate, guarded
 from .page import Page
+from .record import Recorder
 from .session import Session
 from .wishes import scene_for, wishes_of
 
-#: Only programs on this machine reach the page.
-HOST = "127.0.0.1"
+if TYPE_CHECKING:
+    import viser
+
+#: Time that the server's threads have to end [s].
+_LAST = 3.0
 
 
-def serve(
-    scene: Scene, port: int, ready: Callable[[str], None], seconds: float | None = None
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Address:
+    """Where a page is, and for how long.
+
+    Attributes
+    ----------
+    host: by default only programs on this machine reach the page
+    port: of the page
+    token: that every request must bring; "" makes one where the host is not this machine alone
+    seconds: end after this time [s]; None goes on
+    ready: called with the page's address, once it is there
+    """
+
+    host: str = LOCAL[0]
+    port: int = 8090
+    token: str = ""
+    seconds: float | None = None
+    ready: Callable[[str], None] = print
+
+
+def serve_grasp(scene: Scene, address: Address, recordings: Path) -> None:
     """Serve the page of a live grasp until Ctrl-C.
 
     Parameters
     ----------
     scene: that the sliders change
-    port: of the page
-    ready: called with the page's address, once it is there
-    seconds: end after this time [s]; None goes on
+    address: of the page
+    recordings: folder in which each recording gets one of its own
 
     Raises
     ------
     UserError
-        When the port cannot be used, or the scene cannot be shown.
+        When the address cannot be used, or the scene cannot be shown.
+    """
+    scene_for(scene, wishes_of(scene))  # what cannot be shown is refused before a page is there
+    with serving(address) as server, Page(server, scene) as page:
+        recorder = Recorder(recordings, page.tell_kept)
+        with Session(scene, page.show, page.tell, recorder) as session:
+            page.connect(session)
+            announce(address, server)
+            for _ in ticks(address.seconds):
+                pass
+
+
+@contextmanager
+def serving(address: Address) -> "Iterator[viser.ViserServer]":
+    """A server at an address, which is stopped at the end.
+
+    Raises
+    ------
+    UserError
+        When the address cannot be used.
     """
     viser = need("viser", "live")
-    check_port(port)
-    scene_for(scene, wishes_of(scene))  # what cannot be shown is refused before a page is there
-    with redirect_stdout(io.StringIO()):  # it prints a banner of its own
-        server = viser.ViserServer(host=HOST, port=port, label="chromagrip", verbose=False)
+    check_port(address.host, address.port)
+    before = set(threading.enumerate())
+    gate = Gate(token=address.token, port=address.port)
+    with redirect_stdout(io.StringIO()), guarded(gate):  # it prints a banner of its own
+        server = viser.ViserServer(
+            host=address.host, port=address.port, label="chromagrip", verbose=False
+        )
+    own = set(threading.enumerate()) - before
     try:
-        page = Page(server, scene)
-        with Session(scene, page.show, page.tell) as session:
-            page.connect(session)
-            ready(f"http://{HOST}:{port}")
-            end = None if seconds is None else time.monotonic() + seconds
-            while end is None or time.monotonic() < end:
-                time.sleep(0.1)
+        yield server
     finally:
         with redirect_stdout(io.StringIO()):
             server.stop()
+            end = time.monotonic() + _LAST
+            for thread in own:  # which say goodbye
+                thread.join(max(0.0, end - time.monotonic()))
 
 
-def check_port(port: int) -> None:
-    """Refuse a port that another program has."""
+def announce(address: Address, server: "viser.ViserServer") -> None:
+    """Say where the page is, with its token."""
+    shown = socket.gethostname() if address.host in ("0.0.0.0", "::") else address.host
+    shown = f"[{shown}]" if ":" in shown else shown
+    tail = f"/?token={quote(address.token)}" if address.token else ""
+    address.ready(f"http://{shown}:{server.get_port()}{tail}")
+
+
+def ticks(seconds: float | None, every: float = 0.1) -> Iterator[None]:
+    """Times at which a page may be changed, until the end [s]."""
+    end = None if seconds is None else time.monotonic() + seconds
+    while end is None or time.monotonic() < end:
+        yield
+        time.sleep(every)
+
+
+def token_for(host: str, token: str | None) -> str:
+    """Token of a page: as given, or a new one where other machines reach the page.
+
+    Raises
+    ------
+    UserError
+        For one that is easily guessed, or cannot stand in a cookie.
+    """
+    if token is None:
+        return "" if host in LOCAL else secrets.token_urlsafe(24)
+    if len(token) < 16 or not all(c.isascii() and (c.isalnum() or c in "-_.") for c in token):
+        raise UserError(
+            "--token: expected 16 or more letters, digits, -, _ or .; leave it out to get one"
+        )
+    return token
+
+
+def check_port(host: str, port: int) -> None:
+    """Refuse a host that is not this machine's, and a port that another program has."""
     if not 0 < port < 65536:
         raise UserError(f"port {port} does not exist; allowed are 1 to 65535")
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            probe.bind((HOST, port))
+            probe.bind((host, port))
         except OSError as error:
+            if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
+                raise UserError(f"host {host} is no address of this machine") from None
             raise UserError(
                 f"port {port} cannot be used: {error.strerror}; choose another with --port"
             ) from None

@@ -4,7 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Event, Lock, Thread
 
 from ..errors import UserError
@@ -14,6 +14,7 @@ from ..loop.steps.rig import Rig
 from ..loop.steps.sample import Sample
 from ..output.processes import one_thread
 from ..scene.scene import Scene
+from .record import Recorder
 from .wishes import Wishes, scene_for, wishes_of
 
 #: Time over which the speed is averaged [s].
@@ -49,12 +50,14 @@ class Session:
     base: scene that the sliders change
     show: called with each frame, in that thread
     tell: called with a sentence where something is refused or the grasp ends, "" where all is well
+    recorder: that may keep it
     paused: whether it stands
     """
 
     base: Scene
     show: Callable[[Shown], None]
     tell: Callable[[str], None]
+    recorder: Recorder
     paused: bool = False
     _wishes: Wishes = field(init=False)
     _anew: bool = False
@@ -119,7 +122,7 @@ class Session:
         methods = Methods.of_scene(scene)
         with self._lock:
             self._anew = False
-        with closing(Rig(scene, methods)) as rig:
+        with closing(Rig(scene, methods)) as rig, self.recorder.ending():
             controller = HoldingController(methods.build_controller(scene), scene.controller)
             first = rig.reset()
             controller.start(first)
@@ -130,6 +133,8 @@ class Session:
                 if anew or now.begins_anew != wishes.begins_anew:
                     return
                 if self._waits():
+                    if not self.recorder.wanted:
+                        self.recorder.finish()
                     self._stop.wait(_NAP)
                     ends.clear()
                     continue
@@ -140,6 +145,10 @@ class Session:
                     wishes = now
                 grip = controller.command(rig.arrived) if now.automatic else now.grip
                 sample = rig.sample(grip)
+                if self.recorder.wanted:
+                    self.recorder.take(replace(sample, frame=rig.picture()), rig, now)
+                else:
+                    self.recorder.finish()
                 rig.step(grip)
                 self._pace(ends, scene.period)
                 span = max(ends[-1] - ends[0], 1e-9)

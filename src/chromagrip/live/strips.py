@@ -1,11 +1,14 @@
 """Curves of the last seconds: margins, forces, friction."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .session import Shown
+from ..control import GripObservation
+from ..loop.steps.sample import Sample
 
 if TYPE_CHECKING:
     import viser
@@ -18,6 +21,24 @@ _EDGE: dict[str, Any] = {"stroke": _INTERVAL, "width": 1}
 _READ: dict[str, Any] = {"stroke": _ESTIMATED, "width": 2, "dash": (6, 3)}
 _KNOWN: dict[str, Any] = {"stroke": _TRUE, "width": 2}
 _DOTTED: dict[str, Any] = {"dash": (2, 2)}
+#: Columns of a trace by the names that they have here.
+_COLUMNS = {
+    "time": "time_s",
+    "margin": "margin_estimated",
+    "margin_low": "margin_low",
+    "margin_high": "margin_high",
+    "margin_true": "margin_true",
+    "normal": "normal_estimated_n",
+    "normal_true": "normal_true_n",
+    "friction": "friction_estimated_n",
+    "friction_true": "friction_true_n",
+    "grip": "applied_n",
+    "mu": "mu_estimated",
+    "mu_low": "mu_low",
+    "mu_high": "mu_high",
+    "mu_true": "mu_true",
+}
+Row = dict[str, float]
 #: Title of each plot, its range of values, and label, look and column of each curve.
 _PLOTS: tuple[
     tuple[str, tuple[float, float] | None, list[tuple[str, dict[str, Any], str]]], ...
@@ -62,10 +83,11 @@ class Strips:
     Parameters
     ----------
     server: of the page
+    truth: whether there is one beside the estimate
     """
 
-    def __init__(self, server: "viser.ViserServer") -> None:
-        self._rows: deque[dict[str, float]] = deque(maxlen=FRAMES)
+    def __init__(self, server: "viser.ViserServer", truth: bool = True) -> None:
+        self._rows: deque[Row] = deque(maxlen=FRAMES)
         self._handles = []
         for title, span, curves in _PLOTS:
             banded = curves[0][0] == "low"
@@ -74,7 +96,7 @@ class Strips:
                 server.gui.add_uplot(
                     data=tuple(np.zeros(2) for _ in range(len(curves) + 1)),
                     series=({"label": "s"}, *series),
-                    title=title,
+                    title=title if truth else title.replace("true solid, ", ""),
                     scales={
                         "x": {"time": False},
                         **({} if span is None else {"y": {"range": span}}),
@@ -85,31 +107,53 @@ class Strips:
                 )
             )
 
-    def add(self, shown: Shown) -> None:
+    def add(self, row: Row) -> None:
         """Append a frame; a time before the last one begins the curves anew."""
-        sample, seen = shown.sample, shown.sample.observation
-        if self._rows and sample.time <= self._rows[-1]["time"]:
+        if self._rows and row["time"] <= self._rows[-1]["time"]:
             self._rows.clear()
-        row = {
-            "time": sample.time,
-            "margin_true": sample.field.safety_margin(sample.friction),
-            "normal_true": sample.field.total_normal,
-            "friction_true": sample.field.total_friction,
-            "mu_true": sample.friction,
-            "grip": sample.applied,
-        }
-        if seen is not None:
-            row |= {"margin": seen.margin, "mu": seen.friction}
-            row |= {"normal": seen.field.total_normal, "friction": seen.field.total_friction}
-            row["margin_low"], row["margin_high"] = seen.margin_interval
-            row["mu_low"], row["mu_high"] = seen.friction_interval
         self._rows.append(row)
+
+    def show(self, rows: Sequence[Row]) -> None:
+        """Draw these rows, of which the last one is now."""
+        self._rows = deque(rows, maxlen=FRAMES)
+        self.draw()
 
     def draw(self) -> None:
         """Send the curves to the page."""
-        rows = [row for row in self._rows if row["time"] > self._rows[-1]["time"] - SECONDS]
+        rows = list(self._rows)
+        rows = [row for row in rows if row["time"] > rows[-1]["time"] - SECONDS]
         if len(rows) < 2:
             return
         for handle, (_, _, curves) in zip(self._handles, _PLOTS, strict=True):
             names = ("time", *(name for _, _, name in curves))
             handle.data = tuple(np.array([row.get(name, np.nan) for row in rows]) for name in names)
+
+
+def row_of(sample: Sample) -> Row:
+    """Values of a frame, truth beside estimate."""
+    seen = sample.observation
+    return {
+        **({} if seen is None else row_seen(seen)),
+        "time": sample.time,
+        "margin_true": sample.field.safety_margin(sample.friction),
+        "normal_true": sample.field.total_normal,
+        "friction_true": sample.field.total_friction,
+        "mu_true": sample.friction,
+        "grip": sample.applied,
+    }
+
+
+def row_seen(seen: GripObservation) -> Row:
+    """Values of an estimate, with its time."""
+    row = {"time": seen.time, "margin": seen.margin, "mu": seen.friction}
+    row |= {"normal": seen.field.total_normal, "friction": seen.field.total_friction}
+    row["margin_low"], row["margin_high"] = seen.margin_interval
+    row["mu_low"], row["mu_high"] = seen.friction_interval
+    return row
+
+
+def rows_of(columns: dict[str, NDArray[np.float64]]) -> list[Row]:
+    """Values of each frame of a trace."""
+    found = {name: columns[column] for name, column in _COLUMNS.items()}
+    count = len(found["time"])
+    return [{name: float(found[name][k]) for name in found} for k in range(count)]

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 
@@ -49,7 +50,7 @@ class Wishes:
     stiffness: of the object [kPa]
     controller: name
     sensor: name of the design
-    object: name in `OBJECTS`; empty is the scene's
+    object: name in `OBJECTS`, or file of a mesh in mm; empty is the scene's
     tilt: turn of the object about y [°]
     noise: of the camera [grey levels]
     latency: frames between an image and the command from it
@@ -116,12 +117,10 @@ def scene_for(base: Scene, wishes: Wishes) -> Scene:
         sideways_n=(wishes.load * math.sin(azimuth) + _NEXT_TO_NOTHING,) if dome else (),
         twists_nmm=(wishes.twist + _NEXT_TO_NOTHING,) if dome else (),
     )
-    fixed: dict[str, object] = {"friction_times_s": (), "frictions": (), "creeps": 0.0}
+    fixed: dict[str, Any] = {"friction_times_s": (), "frictions": (), "creeps": 0.0}
     if dome:
         turned = (base.object.turned_deg[0], wishes.tilt, base.object.turned_deg[2])
-        fixed |= {**OBJECTS.get(wishes.object, {}), "turned_deg": turned}
-        if wishes.object:
-            fixed["mesh"] = ""
+        fixed |= {**_shape_of(wishes.object), "turned_deg": turned}
     obj = msgspec.structs.replace(
         base.object, friction=wishes.friction, stiffness_kpa=wishes.stiffness, **fixed
     )
@@ -137,3 +136,14 @@ def scene_for(base: Scene, wishes: Wishes) -> Scene:
         object=obj,
         camera=camera,
     )
+
+
+def _shape_of(name: str) -> dict[str, Any]:
+    """Changes of the scene's object for a name of `OBJECTS` or a file; none for the scene's own."""
+    if not name:
+        return {}
+    bare: dict[str, Any] = {"shape": "ball", "radius_mm": math.inf, "size_mm": ()}
+    bare |= {"rounding_mm": 0.0, "mesh": ""}
+    if name in OBJECTS:
+        return bare | OBJECTS[name]
+    return bare | {"mesh": name, "mesh_unit_mm": 1.0}

@@ -172,7 +172,7 @@ def _record(
                 progress(len(rows) // len(COLUMNS), scene.frames)
     finally:
         trace = make_trace(rows)
-        summary = summarise(scene, trace, seconds, read_with, _pose(known, rest), reasons)
+        summary = summarise(scene, trace, seconds, read_with, pose_at_rest(known, rest), reasons)
         if files is not None and rows:
             files.write(trace, summary)
     folder = None if files is None else files.folder
@@ -196,7 +196,7 @@ def check_asked(
     return answer_within_s
 
 
-def _pose(known: SensorCalibration | None, rest: Tracks | None) -> CameraPose | None:
+def pose_at_rest(known: SensorCalibration | None, rest: Tracks | None) -> CameraPose | None:
     """Pose of the camera; None on the truth path, and where a plug-in's tracks do not tell it."""
     if known is not None and rest is not None:
         with suppress(UserError):
@@ -282,11 +282,24 @@ class RunFiles:
                 self._slot = slot
                 self._video.add(frame.image, sample)
 
-    def write(self, trace: Trace, summary: Summary) -> None:
-        """Write the results, and give all files their names."""
+    def write(
+        self, trace: Trace, summary: Summary, scene: Scene | None = None, said: str = ""
+    ) -> None:
+        """Write the results, and give all files their names.
+
+        Parameters
+        ----------
+        trace, summary: of the run
+        scene: where it is known at the end only; its files are named relative to the folder
+        said: a line about it
+        """
         if self._video is None:  # writing failed before
             return
         with self._writing():
+            if scene is not None:
+                self._scene = scene
+                text = scene_text(scene, said, self.folder)
+                (self._parts / "scene.toml").write_text(text, encoding="utf-8")
             self._video.close()
             if self._frames is not None:
                 self._frames.close()
@@ -376,8 +389,10 @@ def write_trace(scene: Scene, trace: Trace, path: Path) -> None:
 
 
 def scene_text(
-    scene: Scene, said: str = "Everything this run was made from; run it again with --scene."
+    scene: Scene,
+    said: str = "Everything this run was made from; run it again with --scene.",
+    folder: Path | None = None,
 ) -> str:
-    """TOML of a scene with a line about it, and the versions that it was run with."""
+    """TOML of a scene with a line about it, and the versions; files are relative to `folder`."""
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
-    return f"# {said}\n# {listed}\n" + dump_scene(scene)
+    return f"# {said}\n# {listed}\n" + dump_scene(scene, folder)

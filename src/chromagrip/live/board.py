@@ -1,0 +1,126 @@
+"""What every page has: the state in words, the camera's picture, a legend, curves."""
+
+import html
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ..control import GripObservation
+from ..loop.steps.sample import Sample
+from .picture import MOTION, Image, blank_picture
+from .strips import Row, Strips
+from .view import OBJECT, PRESSED, SKIN, SLIPS, STICKS
+
+if TYPE_CHECKING:
+    import viser
+
+#: Times between two pictures of the page, and between two drawings of its curves [s].
+EVERY, CURVES_EVERY = 1.0 / 30.0, 1.0 / 10.0
+#: Speed below which the page says that the machine is too slow.
+_SLOW = 0.98
+#: Colours of the view and of the picture, each with what it stands for.
+_LEGEND = (
+    ("beige", tuple(SKIN), "skin"),
+    ("blue", tuple(PRESSED), "pressed, the bluer the more"),
+    ("black", STICKS, "friction where skin sticks"),
+    ("orange", SLIPS, "friction where it slips"),
+    ("green", MOTION, "motion of a marker × 4, in the picture"),
+)
+_OBJECT = ("grey-green", OBJECT, "object")
+
+
+class Board:
+    """State, picture, legend and curves of a page.
+
+    Parameters
+    ----------
+    server: of the page
+    label: of the picture
+    truth: whether the page knows an object and its true forces
+    """
+
+    def __init__(self, server: "viser.ViserServer", label: str, truth: bool = True) -> None:
+        self._server, self._truth = server, truth
+        self._due = self._curves_due = 0.0
+        server.gui.configure_theme(
+            control_layout="collapsible", control_width="large", show_logo=False,
+            show_share_button=False,
+        )  # fmt: skip
+        self._status = server.gui.add_markdown("starting …")
+        self._picture = server.gui.add_image(blank_picture(), label=label, format="jpeg")
+        self.strips: Strips | None = None
+
+    def finish(self) -> None:
+        """Put legend and curves below all controls that were added until now."""
+        with self._server.gui.add_folder("colours", expand_by_default=False):
+            self._server.gui.add_html(legend_text(self._truth))
+        self.strips = Strips(self._server, self._truth)
+
+    def is_due(self, at_once: bool = False) -> bool:
+        """Whether it is time for another picture; if so, the next one is due later."""
+        now = time.perf_counter()
+        if now < self._due and not at_once:
+            return False
+        self._due = now + EVERY
+        return True
+
+    def show(self, picture: Image, lines: Sequence[str]) -> None:
+        """Show a picture and the state in Markdown, and the curves where it is their time."""
+        self._picture.image = picture
+        self.say(lines)
+        now = time.perf_counter()
+        if self.strips is not None and now >= self._curves_due:
+            self._curves_due = now + CURVES_EVERY
+            self.strips.draw()
+
+    def add(self, row: Row) -> None:
+        """Append a frame to the curves."""
+        if self.strips is not None:
+            self.strips.add(row)
+
+    def say(self, lines: Sequence[str]) -> None:
+        """Say the state, in lines of Markdown."""
+        self._status.content = "<br/>".join(lines)
+
+
+def legend_text(truth: bool) -> str:
+    """HTML of the legend: a patch of each colour with what it stands for."""
+    rows = (*_LEGEND, _OBJECT) if truth else _LEGEND
+    parts = []
+    for name, (red, green, blue), words in rows:
+        patch = (
+            f'<span style="display:inline-block;width:1em;height:1em;vertical-align:-0.15em;'
+            f'border:1px solid #888;background:rgb({red},{green},{blue})"></span>'
+        )
+        parts.append(f"<div>{patch} {html.escape(name)}: {html.escape(words)}</div>")
+    curves = "curves: estimate orange and dashed" + (", truth blue" if truth else "")
+    inner = "".join([*parts, f"<div>{curves}, 90 % interval pale orange, grip grey</div>"])
+    return f'<div style="font-size:0.8em;line-height:1.6;padding:0.4em 0.8em">{inner}</div>'
+
+
+def line_of_speed(seconds: float, updates: float, speed: float) -> str:
+    """Time and updates per second, and that the machine is behind where it is."""
+    line = f"**t = {seconds:.2f} s**, {updates:.0f} updates/s"
+    behind = f": this machine is behind, at {speed:.2f} × real time"
+    return line + (behind if speed < _SLOW else "")
+
+
+def line_of_truth(sample: Sample) -> str:
+    """True Γ and forces."""
+    return (
+        f"true: Γ {sample.field.safety_margin(sample.friction):.2f}, "
+        f"ΣFn {sample.field.total_normal:.2f} N, ΣFf {sample.field.total_friction:.2f} N"
+    )
+
+
+def line_of_estimate(seen: GripObservation | None) -> str:
+    """Estimated Γ with its interval, and forces; why there is none; "" of a dropped frame."""
+    if seen is None:
+        return ""
+    if seen.no_estimate:
+        return f"**no estimate:** {seen.no_estimate}"
+    low, high = seen.margin_interval
+    return (
+        f"estimated: Γ {seen.margin:.2f} ({low:.2f} to {high:.2f}), "
+        f"ΣFn {seen.field.total_normal:.2f} N, ΣFf {seen.field.total_friction:.2f} N"
+    )

@@ -1,0 +1,213 @@
+"""Keeping a part of a live grasp as a run folder."""
+
+import csv
+import math
+import shutil
+import time
+from array import array
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import msgspec
+
+from ..errors import UserError
+from ..extras import require
+from ..loop.run_folder import PARTS, RunFiles, pose_at_rest
+from ..loop.steps.rig import Rig, readable
+from ..loop.steps.sample import Sample
+from ..loop.trace import make_trace, row, summarise
+from ..output.folder import disk_errors
+from ..scene.scene import Scene
+from ..scene.settings import LoadSettings
+from ..tracking.forces.chain import used
+from .wishes import Wishes
+
+#: Table of the sliders' values in the folder of a recording.
+SLIDERS = "sliders.csv"
+#: Key of its summary: the time of the grasp at which it began [s].
+FROM = "recorded_live_from_s"
+#: Shortest recording that is kept [s].
+SHORTEST = 0.2
+_SAID = (
+    "A live grasp from {0:.3f} s on, with its sliders' loads and friction as steps; a run of this "
+    "scene begins with a fresh grip and gives other values. See sliders.csv."
+)
+
+
+@dataclass
+class Recorder:
+    """Records a live grasp where that is wanted, each time into a folder of its own.
+
+    Attributes
+    ----------
+    parent: folder of the recordings
+    tell: called with a sentence about each recording, from the thread of the grasp
+    wanted: whether the grasp is recorded; anyone may set it
+    """
+
+    parent: Path
+    tell: Callable[[str], None]
+    wanted: bool = False
+    _now: "_Recording | None" = None
+
+    def take(self, sample: Sample, rig: Rig, wishes: Wishes) -> None:
+        """Keep a frame, which has its picture."""
+        try:
+            if self._now is None:
+                require("data", "video", purpose="a recording")
+                self._now = _Recording(_unused(self.parent), sample, rig)
+                self.tell(f"**recording** into {self._now.folder}")
+            self._now.add(sample, rig.scene, wishes)
+        except UserError as error:
+            self._drop(f"**not recorded:** {error}")
+
+    def finish(self) -> None:
+        """Write what was kept, where there is something; the next frame begins another one."""
+        recording, self._now = self._now, None
+        if recording is None:
+            return
+        try:
+            self.tell(recording.finish())
+        except UserError as error:
+            self._drop(f"**not recorded:** {error}")
+
+    @contextmanager
+    def ending(self) -> Iterator[None]:
+        """Finish a recording with the grasp, however that ends."""
+        try:
+            yield
+        finally:
+            self.finish()
+
+    def _drop(self, sentence: str) -> None:
+        self.wanted, recording, self._now = False, self._now, None
+        if recording is not None:
+            recording.discard()
+        self.tell(sentence)
+
+
+class _Recording:
+    """A recording that goes on: its files have no names yet.
+
+    Parameters
+    ----------
+    folder: that is made for it
+    sample: first one
+    rig: of the grasp
+    """
+
+    def __init__(self, folder: Path, sample: Sample, rig: Rig) -> None:
+        self.folder = folder
+        self._begin, self._clock = sample.time, time.perf_counter()
+        self._rest, self._methods = sample.rest, rig.methods
+        self._rows, self._reasons = array("d"), list[str]()
+        self._scenes: list[tuple[float, Scene]] = []
+        self._wishes: list[tuple[float, Wishes]] = []
+        self._files = RunFiles(folder, False, rig.scene)
+        self._mesh = _kept_mesh(rig.scene.object.mesh, folder)
+
+    def add(self, sample: Sample, scene: Scene, wishes: Wishes) -> None:
+        """Append a frame, with the scene and the sliders that it had."""
+        now = sample.time - self._begin
+        state = replace(sample.truth.state, time=now)
+        sample = replace(sample, truth=replace(sample.truth, state=state))
+        if not self._scenes or self._scenes[-1][1] is not scene:
+            self._scenes.append((now, scene))
+        if not self._wishes or self._wishes[-1][1] != wishes:
+            self._wishes.append((now, wishes))
+        if sample.observation is not None and sample.observation.no_estimate:
+            self._reasons.append(sample.observation.no_estimate)
+        line = row(sample)
+        self._rows.extend(line)
+        self._files.keep(line)
+        self._files.show(sample, None)
+
+    def finish(self) -> str:
+        """Write the files and give them their names; a sentence."""
+        trace = make_trace(self._rows)
+        length = float(trace["time_s"][-1])
+        if length < SHORTEST or self._scenes[-1][1].camera.latency_frames >= len(trace):
+            self.discard()
+            return f"**not recorded:** a recording of {length:.2f} s is too short"
+        scene = as_run(self._scenes, length, self._mesh)
+        seconds = time.perf_counter() - self._clock
+        known = readable(scene, self._methods)
+        read_with = None if known is None else used(self._methods.reconstructor, known)
+        pose = pose_at_rest(known, self._rest)
+        summary = summarise(scene, trace, seconds, read_with, pose, self._reasons)
+        summary |= {FROM: self._begin}
+        with self._files as files, disk_errors(self.folder):
+            _write_sliders(self.folder / PARTS / SLIDERS, self._wishes)
+            files.write(trace, summary, scene, _SAID.format(self._begin))
+        return f"recorded {length:.2f} s in {self.folder}"
+
+    def discard(self) -> None:
+        """Leave nothing of it."""
+        with self._files:
+            pass
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def as_run(scenes: list[tuple[float, Scene]], length: float, mesh: str = "") -> Scene:
+    """Scene of a run with the loads and frictions of these, each from its time.
+
+    The other values are those of the last one.
+
+    Parameters
+    ----------
+    scenes: of the run, each with the time from which on it was that [s]
+    length: of the run [s]
+    mesh: file of the object, where it is one
+    """
+    last = scenes[-1][1]
+    times = tuple(round(at, 9) for at, _ in scenes)
+    loads = [scene.load for _, scene in scenes]
+    load = LoadSettings(
+        times_s=times,
+        forces_n=tuple(load.forces_n[0] for load in loads),
+        sideways_n=tuple(load.sideways_n[0] for load in loads) if loads[0].sideways_n else (),
+        twists_nmm=tuple(load.twists_nmm[0] for load in loads) if loads[0].twists_nmm else (),
+    )
+    frictions = tuple(scene.object.friction for _, scene in scenes)
+    changed = len(set(frictions)) > 1
+    obj = msgspec.structs.replace(
+        last.object,
+        friction=frictions[0],
+        friction_times_s=times if changed else (),
+        frictions=frictions if changed else (),
+        mesh=mesh,
+    )
+    period = last.period
+    length = period * math.floor(length / period + 1e-6) + 1e-9
+    return msgspec.structs.replace(last, duration_s=length, load=load, object=obj)
+
+
+def _kept_mesh(mesh: str, folder: Path) -> str:
+    """Copy of a mesh's file in a folder, for a file dropped onto a page goes with its server."""
+    if not mesh:
+        return ""
+    kept = folder / f"object{Path(mesh).suffix}"
+    with disk_errors(kept):
+        shutil.copyfile(mesh, kept)
+    return str(kept)
+
+
+def _write_sliders(path: Path, wishes: list[tuple[float, Wishes]]) -> None:
+    """Table of the sliders' values, a line where one of them changed."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        names = list(asdict(wishes[0][1]))
+        table = csv.writer(file)
+        table.writerow(["time_s", *names])
+        for at, values in wishes:
+            table.writerow([f"{at:.9g}", *asdict(values).values()])
+
+
+def _unused(parent: Path) -> Path:
+    """First unused folder of a number."""
+    for number in range(1, 10_000):
+        folder = parent / f"{number:03d}"
+        if not folder.exists():
+            return folder
+    raise UserError(f"{parent} holds 9999 recordings; choose another folder with --record")

@@ -1,0 +1,188 @@
+"""A finished run, for the page: what its folder keeps, and what a repetition of it adds.
+
+A folder keeps the curves and a video, and not the forces of each place. They are had again by
+running its scene with its seed, and each frame is compared with the record.
+"""
+
+import bisect
+import math
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from threading import Event, Thread
+
+import numpy as np
+
+from ..errors import UserError
+from ..loop.camera import open_camera
+from ..loop.grasp import grasp
+from ..loop.methods import Methods
+from ..loop.shown.report import RunRead
+from ..loop.shown.tactile_video import SLOWDOWN
+from ..loop.steps.sample import Sample
+from ..loop.trace import COLUMNS, row
+from ..output.pictures import open_source
+from ..output.processes import one_thread
+from .picture import packed, picture_of, resized
+from .record import FROM
+from .view import Drawn, GraspView
+
+#: Largest number of frames that are kept of a run; of a longer one every second, third …
+MOST = 1500
+#: Width of the pictures of a video, which have two halves [px].
+_WIDE = 840
+#: Columns that a repetition is compared by, with their names in words and the largest differences
+#: that are none: another processor rounds otherwise.
+_COMPARED = {
+    "margin_true": ("the true Γ", 1e-6),
+    "margin_estimated": ("the estimated Γ", 1e-6),
+    "applied_n": ("the grip [N]", 1e-6),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kept:
+    """A frame of a finished run.
+
+    Attributes
+    ----------
+    time: in the run [s]
+    picture: as JPEG
+    estimated, true: what is drawn of either forces; None where only a video is there
+    """
+
+    time: float
+    picture: bytes
+    estimated: Drawn | None = None
+    true: Drawn | None = None
+
+
+@dataclass
+class Replay:
+    """Frames of a finished run, which are got in a thread of their own; a context.
+
+    Attributes
+    ----------
+    run: that was read
+    frames: those that are there by now, in order
+    ended: whether there will be no more
+    failed: why not, where something failed
+    differences: largest ones between record and repetition, by column
+    """
+
+    run: RunRead
+    view: GraspView
+    frames: list[Kept] = field(default_factory=list)
+    ended: bool = False
+    failed: str = ""
+    differences: dict[str, float] = field(default_factory=dict)
+    _stop: Event = field(default_factory=Event)
+    _thread: Thread = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._thread = Thread(target=self._get, name="replay", daemon=True)
+
+    def __enter__(self) -> "Replay":
+        """Begin."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End."""
+        self._stop.set()
+        self._thread.join()
+
+    @property
+    def every(self) -> int:
+        """Frames of the run for one that is kept."""
+        return max(1, math.ceil(len(self.run.columns["time_s"]) / MOST))
+
+    def at(self, time: float) -> Kept | None:
+        """The last frame up to a time [s] that is there; None where none is."""
+        frames = self.frames[:]  # which grows meanwhile
+        index = bisect.bisect_right(frames, time + 1e-9, key=lambda kept: kept.time)
+        return frames[max(index - 1, 0)] if frames else None
+
+    def words(self) -> str:
+        """What the repetition has shown until now, in a sentence of Markdown."""
+        if self.failed:
+            return f"**the run cannot be shown in full:** {self.failed}"
+        if because := not_repeated(self.run):
+            return because
+        reached = f"up to {self.frames[-1].time:.2f} s" if self.frames and not self.ended else ""
+        off = {
+            words: self.differences[name]
+            for name, (words, most) in _COMPARED.items()
+            if self.differences.get(name, 0.0) > most
+        }
+        if off:
+            listed = ", ".join(f"{words} by up to {most:.2g}" for words, most in off.items())
+            return f"**repeated {reached}: it differs from the record**, {listed}"
+        if self.ended:
+            return "repeated from scene and seed; it agrees with the record"
+        return f"being repeated from scene and seed, {reached or 'from the start'}"
+
+    def _get(self) -> None:
+        try:
+            found = _video(self.run) if not_repeated(self.run) else self._repeated()
+            with one_thread():
+                for kept in found:
+                    self.frames.append(kept)
+                    if self._stop.is_set():
+                        return
+        except UserError as error:
+            self.failed = str(error)
+        self.ended = True
+
+    def _repeated(self) -> Iterator[Kept]:
+        """Frames of the same run again."""
+        scene = self.run.scene
+        methods = Methods.of_scene(scene)
+        with closing(open_camera(scene, methods)) as camera:
+            for index, sample in enumerate(grasp(scene, camera, methods=methods)):
+                if index >= len(self.run.columns["time_s"]) or self._stop.is_set():
+                    return
+                self._compare(index, sample)
+                if index % self.every:
+                    continue
+                frame = sample.frame or camera.expose(sample.truth.state, sample.index)
+                picture = picture_of(frame.image, sample.tracks, sample.rest)
+                yield Kept(
+                    time=sample.time,
+                    picture=packed(picture),
+                    estimated=self.view.drawn(sample, True),
+                    true=self.view.drawn(sample, False),
+                )
+
+    def _compare(self, index: int, sample: Sample) -> None:
+        """Note where a frame differs from the record."""
+        now = dict(zip(COLUMNS, row(sample), strict=True))
+        for name in _COMPARED:
+            before = float(self.run.columns[name][index])
+            if not np.isnan(before) or not np.isnan(now[name]):
+                off = abs(before - now[name])
+                off = math.inf if np.isnan(off) else off
+                self.differences[name] = max(self.differences.get(name, 0.0), off)
+
+
+def not_repeated(run: RunRead) -> str:
+    """Why a run cannot be repeated, in a sentence; "" where it can."""
+    if FROM in run.summary:
+        why = "its sliders were moved by hand"
+    elif "source" in run.summary:
+        why = "its frames came from outside"
+    else:
+        return ""
+    shown = "curves and video are shown" if run.video else "only its curves are there"
+    return f"**no forces in three dimensions:** this run cannot be repeated, {why}; {shown}"
+
+
+def _video(run: RunRead) -> Iterator[Kept]:
+    """Pictures of a run's video."""
+    if run.video is None:
+        return
+    source = open_source(str(run.video))
+    every = max(1, math.ceil((source.count or 1) / MOST))
+    for index, frame in enumerate(source.frames()):
+        if index % every == 0:
+            yield Kept(time=frame.time / SLOWDOWN, picture=packed(resized(frame.image, _WIDE)))

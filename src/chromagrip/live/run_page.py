@@ -1,0 +1,150 @@
+"""The page of a finished run: time slider, play, pause and step."""
+
+import math
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import UserError
+from ..loop.shown.report import read_run
+from .board import Board
+from .picture import blank_picture, unpacked
+from .replay import Replay, not_repeated
+from .serve import Address, announce, serving, ticks
+from .strips import Row, rows_of
+from .view import GraspView
+
+if TYPE_CHECKING:
+    import viser
+
+
+def serve_run(folder: Path, address: Address) -> None:
+    """Serve the page of a finished run until Ctrl-C.
+
+    Parameters
+    ----------
+    folder: of the run
+    address: of the page
+
+    Raises
+    ------
+    UserError
+        When the address cannot be used, or the folder holds no run that can be shown.
+    """
+    run = read_run(folder)
+    if run.summary["mechanics"] == "pinch":
+        raise UserError(
+            f"the live page shows one finger; {folder} is a pinch of two: see its report.html"
+        )
+    with serving(address) as server:
+        view = GraspView(server)
+        if not not_repeated(run):
+            view.begin(run.scene)
+        with Replay(run, view) as replay:
+            page = RunPage(server, replay)
+            announce(address, server)
+            for _ in ticks(address.seconds, 1.0 / 30.0):
+                page.tick()
+
+
+class RunPage:
+    """The page of a finished run.
+
+    Parameters
+    ----------
+    server: of the page
+    replay: frames of the run
+    """
+
+    def __init__(self, server: "viser.ViserServer", replay: Replay) -> None:
+        self._replay, self._run = replay, replay.run
+        self._rows = rows_of(self._run.columns)
+        self._end = self._rows[-1]["time"]
+        self._now, self._then = 0.0, time.monotonic()
+        self._playing, self._changed = True, threading.Event()
+        gui, seen = server.gui, self._run.scene.path == "camera"
+        self.board = Board(server, "camera")
+        period = max(self._run.scene.period, 1e-3)
+        self._slider: Any = gui.add_slider("time [s]", 0.0, max(self._end, period), period, 0.0)
+        self._slider.on_update(self._moved)
+        self._speed = gui.add_dropdown("speed", ("1", "1/4", "1/20"))
+        self._forces = gui.add_dropdown(
+            "forces shown", ("estimated", "true") if seen else ("true",)
+        )
+        self._forces.on_update(lambda _: self._changed.set())
+        buttons = gui.add_button_group("run", ("play", "pause", "step", "anew"))
+        buttons.on_click(lambda event: self.press(event.target.value))
+        self.board.finish()
+        self._shown: list[Row] = []
+
+    @property
+    def now(self) -> float:
+        """Time that is shown [s]."""
+        return self._now
+
+    def press(self, button: str) -> None:
+        """Do what a button says."""
+        if button == "anew":
+            self._now = 0.0
+        if button == "step":
+            self._now = next((r["time"] for r in self._rows if r["time"] > self._now + 1e-9), 0.0)
+        self._playing = button in ("play", "anew")
+        if button == "play" and self._now >= self._end:
+            self._now = 0.0
+        self._changed.set()
+
+    def _moved(self, event: Any) -> None:
+        if event.client_id is not None:  # by a hand, not by the time
+            self._now, self._playing = float(self._slider.value), False
+            self._changed.set()
+
+    def tick(self) -> None:
+        """Go on in time where it plays, and show what changed."""
+        now = time.monotonic()
+        passed, self._then = now - self._then, now
+        if self._playing:
+            there = self._end if self._replay.ended else self._reached()
+            self._now = min(self._now + passed * _factor(self._speed.value), there)
+            self._playing = self._now < self._end
+            self._changed.set()
+        if self._changed.is_set() or not self._replay.ended:
+            self._changed.clear()
+            self._show()
+
+    def _reached(self) -> float:
+        """Time up to which the run is there [s]."""
+        return self._replay.frames[-1].time if self._replay.frames else 0.0
+
+    def _show(self) -> None:
+        kept = self._replay.at(self._now)
+        self._slider.value = self._now
+        rows = [row for row in self._rows if row["time"] <= self._now + 1e-9]
+        picture = blank_picture() if kept is None else unpacked(kept.picture)
+        if kept is not None and kept.true is not None and kept.estimated is not None:
+            chosen = kept.true if self._forces.value == "true" else kept.estimated
+            self._replay.view.show(chosen)
+        if self.board.strips is not None:
+            self.board.strips.show(rows)
+        self.board.show(picture, self._lines(rows[-1] if rows else None))
+
+    def _lines(self, row: Row | None) -> list[str]:
+        """State in Markdown."""
+        run = self._run
+        lines = [f"**t = {self._now:.2f} s** of {self._end:g} s, {run.folder.name}: a finished run"]
+        if row is not None:
+            for kind, end in (("true", "_true"), ("estimated", "")):
+                if math.isnan(row["normal" + end]):
+                    continue
+                lines.append(
+                    f"{kind}: Γ {row['margin' + end]:.2f}, ΣFn {row['normal' + end]:.2f} N, "
+                    f"ΣFf {row['friction' + end]:.2f} N"
+                )
+        lines.append(self._replay.words())
+        return lines
+
+
+def _factor(text: str) -> float:
+    """Speed of a text such as 1/4."""
+    top, _, bottom = text.partition("/")
+    return float(top) / float(bottom or 1.0)

@@ -1,0 +1,295 @@
+"""The page of a camera, a video or a folder of pictures: tracks and estimates, no truth."""
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from threading import Event, Thread
+from typing import TYPE_CHECKING
+
+from ..control import GripObservation
+from ..errors import UserError, located
+from ..loop.observers import ForceObserver
+from ..loop.torsion import with_limit_margin
+from ..model.dome import lattice
+from ..output.processes import one_thread
+from ..pictures.opening import Opened, open_tracking
+from ..render import Frame
+from ..rig.feed import Feed
+from ..tracking import (
+    DEFAULT_TRACKER,
+    Palette,
+    SensorCalibration,
+    Tracks,
+    check_reconstructor,
+    load_calibration,
+)
+from ..tracking.forces import DOME_METHODS, name_used
+from .board import Board, line_of_estimate, line_of_speed
+from .picture import picture_of
+from .serve import Address, announce, serving, ticks
+from .solid import Array, half_sphere
+from .strips import row_seen
+from .view import FingertipView, drawn_forces
+
+if TYPE_CHECKING:
+    import viser
+
+#: How forces are read, and over which time µ is averaged [s].
+_RECONSTRUCTOR, _WINDOW = "auto", 0.3
+#: Time in which the next frame must come [s].
+_FRAME_WITHIN = 10.0
+_NAP = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Looked:
+    """A frame of a source for the page.
+
+    Attributes
+    ----------
+    frame: with its time [s]
+    tracks, rest: markers in it and at rest
+    observation: what was estimated
+    updates: frames per second
+    speed: of the source's time over real time
+    skipped: frames of a camera that were left out until now
+    """
+
+    frame: Frame
+    tracks: Tracks
+    rest: Tracks
+    observation: GripObservation
+    updates: float
+    speed: float
+    skipped: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Looking:
+    """A source, and what its pictures are read with.
+
+    Attributes
+    ----------
+    source, rest, fps: as in `open_tracking`
+    known: calibration of the sensor
+    calibration: its name
+    """
+
+    source: str
+    rest: str
+    fps: float | None
+    known: SensorCalibration
+    calibration: str
+
+    def open(self) -> tuple[Opened, ForceObserver]:
+        """The source from its beginning, with its first frames, or others, taken as at rest."""
+        palette = Palette.of_sensor(self.known.sensor)
+        opened = open_tracking(
+            self.rest, self.source, find=lambda _: palette, tracker=DEFAULT_TRACKER, noise=None,
+            fps=self.fps, tell=lambda _: None, sensor=self.known.sensor,
+        )  # fmt: skip
+        with located(f"calibration {self.calibration}"):
+            return opened, ForceObserver(self.known, opened.resting, _RECONSTRUCTOR, _WINDOW)
+
+
+@dataclass
+class Watcher:
+    """Tracks and estimates frame after frame in a thread of its own; a context.
+
+    Attributes
+    ----------
+    looking: source and calibration
+    first: that source, opened
+    show: called with each frame, in that thread
+    tell: called with a sentence where the source ends or breaks off
+    paused: whether it stands
+    """
+
+    looking: Looking
+    first: tuple[Opened, ForceObserver]
+    show: Callable[[Looked], None]
+    tell: Callable[[str], None]
+    paused: bool = False
+    _steps: int = 0
+    _anew: Event = field(default_factory=Event)
+    _stop: Event = field(default_factory=Event)
+    _thread: Thread = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._thread = Thread(target=self._run, name="watch", daemon=True)
+
+    def __enter__(self) -> "Watcher":
+        """Begin."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End."""
+        self._stop.set()
+        self._thread.join(_FRAME_WITHIN + 1.0)
+
+    def begin_anew(self) -> None:
+        """Open the source again, with other frames at rest."""
+        self._anew.set()
+
+    def step_once(self) -> None:
+        """Look at one frame while it stands."""
+        self._steps += 1
+
+    def _run(self) -> None:
+        given: tuple[Opened, ForceObserver] | None = self.first
+        with one_thread():
+            while not self._stop.is_set():
+                self._anew.clear()
+                try:
+                    self._look(*(given or self.looking.open()))
+                    self.tell(f"**{self.looking.source} has ended;** anew shows it again")
+                except UserError as error:
+                    self.tell(f"**{error};** anew tries it again")
+                given = None
+                while not (self._stop.wait(_NAP) or self._anew.is_set()):
+                    pass
+
+    def _look(self, opened: Opened, observer: ForceObserver) -> None:
+        """Frames of the source until it ends, or is to begin anew."""
+        source = replace(opened.source, frames=lambda: opened.frames)
+        ends: deque[tuple[float, float]] = deque(maxlen=30)
+        with closing(Feed(source, _FRAME_WITHIN)) as feed:
+            while not (self._stop.is_set() or self._anew.is_set()):
+                if self.paused and not self._steps:
+                    self._stop.wait(_NAP)
+                    ends.clear()
+                    continue
+                self._steps = max(0, self._steps - 1)
+                frame = feed.next()
+                if frame is None:
+                    return
+                tracks = opened.update(frame)
+                seen = with_limit_margin(observer.observe(frame.time, tracks))
+                if ends and not source.live:  # a file is shown at its own rate
+                    due = ends[-1][0] + frame.time - ends[-1][1]
+                    self._stop.wait(max(0.0, due - time.perf_counter()))
+                ends.append((time.perf_counter(), frame.time))
+                updates, speed = _rates(ends, source.live)
+                self.show(
+                    Looked(
+                        frame=frame, tracks=tracks, rest=opened.resting, observation=seen,
+                        updates=updates, speed=speed, skipped=feed.skipped,
+                    )
+                )  # fmt: skip
+
+
+def _rates(ends: deque[tuple[float, float]], live: bool) -> tuple[float, float]:
+    """Frames per second, and time of the source over real time, which a camera always keeps."""
+    span = ends[-1][0] - ends[0][0]
+    if not span > 0.0:
+        return 0.0, 1.0
+    return (len(ends) - 1) / span, 1.0 if live else (ends[-1][1] - ends[0][1]) / span
+
+
+def serve_source(
+    source: str, calibration: str, rest: str, fps: float | None, address: Address
+) -> None:
+    """Serve the page of a camera, a video or a folder of pictures until Ctrl-C.
+
+    Parameters
+    ----------
+    source: see `open_source`
+    calibration: name or file, see `load_calibration`
+    rest: the unloaded sensor, see `rest_frames`
+    fps: rate of pictures without times of their own [Hz]
+    address: of the page
+
+    Raises
+    ------
+    UserError
+        When the address, the source or the calibration cannot be used.
+    """
+    known = load_calibration(calibration)
+    if known.sensor.shape.flat:
+        raise UserError(
+            f"calibration {calibration} is of a flat pad, which has no force model; "
+            "`chromagrip estimate` reads its displacements"
+        )
+    check_reconstructor(_RECONSTRUCTOR, known)
+    looking = Looking(source=source, rest=rest, fps=fps, known=known, calibration=calibration)
+    first = looking.open()
+    with serving(address) as server:
+        page = WatchPage(server, known)
+        with Watcher(looking, first, page.show, page.tell) as watcher:
+            page.connect(watcher)
+            announce(address, server)
+            for _ in ticks(address.seconds):
+                pass
+
+
+class WatchPage:
+    """The page of a source of pictures.
+
+    Parameters
+    ----------
+    server: of the page
+    known: calibration of the sensor
+    """
+
+    def __init__(self, server: "viser.ViserServer", known: SensorCalibration) -> None:
+        self._watcher: Watcher | None = None
+        self._state = list[str]()
+        self._view = FingertipView(server)
+        self._view.begin(_skin(known), None)
+        label = "the source, with the motion of the markers × 4"
+        self.board = Board(server, label, truth=False)
+        buttons = server.gui.add_button_group("source", ("pause", "step", "anew"))
+        buttons.on_click(lambda event: self.press(event.target.value))
+        self.board.finish()
+
+    def connect(self, watcher: Watcher) -> None:
+        """Let the buttons ask that watcher."""
+        self._watcher = watcher
+
+    def press(self, button: str) -> None:
+        """Do what a button says."""
+        watcher = self._watcher
+        if watcher is None:
+            return
+        if button == "pause":
+            watcher.paused = not watcher.paused
+        elif button == "step":
+            watcher.paused = True
+            watcher.step_once()
+        else:
+            watcher.begin_anew()
+
+    def show(self, looked: Looked) -> None:
+        """Show a frame, where it is time for a picture."""
+        seen = looked.observation
+        self.board.add({**row_seen(seen), "time": looked.frame.time})
+        if not self.board.is_due(self._watcher is not None and self._watcher.paused):
+            return
+        self._view.show(drawn_forces(seen.field, seen.friction))
+        self._state = [
+            line_of_speed(looked.frame.time, looked.updates, looked.speed),
+            line_of_estimate(seen),
+        ]
+        if not seen.no_estimate and math.isfinite(seen.friction):
+            low, high = seen.friction_interval
+            guess = "" if seen.friction_observable else ": a guess, nothing slips"
+            self._state.append(f"µ {seen.friction:.2f} ({low:.2f} to {high:.2f}){guess}")
+        if looked.skipped:
+            self._state.append(f"{looked.skipped} frames left out: this machine is slower")
+        image = looked.frame.image
+        self.board.show(picture_of(image, looked.tracks, looked.rest), self._state)
+
+    def tell(self, sentence: str) -> None:
+        """Say that the source ended or broke off."""
+        self.board.say([*self._state, sentence])
+
+
+def _skin(known: SensorCalibration) -> Array:
+    """Points of the skin that forces are estimated on [m]."""
+    if name_used(_RECONSTRUCTOR, known) in DOME_METHODS:
+        return lattice(known.sensor.dome).points
+    return half_sphere(known.fingertip.radius)
