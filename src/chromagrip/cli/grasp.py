@@ -330,6 +330,10 @@ def live(
         str | None,
         option("of --source: the unloaded sensor, as in `estimate`; by default first:8", "REST"),
     ] = None,
+    reconstructor: Annotated[
+        str | None,
+        option("of --source: how forces are read off the markers", "NAME|MODULE:CLASS"),
+    ] = None,
     fps: Annotated[float | None, option("of --source: rate of pictures", "HZ")] = None,
     record: Annotated[Path, option("where the button `record` keeps grasps", "DIR")] = Path(
         "runs/live"
@@ -356,7 +360,13 @@ def live(
     other = "--run" if run is not None else "--source" if source is not None else ""
     if other and (scene is not None or changes):
         raise UserError(f"{other} has a scene of its own; leave out scene and --set")
-    for name, value in (("calibration", calibration), ("rest", rest), ("fps", fps)):
+    of_source = {
+        "calibration": calibration,
+        "rest": rest,
+        "reconstructor": reconstructor,
+        "fps": fps,
+    }
+    for name, value in of_source.items():
         if value is not None and source is None:
             raise UserError(f"--{name} goes with --source")
     check_least(fps=(fps, 1e-3), seconds=(seconds, 0.0))
@@ -373,13 +383,19 @@ def live(
 
         serve_run(run, place)
     elif source is not None:
-        from ..live.watch import serve_source
-        from ..tracking import load_calibration
+        from ..live.watch import Looking, serve_source
 
         if calibration is None:
             raise UserError("--source needs --calibration, of the sensor before the camera")
-        prepare(load_calibration(calibration), "auto")
-        serve_source(source, calibration, rest or "first:8", fps, place)
+        looking = Looking(
+            source=source,
+            rest=rest or "first:8",
+            fps=fps,
+            calibration=calibration,
+            reconstructor=reconstructor or "auto",
+        )
+        prepare(looking.known, looking.reconstructor)
+        serve_source(looking, place)
     else:
         resolved = load_scene(
             scene or "dome-1", {"path": "camera"} | dict(map(parse_change, changes))

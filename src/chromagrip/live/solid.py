@@ -44,7 +44,7 @@ def object_mesh(settings: ObjectSettings) -> "trimesh.Trimesh":
         made = trimesh.creation.box(extents=(_PLANE, _PLANE, _THICKNESS))
         made.apply_translation((0.0, 0.0, 0.5 * _THICKNESS))
     else:
-        made = trimesh.creation.icosphere(subdivisions=3, radius=1e-3 * abs(settings.radius_mm))
+        made = trimesh.creation.icosphere(subdivisions=4, radius=1e-3 * abs(settings.radius_mm))
     return made
 
 

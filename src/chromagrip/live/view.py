@@ -25,6 +25,8 @@ Floats = NDArray[np.float32]
 UNIT = 100.0
 #: Length of the longest arrow [cm], and arrows below this share of it are left out.
 LONGEST, _LEAST = 0.5, 0.04
+#: Height of the arrows above the dots, which would hide them [cm].
+_ABOVE = np.array([0.0, 0.0, 0.03], np.float32)
 #: Colours of the skin, of skin that is pressed most, of the object, RGB.
 SKIN, PRESSED, OBJECT = np.array([226, 212, 186]), np.array([20, 90, 190]), (70, 125, 95)
 #: Colours of friction where skin sticks and slips, RGB.
@@ -74,8 +76,8 @@ class FingertipView:
         self._largest = 1e-6
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)  # which take most of the time
-        server.initial_camera.position = (2.4, -2.9, 1.9)
-        server.initial_camera.look_at = (0.0, 0.0, 0.85)
+        server.initial_camera.position = (1.9, -2.3, 1.7)
+        server.initial_camera.look_at = (0.0, 0.0, 0.8)
 
     def begin(self, points: Array, mesh: "trimesh.Trimesh | None") -> None:
         """Draw a skin at rest, and an object."""
@@ -98,20 +100,12 @@ class FingertipView:
         self._handles = (self._skin, self._dots, self._arrows)
         self._object = None
         if mesh is not None:
-            self._object = self._add_object(mesh)
+            # Its far side alone, as glass: one looks into it, at the contact.
+            self._object = scene.add_mesh_simple(
+                "/object", UNIT * np.asarray(mesh.vertices), np.asarray(mesh.faces, np.uint32),
+                color=OBJECT, opacity=0.4, side="back",
+            )  # fmt: skip
             self._handles += (self._object,)
-
-    def _add_object(self, mesh: "trimesh.Trimesh") -> Any:
-        """Object as glass with the edges of its triangles, so that the contact is seen through."""
-        scene = self._server.scene
-        frame = scene.add_frame("/object", show_axes=False)
-        corners, faces = UNIT * np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32)
-        scene.add_mesh_simple(
-            "/object/glass", corners, faces, color=OBJECT, opacity=0.18, side="double"
-        )
-        edges = corners[np.asarray(mesh.edges_unique)].astype(np.float32)
-        scene.add_line_segments("/object/edges", edges, np.array(OBJECT))
-        return frame
 
     def show(self, drawn: Drawn) -> None:
         """Draw a frame."""
@@ -140,7 +134,7 @@ class FingertipView:
         size = np.linalg.norm(drawn.force, axis=1)
         self._largest = max(self._largest, float(size.max(initial=0.0)))
         kept = size > _LEAST * self._largest
-        start, slips = UNIT * drawn.start[kept], drawn.slips[kept]
+        start, slips = UNIT * drawn.start[kept] + _ABOVE, drawn.slips[kept]
         way = LONGEST / self._largest * drawn.force[kept]
         if not len(start):  # viser takes no empty list: one that is too small to see
             start, way = np.full((1, 3), -1.0, np.float32), np.full((1, 3), 1e-4, np.float32)

@@ -37,8 +37,8 @@ from .view import FingertipView, drawn_forces
 if TYPE_CHECKING:
     import viser
 
-#: How forces are read, and over which time µ is averaged [s].
-_RECONSTRUCTOR, _WINDOW = "auto", 0.3
+#: Time over which µ is averaged [s].
+_WINDOW = 0.3
 #: Time in which the next frame must come [s].
 _FRAME_WITHIN = 10.0
 _NAP = 0.02
@@ -74,25 +74,44 @@ class Looking:
     Attributes
     ----------
     source, rest, fps: as in `open_tracking`
-    known: calibration of the sensor
-    calibration: its name
+    calibration: name or file, see `load_calibration`
+    reconstructor: by name, see `load_reconstructor`
     """
 
     source: str
     rest: str
     fps: float | None
-    known: SensorCalibration
     calibration: str
+    reconstructor: str
+
+    @property
+    def known(self) -> SensorCalibration:
+        """Calibration of the sensor.
+
+        Raises
+        ------
+        UserError
+            Where there is none of that name, or forces cannot be read with it.
+        """
+        known = load_calibration(self.calibration)
+        if known.sensor.shape.flat:
+            raise UserError(
+                f"calibration {self.calibration} is of a flat pad, which has no force model; "
+                "`chromagrip estimate` reads its displacements"
+            )
+        check_reconstructor(self.reconstructor, known)
+        return known
 
     def open(self) -> tuple[Opened, ForceObserver]:
         """The source from its beginning, with its first frames, or others, taken as at rest."""
-        palette = Palette.of_sensor(self.known.sensor)
+        known = self.known
+        palette = Palette.of_sensor(known.sensor)
         opened = open_tracking(
             self.rest, self.source, find=lambda _: palette, tracker=DEFAULT_TRACKER, noise=None,
-            fps=self.fps, tell=lambda _: None, sensor=self.known.sensor,
+            fps=self.fps, tell=lambda _: None, sensor=known.sensor,
         )  # fmt: skip
         with located(f"calibration {self.calibration}"):
-            return opened, ForceObserver(self.known, opened.resting, _RECONSTRUCTOR, _WINDOW)
+            return opened, ForceObserver(known, opened.resting, self.reconstructor, _WINDOW)
 
 
 @dataclass
@@ -190,17 +209,12 @@ def _rates(ends: deque[tuple[float, float]], live: bool) -> tuple[float, float]:
     return (len(ends) - 1) / span, 1.0 if live else (ends[-1][1] - ends[0][1]) / span
 
 
-def serve_source(
-    source: str, calibration: str, rest: str, fps: float | None, address: Address
-) -> None:
+def serve_source(looking: Looking, address: Address) -> None:
     """Serve the page of a camera, a video or a folder of pictures until Ctrl-C.
 
     Parameters
     ----------
-    source: see `open_source`
-    calibration: name or file, see `load_calibration`
-    rest: the unloaded sensor, see `rest_frames`
-    fps: rate of pictures without times of their own [Hz]
+    looking: source, and what its pictures are read with
     address: of the page
 
     Raises
@@ -208,17 +222,9 @@ def serve_source(
     UserError
         When the address, the source or the calibration cannot be used.
     """
-    known = load_calibration(calibration)
-    if known.sensor.shape.flat:
-        raise UserError(
-            f"calibration {calibration} is of a flat pad, which has no force model; "
-            "`chromagrip estimate` reads its displacements"
-        )
-    check_reconstructor(_RECONSTRUCTOR, known)
-    looking = Looking(source=source, rest=rest, fps=fps, known=known, calibration=calibration)
     first = looking.open()
     with serving(address) as server:
-        page = WatchPage(server, known)
+        page = WatchPage(server, looking)
         with Watcher(looking, first, page.show, page.tell) as watcher:
             page.connect(watcher)
             announce(address, server)
@@ -232,14 +238,14 @@ class WatchPage:
     Parameters
     ----------
     server: of the page
-    known: calibration of the sensor
+    looking: what is looked at
     """
 
-    def __init__(self, server: "viser.ViserServer", known: SensorCalibration) -> None:
+    def __init__(self, server: "viser.ViserServer", looking: Looking) -> None:
         self._watcher: Watcher | None = None
         self._state = list[str]()
         self._view = FingertipView(server)
-        self._view.begin(_skin(known), None)
+        self._view.begin(_skin(looking), None)
         label = "the source, with the motion of the markers × 4"
         self.board = Board(server, label, truth=False)
         buttons = server.gui.add_button_group("source", ("pause", "step", "anew"))
@@ -288,8 +294,9 @@ class WatchPage:
         self.board.say([*self._state, sentence])
 
 
-def _skin(known: SensorCalibration) -> Array:
+def _skin(looking: Looking) -> Array:
     """Points of the skin that forces are estimated on [m]."""
-    if name_used(_RECONSTRUCTOR, known) in DOME_METHODS:
+    known = looking.known
+    if name_used(looking.reconstructor, known) in DOME_METHODS:
         return lattice(known.sensor.dome).points
     return half_sphere(known.fingertip.radius)
