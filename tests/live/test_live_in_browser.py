@@ -16,14 +16,6 @@ Browsing = Callable[[int], Any]
 
 
 @pytest.fixture
-def port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        number: int = free.getsockname()[1]
-        return number
-
-
-@pytest.fixture
 def server(port: int) -> Iterator[subprocess.Popen[str]]:
     words = ["live", "dome-1", "--set", "path=truth", "--port", str(port)]
     command = [sys.executable, "-P", "-m", "chromagrip", *words]

@@ -5,12 +5,14 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
 from chromagrip import UserError, load_scene
+from chromagrip.live.record import Recorder
 from chromagrip.live.serve import check_port
 from chromagrip.live.session import Session, Shown
 from chromagrip.live.wishes import OBJECTS, scene_for, wishes_of
@@ -26,12 +28,14 @@ class Watched:
     def __init__(self) -> None:
         self.shown: list[Shown] = []
         self.told: list[str] = []
+        self.kept: list[str] = []
 
 
 @contextmanager
 def live(scene: Scene) -> Iterator[tuple[Session, Watched]]:
     watched = Watched()
-    with Session(scene, watched.shown.append, watched.told.append) as session:
+    recorder = Recorder(Path("runs"), watched.kept.append)
+    with Session(scene, watched.shown.append, watched.told.append, recorder) as session:
         yield session, watched
 
 
@@ -135,7 +139,7 @@ def test_a_port_in_use_is_a_sentence() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         with pytest.raises(UserError, match=r"port \d+ cannot be used: .*; choose another"):
-            check_port(taken.getsockname()[1])
+            check_port("127.0.0.1", taken.getsockname()[1])
 
 
 def test_a_pinch_is_refused() -> None:

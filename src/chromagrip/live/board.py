@@ -42,10 +42,8 @@ class Board:
     def __init__(self, server: "viser.ViserServer", label: str, truth: bool = True) -> None:
         self._server, self._truth = server, truth
         self._due = self._curves_due = 0.0
-        server.gui.configure_theme(
-            control_layout="collapsible", control_width="large", show_logo=False,
-            show_share_button=False,
-        )  # fmt: skip
+        server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
         self._status = server.gui.add_markdown("starting …")
         self._picture = server.gui.add_image(blank_picture(), label=label, format="jpeg")
         self.strips: Strips | None = None

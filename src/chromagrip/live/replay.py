@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
-from threading import Event, Thread
+from threading import Event
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from ..output.processes import one_thread
 from .picture import packed, picture_of, resized
 from .record import FROM
 from .view import Drawn, GraspView
+from .worker import Worker
 
 #: Largest number of frames that are kept of a run; of a longer one every second, third …
 MOST = 1500
@@ -77,15 +78,19 @@ class Replay:
     failed: str = ""
     differences: dict[str, float] = field(default_factory=dict)
     _stop: Event = field(default_factory=Event)
-    _thread: Thread = field(init=False)
+    _thread: Worker = field(init=False)
 
     def __post_init__(self) -> None:
-        self._thread = Thread(target=self._get, name="replay", daemon=True)
+        self._thread = Worker(target=self._get, name="replay", daemon=True)
 
     def __enter__(self) -> "Replay":
         """Begin."""
         self._thread.start()
         return self
+
+    def check(self) -> None:
+        """Raise what failed in the thread."""
+        self._thread.check()
 
     def __exit__(self, *_: object) -> None:
         """End."""

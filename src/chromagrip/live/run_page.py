@@ -46,6 +46,7 @@ def serve_run(folder: Path, address: Address) -> None:
             announce(address, server)
             for _ in ticks(address.seconds, 1.0 / 30.0):
                 page.tick()
+                replay.check()
 
 
 class RunPage:
@@ -64,7 +65,9 @@ class RunPage:
         self._now, self._then = 0.0, time.monotonic()
         self._playing, self._changed = True, threading.Event()
         gui, seen = server.gui, self._run.scene.path == "camera"
-        self.board = Board(server, "camera")
+        # Of frames from outside there is no truth.
+        truth = any(not math.isnan(row["normal_true"]) for row in self._rows)
+        self.board = Board(server, "camera", truth)
         period = max(self._run.scene.period, 1e-3)
         self._slider: Any = gui.add_slider("time [s]", 0.0, max(self._end, period), period, 0.0)
         self._slider.on_update(self._moved)

@@ -70,7 +70,7 @@ def serve_grasp(scene: Scene, address: Address, recordings: Path) -> None:
             page.connect(session)
             announce(address, server)
             for _ in ticks(address.seconds):
-                pass
+                session.check()
 
 
 @contextmanager

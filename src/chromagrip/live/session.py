@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from threading import Event, Lock, Thread
+from threading import Event, Lock
 
 from ..errors import UserError
 from ..loop.latency import HoldingController
@@ -16,6 +16,7 @@ from ..output.processes import one_thread
 from ..scene.scene import Scene
 from .record import Recorder
 from .wishes import Wishes, scene_for, wishes_of
+from .worker import Worker
 
 #: Time over which the speed is averaged [s].
 _SPEED_OVER = 1.0
@@ -64,16 +65,20 @@ class Session:
     _steps: int = 0
     _stop: Event = field(default_factory=Event)
     _lock: Lock = field(default_factory=Lock)
-    _thread: Thread = field(init=False)
+    _thread: Worker = field(init=False)
 
     def __post_init__(self) -> None:
         self._wishes = wishes_of(self.base)
-        self._thread = Thread(target=self._run, name="grasp", daemon=True)
+        self._thread = Worker(target=self._run, name="grasp", daemon=True)
 
     def __enter__(self) -> "Session":
         """Begin."""
         self._thread.start()
         return self
+
+    def check(self) -> None:
+        """Raise what failed in the thread."""
+        self._thread.check()
 
     def __exit__(self, *_: object) -> None:
         """End the grasp."""

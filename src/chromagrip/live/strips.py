@@ -39,6 +39,7 @@ _COLUMNS = {
     "mu_true": "mu_true",
 }
 Row = dict[str, float]
+_GRIP = ", grip thin"
 #: Title of each plot, its range of values, and label, look and column of each curve.
 _PLOTS: tuple[
     tuple[str, tuple[float, float] | None, list[tuple[str, dict[str, Any], str]]], ...
@@ -54,7 +55,7 @@ _PLOTS: tuple[
         ],
     ),
     (
-        "forces [N]: ΣFn thick, ΣFf dotted, grip thin",
+        "forces [N]: ΣFn thick, ΣFf dotted" + _GRIP,
         None,
         [
             ("ΣFn est.", _READ, "normal"),
@@ -88,24 +89,22 @@ class Strips:
 
     def __init__(self, server: "viser.ViserServer", truth: bool = True) -> None:
         self._rows: deque[Row] = deque(maxlen=FRAMES)
-        self._handles = []
+        self._plots: list[tuple[Any, tuple[str, ...]]] = []
         for title, span, curves in _PLOTS:
-            banded = curves[0][0] == "low"
-            series: list[Any] = [{"label": name, **look} for name, look, _ in curves]
-            self._handles.append(
-                server.gui.add_uplot(
-                    data=tuple(np.zeros(2) for _ in range(len(curves) + 1)),
-                    series=({"label": "s"}, *series),
-                    title=title if truth else title.replace("true solid, ", ""),
-                    scales={
-                        "x": {"time": False},
-                        **({} if span is None else {"y": {"range": span}}),
-                    },
-                    bands=({"series": (2, 1), "fill": _INTERVAL},) if banded else None,
-                    legend={"show": False},
-                    aspect=2.2,
-                )
+            # A curve without any value would leave a plot without a scale.
+            there = [c for c in curves if truth or not (c[2].endswith("_true") or c[2] == "grip")]
+            banded = there[0][0] == "low"
+            series: list[Any] = [{"label": name, **look} for name, look, _ in there]
+            handle = server.gui.add_uplot(
+                data=tuple(np.zeros(2) for _ in range(len(there) + 1)),
+                series=({"label": "s"}, *series),
+                title=title if truth else title.replace("true solid, ", "").replace(_GRIP, ""),
+                scales={"x": {"time": False}, **({} if span is None else {"y": {"range": span}})},
+                bands=({"series": (2, 1), "fill": _INTERVAL},) if banded else None,
+                legend={"show": False},
+                aspect=2.2,
             )
+            self._plots.append((handle, ("time", *(name for _, _, name in there))))
 
     def add(self, row: Row) -> None:
         """Append a frame; a time before the last one begins the curves anew."""
@@ -124,8 +123,7 @@ class Strips:
         rows = [row for row in rows if row["time"] > rows[-1]["time"] - SECONDS]
         if len(rows) < 2:
             return
-        for handle, (_, _, curves) in zip(self._handles, _PLOTS, strict=True):
-            names = ("time", *(name for _, _, name in curves))
+        for handle, names in self._plots:
             handle.data = tuple(np.array([row.get(name, np.nan) for row in rows]) for name in names)
 
 

@@ -88,7 +88,7 @@ class FingertipView:
         self._rest = points
         self._skin = scene.add_mesh_simple(
             "/skin", UNIT * points, skin_faces(points), color=tuple(SKIN), side="double",
-            opacity=0.9,
+            opacity=0.6 if mesh is None else 0.9,  # an estimate's contact lies below skin at rest
         )  # fmt: skip
         self._dots = scene.add_point_cloud(
             "/pressure", UNIT * points[:1], SKIN[None], point_size=0.04, point_shape="circle"

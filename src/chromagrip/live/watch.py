@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from threading import Event, Thread
+from threading import Event
 from typing import TYPE_CHECKING
 
 from ..control import GripObservation
@@ -33,6 +33,7 @@ from .serve import Address, announce, serving, ticks
 from .solid import Array, half_sphere
 from .strips import row_seen
 from .view import FingertipView, drawn_forces
+from .worker import Worker
 
 if TYPE_CHECKING:
     import viser
@@ -135,15 +136,19 @@ class Watcher:
     _steps: int = 0
     _anew: Event = field(default_factory=Event)
     _stop: Event = field(default_factory=Event)
-    _thread: Thread = field(init=False)
+    _thread: Worker = field(init=False)
 
     def __post_init__(self) -> None:
-        self._thread = Thread(target=self._run, name="watch", daemon=True)
+        self._thread = Worker(target=self._run, name="watch", daemon=True)
 
     def __enter__(self) -> "Watcher":
         """Begin."""
         self._thread.start()
         return self
+
+    def check(self) -> None:
+        """Raise what failed in the thread."""
+        self._thread.check()
 
     def __exit__(self, *_: object) -> None:
         """End."""
@@ -229,7 +234,7 @@ def serve_source(looking: Looking, address: Address) -> None:
             page.connect(watcher)
             announce(address, server)
             for _ in ticks(address.seconds):
-                pass
+                watcher.check()
 
 
 class WatchPage:

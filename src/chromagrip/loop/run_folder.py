@@ -271,10 +271,12 @@ class RunFiles:
         slot = self._video.slot(sample.time)
         if slot <= self._slot and self._frames is None:
             return
-        assert camera is not None  # a run with files has one
-        frame = sample.frame or camera.expose(sample.truth.state, sample.index)
+        frame = sample.frame
+        if frame is None or self._frames is not None:
+            assert camera is not None  # a run with files has one
+            frame = frame or camera.expose(sample.truth.state, sample.index)
         with self._writing():
-            if self._frames is not None:
+            if self._frames is not None and camera is not None:
                 if sample.index == 0:
                     self._frames.add_rest(camera.expose_rest(sample.truth.state, 1)[0])
                 self._frames.add(sample.index, frame)

@@ -1,0 +1,157 @@
+"""What the page itself shows and takes: the swirl of a twist, an object from a file."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from chromagrip import load_scene
+from chromagrip.live.board import legend_text
+from chromagrip.live.page import LARGEST_MESH, Page
+from chromagrip.live.record import Recorder
+from chromagrip.live.session import Session
+from chromagrip.live.solid import half_sphere, object_mesh, skin_faces
+from chromagrip.scene.settings import ObjectSettings
+
+DOME = {"path": "truth", "camera.rate_hz": 50.0, "fingertip.step_ms": 10.0}
+Until = Callable[..., None]
+
+
+class Shown:
+    """A page, its session and what its server holds."""
+
+    def __init__(self, server: Any, page: Page, session: Session) -> None:
+        self.server, self.page, self.session = server, page, session
+
+    @property
+    def status(self) -> str:
+        return str(self.page.board._status.content)
+
+    @property
+    def count(self) -> int:
+        return 0 if self.page.board.strips is None else len(self.page.board.strips._rows)
+
+    def slider(self, label: str) -> Any:
+        return next(
+            handle
+            for handle in self.server.gui._gui_input_handle_from_uuid.values()
+            if getattr(handle, "label", None) == label
+        )
+
+    def swirl(self) -> float:
+        """Torque about the axis of the arrows that the browsers are sent, of any unit."""
+        points = self.page.view._view._arrows.points
+        start, way = points[:, 0], points[:, 1] - points[:, 0]
+        return float((start[:, 0] * way[:, 1] - start[:, 1] * way[:, 0]).sum())
+
+
+@pytest.fixture
+def shown(viser_server: Any, tmp_path: Path) -> Iterator[Shown]:
+    scene = load_scene("dome-1", DOME)
+    with Page(viser_server, scene) as page:
+        recorder = Recorder(tmp_path / "kept", page.tell_kept)
+        with Session(scene, page.show, page.tell, recorder) as session:
+            page.connect(session)
+            yield Shown(viser_server, page, session)
+            session.check()
+
+
+def test_a_twist_swirls_the_arrows(shown: Shown, until: Until) -> None:
+    """The friction on the fingertip turns the way that the object is turned, and back."""
+    shown.slider("load [N]").value = 0.0
+    shown.slider("controller grips").value = False
+    shown.slider("grip [N]").value = 5.0
+    shown.slider("twist [N mm]").value = 4.0
+    until(lambda: "true: Γ" in shown.status and shown.swirl() > 1.0)
+    shown.slider("twist [N mm]").value = -4.0
+    until(lambda: shown.swirl() < -1.0)
+    assert shown.session.wishes.twist == -4.0
+
+
+def test_an_object_is_dropped_in(shown: Shown, until: Until) -> None:
+    until(lambda: "true: Γ" in shown.status)
+    content = trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(file_type="stl")
+    shown.page.drop("screw.stl", content)
+    until(lambda: shown.session.wishes.object.endswith(".stl"))
+    until(lambda: len(shown.page.view._view._object.vertices) == 642)
+    assert shown.slider("object").value == "screw.stl"
+    shown.slider("object").value = "box"
+    until(lambda: shown.session.wishes.object == "box")
+    shown.page.drop("screw.stl", content)  # the same name again
+    until(lambda: shown.session.wishes.object.endswith("2.stl"))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("screw.step", b"solid", "screw.step: an object is a file .stl, .obj, .ply"),
+        ("screw.stl", b"solid\nendsolid\n", "screw.stl"),
+        ("screw.stl", bytes(LARGEST_MESH + 1), "screw.stl has 20 MB; at most 20 are taken"),
+        ("../../screw.obj", b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n", "mesh screw.obj"),
+        ("open.obj", b"v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 2 3\nf 1 2 4\n", "mesh open.obj"),
+    ],
+)
+def test_a_file_that_is_no_object_is_refused(
+    shown: Shown, until: Until, name: str, content: bytes, sentence: str
+) -> None:
+    until(lambda: "true: Γ" in shown.status)
+    before = shown.session.wishes
+    shown.page.drop(name, content)
+    until(lambda: "**Refused:**" in shown.status)
+    assert sentence in shown.status
+    assert str(shown.page._folder.name) not in shown.status
+    assert shown.session.wishes == before
+    count = shown.count
+    until(lambda: shown.count > count + 5)  # the grasp goes on
+    assert "**Refused:**" in shown.status
+    assert list(Path(shown.page._folder.name).iterdir()) == []
+
+
+def test_the_button_records(shown: Shown, until: Until, tmp_path: Path) -> None:
+    until(lambda: "true: Γ" in shown.status)
+    shown.page._press("record")
+    assert shown.page._record.label == "stop recording"
+    until(lambda: "recording** into" in shown.status)
+    count = shown.count
+    until(lambda: shown.count > count + 20)
+    shown.page._press("record")
+    until(lambda: "recorded" in shown.status)
+    assert shown.page._record.label == "record"
+    assert (tmp_path / "kept/001/report.html").is_file()
+
+
+def test_the_legend_names_every_colour() -> None:
+    for name in ("beige", "blue", "black", "orange", "green", "grey-green"):
+        assert f"> {name}: " in legend_text(True)
+    assert "object" not in legend_text(False)
+
+
+def test_a_half_sphere_has_no_torn_rim() -> None:
+    """Its triangles cover it: their area is that of the sphere, and its border is the rim."""
+    points = half_sphere(1.0)
+    made = trimesh.Trimesh(points, skin_faces(points), process=False)
+    assert made.area == pytest.approx(2.0 * math.pi, rel=0.01)
+    once = trimesh.grouping.group_rows(made.edges_sorted, require_count=1)
+    np.testing.assert_allclose(points[np.unique(made.edges_sorted[once]), 2], 0.0, atol=1e-12)
+
+
+def test_a_mesh_lies_where_the_model_has_it(tmp_path: Path) -> None:
+    made = trimesh.creation.box(extents=(4.0, 6.0, 8.0))
+    made.apply_translation((100.0, 0.0, 50.0))
+    made.export(tmp_path / "far.stl")
+    drawn = object_mesh(ObjectSettings(mesh=str(tmp_path / "far.stl")))
+    np.testing.assert_allclose(drawn.bounds, [[-0.002, -0.003, -0.004], [0.002, 0.003, 0.004]])
+
+
+def test_wishes_of_an_object_leave_nothing_of_the_one_before() -> None:
+    base = load_scene("dome-1", DOME | {"object.radius_mm": 9.0})
+    from chromagrip.live.wishes import scene_for, wishes_of
+
+    boxed = scene_for(base, replace(wishes_of(base), object="box"))
+    again = scene_for(boxed, replace(wishes_of(base), object="torus"))
+    assert (again.object.shape, again.object.rounding_mm) == ("torus", 0.0)
