@@ -1,5 +1,6 @@
 """The live page in a real browser: its sliders change the grasp, and nothing of it is left over."""
 
+import importlib.metadata
 import re
 import signal
 import socket
@@ -7,23 +8,34 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
+import trimesh
 
 pytestmark = pytest.mark.slow
 Browsing = Callable[[int], Any]
 
 
-@pytest.fixture
-def server(port: int) -> Iterator[subprocess.Popen[str]]:
-    words = ["live", "dome-1", "--set", "path=truth", "--port", str(port)]
-    command = [sys.executable, "-P", "-m", "chromagrip", *words]
+@contextmanager
+def serving(port: int, folder: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A page in a process of its own, and its address; recordings go into the folder."""
+    shared = ["--port", str(port), "--record", str(folder / "kept")]
+    command = [sys.executable, "-P", "-m", "chromagrip", "live", *words, *shared]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        assert process.stdout.readline().startswith(f"http://127.0.0.1:{port}")
-        yield process
+        address = process.stdout.readline().split()[0]
+        yield process, address
         process.kill()
+
+
+@pytest.fixture
+def server(port: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    with serving(port, tmp_path, "dome-1", "--set", "path=truth") as (process, address):
+        assert address == f"http://127.0.0.1:{port}"
+        yield process
 
 
 def field(made: Any, label: str) -> Any:
@@ -122,3 +134,122 @@ def test_a_port_in_use_is_one_sentence(port: int) -> None:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert re.fullmatch(rf"chromagrip: port {port} cannot be used: .*\n", done.stderr)
+
+
+@pytest.mark.usefixtures("server")
+def test_the_keyboard_alone_suffices(port: int, browsing: Browsing) -> None:
+    """Tab comes to every control, and keys work them."""
+    from selenium.webdriver.common.keys import Keys
+
+    with browsing(1280) as browser:
+        made = browser.made
+        made.get(f"http://127.0.0.1:{port}")
+        until(lambda: begun(made))
+        reached: set[str] = set()
+        for _ in range(40):
+            made.switch_to.active_element.send_keys(Keys.TAB)
+            reached.add(made.execute_script(FOCUSED))
+        wanted = {"load [N]", "twist [N mm]", "controller grips", "pause", "step", "anew", "record"}
+        assert wanted <= reached, reached
+        press(made, "pause")
+        until(lambda: len({time_shown(made) for _ in range(2) if not time.sleep(0.5)}) == 1)
+        before = time_shown(made)
+        press(made, "step")
+        until(lambda: time_shown(made) > before)
+
+
+#: Label of what has the focus: of its box, or its own words.
+FOCUSED = """
+const here = document.activeElement;
+if (here.innerText) return here.innerText;
+for (let e = here; e; e = e.parentElement) {
+    const label = e.querySelector("label");
+    if (label) return label.innerText;
+}
+return "";
+"""
+
+
+def press(made: Any, button: str) -> None:
+    """Press a button by the keyboard."""
+    from selenium.webdriver.common.keys import Keys
+
+    made.find_element("xpath", f'//button[normalize-space()="{button}"]').send_keys(Keys.ENTER)
+
+
+def time_shown(made: Any) -> float:
+    found = re.search(r"t = (\S+) s", made.find_element("tag name", "body").text)
+    assert found is not None
+    return float(found[1])
+
+
+@pytest.mark.usefixtures("server")
+def test_a_file_and_a_recording_through_the_page(
+    port: int, browsing: Browsing, tmp_path: Path
+) -> None:
+    (tmp_path / "flat.stl").write_text("solid flat\nendsolid flat\n")
+    trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(tmp_path / "egg.stl")
+    with browsing(1280) as browser:
+        made = browser.made
+        made.get(f"http://127.0.0.1:{port}")
+        until(lambda: begun(made))
+        body = made.find_element("tag name", "body")
+        press(made, "record")
+        until(lambda: "recording into" in body.text)
+        folded = made.find_element("xpath", '//*[contains(text(), "begins the grasp anew")]')
+        made.execute_script("arguments[0].click()", folded)
+        taken = made.find_element("css selector", 'input[type="file"]')
+        taken.send_keys(str(tmp_path / "flat.stl"))
+        until(lambda: "Refused: " in body.text and "flat.stl" in body.text)
+        assert begun(made)
+        made.find_element("css selector", 'input[type="file"]').send_keys(str(tmp_path / "egg.stl"))
+        until(lambda: "recorded" in body.text or "recording into" in body.text)
+        until(lambda: (tmp_path / "kept/001/report.html").is_file())
+        until(lambda: time_shown(made) < 5.0)
+        assert "Refused" not in body.text
+
+
+def test_a_token_lets_a_browser_in_and_keeps_the_others_out(
+    port: int, browsing: Browsing, tmp_path: Path
+) -> None:
+    words = ["--host", "0.0.0.0", "--set", "path=truth"]
+    with serving(port, tmp_path, *words) as (_, address):
+        token = address.split("?token=")[1]
+        with browsing(1280) as browser:
+            made = browser.made
+            made.get(f"http://127.0.0.1:{port}/")
+            assert "needs the token" in made.find_element("tag name", "body").text
+            made.get(f"http://127.0.0.1:{port}/?token={token}")
+            until(lambda: begun(made))
+            made.get("data:text/html,<p>another site")
+            script = """
+                const done = arguments[arguments.length - 1];
+                const open = new WebSocket(arguments[0], "viser-v" + arguments[1]);
+                open.onopen = () => done("open");
+                open.onerror = () => done("refused");
+            """
+            for path in ("", f"?token={token}"):
+                url = f"ws://127.0.0.1:{port}/{path}"
+                version = importlib.metadata.version("viser")
+                assert made.execute_async_script(script, url, version) == "refused"
+
+
+@pytest.mark.parametrize("width", [1280, 420])
+def test_a_finished_run(width: int, port: int, browsing: Browsing, tmp_path: Path) -> None:
+    from chromagrip import load_scene, run
+
+    scene = load_scene("camera-100hz", {"path": "truth", "duration_s": 0.5})
+    run(scene, tmp_path / "done")
+    with serving(port, tmp_path, "--run", str(tmp_path / "done")), browsing(width) as browser:
+        made = browser.made
+        made.get(f"http://127.0.0.1:{port}")
+        body = made.find_element("tag name", "body")
+        until(lambda: "agrees with the record" in body.text)
+        until(lambda: time_shown(made) == 0.5)
+        type_number(made, "time [s]", 0.2)
+        until(lambda: time_shown(made) == 0.2)
+        press(made, "step")
+        until(lambda: time_shown(made) == 0.21)
+        assert made.execute_script("return document.body.scrollWidth") <= width
+        assert [line for line in browser.complaints() if "SEVERE" in line] == []
+        assert browser.requested() == {f"http://127.0.0.1:{port}/"}
