@@ -16,6 +16,8 @@ import pytest
 import trimesh
 
 pytestmark = pytest.mark.slow
+#: Few frames: a browser that draws on the processor would have no time for anything else.
+SCENE = ("dome-1", "--set", "path=truth", "--set", "camera.rate_hz=10")
 Browsing = Callable[[int], Any]
 
 
@@ -26,14 +28,15 @@ def serving(port: int, folder: Path, *words: str) -> Iterator[tuple[subprocess.P
     command = [sys.executable, "-P", "-m", "chromagrip", "live", *words, *shared]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        address = process.stdout.readline().split()[0]
-        yield process, address
-        process.kill()
+        try:
+            yield process, process.stdout.readline().split()[0]
+        finally:
+            process.kill()
 
 
 @pytest.fixture
 def server(port: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    with serving(port, tmp_path, "dome-1", "--set", "path=truth") as (process, address):
+    with serving(port, tmp_path, *SCENE) as (process, address):
         assert address == f"http://127.0.0.1:{port}"
         yield process
 
@@ -145,14 +148,14 @@ def test_the_keyboard_alone_suffices(port: int, browsing: Browsing) -> None:
         made = browser.made
         made.get(f"http://127.0.0.1:{port}")
         until(lambda: begun(made))
+        press(made, "pause")
+        until(lambda: len({time_shown(made) for _ in range(2) if not time.sleep(0.5)}) == 1)
         reached: set[str] = set()
-        for _ in range(40):
+        for _ in range(30):
             made.switch_to.active_element.send_keys(Keys.TAB)
             reached.add(made.execute_script(FOCUSED))
         wanted = {"load [N]", "twist [N mm]", "controller grips", "pause", "step", "anew", "record"}
         assert wanted <= reached, reached
-        press(made, "pause")
-        until(lambda: len({time_shown(made) for _ in range(2) if not time.sleep(0.5)}) == 1)
         before = time_shown(made)
         press(made, "step")
         until(lambda: time_shown(made) > before)
@@ -212,8 +215,7 @@ def test_a_file_and_a_recording_through_the_page(
 def test_a_token_lets_a_browser_in_and_keeps_the_others_out(
     port: int, browsing: Browsing, tmp_path: Path
 ) -> None:
-    words = ["--host", "0.0.0.0", "--set", "path=truth"]
-    with serving(port, tmp_path, *words) as (_, address):
+    with serving(port, tmp_path, *SCENE, "--host", "0.0.0.0") as (_, address):
         token = address.split("?token=")[1]
         with browsing(1280) as browser:
             made = browser.made
