@@ -62,12 +62,12 @@ class Board:
         self._due = now + EVERY
         return True
 
-    def show(self, picture: Image, lines: Sequence[str]) -> None:
-        """Show a picture and the state in Markdown, and the curves where it is their time."""
+    def show(self, picture: Image, lines: Sequence[str], at_once: bool = False) -> None:
+        """Show a picture and the state in Markdown, and the curves at once or at their time."""
         self._picture.image = picture
         self.say(lines)
         now = time.perf_counter()
-        if self.strips is not None and now >= self._curves_due:
+        if self.strips is not None and (at_once or now >= self._curves_due):
             self._curves_due = now + CURVES_EVERY
             self.strips.draw()
 

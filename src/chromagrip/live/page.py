@@ -79,13 +79,14 @@ class Page:
         sample = shown.sample
         self.board.add(row_of(sample))
         self._applied = sample.applied
-        if not self.board.is_due(self._session is not None and self._session.paused):
+        stands = self._session is not None and self._session.paused
+        if not self.board.is_due(stands):
             return
         self.view.begin(shown.scene)
         self.view.show(self.view.drawn(sample, self._forces.value == "estimated"))
         image = None if sample.frame is None else sample.frame.image
         self._state = self._lines(shown)
-        self.board.show(picture_of(image, sample.tracks, sample.rest), self._said())
+        self.board.show(picture_of(image, sample.tracks, sample.rest), self._said(), stands)
         if self._automatic.value:  # the slider shows what the controller does
             self._grip.value = round(self._applied, 2)
 

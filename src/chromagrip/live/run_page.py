@@ -1,5 +1,6 @@
 """The page of a finished run: time slider, play, pause and step."""
 
+import bisect
 import math
 import threading
 import time
@@ -12,7 +13,7 @@ from .board import Board
 from .picture import blank_picture, unpacked
 from .replay import Replay, not_repeated
 from .serve import Address, announce, serving, ticks
-from .strips import Row, rows_of
+from .strips import FRAMES, Row, rows_of
 from .view import GraspView
 
 if TYPE_CHECKING:
@@ -91,7 +92,8 @@ class RunPage:
         if button == "anew":
             self._now = 0.0
         if button == "step":
-            self._now = next((r["time"] for r in self._rows if r["time"] > self._now + 1e-9), 0.0)
+            count = self._count(self._now)
+            self._now = self._rows[count]["time"] if count < len(self._rows) else 0.0
         self._playing = button in ("play", "anew")
         if button == "play" and self._now >= self._end:
             self._now = 0.0
@@ -122,14 +124,19 @@ class RunPage:
     def _show(self) -> None:
         kept = self._replay.at(self._now)
         self._slider.value = self._now
-        rows = [row for row in self._rows if row["time"] <= self._now + 1e-9]
+        count = self._count(self._now)
+        rows = self._rows[max(0, count - FRAMES) : count]
         picture = blank_picture() if kept is None else unpacked(kept.picture)
         if kept is not None and kept.true is not None and kept.estimated is not None:
             chosen = kept.true if self._forces.value == "true" else kept.estimated
             self._replay.view.show(chosen)
         if self.board.strips is not None:
-            self.board.strips.show(rows)
-        self.board.show(picture, self._lines(rows[-1] if rows else None))
+            self.board.strips.put(rows)
+        self.board.show(picture, self._lines(rows[-1] if rows else None), not self._playing)
+
+    def _count(self, time: float) -> int:
+        """Frames of the run up to a time [s]."""
+        return bisect.bisect_right(self._rows, time + 1e-9, key=lambda row: row["time"])
 
     def _lines(self, row: Row | None) -> list[str]:
         """State in Markdown."""

@@ -112,10 +112,9 @@ class Strips:
             self._rows.clear()
         self._rows.append(row)
 
-    def show(self, rows: Sequence[Row]) -> None:
-        """Draw these rows, of which the last one is now."""
+    def put(self, rows: Sequence[Row]) -> None:
+        """Take these rows instead, of which the last one is now."""
         self._rows = deque(rows, maxlen=FRAMES)
-        self.draw()
 
     def draw(self) -> None:
         """Send the curves to the page."""

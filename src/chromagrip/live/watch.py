@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 _WINDOW = 0.3
 #: Time in which the next frame must come [s].
 _FRAME_WITHIN = 10.0
+#: Time in which a watcher ends; one that waits for a camera does not hold up the program [s].
+_LAST = 2.0
 _NAP = 0.02
 
 
@@ -153,7 +155,7 @@ class Watcher:
     def __exit__(self, *_: object) -> None:
         """End."""
         self._stop.set()
-        self._thread.join(_FRAME_WITHIN + 1.0)
+        self._thread.join(_LAST)
 
     def begin_anew(self) -> None:
         """Open the source again, with other frames at rest."""
@@ -278,7 +280,8 @@ class WatchPage:
         """Show a frame, where it is time for a picture."""
         seen = looked.observation
         self.board.add({**row_seen(seen), "time": looked.frame.time})
-        if not self.board.is_due(self._watcher is not None and self._watcher.paused):
+        stands = self._watcher is not None and self._watcher.paused
+        if not self.board.is_due(stands):
             return
         self._view.show(drawn_forces(seen.field, seen.friction))
         self._state = [
@@ -292,7 +295,7 @@ class WatchPage:
         if looked.skipped:
             self._state.append(f"{looked.skipped} frames left out: this machine is slower")
         image = looked.frame.image
-        self.board.show(picture_of(image, looked.tracks, looked.rest), self._state)
+        self.board.show(picture_of(image, looked.tracks, looked.rest), self._state, stands)
 
     def tell(self, sentence: str) -> None:
         """Say that the source ended or broke off."""
