@@ -63,7 +63,7 @@ def true_values(made: Any) -> dict[str, float]:
     return dict(zip(("margin", "normal", "friction"), map(float, found.groups()), strict=True))
 
 
-def until(condition: Callable[[], bool], seconds: float = 40.0) -> None:
+def until(condition: Callable[[], bool], seconds: float = 150.0) -> None:
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if condition():
