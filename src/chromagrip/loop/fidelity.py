@@ -209,11 +209,10 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
         raise UserError(f"nothing was measured on the {scene.path} path")
     able = [f for f, (_, error) in expected.items() if error <= tolerance]
     if not able:
-        best = min(expected, key=lambda f: expected[f][1])
+        best, least = min(((f, error) for f, (_, error) in expected.items()), key=lambda b: b[1])
         raise UserError(
             f"nothing is known to keep Γ within {tolerance:g} here; the best, {best.name}, errs by "
-            f"{expected[best][1]:.3f}: give a tolerance of {ceil(100 * expected[best][1]) / 100:g} "
-            "or more"
+            f"{least:.3f}: give a tolerance of {ceil(100 * least) / 100:g} or more"
         )
     chosen = min(able, key=lambda f: expected[f][0])
     spent, error = expected[chosen]
