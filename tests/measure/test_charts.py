@@ -4,8 +4,9 @@ import csv
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,12 +14,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
 from chromagrip import UserError
 from chromagrip.measure.bench.force_sets import Measured
 from chromagrip.measure.charts import force as chart_force
 from chromagrip.measure.charts import force_dome
 from chromagrip.measure.charts.chart import Axis, Chart, Peer, Point, front
+from chromagrip.measure.charts.drawing import draw
 from chromagrip.measure.charts.loop import settings as settings_of_the_loop
 from chromagrip.measure.charts.page import PARTS, charts, write_charts
 from chromagrip.measure.domes.readings import Reading
@@ -48,7 +52,15 @@ def made_chart() -> Chart:
         Axis(key="f", label="slip", unit="mm"),
     )
     points = [made_point(*one) for one in told]
-    return Chart(part="made", title="Points", per="frame", points=points, axes=axes)
+    return Chart(
+        part="made",
+        title="Points",
+        per="frame",
+        points=points,
+        axes=axes,
+        levels={"limit": "least error"},
+        compared="told elsewhere",
+    )
 
 
 def test_the_front_holds_what_no_other_point_beats() -> None:
@@ -102,6 +114,38 @@ def test_a_chart_is_drawn_with_a_tooltip_on_every_point(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert (float(rows[0]["milliseconds"]), float(rows[0]["slowest"])) == (1.0, 2.0)
     assert (tmp_path / "made.png").stat().st_size > 0
+
+
+def test_labels_overlap_neither_each_other_nor_points() -> None:
+    """All of them find room, also where points are close together."""
+    points = [made_point(f"method {k}", 5.0 + 0.05 * k, 2.0 + 0.03 * k) for k in range(12)]
+    figure = draw(replace(made_chart(), points=points), "")
+    figure.draw_without_rendering()  # where the labels are in the end
+    for panel, peers in zip(figure.axes, (1, 0), strict=True):
+        named = [text for text in panel.texts if text.get_text() != "limit"]
+        assert len(named) == len(points) + peers
+        boxes = [Text.get_window_extent(text) for text in panel.texts]
+        assert all(not a.overlaps(b) for a, b in combinations(boxes, 2))
+        places = panel.transData.transform([(p.milliseconds, p.errors["e"]) for p in points])
+        if peers:
+            assert not any(box.contains(*place) for box in boxes for place in places)
+
+
+def test_the_legend_of_a_chart_explains_every_mark() -> None:
+    """Colour, shape and filling of each point, and each line, are in it."""
+    figure = draw(made_chart(), "")
+    (legend,) = figure.legends
+
+    def look(line: Line2D) -> tuple[object, ...]:
+        shown = line.get_marker(), line.get_color(), line.get_linestyle()
+        return (*shown, line.get_markerfacecolor() if shown[0] != "None" else "")
+
+    told = {look(line) for line in legend.get_lines()}
+    drawn = {look(line) for panel in figure.axes for line in panel.lines}
+    assert drawn <= told
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert "limit: least error" in texts
+    assert len(texts) == len(set(texts)) == len(told) == len(drawn) + 1  # the bar is no line
 
 
 class Page(HTMLParser):

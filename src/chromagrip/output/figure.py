@@ -1,12 +1,21 @@
 """Style that the figures of the measuring commands share."""
 
 import io
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import LogLocator, NullFormatter
+
+#: Width of a figure [inches]. On a page, which is about 720 px wide, 8 points are 10 px.
+WIDTH = 8.0
+#: Size of the letters of a footnote [points].
+_FOOTNOTE = 7.5
 
 
 def new_figure(title: str, width: float, height: float, footnote: str = "") -> Figure:
@@ -20,7 +29,8 @@ def new_figure(title: str, width: float, height: float, footnote: str = "") -> F
     """
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.suptitle(title, fontsize=11)
-    figure.supxlabel(footnote, fontsize=7, color="0.4")
+    lines = "\n".join(textwrap.wrap(footnote, round(14.0 * width)))
+    figure.supxlabel(lines, fontsize=_FOOTNOTE, color="0.4")
     return figure
 
 
@@ -37,8 +47,33 @@ def finish(
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist], columns: int) -> None:
-    """Add one legend for all panels, below them."""
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=8)
+    """Add one legend for all panels, below them, above the footnote."""
+    lines = len(figure.get_supxlabel().splitlines())
+    low = 1.5 * lines * _FOOTNOTE / 72.0 / figure.get_figheight()
+    legend = figure.legend(
+        handles=handles,
+        loc="lower center",
+        bbox_to_anchor=(0.5, low),
+        ncols=columns,
+        fontsize=8,
+    )
+    # The layout keeps room for the footnote, and by itself not for a legend beside it.
+    high = legend.get_window_extent().height / figure.bbox.height
+    layout = figure.get_layout_engine()
+    assert isinstance(layout, ConstrainedLayoutEngine)
+    layout.set(rect=(0.0, high, 1.0, 1.0 - high))
+
+
+def plain_ticks(axis: Axis) -> None:
+    """Plain numbers on a logarithmic axis that is drawn on: each power of ten, and between them.
+
+    The fewer decades are visible, the more of the numbers between them have a tick.
+    """
+    low, high = axis.get_view_interval()
+    between = (1, 2, 5) if high < 500.0 * low else (1,)
+    axis.set_major_locator(LogLocator(subs=(1, 2, 3, 4, 5, 6, 8) if high < 8.0 * low else between))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def png(figure: Figure, dpi: int = 110) -> bytes:

@@ -9,6 +9,9 @@ import numpy as np
 
 from ...output.report import Row, reported
 
+#: What an answer that never changes is, in a legend.
+CONSTANT_TOLD = "the mean of the truth as the answer"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
@@ -86,6 +89,8 @@ class Chart:
     per: unit of work that the time is given for, such as "frame"
     points: methods
     axes: errors, two a row
+    levels: what the lines of the axes are, by name
+    compared: what the peers are
     """
 
     part: str
@@ -93,6 +98,8 @@ class Chart:
     per: str
     points: Sequence[Point]
     axes: Sequence[Axis]
+    levels: dict[str, str] = field(default_factory=dict)
+    compared: str = ""
 
     def rows(self) -> list[Row]:
         """Time and errors of every point, and the level of every line."""

@@ -1,24 +1,28 @@
 """Drawings of charts: panels with labelled points, and tooltips in the SVG."""
 
 import io
-from collections.abc import Sequence
+import textwrap
+from itertools import pairwise
 from xml.etree import ElementTree
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from ...output.figure import new_figure
+from ...output.figure import WIDTH, legend_below, new_figure, plain_ticks
 from .chart import Axis, Chart, Point, front
+from .labels import Label, Segment, write_labels
 
-#: Width of a character of a label [px of the figure].
-_CHARACTER = 6.6
+#: Look of a method that is the project's choice, and of another: colour, and shape as well.
+_LOOKS = {True: ("tab:blue", "o"), False: ("tab:orange", "s")}
+#: Look of the peers, of the front, and of the levels that are drawn across.
+_PEER: dict[str, object] = {"color": "0.55", "marker": "^", "ms": 6, "ls": ""}
+_FRONT: dict[str, object] = {"color": "0.75", "ls": "-"}
+_LEVEL: dict[str, object] = {"color": "0.5", "ls": "--", "lw": 0.8}
+#: Longest line of a label of an axis.
+_LINE = 40
 _SVG = "http://www.w3.org/2000/svg"
-
-#: Left, lower, right and upper edge [px of the figure].
-Box = tuple[float, float, float, float]
-#: Text, time and error, and colour of a label.
-Label = tuple[str, tuple[float, float], str]
 
 
 def draw(chart: Chart, footnote: str) -> Figure:
@@ -28,16 +32,17 @@ def draw(chart: Chart, footnote: str) -> Figure:
     """
     rows = -(-len(chart.axes) // 2)
     columns = min(len(chart.axes), 2)
-    title = f"{chart.title}; lower left is better"
-    figure = new_figure(title, max(5.5 * columns, 8.0), 1.0 + 4.0 * rows, footnote)
+    title = f"{chart.title}\nlower left is better"
+    figure = new_figure(title, WIDTH, 2.1 + 3.3 * rows, footnote)
     panels = figure.subplots(rows, columns, squeeze=False).flat
     for number, (panel, axis) in enumerate(zip(panels, chart.axes, strict=False)):
         _draw_panel(panel, chart, axis, number)
     for panel in figure.axes[len(chart.axes) :]:
         panel.remove()
+    legend_below(figure, _legend(chart), 2)
     figure.draw_without_rendering()  # sets the places that labels must not share
     for panel, axis in zip(figure.axes, chart.axes, strict=True):
-        _write_labels(panel, _labels(chart, axis))
+        write_labels(panel, _labels(chart, axis), _segments(chart, axis))
     return figure
 
 
@@ -85,17 +90,18 @@ def _tooltip(chart: Chart, axis: Axis, point: Point) -> str:
 
 def _draw_panel(panel: Axes, chart: Chart, axis: Axis, number: int) -> None:
     best = front(chart.points, axis.key)
-    panel.plot([p.milliseconds for p in best], [p.errors[axis.key] for p in best], "-", color="0.8")
+    panel.plot([p.milliseconds for p in best], [p.errors[axis.key] for p in best], **_FRONT)
     for k, point in enumerate(chart.points):
         error = point.errors[axis.key]
-        shape, color = "o" if point in best else "x", "tab:blue" if point.ours else "tab:orange"
-        panel.plot(point.milliseconds, error, shape, color=color, gid=f"point-{number}-{k}")
+        color, shape = _LOOKS[point.ours]
         panel.hlines(error, min(point.times), max(point.times), color=color, lw=1.0)
+        fill = color if point in best else "white"
+        look = {"color": color, "mfc": fill, "gid": f"point-{number}-{k}"}
+        panel.plot(point.milliseconds, error, shape, **look)
     for k, peer in enumerate(axis.peers):
-        gid = f"peer-{number}-{k}"
-        panel.plot(peer.milliseconds, peer.error, "^", color="0.55", ms=5, gid=gid)
+        panel.plot(peer.milliseconds, peer.error, gid=f"peer-{number}-{k}", **_PEER)
     for name, level in axis.lines.items():
-        panel.axhline(level, color="0.5", linestyle="--", linewidth=0.8)
+        panel.axhline(level, **_LEVEL)
         # Named at the left edge, above its line.
         panel.annotate(
             name,
@@ -104,47 +110,57 @@ def _draw_panel(panel: Axes, chart: Chart, axis: Axis, number: int) -> None:
             textcoords="offset points",
             xytext=(4, 2),
             fontsize=8,
-            color="0.4",
+            color="0.35",
         )
-    time_label = f"time per {chart.per} [ms], one core"
-    panel.set(xscale="log", yscale="log", xlabel=time_label, ylabel=axis.label)
+    panel.set(xscale="log", yscale="log")
+    panel.set_xlabel(f"time per {chart.per} [ms], one core", fontsize=9)
+    panel.set_ylabel(textwrap.fill(axis.label, _LINE), fontsize=9)
+    panel.tick_params(labelsize=8)
     panel.grid(alpha=0.3, which="both")
-    panel.margins(x=0.3, y=0.2)
+    panel.margins(x=0.25, y=0.2)
+    for direction in (panel.xaxis, panel.yaxis):
+        plain_ticks(direction)
+
+
+def _legend(chart: Chart) -> list[Line2D]:
+    """What every colour and mark of a chart is, of those that it has."""
+    places = {
+        (point.ours, point in front(chart.points, axis.key))
+        for axis in chart.axes
+        for point in chart.points
+    }
+    texts = {True: "on the front: no other is both faster and better", False: "not on the front"}
+    handles = []
+    for ours, best in sorted(places, reverse=True):
+        color, shape = _LOOKS[ours]
+        look = {"color": color, "marker": shape, "mfc": color if best else "white", "ls": ""}
+        handles.append(
+            Line2D([], [], label=f"{'ours' if ours else 'other'}, {texts[best]}", **look)
+        )
+    handles.append(Line2D([], [], color="0.3", lw=1.0, label="bar: fastest to slowest repeat"))
+    if any(len(front(chart.points, axis.key)) > 1 for axis in chart.axes):
+        handles.append(Line2D([], [], label="the front", **_FRONT))
+    if any(axis.peers for axis in chart.axes):
+        handles.append(Line2D([], [], label=f"not compared: {chart.compared}", **_PEER))
+    return handles + [
+        Line2D([], [], label=f"{name}: {chart.levels[name]}", **_LEVEL)
+        for name in dict.fromkeys(name for axis in chart.axes for name in axis.lines)
+    ]
 
 
 def _labels(chart: Chart, axis: Axis) -> list[Label]:
     """Labels of points of the front, then of ours, then of others, which may find no room."""
     best = front(chart.points, axis.key)
     points = sorted(chart.points, key=lambda p: (p not in best, not p.ours))
-    labels: list[Label] = [(p.name, (p.milliseconds, p.errors[axis.key]), "black") for p in points]
-    return labels + [(peer.name, (peer.milliseconds, peer.error), "0.45") for peer in axis.peers]
+    labels: list[Label] = [
+        (p.name, (p.milliseconds, p.errors[axis.key]), {"color": "black"}) for p in points
+    ]
+    peers = ((peer.name, (peer.milliseconds, peer.error)) for peer in axis.peers)
+    return labels + [(name, place, {"color": "0.4"}) for name, place in peers]
 
 
-def _write_labels(panel: Axes, labels: Sequence[Label]) -> None:
-    """Write labels beside their points, where there is room for them."""
-    places = [panel.transData.transform(point) for _, point, _ in labels]
-    taken = [(x - 4.0, y - 4.0, x + 4.0, y + 4.0) for x, y in places]
-    for (text, point, color), (x, y) in zip(labels, places, strict=True):
-        width = _CHARACTER * len(text)
-        for right, up in ((True, True), (True, False), (False, True), (False, False)):
-            left = x + 7.0 if right else x - 7.0 - width
-            low = y + 5.0 if up else y - 17.0
-            box = (left, low, left + width, low + 12.0)
-            inside = panel.bbox.x0 <= left and left + width <= panel.bbox.x1
-            if not inside or any(_overlap(box, other) for other in taken):
-                continue
-            taken.append(box)
-            panel.annotate(
-                text,
-                point,
-                textcoords="offset points",
-                xytext=(5 if right else -5, 4 if up else -11),
-                ha="left" if right else "right",
-                fontsize=8,
-                color=color,
-            )
-            break
-
-
-def _overlap(a: Box, b: Box) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+def _segments(chart: Chart, axis: Axis) -> list[Segment]:
+    """The front and the bars of the points."""
+    best = [(point.milliseconds, point.errors[axis.key]) for point in front(chart.points, axis.key)]
+    bars = ((min(p.times), max(p.times), p.errors[axis.key]) for p in chart.points)
+    return [*pairwise(best), *(((a, error), (b, error)) for a, b, error in bars)]

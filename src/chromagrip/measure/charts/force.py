@@ -10,7 +10,7 @@ from ..bench.force import BEST, timed_scenes
 from ..bench.force_sets import Measured, choose, measure
 from ..worlds.force_scores import CONSTANT, READ, UNITS, constant, scores, times
 from ..worlds.grasps import LIBRARY
-from .chart import Axis, Chart, Point
+from .chart import CONSTANT_TOLD, Axis, Chart, Point
 
 #: Grasps whose errors are measured, and those of a quick run.
 _GRASPS = 48
@@ -77,7 +77,8 @@ def chart_force(
         for name in names
     ]
     title = f"Reconstructors: sensor thesis, 640×480, noise of 2 levels, {grasps} random grasps"
-    return Chart(part="force", title=title, per="field", points=points, axes=axes)
+    levels = {CONSTANT: CONSTANT_TOLD, "limit": "least error that the picture allows"}
+    return Chart(part="force", title=title, per="field", points=points, axes=axes, levels=levels)
 
 
 def _limit(measured: Measured, read: str, score: str) -> float:

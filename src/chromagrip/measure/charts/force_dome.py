@@ -11,7 +11,7 @@ from ..domes.across import DESIGN
 from ..domes.readings import Reading, constant
 from ..domes.sets import BEST, COMPARED, DESIGNS, FREE, SOFT, Result, measure_domes
 from ..worlds.force_scores import CONSTANT
-from .chart import Axis, Chart, Peer, Point
+from .chart import CONSTANT_TOLD, Axis, Chart, Peer, Point
 
 #: Scenes of the design that all reconstructors read, those of a quick run, and of each other one.
 _SCENES, _QUICK_SCENES, _OF_OTHERS = 4, 1, 2
@@ -78,7 +78,15 @@ def chart_force_dome(
     title = (
         f"Reconstructors on domes of silicone: sensor {DESIGN}, noise of 2 levels, any direction"
     )
-    return Chart(part="force-dome", title=title, per="field", points=points, axes=axes)
+    return Chart(
+        part="force-dome",
+        title=title,
+        per="field",
+        points=points,
+        axes=axes,
+        levels={CONSTANT: CONSTANT_TOLD},
+        compared="other sensors, stronger grips",
+    )
 
 
 def _measured(

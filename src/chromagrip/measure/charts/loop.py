@@ -76,6 +76,7 @@ def chart_loop(quick: bool, progress: Callable[[str], None]) -> Chart:
         per="frame",
         points=[point for point in points if point not in truth],
         axes=[replace(axis, peers=_peers(axis, truth)) for axis in AXES],
+        compared="forces of the model, no picture",
     )
 
 

@@ -98,11 +98,10 @@ def write_charts(made: Sequence[Chart], quick: bool, out: Path) -> None:
         sections.append(section)
     introduction = [
         f"{'A quick run: few repeats. ' if quick else ''}Time of one call in one thread, median of "
-        "interleaved turns with the fastest and the slowest, against the error of the stage. Dots "
-        "are on the front: no other method is both faster and better; crosses are not. Ours are "
-        "blue, others orange; grey triangles are figures of other tools. Point at, touch or focus "
-        "a point for its settings and the command that measures it again. * in a table: on the "
-        "front of that error. A click on the head of a column sorts by it."
+        "interleaved turns with the fastest and the slowest, against the error of the stage. "
+        "Filled points are on the front: no other method is both faster and better. Point at, "
+        "touch or focus a point for its settings and the command that measures it again. * in a "
+        "table: on the front of that error. A click on the head of a column sorts by it."
     ]
     write_page(out / "index.html", "Speed against accuracy", introduction, sections)
 

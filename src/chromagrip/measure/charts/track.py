@@ -23,6 +23,8 @@ _TURNS = 5
 _QUICK_TURNS = 1
 #: Origin of the figures of the peers.
 _ELSEWHERE = "200 discs of one layer, 640×480, measured on two cores when this project began"
+#: Name of the least error.
+_LIMIT = "Cramér–Rao"
 #: Errors are of displacements from rest.
 _PEERS = (
     Peer(name="least squares, NumPy", milliseconds=26.0, error=0.0094, source=_ELSEWHERE),
@@ -54,7 +56,7 @@ def chart_track(quick: bool, progress: Callable[[str], None]) -> Chart:
                 key=f"{scene}/rms",
                 label=f"RMS error of the worse layer [px], {label}",
                 unit="px",
-                lines={"Cramér–Rao": _limit(frames_of_scene)},
+                lines={_LIMIT: _limit(frames_of_scene)},
                 peers=_PEERS if scene == "clean" else (),
             )
             axes.append(axis)
@@ -70,7 +72,15 @@ def chart_track(quick: bool, progress: Callable[[str], None]) -> Chart:
                     point.errors[axis.key] = max(errors[f"{layer}_rms"] for layer in LAYERS)
     title = "Trackers: 400 markers in two layers, 640×480, noise of 2 levels"
     complete = [point for point in points if len(point.errors) == len(axes)]
-    return Chart(part="track", title=title, per="frame", points=complete, axes=axes)
+    return Chart(
+        part="track",
+        title=title,
+        per="frame",
+        points=complete,
+        axes=axes,
+        levels={_LIMIT: "least error that the noise allows"},
+        compared="tools on another machine",
+    )
 
 
 def _limit(frames: Sequence) -> float:

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from ...output.figure import plain_ticks
 from ...render import Membrane, SensorDesign, areas, centroids, outlines, rest_membrane
 from ...render.design import Geodesic
 from .forces import Press, force_limit, pair_covariance
@@ -223,7 +222,7 @@ def draw(
             axis.plot([p.value for p in here], [p.margin for p in here], "o", color=colour, ms=9)
         unit = f" [{dial.unit}]" if dial.unit else ""
         axis.set(xscale="log", xlabel=dial.label + unit, ylabel="standard deviation of Γ")
-        few_ticks(axis.xaxis)
+        plain_ticks(axis.xaxis)
     for axis, number, label in ((axes[4], 1, "radially"), (axes[5], 2, "along the skin")):
         for colour, (name, sensor) in zip(_COLOURS, sensors.items(), strict=False):
             found = pair_precision(sensor, noise)
@@ -232,15 +231,8 @@ def draw(
         axis.set_xlim(left=0.0)
     for axis in axes:
         axis.set_yscale("log")
-        few_ticks(axis.yaxis)
+        plain_ticks(axis.yaxis)
         axis.grid(alpha=0.3, which="both")
     figure.legend(*axes[5].get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.suptitle(title, fontsize=11)
     figure.savefig(path, dpi=90)
-
-
-def few_ticks(axis: Axis) -> None:
-    """Label 1, 2 and 5 also where less than a decade is visible."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())

@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 from msgspec import structs
 
 from ....errors import UserError
+from ....output.figure import plain_ticks
 from ....render import SensorDesign
 from ....render.design import Geodesic, Spiral
 from ..sweep import DIALS as CHAIN_DIALS
-from ..sweep import STEPS, few_ticks
+from ..sweep import STEPS
 from .held import Grip
 from .limit import Noise, Seen
 from .report import NOISES, dome_of, held_by
@@ -296,7 +297,7 @@ def draw_dome(sweeps: dict[str, list[DomePoint]], title: str, path: Path) -> Non
             axes[0, column].plot(at, bound, ":", color=colour, lw=1.0)
         if dial.multiples:
             axes[0, column].set_xscale("log")
-            few_ticks(axes[1, column].xaxis)
+            plain_ticks(axes[1, column].xaxis)
         unit = f" [{dial.unit}]" if dial.unit else ""
         axes[1, column].set_xlabel(dial.label + unit)
     axes[0, 0].set_ylabel("deviation of Γ of a contact\n(dotted: at the bound)")
@@ -305,7 +306,7 @@ def draw_dome(sweeps: dict[str, list[DomePoint]], title: str, path: Path) -> Non
         axis.set_yscale("log")
         axis.grid(alpha=0.3, which="both")
     for axis in axes[:, 0]:
-        few_ticks(axis.yaxis)
+        plain_ticks(axis.yaxis)
     figure.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
     figure.suptitle(title, fontsize=11)
     figure.savefig(path, dpi=90)
