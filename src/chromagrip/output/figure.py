@@ -47,21 +47,20 @@ def finish(
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist], columns: int) -> None:
-    """Add one legend for all panels, below them, above the footnote."""
+    """Add one legend for all panels, below them, above the footnote; fewer columns if it must."""
     lines = len(figure.get_supxlabel().splitlines())
     low = 1.5 * lines * _FOOTNOTE / 72.0 / figure.get_figheight()
-    legend = figure.legend(
-        handles=handles,
-        loc="lower center",
-        bbox_to_anchor=(0.5, low),
-        ncols=columns,
-        fontsize=8,
-    )
+    at = {"loc": "lower center", "bbox_to_anchor": (0.5, low), "fontsize": 8}
+    legend = figure.legend(handles=handles, ncols=columns, **at)
+    while columns > 1 and legend.get_window_extent().width > figure.bbox.width:
+        columns -= 1
+        legend.remove()
+        legend = figure.legend(handles=handles, ncols=columns, **at)
     # The layout keeps room for the footnote, and by itself not for a legend beside it.
-    high = legend.get_window_extent().height / figure.bbox.height
+    above = legend.get_window_extent().y1 / figure.bbox.height - low + 0.04 / figure.get_figheight()
     layout = figure.get_layout_engine()
     assert isinstance(layout, ConstrainedLayoutEngine)
-    layout.set(rect=(0.0, high, 1.0, 1.0 - high))
+    layout.set(rect=(0.0, above, 1.0, 1.0 - above))
 
 
 def plain_ticks(axis: Axis) -> None:

@@ -18,18 +18,27 @@ from .linear import LinearLoop, Plant, largest_root, plant_of
 
 #: Outcomes, best first, with their colours. Where several hold, the last counts.
 OUTCOMES = {
-    "holds": "#2a9d8f",
-    "micro-slip": "#e9c46a",
-    "limit cycle": "#4a7fb5",
-    "gross slip": "#d62828",
-    "crush": "#3d1a4f",
+    "holds": "#8fd0c5",
+    "micro-slip": "#e9d26a",
+    "limit cycle": "#7aa6d6",
+    "gross slip": "#f0a35e",
+    "crush": "#c79ad6",
     "no answer": "#d9d9d9",
+}
+#: Letter of each outcome, which a cell shows beside its colour.
+LETTERS = {
+    "holds": "",
+    "micro-slip": "m",
+    "limit cycle": "~",
+    "gross slip": "s",
+    "crush": "c",
+    "no answer": "–",
 }
 #: Explanations of the outcomes in the legend.
 WORDS = {
     "holds": "none of the others",
     "micro-slip": "true Γ below 0.02 for a moment: all of the contact slides",
-    "limit cycle": "in the last 0.4 s of a load the command still swings by over 30 % of its mean",
+    "limit cycle": "the command still swings by over 30 % at the end of a load",
     "gross slip": "true lateral displacement over 0.2 mm",
     "crush": "true pressure over 1000 N/m",
     "no answer": "the node model found none",

@@ -22,16 +22,29 @@ Array = NDArray[np.float64]
 
 #: Outcomes, best first, with their colours. Where several hold, the last counts.
 OUTCOMES = {
-    "accurate": "#2a9d8f",
-    "accurate, steps halved": "#8ac9a4",
-    "inaccurate": "#e9c46a",
-    "not converged": "#6d1a36",
+    "accurate": "#8fd0c5",
+    "accurate, steps halved": "#7aa6d6",
+    "inaccurate": "#e9d26a",
+    "not converged": "#d9534f",
     "not judged": "#d9d9d9",
+}
+#: Letter of each outcome, which a cell shows beside its colour.
+LETTERS = {
+    "accurate": "",
+    "accurate, steps halved": "h",
+    "inaccurate": "i",
+    "not converged": "n",
+    "not judged": "–",
 }
 #: The same as parts of the names of figures.
 _KEYS = {name: name.replace(",", "").replace(" ", "_") for name in OUTCOMES}
 #: Largest error of the total force at a knot of an accurate run, as a share of the fine run's.
 ACCURATE = 0.02
+#: Explanations of the outcomes in the legend, where their names do not say them.
+WORDS = {
+    "accurate": f"force within {100 * ACCURATE:g} % of the fine run",
+    "inaccurate": "farther off",
+}
 #: Knots of the path: how deep, and how far sideways [m]; each part is 400 µm, the longest step.
 PATH = ((0.4e-3, 0.0), (0.4e-3, 0.4e-3), (0.4e-3, 0.8e-3))
 #: Speed of the path [m/s]; without viscosity no figure depends on it.

@@ -11,12 +11,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from ...output.figure import new_figure
+from ...output.figure import WIDTH, new_figure
 from .panels import Map, Panel
 
 Array = NDArray[np.float64]
-#: Width and height [inches].
-Size = tuple[float, float]
+#: Size of the letters of cells, and of what is beside them [points].
+SMALL = 7.5
+#: Ground of a cell's text, so that a line behind it does not hide it.
+_BEHIND = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.7}
 
 
 def title_of(text: str, quick: bool) -> str:
@@ -34,27 +36,66 @@ def mesh(
     axes.pcolormesh(x, y, codes, cmap=colour_map, vmin=0, vmax=last, edgecolors="white", lw=0.8)
 
 
-def patches(outcomes: Iterable[str], colours: Mapping[str, str]) -> list[Patch | Line2D]:
-    """Legend of the outcomes that occur."""
+def patches(
+    outcomes: Iterable[str],
+    colours: Mapping[str, str],
+    letters: Mapping[str, str],
+    words: Mapping[str, str],
+) -> list[Patch | Line2D]:
+    """Legend of the outcomes that occur: colour, letter, name and, where it has them, words."""
     present = set(outcomes)
-    return [Patch(color=colours[name], label=name) for name in colours if name in present]
+    handles: list[Patch | Line2D] = []
+    for name in (name for name in colours if name in present):
+        letter = f"{letters[name]}  " if letters[name] else ""
+        told = f": {words[name]}" if name in words else ""
+        handles.append(Patch(color=colours[name], label=f"{letter}{name}{told}"))
+    return handles
+
+
+def write_cell(axes: Axes, text: str, place: tuple[float, float]) -> None:
+    """Write into a cell, above the lines that cross it."""
+    if text:
+        look = {"ha": "center", "va": "center", "fontsize": SMALL, "bbox": _BEHIND, "zorder": 5}
+        axes.annotate(text, place, **look)
+
+
+def draw_cells(
+    axes: Axes,
+    cells: Mapping[tuple[Any, Any], tuple[str, str]],
+    x: Mapping[Any, str],
+    y: Mapping[Any, str],
+    colours: Mapping[str, str],
+) -> None:
+    """Draw equal cells.
+
+    Parameters
+    ----------
+    cells: outcome and text by the keys of column and row
+    x, y: labels of columns and rows by their keys
+    colours: by outcome
+    """
+    outcomes = [[cells[column, row][0] for column in x] for row in y]
+    mesh(axes, np.arange(len(x) + 1.0) - 0.5, np.arange(len(y) + 1.0) - 0.5, outcomes, colours)
+    columns, rows = list(x), list(y)
+    for (column, row), (_, text) in cells.items():
+        write_cell(axes, text, (columns.index(column), rows.index(row)))
+    axes.set_xticks(range(len(x)), list(x.values()))
+    axes.set_yticks(range(len(y)), list(y.values()))
+    axes.tick_params(labelsize=SMALL, length=0)
 
 
 def new_map(
-    which: Map[Any], quick: bool, cell: Size, around: Size, legend: float
+    which: Map[Any], quick: bool, cell: float, around: float, legend: float
 ) -> tuple[Figure, list[Axes]]:
     """Empty picture of a map, with axes for each panel.
 
     Parameters
     ----------
-    cell, around: size of a cell, and of what surrounds a panel
-    legend: its height [inches]
+    cell, around, legend: height of a cell, of what surrounds a panel, and of the legend [inches]
     """
     rows = -(-len(which.panels) // which.columns)
-    wide, high = len(which.panels[0].x), len(which.panels[0].y)
-    width = max(which.columns * (wide * cell[0] + around[0]), 9.5)
-    height = rows * (high * cell[1] + around[1]) + legend
-    figure = new_figure(title_of(which.title, quick), width, height)
+    height = rows * (len(which.panels[0].y) * cell + around) + legend
+    figure = new_figure(title_of(which.title, quick), WIDTH, height)
     places = list(figure.subplots(rows, which.columns, squeeze=False).flat)
     for axes in places[len(which.panels) :]:
         axes.axis("off")
@@ -74,7 +115,9 @@ def draw_field(
     mesh(axes, x_edges, y_edges, outcomes, colours)
     axes.set_xticks(range(len(panel.x)), [_text(x) for x in panel.x])
     axes.set_yticks(range(len(panel.y)), [_text(y) for y in panel.y])
-    axes.tick_params(labelsize=7, length=0)
+    axes.tick_params(labelsize=SMALL, length=0)
+    # No line goes beyond the cells.
+    axes.set(xlim=(x_edges[0], x_edges[-1]), ylim=(y_edges[0], y_edges[-1]))
     axes.set_title(panel.title, fontsize=9)
     axes.set_xlabel(which.x_label, fontsize=8)
     axes.set_ylabel(which.y_label, fontsize=8)

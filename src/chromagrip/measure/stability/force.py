@@ -31,16 +31,30 @@ Array = NDArray[np.float64]
 
 #: Outcomes, best first, with their colours. Where several hold, the last counts.
 OUTCOMES = {
-    "accurate": "#2a9d8f",
-    "off, inside twice its interval": "#8ac9a4",
-    "frames flagged": "#9db4c0",
-    "wrong, narrow and unflagged": "#d1495b",
+    "accurate": "#8fd0c5",
+    "off, inside twice its interval": "#e9d26a",
+    "frames flagged": "#b4c3d6",
+    "wrong, narrow and unflagged": "#d9534f",
     "not held": "#eeeeee",
+}
+#: Letter of each outcome, which a cell shows beside its colour.
+LETTERS = {
+    "accurate": "",
+    "off, inside twice its interval": "o",
+    "frames flagged": "f",
+    "wrong, narrow and unflagged": "w",
+    "not held": "–",
 }
 #: The same as parts of the names of figures.
 _KEYS = {name: name.replace(",", "").replace(" ", "_") for name in OUTCOMES}
 #: Largest errors of ΣFn, as a share, and of Γ of a frame that is read accurately.
 ACCURATE = {"normal": 0.1, "margin": 0.1}
+#: Explanations of the outcomes in the legend, where their names do not say them.
+WORDS = {
+    "accurate": f"ΣFn within {100 * ACCURATE['normal']:g} %, Γ within {ACCURATE['margin']:g}",
+    "frames flagged": "some without an estimate",
+    "not held": "the object slides off",
+}
 #: Usual force of the grip [N] of each design, and the reconstructors that read it.
 READERS: dict[str, tuple[float, tuple[str, ...]]] = {
     "thesis": (1.0, COMPARED),

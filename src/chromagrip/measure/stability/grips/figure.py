@@ -6,19 +6,15 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from ....output.figure import legend_below, png
 from ..cells import SWING
-from ..fields import draw_field, draw_lines, new_map, patches
+from ..fields import draw_field, draw_lines, new_map, patches, write_cell
 from .cells import LETTERS, OUTCOMES, WORDS, Cell, Setting
 from .maps import STYLES, Map, Panel
 
-#: Width and height of a cell, and of what surrounds a panel [inches].
-_CELL = (0.45, 0.36)
-_AROUND = (1.2, 1.0)
-#: Ground of a cell's text, so that a line behind it does not hide it.
-_BEHIND = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.7}
+#: Height of a cell, and of what surrounds a panel [inches].
+_CELL, _AROUND = 0.36, 1.0
 #: Height of the legend [inches].
 _LEGEND = 1.3
 
@@ -32,11 +28,8 @@ def draw_map(which: Map, results: Mapping[Setting, Cell], path: Path, quick: boo
         _letter(axes, which, panel, results)
         labels |= dict.fromkeys(draw_lines(axes, which, panel, STYLES))
     present = [results[one] for one in which.settings()]
-    handles: list[Patch | Line2D] = [*patches((cell.outcome for cell in present), OUTCOMES)]
-    for patch in handles:
-        name = str(patch.get_label())
-        letter = f"{LETTERS[name]}  " if LETTERS[name] else ""
-        patch.set_label(f"{letter}{name}: {WORDS[name]}")
+    outcomes = (cell.outcome for cell in present)
+    handles = patches(outcomes, OUTCOMES, LETTERS, WORDS)
     handles += [Line2D([], [], color="black", lw=2, ls=STYLES[x], label=x) for x in labels]
     if any(cell.swing > SWING and cell.outcome != "swings" for cell in present):
         handles.append(Line2D([], [], ls="", label="~ behind a letter: it swings as well"))
@@ -50,12 +43,7 @@ def _letter(axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, Cell
     """Write what each cell of a panel came to, so that it is not told by colour alone."""
     grid = [[results[which.at(panel, x, y)] for x in panel.x] for y in panel.y]
     for (row, column), cell in np.ndenumerate(np.array(grid, dtype=object)):
-        text = _text(which, cell)
-        if text:
-            axes.annotate(
-                text, (column, row), ha="center", va="center", fontsize=7, bbox=_BEHIND, zorder=5
-            )
-    axes.set(xlim=(-0.5, len(panel.x) - 0.5), ylim=(-0.5, len(panel.y) - 0.5))
+        write_cell(axes, _text(which, cell), (column, row))
 
 
 def _text(which: Map, cell: Cell) -> str:
