@@ -7,20 +7,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..output.figure import finish, legend_below, new_figure
+from ..output.figure import WIDTH, finish, legend_below, new_figure
 from .side_by_side import FITTED, FRICTION, GRIP, OBJECTS, Side
 
 _COLOURS = {"chain": "#1d70b8", "dome": "#e76f51"}
+#: Marker of each, so that they differ by more than their colour.
+_MARKERS = {"chain": "^", "dome": "o"}
 _STYLES = {"flat": "-", "ball": "--"}
 
 
 def draw_side_by_side(sides: Sequence[Side]) -> Figure:
     """Four panels: force over depth, width over force, sliding part, and Γ over the load."""
     title = f"Chain and dome: a press to {GRIP:g} N, then a load, µ {FRICTION:g}"
-    figure = new_figure(title, 9.5, 7.6)
+    figure = new_figure(title, WIDTH, 7.4)
     depth, width, sliding, margin = figure.subplots(2, 2).flat
     for side in sides:
         look = {"color": _COLOURS[side.body], "ls": _STYLES[side.object], "lw": 1.6}
+        look |= {"marker": _MARKERS[side.body], "markevery": 0.12, "ms": 5.0}
         press, pull = side.press, side.pull
         far = press.force >= FITTED / 2.0
         depth.loglog(1e3 * press.depth[far], press.force[far], **look)
@@ -31,7 +34,6 @@ def draw_side_by_side(sides: Sequence[Side]) -> Figure:
         _slope(depth, next(s for s in sides if s.body == body), power, across)
     share = sides[0].pull.share
     margin.plot(share, 1.0 - share, color="0.2", ls=":", lw=1.2)
-    margin.annotate("dotted: 1 − load/(µ·grip)", (0.04, 0.12), fontsize=8, color="0.3")
     depth.set_yticks([0.2, 0.5, 1.0, 2.0, 3.0], ["0.2", "0.5", "1", "2", "3"])
     ticks = [0.05, 0.1, 0.2, 0.4, 0.8]
     depth.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -42,11 +44,18 @@ def draw_side_by_side(sides: Sequence[Side]) -> Figure:
     finish(sliding, "of the width [%]", load, legend=False, title="Part that slides", ylim=0)
     finish(margin, "Γ", load, legend=False, title="Safety margin", ylim=0)
     names = {"flat": "flat object", "ball": f"ball of {1e3 * OBJECTS['ball']:g} mm radius"}
-    handles = [Line2D([], [], color=colour, label=body) for body, colour in _COLOURS.items()]
+    handles = [
+        Line2D([], [], color=colour, marker=_MARKERS[body], ms=5.0, label=body)
+        for body, colour in _COLOURS.items()
+    ]
     handles += [
         Line2D([], [], color="0.3", ls=style, label=names[each]) for each, style in _STYLES.items()
     ]
-    legend_below(figure, handles, 4)
+    handles += [
+        Line2D([], [], color="0.2", ls=":", lw=1.2, label="1 − load / (µ · grip)"),
+        Line2D([], [], color="0.5", lw=0.9, label="thin: a power of the depth"),
+    ]
+    legend_below(figure, handles, 3)
     return figure
 
 

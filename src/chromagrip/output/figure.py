@@ -28,10 +28,16 @@ def new_figure(title: str, width: float, height: float, footnote: str = "") -> F
     footnote: small text below the panels
     """
     figure = Figure(figsize=(width, height), layout="constrained")
-    figure.suptitle(title, fontsize=11)
-    lines = "\n".join(textwrap.wrap(footnote, round(14.0 * width)))
+    figure.suptitle(_wrapped(title, width, 11.0), fontsize=11)
+    lines = _wrapped(footnote, width, _FOOTNOTE)
     figure.supxlabel(lines, fontsize=_FOOTNOTE, color="0.4")
     return figure
+
+
+def _wrapped(text: str, width: float, size: float) -> str:
+    """Text in lines that fit into a width [inches] with letters of a size [points]."""
+    letters = round(72.0 * width / (0.58 * size))
+    return "\n".join(textwrap.fill(line, letters) for line in text.splitlines())
 
 
 def finish(

@@ -4,15 +4,15 @@ import csv
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...output.figure import plain_ticks
+from ...output.figure import WIDTH, legend_below, new_figure, plain_ticks, png
 from ...render import Membrane, SensorDesign, areas, centroids, outlines, rest_membrane
 from ...render.design import Geodesic
 from .forces import Press, force_limit, pair_covariance
@@ -21,7 +21,16 @@ Array = NDArray[np.float64]
 
 #: Multiples of a design's own value, from the easiest to make to the hardest.
 STEPS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
-_COLOURS = ("#1f3b73", "#d1495b", "#edae49", "#00798c", "#6c757d")
+#: Look of each sensor in a chart: more than its colour.
+LOOKS: tuple[dict[str, Any], ...] = tuple(
+    {"color": colour, "marker": marker, "ls": line}
+    for colour, marker, line in zip(
+        ("#1f3b73", "#d1495b", "#c98a12", "#00798c", "#6c757d", "#7b4b94"),
+        "os^Dvp",
+        ("-", "--", "-.", "-", "--", "-."),
+        strict=True,
+    )
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,29 +219,38 @@ def draw(
     path: Path,
 ) -> None:
     """Chart of sweeps by sensor, and of the precision of a single pair of each, as PNG."""
-    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 3).ravel()
+    figure = new_figure(title, WIDTH, 8.6)
+    axes = figure.subplots(3, 2).ravel()
     for axis, (name, dial) in zip(axes[:4], DIALS.items(), strict=True):
         axis.sharey(axes[0])
-        for colour, points in zip(_COLOURS, sweeps.values(), strict=False):
+        for look, points in zip(LOOKS, sweeps.values(), strict=False):
             mine = [p for p in points if p.dial == name]
-            axis.plot([p.value for p in mine], [p.margin for p in mine], ".-", color=colour)
+            axis.plot([p.value for p in mine], [p.margin for p in mine], ms=4, **look)
             here = [p for p in mine if p.own]
-            axis.plot([p.value for p in here], [p.margin for p in here], "o", color=colour, ms=9)
+            axis.plot([p.value for p in here], [p.margin for p in here], ms=10, **look)
         unit = f" [{dial.unit}]" if dial.unit else ""
         axis.set(xscale="log", xlabel=dial.label + unit, ylabel="standard deviation of Γ")
         plain_ticks(axis.xaxis)
     for axis, number, label in ((axes[4], 1, "radially"), (axes[5], 2, "along the skin")):
-        for colour, (name, sensor) in zip(_COLOURS, sensors.items(), strict=False):
+        for look, sensor in zip(LOOKS, sensors.values(), strict=False):
             found = pair_precision(sensor, noise)
-            axis.plot(found[0], 1e6 * found[number], ".", color=colour, label=name, ms=4)
-        axis.set(xlabel="angle from the apex [°]", ylabel=f"one pair shows, {label} [µm]")
+            some = look | {"ls": "", "ms": 2.5}
+            axis.plot(found[0], 1e6 * found[number], **some)
+        axis.set(xlabel="angle from the apex [°]", ylabel=f"one pair shows,\n{label} [µm]")
         axis.set_xlim(left=0.0)
     for axis in axes:
         axis.set_yscale("log")
         plain_ticks(axis.yaxis)
+        axis.tick_params(labelsize=8)
         axis.grid(alpha=0.3, which="both")
-    figure.legend(*axes[5].get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    figure.suptitle(title, fontsize=11)
-    figure.savefig(path, dpi=90)
+    legend_below(figure, legend_of(sensors), 4)
+    path.write_bytes(png(figure))
+
+
+def legend_of(sensors: Iterable[str]) -> list[Line2D]:
+    """The look of each sensor, and of its own value."""
+    lines = [
+        Line2D([], [], ms=4, label=name, **look) for look, name in zip(LOOKS, sensors, strict=False)
+    ]
+    own = "large: the design as it is"
+    return [*lines, Line2D([], [], color="0.4", marker="o", ms=10, ls="", label=own)]

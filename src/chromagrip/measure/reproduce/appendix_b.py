@@ -21,7 +21,7 @@ from ...model import (
     spring_force,
     spring_forces,
 )
-from ...output.figure import finish, new_figure
+from ...output.figure import WIDTH, finish, new_figure
 from ...output.report import reported, within
 from .runs import UNPRINTED
 from .statements import Section
@@ -34,6 +34,9 @@ INVERSE = "inverse Poisson"
 #: Fingertip of each model, and its spring law.
 MODELS = {FINGERTIP: Fingertip(), SENSOR: Fingertip(law="axial")}
 COLOURS = {FINGERTIP: "#1f3b73", SENSOR: "#e76f51", INVERSE: "#2a9d8f"}
+#: Line and marker of each model, so that they differ by more than their colour.
+LINES = {FINGERTIP: "-", SENSOR: "--", INVERSE: "-."}
+MARKERS = {FINGERTIP: ".", SENSOR: "x"}
 #: Stiffness [N/m], length [m] and damping [N·s/m] of a single spring (Figs. 20, 21).
 SPRING = 314.0
 LENGTH = 8e-3
@@ -50,9 +53,12 @@ LOAD = 0.2
 STIFF_MEMBRANE = 30e3
 
 
-def _panels(columns: int, title: str) -> tuple[Figure, Array]:
-    figure = new_figure(title, 4.0 * columns, 3.4, UNPRINTED if columns > 1 else "")
-    return figure, figure.subplots(1, columns, squeeze=False)[0]
+def _panels(count: int, title: str) -> tuple[Figure, Array]:
+    """Panels of a figure, of more than two in rows of three, with room for one more."""
+    columns, rows = (count, 1) if count <= 2 else (3, count // 3 + 1)
+    width = 4.0 if count == 1 else WIDTH
+    figure = new_figure(title, width, 0.6 + 2.8 * rows, UNPRINTED if count > 1 else "")
+    return figure, figure.subplots(rows, columns, squeeze=False).ravel()
 
 
 def _settle_spring(law: SpringLaw, rest: tuple[float, float]) -> Array:
@@ -80,7 +86,7 @@ def _springs(title: str, rest: tuple[float, float]) -> tuple[dict[str, Array], F
         x, z, foot = _settle_spring(model.law, rest)
         vectors[name] = np.array([rest[0] + x - foot, rest[1] + z])
         ends = 1e3 * np.array([[foot, 0.0], [rest[0] + x, rest[1] + z]])
-        axes.plot(*ends.T, "o-", color=COLOURS[name], label=name)
+        axes.plot(*ends.T, "o", ls=LINES[name], color=COLOURS[name], label=name)
     axes.axhline(0.0, color="black", lw=0.8)
     finish(axes, "z [mm]", "x [mm]", aspect="equal", xlim=(-5.0, 9.0), ylim=(-1.0, 9.0))
     return vectors, figure
@@ -144,13 +150,17 @@ def figure_22() -> Section:
             "e: membrane lateral": -membrane[:, 0],
         }
         x = 1e3 * field.position[inside, 0]
-        for axes, (title, values) in zip(panels, curves.items(), strict=True):
-            axes.plot(x, 1e3 * values[inside], ".-", ms=3, color=COLOURS[name], label=name)
-            finish(axes, "force [mN]", "x [mm]", title=title)
+        look = {"color": COLOURS[name], "ls": LINES[name], "marker": MARKERS[name], "ms": 4}
+        for axes, (title, values) in zip(panels, curves.items(), strict=False):
+            axes.plot(x, 1e3 * values[inside], label=name, **look)
+            finish(axes, "force [mN]", "x [mm]", legend=False)
+            axes.set_title(title, fontsize=10)
         normal[name] = 1e3 * field.normal.max()
         lateral[name] = 1e3 * abs(tissue[inside, 0]).max()
         both = 1e3 * abs(tissue[inside, 0] + membrane[inside, 0]).max()
         unbalanced[name] = both / lateral[name]
+    panels[-1].axis("off")
+    panels[-1].legend(*panels[0].get_legend_handles_labels(), loc="center", frameon=False)
     ratio = lateral[FINGERTIP] / lateral[SENSOR]
     rows = [
         within(("fig22", "fingertip", "largest_normal"), normal[FINGERTIP], "mN", 45, 55),
@@ -183,7 +193,8 @@ def figure_24() -> Section:
         tip = replace(model, radius=10e-3)
         moved = equilibrium(tip, obj, GRIP).deformation.nodes[:, 0]
         angle = np.degrees(tip.angles())
-        panels[int(name == INVERSE)].plot(angle, 1e6 * moved, color=COLOURS[name], label=name)
+        look = {"color": COLOURS[name], "ls": LINES[name], "label": name}
+        panels[int(name == INVERSE)].plot(angle, 1e6 * moved, **look)
         top = int(moved.argmax())
         largest[name], place[name] = 1e6 * float(moved[top]), float(angle[top])
     for axes in panels:
@@ -229,7 +240,7 @@ def figure_26() -> Section:
             state = equilibrium(tip, obj, GRIP, LOAD)
             shape = 1e3 * (tip.rest_positions() + state.deformation.seen)
             # A dot for every third node: where the dots are far apart, the membrane is stretched.
-            axes.plot(*shape[::3].T, ".", ms=3, color=COLOURS[name], label=name)
+            axes.plot(*shape[::3].T, MARKERS[name], ms=4, color=COLOURS[name], label=name)
             moved[name, stiffness] = 1e3 * state.deformation.object_position
             stretch[name, stiffness] = _stretch(tip, state)
             subject = ("fig26", name, f"{stiffness:g}")

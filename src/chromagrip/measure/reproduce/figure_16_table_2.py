@@ -24,9 +24,10 @@ from ...model import (
     equilibrium,
     stiffness_from_young,
 )
-from ...output.figure import finish, new_figure
+from ...output.figure import WIDTH, finish, new_figure
 from ...output.report import Row, Table, at_least, reported, within
 from ...thesis import FRICTIONS, LOADS_N, OBJECTS, RADII_MM, STIFFNESSES_KPA
+from .figures_9_to_11 import MARKERS
 from .figures_13_to_15 import NONE
 from .quick import Object, left_out, seen_objects
 from .runs import CONTROLLERS, PLAIN, UNPRINTED, Cell, Job, Runs, Variant, make_job
@@ -102,7 +103,7 @@ def cells(
 def figure_16(runs: Runs) -> Section:
     """Largest pressure with each object."""
     figure = new_figure(
-        "Fig. 16: largest pressure of each object, width + one node pitch", 10.0, 4.4, UNPRINTED
+        "Fig. 16: largest pressure of each object, width + one node pitch", WIDTH, 4.4, UNPRINTED
     )
     panels = figure.subplots(1, 3, sharey=True)
     places = list(product(STIFFNESSES_KPA, RADII_MM))
@@ -111,13 +112,14 @@ def figure_16(runs: Runs) -> Section:
     shape = tuple(map(len, _PROPERTIES))
     pressures = {name: _values(runs, name).reshape(shape) for name in CONTROLLERS}
     for axes, (name, values) in zip(panels, pressures.items(), strict=True):
-        for colour, of_friction in zip(shades.values(), values, strict=True):
-            axes.plot(of_friction.ravel(), "o", color=colour, ms=5)
+        for (mu, colour), of_friction in zip(shades.items(), values, strict=True):
+            axes.plot(of_friction.ravel(), MARKERS[mu], color=colour, ms=5)
         y_label = "pressure [N/m]" if axes is panels[0] else ""
         finish(axes, y_label, legend=False, title=CONTROLLERS[name][0])
-        axes.set_xticks(range(len(places)), names, rotation=60, ha="right", fontsize=7)
+        axes.set_xticks(range(len(places)), names, rotation=60, ha="right", fontsize=7.5)
     handles = [
-        Line2D([], [], ls="", marker="o", color=c, label=f"µ = {m}") for m, c in shades.items()
+        Line2D([], [], ls="", marker=MARKERS[m], color=c, label=f"µ = {m}")
+        for m, c in shades.items()
     ]
     panels[0].legend(handles=handles, fontsize=8, frameon=False)
     others = [pressures["conservative"], pressures["react-to-slip"]]

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...output.figure import finish, new_figure
+from ...output.figure import WIDTH, finish, new_figure
 from ...output.report import Row, Table, at_most, reported
 from ...thesis import LOADS_N
 from .figures_13_to_15 import NONE
@@ -140,7 +140,7 @@ def _sweep_table(runs: Runs, sweep: list[Variant]) -> Table:
 
 def _drawn(safe: dict[float, Cell], react: dict[float, Cell]) -> Figure:
     figure = new_figure(
-        "Fig. 17: desired margin and step size, µ 0.5, 200 kPa, flat", 9.0, 5.4, UNPRINTED
+        "Fig. 17: desired margin and step size, µ 0.5, 200 kPa, flat", WIDTH, 5.4, UNPRINTED
     )
     panels = figure.subplots(2, 2, sharey="row", sharex="col")
     for column, (name, results, scale, across) in enumerate(

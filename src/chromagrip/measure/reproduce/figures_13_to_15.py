@@ -5,13 +5,14 @@ from collections.abc import Iterable
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ...loop.trace import Trace
-from ...output.figure import finish, new_figure
+from ...output.figure import WIDTH, finish, legend_below, new_figure
 from ...output.report import Row, Table, at_most, reported
 from ...thesis import DESIRED_MARGIN, DURATION_S, LOAD_TIMES_S, LOADS_N
-from .runs import CONTROLLERS, PLAIN, UNPRINTED, Job, Runs, Variant, make_job
+from .runs import CONTROLLERS, MARKERS, PLAIN, UNPRINTED, Job, Runs, Variant, make_job
 from .statements import SHAPE_ONLY, Section, judged, near, number, over
 
 Array = NDArray[np.float64]
@@ -76,27 +77,39 @@ def step_time(trace: Trace) -> float:
 
 
 def _curves(axes: Axes, runs: Runs, camera: str | None, column: str) -> None:
-    """A column of every controller; dashed through the camera."""
-    for name, (label, colour) in CONTROLLERS.items():
+    """A column of every controller, marked here and there; dashed and hollow through the camera."""
+    for k, (name, (label, colour)) in enumerate(CONTROLLERS.items()):
+        look = {"color": colour, "marker": MARKERS[name], "ms": 5.0}
         trace = runs.traces[make_job(name)]
-        axes.plot(trace["time_s"], trace[column], color=colour, lw=1.4, label=label)
+        each = len(trace["time_s"]) // 8
+        there = (each // 4 * (k + 1), each)
+        axes.plot(trace["time_s"], trace[column], lw=1.4, label=label, markevery=there, **look)
         if camera:
             trace = runs.traces[make_job(name, camera=camera)]
-            axes.plot(trace["time_s"], trace[column], "--", color=colour, lw=1.0)
+            look |= {"ls": "--", "lw": 1.0, "mfc": "white"}
+            between_those = (there[0] + each // 2, each)
+            axes.plot(trace["time_s"], trace[column], markevery=between_those, **look)
     if camera:
-        axes.plot([], [], "--", color="0.4", lw=1.0, label=f"through the camera, scene {camera}")
-    axes.axvline(SECOND, color="0.7", lw=0.8)
+        look = {"color": "0.4", "lw": 1.0, "marker": "o", "mfc": "white", "ms": 5.0}
+        axes.plot([], [], "--", label=f"through the camera, scene {camera}", **look)
+    axes.axvline(SECOND, color="0.6", lw=0.8, label="second load")
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """One legend for all panels, of the lines of one of them."""
+    legend_below(figure, axes.get_legend_handles_labels()[0], 3)
 
 
 def figure_13(runs: Runs, camera: str | None) -> Section:
     """Load and grip force."""
-    figure = new_figure("Fig. 13: load and grip force, µ 0.5, 200 kPa, flat", 9.0, 5.0, UNPRINTED)
+    figure = new_figure("Fig. 13: load and grip force, µ 0.5, 200 kPa, flat", WIDTH, 5.4, UNPRINTED)
     load, grip = figure.subplots(2, 1, sharex=True, height_ratios=(1, 3))
     safe, hold, slip = (runs.traces[make_job(name)] for name in CONTROLLERS)
     load.step(safe["time_s"], safe["load_n"], where="post", color="0.3", label="load")
     finish(load, "load [N]", legend=False)
     _curves(grip, runs, camera, "grip_n")
-    finish(grip, "grip force [N]", "time [s]")
+    finish(grip, "grip force [N]", "time [s]", legend=False)
+    _legend(figure, grip)
     at = step_time(slip)
     before, after = (between(slip, "grip_n", a, b) for a, b in ((0.0, at), (at, END)))
     gripped = safe["grip_n"][safe["time_s"] >= FIRST - 1e-9]
@@ -142,14 +155,15 @@ def _constant(values: Array) -> float:
 
 def figure_14(runs: Runs, camera: str | None, sweep: list[Variant]) -> Section:
     """Normal force, friction force and safety margin."""
-    figure = new_figure("Fig. 14: contact forces and safety margin", 9.0, 8.0, UNPRINTED)
+    figure = new_figure("Fig. 14: contact forces and safety margin", WIDTH, 8.0, UNPRINTED)
     panels = figure.subplots(3, 1, sharex=True)
     columns = {"normal_true_n": "ΣFn [N]", "friction_true_n": "ΣFf [N]", "margin_true": "Γ"}
     for axes, (column, label) in zip(panels, columns.items(), strict=True):
         _curves(axes, runs, camera, column)
-        finish(axes, label, "time [s]" if axes is panels[-1] else "", axes is panels[0])
-    panels[-1].axhline(DESIRED_MARGIN, color="0.4", lw=0.8, ls=":")
+        finish(axes, label, "time [s]" if axes is panels[-1] else "", legend=False)
+    panels[-1].axhline(DESIRED_MARGIN, color="0.2", lw=1.0, ls=":", label="desired Γ")
     panels[-1].set_ylim(-0.1, 1.05)
+    _legend(figure, panels[-1])
     traces = {name: runs.traces[make_job(name)] for name in CONTROLLERS}
     safe, slip = traces["safety-margin"], traces["react-to-slip"]
     ends = [between(t, "friction_true_n", 0.0, SECOND)[-1] for t in traces.values()]
@@ -242,12 +256,13 @@ def _off(trace: Trace, goal: float, start: float, stop: float) -> float:
 
 def figure_15(runs: Runs, camera: str | None) -> Section:
     """Pressure and lateral displacement."""
-    figure = new_figure("Fig. 15: pressure and lateral displacement", 9.0, 6.0, UNPRINTED)
+    figure = new_figure("Fig. 15: pressure and lateral displacement", WIDTH, 6.2, UNPRINTED)
     pressed, moved = figure.subplots(2, 1, sharex=True)
     _curves(pressed, runs, camera, "pressure_n_per_m")
     _curves(moved, runs, camera, "lateral_displacement_mm")
-    finish(pressed, "pressure [N/m]")
+    finish(pressed, "pressure [N/m]", legend=False)
     finish(moved, "displacement [mm]", "time [s]", legend=False)
+    _legend(figure, pressed)
     safe, hold, slip = (runs.traces[make_job(name)] for name in CONTROLLERS)
     pressures = [between(t, "pressure_n_per_m", FIRST, END) for t in (safe, hold, slip)]
     highest = np.mean(pressures[1] > np.fmax(pressures[0], pressures[2]))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...model import ContactObject, Drive, Fingertip, ForceField, History, contact_forces, simulate
-from ...output.figure import finish, new_figure
+from ...output.figure import WIDTH, finish, new_figure
 from ...tracking import THESIS_RULE, FrictionEstimate
 from .runs import UNPRINTED
 from .statements import SHAPE_ONLY, Section, judged, near, near_share, over, under
@@ -30,6 +30,8 @@ LOAD = 0.1
 TOO_MUCH = 0.75
 #: Friction coefficients of the figures, and their colours.
 FRICTIONS = {0.3: "#e0a100", 0.5: "#c8442e", 0.7: "#1f5fa8"}
+#: Marker of each, so that they differ by more than their colour.
+MARKERS = {0.3: "o", 0.5: "s", 0.7: "^"}
 #: Window of the estimate: 50 samples [s].
 _WINDOW = 0.05
 #: Share of µ from which on the ratio of a node counts as local slip.
@@ -85,14 +87,14 @@ def figure_9() -> Section:
     """Contact forces and local friction coefficients, pressed and slipping."""
     states = {"pressed": at(0.5, 0.0, END), "slipping": at(0.5, TOO_MUCH, END)}
     figure = new_figure(
-        f"Fig. 9: contact forces and local friction, {GRIP:g} N, µ 0.5", 9.0, 5.0, UNPRINTED
+        f"Fig. 9: contact forces and local friction, {GRIP:g} N, µ 0.5", WIDTH, 5.0, UNPRINTED
     )
     panels = figure.subplots(2, 2, sharex=True, sharey="row")
     for column, (name, field) in enumerate(states.items()):
         x, ratio = ratios(field)
         forces, local = panels[:, column]
-        forces.plot(x, 1e3 * field.normal[field.contact], ".-", ms=3, label="normal")
-        forces.plot(x, 1e3 * field.friction[field.contact], ".-", ms=3, label="friction")
+        forces.plot(x, 1e3 * field.normal[field.contact], "o-", ms=3, label="normal")
+        forces.plot(x, 1e3 * field.friction[field.contact], "x-", ms=4, label="friction")
         local.plot(x, ratio, ".-", ms=3, color="#c8442e", label="local |Ff|/Fn")
         local.axhline(0.5, color="0.4", lw=0.8, ls=":", label="µ")
         margin = 100.0 * field.safety_margin(0.5)
@@ -121,17 +123,18 @@ def figure_9() -> Section:
 def figure_10() -> Section:
     """The estimate on first contact, and once there is a load."""
     figure = new_figure(
-        f"Fig. 10: estimated friction, {GRIP:g} N, then a load of {LOAD} N", 9.0, 3.8, UNPRINTED
+        f"Fig. 10: estimated friction, {GRIP:g} N, then a load of {LOAD} N", WIDTH, 3.8, UNPRINTED
     )
     over_normal, over_time = figure.subplots(1, 2, sharey=True)
     checks = []
     before = round(LOADED / STEP) - 1
     for mu, colour in FRICTIONS.items():
         normal, estimate = estimated(mu)
-        over_normal.plot(normal, estimate, color=colour, label=f"µ = {mu}")
-        over_time.plot(STEP * np.arange(len(estimate)), estimate, color=colour, label=f"µ = {mu}")
+        look = {"color": colour, "marker": MARKERS[mu], "markevery": 0.12, "label": f"µ = {mu}"}
+        over_normal.plot(normal, estimate, **look)
+        over_time.plot(STEP * np.arange(len(estimate)), estimate, **look)
         for axes in (over_normal, over_time):
-            axes.axhline(mu, color=colour, lw=0.7, ls=":")
+            axes.axhline(mu, color=colour, lw=0.9, ls=":", label="true µ" if mu == 0.7 else None)
         checks.append(
             near_share(("figure-10", "first-contact", str(mu)), float(estimate[before]), 0.05)
         )
@@ -151,7 +154,7 @@ def figure_10() -> Section:
 
 def figure_11() -> Section:
     """Local friction coefficients in a steady state."""
-    figure = new_figure(f"Fig. 11: local friction, {GRIP:g} N, steady", 9.0, 3.8, UNPRINTED)
+    figure = new_figure(f"Fig. 11: local friction, {GRIP:g} N, steady", WIDTH, 3.8, UNPRINTED)
     panels = figure.subplots(1, 2, sharey=True)
     loads = (0.0, LOAD)
     slips = {}
@@ -159,8 +162,10 @@ def figure_11() -> Section:
         for mu in (0.3, 0.7):
             field = at(mu, load, END)
             slips[mu, load] = float(slipping(field, mu))
-            axes.plot(*ratios(field), ".-", ms=3, color=FRICTIONS[mu], label=f"µ = {mu}")
-            axes.axhline(mu, color=FRICTIONS[mu], lw=0.7, ls=":")
+            look = {"color": FRICTIONS[mu], "marker": MARKERS[mu], "ms": 3.5}
+            axes.plot(*ratios(field), label=f"µ = {mu}", **look)
+            told = "true µ" if mu == 0.7 else None
+            axes.axhline(mu, color=FRICTIONS[mu], lw=0.9, ls=":", label=told)
         title = f"{letter}: load {load:g} N"
         finish(axes, "local |Ff|/Fn" if load == 0.0 else "", "x [mm]", title=title)
     checks = [

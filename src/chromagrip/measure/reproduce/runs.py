@@ -23,6 +23,8 @@ CONTROLLERS = {
     "conservative": ("Conservative Control", "#c8442e"),
     "react-to-slip": ("React To Slip", "#e0a100"),
 }
+#: Marker of each of them, so that they differ by more than their colour.
+MARKERS = {"safety-margin": "o", "conservative": "s", "react-to-slip": "^"}
 #: File of the cells until all work is done.
 UNFINISHED = "runs.unfinished.csv"
 

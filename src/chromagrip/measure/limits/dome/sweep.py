@@ -6,25 +6,26 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from msgspec import structs
 
 from ....errors import UserError
-from ....output.figure import plain_ticks
+from ....output.figure import WIDTH, legend_below, new_figure, plain_ticks, png
 from ....render import SensorDesign
 from ....render.design import Geodesic, Spiral
 from ..sweep import DIALS as CHAIN_DIALS
-from ..sweep import STEPS
+from ..sweep import LOOKS, STEPS, legend_of
 from .held import Grip
 from .limit import Noise, Seen
 from .report import NOISES, dome_of, held_by
 
 Change = Callable[[SensorDesign, float], SensorDesign]
 
-_COLOURS = ("#1f3b73", "#d1495b", "#edae49", "#00798c", "#6c757d", "#7b4b94")
+#: Look of the bound.
+_BOUND: dict[str, Any] = {"ls": ":", "marker": "", "lw": 1.2}
 #: Depths of both layers that are tried, over the silicone's thickness, and places of the camera
 #: over the radius of the hollow, towards the apex.
 OUTER = (0.05, 0.1, 0.17, 0.25, 0.35, 0.5)
@@ -280,33 +281,34 @@ def write_dome_table(sweeps: dict[str, list[DomePoint]], path: Path) -> None:
 
 def draw_dome(sweeps: dict[str, list[DomePoint]], title: str, path: Path) -> None:
     """Chart of sweeps by sensor as PNG: Γ of a contact, and F_n of free tractions."""
-    figure = Figure(figsize=(16.0, 6.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(2, len(_DRAWN), sharex="col", sharey="row")
-    for column, name in enumerate(_DRAWN):
+    figure = new_figure(title, WIDTH, 11.0)
+    axes = figure.subplots(len(_DRAWN), 2, sharex="row", sharey="col")
+    for row, name in enumerate(_DRAWN):
         dial = DOME_DIALS[name]
-        for colour, (sensor, points) in zip(_COLOURS, sweeps.items(), strict=False):
+        for look, points in zip(LOOKS, sweeps.values(), strict=False):
             mine = [p for p in points if p.dial == name]
             at = [p.value for p in mine]
-            rows = ([p.margin for p in mine], [1e3 * p.normal for p in mine])
-            for axis, values in zip(axes[:, column], rows, strict=True):
-                axis.plot(at, values, ".-", color=colour, label=sensor)
+            columns = ([p.margin for p in mine], [1e3 * p.normal for p in mine])
+            for axis, values in zip(axes[row], columns, strict=True):
+                axis.plot(at, values, ms=4, **look)
                 here = [(p.value, v) for p, v in zip(mine, values, strict=True) if p.own]
-                axis.plot(*zip(*here, strict=True), "o", color=colour, ms=9)
+                axis.plot(*zip(*here, strict=True), ms=10, **look)
             bound = [p.margin_bound for p in mine]
-            axes[0, column].plot(at, bound, ":", color=colour, lw=1.0)
+            axes[row, 0].plot(at, bound, **_BOUND | {"color": look["color"]})
         if dial.multiples:
-            axes[0, column].set_xscale("log")
-            plain_ticks(axes[1, column].xaxis)
+            axes[row, 0].set_xscale("log")
+            plain_ticks(axes[row, 0].xaxis)
         unit = f" [{dial.unit}]" if dial.unit else ""
-        axes[1, column].set_xlabel(dial.label + unit)
-    axes[0, 0].set_ylabel("deviation of Γ of a contact\n(dotted: at the bound)")
-    axes[1, 0].set_ylabel("deviation of F_n of free\ntractions, zone known [mN]")
+        for axis in axes[row]:
+            axis.set_xlabel(dial.label + unit, fontsize=9)
+    axes[0, 0].set_title("deviation of Γ of a contact", fontsize=10)
+    axes[0, 1].set_title("deviation of F_n of free tractions, zone known [mN]", fontsize=10)
     for axis in axes.ravel():
         axis.set_yscale("log")
+        axis.tick_params(labelsize=8, labelbottom=True)
         axis.grid(alpha=0.3, which="both")
-    for axis in axes[:, 0]:
+    for axis in axes[0]:
         plain_ticks(axis.yaxis)
-    figure.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
-    figure.suptitle(title, fontsize=11)
-    figure.savefig(path, dpi=90)
+    told = Line2D([], [], color="0.4", label="dotted: by the noise alone, no misfit", **_BOUND)
+    legend_below(figure, [*legend_of(sweeps), told], 3)
+    path.write_bytes(png(figure))
