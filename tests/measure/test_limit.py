@@ -22,7 +22,15 @@ from chromagrip.measure.limits.forces import (
     press,
 )
 from chromagrip.measure.limits.kernels import fisher_information, pair_information
-from chromagrip.measure.limits.sweep import DIALS, Point, needed, pair_precision, sweep
+from chromagrip.measure.limits.sweep import (
+    DIALS,
+    LOOKS,
+    Point,
+    legend_of,
+    needed,
+    pair_precision,
+    sweep,
+)
 from chromagrip.model import ContactObject, Fingertip
 from chromagrip.render import (
     Frame,
@@ -327,3 +335,10 @@ def test_command_prints_limits_and_needs(
 def test_command_refuses_what_cannot_be(asked: dict[str, object], words: str) -> None:
     with pytest.raises(UserError, match=words):
         limit(**asked)  # type: ignore[arg-type]
+
+
+def test_sensors_in_a_chart_differ_by_more_than_colour() -> None:
+    """The legend also says what the large mark is."""
+    lines = legend_of([f"sensor {k}" for k in range(len(LOOKS))])
+    assert len({line.get_marker() for line in lines[:-1]}) == len(LOOKS)
+    assert lines[-1].get_label() == "large: the design as it is"

@@ -15,6 +15,7 @@ from .chart import CONSTANT_TOLD, Axis, Chart, Peer, Point
 
 #: Scenes of the design that all reconstructors read, those of a quick run, and of each other one.
 _SCENES, _QUICK_SCENES, _OF_OTHERS = 4, 1, 2
+_TITLE = f"Reconstructors on domes of silicone: sensor {DESIGN}, noise of 2 levels, any direction"
 #: Errors that are drawn, their labels and units.
 _ERRORS = {"normal_error": ("ΣFn, RMS error [%]", "%"), "margin_error": ("Γ, RMS error", "")}
 #: Designs that fewer reconstructors read, as they are used, with those that do.
@@ -75,12 +76,9 @@ def chart_force_dome(
         Axis(key=key, label=label, unit=unit, lines={CONSTANT: guess[key]}, peers=tuple(peers[key]))
         for key, (label, unit) in _ERRORS.items()
     ]
-    title = (
-        f"Reconstructors on domes of silicone: sensor {DESIGN}, noise of 2 levels, any direction"
-    )
     return Chart(
         part="force-dome",
-        title=title,
+        title=_TITLE,
         per="field",
         points=points,
         axes=axes,

@@ -79,7 +79,7 @@ def chart_track(quick: bool, progress: Callable[[str], None]) -> Chart:
         points=complete,
         axes=axes,
         levels={_LIMIT: "least error that the noise allows"},
-        compared="tools on another machine",
+        compared="other tools, measured earlier",
     )
 
 
