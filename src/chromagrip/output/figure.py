@@ -56,7 +56,7 @@ def legend_below(figure: Figure, handles: Sequence[Artist], columns: int) -> Non
     """Add one legend for all panels, below them, above the footnote; fewer columns if it must."""
     lines = len(figure.get_supxlabel().splitlines())
     low = 1.5 * lines * _FOOTNOTE / 72.0 / figure.get_figheight()
-    at = {"loc": "lower center", "bbox_to_anchor": (0.5, low), "fontsize": 8}
+    at: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, low), "fontsize": 8}
     legend = figure.legend(handles=handles, ncols=columns, **at)
     while columns > 1 and legend.get_window_extent().width > figure.bbox.width:
         columns -= 1

@@ -3,6 +3,7 @@
 import io
 import textwrap
 from itertools import pairwise
+from typing import Any
 from xml.etree import ElementTree
 
 import matplotlib
@@ -17,9 +18,9 @@ from .labels import Label, Segment, write_labels
 #: Look of a method that is the project's choice, and of another: colour, and shape as well.
 _LOOKS = {True: ("tab:blue", "o"), False: ("tab:orange", "s")}
 #: Look of the peers, of the front, and of the levels that are drawn across.
-_PEER: dict[str, object] = {"color": "0.55", "marker": "^", "ms": 6, "ls": ""}
-_FRONT: dict[str, object] = {"color": "0.75", "ls": "-"}
-_LEVEL: dict[str, object] = {"color": "0.5", "ls": "--", "lw": 0.8}
+_PEER: dict[str, Any] = {"color": "0.55", "marker": "^", "ms": 6, "ls": ""}
+_FRONT: dict[str, Any] = {"color": "0.75", "ls": "-"}
+_LEVEL: dict[str, Any] = {"color": "0.5", "ls": "--", "lw": 0.8}
 #: Longest line of a label of an axis.
 _LINE = 40
 _SVG = "http://www.w3.org/2000/svg"
@@ -42,7 +43,7 @@ def draw(chart: Chart, footnote: str) -> Figure:
     legend_below(figure, _legend(chart), 2)
     figure.draw_without_rendering()  # sets the places that labels must not share
     for panel, axis in zip(figure.axes, chart.axes, strict=True):
-        write_labels(panel, _labels(chart, axis), _segments(chart, axis))
+        write_labels(figure, panel, _labels(chart, axis), _segments(chart, axis))
     return figure
 
 
@@ -96,7 +97,7 @@ def _draw_panel(panel: Axes, chart: Chart, axis: Axis, number: int) -> None:
         color, shape = _LOOKS[point.ours]
         panel.hlines(error, min(point.times), max(point.times), color=color, lw=1.0)
         fill = color if point in best else "white"
-        look = {"color": color, "mfc": fill, "gid": f"point-{number}-{k}"}
+        look: dict[str, Any] = {"color": color, "mfc": fill, "gid": f"point-{number}-{k}"}
         panel.plot(point.milliseconds, error, shape, **look)
     for k, peer in enumerate(axis.peers):
         panel.plot(peer.milliseconds, peer.error, gid=f"peer-{number}-{k}", **_PEER)
@@ -133,7 +134,12 @@ def _legend(chart: Chart) -> list[Line2D]:
     handles = []
     for ours, best in sorted(places, reverse=True):
         color, shape = _LOOKS[ours]
-        look = {"color": color, "marker": shape, "mfc": color if best else "white", "ls": ""}
+        look: dict[str, Any] = {
+            "color": color,
+            "marker": shape,
+            "mfc": color if best else "white",
+            "ls": "",
+        }
         handles.append(
             Line2D([], [], label=f"{'ours' if ours else 'other'}, {texts[best]}", **look)
         )

@@ -3,9 +3,11 @@
 import math
 from collections.abc import Iterator, Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 Segment = tuple[tuple[float, float], tuple[float, float]]
 Array = NDArray[np.float64]
 #: Text, time and error, and look of a label.
-Label = tuple[str, tuple[float, float], dict[str, str]]
+Label = tuple[str, tuple[float, float], dict[str, Any]]
 #: Where a label can be: its offset from the point [points], its box and those of its line [px].
 Spot = tuple[tuple[float, float], Bbox, list[Bbox]]
 
@@ -36,16 +38,19 @@ _OFF = sorted(
 _ALONG, _ALL_ALONG = np.linspace(0.35, 1.0, 7), np.linspace(0.0, 1.0, 40)
 
 
-def write_labels(panel: Axes, labels: Sequence[Label], lines: Sequence[Segment]) -> None:
+def write_labels(
+    figure: Figure, panel: Axes, labels: Sequence[Label], lines: Sequence[Segment]
+) -> None:
     """Write labels in turn, each at the nearest free place; what finds none is left out.
 
     Parameters
     ----------
-    panel: of a figure that is laid out: places are measured on it
+    figure: that is laid out: places are measured on it
+    panel: of the figure
     labels: those that matter most first
     lines: that are drawn in the panel; no label covers one
     """
-    scale = panel.get_figure(root=True).dpi / 72.0
+    scale = figure.dpi / 72.0
     size = _POINT * scale
     places = panel.transData.transform([point for _, point, _ in labels])
     points = [Bbox.from_extents(x - size, y - size, x + size, y + size) for x, y in places]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -79,7 +80,7 @@ def step_time(trace: Trace) -> float:
 def _curves(axes: Axes, runs: Runs, camera: str | None, column: str) -> None:
     """A column of every controller, marked here and there; dashed and hollow through the camera."""
     for k, (name, (label, colour)) in enumerate(CONTROLLERS.items()):
-        look = {"color": colour, "marker": MARKERS[name], "ms": 5.0}
+        look: dict[str, Any] = {"color": colour, "marker": MARKERS[name], "ms": 5.0}
         trace = runs.traces[make_job(name)]
         each = len(trace["time_s"]) // 8
         there = (each // 4 * (k + 1), each)

@@ -17,8 +17,10 @@ from .panels import Map, Panel
 Array = NDArray[np.float64]
 #: Size of the letters of cells, and of what is beside them [points].
 SMALL = 7.5
+#: Letters in a cell.
+_LETTERS: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": SMALL, "zorder": 5}
 #: Ground of a cell's text, so that a line behind it does not hide it.
-_BEHIND = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.7}
+_BEHIND: dict[str, Any] = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.7}
 
 
 def title_of(text: str, quick: bool) -> str:
@@ -52,11 +54,12 @@ def patches(
     return handles
 
 
-def write_cell(axes: Axes, text: str, place: tuple[float, float]) -> None:
-    """Write into a cell, above the lines that cross it."""
+def write_cell(
+    axes: Axes, text: str, place: tuple[float, float], box: dict[str, Any] | None = None
+) -> None:
+    """Write into a cell, above the lines that cross it, in a box or on a light ground."""
     if text:
-        look = {"ha": "center", "va": "center", "fontsize": SMALL, "bbox": _BEHIND, "zorder": 5}
-        axes.annotate(text, place, **look)
+        axes.annotate(text, place, bbox=box or _BEHIND, **_LETTERS)
 
 
 def draw_cells(

@@ -71,9 +71,7 @@ def _mark(axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, cells.
         if seen:
             outcome = results[camera].outcome
             ring = {"boxstyle": "circle,pad=0.15", "fc": cells.OUTCOMES[outcome], "ec": "black"}
-            letter = cells.LETTERS[outcome] or " "
-            look = {"ha": "center", "va": "center", "fontsize": SMALL, "bbox": ring, "zorder": 5}
-            axes.annotate(letter, (column, row - 0.22), **look)
+            write_cell(axes, cells.LETTERS[outcome] or " ", (column, row - 0.22), ring)
 
 
 def _text(which: Map, cell: cells.Cell) -> str:
