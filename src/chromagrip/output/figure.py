@@ -37,7 +37,9 @@ def new_figure(title: str, width: float, height: float, footnote: str = "") -> F
 def _wrapped(text: str, width: float, size: float) -> str:
     """Text in lines that fit into a width [inches] with letters of a size [points]."""
     letters = round(72.0 * width / (0.58 * size))
-    return "\n".join(textwrap.fill(line, letters) for line in text.splitlines())
+    return "\n".join(
+        textwrap.fill(line, letters, break_on_hyphens=False) for line in text.splitlines()
+    )
 
 
 def finish(
