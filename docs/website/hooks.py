@@ -25,6 +25,8 @@ OUTSIDE = {
     "fixtures/README.md": "fixtures.md",
     "README.md": "overview.md",
 }
+#: Weights of pages in the search, by the beginning of their places.
+BOOSTS = {"reference": 0.3, "CHANGELOG.md": 0.1, "symbols.md": 3, "tutorials": 2, "overview.md": 2}
 
 
 def public_names(package: str) -> list[str]:
@@ -152,6 +154,8 @@ def on_files(files: Files, config: Any, **_: Any) -> Files:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Let links of docs/ to pages outside it lead to these."""
     place = page.file.src_uri
+    # Pages that explain come before those that list.
+    page.meta.setdefault("search", {"boost": BOOSTS.get(place.split("/")[0], 1)})
     if page.file.generated_by:
         return markdown
     if place.startswith("tutorials/"):

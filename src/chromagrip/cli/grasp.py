@@ -207,17 +207,19 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
         return "–" if value is None else f"{value:z.{digits}f}"
 
     table = value_table()
+    read = "estimated" if summary["path"] == "camera" else "observed"
     table.add_row("controller", f"{summary['controller']}, {summary['path']} path")
     table.add_row(
         "safety margin at the end",
         f"{number(summary['final_margin_true'])} true, "
-        f"{number(summary['final_margin_estimated'])} estimated",
+        f"{number(summary['final_margin_estimated'])} {read}",
     )
+    table.add_row("smallest in the run", f"{number(summary['smallest_margin_true'])} true")
     if summary["mechanics"] == "dome":
         table.add_row(
             "the same with torsion",
             f"{number(summary['final_limit_margin_true'])} true, "
-            f"{number(summary['final_limit_margin_estimated'])} estimated; "
+            f"{number(summary['final_limit_margin_estimated'])} {read}; "
             f"the object turned by {number(summary['final_turn_deg'], 1)}°",
         )
     if summary.get("frames_skipped"):

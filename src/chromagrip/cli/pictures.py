@@ -309,7 +309,7 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
 
     frames, silent = summary["frames"], summary["without_estimate"]
     table = value_table()
-    table.add_row("frames", f"{frames}, {summary['ended']}")
+    table.add_row("frames", f"{frames} at {summary['fps']:g} Hz (--fps), {summary['ended']}")
     if summary["source_doubt"]:
         table.add_row("", summary["source_doubt"])
     table.add_row("rest frame", f"{summary['rest']}, {summary['rest_misfit_px']:.2f} px off")

@@ -264,6 +264,7 @@ def summarise(
         "final_limit_margin_true": _last(trace["limit_margin_true"]),
         "final_limit_margin_estimated": _last(trace["limit_margin_estimated"]),
         "final_turn_deg": _last(trace["object_turn_deg"]),
+        "smallest_margin_true": _smallest(trace["margin_true"]),
         "margin_true_min_last_300ms": float(late.min()) if len(late) else math.nan,
         "margin_true_max_last_300ms": float(late.max()) if len(late) else math.nan,
         "margin_rmse": float(np.sqrt((error**2).mean())) if len(error) else math.nan,
@@ -301,6 +302,10 @@ def _reactions(scene: Scene, trace: Trace) -> list[dict[str, float]]:
 
 def _last(column: Array) -> float:
     return float(column[-1]) if len(column) else math.nan
+
+
+def _smallest(column: Array) -> float:
+    return -_largest(-column)
 
 
 def _largest(column: Array) -> float:

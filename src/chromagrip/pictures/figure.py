@@ -50,9 +50,9 @@ def draw_figure(rows: list[Row], flat: bool, path: Path) -> None:
         ]
         if flat
         else [
-            ("force [N]", [("normal", "_n", "normal, 90 %"), ("friction", "_n", "friction")]),
-            ("friction coefficient µ", [("mu", "", "in use, 90 %")]),
-            ("safety margin Γ", [("margin", "", "90 %")]),
+            ("force [N]", [("normal", "_n", "ΣFn, 90 %"), ("friction", "_n", "ΣFf, 90 %")]),
+            ("friction coefficient µ", [("mu", "", "estimated, 90 %")]),
+            ("safety margin Γ", [("margin", "", "estimated, 90 %")]),
         ]
     )
     figure = Figure(figsize=(8.0, 0.6 + 2.2 * len(panels)), layout="constrained")

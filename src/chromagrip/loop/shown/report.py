@@ -91,7 +91,10 @@ def run_on_page(run: RunRead, name: str) -> RunOnPage:
         time=run.columns["time_s"],
         panels=tuple(_panels(run.scene, run.columns)),
         words=tuple(_words(run.scene, run.summary, run.columns)),
-        facts=tuple(facts_of(run.summary, _FACTS)),
+        facts=tuple(
+            (name.replace("estimated", word_for_read(run.scene)), value)
+            for name, value in facts_of(run.summary, _FACTS)
+        ),
         video=run.video,
         slowdown=SLOWDOWN,
         caption="Left: the camera's picture. Right: the contact as it was estimated, and as it is."
@@ -255,7 +258,7 @@ def doubt_words(scene: Scene, share: float) -> Iterator[str]:
     """
     if scene.sliding_margin is not None and share > 0.0:
         yield (
-            f"In {share:.0%} of the frames the interval of the margin reached down to "
+            f"In {100 * share:.0f} % of the frames the interval of the margin reached down to "
             f"{scene.sliding_margin:g}: the object might have slid, so the grip was held or raised "
             "(Grip First)."
         )
@@ -273,7 +276,9 @@ def _words(scene: Scene, summary: dict[str, Any], of: dict[str, Array]) -> Itera
         yield f"Held: the object slid by {way:.3f} mm; from {limit:g} mm on it is gross slip."
     true, estimate = summary["final_margin_true"], summary["final_margin_estimated"]
     yield margin_words(scene, "Γ", true, estimate)
-    if true is not None and estimate is not None and abs(true - estimate) > _NOTABLE:
+    yield from smallest_words(of["time_s"], of["margin_true"])
+    known = scene.target_margin is not None and true is not None and estimate is not None
+    if known and abs(true - estimate) > _NOTABLE:
         low, high = of["margin_low"][-1], of["margin_high"][-1]
         where = "within" if low <= true <= high else "outside"
         yield (
@@ -304,6 +309,13 @@ def margin_words(scene: Scene, name: str, true: float | None, estimated: float |
     return f"{ended}; {aim}."
 
 
+def smallest_words(time: Array, margin: Array) -> Iterator[str]:
+    """Where the object was nearest to slipping."""
+    if np.isfinite(margin).any():
+        at = int(np.nanargmin(margin))
+        yield f"The smallest true Γ was {margin[at]:.2f}, at {time[at]:.2f} s."
+
+
 def estimate_words(summary: dict[str, Any], frames: int) -> Iterator[str]:
     """How often no forces could be estimated, and why."""
     if summary["without_estimate"]:
@@ -324,6 +336,7 @@ _FACTS = (
     ("seed of the noise", "seed", "", ""),
     ("Γ at the end, true", "final_margin_true", ".3f", ""),
     ("Γ at the end, estimated", "final_margin_estimated", ".3f", ""),
+    ("smallest Γ, true", "smallest_margin_true", ".3f", ""),
     ("error of Γ, RMS", "margin_rmse", ".3f", ""),
     ("margin with torsion at the end, true", "final_limit_margin_true", ".3f", ""),
     ("µ at the end, true", "final_mu_true", ".3f", ""),

@@ -34,6 +34,8 @@ ARROW = 1200.0
 MAGNIFY = 4.0
 #: Height of the line of text above the pictures [px].
 HEAD = 30
+#: Contacts drawn, two a picture, for which a new scale of the arrows is named.
+SAID = 100
 #: Magnification of the contact of a chain.
 ZOOM = 2
 #: Place of the skin in such a picture: share of its height from the top. Arrows point up.
@@ -65,6 +67,7 @@ class TactileVideo(VideoFile):
         self._view = scene.build_sensor().view
         self._seen = scene.path == "camera"
         self._scale = ZOOM * ARROW
+        self._said = 0  # contacts for which it is still said that the arrows were halved
         self._tractions: dict[str, TractionPicture] = {}
         if scene.body == "dome":  # the estimator's dome is the sensor's, the true one the scene's
             side = self._view.height
@@ -106,7 +109,7 @@ class TactileVideo(VideoFile):
                 write(canvas, f"marker motion x{MAGNIFY:g}", (8, height - 10), TRACK_COLOUR)
             colour = FORCE_COLOUR if kind == "estimated" else TRUE_COLOUR
             self._draw_forces(canvas, field, corner, colour)
-            _say(canvas, (f"{kind} force per node", *_sums(field, mu)), (8, 18), colour)
+            _say(canvas, (f"{kind} force of every 3rd node", *_sums(field, mu)), (8, 18), colour)
             self._draw_scale(canvas, field, colour)
             pictures.append(canvas)
         for canvas in pictures[1:]:
@@ -118,6 +121,8 @@ class TactileVideo(VideoFile):
         largest = float(np.hypot(field.normal, field.friction).max()) * _per_node(field)
         while largest * self._scale > longest:
             self._scale /= 2.0
+            self._said = SAID
+        self._said -= 1
 
     def _draw_forces(
         self, canvas: Image, field: ForceField, corner: NDArray[np.float64], colour: Colour
@@ -137,6 +142,8 @@ class TactileVideo(VideoFile):
         x, y = canvas.shape[1] - 150, canvas.shape[0] - 14
         _line(canvas, np.array([x, y]), np.array([x + scale * force, y]), colour, head=True)
         write(canvas, f"{force:g} N", (x + int(scale * force) + 8, y + 4), colour)
+        if self._said > 0:
+            write(canvas, "all arrows are halved", (x - 40, y - 18), colour)
 
     def _draw_tractions(
         self, image: Image, sample: Sample, contacts: list[tuple[str, ForceField, float]]
@@ -226,7 +233,7 @@ def _draw_motion(canvas: Image, tracks: Tracks, rest: Tracks, corner: NDArray[np
         if np.isfinite(now).all() and np.isfinite(start).all():
             way = ZOOM * MAGNIFY * (now - start)
             at = ZOOM * (start - corner)
-            _line(canvas, at, at + way, TRACK_COLOUR)
+            _line(canvas, at, at + way, TRACK_COLOUR, head=True)
 
 
 def _line(
