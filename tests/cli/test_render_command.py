@@ -23,6 +23,7 @@ def _poses(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "poses.json").read_text(encoding="utf-8")))
 
 
+@pytest.mark.slow
 def test_a_folder_is_repeated_by_the_command_that_it_names(
     tmp_path: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch
 ) -> None:

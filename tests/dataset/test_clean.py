@@ -105,6 +105,7 @@ def test_what_is_kept_has_no_noise(both: tuple[Path, Path]) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recipe", [WORN, DOME], ids=["chain", "dome"])
 def test_worn_cameras_and_readings_are_the_same(recipe: Recipe, tmp_path: Path) -> None:
     make(recipe, tmp_path / "noisy")
@@ -133,6 +134,7 @@ def test_items_for_pytorch_are_the_same(both: tuple[Path, Path]) -> None:
             assert bool((one[index][name] == other[index][name]).all())
 
 
+@pytest.mark.slow
 def test_scores_are_the_same(both: tuple[Path, Path], typed: Typed) -> None:
     said = []
     for folder in both:
@@ -149,6 +151,7 @@ def test_scores_are_the_same(both: tuple[Path, Path], typed: Typed) -> None:
     assert "blob" in str(scores[0])
 
 
+@pytest.mark.slow
 def test_workers_shards_and_kills_change_no_byte(
     both: tuple[Path, Path], tmp_path: Path, bytes_of: Digests
 ) -> None:

@@ -104,6 +104,7 @@ def test_what_differs_from_the_record_is_said(
     assert "it differs from the record**, the true Γ by up to 0.01" in said
 
 
+@pytest.mark.slow
 def test_of_a_long_run_every_second_frame_is_kept(
     viser_server: Any, dome: Path, until: Until, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +115,7 @@ def test_of_a_long_run_every_second_frame_is_kept(
     assert times == pytest.approx(np.arange(8) * 0.04)
 
 
+@pytest.mark.slow
 def test_frames_from_outside_have_curves_alone(
     viser_server: Any, dome: Path, tmp_path: Path, until: Until
 ) -> None:

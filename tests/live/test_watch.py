@@ -53,6 +53,7 @@ def watching(asked: Looking) -> Iterator[tuple[Watcher, Watched]]:
         watcher.check()
 
 
+@pytest.mark.slow
 def test_a_folder_is_estimated_as_by_the_command(taken: Path, tmp_path: Path, until: Until) -> None:
     with watching(looking(taken)) as (_, watched):
         until(lambda: watched.told)
@@ -67,6 +68,7 @@ def test_a_folder_is_estimated_as_by_the_command(taken: Path, tmp_path: Path, un
     assert last.margin == pytest.approx(wanted["margin"]["last"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_video_is_shown_again(taken: Path, tmp_path: Path, until: Until) -> None:
     from chromagrip.output.pictures import open_source
 
@@ -84,6 +86,7 @@ def test_a_video_is_shown_again(taken: Path, tmp_path: Path, until: Until) -> No
     assert watched.shown[17].frame.time == 0.0
 
 
+@pytest.mark.slow
 def test_a_pause_stands_and_a_step_is_one_frame(taken: Path, until: Until) -> None:
     with watching(looking(taken)) as (watcher, watched):
         watcher.paused = True

@@ -196,6 +196,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_script_sweeps_over_gains_in_this_process_and_in_others(tmp_path: Path) -> None:
     script = tmp_path / "sweep.py"
     script.write_text(SWEEP, encoding="utf-8")

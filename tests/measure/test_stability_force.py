@@ -78,6 +78,7 @@ def test_a_dial_turns_one_condition() -> None:
     assert set(settings(True)) <= set(settings(False))
 
 
+@pytest.mark.slow
 def test_a_scene_is_as_its_case_says() -> None:
     """Grip, µ and Γ are in the truth; silicone that is stiffer than told is read too soft."""
     plain = force._watched("dome-2022", Case(grip=0.5, friction=0.3))

@@ -284,6 +284,7 @@ def small_plan(_: bool) -> dict[str, Map]:
     return kept
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_and_ends_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -104,7 +104,7 @@ def test_a_full_disk_leaves_no_pictures(tmp_path: Path, monkeypatch: pytest.Monk
     scene = load_scene("camera-100hz", {"path": "truth", "duration_s": 0.03})
     with pytest.raises(UserError, match=r"cannot be written: No space left on device$"):
         run(scene, tmp_path / "run", frames="png")
-    assert {path.name for path in (tmp_path / "run").iterdir()} == {"scene.toml"}
+    assert not (tmp_path / "run").exists()
 
 
 def test_from_the_command_line(typed: Callable[..., CompletedProcess[str]], tmp_path: Path) -> None:

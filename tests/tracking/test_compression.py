@@ -101,6 +101,7 @@ def test_tracks_of_uncompressed_pictures(told: float) -> None:
     assert [t.compression for t in (followed.rest, *followed.tracks)] == [1.0] * 4
 
 
+@pytest.mark.slow
 def test_compression_grows_with_the_rate_factor() -> None:
     pytest.importorskip("av")
     assert level("raw") == 1.0

@@ -332,9 +332,8 @@ def _print_estimates(summary: "EstimateSummary", folder: Path | None) -> None:
         observable = summary["mu_observable_frames"]
         hint = "" if observable else ": nothing slips, µ and Γ are guesses"
         plural = "" if observable == 1 else "s"
-        table.add_row(
-            "", f"in brackets 90 % intervals; µ observable in {observable} frame{plural}{hint}"
-        )
+        table.add_row("", "in brackets: 90 % intervals")
+        table.add_row("", f"µ observable in {observable} frame{plural}{hint}")
     share = f", {silent / frames:.1%} of the frames" if frames else ""
     table.add_row("without estimate", f"{silent}{share}")
     for reason, count in summary["without_estimate_because"].items():

@@ -234,8 +234,7 @@ def summarise(
 
     Parameters
     ----------
-    scene: that was run
-    trace: of the frames up to the end or an interruption
+    scene, trace: that was run, and what was recorded until its end or an interruption
     seconds: wall-clock time of the loop from the second frame on, without writing anything
     used: what forces were read with; None on the truth path
     pose: of the camera against the sensor's design; None where no rest frame tells it
