@@ -31,6 +31,8 @@ _ABOVE = np.array([0.0, 0.0, 0.03], np.float32)
 SKIN, PRESSED, OBJECT = np.array([226, 212, 186]), np.array([20, 90, 190]), (70, 125, 95)
 #: Colours of friction where skin sticks and slips, RGB.
 STICKS, SLIPS = (20, 20, 20), (213, 94, 0)
+#: Distance between the rows of a chain's arrows, which is no width of the chain [m].
+BESIDE = 4e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,14 +192,18 @@ class GraspView:
 def drawn_forces(field: ForceField, mu: float, **more: Any) -> Drawn:
     """What is drawn of forces; `more` are the other values of `Drawn`."""
     position, friction, size = in_space(field)
-    touching = field.contact
-    pressed = touching & (field.normal > 0.0)
+    pressed = field.contact & (field.normal > 0.0)
+    arrows, start = np.flatnonzero(field.contact), position
+    if field.directions is None:  # in one line the arrows would hide each other
+        arrows = arrows[::3]
+        start = position.copy()
+        start[arrows, 1] = BESIDE * (np.arange(len(arrows)) % 3 - 1)
     return Drawn(
         pressed=_small(position[pressed]),
         normal=_small(field.normal[pressed]),
-        start=_small(position[touching]),
-        force=_small(friction[touching]),
-        slips=(size > SLIPPING * mu * field.normal)[touching],
+        start=_small(start[arrows]),
+        force=_small(friction[arrows]),
+        slips=(size > SLIPPING * mu * field.normal)[arrows],
         **more,
     )
 
