@@ -223,7 +223,7 @@ def _sheet(shown: list[Loaded]) -> bytes:
         "part of the last picture of a sequence; arrows: motion of the outer layer since the first"
     )
     figure.supxlabel(said, fontsize=11)
-    return png(figure, 90)
+    return png(figure, 75)
 
 
 def _draw_motion(axis: Axes, one: Loaded) -> int:

@@ -138,6 +138,8 @@ def gather(
 @njit()
 def _pad(count: int, buffer: Array32) -> int:
     """Append pixels that are not read, up to a multiple of the lanes; returns the new number."""
+    if count == 0:  # there is no last pixel to repeat
+        return 0
     end = (count + LANES - 1) // LANES * LANES
     for row in range(GROUND + 4):
         first = row_at(row if row < GROUND + 3 else READ)
