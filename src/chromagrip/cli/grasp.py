@@ -200,6 +200,7 @@ def _arguments(flag: str, texts: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _print_summary(summary: "Summary", folder: Path | None) -> None:
+    from ..loop.trace import word_for_read
     from ..render import load_sensor
     from ..tracking.forces import pose_words
 
@@ -207,7 +208,7 @@ def _print_summary(summary: "Summary", folder: Path | None) -> None:
         return "–" if value is None else f"{value:z.{digits}f}"
 
     table = value_table()
-    read = "estimated" if summary["path"] == "camera" else "observed"
+    read = word_for_read(summary["path"])
     table.add_row("controller", f"{summary['controller']}, {summary['path']} path")
     table.add_row(
         "safety margin at the end",

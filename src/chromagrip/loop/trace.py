@@ -168,6 +168,11 @@ class Trace:
         return len(self.columns["time_s"])
 
 
+def word_for_read(path: str) -> str:
+    """What the controller's values are on a path: estimates, or the truth with noise."""
+    return "estimated" if path == "camera" else "observed"
+
+
 def may_slide(scene: Scene, of: Mapping[str, Array], before: str = "") -> NDArray[np.bool_]:
     """Frames whose interval of the held margin does not exclude sliding, so that the grip rises.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...model import GROSS_SLIP
 from ...scene.scene import Scene
 from ...tracking import Z90
-from ..trace import Trace, may_slide
+from ..trace import Trace, may_slide, word_for_read
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     grip, contact, margin, friction, slip, pressure = figure.subplots(
         6, 1, sharex=True, height_ratios=(1.0, 1.1, 1.4, 1.0, 0.8, 0.8)
     )
-    time = trace["time_s"]
+    time, read = trace["time_s"], word_for_read(scene.path)
 
     grip.step(time, trace["load_n"], "--", where="post", color=LOAD, label="load")
     grip.step(time, trace["grip_n"], where="post", color=TRUE, label="grip")
@@ -40,7 +40,7 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
             time,
             trace[f"{name}_estimated_n"],
             Z90 * trace[f"{name}_deviation_n"],
-            f"{sign} estimated",
+            f"{sign} {read}",
             style,
         )
         contact.plot(time, trace[f"{name}_true_n"], style, color=TRUE, label=f"{sign} true")
@@ -50,7 +50,7 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     _margins(scene, trace, margin)
     half = 0.5 * (trace["mu_high"] - trace["mu_low"])
     _estimated(friction, time, trace["mu_high"] - half, half, "90 % interval", line=False)
-    friction.plot(time, trace["mu_estimated"], "-", color=ESTIMATED, lw=1.0, label="estimated")
+    friction.plot(time, trace["mu_estimated"], "-", color=ESTIMATED, lw=1.0, label=read)
     friction.plot(time, trace["mu_true"], color=TRUE, label="true")
     friction.set_ylim(0.0, min(2.0, friction.get_ylim()[1]))
     friction.set_ylabel("µ")
@@ -72,16 +72,16 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
 
 def _margins(scene: Scene, trace: Trace, axes: Axes) -> None:
     """Γ, and on a dome the margin of force and torsion together, with the target."""
-    time = trace["time_s"]
+    time, read = trace["time_s"], word_for_read(scene.path)
     axes.fill_between(
         time, trace["margin_low"], trace["margin_high"], color=ESTIMATED, alpha=0.2, lw=0,
         label="90 % interval",
     )  # fmt: skip
-    axes.plot(time, trace["margin_estimated"], color=ESTIMATED, lw=1.0, label="estimated")
+    axes.plot(time, trace["margin_estimated"], color=ESTIMATED, lw=1.0, label=read)
     axes.plot(time, trace["margin_true"], color=TRUE, label="true")
     if scene.body == "dome":
-        for name, colour in (("estimated", ESTIMATED), ("true", TRUE)):
-            course, label = trace[f"limit_margin_{name}"], f"with torsion, {name}"
+        for name, word, colour in (("estimated", read, ESTIMATED), ("true", "true", TRUE)):
+            course, label = trace[f"limit_margin_{name}"], f"with torsion, {word}"
             axes.plot(time, course, "--", color=colour, lw=1.0, label=label)
     target = scene.target_margin
     if target is not None:

@@ -15,7 +15,7 @@ from ...model import GROSS_SLIP
 from ...output.run_page import Curve, Panel, RunOnPage, write_run_page
 from ...scene.scene import Scene, load_scene
 from ...tracking import Z90
-from ..trace import may_slide
+from ..trace import may_slide, word_for_read
 from .tactile_video import SLOWDOWN
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def run_on_page(run: RunRead, name: str) -> RunOnPage:
         panels=tuple(_panels(run.scene, run.columns)),
         words=tuple(_words(run.scene, run.summary, run.columns)),
         facts=tuple(
-            (name.replace("estimated", word_for_read(run.scene)), value)
+            (name.replace("estimated", word_for_read(run.scene.path)), value)
             for name, value in facts_of(run.summary, _FACTS)
         ),
         video=run.video,
@@ -124,7 +124,7 @@ def estimated(
 
 def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
     """Panels of a trace's columns, without those that have no value."""
-    read = word_for_read(scene)
+    read = word_for_read(scene.path)
     sums = [
         *_with_deviation(of, "normal", read, "ΣFn"),
         *_with_deviation(of, "friction", read, "ΣFf", True),
@@ -171,11 +171,6 @@ def _drives(of: dict[str, Array]) -> list[Curve]:
         Curve(label="grip applied", values=of["applied_n"], role="commanded", second=True),
         Curve(label="load", values=of["load_n"], role="other", steps=True),
     ]
-
-
-def word_for_read(scene: Scene) -> str:
-    """What the controller's values are: estimates, or the truth with noise."""
-    return "estimated" if scene.path == "camera" else "observed"
 
 
 def _frictions(of: dict[str, Array], read: str) -> list[Curve]:
@@ -301,7 +296,7 @@ def margin_words(scene: Scene, name: str, true: float | None, estimated: float |
     target = scene.target_margin
     values = [
         f"{value:.2f} {kind}"
-        for value, kind in ((true, "in truth"), (estimated, f"as {word_for_read(scene)}"))
+        for value, kind in ((true, "in truth"), (estimated, f"as {word_for_read(scene.path)}"))
         if value is not None
     ]
     ended = f"{name} ended at {', '.join(values)}" if values else f"{name} is not known at the end"

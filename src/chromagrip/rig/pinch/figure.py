@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ...loop.shown.figure import ESTIMATED, LOAD, TRUE, finish
-from ...loop.trace import Trace
+from ...loop.trace import Trace, word_for_read
 from ...scene.scene import Scene
 from .trace import FINGERS, OUTCOMES
 
@@ -58,7 +58,7 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
 
 def _of_both(scene: Scene, trace: Trace, axes: Axes, column: str) -> None:
     """True and estimated value of both fingers, the estimate thin over the truth."""
-    time, seen = trace["time_s"], "observed" if scene.path == "truth" else "estimated"
+    time, seen = trace["time_s"], word_for_read(scene.path)
     for finger, style in zip(FINGERS, ("-", "--"), strict=True):
         true = trace[f"{finger}_{column.format('true')}"]
         axes.plot(time, true, style, color=TRUE, lw=2.6, alpha=0.55, label=f"{finger}, true")

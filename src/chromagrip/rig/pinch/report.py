@@ -17,10 +17,9 @@ from ...loop.shown.report import (
     facts_of,
     margin_panel,
     margin_words,
-    word_for_read,
 )
 from ...loop.shown.tactile_video import SLOWDOWN
-from ...loop.trace import may_slide
+from ...loop.trace import may_slide, word_for_read
 from ...output.run_page import Curve, Panel, RunOnPage, write_run_page
 from ...scene.scene import Scene
 from .trace import FINGERS
@@ -72,7 +71,7 @@ def pinch_on_page(run: RunRead, name: str) -> RunOnPage:
 
 
 def _panels(scene: Scene, of: dict[str, Array]) -> Iterator[Panel]:
-    read = word_for_read(scene)
+    read = word_for_read(scene.path)
     for finger in FINGERS:
         yield margin_panel(scene, f"margins, {finger} finger", _margins(of, finger, read))
     yield Panel(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...loop.shown.dome_picture import STICKS, TractionPicture, write
 from ...loop.shown.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
+from ...loop.trace import word_for_read
 from ...model import ForceField
 from ...output.video import VideoFile
 from ...render import Frame
@@ -68,9 +69,8 @@ class PinchVideo(VideoFile):
         self._zoomed = True
         self.courses = Courses()
         self.plot = CoursePlot(
-            PLOTS, scene.duration_s, scene.target_margin,
-            "estimated" if self._seen else "observed",
-        )  # fmt: skip
+            PLOTS, scene.duration_s, scene.target_margin, word_for_read(scene.path)
+        )
         self._start = math.nan
         self._slot = -1
 
