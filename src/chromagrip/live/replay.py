@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
-from threading import Event
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from ..output.processes import one_thread
 from .picture import packed, picture_of, resized
 from .record import FROM
 from .view import Drawn, GraspView
-from .worker import Worker
+from .worker import Background
 
 #: Largest number of frames that are kept of a run; of a longer one every second, third …
 MOST = 1500
@@ -59,7 +58,7 @@ class Kept:
 
 
 @dataclass
-class Replay:
+class Replay(Background):
     """Frames of a finished run, which are got in a thread of their own; a context.
 
     Attributes
@@ -77,25 +76,6 @@ class Replay:
     ended: bool = False
     failed: str = ""
     differences: dict[str, float] = field(default_factory=dict)
-    _stop: Event = field(default_factory=Event)
-    _thread: Worker = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._thread = Worker(target=self._get, name="replay", daemon=True)
-
-    def __enter__(self) -> "Replay":
-        """Begin."""
-        self._thread.start()
-        return self
-
-    def check(self) -> None:
-        """Raise what failed in the thread."""
-        self._thread.check()
-
-    def __exit__(self, *_: object) -> None:
-        """End."""
-        self._stop.set()
-        self._thread.join()
 
     @property
     def every(self) -> int:
@@ -127,7 +107,7 @@ class Replay:
             return "repeated from scene and seed; it agrees with the record"
         return f"being repeated from scene and seed, {reached or 'from the start'}"
 
-    def _get(self) -> None:
+    def _run(self) -> None:
         try:
             found = _video(self.run) if not_repeated(self.run) else self._repeated()
             with one_thread():

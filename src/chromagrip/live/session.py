@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from threading import Event, Lock
+from threading import Lock
 
 from ..errors import UserError
 from ..loop.latency import HoldingController
@@ -16,7 +16,7 @@ from ..output.processes import one_thread
 from ..scene.scene import Scene
 from .record import Recorder
 from .wishes import Wishes, scene_for, wishes_of
-from .worker import Worker
+from .worker import Background
 
 #: Time over which the speed is averaged [s].
 _SPEED_OVER = 1.0
@@ -43,7 +43,7 @@ class Shown:
 
 
 @dataclass
-class Session:
+class Session(Background):
     """A live grasp in a thread of its own; a context.
 
     Attributes
@@ -63,27 +63,10 @@ class Session:
     _wishes: Wishes = field(init=False)
     _anew: bool = False
     _steps: int = 0
-    _stop: Event = field(default_factory=Event)
     _lock: Lock = field(default_factory=Lock)
-    _thread: Worker = field(init=False)
 
     def __post_init__(self) -> None:
         self._wishes = wishes_of(self.base)
-        self._thread = Worker(target=self._run, name="grasp", daemon=True)
-
-    def __enter__(self) -> "Session":
-        """Begin."""
-        self._thread.start()
-        return self
-
-    def check(self) -> None:
-        """Raise what failed in the thread."""
-        self._thread.check()
-
-    def __exit__(self, *_: object) -> None:
-        """End the grasp."""
-        self._stop.set()
-        self._thread.join()
 
     @property
     def wishes(self) -> Wishes:

@@ -33,7 +33,7 @@ from .serve import Address, announce, serving, ticks
 from .solid import Array, half_sphere
 from .strips import row_seen
 from .view import FingertipView, drawn_forces
-from .worker import Worker
+from .worker import Background
 
 if TYPE_CHECKING:
     import viser
@@ -118,7 +118,7 @@ class Looking:
 
 
 @dataclass
-class Watcher:
+class Watcher(Background):
     """Tracks and estimates frame after frame in a thread of its own; a context.
 
     Attributes
@@ -137,25 +137,8 @@ class Watcher:
     paused: bool = False
     _steps: int = 0
     _anew: Event = field(default_factory=Event)
-    _stop: Event = field(default_factory=Event)
-    _thread: Worker = field(init=False)
 
-    def __post_init__(self) -> None:
-        self._thread = Worker(target=self._run, name="watch", daemon=True)
-
-    def __enter__(self) -> "Watcher":
-        """Begin."""
-        self._thread.start()
-        return self
-
-    def check(self) -> None:
-        """Raise what failed in the thread."""
-        self._thread.check()
-
-    def __exit__(self, *_: object) -> None:
-        """End."""
-        self._stop.set()
-        self._thread.join(_LAST)
+    patience = _LAST
 
     def begin_anew(self) -> None:
         """Open the source again, with other frames at rest."""

@@ -1,6 +1,7 @@
-"""A thread whose failure is not lost."""
+"""Work in a thread of its own, whose failure is not lost."""
 
 import threading
+from typing import Self
 
 
 class Worker(threading.Thread):
@@ -19,3 +20,34 @@ class Worker(threading.Thread):
         """Raise what the work raised."""
         if self.error is not None:
             raise self.error
+
+
+class Background:
+    """Work that goes on until it is told to stop; a context.
+
+    Attributes
+    ----------
+    patience: time that it has to end [s]; None waits for it
+    """
+
+    patience: float | None = None
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        self._stop = threading.Event()
+        self._thread = Worker(target=self._run, name=type(self).__name__, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End."""
+        self._stop.set()
+        self._thread.join(self.patience)
+
+    def check(self) -> None:
+        """Raise what failed in the thread."""
+        self._thread.check()
+
+    def _run(self) -> None:
+        """Work until `_stop` is set."""
+        raise NotImplementedError
