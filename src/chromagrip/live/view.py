@@ -78,8 +78,8 @@ class FingertipView:
         self._largest = 1e-6
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)  # which take most of the time
-        server.initial_camera.position = (1.3, -1.6, 1.75)
-        server.initial_camera.look_at = (0.0, 0.0, 0.85)
+        server.initial_camera.position = (1.9, -2.3, 1.7)
+        server.initial_camera.look_at = (0.0, 0.0, 0.8)
 
     def begin(self, points: Array, mesh: "trimesh.Trimesh | None") -> None:
         """Draw a skin at rest, and an object."""
