@@ -13,9 +13,9 @@ import pytest
 import chromagrip
 from chromagrip.dataset.labels import columns_of
 from chromagrip.loop import COLUMNS
+from chromagrip.loop.pinch.trace import COLUMNS as PINCH_COLUMNS
 from chromagrip.loop.poses.folder import ARRAYS, DOME_ARRAYS
 from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
-from chromagrip.rig.pinch.trace import COLUMNS as PINCH_COLUMNS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "fixtures/README.md"])

@@ -12,10 +12,9 @@ from .links import guard as _guard
 
 if TYPE_CHECKING:
     from .errors import UserError
-    from .loop.run_folder import Result
+    from .loop.run_folder import Result, run
     from .loop.steps.rig import Rig
     from .rig.opening import open_rig as open
-    from .rig.running import run_scene as run
     from .scene.scene import Scene, load_scene, scene_names
 
     __version__: str
@@ -27,7 +26,7 @@ _HOMES = {
     "UserError": "errors:UserError",
     "load_scene": "scene.scene:load_scene",
     "open": "rig.opening:open_rig",
-    "run": "rig.running:run_scene",
+    "run": "loop.run_folder:run",
     "scene_names": "scene.scene:scene_names",
 }
 

@@ -55,7 +55,7 @@ FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     "target",
     [
         "chromagrip.loop.shown.figure.draw_figure",
-        "chromagrip.loop.shown.tactile_video.TactileVideo.add",
+        "chromagrip.loop.shown.tactile_video.TactileVideo.show",
         "chromagrip.loop.shown.tactile_video.TactileVideo._finish",
         "pyarrow.parquet.write_table",
         "pathlib.Path.write_text",

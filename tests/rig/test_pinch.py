@@ -14,10 +14,10 @@ import pytest
 import chromagrip
 from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
-from chromagrip.loop.run_folder import FILES, run
-from chromagrip.rig.pinch.rig import PinchRig, smaller
-from chromagrip.rig.pinch.run import run_pinch
-from chromagrip.rig.pinch.trace import COLUMNS
+from chromagrip.loop.pinch.trace import COLUMNS
+from chromagrip.loop.run_folder import FILES
+from chromagrip.loop.run_folder import run as run_pinch
+from chromagrip.loop.steps.rig import Rig, smaller
 from chromagrip.scene.scene import dump_scene
 
 Typed = Callable[..., CompletedProcess[str]]
@@ -98,7 +98,7 @@ def test_same_seed_and_grips_same_bytes() -> None:
 
 def _seen(margin: float | str) -> GripObservation:
     """Observation with a margin, or with a reason for which there is none."""
-    seen = PinchRig(scene()).reset()
+    seen = Rig(scene()).reset()
     if isinstance(margin, str):
         return replace(seen, no_estimate=margin)
     return replace(seen, margin=margin)
@@ -120,7 +120,7 @@ def _seen(margin: float | str) -> GripObservation:
 def test_a_controller_is_told_of_the_smaller_margin(
     first: float | str, second: float | str, told: int
 ) -> None:
-    assert smaller(_seen(first), _seen(second)) == told
+    assert smaller([_seen(first), _seen(second)]) == told
 
 
 def test_a_finger_that_lets_go_is_told_of() -> None:
@@ -171,7 +171,7 @@ def test_what_happened_before_a_failure_is_kept(tmp_path: Path) -> None:
 
 
 def test_latency_delays_what_arrives() -> None:
-    rig = PinchRig(scene(camera__latency_frames=3))
+    rig = Rig(scene(camera__latency_frames=3))
     rig.reset()
     arrived = []
     for _ in range(6):
@@ -184,11 +184,11 @@ def test_latency_delays_what_arrives() -> None:
         rig.step(math.nan)
 
 
-def _goes_on_alike(rig: PinchRig) -> None:
+def _goes_on_alike(rig: Rig) -> None:
     """Two rigs that go on from the same state do so with the same bytes."""
     saved = rig.save()
     ends = []
-    for again in (rig, PinchRig(rig.scene)):
+    for again in (rig, Rig(rig.scene)):
         again.restore(saved)
         again.step(1.2)
         seen = again.sample().readings[1].observation
@@ -197,7 +197,7 @@ def _goes_on_alike(rig: PinchRig) -> None:
         again.close()
     assert ends[0] == ends[1]
     with pytest.raises(UserError, match="another scene"):
-        PinchRig(scene(duration_s=1.1)).restore(saved)
+        Rig(scene(duration_s=1.1)).restore(saved)
 
 
 def test_the_trace_has_force_and_torque_of_each_finger() -> None:
@@ -221,7 +221,7 @@ def test_the_trace_has_force_and_torque_of_each_finger() -> None:
 
 
 def test_each_finger_has_its_own_camera_and_a_saved_pinch_goes_on() -> None:
-    rig = PinchRig(scene(path="camera", duration_s=0.1, camera__rest_frames=2))
+    rig = Rig(scene(path="camera", duration_s=0.1, camera__rest_frames=2))
     rig.reset(seed=3)
     for _ in range(3):
         rig.step(1.0)
@@ -236,7 +236,7 @@ def test_each_finger_has_its_own_camera_and_a_saved_pinch_goes_on() -> None:
 
 
 def test_a_saved_pinch_goes_on_on_the_truth_path() -> None:
-    rig = PinchRig(scene(truth__margin_noise=0.02))
+    rig = Rig(scene(truth__margin_noise=0.02))
     rig.reset(seed=3)
     for _ in range(20):
         rig.step(1.0)
@@ -282,11 +282,7 @@ def test_any_scene_is_run_by_the_same_name() -> None:
     assert given.trace["grip_n"] == pytest.approx(1.5)
 
 
-def test_other_doors_say_where_a_pinch_is_run() -> None:
-    with pytest.raises(UserError, match="pinch of two fingers"):
-        run(scene())
-    with pytest.raises(UserError, match="of one finger"):
-        PinchRig(load_scene("dome-1"))
+def test_a_scene_of_one_finger_says_nothing_of_a_pinch() -> None:
     assert "[pinch]" not in dump_scene(load_scene("dome-1"))
 
 

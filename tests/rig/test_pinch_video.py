@@ -11,14 +11,15 @@ import pytest
 
 import chromagrip
 from chromagrip import load_scene
+from chromagrip.loop.pinch.course_plot import BAND, OTHER, SEEN, TRUTH, CoursePlot, Courses
+from chromagrip.loop.pinch.stage import ABOVE, FINGER_COLOURS, UPPER, Stage, draw_along, draw_side
+from chromagrip.loop.pinch.stage import set_stage as stage_of
+from chromagrip.loop.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
+from chromagrip.loop.pinch_world import Pinched
+from chromagrip.loop.run_folder import run as run_pinch
+from chromagrip.loop.steps.rig import Rig
+from chromagrip.loop.steps.sample import Sample
 from chromagrip.model.pinch import rotation_by
-from chromagrip.rig.pinch.course_plot import BAND, OTHER, SEEN, TRUTH, CoursePlot, Courses
-from chromagrip.rig.pinch.rig import PinchRig, PinchSample
-from chromagrip.rig.pinch.run import run_pinch
-from chromagrip.rig.pinch.stage import ABOVE, FINGER_COLOURS, UPPER, Stage, draw_along, draw_side
-from chromagrip.rig.pinch.stage import set_stage as stage_of
-from chromagrip.rig.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
-from chromagrip.rig.pinch.world import Pinched
 
 #: A light box and coarse domes.
 COARSE = {
@@ -43,7 +44,7 @@ def scene(**changes: Any) -> chromagrip.Scene:
 
 def untouched(its: chromagrip.Scene) -> tuple[Stage, Pinched]:
     """Stage of a scene, and its pinch at the start."""
-    rig = PinchRig(its)
+    rig = Rig(its)
     rig.reset()
     stage = stage_of(rig.plant.pinch, its.duration_s, (560, 464), (232, 232))
     return stage, rig.sample().truth
@@ -166,8 +167,8 @@ def test_the_axis_of_force_grows_with_the_grip() -> None:
 
 
 @pytest.fixture(scope="module")
-def gripped() -> PinchSample:
-    rig = PinchRig(scene(duration_s=0.3))
+def gripped() -> Sample:
+    rig = Rig(scene(duration_s=0.3))
     rig.reset()
     while not rig.done:
         rig.step(1.5)
@@ -176,7 +177,7 @@ def gripped() -> PinchSample:
 
 @pytest.mark.parametrize(("axis", "column", "sign"), [(0, 0, 1.0), (1, 1, -1.0)])
 def test_a_traction_has_x_downwards_and_y_to_the_left(
-    gripped: PinchSample, tmp_path: Path, axis: int, column: int, sign: float
+    gripped: Sample, tmp_path: Path, axis: int, column: int, sign: float
 ) -> None:
     def half(k: int) -> Any:
         contact = gripped.truth.fingers[k]
@@ -211,7 +212,7 @@ def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> Non
     assert len(shown) == 13  # all frames at 60 Hz
     assert shown[0].shape == (HEIGHT, WIDTH, 3)
     # The camera's picture is that of the rig, though the controller saw none.
-    rig = PinchRig(scene(duration_s=0.2))
+    rig = Rig(scene(duration_s=0.2))
     rig.reset()
     camera = _upright(rig.pictures()[0].image).astype(int)
     drawn = shown[0][32 : 32 + SIDE, :SIDE].astype(int)

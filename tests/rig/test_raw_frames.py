@@ -15,9 +15,9 @@ import pytest
 from chromagrip import Scene, UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop import grasp, open_camera
+from chromagrip.loop.run_folder import RunFiles as PinchFiles
+from chromagrip.loop.steps.rig import Rig
 from chromagrip.output.pictures import open_source, read_picture
-from chromagrip.rig.pinch.files import PinchFiles
-from chromagrip.rig.pinch.rig import PinchRig
 
 from .test_pinch import COARSE
 
@@ -122,7 +122,7 @@ def test_both_cameras_of_a_pinch_lose_nothing(kind: Literal["png", "ffv1"], tmp_
     changes = {**COARSE, "duration_s": 0.08, "camera.dropped": 0.4}
     scene = load_scene("pinch-lift", {**changes, "controller": "conservative"})
     run(scene, tmp_path / "run", frames=kind)
-    rig = PinchRig(scene)
+    rig = Rig(scene)
     rig.reset()
     expected = {}
     while True:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from chromagrip.errors import UserError
+from chromagrip.loop.pinch.scene_picture import Body, Viewpoint, draw_bodies, look_from
 from chromagrip.model.shapes import Shape, ball, box, plane
-from chromagrip.rig.pinch.scene_picture import Body, Viewpoint, draw_bodies, look_from
 
 RED, BLUE = (220, 40, 40), (40, 40, 220)
 X, Y, Z = np.eye(3)

@@ -26,12 +26,12 @@ def run_two(
     json_only: bool,
 ) -> int:
     """Run a pinch, and print its summary."""
-    from ..rig.pinch.run import run_pinch  # OpenCV loads only when something is run
+    from ..loop.run_folder import run  # OpenCV loads only when something is run
 
     for finger in fingers(scene):
         prepare_scene(finger, pictures=out is not None or scene.path == "camera")
     with counting(f"{scene.controller}, {scene.path}", "frames") as progress:
-        result = run_pinch(
+        result = run(
             scene, out, overwrite=overwrite, progress=progress, frames=frames,
             log=log, answer_within_s=answer_within,
         )  # fmt: skip

@@ -59,7 +59,7 @@ class Recorder:
                 require("data", "video", purpose="a recording")
                 self._now = _Recording(_unused(self.parent), sample, rig)
                 self.tell(f"**recording** into {self._now.folder}")
-            self._now.add(sample, rig.scene, wishes)
+            self._now.add(sample, rig, wishes)
         except UserError as error:
             self._drop(f"**not recorded:** {error}")
 
@@ -108,8 +108,9 @@ class _Recording:
         self._files = RunFiles(folder, False, rig.scene)
         self._mesh = _kept_mesh(rig.scene.object.mesh, folder)
 
-    def add(self, sample: Sample, scene: Scene, wishes: Wishes) -> None:
+    def add(self, sample: Sample, rig: Rig, wishes: Wishes) -> None:
         """Append a frame, with the scene and the sliders that it had."""
+        scene = rig.scene
         now = sample.time - self._begin
         state = replace(sample.truth.state, time=now)
         sample = replace(sample, truth=replace(sample.truth, state=state))
@@ -122,7 +123,7 @@ class _Recording:
         line = row(sample)
         self._rows.extend(line)
         self._files.keep(line)
-        self._files.show(sample, None)
+        self._files.show(sample, rig)
 
     def finish(self) -> str:
         """Write the files and give them their names; a sentence."""

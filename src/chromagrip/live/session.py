@@ -4,7 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from threading import Lock
 
 from ..errors import UserError
@@ -132,9 +132,11 @@ class Session(Background):
                         controller.start(rig.reading.observation)
                     wishes = now
                 grip = controller.command(rig.arrived) if now.automatic else now.grip
+                if self.recorder.wanted:
+                    rig.pictures()
                 sample = rig.sample(grip)
                 if self.recorder.wanted:
-                    self.recorder.take(replace(sample, frame=rig.picture()), rig, now)
+                    self.recorder.take(sample, rig, now)
                 else:
                     self.recorder.finish()
                 rig.step(grip)

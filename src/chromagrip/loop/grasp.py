@@ -39,7 +39,14 @@ def grasp(
         answer in time, or answers with what is not a finite force of at least 0.
     """
     methods = methods or Methods.of_scene(scene)
-    rig = Rig(scene, methods, camera=camera, fingertip=fingertip, known=known)
+    yield from gripped(
+        Rig(scene, methods, camera=camera, fingertip=fingertip, known=known), answer_within
+    )
+
+
+def gripped(rig: Rig, answer_within: float) -> Iterator[Sample]:
+    """Samples of a rig that its controller grips, with one finger or two; as of `grasp`."""
+    scene, methods = rig.scene, rig.methods
     limit = math.inf if scene.controller in CONTROLLERS.entries else answer_within
     controller = HoldingController(methods.build_controller(scene), scene.controller, limit)
     controller.start(rig.reset())

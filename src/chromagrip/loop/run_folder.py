@@ -8,7 +8,7 @@ import shutil
 import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -25,15 +25,17 @@ from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene, load_scene
 from ..tracking import SensorCalibration, Tracks
 from ..tracking.forces import CameraPose, rest_pose
-from ..tracking.forces.chain import Used, used
-from .camera import SimulatedCamera, open_camera
-from .grasp import grasp
-from .methods import Methods, choose
-from .steps.rig import readable
+from ..tracking.forces.chain import used
+from .grasp import gripped
+from .methods import choose
+from .pinch.trace import FINGERS, PinchRows
+from .pinch.trace import summarise as summarise_pinch
+from .steps.rig import Rig
 from .steps.sample import Sample
-from .trace import COLUMNS, Summary, Trace, TraceLines, columns_of, make_trace, row, summarise
+from .trace import Rows, Summary, Trace, TraceLines, make_trace, summarise
 
 if TYPE_CHECKING:
+    from .pinch.video import PinchVideo
     from .shown.tactile_video import TactileVideo
 
 #: Files of a run folder.
@@ -63,7 +65,7 @@ class Result:
     Attributes
     ----------
     scene: that was run, with the names of the methods that were used
-    summary: see `trace.summarise`; of two fingers, `rig.pinch.trace.summarise`
+    summary: see `trace.summarise`; of two fingers, `pinch.trace.summarise`
     trace: time series, truth beside estimate
     folder: where the files are; None when nothing was written
     """
@@ -88,7 +90,7 @@ def run(
     log: Sequence[LogFormat] = (),
     answer_within_s: float = ANSWER_WITHIN_S,
 ) -> Result:
-    """Run a scene of one finger; with `out`, write summary, trace, figure, video and scene there.
+    """Run a scene; with `out`, write summary, trace, figure, video and scene into that folder.
 
     After Ctrl-C or an error of a controller the results up to there are written, marked as not
     complete, and the exception is raised.
@@ -98,13 +100,18 @@ def run(
     scene: a Scene, or a name or file as in `load_scene`
     out: run folder, made if missing
     overwrite: write into a folder that is not empty, over an earlier run's files
-    progress: called after every frame
+    progress: called after every frame with the frames done and all frames
     controller: in place of the scene's: an object with `reset` and `command`, a class or other
         factory without arguments, or a name
     tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
-    frames: keep the camera's raw pictures too, in the folder `frames` of `out`
+    frames: keep the camera's raw pictures too, in the folder `frames` of `out`; of two fingers in
+        its folders `first` and `second`
     log: formats in which the run is also written into `out`, for other tools: `mcap`, `rerun`
     answer_within_s: time in which a controller that is not ours must answer; inf is no limit
+
+    Returns
+    -------
+    Results; those of two fingers have the summary and the trace of a pinch.
 
     Raises
     ------
@@ -122,36 +129,18 @@ def run(
         renderer=renderer,
     )
     methods.build_controller(scene)  # a controller that cannot be made leaves no folder
-    known = readable(scene, methods)
-    read_with = None if known is None else used(methods.reconstructor, known)
-    if out is not None:
-        require("data", "video", purpose="writing a run folder")
-    with ExitStack() as stack, one_thread():
-        camera = None
-        if scene.path == "camera" or out is not None:
-            camera = stack.enter_context(closing(open_camera(scene, methods)))
-        if out is None:
-            return _record(scene, methods, camera, known, read_with, None, progress, within)
-        with RunFiles(Path(out), overwrite, scene, frames, log) as files:
-            return _record(scene, methods, camera, known, read_with, files, progress, within)
+    rig = Rig(scene, methods)
+    files = None if out is None else RunFiles(Path(out), overwrite, scene, frames, log)
+    with files or nullcontext(), closing(rig), one_thread():
+        return _record(rig, files, progress, within)
 
 
-def _record(
-    scene: Scene,
-    methods: Methods,
-    camera: SimulatedCamera | None,
-    known: SensorCalibration | None,
-    read_with: Used | None,
-    files: "RunFiles | None",
-    progress: Progress | None,
-    within: float,
-) -> Result:
+def _record(rig: Rig, files: "RunFiles | None", progress: Progress | None, within: float) -> Result:
     """Run the loop, and write its results however it ends."""
-    rows = array("d")
-    samples = grasp(scene, camera, known=known, methods=methods, answer_within=within)
-    seconds = 0.0
+    scene, lines, seconds = rig.scene, rows_of(rig.scene), 0.0
+    rows, reasons = array("d"), list[str]()
     rest: Tracks | None = None
-    reasons: list[str] = []
+    samples = gripped(rig, within)
     try:
         while True:
             begin = time.perf_counter()
@@ -160,23 +149,37 @@ def _record(
                 seconds += time.perf_counter() - begin
             if sample is None:
                 break
-            rest = sample.rest
-            if sample.observation is not None and sample.observation.no_estimate:
-                reasons.append(sample.observation.no_estimate)
-            line = row(sample)
+            rest = sample.readings[0].rest
+            reasons += sample.reasons
+            line = lines.line(sample)
             rows.extend(line)
             if files is not None:
                 files.keep(line)
-                files.show(sample, camera)
+                files.show(sample, rig)
             if progress is not None:
-                progress(len(rows) // len(COLUMNS), scene.frames)
+                progress(sample.index + 1, scene.frames)
     finally:
-        trace = make_trace(rows)
-        summary = summarise(scene, trace, seconds, read_with, pose_at_rest(known, rest), reasons)
+        trace = make_trace(rows, lines.columns)
+        summary = _summary(rig, trace, seconds, rest, reasons)
         if files is not None and rows:
             files.write(trace, summary)
     folder = None if files is None else files.folder
     return Result(scene=scene, summary=summary, trace=trace, folder=folder)
+
+
+def rows_of(scene: Scene) -> Rows | PinchRows:
+    """What makes the lines of a scene's trace."""
+    return PinchRows(scene) if scene.pinch.mass_g else Rows(scene)
+
+
+def _summary(
+    rig: Rig, trace: Trace, seconds: float, rest: Tracks | None, reasons: list[str]
+) -> Summary:
+    if rig.scene.pinch.mass_g:
+        return summarise_pinch(rig.scene, trace, seconds, reasons)
+    known = rig.known[0]
+    read_with = None if known is None else used(rig.methods.reconstructor, known)
+    return summarise(rig.scene, trace, seconds, read_with, pose_at_rest(known, rest), reasons)
 
 
 def check_asked(
@@ -227,12 +230,12 @@ class RunFiles:
         frames: FrameFormat | None = None,
         log: Sequence[LogFormat] = (),
     ) -> None:
+        require("data", "video", purpose="writing a run folder")
         self.folder = folder
         self._parts = folder / PARTS
         self._scene, self._log = scene, log
-        self._video: TactileVideo | None = None
-        self._frames: FrameFiles | None = None
-        self._slot = -1
+        self._video: TactileVideo | PinchVideo | None = None
+        self._frames: list[FrameFiles] = []
         self._lines: TraceLines | None = None
         refuse_killed(folder, overwrite)
         prepare(folder, overwrite)
@@ -245,10 +248,14 @@ class RunFiles:
             part = self._parts / "scene.toml"
             part.write_text(scene_text(scene), encoding="utf-8")
             part.replace(folder / part.name)
-            self._lines = TraceLines(self._parts / LINES)
+            self._lines = TraceLines(self._parts / LINES, rows_of(scene).columns)
             self._video = _open_video(self._parts, scene)
             if frames is not None:
-                self._frames = FrameFiles(self._parts / FRAMES, frames, scene.camera.rate_hz)
+                place = self._parts / FRAMES
+                places = [place / name for name in FINGERS] if scene.pinch.mass_g else [place]
+                for place in places:
+                    place.parent.mkdir(exist_ok=True)
+                    self._frames.append(FrameFiles(place, frames, scene.camera.rate_hz))
 
     def __enter__(self) -> Self:
         """Use as a context, which removes unfinished files."""
@@ -264,25 +271,23 @@ class RunFiles:
             with self._writing():
                 self._lines.add(line)
 
-    def show(self, sample: Sample, camera: SimulatedCamera | None) -> None:
-        """Append a sample to the video, when its next picture is due, and keep its picture."""
-        if self._video is None or sample.observation is None:  # writing failed, or no picture came
+    def show(self, sample: Sample, rig: Rig) -> None:
+        """Append a sample to the video, when its next picture is due, and keep its pictures."""
+        if self._video is None:  # writing failed
             return
-        slot = self._video.slot(sample.time)
-        if slot <= self._slot and self._frames is None:
+        due = self._video.due(sample)
+        came = bool(self._frames) and sample.readings[0].observation is not None
+        if not (due or came):
             return
-        frame = sample.frame
-        if frame is None or self._frames is not None:
-            assert camera is not None  # a run with files has one
-            frame = frame or camera.expose(sample.truth.state, sample.index)
+        pictures = rig.pictures()
         with self._writing():
-            if self._frames is not None and camera is not None:
-                if sample.index == 0:
-                    self._frames.add_rest(camera.expose_rest(sample.truth.state, 1)[0])
-                self._frames.add(sample.index, frame)
-            if slot > self._slot:
-                self._slot = slot
-                self._video.add(frame.image, sample)
+            if came and sample.index == 0:
+                for file, still in zip(self._frames, rig.rest_pictures(), strict=True):
+                    file.add_rest(still)
+            for file, picture in zip(self._frames if came else (), pictures, strict=came):
+                file.add(sample.index, picture)
+            if due:
+                self._video.show(sample, pictures)
 
     def write(
         self, trace: Trace, summary: Summary, scene: Scene | None = None, said: str = ""
@@ -303,8 +308,8 @@ class RunFiles:
                 text = scene_text(scene, said, self.folder)
                 (self._parts / "scene.toml").write_text(text, encoding="utf-8")
             self._video.close()
-            if self._frames is not None:
-                self._frames.close()
+            for file in self._frames:
+                file.close()
             _write_results(self._parts, self._scene, trace, summary)
             if self._lines is not None:
                 self._lines.drop()
@@ -332,8 +337,8 @@ class RunFiles:
 
     def _discard(self) -> None:
         """Close and remove unfinished files."""
-        unfinished = (self._video, self._frames, self._lines)
-        self._video = self._frames = self._lines = None
+        unfinished = (self._video, *self._frames, self._lines)
+        self._video, self._frames, self._lines = None, [], None
         for file in unfinished:
             if file is not None:
                 with suppress(OSError, UserError):
@@ -351,42 +356,49 @@ def refuse_killed(folder: Path, overwrite: bool) -> None:
         )
 
 
-def _open_video(folder: Path, scene: Scene) -> "TactileVideo":
+def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
+    from .pinch.video import PinchVideo
     from .shown.tactile_video import TactileVideo
 
-    return TactileVideo(folder / "tactile.mp4", scene)
+    return (PinchVideo if scene.pinch.mass_g else TactileVideo)(folder / "tactile.mp4", scene)
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
-    from .shown.figure import draw_figure
+    from .pinch import figure as of_two
+    from .pinch.report import write_report as write_report_of_two
+    from .shown import figure as of_one
     from .shown.report import RunRead, write_report
 
+    two = bool(scene.pinch.mass_g)
     write_trace(scene, trace, folder / "trace.parquet")
-    draw_figure(scene, trace, folder / "figure.png")
+    (of_two if two else of_one).draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-    write_report(RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns))
+    read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
+    (write_report_of_two if two else write_report)(read)
 
 
 def write_run_logs(
     folder: Path, scene: Scene, trace: Trace, summary: Summary, formats: Sequence[LogFormat]
 ) -> None:
-    """Write the logs of a run of one finger into its folder, which has all other files."""
+    """Write the logs of a run into its folder, which has all other files."""
     if formats:
+        from .pinch.log import log_of as log_of_two
         from .shown.log import log_of
         from .shown.report import RunRead
 
         read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
-        write_logs(log_of(read), folder, formats)
+        of = log_of_two if scene.pinch.mass_g else log_of
+        write_logs(of(read), folder, formats)
 
 
 def write_trace(scene: Scene, trace: Trace, path: Path) -> None:
     """Write a trace as a Parquet table, which holds the meaning of its columns."""
     pa = need("pyarrow", "data")
     pq = need("pyarrow.parquet", "data")
-    names = columns_of(scene.body)
-    table = pa.table({name: pa.array(trace[name]) for name in names})
-    meaning = {name: COLUMNS[name].encode() for name in names}
+    rows = rows_of(scene)
+    table = pa.table({name: pa.array(trace[name]) for name in rows.names})
+    meaning = {name: rows.columns[name].encode() for name in rows.names}
     pq.write_table(table.replace_schema_metadata(meaning), path)
 
 

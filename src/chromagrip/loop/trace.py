@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..control import GripObservation
-from ..model import GROSS_SLIP, ForceField, margin_within
+from ..model import GROSS_SLIP, ForceField, margin_within, pressure
 from ..scene.scene import Body, Scene
 from ..tracking import Tracks
 from ..tracking.forces import CameraPose
@@ -91,8 +91,8 @@ def row(sample: Sample) -> tuple[float, ...]:
         sample.friction,
         sample.field.safety_margin(sample.friction),
         *_observed(sample.observation),
-        sample.pressure,
-        sample.pressure_pitch,
+        pressure(sample.field),
+        pressure(sample.field, sample.pitch),
         sample.slip.lateral_displacement * 1e3,
         sample.slip.rigid_slip * 1e3,
         sample.truth.place[0] * 1e3,
@@ -104,6 +104,24 @@ def row(sample: Sample) -> tuple[float, ...]:
         margin_within(sample.field, sample.friction),
         *_of_dome(sample),
     )
+
+
+class Rows:
+    """Lines of the trace of one finger.
+
+    Parameters
+    ----------
+    scene: that is run
+    """
+
+    columns = COLUMNS
+
+    def __init__(self, scene: Scene) -> None:
+        self.names = columns_of(scene.body)
+
+    def line(self, sample: Sample) -> tuple[float, ...]:
+        """Line of a frame."""
+        return row(sample)
 
 
 def outside_row(
@@ -195,12 +213,13 @@ class TraceLines:
     Parameters
     ----------
     path: of the file, which gets a line of names first
+    names: of the columns
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, names: Iterable[str] = COLUMNS) -> None:
         self._path = path
         self._file = path.open("w", encoding="utf-8", newline="\n")
-        self._file.write(",".join(COLUMNS) + "\n")
+        self._file.write(",".join(names) + "\n")
 
     def add(self, line: Iterable[float]) -> None:
         """Append a line, so that it is in the file when this returns."""
@@ -217,10 +236,13 @@ class TraceLines:
         self._path.unlink(missing_ok=True)
 
 
-def make_trace(rows: Sequence[float] | Sequence[tuple[float, ...]]) -> Trace:
-    """Trace of rows as `row` gives them, one by one or one after the other."""
-    values = np.array(rows, dtype=float).reshape(-1, len(COLUMNS))
-    return Trace(dict(zip(COLUMNS, values.T, strict=True)))
+def make_trace(
+    rows: Sequence[float] | Sequence[tuple[float, ...]], names: Iterable[str] = COLUMNS
+) -> Trace:
+    """Trace of lines, one by one or one after the other."""
+    columns = list(names)
+    values = np.array(rows, dtype=float).reshape(-1, len(columns))
+    return Trace(dict(zip(columns, values.T, strict=True)))
 
 
 #: Results of a run by name; None where a value is unknown.

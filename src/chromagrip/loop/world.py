@@ -110,6 +110,10 @@ class World:
     applied: float
     forces: Array
 
+    def finger(self, k: int) -> Self:
+        """World of a finger: here there is one."""
+        return self
+
 
 @dataclass(frozen=True, kw_only=True)
 class Part:

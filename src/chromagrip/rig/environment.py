@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..loop.methods import choose
+from ..loop.pinch.stage import Stage, draw_side, set_stage
 from ..loop.steps.readers import Reading
 from ..loop.steps.rig import Rig, RigState
 from ..loop.torsion import held
@@ -33,9 +34,6 @@ from ..scene.fingers import fingers
 from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
 from ..tracking import Tracks
 from .fate import Fate, fate_of
-from .opening import rig_of
-from .pinch.rig import PinchRig, PinchRigState
-from .pinch.stage import Stage, draw_side, set_stage
 from .views import Image, Seen, ViewName, look, space_of, view_of
 from .window import Window
 
@@ -67,7 +65,7 @@ class EnvState:
     random: state of the generator that seeds are drawn from
     """
 
-    rig: RigState | PinchRigState
+    rig: RigState
     grip: float
     seen: tuple[Seen, ...]
     waiting: dict[int, tuple[Seen, ...]]
@@ -241,22 +239,13 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         UserError
             For a state of another scene.
         """
-        self._restore(state.rig)
+        self._rig.restore(state.rig)
         self._grip, self._seen, self._touched = state.grip, state.seen, state.touched
         self._waiting = dict(state.waiting)
         self.np_random.bit_generator.state = state.random
         self._over = self._rig.done or self._fate().outcome != "held"
 
-    def _restore(self, state: RigState | PinchRigState) -> None:
-        """Bring the rig to a state of its own kind."""
-        rig = self._rig
-        if isinstance(rig, PinchRig) and isinstance(state, PinchRigState):
-            return rig.restore(state)
-        if isinstance(rig, Rig) and isinstance(state, RigState):
-            return rig.restore(state)
-        raise UserError("the state was saved of another number of fingers")
-
-    def _open(self, changes: dict[str, Any]) -> Rig | PinchRig:
+    def _open(self, changes: dict[str, Any]) -> Rig:
         """Rig of the scene with changes."""
         given = {"path": self._path} | self._changes | changes
         plain = {key: _plain(value) for key, value in given.items()}
@@ -266,7 +255,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             raise UserError(
                 f"dropped_mm = {self._limit} is for one finger; with two, change pinch.dropped_mm"
             )
-        rig = rig_of(scene, methods)
+        rig = Rig(scene, methods)
         self._dropped = 1e-3 * (pinch.dropped_mm if pinch.mass_g else self._limit or DROPPED_MM)
         self._opened, self._stage = changes, None
         return rig
@@ -325,7 +314,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     def _picture(self) -> Image:
         """Picture that is shown to people: the camera's, or of two fingers from the side."""
         rig = self._rig
-        if isinstance(rig, Rig):
+        if not rig.scene.pinch.mass_g:
             return rig.picture().image
         if self._stage is None:
             self._stage = set_stage(rig.plant.pinch, rig.scene.duration_s, SIZE, SIZE)
@@ -339,7 +328,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
 
     def _threads(self) -> Any:
         """Limit this process to one thread, but for a chain without pictures, which needs none."""
-        pinch = isinstance(self._rig, PinchRig)
+        pinch = bool(self._rig.scene.pinch.mass_g)
         pictures = self._path == "camera" or self._kind == "image" or self.render_mode is not None
         return one_thread() if pictures or pinch else nullcontext()
 

@@ -6,7 +6,6 @@ from typing import Any
 
 from ..loop.steps.rig import Rig
 from ..model.pinch import Outcome
-from .pinch.rig import PinchRig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +28,7 @@ class Fate:
     truth: dict[str, Any]
 
 
-def fate_of(rig: Rig | PinchRig, dropped: float, was_touched: bool) -> Fate:
+def fate_of(rig: Rig, dropped: float, was_touched: bool) -> Fate:
     """What has become of the object up to a rig's frame.
 
     Parameters
@@ -37,7 +36,7 @@ def fate_of(rig: Rig | PinchRig, dropped: float, was_touched: bool) -> Fate:
     dropped: sliding from which on one finger has dropped it [m]; a pinch has limits of its own
     was_touched: whether it was touched in a frame before
     """
-    if isinstance(rig, PinchRig):
+    if rig.scene.pinch.mass_g:
         return _fate_of_two(rig)
     contact = rig.truth
     slid, touched = float(contact.slip.rigid_slip), bool(contact.field.contact.any())
@@ -56,7 +55,7 @@ def fate_of(rig: Rig | PinchRig, dropped: float, was_touched: bool) -> Fate:
     )
 
 
-def _fate_of_two(rig: PinchRig) -> Fate:
+def _fate_of_two(rig: Rig) -> Fate:
     fingers, record = rig.truth.fingers, rig.truth.record
     slid = max(float(each.slip.rigid_slip) for each in fingers)
     outcome = record.outcome(rig.scene.pinch.limits)

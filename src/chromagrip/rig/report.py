@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import UserError
+from ..loop.pinch.log import log_of as log_of_pinch
+from ..loop.pinch.report import pinch_on_page
 from ..loop.shown.log import log_of
 from ..loop.shown.report import REPORT, RunRead, read_run, run_on_page
 from ..output.folder import disk_errors
 from ..output.logs.write import LogFormat, require_logs, write_logs
 from ..output.run_page import RunOnPage, write_run_page
-from .pinch.log import log_of as log_of_pinch
-from .pinch.report import pinch_on_page
 
 #: Runs that can be told apart on a page.
 MOST_RUNS = 6

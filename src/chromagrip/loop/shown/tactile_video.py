@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...model import REFERENCE_NODES, ForceField, margin_within
 from ...output.video import VideoFile
+from ...render import Frame
 from ...scene.scene import Scene
 from ...tracking import Tracks
 from ..steps.sample import Sample
@@ -67,6 +68,7 @@ class TactileVideo(VideoFile):
         self._view = scene.build_sensor().view
         self._seen = scene.path == "camera"
         self._scale = ZOOM * ARROW
+        self._slot = -1
         self._said = 0  # contacts for which it is still said that the arrows were halved
         self._tractions: dict[str, TractionPicture] = {}
         if scene.body == "dome":  # the estimator's dome is the sensor's, the true one the scene's
@@ -79,11 +81,17 @@ class TactileVideo(VideoFile):
         """Number of the video's picture at a time [s]."""
         return int(time * FPS * SLOWDOWN + 1e-6)
 
-    def add(self, image: Image, sample: Sample) -> None:
-        """Append one sample with its image; a dropped frame adds nothing."""
-        observation = sample.observation
-        if observation is None:
-            return
+    def due(self, sample: Sample) -> bool:
+        """Whether a picture of this sample is due; of a dropped frame none is."""
+        slot = self.slot(sample.time)
+        due = slot > self._slot and sample.observation is not None
+        self._slot = slot if due else self._slot
+        return due
+
+    def show(self, sample: Sample, frames: Sequence[Frame]) -> None:
+        """Append one sample with its picture."""
+        image, observation = frames[0].image, sample.observation
+        assert observation is not None
         contacts = [("true", sample.field, sample.friction)]
         if self._seen:
             contacts.insert(0, ("estimated", observation.field, observation.friction))

@@ -5,17 +5,20 @@
         while not rig.done:
             seen = rig.step(grip=2.0)
 
-`grasp` is this loop with a controller in it. Two fingers have a rig of their own, `rig.pinch.rig`.
+`grasp` is this loop with a controller in it.
 """
 
+import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import msgspec
 
 from ...control import GripObservation
 from ...errors import UserError, located
-from ...model import Fingertip, pressure
+from ...model import Fingertip
 from ...render import Frame
+from ...scene.fingers import fingers
 from ...scene.scene import Scene
 from ...tracking import SensorCalibration, check_reconstructor
 from ..camera import CameraMemory, SimulatedCamera, open_camera
@@ -23,8 +26,9 @@ from ..dome_world import DomePlant
 from ..latency import Arrived, Delivery, arrivals, checked_force
 from ..methods import Methods
 from ..observers import known_sensor
+from ..pinch_world import PinchPlant
 from ..torsion import held
-from ..world import ChainPlant, Contact, Plant, World
+from ..world import ChainPlant
 from .readers import CameraReader, Reader, Reading, TruthReader, exposed_state
 from .sample import Sample
 
@@ -37,35 +41,41 @@ class RigState:
     ----------
     scene: with the seed that the grasp was reset with
     index: of the frame
-    world, reading: of that frame
-    reader: that goes on from there
+    world: of that frame
+    readings: of each finger in that frame
+    smaller: finger whose observation goes to the controller
+    readers: of each finger, that go on from there
     delivery: observations on their way
-    camera: what the camera remembers of the frames before; None without a camera
+    cameras: what each camera remembers of the frames before; empty without cameras
     """
 
     scene: Scene
     index: int
-    world: World
-    reading: Reading
-    reader: Reader
+    world: Any
+    readings: tuple[Reading, ...]
+    smaller: int
+    readers: tuple[Reader, ...]
     delivery: Delivery
-    camera: CameraMemory | None
+    cameras: tuple[CameraMemory, ...]
 
 
 class Rig:
     """A scene that is gripped frame by frame; the same seed and grips give the same bytes.
 
+    Each finger has its own camera, specimen and observer. A controller is given the observation
+    of the finger whose margin is smaller.
+
     Parameters
     ----------
     scene: object, load, fingertip, camera and methods
     methods: tracker and reconstructor; None are the scene's
-    camera: that takes the frames; None opens the scene's when a picture is needed first
+    camera: that takes the frames of one finger; None opens the scene's when first needed
     fingertip, known: chain that grips, and calibration of the estimator; None are the scene's
 
     Raises
     ------
     UserError
-        For a flat sensor.
+        For a flat sensor, and one whose pictures cannot be read.
     """
 
     def __init__(
@@ -79,14 +89,21 @@ class Rig:
     ) -> None:
         self.scene = scene
         self.methods = methods or Methods.of_scene(scene)
-        self._plant = _plant(scene, fingertip)
-        self._known = known
-        self._camera, self._own = camera, camera is None
+        self.plant = _plant(scene, fingertip)
+        self._cameras = [] if camera is None else [camera]
+        self._own = camera is None
+        self.known = [known or readable(each, self.methods) for each in self._fingers]
         self._index = -1
-        self._world: World
-        self._reading: Reading
-        self._reader: Reader
+        self._world: Any = None
+        self._readings: tuple[Reading, ...] = ()
+        self._smaller = 0
+        self._readers: tuple[Reader, ...] = ()
         self._delivery: Delivery
+
+    @property
+    def _fingers(self) -> tuple[Scene, ...]:
+        """Scene as each finger has it."""
+        return fingers(self.scene) if self.scene.pinch.mass_g else (self.scene,)
 
     @property
     def index(self) -> int:
@@ -97,11 +114,11 @@ class Rig:
     def time(self) -> float:
         """Instant of the frame [s]."""
         self._check_begun("time")
-        return self._world.now.state.time
+        return float(self._world.now.state.time)
 
     @property
-    def truth(self) -> Contact:
-        """True contact; not for a controller."""
+    def truth(self) -> Any:
+        """True contact, of two fingers both and the object; not for a controller."""
         self._check_begun("truth")
         return self._world.now
 
@@ -109,18 +126,18 @@ class Rig:
     def applied(self) -> float:
         """Force of the gripper's drive [N]."""
         self._check_begun("applied")
-        return self._world.applied
-
-    @property
-    def reading(self) -> Reading:
-        """What was read of this frame, before the latency."""
-        self._check_begun("reading")
-        return self._reading
+        return float(self._world.applied)
 
     @property
     def readings(self) -> tuple[Reading, ...]:
-        """What was read of this frame by each finger: here by one."""
-        return (self.reading,)
+        """What was read of this frame by each finger, before the latency."""
+        self._check_begun("readings")
+        return self._readings
+
+    @property
+    def reading(self) -> Reading:
+        """The same of the finger whose margin is smaller."""
+        return self.readings[self._smaller]
 
     @property
     def done(self) -> bool:
@@ -150,14 +167,14 @@ class Rig:
         if seed is not None and seed != self.scene.seed:
             self._reseed(seed)
         self._index = -1  # until everything below has gone well
-        self._world = self._plant.rest()
-        if self._camera is not None:
-            self._camera.recall(None)
-        self._reader = self._new_reader()
+        self._world = self.plant.rest()
+        for camera in self._cameras:
+            camera.recall(None)
+        self._readers = tuple(self._reader(k, each) for k, each in enumerate(self._fingers))
         self._delivery = Delivery(arrivals(self.scene))
-        self._read(0)
-        assert self._reading.observation is not None  # the first frame is never dropped
-        return held(self._reading.observation, self.scene.held_margin)
+        seen = self._read(0)
+        assert seen is not None  # the first frame is never dropped
+        return seen
 
     def step(self, grip: float) -> GripObservation | None:
         """Grip with a force until the next frame.
@@ -184,7 +201,7 @@ class Rig:
                 "call reset() before the next step()"
             )
         grip = checked_force(grip, f"step() at frame {self._index} was given")
-        self._world = self._plant.next_frame(self._world, grip, self._index)
+        self._world = self.plant.next_frame(self._world, grip, self._index)
         self._read(self._index + 1)
         arrived = self.arrived
         return arrived[-1].observation if arrived else None
@@ -210,10 +227,10 @@ class Rig:
                 "during a grasp only load, object.friction and object.stiffness_kpa can change; "
                 "anything else needs a rig of its own"
             )
-        self._world = self._plant.changed(self._world, scene)
+        self._world = self.plant.changed(self._world, scene)
         self.scene = scene
 
-    def sample(self, grip: float = float("nan")) -> Sample:
+    def sample(self, grip: float = math.nan) -> Sample:
         """The frame, truth beside estimate.
 
         Parameters
@@ -221,32 +238,33 @@ class Rig:
         grip: force that is commanded from now on [N]
         """
         self._check_begun("sample()")
-        now = self._world.now
         return Sample(
             index=self._index,
-            truth=now,
-            load=self.scene.load.force(now.state.time + 1e-9),
+            truth=self._world.now,
+            load=self.scene.load.force(self.time + 1e-9),
             grip=grip,
             applied=self._world.applied,
-            pressure=pressure(now.field),
-            pressure_pitch=pressure(now.field, self._plant.pitch),
-            observation=self._reading.observation,
-            frame=self._reading.frame,
-            tracks=self._reading.tracks,
-            rest=self._reading.rest,
+            pitch=self.plant.pitch,
+            readings=self._readings,
+            smaller=self._smaller,
         )
 
-    def picture(self) -> Frame:
-        """Camera's picture of this frame, also on the truth path and of a dropped frame."""
-        self._check_begun("picture()")
-        if self._reading.frame is None:
-            frame = self._opened().expose(exposed_state(self._world), self._index)
-            self._reading = replace(self._reading, frame=frame)
-        return self._reading.frame or frame
-
     def pictures(self) -> tuple[Frame, ...]:
-        """Picture of each finger's camera, as `picture`: here one."""
-        return (self.picture(),)
+        """Each camera's picture of this frame, also on the truth path and of a dropped frame."""
+        self._check_begun("pictures()")
+        return tuple(self._picture(k) for k in range(len(self._readings)))
+
+    def picture(self) -> Frame:
+        """The only camera's picture, as `pictures`."""
+        self._check_begun("picture()")
+        (only,) = self.pictures()
+        return only
+
+    def rest_pictures(self) -> tuple[Frame, ...]:
+        """Each camera's picture of the untouched finger, with noise that is in no other frame."""
+        world = self.plant.rest()
+        states = [world.finger(k).now.state for k in range(len(self._fingers))]
+        return tuple(self._camera(k).expose_rest(s, 1)[0] for k, s in enumerate(states))
 
     def save(self) -> RigState:
         """State of the grasp, from which it can go on later, as often as is wanted."""
@@ -255,10 +273,11 @@ class Rig:
             scene=self.scene,
             index=self._index,
             world=self._world,
-            reading=self._reading,
-            reader=self._reader.copied(),
+            readings=self._readings,
+            smaller=self._smaller,
+            readers=tuple(reader.copied() for reader in self._readers),
             delivery=self._delivery.copied(),
-            camera=None if self._camera is None else self._camera.memory(),
+            cameras=tuple(camera.memory() for camera in self._cameras),
         )
 
     def restore(self, state: RigState) -> None:
@@ -269,65 +288,94 @@ class Rig:
         UserError
             For a state of another scene.
         """
+        if len(state.readings) != len(self._fingers):
+            raise UserError("the state was saved of another number of fingers")
         if msgspec.structs.replace(state.scene, seed=self.scene.seed) != self.scene:
             raise UserError("the state was saved of another scene; restore it in a rig of that one")
         if state.scene.seed != self.scene.seed:
             self._reseed(state.scene.seed)
-        self._index, self._world, self._reading = state.index, state.world, state.reading
-        self._reader, self._delivery = state.reader.copied(), state.delivery.copied()
-        if state.camera is not None:
-            self._opened().recall(state.camera)
-        elif self._camera is not None:
-            self._camera.recall(None)
+        self._index, self._world = state.index, state.world
+        self._readings, self._smaller = state.readings, state.smaller
+        self._readers = tuple(reader.copied() for reader in state.readers)
+        self._delivery = state.delivery.copied()
+        for camera in self._cameras:
+            camera.recall(None)
+        for k, memory in enumerate(state.cameras):
+            self._camera(k).recall(memory)
 
     def close(self) -> None:
-        """Release the camera; closing it again does nothing."""
-        if self._own and self._camera is not None:
-            self._camera.close()
-            self._camera = None
+        """Release the cameras; closing them again does nothing."""
+        while self._own and self._cameras:
+            self._cameras.pop().close()
 
     def _check_begun(self, what: str) -> None:
         if self._index < 0:
             raise UserError(f"{what} is not possible before reset(); call reset() first")
 
     def _reseed(self, seed: int) -> None:
-        """Take another seed, with another camera, whose noise and defects it decides."""
+        """Take another seed, with other cameras, whose noise and defects it decides."""
         if not 0 <= seed < 2**32:
             raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
         self.close()
         self.scene = msgspec.structs.replace(self.scene, seed=int(seed))
 
-    def _opened(self) -> SimulatedCamera:
-        if self._camera is None:
-            self._camera = open_camera(self.scene, self.methods)
-        return self._camera
+    def _reader(self, k: int, finger: Scene) -> Reader:
+        known = self.known[k]
+        if known is None:
+            return TruthReader(finger)
+        return CameraReader(finger, self._camera(k), self._world.finger(k), known, self.methods)
 
-    def _new_reader(self) -> Reader:
-        if self.scene.path == "truth":
-            return TruthReader(self.scene)
-        with located(f"sensor {self.scene.sensor}"):
-            if self._known is None:
-                self._known = known_sensor(self.scene)
-        camera = self._opened()
-        return CameraReader(self.scene, camera, self._world, self._known, self.methods)
+    def _camera(self, k: int) -> SimulatedCamera:
+        """Camera of a finger; all are opened together when one is needed first."""
+        if not self._cameras:
+            self._cameras = [open_camera(each, self.methods) for each in self._fingers]
+        return self._cameras[k]
 
-    def _read(self, index: int) -> None:
-        """Read the frame of that index, and send its observation on its way."""
+    def _picture(self, k: int) -> Frame:
+        frame = self._readings[k].frame
+        if frame is None:
+            frame = self._camera(k).expose(exposed_state(self._world.finger(k)), self._index)
+            readings = list(self._readings)
+            readings[k] = replace(readings[k], frame=frame)
+            self._readings = tuple(readings)
+        return frame
+
+    def _read(self, index: int) -> GripObservation | None:
+        """Read the frames of that index, and send one observation on its way."""
         seen = index if self._delivery.due[index] >= 0 else None
-        self._reading = self._reader.read(self._world, seen, self._camera)
+        self._readings = tuple(
+            reader.read(self._world.finger(k), seen, self._cameras[k] if self._cameras else None)
+            for k, reader in enumerate(self._readers)
+        )
         self._index = index
-        observation = self._reading.observation
-        if observation is not None:
-            self._delivery.send(index, held(observation, self.scene.held_margin))
+        came = [one.observation for one in self._readings if one.observation is not None]
+        if len(came) < len(self._readings):
+            return None
+        each = [held(one, self.scene.held_margin) for one in came]
+        self._smaller = smaller(each)
+        self._delivery.send(index, each[self._smaller])
+        return each[self._smaller]
 
 
-def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant:
+def smaller(observations: list[GripObservation]) -> int:
+    """Finger that a controller is told of: the one with the smallest margin.
+
+    A finger that touches nothing comes before all others, and controllers grip anew. A finger
+    without an estimate is left out while another one has one.
+    """
+    return min(range(len(observations)), key=lambda k: _urgency(observations[k]))
+
+
+def _urgency(observation: GripObservation) -> float:
+    if observation.no_estimate:
+        return math.inf
+    return -math.inf if math.isnan(observation.margin) else observation.margin
+
+
+def _plant(scene: Scene, fingertip: Fingertip | None) -> Any:
     """Body of a scene, with a fingertip in place of the scene's chain."""
     if scene.pinch.mass_g:
-        raise UserError(
-            "the scene is a pinch of two fingers; run it with `chromagrip grasp` or "
-            "chromagrip.run, or step through it with chromagrip.open"
-        )
+        return PinchPlant(scene)
     if scene.body == "dome":
         return DomePlant(scene)
     if scene.build_sensor().shape.flat:

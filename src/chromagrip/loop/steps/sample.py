@@ -1,6 +1,7 @@
 """One frame of a run, truth beside estimate."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from ...control import GripObservation
 from ...errors import UserError
@@ -8,7 +9,7 @@ from ...model import ForceField, SlipRecord, State
 from ...model.dome import DomeSlip
 from ...render import Frame
 from ...tracking import Tracks
-from ..world import Contact
+from .readers import Reading
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,24 +23,52 @@ class Sample:
     load: lateral load on the object [N]
     grip: force commanded from now on [N]
     applied: force of the gripper's drive now [N]
-    pressure, pressure_pitch: true pressure, without and with one node pitch added [N/m]
-    observation: of this frame, with Γ as its margin; the controller is given it after the latency,
-        with the margin that it is to hold; None of a dropped frame
-    frame, tracks, rest: image, markers in it and at rest; None on the truth path, the first two
-        also of a dropped frame
+    pitch: of the body's nodes [m]
+    readings: of each finger; the controller is given an observation after the latency, with the
+        margin that it is to hold
+    smaller: finger whose observation that is
     """
 
     index: int
-    truth: Contact
+    truth: Any
     load: float
     grip: float
     applied: float
-    pressure: float
-    pressure_pitch: float
-    observation: GripObservation | None
-    frame: Frame | None
-    tracks: Tracks | None
-    rest: Tracks | None
+    pitch: float
+    readings: tuple[Reading, ...]
+    smaller: int = 0
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why fingers have no estimate."""
+        seen = [reading.observation for reading in self.readings]
+        return [each.no_estimate for each in seen if each is not None and each.no_estimate]
+
+    @property
+    def reading(self) -> Reading:
+        """Of the only finger."""
+        (only,) = self.readings
+        return only
+
+    @property
+    def observation(self) -> GripObservation | None:
+        """Of the only finger's frame, with Γ as its margin; None of a dropped frame."""
+        return self.reading.observation
+
+    @property
+    def frame(self) -> Frame | None:
+        """Image; None on the truth path and of a dropped frame."""
+        return self.reading.frame
+
+    @property
+    def tracks(self) -> Tracks | None:
+        """Markers in the image."""
+        return self.reading.tracks
+
+    @property
+    def rest(self) -> Tracks | None:
+        """Markers at rest; None on the truth path."""
+        return self.reading.rest
 
     @property
     def state(self) -> State:

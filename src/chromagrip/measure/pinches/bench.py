@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import UserError
+from ...loop.run_folder import run
 from ...output.processes import map_processes
 from ...output.report import Bounds, Report, Row, Table, measured, number, reported, values
-from ...rig.pinch.run import run_pinch
 from ...scene.controllers import CONTROLLERS
 from ...scene.scene import load_scene
 from ...thesis import OBJECTS
@@ -202,7 +202,7 @@ def outcome_of(task: Task) -> Outcome | str:
         changes["controller"] = task.controller
     try:
         scene = load_scene(LIFT if task.scene == WEIGHTS else task.scene, changes)
-        result = run_pinch(scene)
+        result = run(scene)
     except UserError as error:
         return str(error)
     trace, summary, found = result.trace, result.summary, pinch_scores(result)

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from ...loop.pinch.trace import OUTCOMES
 from ...loop.run_folder import Result
-from ...rig.pinch.trace import OUTCOMES
 from ..worlds.scorecard import of_command
 
 #: Unit of each score.

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...loop.pinch_world import PinchPlant
 from ...model import Dome, Solid
 from ...model.pinch import Pinch, PinchRun, box_body, pinch_rest, simulate_pinch
 from ...model.shapes import box
 from ...output.report import Row, at_most, reported, within
-from ...rig.pinch.world import PinchPlant
 from ...scene.fingers import build_pinch
 from ...scene.scene import load_scene
 

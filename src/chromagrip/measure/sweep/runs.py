@@ -8,9 +8,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from ...errors import UserError
-from ...loop.run_folder import ANSWER_WITHIN_S
+from ...loop.run_folder import ANSWER_WITHIN_S, run
 from ...output.processes import map_processes
-from ...rig.running import run_scene
 from ...scene.scene import Scene, dump_scene, load_scene
 from ..pinches.scores import pinch_scores
 from ..worlds.scorecard import scores
@@ -150,7 +149,7 @@ def cell(task: Task) -> Cell:
     found: dict[str, float] = {}
     failed = ""
     try:
-        result = run_scene(task.scene, answer_within_s=task.answer_within_s)
+        result = run(task.scene, answer_within_s=task.answer_within_s)
         found = pinch_scores(result) if task.scene.pinch.mass_g else scores(result)
     except UserError as error:
         failed = str(error)

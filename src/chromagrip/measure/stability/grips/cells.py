@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 
 from ....errors import UserError
+from ....loop.run_folder import run
 from ....loop.trace import Trace
 from ....model import GROSS_SLIP
-from ....rig.running import run_scene
 from ....scene.scene import Scene, load_scene
 from ..cells import SWING, swing
 
@@ -132,7 +132,7 @@ def cell(setting: Setting) -> Cell:
     """Run a setting and judge it."""
     try:
         scene = setting.scene()
-        result = run_scene(scene)
+        result = run(scene)
     except UserError as stopped:
         return Cell(**vars(setting), outcome="no answer", note=str(stopped))
     trace = result.trace

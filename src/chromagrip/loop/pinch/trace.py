@@ -6,13 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...control import GripObservation
-from ...loop.trace import Summary, Trace, counted_kinds
-from ...loop.world import Contact
 from ...model import margin_within
 from ...model.pinch import mean_pressure
 from ...scene.fingers import build_pinch
 from ...scene.scene import Scene
-from .rig import PinchSample
+from ..steps.sample import Sample
+from ..trace import Summary, Trace, counted_kinds
+from ..world import Contact
 
 #: Columns of the whole pinch, with their meaning.
 WHOLE = {
@@ -69,26 +69,23 @@ COLUMNS = WHOLE | {f"{f}_{name}": meaning for f in FINGERS for name, meaning in 
 OUTCOMES = ("held", "turned", "crushed", "dropped")
 
 
-class Rows:
-    """Rows of a pinch's trace, one a frame.
+class PinchRows:
+    """Lines of a pinch's trace, one a frame; as `trace.Rows`.
 
     Parameters
     ----------
     scene: that is run
     """
 
+    columns, names = COLUMNS, tuple(COLUMNS)
+
     def __init__(self, scene: Scene) -> None:
         self._pinch = build_pinch(scene)
         self._limits = scene.pinch.limits
         self._start: float | None = None
-        self._rows: list[tuple[float, ...]] = []
 
-    def __len__(self) -> int:
-        """Frames so far."""
-        return len(self._rows)
-
-    def add(self, sample: PinchSample) -> None:
-        """Append a frame."""
+    def line(self, sample: Sample) -> tuple[float, ...]:
+        """Line of a frame."""
         truth, record = sample.truth, sample.truth.record
         height = -float(self._pinch.down @ truth.state.moving.place)
         self._start = height if self._start is None else self._start
@@ -117,12 +114,7 @@ class Rows:
             for value in (*_true(contact), *_seen(reading.observation), *_slipped(contact),
                           _visible(reading.tracks))
         ]  # fmt: skip
-        self._rows.append((*whole, *fingers))
-
-    def trace(self) -> Trace:
-        """Trace of the rows so far."""
-        values = np.array(self._rows, dtype=float).reshape(-1, len(COLUMNS))
-        return Trace(dict(zip(COLUMNS, values.T, strict=True)))
+        return (*whole, *fingers)
 
     def _pressure(self, contacts: tuple[Contact, Contact]) -> float:
         domes = (self._pinch.first, self._pinch.second)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...control import GripObservation
-from ...loop.shown.figure import ESTIMATED, LOAD, TRUE
 from ...model import margin_within
-from .rig import PinchSample
+from ..shown.figure import ESTIMATED, LOAD, TRUE
+from ..steps.sample import Sample
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,7 +62,7 @@ class Courses:
     )
     forces: Curves = field(default_factory=lambda: _curves(FORCE_NAMES))
 
-    def add(self, sample: PinchSample) -> None:
+    def add(self, sample: Sample) -> None:
         """Append a frame."""
         self.times.append(sample.time)
         self.forces["grip"].append(sample.grip)

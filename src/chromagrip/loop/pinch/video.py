@@ -1,22 +1,23 @@
 """The video of a pinch: both cameras with their tractions, the scene, and margins over time."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...loop.shown.dome_picture import STICKS, TractionPicture, write
-from ...loop.shown.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
-from ...loop.trace import word_for_read
 from ...model import ForceField
 from ...output.video import VideoFile
 from ...render import Frame
 from ...scene.fingers import build_pinch, fingers
 from ...scene.scene import Scene
+from ..shown.dome_picture import STICKS, TractionPicture, write
+from ..shown.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
+from ..steps.sample import Sample
+from ..trace import word_for_read
 from .course_plot import CoursePlot, Courses
-from .rig import PinchSample
 from .stage import FINGER_COLOURS, INK, draw_along, draw_side, set_stage
 from .trace import OUTCOMES
 
@@ -74,7 +75,7 @@ class PinchVideo(VideoFile):
         self._start = math.nan
         self._slot = -1
 
-    def add(self, sample: PinchSample) -> bool:
+    def due(self, sample: Sample) -> bool:
         """Take a frame into the plots; whether its picture is due."""
         if not self.courses.times:
             self._start = float(sample.truth.state.moving.place[0])
@@ -84,11 +85,11 @@ class PinchVideo(VideoFile):
         self._slot = slot if due else self._slot
         return due
 
-    def show(self, sample: PinchSample, frames: tuple[Frame, Frame]) -> None:
+    def show(self, sample: Sample, frames: Sequence[Frame]) -> None:
         """Append the picture of a frame that was added."""
         self.append(self.compose(sample, frames), self._slot)
 
-    def compose(self, sample: PinchSample, frames: tuple[Frame, Frame]) -> Image:
+    def compose(self, sample: Sample, frames: Sequence[Frame]) -> Image:
         """Picture of a frame, RGB, (720, 1280, 3)."""
         whole = np.full((HEIGHT, WIDTH, 3), _WHITE, np.uint8)
         tractions = self._draw_tractions(sample)
@@ -107,7 +108,7 @@ class PinchVideo(VideoFile):
         self._head(whole, sample)
         return whole
 
-    def _draw_tractions(self, sample: PinchSample) -> list[Image]:
+    def _draw_tractions(self, sample: Sample) -> list[Image]:
         """Both tractions, with one scale, as a camera sees them."""
         shown: list[tuple[ForceField, float]] = []
         for contact, reading in zip(sample.truth.fingers, sample.readings, strict=True):
@@ -148,7 +149,7 @@ class PinchVideo(VideoFile):
         cv2.rectangle(turned, (0, 0), (SIDE - 1, SIDE - 1), FRAME, 1)
         return turned
 
-    def _legend(self, sample: PinchSample) -> Image:
+    def _legend(self, sample: Sample) -> Image:
         legend = np.full((SIDE, SIDE, 3), _WHITE, np.uint8)
         truth = sample.truth.record
         lines = (
@@ -164,11 +165,11 @@ class PinchVideo(VideoFile):
         self._tractions[0].legend(legend, (10, 20 + 19 * len(lines) + 10))
         return legend
 
-    def _rise(self, sample: PinchSample) -> float:
+    def _rise(self, sample: Sample) -> float:
         """Rise of the centre of mass since the start [m]; x is down."""
         return self._start - float(sample.truth.state.moving.place[0])
 
-    def _head(self, whole: Image, sample: PinchSample) -> None:
+    def _head(self, whole: Image, sample: Sample) -> None:
         """Line of text above everything."""
         scene = self._scene
         outcome = sample.truth.record.outcome(scene.pinch.limits)

@@ -6,9 +6,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ...loop.shown.figure import ESTIMATED, LOAD, TRUE, finish
-from ...loop.trace import Trace, word_for_read
 from ...scene.scene import Scene
+from ..shown.figure import ESTIMATED, LOAD, TRUE, finish
+from ..trace import Trace, word_for_read
 from .trace import FINGERS, OUTCOMES
 
 #: Turn that the figure shows at least to both sides [°]: less is the solver's noise.

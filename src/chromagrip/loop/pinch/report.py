@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...loop.shown.report import (
+from ...output.run_page import Curve, Panel, RunOnPage, write_run_page
+from ...scene.scene import Scene
+from ..shown.report import (
     REPORT,
     RunRead,
     curves_there,
@@ -18,10 +20,8 @@ from ...loop.shown.report import (
     margin_panel,
     margin_words,
 )
-from ...loop.shown.tactile_video import SLOWDOWN
-from ...loop.trace import may_slide, word_for_read
-from ...output.run_page import Curve, Panel, RunOnPage, write_run_page
-from ...scene.scene import Scene
+from ..shown.tactile_video import SLOWDOWN
+from ..trace import may_slide, word_for_read
 from .trace import FINGERS
 
 Array = NDArray[np.float64]

@@ -1,16 +1,16 @@
 """The model's side of a pinch: two domes, an object with a weight, drive and hand."""
 
+import math
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import located
-from ...loop.dome_world import dome_contact, solid_at
-from ...loop.world import Clock, Contact, World, drive_forces
-from ...model import DomeState, ForceField, Solid, dome_forces
-from ...model.dome import DomeSlip, follow_dome_slip, no_dome_slip
-from ...model.pinch import (
+from ..errors import UserError, located
+from ..model import DomeState, ForceField, Solid, dome_forces
+from ..model.dome import DomeSlip, follow_dome_slip, no_dome_slip
+from ..model.pinch import (
     Pinch,
     PinchRecord,
     PinchState,
@@ -18,8 +18,10 @@ from ...model.pinch import (
     follow_pinch,
     pinch_rest,
 )
-from ...scene.fingers import build_pinch
-from ...scene.scene import Scene
+from ..scene.fingers import build_pinch
+from ..scene.scene import Scene
+from .dome_world import dome_contact, solid_at
+from .world import Clock, Contact, World, drive_forces
 
 Array = NDArray[np.float64]
 
@@ -84,6 +86,8 @@ class PinchPlant:
             self._start = pinch_rest(self.pinch)
         self._stepper = PinchStepper(self.pinch, self._start)
 
+    pitch = math.nan  # of two skins; no trace of a pinch has it
+
     def rest(self) -> PinchWorld:
         """World before the grip begins."""
         solid, start = self.pinch.solid, self._start
@@ -113,6 +117,10 @@ class PinchPlant:
                 exposed = now
             now = self._step(now, float(time), float(end), float(forces[k, 0]))
         return PinchWorld(now=now, exposed=exposed if clock.exposure else now, applied=applied)
+
+    def changed(self, world: PinchWorld, scene: Scene) -> NoReturn:
+        """Refuse: the weight is that of the scene."""
+        raise UserError("a pinch cannot change during a grasp")
 
     def _step(self, last: Pinched, time: float, end: float, grip: float) -> Pinched:
         """Pinch after a step from the stepper's state, under a grip [N]."""

@@ -4,7 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...loop.shown.log import (
+from ...output.frames import FRAMES
+from ...output.logs.entries import ERROR, OK, Condition, Log, Pictures
+from ..shown.log import (
     Named,
     condition_of_slip,
     conditions_of,
@@ -15,10 +17,8 @@ from ...loop.shown.log import (
     target_of,
     wrenches_of,
 )
-from ...loop.shown.log_pictures import Part, raw_pictures, video_pictures
-from ...loop.shown.report import RunRead
-from ...output.frames import FRAMES
-from ...output.logs.entries import ERROR, OK, Condition, Log, Pictures
+from ..shown.log_pictures import Part, raw_pictures, video_pictures
+from ..shown.report import RunRead
 from .trace import COLUMNS, FINGERS, OUTCOMES
 
 _WHOLE = (

@@ -1,0 +1,1 @@
+"""What a run of two fingers is recorded and shown as."""

@@ -1,1 +1,0 @@
-"""Two fingers that hold one object: rig, runs, traces and pictures."""
