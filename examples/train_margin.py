@@ -16,10 +16,10 @@ from sklearn.decomposition import PCA
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 
-from chromagrip import dataset
-from chromagrip.loop.observers import CameraObserver, known_sensor
+from chromagrip import Reader, dataset
 from chromagrip.output.pictures import read_picture
-from chromagrip.render import Frame, gl_problem
+from chromagrip.render import gl_problem
+from chromagrip.sensing.reader import known_sensor
 
 NOISE = 0.02  # of tracked positions, which labels do not have [px]
 
@@ -28,15 +28,14 @@ def tracked(sequence: dataset.Loaded) -> tuple[np.ndarray, list[float]]:
     """Tracked displacements, (T, 4M), and Γ by chromagrip's own read-out, (T,)."""
     scene, known = sequence.scene, known_sensor(sequence.scene)
     noise, window = scene.camera.noise_levels, scene.safety_margin.friction_window_s
-    rest = Frame(image=read_picture(sequence.rest), time=-1.0)
-    observer = CameraObserver(known, "fit", "auto", noise, window, [rest])
+    reader = Reader(known, [read_picture(sequence.rest)], noise=noise, window=window)
     designed = known.sensor.view.project(known.sensor.shape.points(known.sensor.places, 0.0))
-    number = KDTree(observer.rest.position[0]).query(designed)[1]  # in the labels' order
+    number = KDTree(reader.rest.position[0]).query(designed)[1]  # in the labels' order
     pictures = zip(sequence.images(), sequence.frames["time_s"], strict=True)
-    observed = [observer.observe(Frame(image=image, time=time)) for image, time in pictures]
-    moved = np.stack([tracks.position for _, tracks in observed]) - observer.rest.position
+    readings = [reader.update(image, time) for image, time in pictures]
+    moved = np.stack([one.tracks.position for one in readings]) - reader.rest.position
     displacement = np.nan_to_num(moved)[:, :, number].reshape(len(moved), -1)
-    return displacement, [observation.margin for observation, _ in observed]
+    return displacement, [one.margin for one in readings]
 
 
 def main(count: int, folder: Path) -> None:

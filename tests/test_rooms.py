@@ -35,18 +35,20 @@ MAY_IMPORT = {
     "control": "model",
     "output": "model render tracking",
     "scene": "model render tracking control output",
-    "loop": "model render tracking control output scene",
-    "pictures": "model render tracking control output scene loop",
-    "calibrate": "model render tracking control output scene loop pictures",
-    "dataset": "model render tracking control output scene loop",
-    "rig": "model render tracking control output scene loop",
-    "live": "model render tracking control output scene loop pictures rig",
-    "measure": "model render tracking control output scene loop pictures calibrate dataset rig",
-    "cli": "model render tracking control output scene loop pictures calibrate dataset measure rig "
-    "live",
+    "sensing": "model render tracking control output scene",
+    "loop": "model render tracking control output scene sensing",
+    "pictures": "model render tracking control output scene sensing loop",
+    "calibrate": "model render tracking control output scene sensing loop pictures",
+    "dataset": "model render tracking control output scene sensing loop",
+    "rig": "model render tracking control output scene sensing loop",
+    "live": "model render tracking control output scene sensing loop pictures rig",
+    "measure": "model render tracking control output scene sensing loop pictures calibrate dataset "
+    "rig",
+    "cli": "model render tracking control output scene sensing loop pictures calibrate dataset "
+    "measure rig live",
 }
 #: Modules beside the rooms: the entry points.
-DOORS = {"__init__": "scene loop rig", "__main__": "cli"}
+DOORS = {"__init__": "scene sensing loop rig", "__main__": "cli"}
 STAGES = ("model", "render", "tracking", "control")
 #: Largest number of modules in a folder, and of lines in a function.
 MOST_MODULES = 16

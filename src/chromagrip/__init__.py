@@ -12,17 +12,24 @@ from .links import guard as _guard
 
 if TYPE_CHECKING:
     from .errors import UserError
+    from .loop.rig import Rig
     from .loop.run_folder import Result, run
-    from .loop.steps.rig import Rig
     from .rig.opening import open_rig as open
     from .scene.scene import Scene, load_scene, scene_names
+    from .sensing.bodies import Pose
+    from .sensing.reader import Reader, Reading
+    from .sensing.sensor import TactileSensor
 
     __version__: str
 
 _HOMES = {
+    "Pose": "sensing.bodies:Pose",
+    "Reader": "sensing.reader:Reader",
+    "Reading": "sensing.reader:Reading",
     "Result": "loop.run_folder:Result",
-    "Rig": "loop.steps.rig:Rig",
+    "Rig": "loop.rig:Rig",
     "Scene": "scene.scene:Scene",
+    "TactileSensor": "sensing.sensor:TactileSensor",
     "UserError": "errors:UserError",
     "load_scene": "scene.scene:load_scene",
     "open": "rig.opening:open_rig",
@@ -31,9 +38,13 @@ _HOMES = {
 }
 
 __all__ = [
+    "Pose",
+    "Reader",
+    "Reading",
     "Result",
     "Rig",
     "Scene",
+    "TactileSensor",
     "UserError",
     "__version__",
     "load_scene",

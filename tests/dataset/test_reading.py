@@ -25,9 +25,7 @@ from chromagrip.dataset.make import make
 from chromagrip.dataset.read import Loaded, tables
 from chromagrip.dataset.recipe import Recipe, load_recipe
 from chromagrip.dataset.sequence import sequence, shots
-from chromagrip.loop.observers import CameraObserver
-from chromagrip.render import Frame
-from chromagrip.tracking import sensor_as_designed
+from chromagrip.sensing.reader import Reader
 
 PRESS = {
     "motion": {"choice": ["move"]},
@@ -77,10 +75,10 @@ def test_a_reading_is_near_the_truth_and_says_how_near(made: Path, loaded: list[
 def test_a_reading_comes_from_the_pictures_alone(loaded: list[Loaded]) -> None:
     """The files that anybody has are read again, without the labels."""
     one = loaded[1]
-    rest = Frame(image=one.pictures.rest, time=0.0)
-    observer = CameraObserver(sensor_as_designed("dome-2022"), "fit", "contact", 1.0, 0.05, [rest])
+    reader = Reader("dome-2022", [one.pictures.rest], noise=1.0, window=0.05)
     for k, image in enumerate(one.images()):
-        seen, _ = observer.observe(Frame(image=image, time=k / 20.0))
+        seen = reader.update(image, k / 20.0).observation
+        assert seen is not None
         assert one.frames[f"{READ}normal_n"][k] == pytest.approx(seen.field.total_normal)
         for axis, force in zip("xyz", seen.force, strict=True):
             assert one.frames[f"{READ}force_{axis}_n"][k] == pytest.approx(force)

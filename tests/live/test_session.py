@@ -16,7 +16,7 @@ from chromagrip.live.record import Recorder
 from chromagrip.live.serve import check_port
 from chromagrip.live.session import Session, Shown
 from chromagrip.live.wishes import OBJECTS, scene_for, wishes_of
-from chromagrip.loop.steps.rig import Rig
+from chromagrip.loop.rig import Rig
 from chromagrip.scene.scene import Scene
 
 DOME = {"path": "truth", "camera.rate_hz": 50.0, "fingertip.step_ms": 10.0}
@@ -73,7 +73,7 @@ def test_load_twist_and_azimuth_of_a_dome() -> None:
     pull = sideways.field.friction.sum(axis=0)
     assert abs(pull[1]) == pytest.approx(0.5, rel=0.1)
     assert abs(pull[0]) < 0.05
-    assert twisted.truth.turn > sideways.truth.turn + np.radians(0.5)
+    assert twisted.contact.turn > sideways.contact.turn + np.radians(0.5)
 
 
 def test_slippery_objects_have_less_margin() -> None:

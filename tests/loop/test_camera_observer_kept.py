@@ -3,8 +3,8 @@
 import numpy as np
 
 from chromagrip import load_scene
-from chromagrip.loop import observers
-from chromagrip.loop.steps.rig import Rig
+from chromagrip.loop.rig import Rig
+from chromagrip.sensing import reader
 
 
 def read(friction: float, frames: int = 4) -> tuple[np.ndarray, np.ndarray]:
@@ -24,12 +24,12 @@ def read(friction: float, frames: int = 4) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_second_grasp_is_the_same_with_what_was_kept_and_without() -> None:
-    observers._resting.cache_clear()
+    reader._resting.cache_clear()
     first = read(0.5)
     other = read(0.3)
     again = read(0.5)
-    assert observers._resting.cache_info().hits == 2
-    observers._resting.cache_clear()
+    assert reader._resting.cache_info().hits == 2
+    reader._resting.cache_clear()
     anew = read(0.3)
     for one, same in ((first, again), (other, anew)):
         np.testing.assert_array_equal(one[0], same[0])

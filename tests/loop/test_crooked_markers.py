@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from chromagrip.loop.camera import open_camera
 from chromagrip.loop.grasp import grasp
-from chromagrip.loop.observers import known_sensor
 from chromagrip.render import Frame
 from chromagrip.scene.scene import load_scene
+from chromagrip.sensing.reader import known_sensor
+from chromagrip.sensing.sensor import open_camera
 from chromagrip.tracking import MarkerTracker, Palette
 from chromagrip.tracking.fit import tracker as module
 
@@ -26,7 +26,7 @@ def pictures() -> tuple[MarkerTracker, list[Frame]]:
     scene = load_scene("dome-1", changes)
     with closing(open_camera(scene)) as camera:
         samples = grasp(scene, camera)
-        rest = camera.expose_rest(next(samples).truth.state, 8)
+        rest = camera.expose_rest(next(samples).contact.state, 8)
         frames = [sample.frame for sample in samples if sample.frame is not None]
     tracker = MarkerTracker(Palette.of_sensor(known_sensor(scene).sensor), 2.0)
     tracker.reset(rest)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from chromagrip.calibrate.readout import train
-from chromagrip.loop.camera import open_camera
 from chromagrip.loop.grasp import grasp
-from chromagrip.loop.observers import known_sensor
 from chromagrip.loop.run_folder import run
 from chromagrip.scene.scene import load_scene
+from chromagrip.sensing.reader import known_sensor
+from chromagrip.sensing.sensor import open_camera
 from chromagrip.tracking import sensor_as_designed
 
 #: A training of two minutes: intervals are asked of it, not sharp ones.

@@ -165,8 +165,8 @@ class Tampered:
         self._swap = swap
         self._kept: dict[int, Frame] = {}
 
-    def expose(self, state: State, index: int) -> Frame:
-        self._kept[index] = self._camera.expose(state, index)
+    def expose(self, state: State, index: int, before: np.ndarray) -> Frame:
+        self._kept[index] = self._camera.expose(state, index, before)
         return replace(self._kept[self._swap.get(index, index)], time=state.time)
 
     def __getattr__(self, name: str) -> object:
@@ -213,7 +213,7 @@ def test_the_force_follows_the_markers_of_another_object() -> None:
     images = [s.frame for s in grasp(hard, open_camera(hard))]
 
     class Swapped(Tampered):
-        def expose(self, state: State, index: int) -> Frame:
+        def expose(self, state: State, index: int, before: np.ndarray) -> Frame:
             frame = images[index]
             assert frame is not None
             return frame

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from chromagrip.loop.camera import SimulatedCamera, carried
 from chromagrip.model import Dome, Solid, press_and_move, simulate_contact
 from chromagrip.model.dome import resting
 from chromagrip.model.shapes import ball
@@ -15,9 +14,10 @@ from chromagrip.render import (
     centroids,
     layer_depths,
     load_sensor,
-    open_renderer,
     outlines,
 )
+from chromagrip.sensing.camera import carried
+from chromagrip.sensing.sensor import TactileSensor
 from chromagrip.tracking import MarkerTracker, Palette
 
 DESIGN = load_sensor("chromatouch-next")
@@ -48,8 +48,8 @@ def test_its_markers_are_followed_without_swaps() -> None:
     motion = press_and_move(1e-3, shift=(0.5e-3, 0.3e-3), twist=math.radians(8.0))
     run = simulate_contact(dome, solid, motion, dt=10e-3, keep=10)
     states, carry = [resting(dome, solid, motion), *run.states], DomeMap(DESIGN, dome)
-    renderer = open_renderer("painter", DESIGN)
-    with closing(SimulatedCamera(DESIGN, renderer, dome, 2.0, 3, DESIGN.defects, carry)) as camera:
+    sensor = TactileSensor(DESIGN, body=dome, noise=2.0, seed=3, membrane_map=carry)
+    with closing(sensor.camera) as camera:
         tracker = MarkerTracker(Palette.of_sensor(DESIGN), 2.0)
         rest = tracker.reset(camera.expose_rest(states[0], 4))
         found = [tracker.update(camera.expose(state, k)) for k, state in enumerate(states)]

@@ -7,9 +7,9 @@ import pytest
 
 from chromagrip import load_scene, run
 from chromagrip.control import GripObservation
-from chromagrip.loop.observers import ForceObserver, margin_deviation, margin_interval
 from chromagrip.model import ForceField, FrictionReading
 from chromagrip.render import load_sensor
+from chromagrip.sensing.observers import ForceObserver, margin_deviation, margin_interval
 from chromagrip.tracking import Z90, SensorCalibration, Tracks, nominal_calibration
 
 NORMAL, FRICTION = 2.0, 0.6

@@ -161,8 +161,8 @@ def test_errors_are_one_sentence_and_exit_code_2(
 
 def test_motion_blur_is_seen_in_a_grasp_and_not_at_rest() -> None:
     """Frames of a moving skin are means over the open shutter; a still one is as sharp as ever."""
-    from chromagrip.loop.camera import open_camera
     from chromagrip.model import State
+    from chromagrip.sensing.sensor import open_camera
 
     scene = load_scene("camera-100hz", {"defects.motion_blur": 1.0, "camera.noise_levels": 0.0})
     sharp = load_scene("camera-100hz", {"camera.noise_levels": 0.0})

@@ -9,9 +9,9 @@ import pytest
 
 from chromagrip import Result, UserError, load_scene, run
 from chromagrip.control import GripObservation
-from chromagrip.loop.observers import ForceObserver
-from chromagrip.loop.torsion import held, with_limit_margin
 from chromagrip.model import ForceField, torsion
+from chromagrip.sensing.margins import held, with_limit_margin
+from chromagrip.sensing.observers import ForceObserver
 from chromagrip.tracking import Z90
 
 from .test_observers import CALIBRATION, TRACKS, Known

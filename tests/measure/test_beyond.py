@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial import KDTree
 
 from chromagrip.errors import UserError
-from chromagrip.loop.camera import SimulatedCamera
 from chromagrip.measure.bench import force as bench_force
 from chromagrip.measure.bench import force_beyond
 from chromagrip.measure.bench.force_sets import Measured
@@ -24,7 +23,8 @@ from chromagrip.measure.worlds.force_scores import Answers, answers, constant
 from chromagrip.measure.worlds.grasps import calibration
 from chromagrip.model import ContactObject, contact_forces, equilibrium, rest_state
 from chromagrip.output.report import Bounds
-from chromagrip.render import MembraneMap, decode_srgb, open_renderer, rest_membrane
+from chromagrip.render import Defects, MembraneMap, decode_srgb, rest_membrane
+from chromagrip.sensing.sensor import TactileSensor
 from chromagrip.tracking import Z90, load_calibration
 
 SENSOR, TIP = calibration().sensor, calibration().fingertip
@@ -182,11 +182,16 @@ def test_a_camera_takes_another_map_and_changes_its_finished_pictures() -> None:
         (None, lambda image: 255 - image),
         (skin(roll=0.1), None),
     ):
-        renderer = open_renderer("painter", SENSOR)
-        camera = SimulatedCamera(
-            SENSOR, renderer, NODES, 2.0, 1, membrane_map=own_map, picture=picture
+        sensor = TactileSensor(
+            SENSOR,
+            body=TIP,
+            noise=2.0,
+            seed=1,
+            defects=Defects(),
+            membrane_map=own_map,
+            picture=picture,
         )
-        with closing(camera):
+        with closing(sensor.camera) as camera:
             rest = camera.expose_rest(rest_state(TIP), 1)
             frames.append([*rest, camera.expose(rest_state(TIP), 0)])
     plain, mapped, inverted, other = ([f.image for f in pair] for pair in frames)

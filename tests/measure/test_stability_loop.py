@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from chromagrip.errors import UserError
-from chromagrip.loop.observers import TruthObserver
 from chromagrip.loop.run_folder import run
 from chromagrip.loop.trace import Trace
 from chromagrip.measure.stability import boundaries, parts
@@ -57,6 +56,7 @@ from chromagrip.measure.stability.panels import place
 from chromagrip.measure.stability.parts import stability_loop
 from chromagrip.model import GROSS_SLIP, Drive, ForceField, contact_forces, simulate
 from chromagrip.scene.scene import load_scene
+from chromagrip.sensing.observers import TruthObserver
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,6 @@ from chromagrip.control import GripObservation
 from chromagrip.errors import UserError
 from chromagrip.loop.force_row import force_row
 from chromagrip.loop.poses.poses import Pose, settle
-from chromagrip.loop.torsion import with_limit_margin
 from chromagrip.model import (
     ContactObject,
     ForceField,
@@ -30,6 +29,7 @@ from chromagrip.model import (
 from chromagrip.output.parquet import FORCES
 from chromagrip.render import MembraneMap, add_noise, open_renderer
 from chromagrip.scene.scene import load_scene
+from chromagrip.sensing.margins import with_limit_margin
 from chromagrip.tracking import CAMERA_RULE
 from chromagrip.tracking.forces.calibration import load_calibration, values_of, with_values
 

@@ -19,11 +19,11 @@ from chromagrip.errors import UserError
 from chromagrip.model import Fingertip
 from chromagrip.output.parquet import TRACKS
 from chromagrip.output.pictures import open_source
-from chromagrip.pictures import opening as module
 from chromagrip.pictures.noise_level import noise_level
 from chromagrip.pictures.track import track_source
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.outlines import areas, centroids, outlines
+from chromagrip.sensing import reader
 from chromagrip.tracking import Palette, Tracks, load_tracker
 
 SENSOR = load_sensor("thesis")
@@ -381,7 +381,7 @@ class Camera:
 def test_an_interruption_keeps_what_there_is(
     film: Path, nearest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_check_same", Interrupting(3))
+    monkeypatch.setattr(reader, "check_tracks", Interrupting(3))
     words = ("--palette", "dark-dots", "--tracker", nearest, "--out", tmp_path / "out")
     assert chromagrip(monkeypatch, "track", "first", film, *words) == 130
     summary, columns, _ = read(tmp_path / "out")
@@ -399,7 +399,7 @@ def test_a_camera_is_ended_by_an_interruption(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(cv2, "VideoCapture", Camera)
-    monkeypatch.setattr(module, "_check_same", Interrupting(frames))
+    monkeypatch.setattr(reader, "check_tracks", Interrupting(frames))
     words = ("--palette", "dark-dots", "--tracker", nearest, "--out", tmp_path / "out", *limit)
     assert chromagrip(monkeypatch, "track", "first:2", "camera:0", *words) == code
     summary, columns, _ = read(tmp_path / "out")

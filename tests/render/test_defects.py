@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from chromagrip.loop.camera import SimulatedCamera
 from chromagrip.model import Fingertip, rest_state
 from chromagrip.render import Membrane, MembraneMap, SensorDesign, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
@@ -24,6 +23,7 @@ from chromagrip.render.flaws.imaging import (
     white_balance,
 )
 from chromagrip.render.membrane import rest_membrane
+from chromagrip.sensing.sensor import TactileSensor
 from chromagrip.strict_toml import convert
 
 SENSOR = load_sensor("thesis")
@@ -314,9 +314,8 @@ def test_a_cameras_noise_is_compressed_with_the_picture(lossy: dict[str, int]) -
     """Else no pixel would show that anything was lost."""
 
     def shot(**defects: int) -> np.ndarray:
-        renderer = open_renderer("painter", SENSOR)
-        camera = SimulatedCamera(SENSOR, renderer, 251, 2.0, 4, Defects(**defects))
-        with closing(camera):
+        sensor = TactileSensor(SENSOR, body="chain", noise=2.0, seed=4, defects=Defects(**defects))
+        with closing(sensor.camera) as camera:
             return camera.expose_rest(rest_state(Fingertip()), 1)[0].image
 
     plain, sent = shot(), shot(**lossy)

@@ -15,9 +15,9 @@ import chromagrip
 from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop.pinch.trace import COLUMNS
+from chromagrip.loop.rig import Rig, smaller
 from chromagrip.loop.run_folder import FILES
 from chromagrip.loop.run_folder import run as run_pinch
-from chromagrip.loop.steps.rig import Rig, smaller
 from chromagrip.scene.scene import dump_scene
 
 Typed = Callable[..., CompletedProcess[str]]
@@ -193,7 +193,7 @@ def _goes_on_alike(rig: Rig) -> None:
         again.step(1.2)
         seen = again.sample().readings[1].observation
         assert seen is not None
-        ends.append((seen.margin, again.sample().truth.state.second.linear.tobytes()))
+        ends.append((seen.margin, again.sample().pinch.state.second.linear.tobytes()))
         again.close()
     assert ends[0] == ends[1]
     with pytest.raises(UserError, match="another scene"):

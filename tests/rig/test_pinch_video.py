@@ -16,9 +16,9 @@ from chromagrip.loop.pinch.stage import ABOVE, FINGER_COLOURS, UPPER, Stage, dra
 from chromagrip.loop.pinch.stage import set_stage as stage_of
 from chromagrip.loop.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
 from chromagrip.loop.pinch_world import Pinched
+from chromagrip.loop.rig import Rig
 from chromagrip.loop.run_folder import run as run_pinch
-from chromagrip.loop.steps.rig import Rig
-from chromagrip.loop.steps.sample import Sample
+from chromagrip.loop.sample import Sample, Truth
 from chromagrip.model.pinch import rotation_by
 
 #: A light box and coarse domes.
@@ -47,7 +47,7 @@ def untouched(its: chromagrip.Scene) -> tuple[Stage, Pinched]:
     rig = Rig(its)
     rig.reset()
     stage = stage_of(rig.plant.pinch, its.duration_s, (560, 464), (232, 232))
-    return stage, rig.sample().truth
+    return stage, rig.sample().pinch
 
 
 def at(pinched: Pinched, time: float) -> Pinched:
@@ -180,12 +180,12 @@ def test_a_traction_has_x_downwards_and_y_to_the_left(
     gripped: Sample, tmp_path: Path, axis: int, column: int, sign: float
 ) -> None:
     def half(k: int) -> Any:
-        contact = gripped.truth.fingers[k]
+        contact = gripped.pinch.fingers[k]
         side = contact.field.position[:, axis] > 0.5e-3
         return replace(contact, field=replace(contact.field, contact=contact.field.contact & side))
 
     video = PinchVideo(tmp_path / "video.mp4", scene())
-    sample = replace(gripped, truth=replace(gripped.truth, fingers=(half(0), half(1))))
+    sample = replace(gripped, truth=Truth(now=replace(gripped.pinch, fingers=(half(0), half(1)))))
     for picture in video._draw_tractions(sample):
         blue = np.argwhere(picture[..., 2].astype(int) - picture[..., 0] > 40)
         assert len(blue) > 20

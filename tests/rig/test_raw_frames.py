@@ -15,8 +15,8 @@ import pytest
 from chromagrip import Scene, UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop import grasp, open_camera
+from chromagrip.loop.rig import Rig
 from chromagrip.loop.run_folder import RunFiles as PinchFiles
-from chromagrip.loop.steps.rig import Rig
 from chromagrip.output.pictures import open_source, read_picture
 
 from .test_pinch import COARSE

@@ -10,12 +10,12 @@ import pytest
 from scipy.spatial import KDTree
 
 from chromagrip.errors import UserError
-from chromagrip.loop.camera import open_camera
 from chromagrip.model import Fingertip, rest_state
 from chromagrip.render import Frame, Membrane, MembraneMap, add_noise, load_sensor, open_renderer
 from chromagrip.render.colour import decode_srgb, encode_srgb
 from chromagrip.render.outlines import centroids, outlines
 from chromagrip.scene.scene import load_scene
+from chromagrip.sensing.sensor import open_camera
 from chromagrip.tracking import Palette, Tracker, Tracks, load_palette, load_tracker
 from chromagrip.tracking.learned_palette import learn_palette
 from chromagrip.tracking.sighting import sight

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..loop.camera import SimulatedCamera
 from ..model import Fingertip, rest_state
 from ..output.folder import filling, whole_file
 from ..output.processes import map_processes
-from ..render import SensorDesign, open_renderer
+from ..render import Defects, SensorDesign
+from ..sensing.sensor import TactileSensor
 from ..tracking import MarkerTracker, Palette, SensorCalibration
 from ..tracking.forces import check_trainable, floor_variances, training_key
 from ..tracking.forces.chain import (
@@ -135,7 +135,7 @@ def _claim(folder: Path, calibration: SensorCalibration, noise: float) -> None:
 def _basis(calibration: SensorCalibration, noise: float) -> Basis:
     """Basis of the first histories, with the noise of frames at rest."""
     sensor, tip = calibration.sensor, calibration.fingertip
-    camera = SimulatedCamera(sensor, open_renderer("painter", sensor), tip.nodes, noise, seed=0)
+    camera = TactileSensor(sensor, body=tip, noise=noise, defects=Defects()).camera
     tracker = MarkerTracker(Palette.of_sensor(sensor), noise)
     state = rest_state(tip)
     with closing(camera):

@@ -66,7 +66,7 @@ def prepare_scene(scene: "Scene", pictures: bool) -> None:
     pictures: whether pictures of it are drawn
     """
     from ..loop.methods import reconstructor_for
-    from ..loop.observers import known_sensor
+    from ..sensing.reader import known_sensor
 
     make_dome_tables(scene, pictures)
     if scene.path == "camera" and not scene.build_sensor().shape.flat:

@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..loop.camera import REST_NUMBER
 from ..output.folder import disk_errors
 from ..output.pictures import read_picture
 from ..output.png import encode_png
 from ..render import add_noise
+from ..sensing.camera import REST_NUMBER
 from .recipe import Store
 
 Image = NDArray[np.uint8]

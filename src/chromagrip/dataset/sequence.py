@@ -9,17 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..loop.camera import REST_NUMBER, SimulatedCamera
 from ..loop.grasp import grasp
 from ..loop.poses.moves import moves
-from ..loop.steps.sample import Sample
-from ..model import DomeState, SoftBody, State, rest_state
+from ..loop.sample import Sample, Truth
+from ..model import SoftBody
 from ..output.processes import one_thread
 from ..render import DomeMap, Flaws, Renderer, add_noise, load_sensor, open_renderer
 from ..scene.scene import Scene
+from ..sensing.camera import REST_NUMBER, SimulatedCamera
+from ..sensing.sensor import TactileSensor
 from .labels import Shot
 from .labels.chain import chain_shots
-from .labels.dome import DomeSample, dome_shots
+from .labels.dome import dome_shots
 from .labels.reading import with_readings
 from .recipe import Recipe, Values, drawn, pose_of, scene_of
 
@@ -44,7 +45,7 @@ class Sequence:
     number: int
     values: Values
     scene: Scene
-    samples: list[Sample] | list[DomeSample]
+    samples: list[Sample]
 
 
 def sequence(recipe: Recipe, number: int) -> Sequence:
@@ -68,18 +69,19 @@ def sequence(recipe: Recipe, number: int) -> Sequence:
     raise UserError(f"sequence {number}: {_ATTEMPTS} draws could not be run: {reason}")
 
 
-def _samples(scene: Scene, values: Values) -> list[Sample] | list[DomeSample]:
-    if scene.body == "chain":
+def _samples(scene: Scene, values: Values) -> list[Sample]:
+    if values.get("motion") != "move":
         return list(grasp(scene, None))
-    if values.get("motion") == "move":
-        contacts = moves(scene, pose_of(values, scene))
-        return [
-            DomeSample(index=k, truth=contact, grip=math.nan, load=math.nan)
-            for k, contact in enumerate(contacts)
-        ]
+    contacts = moves(scene, pose_of(values, scene))
     return [
-        DomeSample(index=one.index, truth=one.truth, grip=one.applied, load=one.load)
-        for one in grasp(scene, None)
+        Sample(
+            index=k,
+            time=contact.state.time,
+            readings=(),
+            grip=math.nan,
+            truth=Truth(now=contact),
+        )
+        for k, contact in enumerate(contacts)
     ]
 
 
@@ -90,17 +92,10 @@ def shots(recipe: Recipe, made: Sequence) -> tuple[Image, Iterator[Shot]]:
     """
     scene, camera = made.scene, _camera(made.scene)
     clean = recipe.store == "clean"
-    if scene.body == "chain":
-        rest: State | DomeState = rest_state(scene.build_fingertip())
-        chain = [one for one in made.samples if isinstance(one, Sample)]
-        frames = chain_shots(scene, chain, camera, recipe.truth, clean)
-    else:
-        # A run begins where the object just touches.
-        dome = [one for one in made.samples if isinstance(one, DomeSample)]
-        first = dome[0].truth.state
-        assert isinstance(first, DomeState)
-        rest = first
-        frames = dome_shots(scene, dome, camera, recipe.truth, clean)
+    # A run begins where the object just touches.
+    rest = made.samples[0].contact.state
+    label = chain_shots if scene.body == "chain" else dome_shots
+    frames = label(scene, made.samples, camera, recipe.truth, clean)
     if not clean:
         still = camera.expose_rest(rest, 1)[0].image
         if recipe.reading:
@@ -128,19 +123,12 @@ def _noisy(scene: Scene, clean: Image, index: int) -> Image:
 
 def _camera(scene: Scene) -> SimulatedCamera:
     """Camera of a scene; its renderer stays open, for the next scene of the same sensor."""
-    sensor, defects = scene.build_sensor(), scene.defects
-    dome = scene.build_dome() if scene.body == "dome" else None
     # What a map knows of a node does not depend on the frames before, so that sequences share it.
-    shared = dome is not None and Flaws(sensor, defects, scene.seed).places is None
-    return SimulatedCamera(
-        sensor,
-        _renderer(scene.renderer, scene.sensor),
-        dome or scene.fingertip.nodes,
-        scene.camera.noise_levels,
-        scene.seed,
-        defects,
-        _dome_map(scene.sensor, dome) if shared and dome else None,
-    )
+    dome = scene.build_dome() if scene.body == "dome" else None
+    places = Flaws(scene.build_sensor(), scene.defects, scene.seed).places
+    shared = _dome_map(scene.sensor, dome) if dome and places is None else None
+    renderer = _renderer(scene.renderer, scene.sensor)
+    return TactileSensor.of_scene(scene, lambda _: renderer, membrane_map=shared).camera
 
 
 @lru_cache(maxsize=1)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..control import GripObservation
-from ..loop.steps.sample import Sample
+from ..loop.sample import Sample
 from .picture import MOTION, Image, blank_picture
 from .strips import Row, Strips
 from .view import OBJECT, PRESSED, SKIN, SLIPS, STICKS

@@ -14,9 +14,9 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import require
+from ..loop.rig import Rig, readable
 from ..loop.run_folder import PARTS, RunFiles, pose_at_rest
-from ..loop.steps.rig import Rig, readable
-from ..loop.steps.sample import Sample
+from ..loop.sample import Sample
 from ..loop.trace import make_trace, row, summarise
 from ..output.folder import disk_errors
 from ..scene.scene import Scene
@@ -112,8 +112,7 @@ class _Recording:
         """Append a frame, with the scene and the sliders that it had."""
         scene = rig.scene
         now = sample.time - self._begin
-        state = replace(sample.truth.state, time=now)
-        sample = replace(sample, truth=replace(sample.truth, state=state))
+        sample = replace(sample, time=now)
         if not self._scenes or self._scenes[-1][1] is not scene:
             self._scenes.append((now, scene))
         if not self._wishes or self._wishes[-1][1] != wishes:

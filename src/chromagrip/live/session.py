@@ -10,8 +10,8 @@ from threading import Lock
 from ..errors import UserError
 from ..loop.latency import HoldingController
 from ..loop.methods import Methods
-from ..loop.steps.rig import Rig
-from ..loop.steps.sample import Sample
+from ..loop.rig import Rig
+from ..loop.sample import Sample
 from ..output.processes import one_thread
 from ..scene.scene import Scene
 from .record import Recorder

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..control import GripObservation
-from ..loop.steps.sample import Sample
+from ..loop.sample import Sample
 
 if TYPE_CHECKING:
     import viser

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..loop.sample import Sample
 from ..loop.shown.dome_picture import SLIPPING
-from ..loop.steps.sample import Sample
 from ..model import DomeState, ForceField, SoftBody
 from ..model.dome import displacements, lattice
 from ..scene.scene import Scene
@@ -174,10 +174,10 @@ class GraspView:
         field, mu = sample.field, sample.friction
         if estimated and observation is not None and sample.tracks is not None:
             field, mu = observation.field, observation.friction
-        state = sample.truth.state
+        state = sample.contact.state
         if not isinstance(state, DomeState) or self._dome is None:
             apex = float(sample.field.position[:, 1].max())
-            return drawn_forces(field, mu, place=(sample.truth.place[0], 0.0, apex))
+            return drawn_forces(field, mu, place=(sample.contact.place[0], 0.0, apex))
         moved = self._points + displacements(self._dome, state)
         turn = scipy.spatial.transform.Rotation.from_matrix(state.rotation)
         w, x, y, z = turn.as_quat(scalar_first=True).tolist()

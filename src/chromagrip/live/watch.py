@@ -9,20 +9,17 @@ from dataclasses import dataclass, field, replace
 from threading import Event
 from typing import TYPE_CHECKING
 
-from ..control import GripObservation
 from ..errors import UserError, located
-from ..loop.observers import ForceObserver
-from ..loop.torsion import with_limit_margin
 from ..model.dome import lattice
 from ..output.processes import one_thread
 from ..pictures.opening import Opened, open_tracking
-from ..render import Frame
 from ..rig.feed import Feed
+from ..sensing.observers import ForceObserver
+from ..sensing.reader import DEFAULT_WINDOW, Reading
 from ..tracking import (
     DEFAULT_TRACKER,
     Palette,
     SensorCalibration,
-    Tracks,
     check_reconstructor,
     load_calibration,
 )
@@ -38,8 +35,6 @@ from .worker import Background
 if TYPE_CHECKING:
     import viser
 
-#: Time over which µ is averaged [s].
-_WINDOW = 0.3
 #: Time in which the next frame must come [s].
 _FRAME_WITHIN = 10.0
 #: Time in which a watcher ends; one that waits for a camera does not hold up the program [s].
@@ -53,18 +48,13 @@ class Looked:
 
     Attributes
     ----------
-    frame: with its time [s]
-    tracks, rest: markers in it and at rest
-    observation: what was estimated
+    reading: of the frame
     updates: frames per second
     speed: of the source's time over real time
     skipped: frames of a camera that were left out until now
     """
 
-    frame: Frame
-    tracks: Tracks
-    rest: Tracks
-    observation: GripObservation
+    reading: Reading
     updates: float
     speed: float
     skipped: int
@@ -105,7 +95,7 @@ class Looking:
         check_reconstructor(self.reconstructor, known)
         return known
 
-    def open(self) -> tuple[Opened, ForceObserver]:
+    def open(self) -> Opened:
         """The source from its beginning, with its first frames, or others, taken as at rest."""
         known = self.known
         palette = Palette.of_sensor(known.sensor)
@@ -114,7 +104,8 @@ class Looking:
             fps=self.fps, tell=lambda _: None, sensor=known.sensor,
         )  # fmt: skip
         with located(f"calibration {self.calibration}"):
-            return opened, ForceObserver(known, opened.resting, self.reconstructor, _WINDOW)
+            forces = ForceObserver(known, opened.resting, self.reconstructor, DEFAULT_WINDOW)
+        return replace(opened, reader=opened.reader.with_forces(forces))
 
 
 @dataclass
@@ -131,7 +122,7 @@ class Watcher(Background):
     """
 
     looking: Looking
-    first: tuple[Opened, ForceObserver]
+    first: Opened
     show: Callable[[Looked], None]
     tell: Callable[[str], None]
     paused: bool = False
@@ -149,12 +140,12 @@ class Watcher(Background):
         self._steps += 1
 
     def _run(self) -> None:
-        given: tuple[Opened, ForceObserver] | None = self.first
+        given: Opened | None = self.first
         with one_thread():
             while not self._stop.is_set():
                 self._anew.clear()
                 try:
-                    self._look(*(given or self.looking.open()))
+                    self._look(given or self.looking.open())
                     self.tell(f"**{self.looking.source} has ended;** anew shows it again")
                 except UserError as error:
                     self.tell(f"**{error};** anew tries it again")
@@ -162,7 +153,7 @@ class Watcher(Background):
                 while not (self._stop.wait(_NAP) or self._anew.is_set()):
                     pass
 
-    def _look(self, opened: Opened, observer: ForceObserver) -> None:
+    def _look(self, opened: Opened) -> None:
         """Frames of the source until it ends, or is to begin anew."""
         source = replace(opened.source, frames=lambda: opened.frames)
         ends: deque[tuple[float, float]] = deque(maxlen=30)
@@ -176,8 +167,7 @@ class Watcher(Background):
                 frame = feed.next()
                 if frame is None:
                     return
-                tracks = opened.update(frame)
-                seen = with_limit_margin(observer.observe(frame.time, tracks))
+                reading = opened.reader.update(frame)
                 if ends and not source.live:  # a file is shown at its own rate
                     due = ends[-1][0] + frame.time - ends[-1][1]
                     self._stop.wait(max(0.0, due - time.perf_counter()))
@@ -185,8 +175,7 @@ class Watcher(Background):
                 updates, speed = _rates(ends, source.live)
                 self.show(
                     Looked(
-                        frame=frame, tracks=tracks, rest=opened.resting, observation=seen,
-                        updates=updates, speed=speed, skipped=feed.skipped,
+                        reading=reading, updates=updates, speed=speed, skipped=feed.skipped
                     )
                 )  # fmt: skip
 
@@ -261,14 +250,17 @@ class WatchPage:
 
     def show(self, looked: Looked) -> None:
         """Show a frame, where it is time for a picture."""
-        seen = looked.observation
-        self.board.add({**row_seen(seen), "time": looked.frame.time})
+        reading = looked.reading
+        seen, frame = reading.observation, reading.frame
+        assert seen is not None
+        assert frame is not None
+        self.board.add({**row_seen(seen), "time": frame.time})
         stands = self._watcher is not None and self._watcher.paused
         if not self.board.is_due(stands):
             return
         self._view.show(drawn_forces(seen.field, seen.friction))
         self._state = [
-            line_of_speed(looked.frame.time, looked.updates, looked.speed),
+            line_of_speed(frame.time, looked.updates, looked.speed),
             line_of_estimate(seen),
         ]
         if not seen.no_estimate and math.isfinite(seen.friction):
@@ -277,8 +269,8 @@ class WatchPage:
             self._state.append(f"µ {seen.friction:.2f} ({low:.2f} to {high:.2f}){guess}")
         if looked.skipped:
             self._state.append(f"{looked.skipped} frames left out: this machine is slower")
-        image = looked.frame.image
-        self.board.show(picture_of(image, looked.tracks, looked.rest), self._state, stands)
+        picture = picture_of(frame.image, reading.tracks, reading.rest)
+        self.board.show(picture, self._state, stands)
 
     def tell(self, sentence: str) -> None:
         """Say that the source ended or broke off."""

@@ -1,12 +1,12 @@
 """The grip loop: model, camera, observer and controller, frame after frame."""
 
-from .camera import open_camera
+from ..sensing.sensor import open_camera
 from .fidelity import Fidelity
 from .grasp import grasp
 from .latency import arrivals
+from .rig import Rig, RigState
 from .run_folder import Result, run
-from .steps.rig import Rig, RigState
-from .steps.sample import Sample
+from .sample import Sample
 from .trace import COLUMNS, Trace, summarise
 
 __all__ = [

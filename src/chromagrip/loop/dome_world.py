@@ -8,18 +8,12 @@ import scipy
 from numpy.typing import NDArray
 
 from ..errors import UserError, located
-from ..model import DomeState, ForceField, Motion, SoftBody, Solid, dome_forces
-from ..model.dome import (
-    DomeSlip,
-    Stepper,
-    follow_dome_slip,
-    no_dome_slip,
-    resting,
-    rise_beside,
-)
+from ..model import Motion, SoftBody, Solid, dome_forces
+from ..model.dome import Stepper, no_dome_slip, resting, rise_beside
 from ..scene.scene import Scene
 from ..scene.shapes import build_pose
-from .world import Clock, Contact, World, calm, drive_forces
+from ..sensing.contact import Contact, dome_contact, follow_dome, of_dome
+from .world import Clock, World, calm, drive_forces
 
 Array = NDArray[np.float64]
 
@@ -49,16 +43,13 @@ class DomePlant:
         self._stepper = Stepper(self.dome, self._solid, self._motion, start)
         self._start = start
 
-    @property
-    def pitch(self) -> float:
-        """Distance between neighbouring nodes [m]."""
-        return self.dome.spacing
-
     def rest(self) -> World:
         """World before the grip begins."""
         self._stepper.restore(self._start)
         field = dome_forces(self.dome, self._start, whole=False)
-        now = dome_contact(self._solid, self._start, self._start, no_dome_slip(self.dome), field)
+        now = dome_contact(
+            self.dome, self._solid, self._start, self._start, no_dome_slip(self.dome), field
+        )
         return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
     def next_frame(self, world: World, command: float, index: int) -> World:
@@ -67,7 +58,7 @@ class DomePlant:
         times = index * clock.frame + (np.arange(clock.steps) + 0.5) * clock.step
         applied, forces = drive_forces(self.scene, clock, world.applied, command, times.tolist())
         ends = times + 0.5 * clock.step
-        state = _state(world.now)
+        state = of_dome(world.now)[1]
         self._stepper.restore(state)
         slow = calm(self.scene, world, forces, abs(state.velocity[:3]).max())
         if slow and not clock.exposure and not self.scene.object.changes:
@@ -79,7 +70,7 @@ class DomePlant:
             contact = self._step(contact, times[k], ends[k], forces[k])
         # Sums of steps round; frames are counted.
         time = (index + 1) * clock.frame
-        now = replace(contact, state=replace(_state(contact), time=time))
+        now = replace(contact, state=replace(of_dome(contact)[1], time=time))
         return World(
             now=now,
             exposed=exposed if clock.exposure else now,
@@ -129,14 +120,8 @@ class DomePlant:
         load = self.scene.load
         grip, pull = forces
         wrench = np.array([pull, load.sideways(time), -grip, 0.0, 0.0, load.twist(time)])
-        before, slip = _state(contact), contact.slip
-        assert isinstance(slip, DomeSlip)
         with located("the dome gave up"):
-            self._stepper.advance(end, wrench)
-        after = self._stepper.state()
-        field = dome_forces(self.dome, after, whole=False)
-        slip = follow_dome_slip(slip, self.dome, before, after, field)
-        return dome_contact(solid, self._start, after, slip, field)
+            return follow_dome(self._stepper, contact, self._start, end, wrench)
 
 
 def solid_at(scene: Scene, solid: Solid, time: float) -> Solid:
@@ -149,26 +134,3 @@ def solid_at(scene: Scene, solid: Solid, time: float) -> Solid:
         stiffness=solid.stiffness * settings.stiffness_kpa_at(time) / settings.stiffness_kpa,
         friction=settings.friction_at(time),
     )
-
-
-def dome_contact(
-    solid: Solid, start: DomeState, state: DomeState, slip: DomeSlip, field: ForceField
-) -> Contact:
-    """Contact of a dome, for an object that began at `start`."""
-    moved = state.place - start.place
-    turned = state.rotation @ start.rotation.T
-    return Contact(
-        obj=solid,
-        state=state,
-        field=field,
-        slip=slip,
-        friction=solid.friction,
-        place=(float(moved[0]), float(moved[1])),
-        indentation=-float(moved[2]),
-        turn=math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1]),
-    )
-
-
-def _state(contact: Contact) -> DomeState:
-    assert isinstance(contact.state, DomeState)
-    return contact.state

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from ..model import Fingertip
 from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Scene
+from ..sensing.camera import SimulatedCamera
 from ..tracking import SensorCalibration
-from .camera import SimulatedCamera
 from .latency import HoldingController
 from .methods import Methods
-from .steps.rig import Rig
-from .steps.sample import Sample
+from .rig import Rig
+from .sample import Sample
 
 
 def grasp(

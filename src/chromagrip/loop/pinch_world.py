@@ -1,6 +1,5 @@
 """The model's side of a pinch: two domes, an object with a weight, drive and hand."""
 
-import math
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -20,8 +19,9 @@ from ..model.pinch import (
 )
 from ..scene.fingers import build_pinch
 from ..scene.scene import Scene
-from .dome_world import dome_contact, solid_at
-from .world import Clock, Contact, World, drive_forces
+from ..sensing.contact import Contact, dome_contact
+from .dome_world import solid_at
+from .world import Clock, World, drive_forces
 
 Array = NDArray[np.float64]
 
@@ -85,8 +85,6 @@ class PinchPlant:
             self.pinch: Pinch = build_pinch(scene)
             self._start = pinch_rest(self.pinch)
         self._stepper = PinchStepper(self.pinch, self._start)
-
-    pitch = math.nan  # of two skins; no trace of a pinch has it
 
     def rest(self) -> PinchWorld:
         """World before the grip begins."""
@@ -159,8 +157,8 @@ class PinchPlant:
     ) -> tuple[Contact, Contact]:
         start = self._start
         return (
-            dome_contact(solid, start.first, state.first, slips[0], fields[0]),
-            dome_contact(solid, start.second, state.second, slips[1], fields[1]),
+            dome_contact(self.pinch.first, solid, start.first, state.first, slips[0], fields[0]),
+            dome_contact(self.pinch.second, solid, start.second, state.second, slips[1], fields[1]),
         )
 
 

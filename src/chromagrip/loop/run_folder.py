@@ -30,8 +30,8 @@ from .grasp import gripped
 from .methods import choose
 from .pinch.trace import FINGERS, PinchRows
 from .pinch.trace import summarise as summarise_pinch
-from .steps.rig import Rig
-from .steps.sample import Sample
+from .rig import Rig
+from .sample import Sample
 from .trace import Rows, Summary, Trace, TraceLines, make_trace, summarise
 
 if TYPE_CHECKING:
@@ -130,6 +130,8 @@ def run(
     )
     methods.build_controller(scene)  # a controller that cannot be made leaves no folder
     rig = Rig(scene, methods)
+    if out is not None:
+        rig.open()  # a renderer that cannot run leaves no folder
     files = None if out is None else RunFiles(Path(out), overwrite, scene, frames, log)
     with files or nullcontext(), closing(rig), one_thread():
         return _record(rig, files, progress, within)

@@ -17,7 +17,7 @@ from ..scene.scene import Body, Scene
 from ..tracking import Tracks
 from ..tracking.forces import CameraPose
 from ..tracking.forces.chain import Used
-from .steps.sample import Sample
+from .sample import Sample
 
 Array = NDArray[np.float64]
 
@@ -92,15 +92,15 @@ def row(sample: Sample) -> tuple[float, ...]:
         sample.field.safety_margin(sample.friction),
         *_observed(sample.observation),
         pressure(sample.field),
-        pressure(sample.field, sample.pitch),
+        pressure(sample.field, sample.contact.pitch),
         sample.slip.lateral_displacement * 1e3,
         sample.slip.rigid_slip * 1e3,
-        sample.truth.place[0] * 1e3,
-        sample.truth.indentation * 1e3,
+        sample.contact.place[0] * 1e3,
+        sample.contact.indentation * 1e3,
         float(sample.field.contact.sum()),
         visible,
-        sample.truth.place[1] * 1e3,
-        math.degrees(sample.truth.turn),
+        sample.contact.place[1] * 1e3,
+        math.degrees(sample.contact.turn),
         margin_within(sample.field, sample.friction),
         *_of_dome(sample),
     )

@@ -12,25 +12,9 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import located
-from ..model import (
-    ContactObject,
-    DomeState,
-    Fingertip,
-    ForceField,
-    SlipRecord,
-    Solid,
-    State,
-    contact_forces,
-    follow_slip,
-    no_slip,
-    rest_state,
-    steps,
-    touching,
-    whole_friction,
-)
-from ..model.dome import DomeSlip
+from ..model import ContactObject, Fingertip, no_slip, rest_state
 from ..scene.scene import Scene
+from ..sensing.contact import Contact, chain_contact, follow_chain, of_chain
 
 Array = NDArray[np.float64]
 
@@ -65,32 +49,6 @@ class Clock:
     def step(self) -> float:
         """Length of a step [s]."""
         return self.frame / self.steps
-
-
-@dataclass(frozen=True, kw_only=True)
-class Contact:
-    """Fingertip and object at one instant.
-
-    Attributes
-    ----------
-    obj: the object as it is then
-    state: of the body
-    field: contact forces
-    slip: of the object so far
-    friction: µ of the contact as a whole, see `whole_friction`
-    place: of the object beside where it began, along x and y [m]
-    indentation: way of the object towards the fingertip since they touched [m]
-    turn: of the object about z since it began [rad]
-    """
-
-    obj: ContactObject | Solid
-    state: State | DomeState
-    field: ForceField
-    slip: SlipRecord | DomeSlip
-    friction: float
-    place: tuple[float, float]
-    indentation: float
-    turn: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,10 +94,6 @@ class Plant(Protocol):
 
     scene: Scene
 
-    @property
-    def pitch(self) -> float:
-        """Distance between neighbouring nodes [m]."""
-
     def rest(self) -> World:
         """World before the grip begins."""
 
@@ -160,15 +114,6 @@ class Plant(Protocol):
         UserError
             For a load along an axis that the object is held in.
         """
-
-
-def of_chain(contact: Contact) -> tuple[ContactObject, State, SlipRecord]:
-    """Object, state and slip of a contact on a chain."""
-    obj, state, slip = contact.obj, contact.state, contact.slip
-    assert isinstance(obj, ContactObject)
-    assert isinstance(state, State)
-    assert isinstance(slip, SlipRecord)
-    return obj, state, slip
 
 
 def calm(scene: Scene, world: World, forces: Array, fastest: float) -> bool:
@@ -222,15 +167,10 @@ class ChainPlant:
         self.fingertip = fingertip
         self.clock = Clock.of_scene(scene)
 
-    @property
-    def pitch(self) -> float:
-        """Distance between neighbouring nodes [m]."""
-        return self.fingertip.pitch
-
     def rest(self) -> World:
         """World before the grip begins."""
         obj, state = self.scene.build_object(), rest_state(self.fingertip)
-        now = self._contact(obj, state, no_slip(self.fingertip.nodes))
+        now = chain_contact(self.fingertip, obj, state, no_slip(self.fingertip.nodes))
         return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
     def next_frame(self, world: World, command: float, index: int) -> World:
@@ -270,30 +210,12 @@ class ChainPlant:
         left = sum(len(part.forces) for part in todo) - self.clock.exposure
         exposed = contact
         for part in todo:
-            _, state, slip = of_chain(contact)
-            with located("the node model gave up"):
-                run = steps(self.fingertip, part.obj, state, part.step, part.forces)
-            touched = touching(self.fingertip, part.obj, run)
             count = len(part.forces)
             midway = 0 < left < count
             kept = (count, left) if midway else (count,)
-            slips = follow_slip(slip, run, touched, part.step, kept)
-            contact = self._contact(part.obj, run.state(-1), slips[0])
-            if left == count:
-                exposed = contact
-            elif midway:
-                exposed = self._contact(part.obj, run.state(left), slips[1])
-            left -= len(part.forces)
+            after = follow_chain(self.fingertip, part.obj, contact, part.step, part.forces, kept)
+            contact = after[0]
+            if 0 < left <= count:
+                exposed = after[-1]
+            left -= count
         return contact, exposed
-
-    def _contact(self, obj: ContactObject, state: State, slip: SlipRecord) -> Contact:
-        field = contact_forces(self.fingertip, obj, state)
-        return Contact(
-            obj=obj,
-            state=state,
-            field=field,
-            slip=slip,
-            friction=whole_friction(self.fingertip, obj, state, field),
-            place=(state.deformation.object_position, 0.0),
-            indentation=state.deformation.rigid_part,
-        )

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..extras import missing
-from ..loop.camera import open_camera
 from ..loop.grasp import grasp
 from ..loop.methods import choose
-from ..loop.observers import known_sensor
 from ..output.pictures import Source
 from ..output.report import Row, at_least, at_most, reported
 from ..render import Frame
@@ -20,6 +18,8 @@ from ..rig.feed import Feed
 from ..rig.gripper import HeldGripper, SimulatedGripper
 from ..rig.outside import grasp_outside
 from ..scene.scene import Scene, load_scene
+from ..sensing.reader import known_sensor
+from ..sensing.sensor import open_camera
 
 #: Scene of all figures of one finger.
 SCENE = "camera-100hz"
@@ -114,9 +114,9 @@ def step_times(timed: Timed, duration_s: float, turns: int) -> tuple[float, floa
 def outside_times(scene: Scene) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Time from each frame from outside to the force that answers it [ms], after the first one."""
     scene, methods = choose(scene)
-    with closing(open_camera(scene, methods)) as camera:
+    with closing(open_camera(scene, methods.renderer)) as camera:
         taken = list(grasp(scene, camera, methods=methods))
-        frames = camera.expose_rest(taken[0].truth.state, scene.camera.rest_frames)
+        frames = camera.expose_rest(taken[0].contact.state, scene.camera.rest_frames)
     frames += [one.frame for one in taken if one.frame is not None]
 
     def all_frames() -> Iterator[Frame]:

@@ -13,11 +13,12 @@ import numpy as np
 from ..by_name import Choice
 from ..errors import UserError, located
 from ..extras import require
-from ..loop.observers import ForceObserver
 from ..loop.trace import counted_kinds
 from ..output.parquet import DISPLACEMENTS, FORCES, VALUES, EstimateTable, Row
 from ..output.versions import versions
 from ..render import Frame
+from ..sensing.observers import ForceObserver
+from ..sensing.reader import DEFAULT_WINDOW
 from ..tracking import (
     CAMERA_RULE,
     FRICTION,
@@ -40,8 +41,6 @@ from .readings import Read, displacement_reading, force_reading
 FORMAT = "chromagrip estimate 1"
 #: Files of a folder of estimates; the summary is written last.
 FILES = ("summary.json", "estimates.parquet", "figure.png", "overlay.mp4")
-#: Moving average of the friction estimate [s].
-DEFAULT_WINDOW = 0.3
 
 
 class Typical(TypedDict):
@@ -139,8 +138,9 @@ def estimate_source(
     with located(f"calibration {calibration}"):
         pose = rest_pose(known.sensor, opened.resting)
         if gains is None:
-            observer = ForceObserver(known, opened.resting, reconstructor, window, rule)
-            read = force_reading(observer, rule, opened, known.sensor.view, pose)
+            forces = ForceObserver(known, opened.resting, reconstructor, window, rule)
+            reader = opened.reader.with_forces(forces)
+            read = force_reading(reader, rule, opened, known.sensor.view, pose)
         else:
             read = displacement_reading(gains, opened, known.sensor.view, pose)
     if out is not None:

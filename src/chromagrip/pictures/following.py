@@ -176,7 +176,7 @@ def _tracked(
     try:
         for index, frame in enumerate(itertools.islice(opened.frames, limit)):
             begin = time.perf_counter()
-            tracks = opened.update(frame)
+            tracks = opened.reader.track(frame)
             tally.add(tracks, time.perf_counter() - begin)
             yield index, frame, tracks
     except UserError as error:

@@ -12,6 +12,7 @@ from ..errors import UserError, located
 from ..output.pictures import Image, Source, open_source
 from ..output.processes import one_thread
 from ..render import Frame, SensorDesign
+from ..sensing.reader import Reader, check_tracks
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
 from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
@@ -39,40 +40,29 @@ class Setup(TypedDict):
 
 @dataclass(frozen=True)
 class Opened:
-    """A tracker that was reset, and the frames that it is to follow.
+    """A reader that was given the sensor at rest, and the frames that it is to read.
 
     Attributes
     ----------
-    tracker: that follows them
+    reader: of the frames; it reads markers alone until `with_forces` gives it more
     palette: of the markers
     start: the unloaded sensor
-    resting: the tracker's tracks of it
     source: of the frames
     frames: each checked to be as large as the rest frame
     setup: the same for a summary
     """
 
-    tracker: Tracker
+    reader: Reader
     palette: Palette
     start: RestFrame
-    resting: Tracks
     source: Source
     frames: Iterator[Frame]
     setup: Setup
 
-    def update(self, frame: Frame) -> Tracks:
-        """Tracks of the next frame.
-
-        Raises
-        ------
-        UserError
-            When the tracker refuses the frame, or gives no tracks of the same markers.
-        """
-        name = self.setup["tracker"]
-        with blaming(f"tracker {name!r} failed", SystemExit):
-            tracks = self.tracker.update(frame)
-        _check_same(tracks, self.resting, name)
-        return tracks
+    @property
+    def resting(self) -> Tracks:
+        """Markers of the unloaded sensor."""
+        return self.reader.rest
 
 
 def open_tracking(
@@ -129,7 +119,8 @@ def open_tracking(
         fps=opened.fps,
     )
     shown = (replace(frame, image=fitted(frame.image)) for frame in frames)
-    return Opened(made, palette, start, resting, opened, shown, setup)
+    reader = Reader.of_tracker(made, repr(name), resting)
+    return Opened(reader, palette, start, opened, shown, setup)
 
 
 def _mean(frames: list[Frame]) -> Image:
@@ -168,28 +159,12 @@ def _reset(
         ) from None
 
 
-def _check_tracks(tracks: object, name: str) -> None:
-    """Refuse an answer of a plug-in that is no `Tracks`."""
-    if not isinstance(tracks, Tracks):
-        raise UserError(f"tracker {name!r} gave a {type(tracks).__name__}; wanted: Tracks")
-
-
 def _check_rest(resting: Tracks, palette: Palette, name: str) -> None:
     """Refuse tracks at rest that are not of the palette's layers."""
-    _check_tracks(resting, name)
+    check_tracks(resting, repr(name))
     if len(resting.position) != len(palette.names):
         raise UserError(
             f"tracker {name!r} gave {len(resting.position)} layers; wanted: {len(palette.names)}"
-        )
-
-
-def _check_same(tracks: Tracks, resting: Tracks, name: str) -> None:
-    """Refuse tracks of other markers than those at rest."""
-    _check_tracks(tracks, name)
-    if tracks.position.shape != resting.position.shape:
-        raise UserError(
-            f"tracker {name!r} gave positions of shape {tracks.position.shape}, at rest "
-            f"{resting.position.shape}; wanted: the same markers in every frame"
         )
 
 

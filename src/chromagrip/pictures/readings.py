@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..loop.force_row import force_row
-from ..loop.observers import ForceObserver
-from ..loop.torsion import with_limit_margin
 from ..output.parquet import Row
 from ..render import Frame, View
+from ..sensing.reader import Reader
 from ..tracking import DEFAULT_TRACKER, DisplacementGains, FrictionRule, Tracks
 from ..tracking.forces import CameraPose, aligned, alignment, seen_by, skin_displacement
 from .figure import draw_forces
@@ -22,7 +21,7 @@ from .overlay import TrackDrawing
 _DEEPEST = 0.95
 
 
-class Reading(NamedTuple):
+class Shown(NamedTuple):
     """A frame's row of the table, and what draws the frame with its estimates."""
 
     row: Row
@@ -30,17 +29,17 @@ class Reading(NamedTuple):
 
 
 #: Called with each frame and its tracks.
-Read = Callable[[Frame, Tracks], Reading]
+Read = Callable[[Frame, Tracks], Shown]
 
 
 def force_reading(
-    observer: ForceObserver, rule: FrictionRule, opened: Opened, view: View, pose: CameraPose
+    reader: Reader, rule: FrictionRule, opened: Opened, view: View, pose: CameraPose
 ) -> Read:
     """Reading of forces, µ and Γ.
 
     Parameters
     ----------
-    observer: of the sensor
+    reader: of the sensor, with its forces
     rule: how µ is read off the forces
     opened: tracker and frames
     view: of the design's camera
@@ -62,11 +61,12 @@ def force_reading(
     def place(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return seen_by(pose, view.camera, view.project(points))
 
-    def read(frame: Frame, tracks: Tracks) -> Reading:
-        observation = with_limit_margin(observer.observe(frame.time, tracks))
+    def read(frame: Frame, tracks: Tracks) -> Shown:
+        observation = reader.read(frame, tracks).observation
+        assert observation is not None
         row = force_row(observation, rule)
         row["markers_seen"] = _visible_pairs(tracks)
-        return Reading(row, lambda: draw_forces(frame.image, place, tracks, rest, observation))
+        return Shown(row, lambda: draw_forces(frame.image, place, tracks, rest, observation))
 
     return read
 
@@ -91,9 +91,9 @@ def displacement_reading(
     rest = aligned(align, opened.resting)
     draw = TrackDrawing(opened.palette, opened.start, opened.resting)
 
-    def read(frame: Frame, tracks: Tracks) -> Reading:
+    def read(frame: Frame, tracks: Tracks) -> Shown:
         row = _displacement_row(gains, rest, aligned(align, tracks))
-        return Reading(row, lambda: draw(frame.image, tracks))
+        return Shown(row, lambda: draw(frame.image, tracks))
 
     return read
 

@@ -26,12 +26,11 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..loop.methods import choose
 from ..loop.pinch.stage import Stage, draw_side, set_stage
-from ..loop.steps.readers import Reading
-from ..loop.steps.rig import Rig, RigState
-from ..loop.torsion import held
+from ..loop.rig import Rig, RigState
 from ..output.processes import one_thread
 from ..scene.fingers import fingers
 from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
+from ..sensing.reader import Reading
 from ..tracking import Tracks
 from .fate import Fate, fate_of
 from .views import Image, Seen, ViewName, look, space_of, view_of
@@ -134,7 +133,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         self._rig = self._open({})
         opened = self._rig.scene
         self.metadata = {**self.metadata, "render_fps": opened.camera.rate_hz}
-        each = fingers(opened) if opened.pinch.mass_g else (opened,)
+        each = fingers(opened)
         rests: list[Tracks | None] = [None for _ in each]
         if observation == "markers":
             with self._threads():
@@ -288,9 +287,9 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         return tuple(self._seen_of(*of) for of in zip(self._rig.readings, images, strict=True))
 
     def _seen_of(self, reading: Reading, image: Image | None) -> Seen:
-        assert reading.observation is not None
+        assert reading.held is not None
         return Seen(
-            observation=held(reading.observation, self._rig.scene.held_margin),
+            observation=reading.held,
             tracks=reading.tracks if self._kind == "markers" else None,
             rest=reading.rest,
             image=image,

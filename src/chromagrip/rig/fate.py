@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ..loop.steps.rig import Rig
+from ..loop.rig import Rig
 from ..model.pinch import Outcome
 
 

@@ -5,7 +5,7 @@ from contextlib import ExitStack, contextmanager
 
 from ..by_name import Choice
 from ..loop.methods import choose
-from ..loop.steps.rig import Rig
+from ..loop.rig import Rig
 from ..output.processes import one_thread
 from ..scene.scene import Scene, load_scene
 

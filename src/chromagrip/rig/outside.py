@@ -2,40 +2,18 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from ..control import GripObservation
-from ..errors import UserError, located
+from ..errors import UserError
 from ..loop.latency import Arrived, HoldingController
 from ..loop.methods import Methods
-from ..loop.observers import CameraObserver, with_friction_bias
-from ..loop.torsion import held, with_limit_margin
+from ..loop.sample import Sample
 from ..render import Frame
 from ..scene.scene import Scene
-from ..tracking import SensorCalibration, Tracks
+from ..sensing.reader import Reader, scene_reader
+from ..tracking import SensorCalibration
 from .feed import Feed
 from .gripper import HeldGripper
-
-
-@dataclass(frozen=True, kw_only=True)
-class Seen:
-    """One frame from outside, and what was done about it.
-
-    Attributes
-    ----------
-    index: of the frame, from 0 after the frames at rest
-    frame: with its time since the first of these [s]
-    observation: with Γ as its margin
-    tracks, rest: markers in it and at rest
-    grip: force that the gripper took [N]
-    """
-
-    index: int
-    frame: Frame
-    observation: GripObservation
-    tracks: Tracks
-    rest: Tracks
-    grip: float
 
 
 def grasp_outside(
@@ -45,7 +23,7 @@ def grasp_outside(
     feed: Feed,
     gripper: HeldGripper,
     answer_within: float,
-) -> Iterator[Seen]:
+) -> Iterator[Sample]:
     """Frames of a grasp as they come, until the scene is as long as it says, or the source ends.
 
     The gripper is told 0 N first, and the first frames are taken as those of the unloaded sensor.
@@ -69,29 +47,21 @@ def grasp_outside(
     controller = HoldingController(methods.build_controller(scene), scene.controller, answer_within)
     with _holding(gripper):
         gripper.command(0.0, "before the first frame")
-        observer = _observer(scene, methods, known, feed)
+        reader = _reader(scene, methods, known, feed)
         begin, index = 0.0, 0
         while (frame := feed.next()) is not None:
             begin = frame.time if index == 0 else begin
             frame = replace(frame, time=frame.time - begin)
             if frame.time > scene.duration_s + 1e-9:
                 return
-            observation, tracks = observer.observe(frame)
-            observation = with_friction_bias(observation, scene.camera.friction_bias)
-            observation = with_limit_margin(observation)
-            arrived = Arrived(index, held(observation, scene.held_margin))
+            reading = reader.update(frame)
+            assert reading.held is not None
+            arrived = Arrived(index, reading.held)
             if index == 0:
                 controller.start(arrived.observation)
             grip = controller.command([arrived])
             gripper.command(grip, f"at t = {frame.time:.4g} s, frame {index}")
-            yield Seen(
-                index=index,
-                frame=frame,
-                observation=observation,
-                tracks=tracks,
-                rest=observer.rest,
-                grip=grip,
-            )
+            yield Sample(index=index, time=frame.time, readings=(reading,), grip=grip)
             index += 1
 
 
@@ -111,10 +81,8 @@ def _holding(gripper: HeldGripper) -> Iterator[None]:
         raise
 
 
-def _observer(
-    scene: Scene, methods: Methods, known: SensorCalibration, feed: Feed
-) -> CameraObserver:
-    """Observer that was given the first frames as those of the unloaded sensor."""
+def _reader(scene: Scene, methods: Methods, known: SensorCalibration, feed: Feed) -> Reader:
+    """Reader that was given the first frames as those of the unloaded sensor."""
     rest: list[Frame] = []
     for _ in range(scene.camera.rest_frames):
         frame = feed.next()
@@ -131,12 +99,4 @@ def _observer(
             f"{feed.source.name} has frames of {size[1]} × {size[0]} pixels; sensor "
             f"{scene.sensor} has {view.width} × {view.height}"
         )
-    with located(f"sensor {scene.sensor}"):
-        return CameraObserver(
-            known,
-            methods.tracker,
-            methods.reconstructor,
-            scene.camera.noise_levels,
-            scene.safety_margin.friction_window_s,
-            rest,
-        )
+    return scene_reader(scene, known, methods.tracker, methods.reconstructor, rest)

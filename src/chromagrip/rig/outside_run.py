@@ -14,6 +14,7 @@ from ..by_name import Choice, name_of
 from ..errors import UserError
 from ..extras import require
 from ..loop.methods import Methods, choose
+from ..loop.rig import readable
 from ..loop.run_folder import (
     ANSWER_WITHIN_S,
     FILES,
@@ -26,7 +27,7 @@ from ..loop.run_folder import (
     write_run_logs,
     write_trace,
 )
-from ..loop.steps.rig import readable
+from ..loop.sample import Sample
 from ..loop.trace import Summary, Trace, TraceLines, make_trace, outside_row, summarise
 from ..output.folder import disk_errors, prepare, whole_file
 from ..output.frames import FRAMES
@@ -40,7 +41,7 @@ from ..tracking import SensorCalibration
 from ..tracking.forces.chain import used
 from .feed import Feed
 from .gripper import GRIPPERS, Gripper, HeldGripper
-from .outside import Seen, grasp_outside
+from .outside import grasp_outside
 
 #: Time in which the next frame must come [s].
 FRAME_WITHIN_S = 5.0
@@ -151,9 +152,11 @@ class OutsideRecord:
                 (out / PARTS).mkdir()
                 self._lines = TraceLines(out / PARTS / LINES)
 
-    def add(self, seen: Seen) -> None:
+    def add(self, seen: Sample) -> None:
         """Append a frame."""
-        line = outside_row(seen.frame.time, seen.grip, seen.observation, seen.tracks)
+        assert seen.observation is not None
+        assert seen.tracks is not None
+        line = outside_row(seen.time, seen.grip, seen.observation, seen.tracks)
         if not self._rows:  # the first frame includes those at rest
             self._begin = time.perf_counter()
         self._rows.extend(line)

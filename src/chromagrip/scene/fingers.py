@@ -1,4 +1,4 @@
-"""The two fingers of a scene that is a pinch, each as a scene of its own."""
+"""The fingers of a scene, each as a scene of its own."""
 
 import msgspec
 
@@ -10,8 +10,10 @@ from .scene import Scene
 _SECOND_SEED = 7_919
 
 
-def fingers(scene: Scene) -> tuple[Scene, Scene]:
-    """Scene as each finger has it: with its own sensor, and a seed of its own."""
+def fingers(scene: Scene) -> tuple[Scene, ...]:
+    """Scene as each of one or two fingers has it: with its own sensor and seed."""
+    if not scene.pinch.mass_g:
+        return (scene,)
     single = msgspec.structs.replace(scene, pinch=PinchSettings())
     second = msgspec.structs.replace(
         single,

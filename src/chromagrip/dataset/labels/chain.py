@@ -5,12 +5,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...loop.camera import SimulatedCamera
-from ...loop.steps.sample import Sample
+from ...loop.sample import Sample
 from ...model import node_friction
 from ...output.processes import one_thread
 from ...render import TruthMap, harmonic_map, load_sensor, marker_truth
 from ...scene.scene import Scene
+from ...sensing.camera import SimulatedCamera
 from .columns import columns_of
 from .shot import SLIPPING, Shot, common_values, marker_labels
 
@@ -47,7 +47,7 @@ def chain_shots(
                     sample.index,
                     sample.applied,
                     sample.load,
-                    sample.truth,
+                    sample.contact,
                     slips,
                     deformation.object_position,
                     deformation.rigid_part,

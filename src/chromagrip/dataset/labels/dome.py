@@ -1,7 +1,7 @@
 """Labels of a sequence of a dome of silicone."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -9,39 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...loop.camera import SimulatedCamera, carried
-from ...loop.world import Contact
+from ...loop.sample import Sample
 from ...model import DomeState, SoftBody, margin_within
 from ...model.dome import SkinField, lattice
 from ...output.processes import one_thread
 from ...render import Membrane, TruthMap, load_sensor, marker_truth
 from ...scene.scene import Scene
+from ...sensing.camera import SimulatedCamera, carried
 from .columns import columns_of
 from .shot import SLIPPING, Shot, common_values, marker_labels
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class DomeSample:
-    """A frame of a dome.
-
-    Attributes
-    ----------
-    index: of the frame
-    truth: of the contact
-    grip, load: of the drive, down and across [N]; NaN where the object's pose is prescribed
-    """
-
-    index: int
-    truth: Contact
-    grip: float
-    load: float
-
-
 def dome_shots(
     scene: Scene,
-    samples: Iterable[DomeSample],
+    samples: Iterable[Sample],
     camera: SimulatedCamera,
     truth: tuple[str, ...],
     clean: bool = False,
@@ -53,7 +36,7 @@ def dome_shots(
     pixels = _truth_map(scene.sensor, dome) if truth else None
     with one_thread():
         for sample in samples:
-            state = sample.truth.state
+            state = sample.contact.state
             assert isinstance(state, DomeState)
             drive = carried(state)
             membrane = camera.membrane(drive)
@@ -69,10 +52,10 @@ def dome_shots(
 
 
 def _of_contact(
-    sample: DomeSample, dome: SoftBody, areas: Array
+    sample: Sample, dome: SoftBody, areas: Array
 ) -> tuple[dict[str, float | int | str], dict[str, NDArray[Any]]]:
     """Values of a frame and labels of the nodes."""
-    truth, state = sample.truth, sample.truth.state
+    truth, state = sample.contact, sample.contact.state
     assert isinstance(state, DomeState)
     # Near the object its nodes are where they were solved for.
     places = lattice(dome).points + _skin_field(dome)(carried(state))
@@ -87,7 +70,7 @@ def _of_contact(
     press, across = -float(force[2]), float(np.hypot(*force[:2]))
     values = common_values(
         sample.index,
-        press if np.isnan(sample.grip) else sample.grip,
+        press if np.isnan(sample.applied) else sample.applied,
         across if np.isnan(sample.load) else sample.load,
         truth,
         slips,

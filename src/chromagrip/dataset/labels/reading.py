@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ...loop.force_row import force_row
 from ...loop.methods import reconstructor_for
-from ...loop.observers import CameraObserver, known_sensor
-from ...loop.torsion import with_limit_margin
 from ...loop.trace import counted_kinds
 from ...output.parquet import Row
 from ...output.processes import one_thread
 from ...render import Frame
 from ...scene.scene import Scene
-from ...tracking import CAMERA_RULE, DEFAULT_TRACKER, check_reconstructor
+from ...sensing.reader import Reader, known_sensor
+from ...tracking import CAMERA_RULE
 from .columns import INTERVALS, READ, READING
 from .shot import Image, Shot
 
@@ -59,17 +58,21 @@ def _reader(scene: Scene, reconstructor: str, rest: Image) -> Callable[[Frame], 
     """Reads frames one after the other; of a sensor that cannot be read it says why."""
     try:
         known, method = known_sensor(scene), reconstructor_for(scene.body, reconstructor)
-        check_reconstructor(method, known)
-        noise, window = scene.camera.noise_levels, scene.safety_margin.friction_window_s
-        still = [Frame(image=rest, time=0.0)]
-        observer = CameraObserver(known, DEFAULT_TRACKER, method, noise, window, still)
+        reader = Reader(
+            known,
+            [rest],
+            reconstructor=method,
+            noise=scene.camera.noise_levels,
+            window=scene.safety_margin.friction_window_s,
+        )
     except UserError as error:
         reason = str(error)
         return lambda frame: _values({"no_estimate": reason})
 
     def read(frame: Frame) -> Values:
-        observation, _ = observer.observe(frame)
-        return _values(force_row(with_limit_margin(observation), CAMERA_RULE))
+        observation = reader.update(frame).observation
+        assert observation is not None
+        return _values(force_row(observation, CAMERA_RULE))
 
     return read
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...loop.world import Contact
 from ...model import GROSS_SLIP
 from ...render import MarkerTruth
+from ...sensing.contact import Contact
 from .columns import COMMON, MARKERS
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ...control import GripObservation
 from ...model import margin_within
+from ..sample import Sample
 from ..shown.figure import ESTIMATED, LOAD, TRUE
-from ..steps.sample import Sample
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,8 +66,8 @@ class Courses:
         """Append a frame."""
         self.times.append(sample.time)
         self.forces["grip"].append(sample.grip)
-        self.forces["table"].append(sample.truth.state.support)
-        for k, contact in enumerate(sample.truth.fingers):
+        self.forces["table"].append(sample.pinch.state.support)
+        for k, contact in enumerate(sample.pinch.fingers):
             field_, mu = contact.field, contact.friction
             true = (field_.safety_margin(mu), margin_within(field_, mu))
             values = _margins(true, sample.readings[k].observation)

@@ -10,9 +10,9 @@ from ...model import margin_within
 from ...model.pinch import mean_pressure
 from ...scene.fingers import build_pinch
 from ...scene.scene import Scene
-from ..steps.sample import Sample
+from ...sensing.contact import Contact
+from ..sample import Sample
 from ..trace import Summary, Trace, counted_kinds
-from ..world import Contact
 
 #: Columns of the whole pinch, with their meaning.
 WHOLE = {
@@ -86,7 +86,7 @@ class PinchRows:
 
     def line(self, sample: Sample) -> tuple[float, ...]:
         """Line of a frame."""
-        truth, record = sample.truth, sample.truth.record
+        truth, record = sample.pinch, sample.pinch.record
         height = -float(self._pinch.down @ truth.state.moving.place)
         self._start = height if self._start is None else self._start
         first = truth.fingers[0]

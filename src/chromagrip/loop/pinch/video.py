@@ -13,9 +13,9 @@ from ...output.video import VideoFile
 from ...render import Frame
 from ...scene.fingers import build_pinch, fingers
 from ...scene.scene import Scene
+from ..sample import Sample
 from ..shown.dome_picture import STICKS, TractionPicture, write
 from ..shown.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
-from ..steps.sample import Sample
 from ..trace import word_for_read
 from .course_plot import CoursePlot, Courses
 from .stage import FINGER_COLOURS, INK, draw_along, draw_side, set_stage
@@ -78,7 +78,7 @@ class PinchVideo(VideoFile):
     def due(self, sample: Sample) -> bool:
         """Take a frame into the plots; whether its picture is due."""
         if not self.courses.times:
-            self._start = float(sample.truth.state.moving.place[0])
+            self._start = float(sample.pinch.state.moving.place[0])
         self.courses.add(sample)
         slot = int(sample.time * FPS * SLOWDOWN + 1e-6)
         due = slot > self._slot and all(each.observation is not None for each in sample.readings)
@@ -99,9 +99,9 @@ class PinchVideo(VideoFile):
             write(camera, "camera", (SIDE - 56, 15), (230, 230, 230))
             _put(whole, camera, (left, HEAD))
             _put(whole, tractions[k], (left, HEAD + SIDE))
-        _put(whole, draw_side(self.stage, sample.truth), (SIDE, HEAD))
+        _put(whole, draw_side(self.stage, sample.pinch), (SIDE, HEAD))
         column = SIDE + SCENE[0]
-        _put(whole, draw_along(self.stage, sample.truth), (column, HEAD))
+        _put(whole, draw_along(self.stage, sample.pinch), (column, HEAD))
         write(whole, "along the pinch, from finger 1", (column + 8, HEAD + SIDE - 6), INK)
         _put(whole, self._legend(sample), (column, HEAD + SIDE))
         _put(whole, self.plot.draw(self.courses), (0, HEAD + 2 * SIDE))
@@ -111,7 +111,7 @@ class PinchVideo(VideoFile):
     def _draw_tractions(self, sample: Sample) -> list[Image]:
         """Both tractions, with one scale, as a camera sees them."""
         shown: list[tuple[ForceField, float]] = []
-        for contact, reading in zip(sample.truth.fingers, sample.readings, strict=True):
+        for contact, reading in zip(sample.pinch.fingers, sample.readings, strict=True):
             seen = reading.observation
             if self._seen and seen is not None:
                 shown.append((seen.field, seen.friction))
@@ -151,7 +151,7 @@ class PinchVideo(VideoFile):
 
     def _legend(self, sample: Sample) -> Image:
         legend = np.full((SIDE, SIDE, 3), _WHITE, np.uint8)
-        truth = sample.truth.record
+        truth = sample.pinch.record
         lines = (
             "the object in truth:",
             f"rise {1e3 * self._rise(sample):z.1f} mm",
@@ -167,12 +167,12 @@ class PinchVideo(VideoFile):
 
     def _rise(self, sample: Sample) -> float:
         """Rise of the centre of mass since the start [m]; x is down."""
-        return self._start - float(sample.truth.state.moving.place[0])
+        return self._start - float(sample.pinch.state.moving.place[0])
 
     def _head(self, whole: Image, sample: Sample) -> None:
         """Line of text above everything."""
         scene = self._scene
-        outcome = sample.truth.record.outcome(scene.pinch.limits)
+        outcome = sample.pinch.record.outcome(scene.pinch.limits)
         weight = 9.81 * self.stage.pinch.body_at(sample.time).mass
         words = (
             (f"t = {sample.time:.2f} s", 8, STICKS),

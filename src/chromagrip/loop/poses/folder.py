@@ -20,7 +20,8 @@ from ...output.processes import one_thread
 from ...output.versions import versions
 from ...render import TruthMap, camera_text
 from ...scene.scene import Scene
-from ..camera import carried, open_camera
+from ...sensing.camera import carried
+from ...sensing.sensor import open_camera
 from ..run_folder import scene_text
 from .dome_poses import DomePose
 from .poses import Pose, Settled, Shot, settle_any

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from ...errors import located
 from ...model import Motion, dome_forces
-from ...model.dome import Stepper, follow_dome_slip, no_dome_slip, resting
+from ...model.dome import Stepper, no_dome_slip, resting
 from ...scene.scene import Scene
-from ..dome_world import dome_contact
-from ..world import Contact
+from ...sensing.contact import Contact, dome_contact, follow_dome
 from .dome_poses import DomePose, path_to
 
 Array = NDArray[np.float64]
@@ -41,18 +40,13 @@ def moves(scene: Scene, pose: DomePose) -> Iterator[Contact]:
     with located(f"a press of {1e3 * pose.press:.3g} mm"):
         start = resting(dome, solid, motion)
         stepper = Stepper(dome, solid, motion, start)
-        state, slip = start, no_dome_slip(dome)
-        for index in range(scene.frames):
-            if index:
-                time = index * scene.period
-                for end in _ends(motion, state.time, time):
-                    before = state
-                    stepper.advance(end)
-                    state = stepper.state()
-                    field = dome_forces(dome, state, whole=False)
-                    slip = follow_dome_slip(slip, dome, before, state, field)
-            field = dome_forces(dome, state, whole=False)
-            yield dome_contact(solid, start, state, slip, field)
+        field = dome_forces(dome, start, whole=False)
+        contact = dome_contact(dome, solid, start, start, no_dome_slip(dome), field)
+        yield contact
+        for index in range(1, scene.frames):
+            for end in _ends(motion, stepper.time, index * scene.period):
+                contact = follow_dome(stepper, contact, start, end)
+            yield contact
 
 
 def _timed(poses: Array, duration: float) -> Motion:

@@ -16,7 +16,7 @@ from ...output.video import VideoFile
 from ...render import Frame
 from ...scene.scene import Scene
 from ...tracking import Tracks
-from ..steps.sample import Sample
+from ..sample import Sample
 from .dome_picture import OUTLINE, TractionPicture, write
 
 Image = NDArray[np.uint8]
@@ -166,7 +166,7 @@ class TactileVideo(VideoFile):
             top = picture.top
             lines = (f"{kind} traction", *_sums(field, mu))
             if kind == "true":
-                truth = sample.truth
+                truth = sample.contact
                 lines += (
                     f"object x {1e3 * truth.place[0]:.2f} mm",
                     f"depth {1e3 * truth.indentation:.2f} mm",

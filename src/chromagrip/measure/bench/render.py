@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...extras import require
-from ...loop.camera import open_camera
 from ...loop.grasp import grasp
 from ...model import Solid, press_and_move, simulate_contact
 from ...model.dome import contact_steps
@@ -36,6 +35,7 @@ from ...render.drawing import (
     projected_outlines,
 )
 from ...scene.scene import load_scene
+from ...sensing.sensor import open_camera
 from ..looks import likenesses, look_of_built, palette_distance, real_dome
 from ..real_press import real_presses
 from ..worlds.contacts import contact_poses
@@ -136,7 +136,6 @@ def _frame_rows(progress: Callable[[str], None]) -> Iterator[Row]:
     scene = load_scene("margin-60hz")
     with closing(open_camera(scene)) as camera:
         states = [sample.state for sample in grasp(scene, camera)]
-        camera.recall(None)
         sensor = scene.build_sensor()
         carry = MembraneMap(sensor, scene.fingertip.nodes)
         image = camera.expose(states[0], 0).image

@@ -10,16 +10,17 @@ import numpy as np
 from msgspec.structs import replace
 
 from ...errors import UserError
-from ...loop.camera import open_camera
 from ...loop.fidelity import Fidelity
 from ...loop.grasp import grasp
-from ...loop.observers import ForceObserver, known_sensor
 from ...loop.run_folder import run
 from ...output.processes import map_processes, one_thread
 from ...output.report import Bounds, Row, at_least, at_most, measured, reported
 from ...render import add_noise
 from ...render.drawing import gl_problem
 from ...scene.scene import Scene, load_scene, scene_names
+from ...sensing.observers import ForceObserver
+from ...sensing.reader import known_sensor
+from ...sensing.sensor import open_camera
 from ...thesis import OBJECTS
 from ...tracking import Palette, load_tracker
 from ..charts.chart import Chart

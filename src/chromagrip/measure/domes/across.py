@@ -12,10 +12,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...loop.camera import SimulatedCamera
-from ...model import ContactObject, Dome, DomeState, Drive, State, contact_forces, dome_forces
+from ...model import (
+    ContactObject,
+    Dome,
+    DomeState,
+    Drive,
+    Fingertip,
+    State,
+    contact_forces,
+    dome_forces,
+)
 from ...output.processes import one_thread
-from ...render import load_sensor, open_renderer
+from ...render import Defects, load_sensor
+from ...sensing.sensor import TactileSensor
 from ...tracking import sensor_as_designed
 from ..worlds.crossed import dome_states, solid_of
 from ..worlds.force_scenes import NOISE, PERIOD, REST_FRAMES, Grasp, run_of, tracked
@@ -53,19 +62,19 @@ def across_scene(world: str, index: int) -> Watched:
     taken = sorted({*range(0, count + 1, _EVERY), *ends})
     dome = dome_of(load_sensor(DESIGN))
     states: Sequence[State | DomeState]
-    body: int | Dome
+    body: Fingertip | Dome
     with one_thread():
         if world == "chain":
             tip, run = known.fingertip, run_of(known.fingertip, grasped)
-            states, body = [run.state(k) for k in range(count + 1)], tip.nodes
+            states, body = [run.state(k) for k in range(count + 1)], tip
             fields = [contact_forces(tip, grasped.obj, run.state(end)) for end in ends]
         else:
             body = dome = replace(dome, stiffening=world == "dome")
             states = moved = dome_states(dome, solid_of(grasped.obj), grasped, count)
             fields = [dome_forces(dome, moved[end], whole=False) for end in ends]
-        camera = SimulatedCamera(
-            known.sensor, open_renderer("painter", known.sensor), body, NOISE, SEED + index
-        )
+        camera = TactileSensor(
+            known.sensor, body=body, noise=NOISE, seed=SEED + index, defects=Defects()
+        ).camera
         with closing(camera):
             rest = camera.expose_rest(states[0], REST_FRAMES)
             frames = {k: camera.expose(states[k], k) for k in taken}

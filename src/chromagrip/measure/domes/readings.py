@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ...by_name import Choice
 from ...errors import UserError
-from ...loop.observers import ForceObserver
 from ...output.processes import one_thread
+from ...sensing.observers import ForceObserver
 from ..beyond.scores import UNITS as OF_FRAMES
 from ..beyond.scores import beyond_scores
 from ..worlds.force_scores import OBSERVABLE, QUANTITIES, Answers, answer_of, average, rms

@@ -9,9 +9,10 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from ...loop.camera import SimulatedCamera
 from ...model import Dome
-from ...render import DomeMap, Flaws, Membrane, SensorDesign, load_sensor, open_renderer
+from ...render import DomeMap, Flaws, Membrane, SensorDesign, load_sensor
+from ...sensing.camera import SimulatedCamera
+from ...sensing.sensor import TactileSensor
 from ...tracking.forces import yellow_moves
 from ..worlds.force_scenes import NOISE
 
@@ -81,15 +82,14 @@ class Specimen:
             one = made(forces) if field is None else made.of_field(*field(places, forces))
             return Membrane(centres=one.centres @ turn.T, axes=turn @ one.axes)
 
-        return SimulatedCamera(
+        return TactileSensor(
             sensor,
-            open_renderer(self.renderer, sensor),
-            self.dome,
-            self.noise,
-            seed,
-            sensor.defects,
-            membrane,
-        )
+            body=self.dome,
+            noise=self.noise,
+            seed=seed,
+            renderer=self.renderer,
+            membrane_map=membrane,
+        ).camera
 
 
 def matched(name: str) -> Specimen:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...control import GripObservation, SafetyMarginControl, SafetyMarginSettings
-from ...loop.observers import TruthObserver
 from ...model import ContactObject, Fingertip, State, contact_forces, step
 from ...output.report import Row, within
+from ...sensing.observers import TruthObserver
 from .cells import FIRST_LOAD, MARGIN, Cell, Setting, plant
 from .linear import critical_gain, critical_period, held
 from .maps import Map

@@ -7,12 +7,13 @@ from itertools import islice
 import numpy as np
 
 from ...errors import UserError
-from ...loop.camera import SimulatedCamera, open_camera
 from ...loop.grasp import grasp
 from ...loop.run_folder import run
 from ...loop.trace import Trace, make_trace, row
 from ...model import GROSS_SLIP
 from ...scene.scene import Scene, load_scene
+from ...sensing.camera import SimulatedCamera
+from ...sensing.sensor import open_camera
 from ...thesis import DESIRED_MARGIN, DURATION_S, LOAD_TIMES_S, LOADS_N
 from .linear import LinearLoop, Plant, largest_root, plant_of
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...dataset.recipe import drawn, load_recipe, pose_of, scene_of
-from ...loop.camera import carried
 from ...loop.poses.dome_poses import settle_dome
 from ...model import SoftBody
+from ...sensing.camera import carried
 
 Array = NDArray[np.float64]
 

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError, located
-from ...loop.camera import SimulatedCamera
 from ...loop.dome_world import PRESS_DRAG
 from ...model import ContactObject, DomeState, Motion, SoftBody, Solid, dome_forces
 from ...model.dome import Stepper, per_area, resting
 from ...model.shapes import ball, plane
 from ...output.processes import one_thread
-from ...render import Frame, open_renderer
+from ...render import Frame
 from ...scene.scene import Scene, parse_scene
 from ...scene.shapes import PROFILE_KEYS, SHAPE_KEYS
+from ...sensing.sensor import TactileSensor
 from ...tracking import SensorCalibration
 from .force_scenes import (
     HELD_FRAMES,
@@ -107,14 +107,14 @@ def watch_dome(
     shown = sorted({k for end in ends for k in range(end - HELD_FRAMES + 1, end + 1)})
     with one_thread():
         states = dome_states(dome, solid, grasped, ends[-1])
-        camera = SimulatedCamera(
+        camera = TactileSensor(
             specimen.sensor,
-            open_renderer(specimen.renderer, specimen.sensor),
-            dome,
-            NOISE,
-            seed,
-            specimen.defects,
-        )
+            body=dome,
+            noise=NOISE,
+            seed=seed,
+            defects=specimen.defects,
+            renderer=specimen.renderer,
+        ).camera
         with closing(camera):
             rest = camera.expose_rest(states[0], REST_FRAMES)
             frames: dict[int, Frame] = {}

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
-from ...loop.camera import SimulatedCamera
 from ...model import (
     ContactObject,
     DomeState,
@@ -23,7 +22,9 @@ from ...model import (
     whole_friction,
 )
 from ...output.processes import one_thread
-from ...render import Defects, Frame, Membrane, SensorDesign, open_renderer
+from ...render import Defects, Frame, Membrane, SensorDesign
+from ...sensing.camera import SimulatedCamera
+from ...sensing.sensor import TactileSensor
 from ...tracking import MarkerTracker, Palette, SensorCalibration, Tracks
 
 Array = NDArray[np.float64]
@@ -63,7 +64,7 @@ class Specimen:
     ----------
     fingertip, sensor, defects: as made
     renderer: name of the renderer that draws its images
-    membrane_map: see `SimulatedCamera`; None is the sensor's own
+    membrane_map: see `TactileSensor`; None is the sensor's own
     """
 
     fingertip: Fingertip
@@ -74,15 +75,15 @@ class Specimen:
 
     def camera(self, seed: int) -> SimulatedCamera:
         """Camera that takes its images; close it after use."""
-        return SimulatedCamera(
+        return TactileSensor(
             self.sensor,
-            open_renderer(self.renderer, self.sensor),
-            self.fingertip.nodes,
-            NOISE,
-            seed,
-            self.defects,
-            self.membrane_map,
-        )
+            body=self.fingertip,
+            noise=NOISE,
+            seed=seed,
+            defects=self.defects,
+            renderer=self.renderer,
+            membrane_map=self.membrane_map,
+        ).camera
 
 
 @dataclass(frozen=True, kw_only=True)

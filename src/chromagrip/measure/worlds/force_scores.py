@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ...by_name import Choice
 from ...control import GripObservation
 from ...errors import UserError
-from ...loop.observers import ForceObserver, margin_interval
 from ...model import ForceField, FrictionReading
 from ...output.processes import one_thread
+from ...sensing.observers import ForceObserver, margin_interval
 from ...tracking import FRICTION, Z90, NoEstimateError, load_reconstructor
 from ..limits.forces import force_limit, press
 from .force_scenes import HELD_FRAMES, NOISE, PERIOD, REST_FRAMES, ForceScene

@@ -20,11 +20,11 @@ from functools import lru_cache
 import numpy as np
 from msgspec.structs import replace
 
-from ...loop.camera import open_camera
 from ...loop.grasp import grasp
 from ...model import ContactObject, Drive, Fingertip, History, contact_forces
 from ...render import Defects
 from ...scene.scene import load_scene
+from ...sensing.sensor import open_camera
 from ...thesis import DESIRED_MARGIN, LOADS_N, OBJECTS
 from ...tracking import SensorCalibration, load_calibration
 from .force_scenes import ForceScene, Grasp, Specimen, run_of, watch

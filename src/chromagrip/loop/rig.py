@@ -9,28 +9,27 @@
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 
-from ...control import GripObservation
-from ...errors import UserError, located
-from ...model import Fingertip
-from ...render import Frame
-from ...scene.fingers import fingers
-from ...scene.scene import Scene
-from ...tracking import SensorCalibration, check_reconstructor
-from ..camera import CameraMemory, SimulatedCamera, open_camera
-from ..dome_world import DomePlant
-from ..latency import Arrived, Delivery, arrivals, checked_force
-from ..methods import Methods
-from ..observers import known_sensor
-from ..pinch_world import PinchPlant
-from ..torsion import held
-from ..world import ChainPlant
-from .readers import CameraReader, Reader, Reading, TruthReader, exposed_state
-from .sample import Sample
+from ..control import GripObservation
+from ..errors import UserError, located
+from ..model import Fingertip
+from ..render import Frame
+from ..scene.fingers import fingers
+from ..scene.scene import Scene
+from ..sensing.camera import SimulatedCamera
+from ..sensing.reader import Reader, Reading, TruthReader, known_sensor, scene_reader
+from ..sensing.sensor import SensorState, TactileSensor
+from ..tracking import SensorCalibration, check_reconstructor
+from .dome_world import DomePlant
+from .latency import Arrived, Delivery, arrivals, checked_force
+from .methods import Methods
+from .pinch_world import PinchPlant
+from .sample import Sample, Truth
+from .world import ChainPlant
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +43,9 @@ class RigState:
     world: of that frame
     readings: of each finger in that frame
     smaller: finger whose observation goes to the controller
+    sensors: state of each finger's sensor
     readers: of each finger, that go on from there
     delivery: observations on their way
-    cameras: what each camera remembers of the frames before; empty without cameras
     """
 
     scene: Scene
@@ -54,15 +53,15 @@ class RigState:
     world: Any
     readings: tuple[Reading, ...]
     smaller: int
-    readers: tuple[Reader, ...]
+    sensors: tuple[SensorState, ...]
+    readers: tuple[Reader | TruthReader, ...]
     delivery: Delivery
-    cameras: tuple[CameraMemory, ...]
 
 
 class Rig:
     """A scene that is gripped frame by frame; the same seed and grips give the same bytes.
 
-    Each finger has its own camera, specimen and observer. A controller is given the observation
+    Each finger has a sensor and a reader of its own. A controller is given the observation
     of the finger whose margin is smaller.
 
     Parameters
@@ -90,20 +89,15 @@ class Rig:
         self.scene = scene
         self.methods = methods or Methods.of_scene(scene)
         self.plant = _plant(scene, fingertip)
-        self._cameras = [] if camera is None else [camera]
-        self._own = camera is None
-        self.known = [known or readable(each, self.methods) for each in self._fingers]
+        self._camera = camera
+        self.known = [known or readable(each, self.methods) for each in fingers(scene)]
+        self.sensors = self._new_sensors()
         self._index = -1
         self._world: Any = None
         self._readings: tuple[Reading, ...] = ()
         self._smaller = 0
-        self._readers: tuple[Reader, ...] = ()
+        self._readers: tuple[Reader | TruthReader, ...] = ()
         self._delivery: Delivery
-
-    @property
-    def _fingers(self) -> tuple[Scene, ...]:
-        """Scene as each finger has it."""
-        return fingers(self.scene) if self.scene.pinch.mass_g else (self.scene,)
 
     @property
     def index(self) -> int:
@@ -168,9 +162,13 @@ class Rig:
             self._reseed(seed)
         self._index = -1  # until everything below has gone well
         self._world = self.plant.rest()
-        for camera in self._cameras:
-            camera.recall(None)
-        self._readers = tuple(self._reader(k, each) for k, each in enumerate(self._fingers))
+        self._show(0)
+        self._readers = tuple(
+            self._reader(each, sensor, known)
+            for each, sensor, known in zip(
+                fingers(self.scene), self.sensors, self.known, strict=True
+            )
+        )
         self._delivery = Delivery(arrivals(self.scene))
         seen = self._read(0)
         assert seen is not None  # the first frame is never dropped
@@ -202,6 +200,7 @@ class Rig:
             )
         grip = checked_force(grip, f"step() at frame {self._index} was given")
         self._world = self.plant.next_frame(self._world, grip, self._index)
+        self._show(self._index + 1)
         self._read(self._index + 1)
         arrived = self.arrived
         return arrived[-1].observation if arrived else None
@@ -240,19 +239,21 @@ class Rig:
         self._check_begun("sample()")
         return Sample(
             index=self._index,
-            truth=self._world.now,
-            load=self.scene.load.force(self.time + 1e-9),
-            grip=grip,
-            applied=self._world.applied,
-            pitch=self.plant.pitch,
+            time=self.time,
             readings=self._readings,
+            grip=grip,
+            truth=Truth(
+                now=self._world.now,
+                applied=self._world.applied,
+                load=self.scene.load.force(self.time + 1e-9),
+            ),
             smaller=self._smaller,
         )
 
     def pictures(self) -> tuple[Frame, ...]:
         """Each camera's picture of this frame, also on the truth path and of a dropped frame."""
         self._check_begun("pictures()")
-        return tuple(self._picture(k) for k in range(len(self._readings)))
+        return tuple(sensor.data.frame for sensor in self.sensors)
 
     def picture(self) -> Frame:
         """The only camera's picture, as `pictures`."""
@@ -263,8 +264,9 @@ class Rig:
     def rest_pictures(self) -> tuple[Frame, ...]:
         """Each camera's picture of the untouched finger, with noise that is in no other frame."""
         world = self.plant.rest()
-        states = [world.finger(k).now.state for k in range(len(self._fingers))]
-        return tuple(self._camera(k).expose_rest(s, 1)[0] for k, s in enumerate(states))
+        states = [world.finger(k).now.state for k in range(len(self.sensors))]
+        pairs = zip(self.sensors, states, strict=True)
+        return tuple(sensor.camera.expose_rest(state, 1)[0] for sensor, state in pairs)
 
     def save(self) -> RigState:
         """State of the grasp, from which it can go on later, as often as is wanted."""
@@ -275,9 +277,9 @@ class Rig:
             world=self._world,
             readings=self._readings,
             smaller=self._smaller,
+            sensors=tuple(sensor.state() for sensor in self.sensors),
             readers=tuple(reader.copied() for reader in self._readers),
             delivery=self._delivery.copied(),
-            cameras=tuple(camera.memory() for camera in self._cameras),
         )
 
     def restore(self, state: RigState) -> None:
@@ -288,7 +290,7 @@ class Rig:
         UserError
             For a state of another scene.
         """
-        if len(state.readings) != len(self._fingers):
+        if len(state.sensors) != len(self.sensors):
             raise UserError("the state was saved of another number of fingers")
         if msgspec.structs.replace(state.scene, seed=self.scene.seed) != self.scene:
             raise UserError("the state was saved of another scene; restore it in a rig of that one")
@@ -298,15 +300,24 @@ class Rig:
         self._readings, self._smaller = state.readings, state.smaller
         self._readers = tuple(reader.copied() for reader in state.readers)
         self._delivery = state.delivery.copied()
-        for camera in self._cameras:
-            camera.recall(None)
-        for k, memory in enumerate(state.cameras):
-            self._camera(k).recall(memory)
+        for sensor, shown in zip(self.sensors, state.sensors, strict=True):
+            sensor.restore(shown)
+
+    def open(self) -> None:
+        """Open the cameras, which are opened with their first picture otherwise.
+
+        Raises
+        ------
+        UserError
+            When a renderer cannot run on this machine.
+        """
+        for sensor in self.sensors:
+            sensor.camera  # noqa: B018 (opens it)
 
     def close(self) -> None:
         """Release the cameras; closing them again does nothing."""
-        while self._own and self._cameras:
-            self._cameras.pop().close()
+        for sensor in self.sensors:
+            sensor.close()
 
     def _check_begun(self, what: str) -> None:
         if self._index < 0:
@@ -318,40 +329,43 @@ class Rig:
             raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
         self.close()
         self.scene = msgspec.structs.replace(self.scene, seed=int(seed))
+        self.sensors = self._new_sensors()
 
-    def _reader(self, k: int, finger: Scene) -> Reader:
-        known = self.known[k]
+    def _new_sensors(self) -> tuple[TactileSensor, ...]:
+        """Sensor of each finger."""
+        return tuple(
+            TactileSensor.of_scene(each, self.methods.renderer, self._camera)
+            for each in fingers(self.scene)
+        )
+
+    def _reader(
+        self, finger: Scene, sensor: TactileSensor, known: SensorCalibration | None
+    ) -> Reader | TruthReader:
+        """Reader of a finger, which is given its frames at rest."""
         if known is None:
             return TruthReader(finger)
-        return CameraReader(finger, self._camera(k), self._world.finger(k), known, self.methods)
+        rest = sensor.rest_frames(finger.camera.rest_frames)
+        return scene_reader(finger, known, self.methods.tracker, self.methods.reconstructor, rest)
 
-    def _camera(self, k: int) -> SimulatedCamera:
-        """Camera of a finger; all are opened together when one is needed first."""
-        if not self._cameras:
-            self._cameras = [open_camera(each, self.methods) for each in self._fingers]
-        return self._cameras[k]
-
-    def _picture(self, k: int) -> Frame:
-        frame = self._readings[k].frame
-        if frame is None:
-            frame = self._camera(k).expose(exposed_state(self._world.finger(k)), self._index)
-            readings = list(self._readings)
-            readings[k] = replace(readings[k], frame=frame)
-            self._readings = tuple(readings)
-        return frame
+    def _show(self, index: int) -> None:
+        """Let the sensors show the world at a frame."""
+        for k, sensor in enumerate(self.sensors):
+            world = self._world.finger(k)
+            sensor.show(world.now, world.exposed, index)
 
     def _read(self, index: int) -> GripObservation | None:
         """Read the frames of that index, and send one observation on its way."""
-        seen = index if self._delivery.due[index] >= 0 else None
-        self._readings = tuple(
-            reader.read(self._world.finger(k), seen, self._cameras[k] if self._cameras else None)
-            for k, reader in enumerate(self._readers)
-        )
         self._index = index
-        came = [one.observation for one in self._readings if one.observation is not None]
-        if len(came) < len(self._readings):
+        if self._delivery.due[index] < 0:
+            self._readings = tuple(Reading(rest=reader.rest) for reader in self._readers)
             return None
-        each = [held(one, self.scene.held_margin) for one in came]
+        self._readings = tuple(
+            reader.update(sensor.data.frame)
+            if isinstance(reader, Reader)
+            else reader.observe(self._world.finger(k).exposed, self.time)
+            for k, (sensor, reader) in enumerate(zip(self.sensors, self._readers, strict=True))
+        )
+        each = [one.held for one in self._readings if one.held is not None]
         self._smaller = smaller(each)
         self._delivery.send(index, each[self._smaller])
         return each[self._smaller]

@@ -1,10 +1,8 @@
-"""Observers: from a frame (camera path) or from the model (truth path) to a GripObservation."""
+"""Observers: from tracks, or from the model's true forces, to a GripObservation."""
 
-import hashlib
 import math
 from copy import copy, deepcopy
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -12,24 +10,16 @@ import numpy as np
 from ..by_name import Choice, blaming, name_of
 from ..control import GripObservation
 from ..model import Fingertip, ForceField
-from ..render import Frame
-from ..scene.scene import Scene
 from ..tracking import (
     CAMERA_RULE,
-    RECONSTRUCTORS,
     THESIS_RULE,
-    TRACKERS,
     Z90,
     FrictionEstimate,
     FrictionRule,
     NoEstimateError,
-    Palette,
     SensorCalibration,
     Tracks,
-    load_calibration,
     load_reconstructor,
-    load_tracker,
-    sensor_as_designed,
 )
 from ..tracking.forces import DOME_METHODS, name_used, untouched_field
 
@@ -38,8 +28,6 @@ _MOST_DOUBT = 1.0
 #: Correlation of the errors of ΣFn and ΣFf where stiffnesses are wrong: the tissue's turn both
 #: alike, the membrane's do not.
 STIFFNESS_CORRELATION = 0.95
-#: Smallest µ that a bias leaves.
-LEAST_FRICTION = 0.01
 #: Stream of random numbers that the noise on Γ is drawn from, among those of a seed.
 MARGIN_NOISE_STREAM = 7
 
@@ -148,116 +136,6 @@ class ForceObserver:
         other = copy(self)
         other._friction, other._forces = copy(self._friction), deepcopy(self._forces)
         return other
-
-
-def with_friction_bias(observation: GripObservation, bias: float) -> GripObservation:
-    """Observation with a bias on µ, which stays above 0.01, and with the Γ of that µ."""
-    if bias == 0.0 or math.isnan(observation.margin):
-        return observation
-    mu = max(observation.friction + bias, LEAST_FRICTION)
-    margin = observation.field.safety_margin(mu)
-    low, high = (end + mu - observation.friction for end in observation.friction_interval)
-    margin_low, margin_high = (
-        end + margin - observation.margin for end in observation.margin_interval
-    )
-    return replace(
-        observation,
-        friction=mu,
-        friction_interval=(low, high),
-        margin=margin,
-        margin_interval=(margin_low, margin_high),
-    )
-
-
-class CameraObserver:
-    """Estimates forces and friction from camera frames; knows only pixels and the calibration.
-
-    Parameters
-    ----------
-    calibration: of the sensor
-    tracker: see `load_tracker`
-    reconstructor: see `load_reconstructor`
-    noise: camera noise, from its data sheet [grey levels]
-    window: moving average of the friction estimate [s]
-    rest: frames of the unloaded sensor
-    """
-
-    def __init__(
-        self,
-        calibration: SensorCalibration,
-        tracker: Choice,
-        reconstructor: Choice,
-        noise: float,
-        window: float,
-        rest: list[Frame],
-    ) -> None:
-        self._failure = f"tracker {name_of(tracker)} failed"
-        with blaming(self._failure, SystemExit):
-            self._tracker = load_tracker(tracker)(Palette.of_sensor(calibration.sensor), noise)
-            #: Tracks of the rest frames, from which displacements are counted.
-            self.rest: Tracks = self._tracker.reset(rest)
-        self._forces = ForceObserver(calibration, self.rest, reconstructor, window)
-
-    def observe(self, frame: Frame) -> tuple[GripObservation, Tracks]:
-        """Observation of a frame, and the tracks that it was estimated from."""
-        with blaming(self._failure, SystemExit):
-            tracks = self._tracker.update(frame)
-        return self._forces.observe(frame.time, tracks), tracks
-
-    def copied(self) -> Self:
-        """Observer that goes on from here by itself."""
-        other = copy(self)
-        other._tracker, other._forces = copy(self._tracker), self._forces.copied()
-        other._tracker.state = deepcopy(self._tracker.state)  # a plug-in may change its own
-        return other
-
-
-@dataclass(frozen=True)
-class _RestPictures:
-    """Frames of the unloaded sensor, which are the same where their digest is."""
-
-    digest: bytes
-    frames: tuple[Frame, ...] = field(compare=False)
-
-    @classmethod
-    def of(cls, frames: list[Frame]) -> "_RestPictures":
-        digest = hashlib.blake2b(digest_size=16)
-        for frame in frames:
-            digest.update(f"{frame.time!r} {frame.image.shape}".encode())
-            digest.update(np.ascontiguousarray(frame.image).data)
-        return cls(digest.digest(), tuple(frames))
-
-
-def camera_observer(
-    calibration: SensorCalibration,
-    tracker: Choice,
-    reconstructor: Choice,
-    noise: float,
-    window: float,
-    rest: list[Frame],
-) -> CameraObserver:
-    """Observer as `CameraObserver`; what our methods say of the same rest frames is kept."""
-    ours = tracker in TRACKERS.entries and reconstructor in RECONSTRUCTORS.entries
-    if not (ours and rest):
-        return CameraObserver(calibration, tracker, reconstructor, noise, window, rest)
-    of_rest = _RestPictures.of(rest)
-    name = calibration.name
-    return _resting(calibration, name, tracker, reconstructor, noise, window, of_rest).copied()
-
-
-@lru_cache(maxsize=2)
-def _resting(
-    calibration: SensorCalibration,
-    name: str,
-    tracker: Choice,
-    reconstructor: Choice,
-    noise: float,
-    window: float,
-    rest: _RestPictures,
-) -> CameraObserver:
-    """Observer before its first frame; `name`, of the calibration, is in its messages."""
-    frames = list(rest.frames)
-    return CameraObserver(calibration, tracker, reconstructor, noise, window, frames)
 
 
 def _observation(
@@ -374,10 +252,3 @@ def _no_chain_field(fingertip: Fingertip) -> ForceField:
         contact=np.zeros(n, dtype=bool),
         totals_covariance=np.full((2, 2), np.inf),
     )
-
-
-def known_sensor(scene: Scene) -> SensorCalibration:
-    """Calibration of a scene's sensor: from its file, or that of a sensor as designed."""
-    if scene.calibration:
-        return load_calibration(scene.calibration)
-    return sensor_as_designed(scene.sensor, scene.fingertip.model)

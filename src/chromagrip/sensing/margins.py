@@ -1,4 +1,4 @@
-"""Torsion in an observation: the margin of friction and torsion together, and which one is held."""
+"""Margins of an observation: a bias on µ, the margin with torsion, and the one to hold."""
 
 import math
 from dataclasses import replace
@@ -12,6 +12,34 @@ from ..scene.scene import HeldMargin
 from ..tracking import Z90
 
 Array = NDArray[np.float64]
+
+
+#: Smallest µ that a bias leaves.
+LEAST_FRICTION = 0.01
+
+
+def finished(observation: GripObservation, bias: float = 0.0) -> GripObservation:
+    """Observation with a bias on µ, and with the margin of friction and torsion together."""
+    return with_limit_margin(with_friction_bias(observation, bias))
+
+
+def with_friction_bias(observation: GripObservation, bias: float) -> GripObservation:
+    """Observation with a bias on µ, which stays above 0.01, and with the Γ of that µ."""
+    if bias == 0.0 or math.isnan(observation.margin):
+        return observation
+    mu = max(observation.friction + bias, LEAST_FRICTION)
+    margin = observation.field.safety_margin(mu)
+    low, high = (end + mu - observation.friction for end in observation.friction_interval)
+    margin_low, margin_high = (
+        end + margin - observation.margin for end in observation.margin_interval
+    )
+    return replace(
+        observation,
+        friction=mu,
+        friction_interval=(low, high),
+        margin=margin,
+        margin_interval=(margin_low, margin_high),
+    )
 
 
 def with_limit_margin(observation: GripObservation) -> GripObservation:

@@ -1,7 +1,6 @@
 """The simulated camera: membrane, flaws, renderer, defects and noise."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +18,8 @@ from ..render import (
     Renderer,
     SensorDesign,
     add_noise,
-    open_renderer,
     shutter_times,
 )
-from ..scene.scene import Scene
-from .methods import Methods
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -43,20 +39,6 @@ def carried(state: State | DomeState) -> Array:
     if isinstance(state, State):
         return state.deformation.seen
     return state.memory if state.memory.any() else state.linear
-
-
-@dataclass(frozen=True)
-class CameraMemory:
-    """What a camera remembers of the frames before.
-
-    Attributes
-    ----------
-    before: what `carried` said of the last frame's state; None before the first frame
-    still: picture of it, where nothing moved since
-    """
-
-    before: Array | None
-    still: Image | None
 
 
 class SimulatedCamera:
@@ -101,7 +83,7 @@ class SimulatedCamera:
         self._failure = f"renderer {name_of(renderer)} failed"
         self._before: Array | None = None
         self._membrane: tuple[Array, Membrane] | None = None
-        self._still: Image | None = None
+        self._still: tuple[Array, Image] | None = None
         self._noise = noise
         self._seed = seed
 
@@ -112,37 +94,32 @@ class SimulatedCamera:
             self._membrane = displacement.copy(), self._flaws(self._map(displacement))
         return self._membrane[1]
 
-    def expose(self, state: State | DomeState, index: int) -> Frame:
+    def expose(self, state: State | DomeState, index: int, before: Array | None = None) -> Frame:
         """Frame number `index` of the run, of that state.
 
-        While the shutter is open the skin moves evenly from its state in the frame before.
+        Parameters
+        ----------
+        before: what `carried` said of the state in the frame before, from which the skin moves
+            evenly while the shutter is open; None is that of the picture taken last
         """
-        clean = self.clean(state, index)
-        return self._finish(clean, state.time, index, shared=clean is self._still)
+        clean = self.clean(state, index, before)
+        shared = self._still is not None and clean is self._still[1]
+        return self._finish(clean, state.time, index, shared)
 
-    def clean(self, state: State | DomeState, index: int) -> Image:
+    def clean(self, state: State | DomeState, index: int, before: Array | None = None) -> Image:
         """The same picture before `add_noise`, shape (H, W, 3); not to be changed."""
         displacement = carried(state)
-        before = displacement if self._before is None else self._before
+        if before is None:
+            before = displacement if self._before is None else self._before
         self._before = displacement.copy()
         moved = displacement - before
         if moved.any():
             images = [self._render(displacement + t * moved) for t in self._shutter]
-            self._still = None
         else:  # the same picture as long as nothing moves
-            if self._still is None:
-                self._still = self._render(displacement)
-            images = [self._still]
+            if self._still is None or not np.array_equal(self._still[0], displacement):
+                self._still = self._before, self._render(displacement)
+            images = [self._still[1]]
         return self._imaging.measured(images, index)
-
-    def memory(self) -> CameraMemory:
-        """What the next frame depends on, beside its state and number."""
-        return CameraMemory(self._before, self._still)
-
-    def recall(self, memory: CameraMemory | None) -> None:
-        """Go on after the frames that are remembered; None is before the first frame."""
-        memory = memory or CameraMemory(None, None)
-        self._before, self._still = memory.before, memory.still
 
     def expose_rest(self, state: State | DomeState, count: int) -> list[Frame]:
         """`count` frames of one state at rest, with noise that is in no frame of a run."""
@@ -175,23 +152,3 @@ class SimulatedCamera:
         if self._picture is not None:
             image = self._picture(image)
         return Frame(image=image, time=time)
-
-
-def open_camera(scene: Scene, methods: Methods | None = None) -> SimulatedCamera:
-    """Camera of a scene; close it after the run.
-
-    Raises
-    ------
-    UserError
-        When the renderer cannot run on this machine.
-    """
-    sensor = scene.build_sensor()
-    renderer = open_renderer(methods.renderer if methods else scene.renderer, sensor)
-    return SimulatedCamera(
-        sensor,
-        renderer,
-        scene.build_dome() if scene.body == "dome" else scene.fingertip.nodes,
-        scene.camera.noise_levels,
-        scene.seed,
-        scene.defects,
-    )

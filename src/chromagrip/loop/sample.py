@@ -1,0 +1,155 @@
+"""What is known of one frame of a grasp."""
+
+import math
+from dataclasses import dataclass
+
+from ..control import GripObservation
+from ..errors import UserError
+from ..model import ForceField, SlipRecord, State
+from ..model.dome import DomeSlip
+from ..render import Frame
+from ..sensing.contact import Contact
+from ..sensing.reader import Reading
+from ..tracking import Tracks
+from .pinch_world import Pinched
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What is true of a frame.
+
+    Attributes
+    ----------
+    now: contact of the only finger, or both fingers and the object that they hold
+    applied: force of the gripper's drive [N]; NaN where the object is moved instead
+    load: lateral load on the object [N]; NaN where the object is moved
+    """
+
+    now: Contact | Pinched
+    applied: float = math.nan
+    load: float = math.nan
+
+    @property
+    def fingers(self) -> tuple[Contact, ...]:
+        """Contact of each finger."""
+        return self.now.fingers
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """What is known of one frame; what is unknown is None.
+
+    Attributes
+    ----------
+    index: of the frame
+    time: instant of the frame [s]
+    readings: of each finger; a controller is given one observation after the latency, with the
+        margin to hold
+    grip: force commanded from now on [N]
+    truth: what is true of it
+    smaller: finger whose observation the controller is given
+    """
+
+    index: int
+    time: float
+    readings: tuple[Reading, ...]
+    grip: float
+    truth: Truth | None = None
+    smaller: int = 0
+
+    @property
+    def contact(self) -> Contact:
+        """True contact of the only finger.
+
+        Raises
+        ------
+        UserError
+            For two fingers, and where the truth is unknown.
+        """
+        if self.truth is None or not isinstance(self.truth.now, Contact):
+            raise UserError("the true contact of one finger is not known of this frame")
+        return self.truth.now
+
+    @property
+    def pinch(self) -> Pinched:
+        """Both fingers and the object that they hold.
+
+        Raises
+        ------
+        UserError
+            For one finger, and where the truth is unknown.
+        """
+        if self.truth is None or not isinstance(self.truth.now, Pinched):
+            raise UserError("the truth of two fingers is not known of this frame")
+        return self.truth.now
+
+    @property
+    def applied(self) -> float:
+        """Force of the gripper's drive now [N]; NaN where it is unknown."""
+        return math.nan if self.truth is None else self.truth.applied
+
+    @property
+    def load(self) -> float:
+        """Lateral load on the object [N]; NaN where it is unknown."""
+        return math.nan if self.truth is None else self.truth.load
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why fingers have no estimate."""
+        seen = [reading.observation for reading in self.readings]
+        return [each.no_estimate for each in seen if each is not None and each.no_estimate]
+
+    @property
+    def reading(self) -> Reading:
+        """Reading of the only finger."""
+        (only,) = self.readings
+        return only
+
+    @property
+    def observation(self) -> GripObservation | None:
+        """Observation of the only finger, with Γ as its margin; None of a dropped frame."""
+        return self.reading.observation
+
+    @property
+    def frame(self) -> Frame | None:
+        """Picture; None on the truth path and of a dropped frame."""
+        return self.reading.frame
+
+    @property
+    def tracks(self) -> Tracks | None:
+        """Markers in the picture."""
+        return self.reading.tracks
+
+    @property
+    def rest(self) -> Tracks | None:
+        """Markers at rest; None on the truth path."""
+        return self.reading.rest
+
+    @property
+    def state(self) -> State:
+        """State of the chain.
+
+        Raises
+        ------
+        UserError
+            For a dome.
+        """
+        state = self.contact.state
+        if not isinstance(state, State):
+            raise UserError('the scene has body = "dome"; this needs body = "chain"')
+        return state
+
+    @property
+    def field(self) -> ForceField:
+        """True forces."""
+        return self.contact.field
+
+    @property
+    def slip(self) -> SlipRecord | DomeSlip:
+        """True slip of the object so far."""
+        return self.contact.slip
+
+    @property
+    def friction(self) -> float:
+        """True µ of the contact as a whole, see `whole_friction`."""
+        return self.contact.friction

@@ -1,1 +1,0 @@
-"""A grasp frame by frame."""

@@ -1,0 +1,345 @@
+"""Bodies of a sensor: the node model's chain, and silicone as a dome or a pad.
+
+Each holds one object, and moves it to a pose or under forces. What a body cannot do is in its
+`ability`, and is refused in one sentence.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..errors import UserError, located
+from ..model import (
+    ContactObject,
+    DomeState,
+    Drive,
+    Fingertip,
+    Motion,
+    Pad,
+    SoftBody,
+    Solid,
+    check_fit,
+    dome_forces,
+    follow_slip,
+    no_slip,
+    rest_state,
+    simulate,
+    touching,
+)
+from ..model.chain import chain
+from ..model.chain import contact as contact_numbers
+from ..model.dome import Stepper, no_dome_slip, resting
+from ..model.kernels import contact_frames
+from .contact import (
+    Contact,
+    chain_contact,
+    dome_contact,
+    follow_chain,
+    follow_dome,
+    of_chain,
+    of_dome,
+)
+
+Array = NDArray[np.float64]
+BodyName = Literal["chain", "dome", "pad"]
+
+#: Longest step of the node model [s].
+CHAIN_STEP = 1e-3
+#: Longest step of silicone: motion [m], turn [rad] and time under forces [s] of the object, and
+#: the most steps of one update: an object that jumps elsewhere leaves no path of friction.
+WAY, TURN, TIME, MOST = 0.1e-3, math.radians(3.0), 2e-3, 40
+#: Dampers between the object and ground under forces, as in a grasp: along z and across [N·s/m].
+PRESS_DRAG, DRAG = 25.2, 120.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pose:
+    """Where an object is, in the sensor's frame.
+
+    Attributes
+    ----------
+    place: of the object's origin [m], shape (3,); that of a chain's object is the point of its
+        surface that touches the apex first
+    turn: quaternion (w, x, y, z)
+    """
+
+    place: tuple[float, float, float]
+    turn: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name, count in (("place", 3), ("turn", 4)):
+            values = tuple(float(one) for one in getattr(self, name))
+            if len(values) != count or not np.isfinite(values).all():
+                raise UserError(f"{name} of a pose must be {count} finite numbers, got {values}")
+            object.__setattr__(self, name, values)
+        if abs(math.hypot(*self.turn) - 1.0) > 1e-3:
+            raise UserError(f"turn of a pose must be a quaternion of length 1, got {self.turn}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ability:
+    """What a body can do.
+
+    Attributes
+    ----------
+    objects: type of the objects that it touches
+    moves: axes along and about which an object can be moved, of x, y, z, rx, ry, rz
+    loads: axes along and about which forces and torques can be given
+    torsion: whether torques about the grip axis are known, and the margin with torsion
+    """
+
+    objects: type[ContactObject] | type[Solid]
+    moves: tuple[str, ...]
+    loads: tuple[str, ...]
+    torsion: bool
+
+
+class Body(Protocol):
+    """A body that an object is moved on."""
+
+    @property
+    def name(self) -> BodyName:
+        """Name in a scene or a design."""
+
+    @property
+    def ability(self) -> Ability:
+        """What it can do."""
+
+    @property
+    def carrier(self) -> int | SoftBody:
+        """Body for the renderer: number of nodes, or silicone."""
+
+    def touch(self, obj: ContactObject | Solid) -> Contact:
+        """Contact with an object that just touches the apex, before it is pressed.
+
+        Raises
+        ------
+        UserError
+            For an object that the body cannot touch.
+        """
+
+    def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
+        """Contact after the object went straight to a pose in that time [s].
+
+        Raises
+        ------
+        UserError
+            For a pose that the body does not know, and when the body cannot go on.
+        """
+
+    def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
+        """Contact after force and torque on the object for that time [N, N·m, s], shape (6,).
+
+        Raises
+        ------
+        UserError
+            For a wrench that the body does not know, and when the body cannot go on.
+        """
+
+    def nodes(self, contact: Contact) -> tuple[Array, Array]:
+        """Places of the nodes [m] and forces of the object on them [N], each of shape (N, 3)."""
+
+
+class ChainBody:
+    """The node model of the thesis: a chain in the plane of x and z."""
+
+    name: BodyName = "chain"
+    ability = Ability(objects=ContactObject, moves=("x", "z"), loads=("x", "z"), torsion=False)
+
+    def __init__(self, fingertip: Fingertip, flat: bool = False) -> None:
+        self.fingertip, self._flat = fingertip, flat
+
+    @property
+    def carrier(self) -> int:
+        """Number of nodes."""
+        return self.fingertip.nodes
+
+    def touch(self, obj: ContactObject | Solid) -> Contact:
+        """Contact with an object at the apex, as `Body` says."""
+        if self._flat:
+            raise UserError('the node model does not describe a flat pad; take body = "pad"')
+        if not isinstance(obj, ContactObject):
+            raise UserError(
+                f"a chain touches a ContactObject, a profile in its plane, not a "
+                f'{type(obj).__name__}; take body = "dome" for shapes and meshes'
+            )
+        check_fit(self.fingertip, obj)
+        return chain_contact(
+            self.fingertip, obj, rest_state(self.fingertip), no_slip(self.fingertip.nodes)
+        )
+
+    def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
+        """Contact after a motion, as `Body` says."""
+        x, y, z = pose.place
+        if y != 0.0 or any(pose.turn[1:]):
+            raise UserError(
+                f"a chain's object moves along x and z alone, got y = {y:g} m and turn = "
+                f'{pose.turn}; take body = "dome"'
+            )
+        obj, state, slip = of_chain(contact)
+        count, start = max(1, math.ceil(dt / CHAIN_STEP - 1e-9)), state.deformation
+        drive = Drive(
+            times=state.time + np.array([0.0, dt]),
+            normal=np.array([start.rigid_part, self.fingertip.radius - z]),
+            lateral=np.array([start.object_position, x]),
+            normal_control="position",
+            lateral_control="position",
+        )
+        with located("the node model gave up"):
+            run = simulate(self.fingertip, obj, drive, dt=dt / count, duration=dt, state=state)
+        touched = touching(self.fingertip, obj, run)
+        (slip,) = follow_slip(slip, run, touched, dt / count, (count,))
+        return chain_contact(self.fingertip, obj, run.state(-1), slip)
+
+    def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
+        """Contact after forces, as `Body` says."""
+        if wrench[[1, 3, 4, 5]].any():
+            raise UserError(
+                f"a chain's object is loaded along x and z alone, got {wrench.tolist()}; take "
+                'body = "dome"'
+            )
+        count = max(1, math.ceil(dt / CHAIN_STEP - 1e-9))
+        forces = np.tile([-wrench[2], wrench[0]], (count, 1))
+        obj, _, _ = of_chain(contact)
+        return follow_chain(self.fingertip, obj, contact, dt / count, forces, (count,))[0]
+
+    def nodes(self, contact: Contact) -> tuple[Array, Array]:
+        """Places and forces of the nodes, as `Body` says."""
+        obj, state, _ = of_chain(contact)
+        deformation, field = state.deformation, contact.field
+        ground = chain(self.fingertip).rest + deformation.nodes
+        _, normal = contact_frames(
+            contact_numbers(self.fingertip, obj), ground, deformation.object_position
+        )
+        tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=-1)
+        forces = field.normal[:, None] * normal + field.friction[:, None] * tangent
+        return _in_space(field.position), _in_space(forces)
+
+
+def _in_space(plane: Array) -> Array:
+    """Vectors (x, z) of a plane as (x, 0, z)."""
+    return np.insert(plane, 1, 0.0, axis=1)
+
+
+class SiliconeBody:
+    """Silicone in three dimensions, as a dome or a flat pad."""
+
+    ability = Ability(
+        objects=Solid,
+        moves=("x", "y", "z", "rx", "ry", "rz"),
+        loads=("x", "y", "z", "rz"),
+        torsion=True,
+    )
+
+    def __init__(self, silicone: SoftBody) -> None:
+        self.carrier = silicone
+        self._start: DomeState
+        self._stepper: Stepper
+
+    @property
+    def name(self) -> BodyName:
+        """Name in a scene or a design."""
+        return "pad" if isinstance(self.carrier, Pad) else "dome"
+
+    def touch(self, obj: ContactObject | Solid) -> Contact:
+        """Contact with an object at the apex, as `Body` says."""
+        if not isinstance(obj, Solid):
+            raise UserError(
+                f"a {self.name} of silicone touches a Solid, not a {type(obj).__name__}; take "
+                'body = "chain" for profiles'
+            )
+        motion = _still(np.zeros(6), 1.0)
+        with located(f"the {self.name} gave up"):
+            start = resting(self.carrier, obj, motion)
+            self._stepper = Stepper(self.carrier, obj, motion, start)
+        self._start = start
+        field = dome_forces(self.carrier, start, whole=False)
+        return dome_contact(self.carrier, obj, start, start, no_dome_slip(self.carrier), field)
+
+    def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
+        """Contact after a motion, as `Body` says.
+
+        An object that goes far in one update is put down anew: it has not rubbed on its way.
+        """
+        _, state, _ = of_dome(contact)
+        place = np.array(pose.place)
+        before = Rotation.from_matrix(state.rotation)
+        turn = Rotation.from_quat(pose.turn, scalar_first=True) * before.inv()
+        way = float(np.linalg.norm(place - state.place))
+        count = max(1, math.ceil(way / WAY), math.ceil(turn.magnitude() / TURN))
+        if count > MOST:
+            contact, count = self._lifted(contact, place, turn * before), 1
+            state, turn, before = of_dome(contact)[1], Rotation.identity(), turn * before
+        self._stepper.restore(state)
+        last = before.as_rotvec()
+        for k in range(1, count + 1):
+            share, since = k / count, state.time + dt * (k - 1) / count
+            until = state.time + dt * share
+            now = (Rotation.from_rotvec(share * turn.as_rotvec()) * before).as_rotvec()
+            now = _nearest(now, last)
+            there = state.place + share * (place - state.place) - self._stepper.start
+            here = self._stepper.place - self._stepper.start
+            poses = np.array([[*here, *last], [*there, *now]])
+            self._stepper.motion = _straight(since, until, poses)
+            with located(f"the {self.name} gave up"):
+                contact = follow_dome(self._stepper, contact, self._start, until)
+            last = now
+        return contact
+
+    def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
+        """Contact after forces, as `Body` says."""
+        if wrench[[3, 4]].any():
+            raise UserError(
+                f"torques about x and y are not possible, got {wrench.tolist()}; the object is "
+                "held from turning about them"
+            )
+        _, state, _ = of_dome(contact)
+        stepper, turning = self._stepper, DRAG * (0.5 * self.carrier.radius) ** 2
+        stepper.restore(state)
+        drag = (DRAG, DRAG, PRESS_DRAG, 0.0, 0.0, turning)
+        stepper.motion = _still(np.zeros(6), 1.0, free=self.ability.loads, drag=drag)
+        count = max(1, math.ceil(dt / TIME - 1e-9))
+        for k in range(1, count + 1):
+            with located(f"the {self.name} gave up"):
+                contact = follow_dome(
+                    stepper, contact, self._start, state.time + dt * k / count, wrench
+                )
+        return contact
+
+    def nodes(self, contact: Contact) -> tuple[Array, Array]:
+        """Places and forces of the nodes, as `Body` says."""
+        field = contact.field
+        assert field.directions is not None
+        return field.position, field.normal[:, None] * field.directions + field.friction
+
+    def _lifted(self, contact: Contact, place: Array, turn: Rotation) -> Contact:
+        """Contact of an object that is there and has not pressed yet."""
+        _, state, slip = of_dome(contact)
+        away = replace(self._start, time=state.time, place=place, rotation=turn.as_matrix())
+        slip = replace(no_dome_slip(self.carrier), rigid_slip=slip.rigid_slip)
+        return replace(contact, state=away, slip=slip)
+
+
+def _still(pose: Array, duration: float, **options: Any) -> Motion:
+    """Motion that stays where it is, but for free axes."""
+    return Motion(times=np.array([0.0, duration]), poses=np.stack([pose, pose]), **options)
+
+
+def _straight(since: float, until: float, poses: Array) -> Motion:
+    """Motion from one pose to another between two times [s]."""
+    if since <= 0.0:
+        return Motion(times=np.array([0.0, until]), poses=poses)
+    return Motion(times=np.array([0.0, since, until]), poses=poses[[0, 0, 1]])
+
+
+def _nearest(turn: Array, last: Array) -> Array:
+    """The same rotation vector, or the one beyond a full turn that is nearer to the last [rad]."""
+    size = float(np.linalg.norm(turn))
+    if size < 1e-9:
+        return turn
+    other = turn * (1.0 - 2.0 * math.pi / size)
+    return other if np.linalg.norm(other - last) < np.linalg.norm(turn - last) else turn

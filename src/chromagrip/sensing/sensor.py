@@ -1,0 +1,425 @@
+"""A tactile sensor: an object's pose or a force in; picture, markers, wrench and truth out.
+
+    sensor = chromagrip.TactileSensor("dome-2020", noise=2.0, seed=1)
+    sensor.attach(Solid(shape=ball(10e-3), friction=0.5))
+    sensor.update(Pose(place=(0.0, 0.0, 29e-3)), dt=1 / 60)
+    sensor.data.image, sensor.data.wrench, sensor.data.margin
+
+Its bodies are the node model's chain, and silicone as a dome or a pad. A picture is drawn when it
+is asked for.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..by_name import Choice
+from ..errors import UserError, located
+from ..model import REFERENCE_NODES, ContactObject, Fingertip, SoftBody, Solid, margin_within
+from ..render import (
+    Defects,
+    Frame,
+    MarkerTruth,
+    Membrane,
+    SensorDesign,
+    load_sensor,
+    marker_truth,
+    open_renderer,
+)
+from ..scene.scene import Scene
+from .bodies import Ability, Body, BodyName, ChainBody, Pose, SiliconeBody
+from .camera import SimulatedCamera, carried
+from .contact import Contact
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+#: Share of µ·Fn from which on the friction of a node counts as slipping.
+SLIPPING = 0.98
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorState:
+    """Everything that the next update of a sensor starts from.
+
+    Attributes
+    ----------
+    contact: that is exposed and true now
+    exposed: contact that the picture shows
+    index: of the frame
+    before: what the camera saw in the frame before
+    obj: that is attached; None where the contact is somebody else's
+    """
+
+    contact: Contact
+    exposed: Contact
+    index: int
+    before: Array
+    obj: ContactObject | Solid | None
+
+
+class TactileSensor:
+    """A fingertip with a camera inside; the same seed and updates give the same bytes.
+
+    Parameters
+    ----------
+    design: name or file of a design, or a design
+    body: `chain`, `dome` or `pad`, or a body that differs from the design's; None is the
+        silicone of the design
+    seed: of the specimen's defects and of the noise
+    noise: standard deviation of a pixel [grey levels]
+    defects: of the specimen and its image; None are those of the design's specimens
+    renderer: name, class or other factory
+    membrane_map: membrane for what `carried` says of a state; None is the sensor's own
+    picture: what becomes of each finished picture; None leaves it as it is
+
+    Raises
+    ------
+    UserError
+        For a design, a body or a renderer that cannot be used.
+    """
+
+    def __init__(
+        self,
+        design: SensorDesign | str,
+        *,
+        body: BodyName | Fingertip | SoftBody | None = None,
+        seed: int = 0,
+        noise: float = 0.0,
+        defects: Defects | None = None,
+        renderer: Choice = "painter",
+        membrane_map: Callable[[Array], Membrane] | None = None,
+        picture: Callable[[Image], Image] | None = None,
+    ) -> None:
+        self.design = load_sensor(design) if isinstance(design, str) else design
+        with located(f"sensor {design}" if isinstance(design, str) else "the sensor"):
+            self.body = body_of(self.design, body)
+        if not (math.isfinite(noise) and noise >= 0.0):
+            raise UserError(f"noise = {noise} must be finite and at least 0 grey levels")
+        if not 0 <= seed < 2**32:
+            raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
+        self._seed, self._noise = seed, noise
+        self._defects = self.design.defects if defects is None else defects
+        self._renderer, self._map, self._picture = renderer, membrane_map, picture
+        self._camera: SimulatedCamera | None = None
+        self._lent = False
+        self._obj: ContactObject | Solid | None = None
+        self._state: SensorState | None = None
+        self._data: SensorData | None = None
+
+    @classmethod
+    def of_scene(
+        cls,
+        scene: Scene,
+        renderer: Choice | None = None,
+        camera: SimulatedCamera | None = None,
+        membrane_map: Callable[[Array], Membrane] | None = None,
+    ) -> Self:
+        """Sensor of a scene of one finger, with its body and specimen.
+
+        Parameters
+        ----------
+        scene: of one finger
+        renderer: in place of the scene's
+        camera: that takes the pictures, and is not closed with the sensor; None is the scene's
+        membrane_map: as of the sensor
+        """
+        body = scene.build_dome() if scene.body == "dome" else scene.build_fingertip()
+        sensor = cls(
+            scene.build_sensor(),
+            body=body,
+            seed=scene.seed,
+            noise=scene.camera.noise_levels,
+            defects=scene.defects,
+            renderer=renderer or scene.renderer,
+            membrane_map=membrane_map,
+        )
+        sensor._camera, sensor._lent = camera, camera is not None
+        return sensor
+
+    @property
+    def ability(self) -> Ability:
+        """What the body can do: objects, and axes of motions and loads."""
+        return self.body.ability
+
+    @property
+    def camera(self) -> SimulatedCamera:
+        """Camera that takes pictures of any state of the body; opened when it is first needed."""
+        if self._camera is None:
+            self._camera = SimulatedCamera(
+                self.design,
+                open_renderer(self._renderer, self.design),
+                self.body.carrier,
+                self._noise,
+                self._seed,
+                self._defects,
+                self._map,
+                self._picture,
+            )
+        return self._camera
+
+    def attach(self, obj: ContactObject | Solid) -> None:
+        """Take an object, and begin with it above the apex, which it just touches.
+
+        Parameters
+        ----------
+        obj: a `ContactObject` for a chain, a `Solid` for silicone, with their friction
+
+        Raises
+        ------
+        UserError
+            For an object that the body cannot touch, see `ability`.
+        """
+        contact = self.body.touch(obj)
+        self._obj = obj
+        self._take(contact, contact, 0, carried(contact.state))
+
+    def reset(self) -> None:
+        """Begin again with the attached object.
+
+        Raises
+        ------
+        UserError
+            Before `attach`.
+        """
+        if self._obj is None:
+            raise UserError("reset() needs an object; call attach() first")
+        self.attach(self._obj)
+
+    def update(
+        self, pose: Pose | None = None, *, force: ArrayLike | None = None, dt: float
+    ) -> "SensorData":
+        """Move the object, and begin the next frame.
+
+        Parameters
+        ----------
+        pose: where it goes, straight from where it is, in the sensor's frame
+        force: instead of a pose: force on it along x, y and z [N], (3,), a press has a negative
+            z; or force and torque about the sensor's axes [N, N·m], (6,)
+        dt: time since the last frame [s]
+
+        Returns
+        -------
+        What the sensor shows, as `data`.
+
+        Raises
+        ------
+        UserError
+            Before `attach`, for what the body cannot do, and when it cannot go on; the sensor
+            stays as it is then.
+        """
+        if self._obj is None or self._state is None:
+            raise UserError("update() needs an object; call attach() first")
+        if not (math.isfinite(dt) and dt > 0.0):
+            raise UserError(f"update() was given dt = {dt}; it must be finite and above 0 s")
+        if (pose is None) == (force is None):
+            raise UserError("update() needs a pose or a force, and not both")
+        state = self._state
+        if pose is not None:
+            contact = self.body.move(state.contact, pose, dt)
+        else:
+            contact = self.body.load(state.contact, _wrench(force), dt)
+        self._take(contact, contact, state.index + 1, carried(state.exposed.state))
+        return self.data
+
+    def show(self, contact: Contact, exposed: Contact, index: int) -> None:
+        """Take over a contact that something else has computed, such as the plant of a rig.
+
+        Parameters
+        ----------
+        contact: at the frame's instant
+        exposed: contact in the middle of the frame's exposure
+        index: number of the frame, which decides its noise; 0 begins anew
+        """
+        first = self._state is None or index == 0
+        before = carried(exposed.state if first else self._state.exposed.state)  # type: ignore[union-attr]
+        self._take(contact, exposed, index, before)
+
+    @property
+    def data(self) -> "SensorData":
+        """What the sensor shows now.
+
+        Raises
+        ------
+        UserError
+            Before `attach`.
+        """
+        if self._data is None:
+            raise UserError("data is not there before attach(); call attach() first")
+        return self._data
+
+    def rest_frames(self, count: int = 1) -> list[Frame]:
+        """Frames of the untouched sensor, with noise that is in no other frame.
+
+        Raises
+        ------
+        UserError
+            Before `attach`.
+        """
+        return self.camera.expose_rest(self.data.contact.state, count)
+
+    def state(self) -> SensorState:
+        """State from which the sensor can go on later, as often as is wanted."""
+        if self._state is None:
+            raise UserError("state() is not there before attach(); call attach() first")
+        return self._state
+
+    def restore(self, state: SensorState) -> None:
+        """Go on from a state of this sensor: the next frames are the same bytes as then."""
+        if state.obj is not None and state.obj is not self._obj:
+            self.attach(state.obj)
+        self._state, self._data = state, SensorData(self, state)
+
+    def close(self) -> None:
+        """Release the renderer; closing it again does nothing."""
+        if self._camera is not None and not self._lent:
+            self._camera.close()
+            self._camera = None
+
+    def _take(self, contact: Contact, exposed: Contact, index: int, before: Array) -> None:
+        self.restore(
+            SensorState(contact=contact, exposed=exposed, index=index, before=before, obj=self._obj)
+        )
+
+
+class SensorData:
+    """What a sensor shows of one frame; each value is computed when it is first asked for."""
+
+    def __init__(self, sensor: TactileSensor, state: SensorState) -> None:
+        self._sensor, self._state = sensor, state
+        self.contact: Contact = state.contact
+
+    @property
+    def index(self) -> int:
+        """Number of the frame, from 0."""
+        return self._state.index
+
+    @property
+    def time(self) -> float:
+        """Instant of the frame [s]."""
+        return self.contact.state.time
+
+    @cached_property
+    def frame(self) -> Frame:
+        """Picture with its time; it shows the middle of the exposure."""
+        state = self._state
+        exposed = replace(state.exposed.state, time=self.time)
+        return self._sensor.camera.expose(exposed, state.index, state.before)
+
+    @property
+    def image(self) -> Image:
+        """Picture of the camera, RGB, uint8, shape (H, W, 3)."""
+        return self.frame.image
+
+    @cached_property
+    def markers(self) -> MarkerTruth:
+        """Truth of the markers in the picture without noise."""
+        sensor = self._sensor
+        return marker_truth(sensor.design, sensor.camera.membrane(carried(self.contact.state)))
+
+    @property
+    def marker_px(self) -> Array:
+        """Projected centre of each marker [px], shape (2, M, 2); layer 0 is magenta, 1 yellow."""
+        return self.markers.pixels
+
+    @property
+    def marker_visible(self) -> NDArray[np.bool_]:
+        """Whether each marker lies in the picture, shape (2, M)."""
+        return self.markers.visible
+
+    @property
+    def marker_pos(self) -> Array:
+        """Centre of each marker in the sensor's frame [m], shape (2, M, 3)."""
+        return self.markers.centres
+
+    @cached_property
+    def _nodes(self) -> tuple[Array, Array]:
+        return self._sensor.body.nodes(self.contact)
+
+    @property
+    def node_pos(self) -> Array:
+        """Place of each node of the skin [m], shape (N, 3); those far from the object at rest."""
+        return self._nodes[0]
+
+    @property
+    def node_force(self) -> Array:
+        """Force of the object on each node [N], shape (N, 3)."""
+        return self._nodes[1]
+
+    @cached_property
+    def wrench(self) -> Array:
+        """Force of the object on the sensor, and its torque about the origin [N, N·m], (6,).
+
+        A chain has no width, and its torque is that in its plane.
+        """
+        places, forces = self._nodes
+        return np.concatenate([forces.sum(axis=0), np.cross(places, forces).sum(axis=0)])
+
+    @property
+    def slipping(self) -> NDArray[np.bool_]:
+        """Whether the friction of each node is near its limit, shape (N,)."""
+        field = self.contact.field
+        limit = SLIPPING * self.contact.friction * field.normal
+        return field.contact & (field.friction_sizes >= limit)
+
+    @property
+    def friction(self) -> float:
+        """µ of the contact as a whole."""
+        return self.contact.friction
+
+    @property
+    def margin(self) -> float:
+        """Safety margin Γ with the object's µ; NaN without contact."""
+        return self.contact.field.safety_margin(self.friction)
+
+    @property
+    def limit_margin(self) -> float:
+        """Margin of friction and torsion together; NaN on a chain and without contact."""
+        return margin_within(self.contact.field, self.friction)
+
+
+def body_of(design: SensorDesign, body: BodyName | Fingertip | SoftBody | None) -> Body:
+    """Body of a design, by name or as it is given.
+
+    Raises
+    ------
+    UserError
+        For a body that the design does not have.
+    """
+    if isinstance(body, Fingertip):
+        return ChainBody(body, flat=design.shape.flat)
+    if isinstance(body, SoftBody):
+        return SiliconeBody(body)
+    if body == "chain":
+        tip = Fingertip.of_radius(design.shape.radius, nodes=REFERENCE_NODES, law="split")
+        return ChainBody(tip, flat=design.shape.flat)
+    if body not in (None, "dome", "pad"):
+        raise UserError(f"body = {body!r}: allowed are chain, dome, pad")
+    silicone = SiliconeBody(design.dome)
+    if body not in (None, silicone.name):
+        raise UserError(f'its silicone is a {silicone.name}; body = "{body}" is not possible')
+    return silicone
+
+
+def _wrench(force: ArrayLike | None) -> Array:
+    """Force and torque on an object [N, N·m], shape (6,)."""
+    given = np.asarray(force, float)
+    if given.shape not in ((3,), (6,)) or not np.isfinite(given).all():
+        raise UserError(f"a force must be 3 or 6 finite numbers, got {force!r}")
+    return np.concatenate([given, np.zeros(6 - len(given))])
+
+
+def open_camera(scene: Scene, renderer: Choice | None = None) -> SimulatedCamera:
+    """Camera of a scene of one finger; close it after the run.
+
+    Raises
+    ------
+    UserError
+        When the renderer cannot run on this machine.
+    """
+    return TactileSensor.of_scene(scene, renderer).camera
