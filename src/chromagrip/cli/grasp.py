@@ -156,7 +156,7 @@ def grasp(
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
-    if resolved.pinch.mass_g:
+    if resolved.fingers == 2:
         if source is not None:
             raise UserError("--source is for one finger; this scene is a pinch")
         return run_two(resolved, out, overwrite, answer_within, frames, logs, json_only)

@@ -107,7 +107,7 @@ def scene_for(base: Scene, wishes: Wishes) -> Scene:
     UserError
         For values that make no scene.
     """
-    if base.pinch.mass_g:
+    if base.fingers == 2:
         raise UserError("the live page shows one finger; this scene is a pinch of two")
     dome = base.body == "dome"
     azimuth = math.radians(wishes.azimuth) if dome else 0.0

@@ -388,7 +388,7 @@ def _urgency(observation: GripObservation) -> float:
 
 def _plant(scene: Scene, fingertip: Fingertip | None) -> Any:
     """Body of a scene, with a fingertip in place of the scene's chain."""
-    if scene.pinch.mass_g:
+    if scene.fingers == 2:
         return PinchPlant(scene)
     if scene.body == "dome":
         return DomePlant(scene)

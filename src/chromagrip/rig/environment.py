@@ -249,13 +249,13 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         given = {"path": self._path} | self._changes | changes
         plain = {key: _plain(value) for key, value in given.items()}
         scene, methods = choose(load_scene(self._name, plain))
-        pinch = scene.pinch
-        if pinch.mass_g and self._limit is not None:
+        two = scene.fingers == 2
+        if two and self._limit is not None:
             raise UserError(
                 f"dropped_mm = {self._limit} is for one finger; with two, change pinch.dropped_mm"
             )
         rig = Rig(scene, methods)
-        self._dropped = 1e-3 * (pinch.dropped_mm if pinch.mass_g else self._limit or DROPPED_MM)
+        self._dropped = 1e-3 * (scene.pinch.dropped_mm if two else self._limit or DROPPED_MM)
         self._opened, self._stage = changes, None
         return rig
 
@@ -313,7 +313,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     def _picture(self) -> Image:
         """Picture that is shown to people: the camera's, or of two fingers from the side."""
         rig = self._rig
-        if not rig.scene.pinch.mass_g:
+        if rig.scene.fingers == 1:
             return rig.picture().image
         if self._stage is None:
             self._stage = set_stage(rig.plant.pinch, rig.scene.duration_s, SIZE, SIZE)
@@ -327,7 +327,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
 
     def _threads(self) -> Any:
         """Limit this process to one thread, but for a chain without pictures, which needs none."""
-        pinch = bool(self._rig.scene.pinch.mass_g)
+        pinch = self._rig.scene.fingers == 2
         pictures = self._path == "camera" or self._kind == "image" or self.render_mode is not None
         return one_thread() if pictures or pinch else nullcontext()
 

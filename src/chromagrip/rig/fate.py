@@ -36,7 +36,7 @@ def fate_of(rig: Rig, dropped: float, was_touched: bool) -> Fate:
     dropped: sliding from which on one finger has dropped it [m]; a pinch has limits of its own
     was_touched: whether it was touched in a frame before
     """
-    if rig.scene.pinch.mass_g:
+    if rig.scene.fingers == 2:
         return _fate_of_two(rig)
     contact = rig.truth
     slid, touched = float(contact.slip.rigid_slip), bool(contact.field.contact.any())

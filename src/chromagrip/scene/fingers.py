@@ -12,9 +12,9 @@ _SECOND_SEED = 7_919
 
 def fingers(scene: Scene) -> tuple[Scene, ...]:
     """Scene as each of one or two fingers has it: with its own sensor and seed."""
-    if not scene.pinch.mass_g:
+    if scene.fingers == 1:
         return (scene,)
-    single = msgspec.structs.replace(scene, pinch=PinchSettings())
+    single = msgspec.structs.replace(scene, fingers=1, pinch=PinchSettings())
     second = msgspec.structs.replace(
         single,
         sensor=scene.pinch.second_sensor or scene.sensor,

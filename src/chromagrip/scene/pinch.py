@@ -1,4 +1,4 @@
-"""The second finger of a scene: what both hold, and the path of the hand."""
+"""What two fingers hold, and the path of the hand."""
 
 import math
 from typing import Annotated
@@ -22,7 +22,7 @@ class PinchSettings(Table, frozen=True):
 
     Attributes
     ----------
-    mass_g: of the object [g]; 0 is no pinch: one fingertip and a load
+    mass_g: of the object [g]; above 0
     centre_mm: centre of mass in the object's own frame [mm]
     inertia_g_mm2: moments of inertia about it, along the object's axes [g·mm²]; empty are those of
         a homogeneous box as large as the object

@@ -69,6 +69,7 @@ class Scene(Table, frozen=True):
     controller: name in `CONTROLLERS`, of an entry point, or `module:Class`
     controller_arguments: of a `module:Class`, by name; ours have a table of settings each
     path: `camera` estimates forces from rendered frames, `truth` reads them off the body
+    fingers: 1 presses an object under a load; 2 hold one with a weight between them, see `pinch`
     body: `chain`, the thesis's node model, or `dome`, silicone in three dimensions
     renderer, sensor: by name; a sensor may be a file too
     calibration: file of the sensor's calibration; empty for a sensor as designed
@@ -82,6 +83,7 @@ class Scene(Table, frozen=True):
     seed: Annotated[int, Meta(ge=0, le=2**32 - 1)] = 0
     controller: str = "safety-margin"
     path: PathName = "camera"
+    fingers: Annotated[int, Meta(ge=1, le=2)] = 1
     body: Body = "chain"
     renderer: str = "painter"
     sensor: str = "thesis"
@@ -156,14 +158,19 @@ class Scene(Table, frozen=True):
 
     def _check_pinch(self) -> None:
         """Refuse keys that two fingers, or one, do not know."""
-        if not self.pinch.mass_g:
-            if self.pinch != PinchSettings():
-                raise UserError("pinch.mass_g = 0 is no pinch; give the object a mass")
+        if self.fingers == 1:
+            usual = PinchSettings()
+            for key in self.pinch.__struct_fields__:
+                value = getattr(self.pinch, key)
+                if value != getattr(usual, key):
+                    raise UserError(f"pinch.{key} = {value!r} is for two fingers; set fingers = 2")
             return
+        if not self.pinch.mass_g:
+            raise UserError("pinch.mass_g = 0 must be above 0: two fingers hold a weight")
         if self.body != "dome":
-            raise UserError('a pinch is of two domes; set body = "dome"')
+            raise UserError('two fingers need body = "dome"')
         if self.load != LoadSettings():
-            raise UserError("load is for one fingertip; in a pinch the weight and the hand pull")
+            raise UserError("load is for one finger; with two the weight and the hand pull")
         dome = self.build_dome()
         self.pinch.build(dome, dome, self.build_solid(), self.object)
 
@@ -339,6 +346,9 @@ def load_scene(name: str = DEFAULT_SCENE, changes: Mapping[str, Any] | None = No
     values = read_toml(path, f"scene file {name}")
     # Files in a scene file are relative to it, those on the command line to the working folder.
     _locate_files(values, Path(name).parent)
+    held = values.get("pinch")
+    if "fingers" not in values and isinstance(held, dict) and held.get("mass_g"):
+        values["fingers"] = 2  # a file from before the key
     for key, value in (changes or {}).items():
         _put(values, key, value)
     _locate_files(values, Path())
@@ -376,8 +386,8 @@ def dump_scene(scene: Scene, folder: Path | None = None) -> str:
         del values["controller_arguments"]
     if scene.body == "chain":  # which has one margin
         del values["held_margin"]
-    if not scene.pinch.mass_g:
-        del values["pinch"]
+    if scene.fingers == 1:
+        del values["fingers"], values["pinch"]
     if folder is not None:
         values["sensor"] = seen_from(folder, scene.sensor)
         if scene.object.mesh:

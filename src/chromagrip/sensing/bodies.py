@@ -32,8 +32,9 @@ from ..model import (
 )
 from ..model.chain import chain
 from ..model.chain import contact as contact_numbers
-from ..model.dome import Stepper, no_dome_slip, resting
+from ..model.dome import Stepper, lattice, no_dome_slip, resting
 from ..model.kernels import contact_frames
+from ..model.shapes import distances
 from .contact import (
     Contact,
     chain_contact,
@@ -52,6 +53,8 @@ CHAIN_STEP = 1e-3
 #: Longest step of silicone: motion [m], turn [rad] and time under forces [s] of the object, and
 #: the most steps of one update: an object that jumps elsewhere leaves no path of friction.
 WAY, TURN, TIME, MOST = 0.1e-3, math.radians(3.0), 2e-3, 40
+#: Depths in the body at which is looked whether an object is inside.
+LOOKS = 12
 #: Dampers between the object and ground under forces, as in a grasp: along z and across [N·s/m].
 PRESS_DRAG, DRAG = 25.2, 120.0
 
@@ -272,6 +275,7 @@ class SiliconeBody:
         way = float(np.linalg.norm(place - state.place))
         count = max(1, math.ceil(way / WAY), math.ceil(turn.magnitude() / TURN))
         if count > MOST:
+            self._check_outside(place, turn * before)
             contact, count = self._lifted(contact, place, turn * before), 1
             state, turn, before = of_dome(contact)[1], Rotation.identity(), turn * before
         self._stepper.restore(state)
@@ -315,6 +319,19 @@ class SiliconeBody:
         field = contact.field
         assert field.directions is not None
         return field.position, field.normal[:, None] * field.directions + field.friction
+
+    def _check_outside(self, place: Array, turn: Rotation) -> None:
+        """Refuse a place where the object would be in what is below the silicone."""
+        skin, shape = lattice(self.carrier), self._stepper.solid.shape
+        deepest = 0.8 * self.carrier.thickness  # as far as silicone is described
+        for depth in np.linspace(deepest, self.carrier.radius, LOOKS):
+            inside = skin.points - depth * skin.outwards
+            gap, _ = distances(shape, turn.inv().apply(inside - place))
+            if gap.min() < 0.0:
+                raise UserError(
+                    f"the {self.name} gave up: at {place.tolist()} m the object {shape.name} is "
+                    f"too deep, more than {1e3 * deepest:.2g} mm in it"
+                )
 
     def _lifted(self, contact: Contact, place: Array, turn: Rotation) -> Contact:
         """Contact of an object that is there and has not pressed yet."""

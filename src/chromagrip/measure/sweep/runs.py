@@ -123,11 +123,11 @@ def tasks(plan: Plan) -> list[Task]:
     if count > MOST_RUNS:
         raise UserError(f"a sweep of {count} runs is too long; at most {MOST_RUNS} are allowed")
     made: dict[str, Task] = {}
-    two: set[bool] = set()
+    counts: set[int] = set()
     for setting in settings:
         for name in plan.scenes:
             first = load_scene(name, {**plan.fixed, **setting})
-            two.add(first.pinch.mass_g > 0.0)
+            counts.add(first.fingers)
             for seed in range(first.seed, first.seed + plan.seeds):
                 scene = load_scene(name, {**plan.fixed, **setting, "seed": seed})
                 text = f"{plan.answer_within_s} {words(setting)}\n{dump_scene(scene)}"
@@ -139,7 +139,7 @@ def tasks(plan: Plan) -> list[Task]:
                     setting=words(setting),
                     answer_within_s=plan.answer_within_s,
                 )
-    if len(two) > 1:
+    if len(counts) > 1:
         raise UserError("scenes of one finger and of two have other scores; sweep them apart")
     return list(made.values())
 
@@ -150,7 +150,7 @@ def cell(task: Task) -> Cell:
     failed = ""
     try:
         result = run(task.scene, answer_within_s=task.answer_within_s)
-        found = pinch_scores(result) if task.scene.pinch.mass_g else scores(result)
+        found = pinch_scores(result) if task.scene.fingers == 2 else scores(result)
     except UserError as error:
         failed = str(error)
     return Cell(
