@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import CompletedProcess
+from typing import Any
 
 import msgspec
 import pytest
@@ -166,6 +167,18 @@ def test_the_example_of_the_pinch_runs(capsys: pytest.CaptureFixture[str]) -> No
     (block,) = [block for language, block in blocks(text) if language == "python"]
     exec(block, {})
     assert "held 0.49 N" in capsys.readouterr().out
+
+
+def test_the_examples_of_sensor_and_reader_run(capsys: pytest.CaptureFixture[str]) -> None:
+    """In one space of names; what is read is what is true."""
+    text = (ROOT / "docs/sensor.md").read_text(encoding="utf-8")
+    space: dict[str, Any] = {}
+    for block in (block for language, block in blocks(text) if language == "python"):
+        exec(block, space)
+    assert "read force" in capsys.readouterr().out
+    true, read = space["data"], space["reading"]
+    assert read.wrench[:3] == pytest.approx(true.wrench[:3], abs=0.05 * abs(true.wrench[2]))
+    assert read.margin == pytest.approx(true.margin, abs=0.15)
 
 
 def test_the_examples_of_the_dome_run(capsys: pytest.CaptureFixture[str]) -> None:
