@@ -16,8 +16,7 @@ from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop.pinch.trace import COLUMNS
 from chromagrip.loop.rig import Rig, smaller
-from chromagrip.loop.run_folder import FILES
-from chromagrip.loop.run_folder import run as run_pinch
+from chromagrip.loop.run_folder import FILES, run
 from chromagrip.scene.scene import dump_scene
 
 Typed = Callable[..., CompletedProcess[str]]
@@ -42,7 +41,7 @@ def scene(**changes: Any) -> chromagrip.Scene:
 
 
 def test_the_box_is_lifted_and_held_at_the_desired_margin(tmp_path: Path) -> None:
-    done = run_pinch(scene(duration_s=1.5), tmp_path / "run")
+    done = run(scene(duration_s=1.5), tmp_path / "run")
     summary, trace = done.summary, done.trace
     assert summary["outcome"] == "held"
     assert summary["complete"]
@@ -60,16 +59,16 @@ def test_the_box_is_lifted_and_held_at_the_desired_margin(tmp_path: Path) -> Non
     assert {key: written[key] for key in summary} == summary
     assert load_scene(str(tmp_path / "run" / "scene.toml")) == done.scene
     with pytest.raises(UserError, match="not empty"):
-        run_pinch(scene(), tmp_path / "run")
+        run(scene(), tmp_path / "run")
 
 
 def test_a_grip_that_is_too_small_drops_it() -> None:
-    done = run_pinch(scene(**HELD, conservative__force_n=0.3))
+    done = run(scene(**HELD, conservative__force_n=0.3))
     assert done.summary["outcome"] == "dropped"
 
 
 def test_an_object_off_centre_turns_and_the_margin_with_torsion_says_so() -> None:
-    done = run_pinch(scene(**HELD, pinch__centre_mm=[0.0, 6.0, 0.0]))
+    done = run(scene(**HELD, pinch__centre_mm=[0.0, 6.0, 0.0]))
     assert done.summary["outcome"] == "turned"
     assert done.summary["largest_turn_deg"] > 20.0
     assert done.summary["smallest_limit_margin_true"] < 0.1
@@ -81,8 +80,8 @@ def test_an_object_off_centre_turns_and_the_margin_with_torsion_says_so() -> Non
 
 
 def test_same_seed_and_grips_same_bytes() -> None:
-    runs = [run_pinch(scene(truth__margin_noise=0.02)) for _ in range(2)]
-    other = run_pinch(scene(truth__margin_noise=0.02, seed=1))
+    runs = [run(scene(truth__margin_noise=0.02)) for _ in range(2)]
+    other = run(scene(truth__margin_noise=0.02, seed=1))
     for name in COLUMNS:
         assert runs[0].trace[name].tobytes() == runs[1].trace[name].tobytes(), name
     assert not np.array_equal(
@@ -130,7 +129,7 @@ def test_a_finger_that_lets_go_is_told_of() -> None:
         "pinch__hand_mm": [[0.0, 0.0, 0.0]] * 2 + [[-60.0, 0.0, 0.0]] * 2,
         "pinch__hand_turns_deg": [[0.0, 0.0, 0.0]] * 3 + [[0.0, 90.0, 0.0]],
     }
-    done = run_pinch(scene(**tilts, duration_s=2.0))
+    done = run(scene(**tilts, duration_s=2.0))
     trace = done.trace
     gone = (trace["first_contact_nodes"] == 0) & (trace["time_s"] > 0.6)
     assert gone.any()
@@ -163,7 +162,7 @@ class Failing:
 
 def test_what_happened_before_a_failure_is_kept(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="out of ideas"):
-        run_pinch(scene(), tmp_path / "run", controller=Failing())
+        run(scene(), tmp_path / "run", controller=Failing())
     written = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
     assert not written["complete"]
     assert written["frames"] == 10
@@ -203,7 +202,7 @@ def _goes_on_alike(rig: Rig) -> None:
 def test_the_trace_has_force_and_torque_of_each_finger() -> None:
     """The second finger sees a turn the other way round; the truth path observes the truth."""
     changes = {"path": "truth", "sensor": "thesis", "dome.pitch_mm": 0.8, "duration_s": 1.0}
-    trace = run_pinch(load_scene("pinch-offcentre", changes)).trace
+    trace = run(load_scene("pinch-offcentre", changes)).trace
     for finger, sense in (("first", -1.0), ("second", 1.0)):
         for name in ("force_x_{}_n", "force_y_{}_n", "force_z_{}_n", "torque_{}_nmm"):
             true, estimated = (trace[f"{finger}_{name.format(k)}"] for k in ("true", "estimated"))
@@ -245,7 +244,7 @@ def test_a_saved_pinch_goes_on_on_the_truth_path() -> None:
 
 def test_friction_that_changes_is_felt() -> None:
     slick = {"object__friction_times_s": [0.7], "object__frictions": [0.15]}
-    done = run_pinch(scene(**HELD, **slick))
+    done = run(scene(**HELD, **slick))
     assert done.trace["first_mu_true"][-1] == 0.15
     assert done.summary["outcome"] == "dropped"
 
@@ -296,7 +295,7 @@ def test_on_the_command_line(typed: Typed) -> None:
 
 def test_what_is_added_is_in_trace_and_summary() -> None:
     filled = {"pinch.fill_times_s": [0.7, 0.9], "pinch.fill_g": [0.0, 40.0]}
-    done = run_pinch(load_scene("pinch-lift", COARSE | filled))
+    done = run(load_scene("pinch-lift", COARSE | filled))
     trace, summary = done.trace, done.summary
     assert (summary["mass_g"], summary["final_mass_g"]) == pytest.approx((50.0, 90.0))
     middle = abs(trace["time_s"] - 0.8).argmin()
@@ -308,4 +307,4 @@ def test_what_is_added_is_in_trace_and_summary() -> None:
 
 def test_a_time_in_which_nobody_can_answer_is_refused() -> None:
     with pytest.raises(UserError, match="must be above 0; inf is no limit"):
-        run_pinch(scene(), answer_within_s=-1.0)
+        run(scene(), answer_within_s=-1.0)

@@ -17,7 +17,7 @@ from chromagrip.loop.pinch.stage import set_stage as stage_of
 from chromagrip.loop.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
 from chromagrip.loop.pinch_world import Pinched
 from chromagrip.loop.rig import Rig
-from chromagrip.loop.run_folder import run as run_pinch
+from chromagrip.loop.run_folder import run
 from chromagrip.loop.sample import Sample, Truth
 from chromagrip.model.pinch import rotation_by
 
@@ -207,7 +207,7 @@ def pictures(path: Path) -> list[np.ndarray]:
 
 
 def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> None:
-    run_pinch(scene(duration_s=0.2), tmp_path / "slow")
+    run(scene(duration_s=0.2), tmp_path / "slow")
     shown = pictures(tmp_path / "slow" / "tactile.mp4")
     assert len(shown) == 13  # all frames at 60 Hz
     assert shown[0].shape == (HEIGHT, WIDTH, 3)
@@ -221,7 +221,7 @@ def test_a_run_has_a_picture_of_each_instant_of_the_video(tmp_path: Path) -> Non
 
 
 def test_a_fast_camera_has_a_hundred_pictures_a_second(tmp_path: Path) -> None:
-    run_pinch(scene(duration_s=0.1, camera__rate_hz=200.0), tmp_path / "fast")
+    run(scene(duration_s=0.1, camera__rate_hz=200.0), tmp_path / "fast")
     assert len(pictures(tmp_path / "fast" / "tactile.mp4")) == 11
 
 
@@ -231,13 +231,13 @@ def test_an_interrupted_run_keeps_its_video(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_pinch(scene(), tmp_path / "run", progress=stop)
+        run(scene(), tmp_path / "run", progress=stop)
     assert len(pictures(tmp_path / "run" / "tactile.mp4")) == 5
     assert not (tmp_path / "run" / ".parts").exists()
 
 
 def test_pictures_change_nothing(tmp_path: Path) -> None:
-    with_video = run_pinch(scene(duration_s=0.2), tmp_path / "run").trace
-    without = run_pinch(scene(duration_s=0.2)).trace
+    with_video = run(scene(duration_s=0.2), tmp_path / "run").trace
+    without = run(scene(duration_s=0.2)).trace
     assert with_video["grip_n"].tobytes() == without["grip_n"].tobytes()
     assert with_video["object_x_mm"].tobytes() == without["object_x_mm"].tobytes()

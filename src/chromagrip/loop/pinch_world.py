@@ -1,5 +1,6 @@
 """The model's side of a pinch: two domes, an object with a weight, drive and hand."""
 
+import math
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -44,31 +45,6 @@ class Pinched:
     record: PinchRecord
 
 
-@dataclass(frozen=True, kw_only=True)
-class PinchWorld:
-    """True pinch at a frame.
-
-    Attributes
-    ----------
-    now: at the frame's instant
-    exposed: at the middle of the frame's exposure
-    applied: force of the gripper's drive [N]
-    """
-
-    now: Pinched
-    exposed: Pinched
-    applied: float
-
-    def finger(self, k: int) -> World:
-        """World of one finger, as a single one's camera and observer see it."""
-        return World(
-            now=self.now.fingers[k],
-            exposed=self.exposed.fingers[k],
-            applied=self.applied,
-            forces=np.array([self.applied, 0.0]),
-        )
-
-
 class PinchPlant:
     """Two domes under a scene's drive, and a hand on its path; as a `Plant` of the loop.
 
@@ -86,15 +62,15 @@ class PinchPlant:
             self._start = pinch_rest(self.pinch)
         self._stepper = PinchStepper(self.pinch, self._start)
 
-    def rest(self) -> PinchWorld:
+    def rest(self) -> World[Pinched]:
         """World before the grip begins."""
         solid, start = self.pinch.solid, self._start
         slips = (no_dome_slip(self.pinch.first), no_dome_slip(self.pinch.second))
         fingers = self._fingers(solid, start, slips, self._fields(start))
         now = Pinched(solid=solid, state=start, fingers=fingers, record=PinchRecord())
-        return PinchWorld(now=now, exposed=now, applied=0.0)
+        return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
-    def next_frame(self, world: PinchWorld, command: float, index: int) -> PinchWorld:
+    def next_frame(self, world: World[Pinched], command: float, index: int) -> World[Pinched]:
         """World at the frame after frame `index`, under a commanded force [N].
 
         Raises
@@ -114,9 +90,14 @@ class PinchPlant:
             if len(ends) - k == clock.exposure:
                 exposed = now
             now = self._step(now, float(time), float(end), float(forces[k, 0]))
-        return PinchWorld(now=now, exposed=exposed if clock.exposure else now, applied=applied)
+        return World(
+            now=now,
+            exposed=exposed if clock.exposure else now,
+            applied=applied,
+            forces=forces[-1],
+        )
 
-    def changed(self, world: PinchWorld, scene: Scene) -> NoReturn:
+    def changed(self, world: World[Pinched], scene: Scene) -> NoReturn:
         """Refuse: the weight is that of the scene."""
         raise UserError("a pinch cannot change during a grasp")
 

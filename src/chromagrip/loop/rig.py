@@ -29,7 +29,7 @@ from .latency import Arrived, Delivery, arrivals, checked_force
 from .methods import Methods
 from .pinch_world import PinchPlant
 from .sample import Sample, Truth
-from .world import ChainPlant
+from .world import ChainPlant, Plant, World
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class RigState:
 
     scene: Scene
     index: int
-    world: Any
+    world: World[Any]
     readings: tuple[Reading, ...]
     smaller: int
     sensors: tuple[SensorState, ...]
@@ -93,7 +93,7 @@ class Rig:
         self.known = [known or readable(each, self.methods) for each in fingers(scene)]
         self.sensors = self._new_sensors()
         self._index = -1
-        self._world: Any = None
+        self._world: World[Any]
         self._readings: tuple[Reading, ...] = ()
         self._smaller = 0
         self._readers: tuple[Reader | TruthReader, ...] = ()
@@ -263,10 +263,8 @@ class Rig:
 
     def rest_pictures(self) -> tuple[Frame, ...]:
         """Each camera's picture of the untouched finger, with noise that is in no other frame."""
-        world = self.plant.rest()
-        states = [world.finger(k).now.state for k in range(len(self.sensors))]
-        pairs = zip(self.sensors, states, strict=True)
-        return tuple(sensor.camera.expose_rest(state, 1)[0] for sensor, state in pairs)
+        pairs = zip(self.sensors, self.plant.rest().now.fingers, strict=True)
+        return tuple(sensor.camera.expose_rest(one.state, 1)[0] for sensor, one in pairs)
 
     def save(self) -> RigState:
         """State of the grasp, from which it can go on later, as often as is wanted."""
@@ -349,9 +347,9 @@ class Rig:
 
     def _show(self, index: int) -> None:
         """Let the sensors show the world at a frame."""
-        for k, sensor in enumerate(self.sensors):
-            world = self._world.finger(k)
-            sensor.show(world.now, world.exposed, index)
+        now, exposed = self._world.now.fingers, self._world.exposed.fingers
+        for sensor, contact, shown in zip(self.sensors, now, exposed, strict=True):
+            sensor.show(contact, shown, index)
 
     def _read(self, index: int) -> GripObservation | None:
         """Read the frames of that index, and send one observation on its way."""
@@ -362,7 +360,7 @@ class Rig:
         self._readings = tuple(
             reader.update(sensor.data.frame)
             if isinstance(reader, Reader)
-            else reader.observe(self._world.finger(k).exposed, self.time)
+            else reader.observe(self._world.exposed.fingers[k], self.time)
             for k, (sensor, reader) in enumerate(zip(self.sensors, self._readers, strict=True))
         )
         each = [one.held for one in self._readings if one.held is not None]
@@ -386,7 +384,7 @@ def _urgency(observation: GripObservation) -> float:
     return -math.inf if math.isnan(observation.margin) else observation.margin
 
 
-def _plant(scene: Scene, fingertip: Fingertip | None) -> Any:
+def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant[Any]:
     """Body of a scene, with a fingertip in place of the scene's chain."""
     if scene.fingers == 2:
         return PinchPlant(scene)

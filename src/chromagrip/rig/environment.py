@@ -28,7 +28,7 @@ from ..loop.methods import choose
 from ..loop.pinch.stage import Stage, draw_side, set_stage
 from ..loop.rig import Rig, RigState
 from ..output.processes import one_thread
-from ..scene.fingers import fingers
+from ..scene.fingers import build_pinch, fingers
 from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
 from ..sensing.reader import Reading
 from ..tracking import Tracks
@@ -316,7 +316,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         if rig.scene.fingers == 1:
             return rig.picture().image
         if self._stage is None:
-            self._stage = set_stage(rig.plant.pinch, rig.scene.duration_s, SIZE, SIZE)
+            self._stage = set_stage(build_pinch(rig.scene), rig.scene.duration_s, SIZE, SIZE)
         return draw_side(self._stage, rig.truth)
 
     def _show(self) -> None:
