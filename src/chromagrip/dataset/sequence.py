@@ -16,11 +16,10 @@ from ..model import SoftBody
 from ..output.processes import one_thread
 from ..render import DomeMap, Flaws, Renderer, add_noise, load_sensor, open_renderer
 from ..scene.scene import Scene
-from ..sensing.camera import REST_NUMBER, SimulatedCamera
+from ..sensing.camera import REST_NUMBER
 from ..sensing.sensor import TactileSensor
 from .labels import Shot
-from .labels.chain import chain_shots
-from .labels.dome import dome_shots
+from .labels.frames import labelled
 from .labels.reading import with_readings
 from .recipe import Recipe, Values, drawn, pose_of, scene_of
 
@@ -90,18 +89,17 @@ def shots(recipe: Recipe, made: Sequence) -> tuple[Image, Iterator[Shot]]:
 
     Without noise where the recipe stores them so; readings are of the noisy pictures all the same.
     """
-    scene, camera = made.scene, _camera(made.scene)
+    scene, sensor = made.scene, _sensor(made.scene)
     clean = recipe.store == "clean"
     # A run begins where the object just touches.
     rest = made.samples[0].contact.state
-    label = chain_shots if scene.body == "chain" else dome_shots
-    frames = label(scene, made.samples, camera, recipe.truth, clean)
+    frames = labelled(scene, made.samples, sensor, recipe.truth, clean)
     if not clean:
-        still = camera.expose_rest(rest, 1)[0].image
+        still = sensor.camera.expose_rest(rest, 1)[0].image
         if recipe.reading:
             frames = with_readings(scene, recipe.reading, still, frames)
         return still, frames
-    still = camera.clean_rest(rest)
+    still = sensor.camera.clean_rest(rest)
     if recipe.reading:
         seen = _noisy(scene, still, REST_NUMBER)
         frames = with_readings(
@@ -121,14 +119,14 @@ def _noisy(scene: Scene, clean: Image, index: int) -> Image:
     return image
 
 
-def _camera(scene: Scene) -> SimulatedCamera:
-    """Camera of a scene; its renderer stays open, for the next scene of the same sensor."""
+def _sensor(scene: Scene) -> TactileSensor:
+    """Sensor of a scene; its renderer stays open, for the next scene of the same sensor."""
     # What a map knows of a node does not depend on the frames before, so that sequences share it.
     dome = scene.build_dome() if scene.body == "dome" else None
     places = Flaws(scene.build_sensor(), scene.defects, scene.seed).places
     shared = _dome_map(scene.sensor, dome) if dome and places is None else None
     renderer = _renderer(scene.renderer, scene.sensor)
-    return TactileSensor.of_scene(scene, lambda _: renderer, membrane_map=shared).camera
+    return TactileSensor.of_scene(scene, lambda _: renderer, membrane_map=shared)
 
 
 @lru_cache(maxsize=1)

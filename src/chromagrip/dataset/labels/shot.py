@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...loop.sample import Sample
 from ...model import GROSS_SLIP
 from ...render import MarkerTruth
-from ...sensing.contact import Contact
 from .columns import COMMON, MARKERS
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Shot:
 
 
 def common_values(
-    index: int, grip: float, load: float, truth: Contact, slips: Flags, x: float, depth: float
+    sample: Sample, grip: float, load: float, slips: Flags
 ) -> dict[str, float | int | str]:
     """Values of a frame by column of `COMMON`.
 
@@ -48,16 +48,16 @@ def common_values(
     ----------
     grip, load: of the drive on the object [N]
     slips: nodes in contact that slip, shape (N,)
-    x, depth: way of the object along x and towards the fingertip [m]
     """
+    truth = sample.contact
     field, contact = truth.field, truth.field.contact
     share = float(slips.sum() / contact.sum()) if contact.any() else 0.0
     moved = truth.slip.lateral_displacement
     state = "incipient" if share > 0.0 else "stick"
     state = "gross" if moved > GROSS_SLIP else state if contact.any() else "none"
     values = (
-        index,
-        truth.state.time,
+        sample.index,
+        sample.time,
         grip,
         load,
         field.total_normal,
@@ -67,8 +67,8 @@ def common_values(
         state,
         share,
         1e3 * moved,
-        1e3 * x,
-        1e3 * depth,
+        1e3 * truth.place[0],
+        1e3 * truth.indentation,
         int(contact.sum()),
     )
     return dict(zip(COMMON, values, strict=True))

@@ -1,0 +1,155 @@
+"""Labels of a sequence, whose body is a chain or silicone."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ...loop.sample import Sample
+from ...model import Fingertip, SoftBody, margin_within, node_friction
+from ...model.dome import SkinField, lattice
+from ...output.processes import one_thread
+from ...render import TruthMap, harmonic_map, load_sensor, marker_truth
+from ...scene.scene import Scene
+from ...sensing.camera import carried
+from ...sensing.contact import of_chain, of_dome
+from ...sensing.sensor import TactileSensor
+from .columns import columns_of
+from .shot import SLIPPING, Shot, common_values, marker_labels
+
+Array = NDArray[np.float64]
+Labels = dict[str, NDArray[Any]]
+#: Values of a frame, labels of its nodes, and labels of its markers that the body adds.
+Own = tuple[dict[str, float | int | str], Labels, Labels]
+
+
+def labelled(
+    scene: Scene,
+    samples: Iterable[Sample],
+    sensor: TactileSensor,
+    truth: tuple[str, ...],
+    clean: bool = False,
+) -> Iterator[Shot]:
+    """Frames of a run with their labels.
+
+    Parameters
+    ----------
+    scene: of the run
+    samples: of the run, with their truth
+    sensor: that takes the pictures
+    truth: names of labels of every pixel
+    clean: whether the pictures are without noise
+    """
+    design, camera = sensor.design, sensor.camera
+    body = scene.build_fingertip() if scene.body == "chain" else scene.build_dome()
+    own: Callable[[Sample], Own]
+    if isinstance(body, Fingertip):
+        carry = harmonic_map(design.shape, design.places, body.nodes).scalar
+        own = partial(_of_chain, scene, body, carry)
+    else:
+        own = partial(_of_dome, body)
+    pixels = _truth_map(scene.sensor, sensor.body.carrier) if truth else None
+    unloaded = None
+    with one_thread():
+        for sample in samples:
+            contact = sample.contact
+            sensor.show(contact, contact, sample.index)
+            drive = carried(contact.state)
+            if unloaded is None:
+                unloaded = marker_truth(design, camera.membrane(np.zeros_like(drive)))
+            values, nodes, more = own(sample)
+            yield Shot(
+                image=sensor.data.clean if clean else sensor.data.image,
+                values=values,
+                markers=marker_labels(sensor.data.markers, unloaded) | more,
+                nodes=nodes,
+                truth=_images(pixels, truth, sensor, body) if pixels else {},
+            )
+
+
+def _of_chain(scene: Scene, tip: Fingertip, carry: Callable[[Array], Array], sample: Sample) -> Own:
+    """Labels of a frame of the node model; both layers of markers lie under the same forces.
+
+    Parameters
+    ----------
+    carry: from forces of nodes to those at markers
+    """
+    contact, field = sample.contact, sample.contact.field
+    _, state, _ = of_chain(contact)
+    friction = node_friction(tip, scene.build_object(state.time), state)
+    on = np.where(field.contact, [field.normal, field.friction], 0.0)
+    slips = field.contact & (abs(on[1]) >= SLIPPING * friction * on[0])
+    values = common_values(sample, sample.applied, sample.load, slips)
+    nodes = (*1e3 * field.position.T, field.contact, field.normal, field.friction, friction)
+    forces = carry(on.T).T
+    markers = {
+        name: np.tile(force, 2)
+        for name, force in zip(("normal_n", "friction_n"), forces, strict=True)
+    }
+    return values, dict(zip(columns_of("chain").nodes, nodes, strict=True)), markers
+
+
+def _of_dome(dome: SoftBody, sample: Sample) -> Own:
+    """Labels of a frame of silicone."""
+    contact, areas = sample.contact, lattice(dome).areas
+    _, state, _ = of_dome(contact)
+    # Near the object its nodes are where they were solved for.
+    places = lattice(dome).points + _skin_field(dome)(carried(state))
+    places[state.near] = contact.field.position[state.near]
+    field = replace(contact.field, position=places)
+    assert field.directions is not None
+    held = contact.friction * field.normal
+    slips = field.contact & (field.friction_sizes >= SLIPPING * held)
+    forces = field.normal[:, None] * field.directions + field.friction
+    on = np.flatnonzero(forces.any(axis=1))
+    force, torque = forces.sum(axis=0), np.cross(places[on], forces[on]).sum(axis=0)
+    press, across = -float(force[2]), float(np.hypot(*force[:2]))
+    values = common_values(
+        sample,
+        press if np.isnan(sample.applied) else sample.applied,
+        across if np.isnan(sample.load) else sample.load,
+        slips,
+    )
+    columns = columns_of("dome")
+    turn = Rotation.from_matrix(state.rotation).as_rotvec()
+    own = (margin_within(field, contact.friction), *force, *1e3 * torque, *1e3 * state.place, *turn)
+    values |= dict(zip(list(columns.frame)[len(values) :], map(float, own), strict=True))
+    nodes = (
+        *1e3 * field.position.T,
+        field.contact,
+        slips,
+        field.normal,
+        *field.directions.T,
+        *field.friction.T,
+        1e6 * areas,
+    )
+    return values, dict(zip(columns.nodes, nodes, strict=True)), {}
+
+
+def _images(
+    pixels: TruthMap, names: tuple[str, ...], sensor: TactileSensor, body: Fingertip | SoftBody
+) -> Labels:
+    """Labels of every pixel: `traction` [Pa], (H, W, 3), and `contact`, (H, W), are a dome's."""
+    drive = carried(sensor.data.contact.state)
+    plain = [name for name in names if name not in ("traction", "contact")]
+    images: Labels = dict(pixels.images(plain, sensor.camera.membrane(drive), drive))
+    if len(plain) < len(names):
+        _, state, _ = of_dome(sensor.data.contact)
+        assert not isinstance(body, Fingertip)
+        traction = pixels.skin_image(drive, state.forces / lattice(body).areas[:, None])
+        images |= {"traction": traction, "contact": np.nan_to_num(abs(traction)).max(axis=-1) > 0.0}
+    return {name: images[name] for name in names}
+
+
+@lru_cache(maxsize=1)
+def _skin_field(dome: SoftBody) -> SkinField:
+    return SkinField(dome)
+
+
+@lru_cache(maxsize=1)
+def _truth_map(sensor: str, body: int | SoftBody) -> TruthMap:
+    return TruthMap(load_sensor(sensor), body)
