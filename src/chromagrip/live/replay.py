@@ -13,15 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import UserError
-from ..loop.grasp import grasp
+from ..loop.grasp import gripped
 from ..loop.methods import Methods
+from ..loop.rig import Rig
 from ..loop.sample import Sample
 from ..loop.shown.report import RunRead
 from ..loop.shown.tactile_video import SLOWDOWN
 from ..loop.trace import COLUMNS, row
 from ..output.pictures import open_source
 from ..output.processes import one_thread
-from ..sensing.sensor import open_camera
 from .picture import packed, picture_of, resized
 from .record import FROM
 from .view import Drawn, GraspView
@@ -123,14 +123,14 @@ class Replay(Background):
         """Frames of the same run again."""
         scene = self.run.scene
         methods = Methods.of_scene(scene)
-        with closing(open_camera(scene, methods.renderer)) as camera:
-            for index, sample in enumerate(grasp(scene, camera, methods=methods)):
+        with closing(Rig(scene, methods)) as rig:
+            for index, sample in enumerate(gripped(rig)):
                 if index >= len(self.run.columns["time_s"]) or self._stop.is_set():
                     return
                 self._compare(index, sample)
                 if index % self.every:
                     continue
-                frame = sample.frame or camera.expose(sample.contact.state, sample.index)
+                frame = rig.picture()
                 picture = picture_of(frame.image, sample.tracks, sample.rest)
                 yield Kept(
                     time=sample.time,

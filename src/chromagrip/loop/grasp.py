@@ -44,7 +44,7 @@ def grasp(
     )
 
 
-def gripped(rig: Rig, answer_within: float) -> Iterator[Sample]:
+def gripped(rig: Rig, answer_within: float = math.inf) -> Iterator[Sample]:
     """Samples of a rig that its controller grips, with one finger or two; as of `grasp`."""
     scene, methods = rig.scene, rig.methods
     limit = math.inf if scene.controller in CONTROLLERS.entries else answer_within

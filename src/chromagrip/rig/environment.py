@@ -33,7 +33,7 @@ from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
 from ..sensing.reader import Reading
 from ..tracking import Tracks
 from .fate import Fate, fate_of
-from .views import Image, Seen, ViewName, look, space_of, view_of
+from .views import Image, ViewName, look, space_of, view_of
 from .window import Window
 
 #: Reward that is lost on the way to a drop.
@@ -66,8 +66,8 @@ class EnvState:
 
     rig: RigState
     grip: float
-    seen: tuple[Seen, ...]
-    waiting: dict[int, tuple[Seen, ...]]
+    seen: tuple[Reading, ...]
+    waiting: dict[int, tuple[Reading, ...]]
     touched: bool
     random: Mapping[str, Any]
 
@@ -162,11 +162,11 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         with self._threads():
             self._rig.reset(seed=int(self.np_random.integers(2**32)))
             self._grip, self._touched, self._over = 0.0, False, False
-            self._waiting: dict[int, tuple[Seen, ...]] = {}
+            self._waiting: dict[int, tuple[Reading, ...]] = {}
             self._seen = self._shown()
             self._arrive()
             self._show()
-        return look(self._views, self._seen), self._info(self._fate())
+        return look(self._views, self._seen, self._grip), self._info(self._fate())
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, Info]:
         """Grip until the next frame; what is returned is in the module's table.
@@ -204,7 +204,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         info = self._info(fate, dropped)
         if gave_up:
             info["gave_up"] = gave_up
-        return look(self._views, self._seen), float(reward), terminated, truncated, info
+        return look(self._views, self._seen, self._grip), float(reward), terminated, truncated, info
 
     def render(self) -> Any:
         """Picture, uint8, shape (H, W, 3), of the mode `rgb_array`; else None."""
@@ -277,24 +277,14 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             self._waiting[rig.index] = self._shown()
         for one in rig.arrived:
             self._seen = self._waiting.pop(one.index)
-        self._seen = tuple(replace(each, grip=self._grip) for each in self._seen)
 
-    def _shown(self) -> tuple[Seen, ...]:
+    def _shown(self) -> tuple[Reading, ...]:
         """What this frame shows of each finger."""
-        images: tuple[Image | None, ...] = (None,) * len(self._rig.readings)
-        if self._kind == "image":
-            images = tuple(frame.image for frame in self._rig.pictures())
-        return tuple(self._seen_of(*of) for of in zip(self._rig.readings, images, strict=True))
-
-    def _seen_of(self, reading: Reading, image: Image | None) -> Seen:
-        assert reading.held is not None
-        return Seen(
-            observation=reading.held,
-            tracks=reading.tracks if self._kind == "markers" else None,
-            rest=reading.rest,
-            image=image,
-            grip=self._grip,
-        )
+        readings = self._rig.readings
+        if self._kind != "image":
+            return readings
+        pictures = zip(readings, self._rig.pictures(), strict=True)
+        return tuple(replace(reading, frame=frame) for reading, frame in pictures)
 
     def _fate(self) -> Fate:
         """What has become of the object so far."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..control import GripObservation
 from ..errors import UserError
 from ..scene.scene import Scene
+from ..sensing.reader import Reading
 from ..tracking import Tracks
 
 #: Observations that can be chosen.
@@ -54,36 +55,17 @@ _MOST = (100.0, 100.0, 3.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
-    """What reached an environment of one finger, and when it asks.
-
-    Attributes
-    ----------
-    observation: of the frame that arrived last
-    tracks, rest: of that frame and at rest; None on the truth path
-    image: of that frame; None where no image is shown
-    grip: force that is commanded now [N]
-    """
-
-    observation: GripObservation
-    tracks: Tracks | None
-    rest: Tracks | None
-    image: Image | None
-    grip: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class View:
     """A choice of observation.
 
     Attributes
     ----------
     space: of its arrays
-    look: makes a new array
+    look: makes a new array of a reading and of the grip that is commanded [N]
     """
 
     space: Box
-    look: Callable[[Seen], NDArray[np.generic]]
+    look: Callable[[Reading, float], NDArray[np.generic]]
 
 
 def view_of(name: ViewName, scene: Scene, rest: Tracks | None) -> View:
@@ -106,8 +88,11 @@ def view_of(name: ViewName, scene: Scene, rest: Tracks | None) -> View:
     columns, values = (MARGIN, _margin) if name == "margin" else (FORCES, _forces)
     low, high = np.array(list(columns.values()), np.float32).T
 
-    def look(seen: Seen) -> Values:
-        known = np.nan_to_num(np.array(values(seen)), nan=0.0, posinf=math.inf, neginf=-math.inf)
+    def look(seen: Reading, grip: float) -> Values:
+        assert seen.held is not None
+        known = np.nan_to_num(
+            np.array(values(seen.held, grip)), nan=0.0, posinf=math.inf, neginf=-math.inf
+        )
         clipped: Values = np.clip(known, low, high).astype(np.float32)
         return clipped
 
@@ -135,18 +120,18 @@ def space_of(views: Sequence[View]) -> Box:
     return Box(low, high, dtype=low.dtype.type)
 
 
-def look(views: Sequence[View], seen: Sequence[Seen]) -> NDArray[np.generic]:
+def look(views: Sequence[View], seen: Sequence[Reading], grip: float) -> NDArray[np.generic]:
     """New array of what one finger shows, or two; see `space_of`."""
-    arrays = [view.look(each) for view, each in zip(views, seen, strict=True)]
+    arrays = [view.look(each, grip) for view, each in zip(views, seen, strict=True)]
     return arrays[0] if len(arrays) == 1 else np.stack(arrays)
 
 
-def _image(seen: Seen) -> Image:
-    assert seen.image is not None
-    return seen.image.copy()
+def _image(seen: Reading, _: float) -> Image:
+    assert seen.frame is not None
+    return seen.frame.image.copy()
 
 
-def _markers(seen: Seen) -> Values:
+def _markers(seen: Reading, _: float) -> Values:
     """Shift of each marker from rest along x and y [px], and growth; 0 where it is not seen.
 
     First those of the outer layer, three numbers a marker.
@@ -162,13 +147,11 @@ def _markers(seen: Seen) -> Values:
     return clipped.reshape(-1)
 
 
-def _margin(seen: Seen) -> tuple[float, ...]:
-    now = seen.observation
-    return (now.margin, *now.margin_interval, seen.grip, float(not now.no_estimate))
+def _margin(now: GripObservation, grip: float) -> tuple[float, ...]:
+    return (now.margin, *now.margin_interval, grip, float(not now.no_estimate))
 
 
-def _forces(seen: Seen) -> tuple[float, ...]:
-    now = seen.observation
+def _forces(now: GripObservation, grip: float) -> tuple[float, ...]:
     normal, friction = np.sqrt(np.maximum(np.diag(now.field.totals_covariance), 0.0)).tolist()
     return (
         now.field.total_normal,
@@ -179,6 +162,6 @@ def _forces(seen: Seen) -> tuple[float, ...]:
         *now.friction_interval,
         *now.force.tolist(),
         1e3 * now.torque,
-        seen.grip,
+        grip,
         float(not now.no_estimate),
     )

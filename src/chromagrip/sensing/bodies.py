@@ -6,7 +6,7 @@ Each holds one object, and moves it to a pose or under forces. What a body canno
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,52 +101,6 @@ class Ability:
     torsion: bool
 
 
-class Body(Protocol):
-    """A body that an object is moved on."""
-
-    @property
-    def name(self) -> BodyName:
-        """Name in a scene or a design."""
-
-    @property
-    def ability(self) -> Ability:
-        """What it can do."""
-
-    @property
-    def carrier(self) -> int | SoftBody:
-        """Body for the renderer: number of nodes, or silicone."""
-
-    def touch(self, obj: ContactObject | Solid) -> Contact:
-        """Contact with an object that just touches the apex, before it is pressed.
-
-        Raises
-        ------
-        UserError
-            For an object that the body cannot touch.
-        """
-
-    def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
-        """Contact after the object went straight to a pose in that time [s].
-
-        Raises
-        ------
-        UserError
-            For a pose that the body does not know, and when the body cannot go on.
-        """
-
-    def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
-        """Contact after force and torque on the object for that time [N, N·m, s], shape (6,).
-
-        Raises
-        ------
-        UserError
-            For a wrench that the body does not know, and when the body cannot go on.
-        """
-
-    def nodes(self, contact: Contact) -> tuple[Array, Array]:
-        """Places of the nodes [m] and forces of the object on them [N], each of shape (N, 3)."""
-
-
 class ChainBody:
     """The node model of the thesis: a chain in the plane of x and z."""
 
@@ -162,7 +116,13 @@ class ChainBody:
         return self.fingertip.nodes
 
     def touch(self, obj: ContactObject | Solid) -> Contact:
-        """Contact with an object at the apex, as `Body` says."""
+        """Contact with an object that just touches the apex, before it is pressed.
+
+        Raises
+        ------
+        UserError
+            For an object that the body cannot touch.
+        """
         if self._flat:
             raise UserError('the node model does not describe a flat pad; take body = "pad"')
         if not isinstance(obj, ContactObject):
@@ -176,7 +136,13 @@ class ChainBody:
         )
 
     def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
-        """Contact after a motion, as `Body` says."""
+        """Contact after the object went straight to a pose in that time [s].
+
+        Raises
+        ------
+        UserError
+            For a pose that the body does not know, and when the body cannot go on.
+        """
         x, y, z = pose.place
         if y != 0.0 or any(pose.turn[1:]):
             raise UserError(
@@ -199,7 +165,13 @@ class ChainBody:
         return chain_contact(self.fingertip, obj, run.state(-1), slip)
 
     def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
-        """Contact after forces, as `Body` says."""
+        """Contact after force and torque on the object for that time [N, N·m, s], shape (6,).
+
+        Raises
+        ------
+        UserError
+            For a wrench that the body does not know, and when the body cannot go on.
+        """
         if wrench[[1, 3, 4, 5]].any():
             raise UserError(
                 f"a chain's object is loaded along x and z alone, got {wrench.tolist()}; take "
@@ -211,7 +183,7 @@ class ChainBody:
         return follow_chain(self.fingertip, obj, contact, dt / count, forces, (count,))[0]
 
     def nodes(self, contact: Contact) -> tuple[Array, Array]:
-        """Places and forces of the nodes, as `Body` says."""
+        """Places of the nodes [m] and forces of the object on them [N], each of shape (N, 3)."""
         obj, state, _ = of_chain(contact)
         deformation, field = state.deformation, contact.field
         ground = chain(self.fingertip).rest + deformation.nodes
@@ -249,7 +221,7 @@ class SiliconeBody:
         return "pad" if isinstance(self.carrier, Pad) else "dome"
 
     def touch(self, obj: ContactObject | Solid) -> Contact:
-        """Contact with an object at the apex, as `Body` says."""
+        """Contact with an object that just touches the apex, as of a chain."""
         if not isinstance(obj, Solid):
             raise UserError(
                 f"a {self.name} of silicone touches a Solid, not a {type(obj).__name__}; take "
@@ -264,7 +236,7 @@ class SiliconeBody:
         return dome_contact(self.carrier, obj, start, start, no_dome_slip(self.carrier), field)
 
     def move(self, contact: Contact, pose: Pose, dt: float) -> Contact:
-        """Contact after a motion, as `Body` says.
+        """Contact after the object went to a pose, as of a chain.
 
         An object that goes far in one update is put down anew: it has not rubbed on its way.
         """
@@ -295,7 +267,7 @@ class SiliconeBody:
         return contact
 
     def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
-        """Contact after forces, as `Body` says."""
+        """Contact after force and torque, as of a chain."""
         if wrench[[3, 4]].any():
             raise UserError(
                 f"torques about x and y are not possible, got {wrench.tolist()}; the object is "
@@ -315,7 +287,7 @@ class SiliconeBody:
         return contact
 
     def nodes(self, contact: Contact) -> tuple[Array, Array]:
-        """Places and forces of the nodes, as `Body` says."""
+        """Places and forces of the nodes, as of a chain."""
         field = contact.field
         assert field.directions is not None
         return field.position, field.normal[:, None] * field.directions + field.friction
@@ -339,6 +311,10 @@ class SiliconeBody:
         away = replace(self._start, time=state.time, place=place, rotation=turn.as_matrix())
         slip = replace(no_dome_slip(self.carrier), rigid_slip=slip.rigid_slip)
         return replace(contact, state=away, slip=slip)
+
+
+#: A body that an object is moved on.
+Body = ChainBody | SiliconeBody
 
 
 def _still(pose: Array, duration: float, **options: Any) -> Motion:
