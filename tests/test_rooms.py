@@ -21,6 +21,7 @@ GROUND = (
     "errors",
     "extras",
     "kept_arrays",
+    "kernel_key",
     "links",
     "strict_toml",
     "thesis",
