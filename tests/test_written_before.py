@@ -1,0 +1,123 @@
+"""What commit 1207ccc wrote, before one finger and two were one, opens and is used today.
+
+Its read-out is `tracking/readouts/thesis.npz`, which has not been trained again since.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from chromagrip import Reader, Rig, load_scene, run
+from chromagrip.dataset import check_dataset, load_sequences
+from chromagrip.live.replay import not_repeated
+from chromagrip.loop.run_folder import FILES
+from chromagrip.loop.shown.report import read_run
+from chromagrip.rig.report import write_logs_again, write_reports
+from chromagrip.tracking import load_calibration, sensor_as_designed
+from chromagrip.tracking.forces.calibration import values_of
+from chromagrip.tracking.forces.chain.readout import load_readout
+
+ROOT = Path(__file__).parents[1]
+BEFORE = ROOT / "fixtures/written-before"
+RUNS = ("chain", "dome", "pinch", "live")
+
+
+@pytest.fixture(params=RUNS)
+def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Copy of a run folder."""
+    copy = tmp_path / request.param
+    shutil.copytree(BEFORE / request.param, copy)
+    return copy
+
+
+def test_runs_have_their_report_again(folder: Path) -> None:
+    page = write_reports([folder]).read_text(encoding="utf-8")
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert page.count("<html") == 1
+    assert summary["controller"] in page
+    table = pq.read_table(folder / "trace.parquet")
+    name = "margin_true" if "margin_true" in table.column_names else "first_margin_true"
+    last = [value for value in table[name].to_pylist() if value == value][-1]
+    found = read_run(folder)
+    assert found.columns[name][np.isfinite(found.columns[name])][-1] == last
+    assert set(found.columns) == set(table.column_names)
+
+
+def test_runs_are_logged_again(folder: Path) -> None:
+    (path,) = write_logs_again([folder], ["mcap"])
+    assert path.stat().st_size > 1000
+
+
+@pytest.mark.parametrize("name", ["chain", "dome", "pinch"])
+def test_a_run_is_made_again_with_the_same_values(name: str) -> None:
+    """From the scene that was written then; 0.1 s."""
+    again = run(load_scene(str(BEFORE / name / "scene.toml")))
+    table = pq.read_table(BEFORE / name / "trace.parquet")
+    for column in table.column_names:
+        np.testing.assert_allclose(
+            again.trace[column], table[column].to_numpy(), rtol=1e-9, atol=1e-9, err_msg=column
+        )
+
+
+def test_what_can_be_repeated_is_told_apart() -> None:
+    assert not_repeated(read_run(BEFORE / "chain")) == ""
+    assert "moved by hand" in not_repeated(read_run(BEFORE / "live"))
+
+
+def test_scenes_open_and_say_how_many_fingers_they_have() -> None:
+    for name, count in (("chain", 1), ("dome", 1), ("pinch", 2)):
+        scene = load_scene(str(BEFORE / f"{name}.toml"))
+        assert scene.fingers == count
+        assert "fingers" not in (BEFORE / f"{name}.toml").read_text(encoding="utf-8")
+        rig = Rig(scene)
+        assert len(rig.sensors) == count
+        rig.close()
+
+
+def test_a_switch_that_has_another_name_names_the_new_one(
+    typed: Callable[..., CompletedProcess[str]],
+) -> None:
+    done = typed("grasp", "--set", "pinch.mass_g=100")
+    assert done.returncode == 2
+    assert "set fingers = 2" in done.stderr
+
+
+def test_a_dataset_is_whole_and_is_read() -> None:
+    assert check_dataset(BEFORE / "dataset") == 1
+    (sequence,) = load_sequences(BEFORE / "dataset")
+    rest = sequence.pictures.rest
+    reader = Reader("dome-2022", [rest], noise=1.0)
+    seen = [
+        reader.update(image, time)
+        for image, time in zip(sequence.images(), sequence.frames["time_s"], strict=True)
+    ]
+    true = [sequence.frames[f"force_{axis}_n"][-1] for axis in "xyz"]
+    assert seen[-1].wrench[:3] == pytest.approx(true, abs=0.1 * abs(true[2]))
+
+
+def test_a_calibration_is_what_it_says() -> None:
+    designed = values_of(sensor_as_designed("thesis"))
+    found = values_of(load_calibration(str(BEFORE / "sensor.toml")))
+    ratio = found.tissue_stiffness_n_per_m / designed.tissue_stiffness_n_per_m
+    assert ratio == pytest.approx(1.05)
+
+
+def test_a_read_out_is_the_one_of_then() -> None:
+    path = ROOT / "tracking/readouts/thesis.npz"
+    assert hashlib.sha256(path.read_bytes()).hexdigest().startswith(DIGEST)
+    load_readout(path)
+
+
+def test_files_of_a_run_are_those_of_then() -> None:
+    assert {"summary.json", "trace.parquet", "scene.toml", "report.html"} <= set(FILES)
+
+
+#: Start of the digest of the read-out.
+DIGEST = "feb27fd4cb552395"
