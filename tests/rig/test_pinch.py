@@ -16,8 +16,8 @@ from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop.pinch.trace import COLUMNS
 from chromagrip.loop.rig import Rig, smaller
-from chromagrip.loop.run_folder import FILES
-from chromagrip.loop.run_folder import run as run_pinch
+from chromagrip.loop.run import run as run_pinch
+from chromagrip.loop.run_files import FILES
 from chromagrip.scene.scene import dump_scene
 
 Typed = Callable[..., CompletedProcess[str]]

@@ -16,7 +16,7 @@ from chromagrip import Scene, UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop import grasp, open_camera
 from chromagrip.loop.rig import Rig
-from chromagrip.loop.run_folder import RunFiles as PinchFiles
+from chromagrip.loop.run_files import RunFiles as PinchFiles
 from chromagrip.output.pictures import open_source, read_picture
 
 from .test_pinch import COARSE

@@ -13,15 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import UserError
-from ..loop.grasp import grasp
-from ..loop.methods import Methods
+from ..loop.grasp import gripped
+from ..loop.rig import Rig
 from ..loop.sample import Sample
 from ..loop.shown.report import RunRead
 from ..loop.shown.tactile_video import SLOWDOWN
 from ..loop.trace import COLUMNS, row
 from ..output.pictures import open_source
 from ..output.processes import one_thread
-from ..sensing.sensor import open_camera
 from .picture import packed, picture_of, resized
 from .record import FROM
 from .view import Drawn, GraspView
@@ -121,17 +120,14 @@ class Replay(Background):
 
     def _repeated(self) -> Iterator[Kept]:
         """Frames of the same run again."""
-        scene = self.run.scene
-        methods = Methods.of_scene(scene)
-        with closing(open_camera(scene, methods.renderer)) as camera:
-            for index, sample in enumerate(grasp(scene, camera, methods=methods)):
+        with closing(Rig(self.run.scene)) as rig:
+            for index, sample in enumerate(gripped(rig, math.inf)):
                 if index >= len(self.run.columns["time_s"]) or self._stop.is_set():
                     return
                 self._compare(index, sample)
                 if index % self.every:
                     continue
-                frame = sample.frame or camera.expose(sample.contact.state, sample.index)
-                picture = picture_of(frame.image, sample.tracks, sample.rest)
+                picture = picture_of(rig.picture().image, sample.tracks, sample.rest)
                 yield Kept(
                     time=sample.time,
                     picture=packed(picture),

@@ -1,12 +1,11 @@
 """The model's side of a pinch: two domes, an object with a weight, drive and hand."""
 
 from dataclasses import dataclass
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError, located
+from ..errors import located
 from ..model import DomeState, ForceField, Solid, dome_forces
 from ..model.dome import DomeSlip, follow_dome_slip, no_dome_slip
 from ..model.pinch import (
@@ -20,7 +19,7 @@ from ..model.pinch import (
 from ..scene.fingers import build_pinch
 from ..scene.scene import Scene
 from ..sensing.contact import Contact, dome_contact
-from .dome_world import solid_at
+from .dome_world import changed_solid, solid_at
 from .world import Clock, World, drive_forces
 
 Array = NDArray[np.float64]
@@ -84,11 +83,12 @@ class PinchPlant:
         with located("the pinch gave up"):
             self.pinch: Pinch = build_pinch(scene)
             self._start = pinch_rest(self.pinch)
+        self._solid = self.pinch.solid
         self._stepper = PinchStepper(self.pinch, self._start)
 
     def rest(self) -> PinchWorld:
         """World before the grip begins."""
-        solid, start = self.pinch.solid, self._start
+        solid, start = self._solid, self._start
         slips = (no_dome_slip(self.pinch.first), no_dome_slip(self.pinch.second))
         fingers = self._fingers(solid, start, slips, self._fields(start))
         now = Pinched(solid=solid, state=start, fingers=fingers, record=PinchRecord())
@@ -116,13 +116,15 @@ class PinchPlant:
             now = self._step(now, float(time), float(end), float(forces[k, 0]))
         return PinchWorld(now=now, exposed=exposed if clock.exposure else now, applied=applied)
 
-    def changed(self, world: PinchWorld, scene: Scene) -> NoReturn:
-        """Refuse: the weight is that of the scene."""
-        raise UserError("a pinch cannot change during a grasp")
+    def changed(self, world: PinchWorld, scene: Scene) -> PinchWorld:
+        """World from which to go on with the µ and the stiffness of another scene."""
+        self._solid = changed_solid(self._solid, self.scene.object, scene.object)
+        self.scene = scene
+        return world
 
     def _step(self, last: Pinched, time: float, end: float, grip: float) -> Pinched:
         """Pinch after a step from the stepper's state, under a grip [N]."""
-        solid = solid_at(self.scene, self.pinch.solid, time)
+        solid = solid_at(self.scene, self._solid, time)
         if solid is not self._stepper.skins[0].solid:
             self._stepper.touch(solid)
         with located("the pinch gave up"):

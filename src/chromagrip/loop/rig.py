@@ -213,8 +213,8 @@ class Rig:
         Raises
         ------
         UserError
-            Before `reset`; for a scene that differs elsewhere; for a load along an axis that the
-            object is held in.
+            Before `reset`; for a scene that differs elsewhere, as in the load of two fingers; for a
+            load along an axis that the object is held in.
         """
         self._check_begun("change()")
         ours, theirs = self.scene.object, scene.object
@@ -256,10 +256,17 @@ class Rig:
         return tuple(sensor.data.frame for sensor in self.sensors)
 
     def picture(self) -> Frame:
-        """The only camera's picture, as `pictures`."""
+        """The only camera's picture, as `pictures`.
+
+        Raises
+        ------
+        UserError
+            Before `reset`, and for two fingers.
+        """
         self._check_begun("picture()")
-        (only,) = self.pictures()
-        return only
+        if len(self.sensors) > 1:
+            raise UserError("picture() is for one finger and this scene has two; use pictures()")
+        return self.pictures()[0]
 
     def rest_pictures(self) -> tuple[Frame, ...]:
         """Each camera's picture of the untouched finger, with noise that is in no other frame."""

@@ -1,44 +1,24 @@
 """Running the grip loop on frames from outside, into a run folder without a truth."""
 
-import json
 import math
-import shutil
-import time
-from array import array
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
 
 from ..by_name import Choice, name_of
 from ..errors import UserError
-from ..extras import require
 from ..loop.methods import Methods, choose
+from ..loop.record import Record, Result
 from ..loop.rig import readable
-from ..loop.run_folder import (
-    ANSWER_WITHIN_S,
-    FILES,
-    LINES,
-    PARTS,
-    Result,
-    check_asked,
-    refuse_killed,
-    scene_text,
-    write_run_logs,
-    write_trace,
-)
-from ..loop.sample import Sample
-from ..loop.trace import Summary, Trace, TraceLines, make_trace, outside_row, summarise
-from ..output.folder import disk_errors, prepare, whole_file
-from ..output.frames import FRAMES
-from ..output.logs.write import LOG_FILES, LogFormat
+from ..loop.run import ANSWER_WITHIN_S, check_asked
+from ..loop.run_files import RunFiles
+from ..output.logs.write import LogFormat
 from ..output.pictures import open_source
 from ..output.processes import one_thread
-from ..output.versions import versions
 from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Scene
 from ..tracking import SensorCalibration
-from ..tracking.forces.chain import used
 from .feed import Feed
 from .gripper import GRIPPERS, Gripper, HeldGripper
 from .outside import grasp_outside
@@ -76,7 +56,7 @@ def run_outside(
     fps: rate of frames without times of their own [Hz]
     frame_within_s, answer_within_s: times in which the next frame must come, and controller and
         gripper must answer
-    log: formats in which the run is also written into `out`, see `loop.run_folder.run`
+    log: formats in which the run is also written into `out`, see `loop.run.run`
     progress: called with the number of frames done, and None
 
     Raises
@@ -90,21 +70,29 @@ def run_outside(
     made = GRIPPERS.build(gripper, gripper_arguments)
     held = HeldGripper(made, name_of(gripper), answer_within_s)
     limit = math.inf if scene.controller in CONTROLLERS.entries else answer_within_s
-    record = OutsideRecord(scene, methods, known, out, overwrite, log)
-    with one_thread(), closing(Feed(opened, frame_within_s)) as feed:
-        about, ended = {"source": source, "gripper": name_of(gripper)}, False
+    files = None if out is None else RunFiles(out, overwrite, scene, log=log, drawn=False)
+    with files or nullcontext(), one_thread(), closing(Feed(opened, frame_within_s)) as feed:
+        record, ended = Record(scene, methods, known, files), False
         try:
-            for seen in grasp_outside(scene, methods, known, feed, held, limit):
-                record.add(seen)
-                progress(seen.index + 1, None)
+            for sample in grasp_outside(scene, methods, known, feed, held, limit):
+                record.add(sample)
+                progress(sample.index + 1, None)
             ended = True
         finally:
-            result = record.finish(ended, feed.skipped, about)
+            result = record.finish(
+                complete=ended,
+                gross_slip=None,
+                frames_skipped=feed.skipped,
+                source=source,
+                gripper=name_of(gripper),
+            )
     return result
 
 
 def _checked(scene: Scene) -> tuple[Scene, Methods, SensorCalibration]:
     """Scene, methods and calibration of a loop on frames from outside."""
+    if scene.pinch.mass_g:
+        raise UserError("frames from outside are those of one finger; this scene is a pinch of two")
     if scene.path != "camera":
         raise UserError('frames from outside are read by the camera path; set path = "camera"')
     scene, methods = choose(scene)
@@ -112,90 +100,3 @@ def _checked(scene: Scene) -> tuple[Scene, Methods, SensorCalibration]:
     if known is None:
         raise UserError(f"sensor {scene.sensor} is a flat pad; no estimator reads forces off it")
     return scene, methods, known
-
-
-class OutsideRecord:
-    """Trace of a loop on frames from outside, and its files, which are complete or have no name.
-
-    Parameters
-    ----------
-    scene, methods, known: of the loop
-    out: run folder; None writes nothing
-    overwrite: remove an earlier run's files
-    log: formats of the logs that are written after the other files
-    """
-
-    def __init__(
-        self,
-        scene: Scene,
-        methods: Methods,
-        known: SensorCalibration,
-        out: Path | None,
-        overwrite: bool,
-        log: Sequence[LogFormat] = (),
-    ) -> None:
-        self._scene, self._out, self._log = scene, out, log
-        self._used = used(methods.reconstructor, known)
-        self._rows, self._reasons = array("d"), list[str]()
-        self._lines: TraceLines | None = None
-        self._begin = time.perf_counter()
-        if out is not None:
-            require("data", purpose="writing a run folder")
-            refuse_killed(out, overwrite)
-            prepare(out, overwrite)
-            with disk_errors(out / PARTS):
-                for name in (*FILES, *LOG_FILES):
-                    (out / name).unlink(missing_ok=True)
-                for name in (PARTS, FRAMES):
-                    shutil.rmtree(out / name, ignore_errors=True)
-                (out / "scene.toml").write_text(scene_text(scene), encoding="utf-8")
-                (out / PARTS).mkdir()
-                self._lines = TraceLines(out / PARTS / LINES)
-
-    def add(self, seen: Sample) -> None:
-        """Append a frame."""
-        assert seen.observation is not None
-        assert seen.tracks is not None
-        line = outside_row(seen.time, seen.grip, seen.observation, seen.tracks)
-        if not self._rows:  # the first frame includes those at rest
-            self._begin = time.perf_counter()
-        self._rows.extend(line)
-        if seen.observation.no_estimate:
-            self._reasons.append(seen.observation.no_estimate)
-        if self._lines is not None:
-            with disk_errors(Path(LINES)):
-                self._lines.add(line)
-
-    def finish(self, complete: bool, skipped: int, about: Mapping[str, str]) -> Result:
-        """Write the results.
-
-        Parameters
-        ----------
-        complete: whether the loop came to its end
-        skipped: frames that the loop was too slow for
-        about: further values of the summary
-        """
-        trace = make_trace(self._rows)
-        seconds = time.perf_counter() - self._begin
-        summary = summarise(self._scene, trace, seconds, self._used, None, self._reasons)
-        summary |= {"complete": complete, "gross_slip": None, "frames_skipped": skipped, **about}
-        if self._out is not None and self._lines is not None:
-            self._lines.close()
-            if self._rows:
-                _write(self._out, self._scene, trace, summary)
-            shutil.rmtree(self._out / PARTS, ignore_errors=True)
-            if self._rows:
-                write_run_logs(self._out, self._scene, trace, summary, self._log)
-        return Result(scene=self._scene, summary=summary, trace=trace, folder=self._out)
-
-
-def _write(out: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
-    """Write the results; the summary is the last one but for the report."""
-    from ..loop.shown.report import RunRead, write_report
-
-    with whole_file(out / "trace.parquet") as part:
-        write_trace(scene, trace, part)
-    text = json.dumps({**summary, "versions": versions()}, indent=2)
-    with whole_file(out / "summary.json") as part:
-        part.write_text(text + "\n", encoding="utf-8")
-    write_report(RunRead(folder=out, scene=scene, summary=summary, columns=trace.columns))
