@@ -296,6 +296,7 @@ def live(
     Example: chromagrip live dome-1 --set object.friction=0.4
     """
     from ..live.serve import Address, serve_grasp, token_for
+    from ..live.wishes import scene_for, wishes_of
 
     if run is not None and source is not None:
         raise UserError("--run and --source are two pages; give one of them")
@@ -342,6 +343,7 @@ def live(
         resolved = load_scene(
             scene or "dome-1", {"path": "camera"} | dict(map(parse_change, changes))
         )
+        scene_for(resolved, wishes_of(resolved))  # what cannot be shown is refused at once
         prepare_scene(resolved, pictures=True)
         serve_grasp(resolved, place, record)
     return 0

@@ -50,7 +50,7 @@ class Recorder:
     _now: "_Recording | None" = None
 
     def take(self, sample: Sample, rig: Rig, wishes: Wishes) -> None:
-        """Keep a frame, which has its picture."""
+        """Keep a frame."""
         try:
             if self._now is None:
                 require("data", "video", purpose="a recording")

@@ -213,8 +213,8 @@ class Rig:
         Raises
         ------
         UserError
-            Before `reset`; for a scene that differs elsewhere, as in the load of two fingers; for a
-            load along an axis that the object is held in.
+            Before `reset`; for a scene that differs elsewhere; for a load along an axis that the
+            object is held in.
         """
         self._check_begun("change()")
         ours, theirs = self.scene.object, scene.object

@@ -82,15 +82,20 @@ def run(
         rig.open()  # a renderer that cannot run leaves no folder
     files = None if out is None else RunFiles(Path(out), overwrite, scene, frames, log)
     with files or nullcontext(), closing(rig), one_thread():
-        record = Record(scene, methods, rig.known[0], files)
-        try:
-            for sample in gripped(rig, within):
-                record.add(sample, rig)
-                if progress is not None:
-                    progress(sample.index + 1, scene.frames)
-        finally:
-            result = record.finish()
-        return result
+        return _recorded(rig, files, progress, within)
+
+
+def _recorded(rig: Rig, files: RunFiles | None, progress: Progress | None, within: float) -> Result:
+    """Run the loop, and write its results however it ends."""
+    record = Record(rig.scene, rig.methods, rig.known[0], files)
+    try:
+        for sample in gripped(rig, within):
+            record.add(sample, rig)
+            if progress is not None:
+                progress(sample.index + 1, rig.scene.frames)
+    finally:
+        result = record.finish()
+    return result
 
 
 def check_asked(
