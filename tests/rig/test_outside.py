@@ -19,7 +19,7 @@ from chromagrip.control import GripCommand, GripObservation
 from chromagrip.output.pictures import Source, open_source
 from chromagrip.render import Frame
 from chromagrip.rig.feed import Feed
-from chromagrip.rig.outside_run import run_outside
+from chromagrip.rig.outside import run_outside
 
 Typed = Callable[..., CompletedProcess[str]]
 CHANGES = {"duration_s": 0.12, "camera.rest_frames": 2, "camera.latency_frames": 0}

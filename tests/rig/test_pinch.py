@@ -16,12 +16,13 @@ import chromagrip
 from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop.pinch.trace import COLUMNS
-from chromagrip.loop.rig import Rig, smaller
+from chromagrip.loop.rig import Rig
 from chromagrip.loop.run import run as run_pinch
 from chromagrip.loop.run_files import FILES
-from chromagrip.rig.outside_run import run_outside
+from chromagrip.rig.outside import run_outside
 from chromagrip.scene.scene import dump_scene
 from chromagrip.scene.settings import LoadSettings
+from chromagrip.sensing.margins import smaller
 
 Typed = Callable[..., CompletedProcess[str]]
 

@@ -165,7 +165,7 @@ def grasp(
     }
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
         if source is not None:
-            from ..rig.outside_run import run_outside
+            from ..rig.outside import run_outside
 
             result = run_outside(resolved, source, out, progress=progress, **shared, **chosen)
         else:
