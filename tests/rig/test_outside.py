@@ -90,6 +90,7 @@ def test_a_camera_in_another_process_closes_the_same_loop(tmp_path: Path) -> Non
     summary = json.loads((tmp_path / "run/summary.json").read_text())
     assert (summary["complete"], summary["frames"]) == (True, 13)
     assert summary["source"] == f"pipe:{pictures}"
+    assert summary["camera_pose"]["scale"] == pytest.approx(1.0, abs=1e-3)
 
 
 class Opened:

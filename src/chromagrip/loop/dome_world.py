@@ -44,7 +44,7 @@ class DomePlant:
         self._stepper = Stepper(self.dome, self._solid, self._motion, start)
         self._start = start
 
-    def rest(self) -> World:
+    def rest(self) -> World[Contact]:
         """World before the grip begins."""
         self._stepper.restore(self._start)
         field = dome_forces(self.dome, self._start, whole=False)
@@ -53,7 +53,7 @@ class DomePlant:
         )
         return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
-    def next_frame(self, world: World, command: float, index: int) -> World:
+    def next_frame(self, world: World[Contact], command: float, index: int) -> World[Contact]:
         """World at the frame after frame `index`, as `Plant` says."""
         clock = self.clock
         times = index * clock.frame + (np.arange(clock.steps) + 0.5) * clock.step
@@ -79,7 +79,7 @@ class DomePlant:
             forces=forces[-1],
         )
 
-    def changed(self, world: World, scene: Scene) -> World:
+    def changed(self, world: World[Contact], scene: Scene) -> World[Contact]:
         """World with the object of another scene, as `Plant` says."""
         for axis, key in (("y", "sideways_n"), ("rz", "twists_nmm")):
             if any(getattr(scene.load, key)) and axis not in self._motion.free:

@@ -1,13 +1,14 @@
 """The model's side of a pinch: two domes, an object with a weight, drive and hand."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import located
-from ..model import DomeState, ForceField, Solid, dome_forces
-from ..model.dome import DomeSlip, follow_dome_slip, no_dome_slip
+from ..model import DomeState, Solid, dome_forces
+from ..model.dome import follow_dome_slip, no_dome_slip
 from ..model.pinch import (
     Pinch,
     PinchRecord,
@@ -18,7 +19,7 @@ from ..model.pinch import (
 )
 from ..scene.fingers import build_pinch
 from ..scene.scene import Scene
-from ..sensing.contact import Contact, dome_contact
+from ..sensing.contact import Contact, dome_contact, of_dome
 from .dome_world import changed_solid, solid_at
 from .world import Clock, World, drive_forces
 
@@ -43,31 +44,6 @@ class Pinched:
     record: PinchRecord
 
 
-@dataclass(frozen=True, kw_only=True)
-class PinchWorld:
-    """True pinch at a frame.
-
-    Attributes
-    ----------
-    now: at the frame's instant
-    exposed: at the middle of the frame's exposure
-    applied: force of the gripper's drive [N]
-    """
-
-    now: Pinched
-    exposed: Pinched
-    applied: float
-
-    def finger(self, k: int) -> World:
-        """World of one finger, as a single one's camera and observer see it."""
-        return World(
-            now=self.now.fingers[k],
-            exposed=self.exposed.fingers[k],
-            applied=self.applied,
-            forces=np.array([self.applied, 0.0]),
-        )
-
-
 class PinchPlant:
     """Two domes under a scene's drive, and a hand on its path; as a `Plant` of the loop.
 
@@ -86,15 +62,14 @@ class PinchPlant:
         self._solid = self.pinch.solid
         self._stepper = PinchStepper(self.pinch, self._start)
 
-    def rest(self) -> PinchWorld:
+    def rest(self) -> World[Pinched]:
         """World before the grip begins."""
-        solid, start = self._solid, self._start
-        slips = (no_dome_slip(self.pinch.first), no_dome_slip(self.pinch.second))
-        fingers = self._fingers(solid, start, slips, self._fields(start))
-        now = Pinched(solid=solid, state=start, fingers=fingers, record=PinchRecord())
-        return PinchWorld(now=now, exposed=now, applied=0.0)
+        start, record = self._start, PinchRecord()
+        fingers = self._fingers(self._solid, start, None)
+        now = Pinched(solid=self._solid, state=start, fingers=fingers, record=record)
+        return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
-    def next_frame(self, world: PinchWorld, command: float, index: int) -> PinchWorld:
+    def next_frame(self, world: World[Pinched], command: float, index: int) -> World[Pinched]:
         """World at the frame after frame `index`, under a commanded force [N].
 
         Raises
@@ -114,9 +89,14 @@ class PinchPlant:
             if len(ends) - k == clock.exposure:
                 exposed = now
             now = self._step(now, float(time), float(end), float(forces[k, 0]))
-        return PinchWorld(now=now, exposed=exposed if clock.exposure else now, applied=applied)
+        return World(
+            now=now,
+            exposed=exposed if clock.exposure else now,
+            applied=applied,
+            forces=forces[-1],
+        )
 
-    def changed(self, world: PinchWorld, scene: Scene) -> PinchWorld:
+    def changed(self, world: World[Pinched], scene: Scene) -> World[Pinched]:
         """World from which to go on with the µ and the stiffness of another scene."""
         self._solid = changed_solid(self._solid, self.scene.object, scene.object)
         self.scene = scene
@@ -130,39 +110,26 @@ class PinchPlant:
         with located("the pinch gave up"):
             self._stepper.advance(end, grip)
         state = self._stepper.state()
-        fields = self._fields(state)
-        domes = (self.pinch.first, self.pinch.second)
-        slips = []
-        for k, after in enumerate((state.first, state.second)):
-            slip = last.fingers[k].slip
-            assert isinstance(slip, DomeSlip)
-            slips.append(follow_dome_slip(slip, domes[k], _state(last, k), after, fields[k]))
-        return Pinched(
-            solid=solid,
-            state=state,
-            fingers=self._fingers(solid, state, (slips[0], slips[1]), fields),
-            record=follow_pinch(last.record, self.pinch, state, fields, self.limits),
-        )
-
-    def _fields(self, state: PinchState) -> tuple[ForceField, ForceField]:
-        return (
-            dome_forces(self.pinch.first, state.first, whole=False),
-            dome_forces(self.pinch.second, state.second, whole=False),
-        )
+        fingers = self._fingers(solid, state, last)
+        fields = fingers[0].field, fingers[1].field
+        record = follow_pinch(last.record, self.pinch, state, fields, self.limits)
+        return Pinched(solid=solid, state=state, fingers=fingers, record=record)
 
     def _fingers(
-        self,
-        solid: Solid,
-        state: PinchState,
-        slips: tuple[DomeSlip, DomeSlip],
-        fields: tuple[ForceField, ForceField],
+        self, solid: Solid, state: PinchState, last: Pinched | None
     ) -> tuple[Contact, Contact]:
-        start = self._start
-        return (
-            dome_contact(self.pinch.first, solid, start.first, state.first, slips[0], fields[0]),
-            dome_contact(self.pinch.second, solid, start.second, state.second, slips[1], fields[1]),
-        )
+        """Contact of each finger in a state, after an earlier one; None is the start."""
+        domes, starts = (self.pinch.first, self.pinch.second), _skins(self._start)
+        contacts = []
+        for k, after in enumerate(_skins(state)):
+            field = dome_forces(domes[k], after, whole=False)
+            slip = no_dome_slip(domes[k])
+            if last is not None:
+                _, before, slip = of_dome(last.fingers[k])
+                slip = follow_dome_slip(slip, domes[k], before, after, field)
+            contacts.append(dome_contact(domes[k], solid, starts[k], after, slip, field))
+        return contacts[0], contacts[1]
 
 
-def _state(pinched: Pinched, k: int) -> DomeState:
-    return pinched.state.second if k else pinched.state.first
+def _skins(state: PinchState) -> tuple[DomeState, DomeState]:
+    return state.first, state.second

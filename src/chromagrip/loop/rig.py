@@ -272,9 +272,8 @@ class Rig:
     def rest_pictures(self) -> tuple[Frame, ...]:
         """Each camera's picture of the untouched finger, with noise that is in no other frame."""
         world = self.plant.rest()
-        states = [world.finger(k).now.state for k in range(len(self.sensors))]
-        pairs = zip(self.sensors, states, strict=True)
-        return tuple(sensor.camera.expose_rest(state, 1)[0] for sensor, state in pairs)
+        pairs = zip(self.sensors, world.now.fingers, strict=True)
+        return tuple(sensor.camera.expose_rest(of.state, 1)[0] for sensor, of in pairs)
 
     def save(self) -> RigState:
         """State of the grasp, from which it can go on later, as often as is wanted."""
@@ -357,9 +356,9 @@ class Rig:
 
     def _show(self, index: int) -> None:
         """Let the sensors show the world at a frame."""
+        world = self._world
         for k, sensor in enumerate(self.sensors):
-            world = self._world.finger(k)
-            sensor.show(world.now, world.exposed, index)
+            sensor.show(world.now.fingers[k], world.exposed.fingers[k], index)
 
     def _read(self, index: int) -> GripObservation | None:
         """Read the frames of that index, and send one observation on its way."""
@@ -370,7 +369,7 @@ class Rig:
         self._readings = tuple(
             reader.update(sensor.data.frame)
             if isinstance(reader, Reader)
-            else reader.observe(self._world.finger(k).exposed, self.time)
+            else reader.observe(self._world.exposed.fingers[k], self.time)
             for k, (sensor, reader) in enumerate(zip(self.sensors, self._readers, strict=True))
         )
         each = [one.held for one in self._readings if one.held is not None]

@@ -7,7 +7,7 @@ steps. The *exposure* of a frame is short or long, and its middle lies some step
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +51,12 @@ class Clock:
         return self.frame / self.steps
 
 
+#: The contact of one finger, or both fingers and the object that they hold.
+Held = TypeVar("Held")
+
+
 @dataclass(frozen=True, kw_only=True)
-class World:
+class World(Generic[Held]):
     """True contact at a frame.
 
     Attributes
@@ -63,14 +67,10 @@ class World:
     forces: grip and load of the last step [N], shape (2,); infinite before the first one
     """
 
-    now: Contact
-    exposed: Contact
+    now: Held
+    exposed: Held
     applied: float
     forces: Array
-
-    def finger(self, k: int) -> Self:
-        """World of a finger: here there is one."""
-        return self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,15 +89,15 @@ class Part:
     forces: Array
 
 
-class Plant(Protocol):
+class Plant(Protocol[Held]):
     """A body under a scene's drive and load."""
 
     scene: Scene
 
-    def rest(self) -> World:
+    def rest(self) -> World[Held]:
         """World before the grip begins."""
 
-    def next_frame(self, world: World, command: float, index: int) -> World:
+    def next_frame(self, world: World[Held], command: float, index: int) -> World[Held]:
         """World at the frame after frame `index`, under a commanded force [N].
 
         Raises
@@ -106,7 +106,7 @@ class Plant(Protocol):
             When the body cannot go on.
         """
 
-    def changed(self, world: World, scene: Scene) -> World:
+    def changed(self, world: World[Held], scene: Scene) -> World[Held]:
         """World from which to go on with the load, the µ and the stiffness of another scene.
 
         Raises
@@ -116,7 +116,7 @@ class Plant(Protocol):
         """
 
 
-def calm(scene: Scene, world: World, forces: Array, fastest: float) -> bool:
+def calm(scene: Scene, world: World[Contact], forces: Array, fastest: float) -> bool:
     """Whether a frame period can be one step, because motion and changes of force are small.
 
     An implicit step follows slow motion whatever its length. A change of force within it acts
@@ -167,13 +167,13 @@ class ChainPlant:
         self.fingertip = fingertip
         self.clock = Clock.of_scene(scene)
 
-    def rest(self) -> World:
+    def rest(self) -> World[Contact]:
         """World before the grip begins."""
         obj, state = self.scene.build_object(), rest_state(self.fingertip)
         now = chain_contact(self.fingertip, obj, state, no_slip(self.fingertip.nodes))
         return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
-    def next_frame(self, world: World, command: float, index: int) -> World:
+    def next_frame(self, world: World[Contact], command: float, index: int) -> World[Contact]:
         """World at the frame after frame `index`, as `Plant` says."""
         times = index * self.clock.frame + (np.arange(self.clock.steps) + 0.5) * self.clock.step
         applied, forces = drive_forces(
@@ -186,13 +186,13 @@ class ChainPlant:
             now=replace(now, state=state), exposed=exposed, applied=applied, forces=forces[-1]
         )
 
-    def changed(self, world: World, scene: Scene) -> World:
+    def changed(self, world: World[Contact], scene: Scene) -> World[Contact]:
         """World with the object of another scene, as `Plant` says."""
         self.scene = scene
         obj = scene.build_object(world.now.state.time)
         return replace(world, now=replace(world.now, obj=obj))
 
-    def _parts(self, world: World, forces: Array, times: list[float]) -> Iterator[Part]:
+    def _parts(self, world: World[Contact], forces: Array, times: list[float]) -> Iterator[Part]:
         """Steps of a frame period, with one object each."""
         obj, state, _ = of_chain(world.now)
         if self.scene.object.changes:
