@@ -13,7 +13,7 @@ CHECKED = """
 import warnings
 import cv2, numba, numpy as np
 from chromagrip.errors import UserError
-from chromagrip.loop.run_folder import run
+from chromagrip.loop.run import run
 from chromagrip.render import Frame, load_sensor, open_renderer, rest_membrane
 from chromagrip.scene.scene import load_scene
 from chromagrip.tracking import Palette, learn_palette, load_tracker, sight, tracker_names

@@ -215,7 +215,7 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
         "chromagrip.model": "cv2 OpenGL pyrender matplotlib av pyarrow",
         "chromagrip.control": "cv2 OpenGL pyrender matplotlib av pyarrow",
         "chromagrip.tracking": "OpenGL pyrender matplotlib av pyarrow",
-        "chromagrip.loop.run_folder": "OpenGL pyrender",
+        "chromagrip.loop.run": "OpenGL pyrender",
     }
     code = "import sys\n" + "\n".join(
         f"import {module}; print(*({set(names.split())!r} & set(sys.modules)))"

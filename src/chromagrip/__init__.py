@@ -12,8 +12,9 @@ from .links import guard as _guard
 
 if TYPE_CHECKING:
     from .errors import UserError
+    from .loop.record import Result
     from .loop.rig import Rig
-    from .loop.run_folder import Result, run
+    from .loop.run import run
     from .rig.opening import open_rig as open
     from .scene.scene import Scene, load_scene, scene_names
     from .sensing.bodies import Pose
@@ -26,14 +27,14 @@ _HOMES = {
     "Pose": "sensing.bodies:Pose",
     "Reader": "sensing.reader:Reader",
     "Reading": "sensing.reader:Reading",
-    "Result": "loop.run_folder:Result",
+    "Result": "loop.record:Result",
     "Rig": "loop.rig:Rig",
     "Scene": "scene.scene:Scene",
     "TactileSensor": "sensing.sensor:TactileSensor",
     "UserError": "errors:UserError",
     "load_scene": "scene.scene:load_scene",
     "open": "rig.opening:open_rig",
-    "run": "loop.run_folder:run",
+    "run": "loop.run:run",
     "scene_names": "scene.scene:scene_names",
 }
 

@@ -204,7 +204,7 @@ class _Reader:
             members = kind.__members__.items()
             text += [f"{name} {self.text(member.value)}" for name, member in members]
         elif issubclass(kind, tuple) and hasattr(kind, "_fields"):
-            text += [*kind._fields, self.text(kind._field_defaults)]
+            text += [*vars(kind)["_fields"], self.text(vars(kind)["_field_defaults"])]
         elif not _sealed(kind.__module__) and not issubclass(kind, BaseException):
             raise UnreadableError(f"{kind} has no digest")
         return repr(text)

@@ -18,7 +18,7 @@ import pytest
 from chromagrip.__main__ import main
 from chromagrip.control import GripCommand
 from chromagrip.extras import EXTRAS
-from chromagrip.loop.run_folder import FILES
+from chromagrip.loop.run_files import FILES
 from chromagrip.measure.bench.control import SCENES
 from chromagrip.render.drawing.gl import gl_problem
 

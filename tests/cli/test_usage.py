@@ -69,6 +69,11 @@ def test_completion_knows_commands_of_two_words(typed: Typed) -> None:
         ),
         ("grasp --latency 1.5", "--latency '1.5': expected a whole number"),
         ("grasp --arg gain --json", "--arg gain: expected name=value"),
+        ("live pinch-lift", "the live page shows one finger; this scene is a pinch of two"),
+        (
+            "grasp --scene pinch-lift --source camera:0 --json",
+            "--source is for one finger; this scene is a pinch of two",
+        ),
     ],
 )
 def test_a_wrong_command_line_is_one_sentence(line: str, words: str, typed: Typed) -> None:

@@ -12,7 +12,8 @@ from chromagrip import load_scene
 from chromagrip.control import Controller, GripCommand, GripFirstSettings, GripObservation
 from chromagrip.control.grip_first import GripFirst
 from chromagrip.control.sliding import FollowingFriction
-from chromagrip.loop.run_folder import Result, run
+from chromagrip.loop.record import Result
+from chromagrip.loop.run import run
 from chromagrip.model import GROSS_SLIP, ForceField
 from chromagrip.tracking import Z90
 

@@ -18,7 +18,7 @@ from chromagrip.live.replay import Replay, not_repeated
 from chromagrip.live.run_page import RunPage
 from chromagrip.live.view import GraspView
 from chromagrip.loop.shown.report import read_run
-from chromagrip.rig.outside_run import run_outside
+from chromagrip.rig.outside import run_outside
 
 Typed = Callable[..., CompletedProcess[str]]
 Until = Callable[..., None]

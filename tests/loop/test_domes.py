@@ -8,7 +8,7 @@ import pytest
 
 from chromagrip.calibrate.readout import train
 from chromagrip.loop.grasp import grasp
-from chromagrip.loop.run_folder import run
+from chromagrip.loop.run import run
 from chromagrip.scene.scene import load_scene
 from chromagrip.sensing.reader import known_sensor
 from chromagrip.sensing.sensor import open_camera

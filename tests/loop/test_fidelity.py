@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from chromagrip import UserError, load_scene
 from chromagrip.loop.fidelity import TABLE, Fidelity, Measured, choose, read
-from chromagrip.loop.run_folder import run
+from chromagrip.loop.run import run
 from chromagrip.output.cells import write_cells
 
 FINE = Fidelity()

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from chromagrip import UserError, load_scene, run
-from chromagrip.loop.run_folder import FILES, RunFiles
+from chromagrip.loop.run_files import FILES, RunFiles
 
 Typed = Callable[..., CompletedProcess[str]]
 QUICK = {"path": "truth", "duration_s": 0.1, "controller": "conservative"}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from chromagrip import UserError, load_scene
-from chromagrip.loop.run_folder import Result
+from chromagrip.loop.record import Result
 from chromagrip.loop.trace import COLUMNS, Trace
 from chromagrip.measure.bench import control as bench_control
 from chromagrip.measure.bench.control import OBJECT_SETS, SCENES, TARGETS, Task, score_run, tasks

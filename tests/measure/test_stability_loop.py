@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from chromagrip.errors import UserError
-from chromagrip.loop.run_folder import run
+from chromagrip.loop.run import run
 from chromagrip.loop.trace import Trace
 from chromagrip.measure.stability import boundaries, parts
 from chromagrip.measure.stability.boundaries import onset

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from chromagrip.errors import UserError
-from chromagrip.loop.run_folder import run
+from chromagrip.loop.run import run
 from chromagrip.render import RENDERERS, MembraneMap, load_sensor, open_renderer
 from chromagrip.render.drawing.painter import Painter
 from chromagrip.scene.scene import load_scene

@@ -127,14 +127,15 @@ class Slow:
 """
 
 
-@pytest.fixture(scope="module")
-def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where a run was killed without warning after some frames."""
+@pytest.fixture(scope="module", params=["camera-100hz", "pinch-lift"])
+def killed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where a run was killed without warning after some frames, of one finger and of two."""
     folder = tmp_path_factory.mktemp("killed")
     (folder / "slow.py").write_text(SLOW, encoding="utf-8")
-    words = ["grasp", "--path", "truth", "--controller", "slow:Slow", "--frames", "png"]
+    words = ["grasp", "--scene", request.param, "--path", "truth", "--controller", "slow:Slow"]
+    words += ["--frames", "png", "--set", "duration_s=600", "--set", "camera.rate_hz=100"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "chromagrip", *words, "--set", "duration_s=600", "--out", "run"],
+        [sys.executable, "-m", "chromagrip", *words, "--out", "run"],
         cwd=folder,
         stderr=subprocess.DEVNULL,
     )
@@ -159,7 +160,10 @@ def test_a_run_that_is_killed_leaves_its_trace(killed: Path) -> None:
         rows = [row for row in csv.DictReader(file) if None not in row.values()]
     assert [float(row["time_s"]) for row in rows] == [0.01 * k for k in range(len(rows))]
     assert float(rows[-1]["grip_n"]) == 2.0
-    assert len(list((parts / "frames").glob("frame-*.png"))) >= len(rows) - 1
+    listed = list((parts / "frames").rglob("frames.csv"))
+    assert len(listed) == (2 if "first_mu_true" in rows[0] else 1)
+    for path in listed:
+        assert len(list(path.parent.glob("frame-*.png"))) >= len(rows) - 1
     names = {path.name for path in (killed / "run").iterdir()}
     assert names == {"scene.toml", ".parts"}  # nothing that looks whole
 

@@ -14,11 +14,11 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from chromagrip import UserError, load_scene, run
-from chromagrip.loop.run_folder import FILES
+from chromagrip.loop.run_files import FILES
 from chromagrip.loop.shown.tactile_video import HEAD
 from chromagrip.output.pictures import open_source
 from chromagrip.output.png import encode_png
-from chromagrip.rig.outside_run import run_outside
+from chromagrip.rig.outside import run_outside
 from chromagrip.rig.report import write_logs_again
 
 from .test_pinch import COARSE

@@ -19,7 +19,7 @@ from chromagrip.control import GripCommand, GripObservation
 from chromagrip.output.pictures import Source, open_source
 from chromagrip.render import Frame
 from chromagrip.rig.feed import Feed
-from chromagrip.rig.outside_run import run_outside
+from chromagrip.rig.outside import run_outside
 
 Typed = Callable[..., CompletedProcess[str]]
 CHANGES = {"duration_s": 0.12, "camera.rest_frames": 2, "camera.latency_frames": 0}
@@ -90,6 +90,7 @@ def test_a_camera_in_another_process_closes_the_same_loop(tmp_path: Path) -> Non
     summary = json.loads((tmp_path / "run/summary.json").read_text())
     assert (summary["complete"], summary["frames"]) == (True, 13)
     assert summary["source"] == f"pipe:{pictures}"
+    assert summary["camera_pose"]["scale"] == pytest.approx(1.0, abs=1e-3)
 
 
 class Opened:

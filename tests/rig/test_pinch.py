@@ -8,6 +8,7 @@ from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -15,9 +16,13 @@ import chromagrip
 from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop.pinch.trace import COLUMNS
-from chromagrip.loop.rig import Rig, smaller
-from chromagrip.loop.run_folder import FILES, run
+from chromagrip.loop.rig import Rig
+from chromagrip.loop.run import run
+from chromagrip.loop.run_files import FILES
+from chromagrip.rig.outside import run_outside
 from chromagrip.scene.scene import dump_scene
+from chromagrip.scene.settings import LoadSettings
+from chromagrip.sensing.margins import smaller
 
 Typed = Callable[..., CompletedProcess[str]]
 
@@ -247,6 +252,62 @@ def test_friction_that_changes_is_felt() -> None:
     done = run(scene(**HELD, **slick))
     assert done.trace["first_mu_true"][-1] == 0.15
     assert done.summary["outcome"] == "dropped"
+
+
+def changed(of: chromagrip.Scene, **values: float) -> chromagrip.Scene:
+    """A scene with another object."""
+    return msgspec.structs.replace(of, object=msgspec.structs.replace(of.object, **values))
+
+
+def test_a_changed_friction_acts_as_one_that_was_planned() -> None:
+    """From the frame of the change on, both fingers carry what a planned step of µ leaves them."""
+    whole = scene(duration_s=0.6)
+    at = whole.period * 20
+    planned = scene(duration_s=0.6, object__friction_times_s=[at], object__frictions=[0.15])
+    rig, other = Rig(whole), Rig(planned)
+    rig.reset()
+    other.reset()
+    while not rig.done:
+        if rig.index == 20:
+            rig.change(changed(whole, friction=0.15))
+        rig.step(1.0)
+        other.step(1.0)
+        for one, two in zip(rig.truth.fingers, other.truth.fingers, strict=True):
+            assert one.field.total_friction == two.field.total_friction
+            assert one.friction == two.friction == (0.15 if rig.index > 20 else 0.5)
+
+
+def test_a_softer_object_lets_the_fingers_close() -> None:
+    rig = Rig(scene(path="truth"))
+    rig.reset()
+    for _ in range(10):
+        rig.step(1.0)
+    before = rig.save()
+    stiff = rig.step(1.0) and rig.truth.state.closing
+    rig.restore(before)
+    rig.change(changed(rig.scene, stiffness_kpa=rig.scene.object.stiffness_kpa / 4.0))
+    rig.step(1.0)
+    assert rig.truth.state.closing > stiff + 1e-6
+
+
+def test_what_is_for_one_finger_is_refused() -> None:
+    """Each in one sentence, which names what is there for two."""
+    rig = Rig(scene())
+    rig.reset()
+    with pytest.raises(UserError, match=r"^picture\(\) is for one finger .* use pictures\(\)$"):
+        rig.picture()
+    sample = rig.sample()
+    for name in ("reading", "observation", "frame", "tracks", "rest"):
+        with pytest.raises(UserError, match=r"readings of two fingers; use readings\[0\]"):
+            getattr(sample, name)
+    heavier = msgspec.structs.replace(rig.scene.pinch, mass_g=60.0)
+    with pytest.raises(UserError, match=r"only load, object\.friction and object\.stiffness_kpa"):
+        rig.change(msgspec.structs.replace(rig.scene, pinch=heavier))
+    loaded = LoadSettings(times_s=(0.0,), forces_n=(1.0,))
+    with pytest.raises(UserError, match="load is for one fingertip"):
+        rig.change(msgspec.structs.replace(rig.scene, load=loaded))
+    with pytest.raises(UserError, match=r"^frames from outside are those of one finger; this"):
+        run_outside(scene(path="camera"), "camera:0")
 
 
 @pytest.mark.parametrize(

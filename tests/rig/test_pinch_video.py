@@ -17,7 +17,7 @@ from chromagrip.loop.pinch.stage import set_stage as stage_of
 from chromagrip.loop.pinch.video import HEIGHT, SIDE, WIDTH, PinchVideo, _upright
 from chromagrip.loop.pinch_world import Pinched
 from chromagrip.loop.rig import Rig
-from chromagrip.loop.run_folder import run
+from chromagrip.loop.run import run
 from chromagrip.loop.sample import Sample, Truth
 from chromagrip.model.pinch import rotation_by
 

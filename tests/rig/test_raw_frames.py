@@ -12,11 +12,12 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
+import chromagrip
 from chromagrip import Scene, UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop import grasp, open_camera
 from chromagrip.loop.rig import Rig
-from chromagrip.loop.run_folder import RunFiles
+from chromagrip.loop.run_files import RunFiles
 from chromagrip.output.pictures import open_source, read_picture
 
 from .test_pinch import COARSE
@@ -68,6 +69,29 @@ def test_the_truth_path_has_pictures_too_and_a_run_without_them_none(tmp_path: P
     assert not (tmp_path / "frames").exists()
     with pytest.raises(UserError, match="pictures as png need a folder"):
         run(scene, frames="png")
+
+
+@pytest.mark.parametrize("light", [{"camera.exposure_ms": 15.0}, {"defects.motion_blur": 0.5}])
+@pytest.mark.parametrize("name", ["camera-100hz", "pinch-lift"])
+def test_a_run_keeps_the_pictures_that_a_rig_gives(
+    name: str, light: dict[str, float], tmp_path: Path
+) -> None:
+    """They show the middle of the exposure, also on the truth path, whichever were asked for."""
+    changes = COARSE if name == "pinch-lift" else {"path": "truth"}
+    changes = {**changes, "controller": "conservative", "camera.rate_hz": 60.0, "duration_s": 0.1}
+    scene = load_scene(name, {**changes, **light})
+    run(scene, tmp_path / "run", frames="png")
+    folder = tmp_path / "run" / "frames"
+    folders = [folder / "first", folder / "second"] if scene.pinch.mass_g else [folder]
+    with chromagrip.open(scene) as rig:
+        rig.reset()
+        while not rig.done:
+            rig.step(scene.conservative.force_n)
+            if rig.index % 2:
+                continue
+            for place, picture in zip(folders, rig.pictures(), strict=True):
+                kept = read_picture(place / f"frame-{rig.index:06d}.png")
+                np.testing.assert_array_equal(kept, picture.image)
 
 
 class Ends:

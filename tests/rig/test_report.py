@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from chromagrip import UserError, load_scene
-from chromagrip.loop.run_folder import run
+from chromagrip.loop.run import run
 from chromagrip.loop.shown.report import read_run, run_on_page
 from chromagrip.rig.report import write_reports
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from chromagrip import load_scene
-from chromagrip.loop.run_folder import run
+from chromagrip.loop.run import run
 from chromagrip.loop.shown.report import read_run
 
 Browsing = Callable[[int], Any]

@@ -3,7 +3,7 @@
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -11,6 +11,7 @@ from ..errors import UserError
 from ..output.frames import FrameFormat
 from ..output.logs.write import KINDS, LogFormat, require_logs
 from ..scene import load_scene
+from ..scene.fingers import fingers
 from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
 from .options import (
     Changes,
@@ -21,15 +22,9 @@ from .options import (
     counting,
     new_folder,
     option,
-    print_table,
-    value_table,
 )
-from .pinch import run_two
 from .readouts import prepare, prepare_scene
-
-if TYPE_CHECKING:
-    from ..loop.trace import Summary
-
+from .summary import print_summary
 
 Logs = Annotated[
     tuple[LogFormat, ...] | None,
@@ -156,14 +151,13 @@ def grasp(
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
-    if resolved.fingers == 2:
-        if source is not None:
-            raise UserError("--source is for one finger; this scene is a pinch")
-        return run_two(resolved, out, overwrite, answer_within, frames, logs, json_only)
+    if source is not None and resolved.fingers == 2:
+        raise UserError("--source is for one finger; this scene is a pinch of two")
 
-    from ..loop.run_folder import run  # OpenCV loads only when something is run
+    from ..loop.run import run  # OpenCV loads only when something is run
 
-    prepare_scene(resolved, pictures=out is not None or resolved.path == "camera")
+    for finger in fingers(resolved):
+        prepare_scene(finger, pictures=out is not None or resolved.path == "camera")
     shared: dict[str, Any] = {
         "overwrite": overwrite,
         "log": logs,
@@ -171,7 +165,7 @@ def grasp(
     }
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
         if source is not None:
-            from ..rig.outside_run import run_outside
+            from ..rig.outside import run_outside
 
             result = run_outside(resolved, source, out, progress=progress, **shared, **chosen)
         else:
@@ -179,7 +173,7 @@ def grasp(
     if json_only:
         print(json.dumps(result.summary))
     else:
-        _print_summary(result.summary, result.folder)
+        print_summary(result)
     return 0
 
 
@@ -197,61 +191,6 @@ def _arguments(flag: str, texts: tuple[str, ...]) -> dict[str, Any]:
         if "=" not in text:
             raise UserError(f"{flag} {text}: expected name=value, such as gain=2")
     return dict(parse_change(text) for text in texts)
-
-
-def _print_summary(summary: "Summary", folder: Path | None) -> None:
-    from ..loop.trace import word_for_read
-    from ..render import load_sensor
-    from ..tracking.forces import pose_words
-
-    def number(value: float | None, digits: int = 3) -> str:
-        return "–" if value is None else f"{value:z.{digits}f}"
-
-    table = value_table()
-    read = word_for_read(summary["path"])
-    table.add_row("controller", f"{summary['controller']}, {summary['path']} path")
-    table.add_row(
-        "safety margin at the end",
-        f"{number(summary['final_margin_true'])} true, "
-        f"{number(summary['final_margin_estimated'])} {read}",
-    )
-    table.add_row("smallest in the run", f"{number(summary['smallest_margin_true'])} true")
-    if summary["mechanics"] == "dome":
-        table.add_row(
-            "the same with torsion",
-            f"{number(summary['final_limit_margin_true'])} true, "
-            f"{number(summary['final_limit_margin_estimated'])} {read}; "
-            f"the object turned by {number(summary['final_turn_deg'], 1)}°",
-        )
-    if summary.get("frames_skipped"):
-        table.add_row("frames left out", f"{summary['frames_skipped']}: the loop was too slow")
-    if summary["without_estimate"]:
-        because = next(iter(summary["without_estimate_because"]))
-        frames = f"{summary['without_estimate']} of {summary['frames']} frames"
-        table.add_row("no estimate in", f"{frames}, mostly: {because}")
-    table.add_row("error of the margin, RMS", number(summary["margin_rmse"]))
-    if summary["camera_pose"] and summary["camera_pose"]["notable"]:
-        table.add_row("camera", pose_words(summary["camera_pose"]))
-    if summary["gross_slip"] is not None:  # which frames from outside do not tell
-        table.add_row(
-            "lateral displacement",
-            f"{number(summary['lateral_displacement_mm'])} mm, "
-            f"{'gross slip' if summary['gross_slip'] else 'no gross slip'}",
-        )
-    for event in summary["slip_reactions"]:
-        table.add_row(
-            "reacted to slip at",
-            f"{event['time_s']:.3f} s, {event['lateral_displacement_mm']:.3f} mm",
-        )
-    markers = load_sensor(summary["sensor"]).markers
-    if summary["mechanics"] == "chain" and (markers.swell_mm or markers.stretch):
-        table.add_row("mechanics", "those of the chain, not of this dome's silicone")
-    table.add_row("largest grip force", f"{number(summary['max_grip_n'])} N")
-    table.add_row("largest pressure", f"{number(summary['max_pressure_n_per_m'], 0)} N/m")
-    table.add_row("speed", f"{number(summary['frames_per_second'], 1)} frames/s")
-    if folder is not None:
-        table.add_row("folder", str(folder))
-    print_table(table)
 
 
 def plan(
@@ -357,6 +296,7 @@ def live(
     Example: chromagrip live dome-1 --set object.friction=0.4
     """
     from ..live.serve import Address, serve_grasp, token_for
+    from ..live.wishes import scene_for, wishes_of
 
     if run is not None and source is not None:
         raise UserError("--run and --source are two pages; give one of them")
@@ -403,6 +343,7 @@ def live(
         resolved = load_scene(
             scene or "dome-1", {"path": "camera"} | dict(map(parse_change, changes))
         )
+        scene_for(resolved, wishes_of(resolved))  # what cannot be shown is refused at once
         prepare_scene(resolved, pictures=True)
         serve_grasp(resolved, place, record)
     return 0

@@ -3,8 +3,6 @@
 import csv
 import math
 import shutil
-import time
-from array import array
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -14,14 +12,13 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import require
-from ..loop.rig import Rig, readable
-from ..loop.run_folder import PARTS, RunFiles, pose_at_rest
+from ..loop.record import Record
+from ..loop.rig import Rig
+from ..loop.run_files import PARTS, RunFiles
 from ..loop.sample import Sample
-from ..loop.trace import make_trace, row, summarise
 from ..output.folder import disk_errors
 from ..scene.scene import Scene
 from ..scene.settings import LoadSettings
-from ..tracking.forces.chain import used
 from .wishes import Wishes
 
 #: Table of the sliders' values in the folder of a recording.
@@ -53,7 +50,7 @@ class Recorder:
     _now: "_Recording | None" = None
 
     def take(self, sample: Sample, rig: Rig, wishes: Wishes) -> None:
-        """Keep a frame, which has its picture."""
+        """Keep a frame."""
         try:
             if self._now is None:
                 require("data", "video", purpose="a recording")
@@ -100,47 +97,34 @@ class _Recording:
 
     def __init__(self, folder: Path, sample: Sample, rig: Rig) -> None:
         self.folder = folder
-        self._begin, self._clock = sample.time, time.perf_counter()
-        self._rest, self._methods = sample.rest, rig.methods
-        self._rows, self._reasons = array("d"), list[str]()
+        self._begin = sample.time
         self._scenes: list[tuple[float, Scene]] = []
         self._wishes: list[tuple[float, Wishes]] = []
         self._files = RunFiles(folder, False, rig.scene)
+        self._record = Record(rig.scene, rig.methods, rig.known[0], self._files)
         self._mesh = _kept_mesh(rig.scene.object.mesh, folder)
 
     def add(self, sample: Sample, rig: Rig, wishes: Wishes) -> None:
         """Append a frame, with the scene and the sliders that it had."""
         scene = rig.scene
         now = sample.time - self._begin
-        sample = replace(sample, time=now)
         if not self._scenes or self._scenes[-1][1] is not scene:
             self._scenes.append((now, scene))
         if not self._wishes or self._wishes[-1][1] != wishes:
             self._wishes.append((now, wishes))
-        if sample.observation is not None and sample.observation.no_estimate:
-            self._reasons.append(sample.observation.no_estimate)
-        line = row(sample)
-        self._rows.extend(line)
-        self._files.keep(line)
-        self._files.show(sample, rig)
+        self._record.add(replace(sample, time=now), rig)
 
     def finish(self) -> str:
         """Write the files and give them their names; a sentence."""
-        trace = make_trace(self._rows)
-        length = float(trace["time_s"][-1])
-        if length < SHORTEST or self._scenes[-1][1].camera.latency_frames >= len(trace):
+        times = self._record.trace["time_s"]
+        length = float(times[-1])
+        if length < SHORTEST or self._scenes[-1][1].camera.latency_frames >= len(times):
             self.discard()
             return f"**not recorded:** a recording of {length:.2f} s is too short"
         scene = as_run(self._scenes, length, self._mesh)
-        seconds = time.perf_counter() - self._clock
-        known = readable(scene, self._methods)
-        read_with = None if known is None else used(self._methods.reconstructor, known)
-        pose = pose_at_rest(known, self._rest)
-        summary = summarise(scene, trace, seconds, read_with, pose, self._reasons)
-        summary |= {FROM: self._begin}
-        with self._files as files, disk_errors(self.folder):
+        with self._files, disk_errors(self.folder):
             _write_sliders(self.folder / PARTS / SLIDERS, self._wishes)
-            files.write(trace, summary, scene, _SAID.format(self._begin))
+            self._record.finish(scene, _SAID.format(self._begin), **{FROM: self._begin})
         return f"recorded {length:.2f} s in {self.folder}"
 
     def discard(self) -> None:

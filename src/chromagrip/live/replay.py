@@ -14,7 +14,6 @@ import numpy as np
 
 from ..errors import UserError
 from ..loop.grasp import gripped
-from ..loop.methods import Methods
 from ..loop.rig import Rig
 from ..loop.sample import Sample
 from ..loop.shown.report import RunRead
@@ -121,17 +120,14 @@ class Replay(Background):
 
     def _repeated(self) -> Iterator[Kept]:
         """Frames of the same run again."""
-        scene = self.run.scene
-        methods = Methods.of_scene(scene)
-        with closing(Rig(scene, methods)) as rig:
-            for index, sample in enumerate(gripped(rig)):
+        with closing(Rig(self.run.scene)) as rig:
+            for index, sample in enumerate(gripped(rig, math.inf)):
                 if index >= len(self.run.columns["time_s"]) or self._stop.is_set():
                     return
                 self._compare(index, sample)
                 if index % self.every:
                     continue
-                frame = rig.picture()
-                picture = picture_of(frame.image, sample.tracks, sample.rest)
+                picture = picture_of(rig.picture().image, sample.tracks, sample.rest)
                 yield Kept(
                     time=sample.time,
                     picture=packed(picture),

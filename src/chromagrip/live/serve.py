@@ -20,7 +20,6 @@ from .gate import LOCAL, Gate, guarded
 from .page import Page
 from .record import Recorder
 from .session import Session
-from .wishes import scene_for, wishes_of
 
 if TYPE_CHECKING:
     import viser
@@ -61,9 +60,8 @@ def serve_grasp(scene: Scene, address: Address, recordings: Path) -> None:
     Raises
     ------
     UserError
-        When the address cannot be used, or the scene cannot be shown.
+        When the address cannot be used.
     """
-    scene_for(scene, wishes_of(scene))  # what cannot be shown is refused before a page is there
     with serving(address) as server, Page(server, scene) as page:
         recorder = Recorder(recordings, page.tell_kept)
         with Session(scene, page.show, page.tell, recorder) as session:

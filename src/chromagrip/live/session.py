@@ -132,8 +132,6 @@ class Session(Background):
                         controller.start(rig.reading.observation)
                     wishes = now
                 grip = controller.command(rig.arrived) if now.automatic else now.grip
-                if self.recorder.wanted:
-                    rig.pictures()
                 sample = rig.sample(grip)
                 if self.recorder.wanted:
                     self.recorder.take(sample, rig, now)

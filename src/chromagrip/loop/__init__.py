@@ -4,8 +4,9 @@ from ..sensing.sensor import open_camera
 from .fidelity import Fidelity
 from .grasp import grasp
 from .latency import arrivals
+from .record import Result
 from .rig import Rig, RigState
-from .run_folder import Result, run
+from .run import run
 from .sample import Sample
 from .trace import COLUMNS, Trace, summarise
 

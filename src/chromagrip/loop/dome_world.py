@@ -11,6 +11,7 @@ from ..errors import UserError, located
 from ..model import Motion, SoftBody, Solid, dome_forces
 from ..model.dome import Stepper, no_dome_slip, resting, rise_beside
 from ..scene.scene import Scene
+from ..scene.settings import ObjectSettings
 from ..scene.shapes import build_pose
 from ..sensing.contact import Contact, dome_contact, follow_dome, of_dome
 from .world import Clock, World, calm, drive_forces
@@ -86,9 +87,7 @@ class DomePlant:
                     f"the object is held along {axis}; a grasp whose load.{key} is to change needs "
                     "some from its start"
                 )
-        before, now = self.scene.object, scene.object
-        stiffness = self._solid.stiffness * now.stiffness_kpa / before.stiffness_kpa
-        self._solid = replace(self._solid, stiffness=stiffness, friction=now.friction)
+        self._solid = changed_solid(self._solid, self.scene.object, scene.object)
         self.scene = scene
         return world
 
@@ -122,6 +121,12 @@ class DomePlant:
         wrench = np.array([pull, load.sideways(time), -grip, 0.0, 0.0, load.twist(time)])
         with located("the dome gave up"):
             return follow_dome(self._stepper, contact, self._start, end, wrench)
+
+
+def changed_solid(solid: Solid, before: ObjectSettings, now: ObjectSettings) -> Solid:
+    """A scene's object with the friction and stiffness of another one."""
+    stiffness = solid.stiffness * now.stiffness_kpa / before.stiffness_kpa
+    return replace(solid, stiffness=stiffness, friction=now.friction)
 
 
 def solid_at(scene: Scene, solid: Solid, time: float) -> Solid:

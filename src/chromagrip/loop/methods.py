@@ -7,10 +7,17 @@ import msgspec
 
 from ..by_name import Choice, name_of
 from ..control import Controller
-from ..errors import UserError
+from ..errors import UserError, located
 from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Body, Scene
-from ..tracking import AUTOMATIC, DEFAULT_RECONSTRUCTOR, METHODS
+from ..sensing.reader import known_sensor
+from ..tracking import (
+    AUTOMATIC,
+    DEFAULT_RECONSTRUCTOR,
+    METHODS,
+    SensorCalibration,
+    check_reconstructor,
+)
 from ..tracking.forces import DOME_METHODS
 
 
@@ -94,3 +101,19 @@ def choose(scene: Scene, **choices: Any) -> tuple[Scene, Methods]:
         names["controller_arguments"] = {}
     scene = msgspec.structs.replace(scene, **names)
     return scene, Methods(**{**vars(Methods.of_scene(scene)), **chosen})
+
+
+def readable(scene: Scene, methods: Methods) -> SensorCalibration | None:
+    """Calibration that a scene's pictures are read with; None on the truth path and of a pad.
+
+    Raises
+    ------
+    UserError
+        For a reconstructor that cannot read them.
+    """
+    if scene.path == "truth" or scene.build_sensor().shape.flat:
+        return None
+    with located(f"sensor {scene.sensor}"):
+        known = known_sensor(scene)
+        check_reconstructor(methods.reconstructor, known)
+    return known

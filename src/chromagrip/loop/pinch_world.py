@@ -2,14 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UserError, located
-from ..model import DomeState, ForceField, Solid, dome_forces
-from ..model.dome import DomeSlip, follow_dome_slip, no_dome_slip
+from ..errors import located
+from ..model import DomeState, Solid, dome_forces
+from ..model.dome import follow_dome_slip, no_dome_slip
 from ..model.pinch import (
     Pinch,
     PinchRecord,
@@ -20,8 +19,8 @@ from ..model.pinch import (
 )
 from ..scene.fingers import build_pinch
 from ..scene.scene import Scene
-from ..sensing.contact import Contact, dome_contact
-from .dome_world import solid_at
+from ..sensing.contact import Contact, dome_contact, of_dome
+from .dome_world import changed_solid, solid_at
 from .world import Clock, World, drive_forces
 
 Array = NDArray[np.float64]
@@ -60,14 +59,14 @@ class PinchPlant:
         with located("the pinch gave up"):
             self.pinch: Pinch = build_pinch(scene)
             self._start = pinch_rest(self.pinch)
+        self._solid = self.pinch.solid
         self._stepper = PinchStepper(self.pinch, self._start)
 
     def rest(self) -> World[Pinched]:
         """World before the grip begins."""
-        solid, start = self.pinch.solid, self._start
-        slips = (no_dome_slip(self.pinch.first), no_dome_slip(self.pinch.second))
-        fingers = self._fingers(solid, start, slips, self._fields(start))
-        now = Pinched(solid=solid, state=start, fingers=fingers, record=PinchRecord())
+        start, record = self._start, PinchRecord()
+        fingers = self._fingers(self._solid, start, None)
+        now = Pinched(solid=self._solid, state=start, fingers=fingers, record=record)
         return World(now=now, exposed=now, applied=0.0, forces=np.full(2, math.inf))
 
     def next_frame(self, world: World[Pinched], command: float, index: int) -> World[Pinched]:
@@ -97,51 +96,40 @@ class PinchPlant:
             forces=forces[-1],
         )
 
-    def changed(self, world: World[Pinched], scene: Scene) -> NoReturn:
-        """Refuse: the weight is that of the scene."""
-        raise UserError("a pinch cannot change during a grasp")
+    def changed(self, world: World[Pinched], scene: Scene) -> World[Pinched]:
+        """World from which to go on with the µ and the stiffness of another scene."""
+        self._solid = changed_solid(self._solid, self.scene.object, scene.object)
+        self.scene = scene
+        return world
 
     def _step(self, last: Pinched, time: float, end: float, grip: float) -> Pinched:
         """Pinch after a step from the stepper's state, under a grip [N]."""
-        solid = solid_at(self.scene, self.pinch.solid, time)
+        solid = solid_at(self.scene, self._solid, time)
         if solid is not self._stepper.skins[0].solid:
             self._stepper.touch(solid)
         with located("the pinch gave up"):
             self._stepper.advance(end, grip)
         state = self._stepper.state()
-        fields = self._fields(state)
-        domes = (self.pinch.first, self.pinch.second)
-        slips = []
-        for k, after in enumerate((state.first, state.second)):
-            slip = last.fingers[k].slip
-            assert isinstance(slip, DomeSlip)
-            slips.append(follow_dome_slip(slip, domes[k], _state(last, k), after, fields[k]))
-        return Pinched(
-            solid=solid,
-            state=state,
-            fingers=self._fingers(solid, state, (slips[0], slips[1]), fields),
-            record=follow_pinch(last.record, self.pinch, state, fields, self.limits),
-        )
-
-    def _fields(self, state: PinchState) -> tuple[ForceField, ForceField]:
-        return (
-            dome_forces(self.pinch.first, state.first, whole=False),
-            dome_forces(self.pinch.second, state.second, whole=False),
-        )
+        fingers = self._fingers(solid, state, last)
+        fields = fingers[0].field, fingers[1].field
+        record = follow_pinch(last.record, self.pinch, state, fields, self.limits)
+        return Pinched(solid=solid, state=state, fingers=fingers, record=record)
 
     def _fingers(
-        self,
-        solid: Solid,
-        state: PinchState,
-        slips: tuple[DomeSlip, DomeSlip],
-        fields: tuple[ForceField, ForceField],
+        self, solid: Solid, state: PinchState, last: Pinched | None
     ) -> tuple[Contact, Contact]:
-        start = self._start
-        return (
-            dome_contact(self.pinch.first, solid, start.first, state.first, slips[0], fields[0]),
-            dome_contact(self.pinch.second, solid, start.second, state.second, slips[1], fields[1]),
-        )
+        """Contact of each finger in a state, after an earlier one; None is the start."""
+        domes, starts = (self.pinch.first, self.pinch.second), _skins(self._start)
+        contacts = []
+        for k, after in enumerate(_skins(state)):
+            field = dome_forces(domes[k], after, whole=False)
+            slip = no_dome_slip(domes[k])
+            if last is not None:
+                _, before, slip = of_dome(last.fingers[k])
+                slip = follow_dome_slip(slip, domes[k], before, after, field)
+            contacts.append(dome_contact(domes[k], solid, starts[k], after, slip, field))
+        return contacts[0], contacts[1]
 
 
-def _state(pinched: Pinched, k: int) -> DomeState:
-    return pinched.state.second if k else pinched.state.first
+def _skins(state: PinchState) -> tuple[DomeState, DomeState]:
+    return state.first, state.second

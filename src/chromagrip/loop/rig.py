@@ -15,18 +15,19 @@ from typing import Any
 import msgspec
 
 from ..control import GripObservation
-from ..errors import UserError, located
+from ..errors import UserError
 from ..model import Fingertip
 from ..render import Frame
 from ..scene.fingers import fingers
 from ..scene.scene import Scene
 from ..sensing.camera import SimulatedCamera
-from ..sensing.reader import Reader, Reading, TruthReader, known_sensor, scene_reader
+from ..sensing.margins import smaller
+from ..sensing.reader import Reader, Reading, TruthReader, scene_reader
 from ..sensing.sensor import SensorState, TactileSensor
-from ..tracking import SensorCalibration, check_reconstructor
+from ..tracking import SensorCalibration
 from .dome_world import DomePlant
 from .latency import Arrived, Delivery, arrivals, checked_force
-from .methods import Methods
+from .methods import Methods, readable
 from .pinch_world import PinchPlant
 from .sample import Sample, Truth
 from .world import ChainPlant, Plant, World
@@ -256,10 +257,17 @@ class Rig:
         return tuple(sensor.data.frame for sensor in self.sensors)
 
     def picture(self) -> Frame:
-        """The only camera's picture, as `pictures`."""
+        """The only camera's picture, as `pictures`.
+
+        Raises
+        ------
+        UserError
+            Before `reset`, and for two fingers.
+        """
         self._check_begun("picture()")
-        (only,) = self.pictures()
-        return only
+        if len(self.sensors) > 1:
+            raise UserError("picture() is for one finger and this scene has two; use pictures()")
+        return self.pictures()[0]
 
     def rest_pictures(self) -> tuple[Frame, ...]:
         """Each camera's picture of the untouched finger, with noise that is in no other frame."""
@@ -369,21 +377,6 @@ class Rig:
         return each[self._smaller]
 
 
-def smaller(observations: list[GripObservation]) -> int:
-    """Finger that a controller is told of: the one with the smallest margin.
-
-    A finger that touches nothing comes before all others, and controllers grip anew. A finger
-    without an estimate is left out while another one has one.
-    """
-    return min(range(len(observations)), key=lambda k: _urgency(observations[k]))
-
-
-def _urgency(observation: GripObservation) -> float:
-    if observation.no_estimate:
-        return math.inf
-    return -math.inf if math.isnan(observation.margin) else observation.margin
-
-
 def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant[Any]:
     """Body of a scene, with a fingertip in place of the scene's chain."""
     if scene.fingers == 2:
@@ -395,19 +388,3 @@ def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant[Any]:
             f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
         )
     return ChainPlant(scene, scene.build_fingertip() if fingertip is None else fingertip)
-
-
-def readable(scene: Scene, methods: Methods) -> SensorCalibration | None:
-    """Calibration that a scene's pictures are read with; None on the truth path and of a pad.
-
-    Raises
-    ------
-    UserError
-        For a reconstructor that cannot read them.
-    """
-    if scene.path == "truth" or scene.build_sensor().shape.flat:
-        return None
-    with located(f"sensor {scene.sensor}"):
-        known = known_sensor(scene)
-        check_reconstructor(methods.reconstructor, known)
-    return known

@@ -101,9 +101,16 @@ class Sample:
 
     @property
     def reading(self) -> Reading:
-        """Reading of the only finger."""
-        (only,) = self.readings
-        return only
+        """Reading of the only finger.
+
+        Raises
+        ------
+        UserError
+            For two fingers, here and in the values below that are those of one.
+        """
+        if len(self.readings) > 1:
+            raise UserError("this frame has readings of two fingers; use readings[0] and [1]")
+        return self.readings[0]
 
     @property
     def observation(self) -> GripObservation | None:

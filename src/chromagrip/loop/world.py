@@ -52,9 +52,13 @@ class Clock:
         return self.frame / self.steps
 
 
+#: The contact of one finger, or both fingers and the object that they hold.
+Held = TypeVar("Held")
+
+
 @dataclass(frozen=True, kw_only=True)
-class World(Generic[Now]):
-    """True state of a grasp at a frame.
+class World(Generic[Held]):
+    """True contact at a frame.
 
     Attributes
     ----------
@@ -64,8 +68,8 @@ class World(Generic[Now]):
     forces: grip and load of the last step [N], shape (2,); infinite before the first one
     """
 
-    now: Now
-    exposed: Now
+    now: Held
+    exposed: Held
     applied: float
     forces: Array
 
@@ -86,15 +90,15 @@ class Part:
     forces: Array
 
 
-class Plant(Protocol[Now]):
+class Plant(Protocol[Held]):
     """A body under a scene's drive and load."""
 
     scene: Scene
 
-    def rest(self) -> World[Now]:
+    def rest(self) -> World[Held]:
         """World before the grip begins."""
 
-    def next_frame(self, world: World[Now], command: float, index: int) -> World[Now]:
+    def next_frame(self, world: World[Held], command: float, index: int) -> World[Held]:
         """World at the frame after frame `index`, under a commanded force [N].
 
         Raises
@@ -103,7 +107,7 @@ class Plant(Protocol[Now]):
             When the body cannot go on.
         """
 
-    def changed(self, world: World[Now], scene: Scene) -> World[Now]:
+    def changed(self, world: World[Held], scene: Scene) -> World[Held]:
         """World from which to go on with the load, the µ and the stiffness of another scene.
 
         Raises

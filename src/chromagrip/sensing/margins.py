@@ -1,6 +1,7 @@
-"""Margins of an observation: a bias on µ, the margin with torsion, and the one to hold."""
+"""Margins of an observation: a bias on µ, the margin with torsion, the one to hold, and whose."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +82,21 @@ def held(observation: GripObservation, margin: HeldMargin) -> GripObservation:
         margin=observation.limit_margin,
         margin_interval=observation.limit_margin_interval,
     )
+
+
+def smaller(observations: Sequence[GripObservation]) -> int:
+    """Finger whose observation goes to the controller: the one with the smallest margin.
+
+    A finger that touches nothing comes before all others, so that controllers grip. A finger
+    without an estimate is left out while another one has one.
+    """
+    return min(range(len(observations)), key=lambda k: _urgency(observations[k]))
+
+
+def _urgency(observation: GripObservation) -> float:
+    if observation.no_estimate:
+        return math.inf
+    return -math.inf if math.isnan(observation.margin) else observation.margin
 
 
 def _deviation(slope: Array, covariance: Array) -> float:

@@ -22,7 +22,7 @@ from ...render import TruthMap, camera_text
 from ...scene.scene import Scene
 from ...sensing.camera import carried
 from ...sensing.sensor import open_camera
-from ..run_folder import scene_text
+from ..run_files import scene_text
 from .dome_poses import DomePose
 from .poses import Pose, Settled, Shot, settle_any
 from .preview import draw_preview

@@ -10,7 +10,8 @@ import numpy as np
 
 from ...errors import UserError
 from ...loop.grasp import grasp
-from ...loop.run_folder import Result, run
+from ...loop.record import Result
+from ...loop.run import run
 from ...loop.trace import make_trace, row
 from ...output.processes import map_processes
 from ...output.report import Bounds, Report, Row, Table, at_most, measured, number, values

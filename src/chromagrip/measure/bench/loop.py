@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from ...loop.run_folder import run
+from ...loop.run import run
 from ...output.report import Report, Row, reported, within
 from ...render.drawing import gl_problem
 from ...scene.scene import load_scene

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from ...errors import UserError
 from ...loop.fidelity import Fidelity
 from ...loop.grasp import grasp
-from ...loop.run_folder import run
+from ...loop.run import run
 from ...output.processes import map_processes, one_thread
 from ...output.report import Bounds, Row, at_least, at_most, measured, reported
 from ...render import add_noise

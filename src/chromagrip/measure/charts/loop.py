@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from ...loop.run_folder import run
+from ...loop.run import run
 from ...scene.scene import grasp_command, load_scene
 from ..worlds.fidelity_table import CAMERA, TRUTH, margin_error
 from .chart import Axis, Chart, Peer, Point

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import UserError
-from ...loop.run_folder import run
+from ...loop.run import run
 from ...output.processes import map_processes
 from ...output.report import Bounds, Report, Row, Table, measured, number, reported, values
 from ...scene.controllers import CONTROLLERS

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ...loop.pinch.trace import OUTCOMES
-from ...loop.run_folder import Result
+from ...loop.record import Result
 from ..worlds.scorecard import of_command
 
 #: Unit of each score.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from ...errors import UserError
 from ...extras import need
-from ...loop.run_folder import run
+from ...loop.run import run
 from ...loop.trace import Trace, columns_of
 from ...model import ContactObject
 from ...output.cells import read_cells, resumed

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import UserError
 from ...loop.grasp import grasp
-from ...loop.run_folder import run
+from ...loop.run import run
 from ...loop.trace import Trace, make_trace, row
 from ...model import GROSS_SLIP
 from ...scene.scene import Scene, load_scene

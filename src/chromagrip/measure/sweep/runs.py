@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from ...errors import UserError
-from ...loop.run_folder import ANSWER_WITHIN_S, run
+from ...loop.run import ANSWER_WITHIN_S, run
 from ...output.processes import map_processes
 from ...scene.scene import Scene, dump_scene, load_scene
 from ..pinches.scores import pinch_scores

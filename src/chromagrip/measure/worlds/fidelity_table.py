@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...loop.fidelity import Fidelity, Measured
-from ...loop.run_folder import run
+from ...loop.run import run
 from ...loop.trace import Trace
 from ...output.cells import write_cells
 from ...scene.scene import load_scene

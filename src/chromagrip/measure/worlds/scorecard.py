@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...loop.run_folder import Result
+from ...loop.record import Result
 from ...loop.trace import Trace
 from ...model import GROSS_SLIP
 from ...thesis import DESIRED_MARGIN

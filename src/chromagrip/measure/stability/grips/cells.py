@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from ....errors import UserError
-from ....loop.run_folder import run
+from ....loop.run import run
 from ....loop.trace import Trace
 from ....model import GROSS_SLIP
 from ....scene.scene import Scene, load_scene

@@ -1,0 +1,115 @@
+"""Running a scene: in memory, or into a run folder."""
+
+from collections.abc import Callable, Sequence
+from contextlib import closing, nullcontext
+from pathlib import Path
+
+from ..by_name import Choice
+from ..control import Controller
+from ..errors import UserError
+from ..output.frames import FrameFormat
+from ..output.logs.write import LogFormat, require_logs
+from ..output.processes import one_thread
+from ..scene.scene import Scene, load_scene
+from .grasp import gripped
+from .methods import choose
+from .record import Record, Result
+from .rig import Rig
+from .run_files import RunFiles
+
+#: Time in which a controller that is not ours must answer [s].
+ANSWER_WITHIN_S = 60.0
+
+#: Called after each frame with the frames done and all frames.
+Progress = Callable[[int, int], None]
+
+
+def run(
+    scene: Scene | str,
+    out: Path | str | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+    controller: Choice | Controller | None = None,
+    tracker: Choice | None = None,
+    reconstructor: Choice | None = None,
+    renderer: Choice | None = None,
+    frames: FrameFormat | None = None,
+    log: Sequence[LogFormat] = (),
+    answer_within_s: float = ANSWER_WITHIN_S,
+) -> Result:
+    """Run a scene; with `out`, write summary, trace, figure, video and scene into that folder.
+
+    After Ctrl-C or an error of a controller the results up to there are written, marked as not
+    complete, and the exception is raised.
+
+    Parameters
+    ----------
+    scene: a Scene, or a name or file as in `load_scene`
+    out: run folder, made if missing
+    overwrite: write into a folder that is not empty, over an earlier run's files
+    progress: called after every frame with the frames done and all frames
+    controller: in place of the scene's: an object with `reset` and `command`, a class or other
+        factory without arguments, or a name
+    tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
+    frames: keep the camera's raw pictures too, in the folder `frames` of `out`; of two fingers in
+        its folders `first` and `second`
+    log: formats in which the run is also written into `out`, for other tools: `mcap`, `rerun`
+    answer_within_s: time in which a controller that is not ours must answer; inf is no limit
+
+    Returns
+    -------
+    Results; those of two fingers have the summary and the trace of a pinch.
+
+    Raises
+    ------
+    UserError
+        For a scene, a method, a folder or a renderer that cannot be used.
+    """
+    within = check_asked(out, frames, log, answer_within_s)
+    if isinstance(scene, str):
+        scene = load_scene(scene)
+    scene, methods = choose(
+        scene,
+        controller=controller,
+        tracker=tracker,
+        reconstructor=reconstructor,
+        renderer=renderer,
+    )
+    methods.build_controller(scene)  # a controller that cannot be made leaves no folder
+    rig = Rig(scene, methods)
+    if out is not None:
+        rig.open()  # a renderer that cannot run leaves no folder
+    files = None if out is None else RunFiles(Path(out), overwrite, scene, frames, log)
+    with files or nullcontext(), closing(rig), one_thread():
+        return _recorded(rig, files, progress, within)
+
+
+def _recorded(rig: Rig, files: RunFiles | None, progress: Progress | None, within: float) -> Result:
+    """Run the loop, and write its results however it ends."""
+    record = Record(rig.scene, rig.methods, rig.known[0], files)
+    try:
+        for sample in gripped(rig, within):
+            record.add(sample, rig)
+            if progress is not None:
+                progress(sample.index + 1, rig.scene.frames)
+    finally:
+        result = record.finish()
+    return result
+
+
+def check_asked(
+    out: Path | str | None,
+    frames: FrameFormat | None,
+    log: Sequence[LogFormat],
+    answer_within_s: float,
+) -> float:
+    """Refuse what no run can do; the time in which a controller must answer [s]."""
+    if frames is not None and out is None:
+        raise UserError(f"pictures as {frames} need a folder: give `out`")
+    if log and out is None:
+        raise UserError(f"a log as {log[0]} needs a folder: give `out`")
+    require_logs(log)
+    if not answer_within_s > 0.0:
+        raise UserError(f"answer_within_s = {answer_within_s} must be above 0; inf is no limit")
+    return answer_within_s

@@ -1,0 +1,269 @@
+"""The folder of a run, which an interruption leaves readable.
+
+Packages that only a folder needs (FFmpeg, Arrow, matplotlib) are imported where one is written.
+"""
+
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from ..errors import UserError
+from ..extras import need, require
+from ..output.folder import leave, prepare
+from ..output.frames import FRAMES, FrameFiles, FrameFormat
+from ..output.logs.write import LOG_FILES, LogFormat, write_logs
+from ..output.versions import versions
+from ..scene.scene import Scene, dump_scene
+from .pinch.trace import FINGERS, PinchRows
+from .rig import Rig
+from .sample import Sample
+from .trace import Rows, Summary, Trace, TraceLines, outside_row
+
+if TYPE_CHECKING:
+    from .pinch.video import PinchVideo
+    from .shown.tactile_video import TactileVideo
+
+#: Files of a run folder.
+FILES = (
+    "summary.json",
+    "trace.parquet",
+    "figure.png",
+    "tactile.mp4",
+    "scene.toml",
+    "report.html",
+)
+#: Folder of unfinished files in it.
+PARTS = ".parts"
+#: Lines of the trace until now, in `PARTS`, for a run that is killed.
+LINES = "trace.csv"
+
+
+class OneFingerRows(Rows):
+    """Lines of the trace of one finger, also of frames from outside."""
+
+    def line(self, sample: Sample) -> tuple[float, ...]:
+        """Line of a frame."""
+        if sample.truth is not None:
+            return super().line(sample)
+        assert sample.observation is not None
+        assert sample.tracks is not None
+        return outside_row(sample.time, sample.grip, sample.observation, sample.tracks)
+
+
+def rows_of(scene: Scene) -> Rows | PinchRows:
+    """Make the lines of a scene's trace."""
+    return PinchRows(scene) if scene.fingers == 2 else OneFingerRows(scene)
+
+
+class RunFiles:
+    """Files of a run, which get their final names together, once all are written.
+
+    Until then they lie in a folder inside the run folder, with the lines of the trace as text: a
+    run that is killed leaves them. A disk that fills leaves nothing but the scene.
+
+    Parameters
+    ----------
+    folder: run folder, made if missing
+    overwrite: remove an earlier run's files
+    scene: that is run
+    frames: how the camera's pictures are kept; None does not keep them
+    log: formats of the logs that are written after the other files
+    drawn: whether there are a figure and a video, which need the truth
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        overwrite: bool,
+        scene: Scene,
+        frames: FrameFormat | None = None,
+        log: Sequence[LogFormat] = (),
+        drawn: bool = True,
+    ) -> None:
+        require("data", *["video"] * drawn, purpose="writing a run folder")
+        self.folder = folder
+        self._parts = folder / PARTS
+        self._scene, self._log, self._drawn = scene, log, drawn
+        self._video: TactileVideo | PinchVideo | None = None
+        self._frames: list[FrameFiles] = []
+        self._lines: TraceLines | None = None
+        _refuse_killed(folder, overwrite)
+        prepare(folder, overwrite)
+        with self._writing():
+            self._discard()
+            for name in (*FILES, *LOG_FILES):
+                (folder / name).unlink(missing_ok=True)
+            shutil.rmtree(folder / FRAMES, ignore_errors=True)
+            self._parts.mkdir()
+            part = self._parts / "scene.toml"
+            part.write_text(scene_text(scene), encoding="utf-8")
+            part.replace(folder / part.name)
+            self._lines = TraceLines(self._parts / LINES, rows_of(scene).columns)
+            if drawn:
+                self._video = _open_video(self._parts, scene)
+            if frames is not None:
+                place = self._parts / FRAMES
+                places = [place / name for name in FINGERS] if scene.fingers == 2 else [place]
+                for place in places:
+                    place.parent.mkdir(exist_ok=True)
+                    self._frames.append(FrameFiles(place, frames, scene.camera.rate_hz))
+
+    def __enter__(self) -> Self:
+        """Use as a context, which removes unfinished files."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Remove unfinished files."""
+        self._drop()
+
+    def add(self, line: Sequence[float], sample: Sample, rig: Rig | None) -> None:
+        """Keep a line of the trace, and pictures.
+
+        Parameters
+        ----------
+        line: of the trace
+        sample: of the same frame; the video shows it when its next picture is due
+        rig: that stands at the frame; None for a run without pictures
+        """
+        if self._lines is None:  # writing failed
+            return
+        with self._writing():
+            self._lines.add(line)
+        video = self._video if self._video is not None and self._video.due(sample) else None
+        frames = self._frames if sample.readings[0].observation is not None else []
+        if rig is None or not (video or frames):
+            return
+        pictures = rig.pictures()
+        with self._writing():
+            if frames and sample.index == 0:
+                for file, still in zip(frames, rig.rest_pictures(), strict=True):
+                    file.add_rest(still)
+            for file, picture in zip(frames, pictures, strict=False):
+                file.add(sample.index, picture)
+            if video is not None:
+                video.show(sample, pictures)
+
+    def write(
+        self, trace: Trace, summary: Summary, scene: Scene | None = None, said: str = ""
+    ) -> None:
+        """Write the results, and give all files their names.
+
+        Parameters
+        ----------
+        trace, summary: of the run
+        scene: where it is known at the end only; its files are named relative to the folder
+        said: a line about it
+        """
+        if self._lines is None:  # writing failed before
+            return
+        with self._writing():
+            if scene is not None:
+                self._scene = scene
+                text = scene_text(scene, said, self.folder)
+                (self._parts / "scene.toml").write_text(text, encoding="utf-8")
+            for file in (self._video, *self._frames):
+                if file is not None:
+                    file.close()
+            _write_results(self._parts, self._scene, trace, summary, self._drawn)
+            self._lines.drop()
+            for part in sorted(self._parts.iterdir()):
+                part.replace(self.folder / part.name)
+        # Last, from the finished folder: a log that cannot be written costs no run.
+        _write_run_logs(self.folder, self._scene, trace, summary, self._log)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except UserError:  # of the video
+            self._drop()
+            raise
+        except OSError as error:
+            self._drop()
+            reason = error.strerror or error
+            raise UserError(f"folder {self.folder} cannot be written: {reason}") from None
+
+    def _drop(self) -> None:
+        """Remove unfinished files, and the folder where there are no others."""
+        self._discard()
+        leave(self.folder, "scene.toml")
+
+    def _discard(self) -> None:
+        """Close and remove unfinished files."""
+        unfinished = (self._video, *self._frames, self._lines)
+        self._video, self._frames, self._lines = None, [], None
+        for file in unfinished:
+            if file is not None:
+                with suppress(OSError, UserError):
+                    file.close()
+        shutil.rmtree(self._parts, ignore_errors=True)
+
+
+def _refuse_killed(folder: Path, overwrite: bool) -> None:
+    """Refuse a folder of a run that was killed, and say where its trace is."""
+    lines = folder / PARTS / LINES
+    if not overwrite and lines.is_file():
+        raise UserError(
+            f"folder {folder} holds a run that was killed; its trace until then is {lines}; "
+            "choose another folder or give --overwrite"
+        )
+
+
+def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
+    from .pinch.video import PinchVideo
+    from .shown.tactile_video import TactileVideo
+
+    return (PinchVideo if scene.fingers == 2 else TactileVideo)(folder / "tactile.mp4", scene)
+
+
+def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary, drawn: bool) -> None:
+    from .pinch import figure as of_two
+    from .pinch.report import write_report as write_report_of_two
+    from .shown import figure as of_one
+    from .shown.report import RunRead, write_report
+
+    two = scene.fingers == 2
+    _write_trace(scene, trace, folder / "trace.parquet")
+    if drawn:
+        (of_two if two else of_one).draw_figure(scene, trace, folder / "figure.png")
+    text = json.dumps({**summary, "versions": versions()}, indent=2)
+    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
+    (write_report_of_two if two else write_report)(read)
+
+
+def _write_run_logs(
+    folder: Path, scene: Scene, trace: Trace, summary: Summary, formats: Sequence[LogFormat]
+) -> None:
+    """Write the logs of a run into its folder, which has all other files."""
+    if formats:
+        from .pinch.log import log_of as log_of_two
+        from .shown.log import log_of
+        from .shown.report import RunRead
+
+        read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
+        of = log_of_two if scene.fingers == 2 else log_of
+        write_logs(of(read), folder, formats)
+
+
+def _write_trace(scene: Scene, trace: Trace, path: Path) -> None:
+    """Write a trace as a Parquet table, which holds the meaning of its columns."""
+    pa = need("pyarrow", "data")
+    pq = need("pyarrow.parquet", "data")
+    rows = rows_of(scene)
+    table = pa.table({name: pa.array(trace[name]) for name in rows.names})
+    meaning = {name: rows.columns[name].encode() for name in rows.names}
+    pq.write_table(table.replace_schema_metadata(meaning), path)
+
+
+def scene_text(
+    scene: Scene,
+    said: str = "Everything this run was made from; run it again with --scene.",
+    folder: Path | None = None,
+) -> str:
+    """TOML of a scene with a line about it, and the versions; files are relative to `folder`."""
+    listed = ", ".join(f"{name} {number}" for name, number in versions().items())
+    return f"# {said}\n# {listed}\n" + dump_scene(scene, folder)
