@@ -17,7 +17,7 @@ from chromagrip import Scene, UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.loop import grasp, open_camera
 from chromagrip.loop.rig import Rig
-from chromagrip.loop.run_files import RunFiles as PinchFiles
+from chromagrip.loop.run_files import RunFiles
 from chromagrip.output.pictures import open_source, read_picture
 
 from .test_pinch import COARSE
@@ -170,7 +170,7 @@ def test_both_cameras_of_a_pinch_lose_nothing(kind: Literal["png", "ffv1"], tmp_
             np.testing.assert_array_equal(frame.image, pictures[k].image)
         np.testing.assert_array_equal(read_picture(folder / "rest.png"), rest[k].image)
     assert not np.array_equal(rest[0].image, rest[1].image)
-    with PinchFiles(tmp_path / "run", True, scene):
+    with RunFiles(tmp_path / "run", True, scene):
         assert not (tmp_path / "run" / "frames").exists()
     with pytest.raises(UserError, match=f"pictures as {kind} need a folder"):
         run(scene, frames=kind)
