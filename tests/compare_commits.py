@@ -1,114 +1,100 @@
 """Compare what this checkout computes with what another commit computes, byte by byte.
 
-    .venv/bin/python tests/compare_commits.py REVISION [--keep FOLDER]
+    .venv/bin/python tests/compare_commits.py REVISION [--tier quick] [--keep FOLDER]
 
-Runs in both: five scenes on the truth path, through the painter and through pyrender, the dataset
-`tiny`, and the golden pictures. Prints a line for each file that differs, and for a table the
-largest difference of each column. Exit code 1 when anything differs.
+Every job of `compared/jobs.py` is run with the code of both: runs, recordings, datasets, golden
+pictures and what the measuring commands print. A line for each column, key, row or picture that
+differs. Exit code 1 when anything differs. Results are kept in FOLDER by the code that made them,
+and are computed once; an interrupted comparison goes on, with the job that was interrupted anew.
 """
 
 import argparse
-import json
-import os
-import shutil
-import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-import pyarrow.parquet as pq
+from compared.computing import Result, checkout, commit_of, compute, kept, state_of
+from compared.differences import CHANGED, GONE, NEW, Difference, differences
+from compared.jobs import JOBS, Job
 
 ROOT = Path(__file__).resolve().parents[1]
-SCENES = ("camera-100hz", "margin-60hz", "ramp-1", "patchy-1", "worn-1")
-#: Entries of a summary that no two runs have in common.
-TIMINGS = ("frames_per_second", "versions", "wall_time_s", "first_frame_s", "setup_s")
+#: So many differences of a job are printed.
+MOST = 30
 
 
-def commands() -> dict[str, list[str]]:
-    """Command lines, by the folder that each one fills."""
-    jobs = {}
-    for scene in SCENES:
-        base = ["grasp", "--scene", scene]
-        jobs[f"{scene}-truth"] = [*base, "--path", "truth"]
-        jobs[f"{scene}-painter"] = [*base, "--path", "camera"]
-        jobs[f"{scene}-pyrender"] = [*base, "--path", "camera", "--renderer", "pyrender"]
-    jobs["tiny"] = ["dataset", "make", "tiny"]
-    return jobs
+def results_of(jobs: Sequence[Job], tree: Path, results: Path, cache: Path) -> Iterator[Result]:
+    """Results of jobs with the code of a checkout, in a folder of its state; a line for each."""
+    state, took = state_of(tree), 0.0
+    for number, job in enumerate(jobs, 1):
+        result = kept(job, results)
+        how = "kept"
+        if result is None:
+            result = compute(job, tree, results, cache)
+            how = f"fails: {result.failed}" if result.failed else f"{result.seconds:.0f} s"
+            if state_of(tree) != state:
+                sys.exit(f"{tree} was changed while {job.name} ran; compare it again")
+        took += result.seconds
+        print(f"{results.name}  {number}/{len(jobs)}  {job.name}  {how}", flush=True)
+        yield result
+    print(f"{results.name}  {took / 60:.1f} min of a processor for {len(jobs)} jobs", flush=True)
 
 
-def compute(tree: Path, out: Path) -> None:
-    """Run every command with the code of a checkout; what is there already is kept."""
-    environment = {**os.environ, "PYTHONPATH": str(tree / "src")}
-    out.mkdir(parents=True, exist_ok=True)
-    for name, words in commands().items():
-        if not (out / name).exists():
-            command = [sys.executable, "-m", "chromagrip", *words, "--out", str(out / name)]
-            subprocess.run(command, cwd=out, env=environment, check=True, stdout=subprocess.DEVNULL)
-    golden = out / "golden"
-    if not golden.exists():
-        golden.mkdir()
-        shutil.copy(tree / "fixtures" / "golden" / "make.py", golden)
-        subprocess.run([sys.executable, "make.py"], cwd=golden, env=environment, check=True)
+def compared(old: Sequence[Result], new: Sequence[Result]) -> list[Difference]:
+    """Differences of all jobs, printed; of a job with many only the first are."""
+    found = []
+    for one, other in zip(old, new, strict=True):
+        name = one.folder.name
+        if one.words != other.words:
+            print(f"said otherwise  {name}: {' '.join(one.words)} and {' '.join(other.words)}")
+        its = list(differences(one, other))
+        for difference in its[:MOST]:
+            print(difference)
+        if len(its) > MOST:
+            print(f"… {name}: {len(its) - MOST} more")
+        found += its
+    return found
 
 
-def differences(one: Path, other: Path) -> list[str]:
-    """What differs between two folders of results, a line each."""
-    lines = []
-    names = {p.relative_to(f) for f in (one, other) for p in f.rglob("*") if p.is_file()}
-    for name in sorted(names):
-        pair = (one / name, other / name)
-        if not all(file.is_file() for file in pair):
-            lines.append(f"{name}: only in {'one' if pair[0].is_file() else 'the other'}")
-        elif name.suffix == ".parquet" and "tiny" not in name.parts:
-            lines += [f"{name}: {text}" for text in _columns(*pair)]
-        elif name.name == "summary.json":
-            lines += [f"{name}: {text}" for text in _entries(*pair)]
-        elif name.suffix != ".py" and pair[0].read_bytes() != pair[1].read_bytes():
-            lines.append(f"{name}: other bytes")
-    return lines
+@contextmanager
+def folder_or_temporary(folder: Path | None) -> Iterator[Path]:
+    """A folder that is kept, or one for now."""
+    if folder is not None:
+        yield folder.absolute()
+        return
+    with tempfile.TemporaryDirectory() as temporary:
+        yield Path(temporary)
 
 
-def _columns(one: Path, other: Path) -> list[str]:
-    tables = [pq.read_table(file) for file in (one, other)]
-    if tables[0].column_names != tables[1].column_names:
-        return ["other columns"]
-    if tables[0].equals(tables[1]):
-        return []
-    lines = []
-    for name in tables[0].column_names:
-        left, right = (np.asarray(table[name].to_numpy()) for table in tables)
-        if left.shape != right.shape:
-            lines.append(f"{name}: {len(left)} and {len(right)} rows")
-        elif left.dtype.kind == "f" and not np.array_equal(left, right, equal_nan=True):
-            lines.append(f"{name}: up to {np.nanmax(np.abs(left - right)):.2g}")
-        elif left.dtype.kind != "f" and list(left) != list(right):
-            lines.append(f"{name}: differs")
-    return lines
-
-
-def _entries(one: Path, other: Path) -> list[str]:
-    left, right = (json.loads(file.read_text(encoding="utf-8")) for file in (one, other))
-    keys = [k for k in {**left, **right} if k not in TIMINGS]
-    return [f"{k}: {left.get(k)} and {right.get(k)}" for k in keys if left.get(k) != right.get(k)]
-
-
-def main() -> int:
-    """Compare this checkout with a revision; print and count what differs."""
+def main(words: Sequence[str] | None = None) -> int:
+    """Compare a checkout with a revision; print and count what differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("revision", help="commit to compare with")
-    parser.add_argument("--keep", type=Path, help="folder for the results, read again if present")
-    arguments = parser.parse_args()
-    with tempfile.TemporaryDirectory() as temporary:
-        tree = Path(temporary) / "tree"
-        subprocess.run(["git", "clone", "-q", str(ROOT), str(tree)], check=True)
-        subprocess.run(["git", "-C", str(tree), "checkout", "-q", arguments.revision], check=True)
-        results = arguments.keep or Path(temporary) / "results"
-        compute(tree, (results / arguments.revision).absolute())
-        compute(ROOT, (results / "here").absolute())
-        lines = differences(results / arguments.revision, results / "here")
-    print(*lines or ["no difference"], sep="\n")
-    return 1 if lines else 0
+    parser.add_argument("--tier", choices=("quick", "whole"), default="whole")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="jobs, instead of a tier")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep all results here")
+    parser.add_argument("--here", type=Path, default=ROOT, help="another checkout than this one")
+    parser.add_argument("--allow-new", action="store_true", help="what only --here has is no fault")
+    asked = parser.parse_args(words)
+    names = asked.only or [job.name for job in JOBS if job.quick or asked.tier == "whole"]
+    if unknown := sorted(set(names) - {job.name for job in JOBS}):
+        parser.error(f"no job {unknown[0]}; there are {', '.join(job.name for job in JOBS)}")
+    jobs = [job for job in JOBS if job.name in names]
+    here = asked.here.resolve()
+    commit = commit_of(here, asked.revision)
+    with folder_or_temporary(asked.keep) as folder:
+        tree = checkout(here, commit, folder / "trees")
+        caches = folder / "caches"
+        first, second = state_of(tree), state_of(here)
+        second += "-again" if first == second else ""  # with itself: what is not the same twice
+        old = list(results_of(jobs, tree, folder / first, caches / first))
+        new = list(results_of(jobs, here, folder / second, caches / second))
+        found = compared(old, new)
+    count = {kind: sum(each.kind == kind for each in found) for kind in (CHANGED, NEW, GONE)}
+    print(", ".join(f"{number} {kind}" for kind, number in count.items()) + f" in {len(jobs)} jobs")
+    allowed = count[NEW] if asked.allow_new else 0
+    return 1 if len(found) > allowed else 0
 
 
 if __name__ == "__main__":
