@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 
 from chromagrip.errors import UserError
-from chromagrip.pictures.any_size import Fitter, fitting
+from chromagrip.pictures.any_size import Fitter, _without_border, fitting
 from chromagrip.render import add_noise, load_sensor, open_renderer, rest_membrane
 
 SENSOR = load_sensor("thesis")
 Image = np.ndarray[Any, np.dtype[np.uint8]]
 
 
-def rested(name: str) -> Image:
+def rested(name: str, noise: float = 2.0) -> Image:
     sensor = load_sensor(name)
     image = open_renderer("painter", sensor).render(rest_membrane(sensor))
-    add_noise(image, 2.0, 3, 0)
+    add_noise(image, noise, 3, 0)
     return image
 
 
@@ -74,6 +74,26 @@ def test_a_border_is_taken_off(rest: Image, level: int) -> None:
     wanted[:, :90] = wanted[:, 540:] = 0
     np.testing.assert_array_equal(fit(tight), wanted)
     np.testing.assert_array_equal(fit.part(tight), rest[:, 90:540])
+
+
+@pytest.mark.parametrize("name", ["thesis", "dome-2020"])
+@pytest.mark.parametrize("noise", [0.0, 1.0, 2.0])
+def test_a_border_is_told_from_dark_housing(name: str, noise: float) -> None:
+    """Of crops of any size, also where the housing has too little noise to look like a picture."""
+    rng, image = np.random.default_rng(1), rested(name, noise)
+    height, width = image.shape[:2]
+    for level in (0, 128, 255) * 4:
+        left, right, above, below = rng.integers(0, width // 8, 4)
+        crop = image[above : height - below, left : width - right]
+        high, wide = crop.shape[:2]
+        assert _without_border(crop) == (0, 0, wide, high)
+        sides = 10 * rng.integers(0, 8, 4) * (rng.random(4) < 0.7)  # some have none
+        padded = around(crop, *sides.tolist(), level)
+        inner = np.array([sides[0], sides[1], sides[0] + wide, sides[1] + high])
+        assert _without_border(padded) == tuple(inner)
+        # Blocks of 16 pixels carry the edge of a border into it.
+        coded = cv2.imdecode(cv2.imencode(".jpg", padded, [cv2.IMWRITE_JPEG_QUALITY, 85])[1], 1)
+        assert (abs(_without_border(coded) - inner) <= 16).all()
 
 
 def test_a_scaled_crop_is_scaled_back(rest: Image) -> None:

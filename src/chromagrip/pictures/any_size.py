@@ -29,8 +29,13 @@ _ASPECT = 0.01
 _WHOLE_SCALE, _WHOLE_SHIFT = 0.03, 0.05
 #: Scales this near to 1 leave the pixels as they are.
 _SAME_SCALE = 0.005
-#: Rows and columns along the edge belong to a border where no channel spreads more [grey levels].
+#: Rows and columns are even where no channel spreads more [grey levels].
 _PLAIN = 12
+#: They look alike where the darkest pixels, this share of them, differ by less than this
+#: [grey levels] …
+_DARK, _ALIKE = 0.25, 3.0
+#: … from those this far inside, where compression has left nothing of a border [px].
+_INSIDE = 16
 #: Markers are looked for again, in the sensor alone, where it is less than this share of a picture.
 _SMALL_SHARE = 0.5
 
@@ -192,11 +197,31 @@ def _sighted(image: Image, box: Box) -> tuple[Box, Sighting]:
 
 
 def _without_border(image: Image) -> Box:
-    """A picture without the even rows and columns along its edges."""
-    ends = []
-    for axis in (0, 1):  # of each column, then of each row
-        uneven = np.flatnonzero(np.ptp(image, axis=axis).max(axis=-1) > _PLAIN)
-        whole = (0, image.shape[1 - axis])
-        ends.append((int(uneven[0]), int(uneven[-1]) + 1) if len(uneven) else whole)
-    (left, right), (top, bottom) = ends
+    """A picture without the even rows and columns along its edges.
+
+    With little noise the dark housing is as even as a border; it looks like the rows and columns
+    further in. That of a pad ends with its straight side, as a border does, and is taken off.
+    """
+    left, right = _uneven(image, 0)
+    top, bottom = _uneven(image, 1)
+    left, right = _with_housing(image[top:bottom], 0, left, right)
+    top, bottom = _with_housing(image[:, left:right], 1, top, bottom)
     return left, top, right, bottom
+
+
+def _uneven(image: Image, axis: int) -> tuple[int, int]:
+    """First column (axis 0) or row (axis 1) that is not even, and one past the last; or all."""
+    uneven = np.flatnonzero(np.ptp(image, axis=axis).max(axis=-1) > _PLAIN)
+    return (int(uneven[0]), int(uneven[-1]) + 1) if len(uneven) else (0, image.shape[1 - axis])
+
+
+def _with_housing(image: Image, axis: int, first: int, end: int) -> tuple[int, int]:
+    """Range of columns (axis 0) or rows (axis 1), with those around it that are of the housing."""
+    dark = np.quantile(image, _DARK, axis=axis)  # of each one, shape (L, 3)
+    inside = min(_INSIDE, (end - first) // 2)
+    before = abs(dark[:first] - dark[first + inside]).max(axis=-1) > _ALIKE
+    after = abs(dark[end:] - dark[end - 1 - inside]).max(axis=-1) > _ALIKE
+    return (
+        int(max(np.flatnonzero(before) + 1, default=0)),
+        int(min(np.flatnonzero(after) + end, default=len(dark))),
+    )
