@@ -18,7 +18,7 @@ from chromagrip.measure.limits.dome.limit import (
     moving_layers,
     sum_weights,
 )
-from chromagrip.measure.limits.dome.report import NOISES, dome_limit, noise_models
+from chromagrip.measure.limits.dome.report import NOISES, DomeLimit
 from chromagrip.model import Dome
 from chromagrip.model.dome import lattice
 from chromagrip.render import Defects, SensorDesign, load_sensor
@@ -28,7 +28,6 @@ from chromagrip.tracking.forces.dome import CURVES, FRICTION, MOVING, DomeRespon
 from chromagrip.tracking.forces.dome.contact_fit import ContactFit
 from chromagrip.tracking.forces.dome.key_shifts import Key, Shifts
 
-BOUND, MISFIT = noise_models(2.0).values()
 GRIP = Grip(normal=3.0, load=1.05, azimuth=0.4, shears=1)
 
 
@@ -46,6 +45,13 @@ SOFT = structs.replace(
     magenta=structs.replace(ON_CORE.magenta, depth_mm=0.8),
     yellow=structs.replace(ON_CORE.yellow, depth_mm=2.2),
 )
+
+
+def limit_of(sensor: SensorDesign) -> DomeLimit:
+    return DomeLimit(design=sensor, levels=2.0, grip=GRIP)
+
+
+BOUND, MISFIT = limit_of(ON_CORE).noises(2.0).values()
 
 
 def dome_in(sensor: SensorDesign) -> Dome:
@@ -312,20 +318,21 @@ def test_an_open_zone_ends_with_the_markers() -> None:
 
 
 def test_designs_are_read_as_their_layers_allow() -> None:
-    found = {
-        name: dome_limit(coarse(load_sensor(name), pitch), GRIP, noise_models(2.0))
+    entries = {
+        name: limit_of(coarse(load_sensor(name), pitch)).entry()
         for name, pitch in (("dome-2020", 1.6), ("chromatouch-next", 1.0))
     }
-    assert found["dome-2020"].read_by == ("contact",)
-    assert found["chromatouch-next"].read_by == ("contact", "traction")
+    entry = entries["dome-2020"]
+    assert entry["read_by"] == ["contact"]
+    assert entries["chromatouch-next"]["read_by"] == ["contact", "traction"]
     # Targets of an independent prototype: .012 at the bound, some of it by the skin's pitch.
-    assert found["dome-2020"].contact[NOISES[0]].margin == pytest.approx(0.012, rel=0.3)
-    entry = found["dome-2020"].entry()
+    found = entry["deviations"]["contact"][NOISES[0]]
+    assert found["margin"] == pytest.approx(0.012, rel=0.3)
+    assert found["normal_n"] < 0.01
     assert entry["moving_layers"] == 1
     assert entry["truth"]["margin"] == pytest.approx(0.3, abs=0.01)
-    assert entry["deviations"]["contact"][NOISES[0]]["normal_n"] < 0.01
 
 
 def test_pads_have_no_such_limits() -> None:
     with pytest.raises(UserError, match="a flat pad has no dome"):
-        dome_limit(load_sensor("flat-2019"), GRIP, noise_models(2.0))
+        limit_of(load_sensor("flat-2019"))

@@ -14,14 +14,10 @@ from msgspec import structs
 
 from chromagrip.cli.limit import limit
 from chromagrip.errors import UserError
+from chromagrip.measure.limits.dials import DIALS
 from chromagrip.measure.limits.dome.held import Grip
-from chromagrip.measure.limits.dome.report import NOISES, noise_models
-from chromagrip.measure.limits.dome.sweep import (
-    DOME_DIALS,
-    DomePoint,
-    needed_of,
-    sweep_dome,
-)
+from chromagrip.measure.limits.dome.report import NOISES, DomeLimit
+from chromagrip.measure.limits.sweep import Point, needed, sweep
 from chromagrip.render import Defects, SensorDesign, load_sensor
 from chromagrip.render.design import Spiral
 
@@ -63,8 +59,8 @@ def small() -> SensorDesign:
 
 def tried(monkeypatch: pytest.MonkeyPatch, **values: tuple[float, ...]) -> None:
     """Try fewer values."""
-    for name, dial in DOME_DIALS.items():
-        monkeypatch.setitem(DOME_DIALS, name, replace(dial, tried=values.get(name, ())))
+    for name, dial in DIALS.items():
+        monkeypatch.setitem(DIALS, name, replace(dial, tried=values.get(name, ())))
 
 
 # ---- sweeps ----
@@ -72,7 +68,7 @@ def tried(monkeypatch: pytest.MonkeyPatch, **values: tuple[float, ...]) -> None:
 
 def test_each_dial_changes_what_it_says_and_nothing_else() -> None:
     sensor = small()
-    for name, dial in DOME_DIALS.items():
+    for name, dial in DIALS.items():
         if dial.value is None:
             continue
         before = dial.value(sensor)
@@ -80,7 +76,7 @@ def test_each_dial_changes_what_it_says_and_nothing_else() -> None:
         share = wanted / before if dial.multiples else wanted
         changed = dial.change(sensor, share)
         assert dial.value(changed) == pytest.approx(wanted, rel=0.02)
-        for other, each in DOME_DIALS.items():
+        for other, each in DIALS.items():
             if other != name and each.value is not None:
                 assert each.value(changed) == pytest.approx(each.value(sensor))
 
@@ -89,7 +85,7 @@ def test_a_camera_that_is_moved_keeps_its_picture_filled() -> None:
     sensor = small()
     reach = []
     for place in (-0.4, 0.0, 0.6):
-        moved = DOME_DIALS["camera"].change(sensor, place)
+        moved = DIALS["camera"].change(sensor, place)
         pixels = np.concatenate(
             [moved.view.project(moved.shape.points(moved.places, d)) for d in moved.depths]
         )
@@ -101,36 +97,36 @@ def test_limits_fall_with_pixels_and_markers_and_rise_with_noise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     tried(monkeypatch, height=(0.7, 1.4), markers=(0.7, 1.4), noise=(0.5, 2.0), inner=(0.6, 0.2))
-    points = sweep_dome(small(), GRIP, noise_models(2.0))
-    found = {name: [p for p in points if p.dial == name] for name in DOME_DIALS}
+    points = sweep(DomeLimit(design=small(), levels=2.0, grip=GRIP))
+    found = {name: [p for p in points if p.dial == name] for name in DIALS}
     for name, sign in (("height", -1.0), ("markers", -1.0), ("noise", 1.0)):
-        told = np.array([[p.margin_bound, p.margin, p.normal] for p in found[name]])
+        told = np.array([list(p.errors.values()) for p in found[name]])
         assert (sign * np.diff(told, axis=0) > 0.0).all(), name
     own = [p for p in points if p.own]
-    assert len(own) == len(DOME_DIALS)
-    assert len({(p.margin, p.normal) for p in own}) == 1
+    assert len(own) == len(DIALS)
+    assert len({tuple(p.errors.values()) for p in own}) == 1
     # A layer that moves tells more of forces than one on the core, and lies below the other.
     inner = found["inner"]
     assert inner[-1].own
-    assert inner[1].normal < inner[-1].normal
-    assert math.isnan(inner[0].margin)
+    assert inner[1].error("normal_error_n") < inner[-1].error("normal_error_n")
+    assert math.isnan(inner[0].error())
     assert "below the outer one" in inner[0].note
 
 
 def test_what_is_needed_is_nearest_to_the_design() -> None:
-    def points(*told: tuple[float, float], own: float) -> list[DomePoint]:
+    def points(*told: tuple[float, float], own: float) -> list[Point]:
         return [
-            DomePoint(dial="inner", value=value, own=value == own, margin=margin)
+            Point(dial="inner", value=value, own=value == own, errors={"margin_error": margin})
             for value, margin in told
         ]
 
     valley = points((0.2, 0.01), (0.4, 0.02), (0.6, 0.04), (0.8, 0.08), (1.0, 0.02), own=0.6)
-    assert needed_of(valley, 0.05) == 0.6
-    assert needed_of(valley, 0.02) == pytest.approx(0.4)
-    assert needed_of(valley, math.sqrt(0.02 * 0.04)) == pytest.approx(0.5)
-    assert needed_of(valley, 0.005) is None
-    gap = [*valley[:1], DomePoint(dial="inner", value=0.3, own=False, note="no"), *valley[1:]]
-    assert needed_of(gap, 0.02) == needed_of(valley, 0.02)
+    assert needed(valley, 0.05, True) == 0.6
+    assert needed(valley, 0.02, True) == pytest.approx(0.4)
+    assert needed(valley, math.sqrt(0.02 * 0.04), True) == pytest.approx(0.5)
+    assert needed(valley, 0.005, True) is None
+    gap = [*valley[:1], Point(dial="inner", value=0.3, own=False, note="no"), *valley[1:]]
+    assert needed(gap, 0.02, True) == needed(valley, 0.02, True)
 
 
 # ---- the command ----
@@ -159,7 +155,7 @@ def test_command_prints_writes_and_draws(
     truth = entry["truth"]
     load = 1.05 * np.array([math.cos(math.radians(30.0)), math.sin(math.radians(30.0))])
     assert [truth["x_n"], truth["y_n"]] == pytest.approx(load, abs=0.01)
-    assert set(entry["needed"]) == set(DOME_DIALS)
+    assert set(entry["needed"]) == set(DomeLimit.DIALS)
     assert "depth of the inner layer [thicknesses]" in text
     with (out / "limit.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["own"] == "1"]

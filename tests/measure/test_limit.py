@@ -4,6 +4,7 @@ import csv
 import json
 import tomllib
 from dataclasses import astuple
+from dataclasses import replace as changed
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,8 @@ from msgspec.structs import replace
 
 from chromagrip.cli.limit import limit
 from chromagrip.errors import UserError
+from chromagrip.measure.limits.chain import ChainLimit
+from chromagrip.measure.limits.dials import DIALS
 from chromagrip.measure.limits.forces import (
     LEFT_FRICTION,
     Press,
@@ -22,15 +25,7 @@ from chromagrip.measure.limits.forces import (
     press,
 )
 from chromagrip.measure.limits.kernels import fisher_information, pair_information
-from chromagrip.measure.limits.sweep import (
-    DIALS,
-    LOOKS,
-    Point,
-    legend_of,
-    needed,
-    pair_precision,
-    sweep,
-)
+from chromagrip.measure.limits.sweep import LOOKS, Point, legend_of, needed, sweep
 from chromagrip.model import ContactObject, Fingertip
 from chromagrip.render import (
     Frame,
@@ -75,6 +70,17 @@ TIP, FLAT = Fingertip(), ContactObject()
 def held() -> Press:
     """A margin of 0.3 on the thesis's object."""
     return press(TIP, FLAT, 1.86, 0.65)
+
+
+def chain_limit(design: SensorDesign) -> ChainLimit:
+    return ChainLimit(design=design, levels=2.0, fingertip=TIP, object_=FLAT, grip=1.86, load=0.65)
+
+
+def try_few(monkeypatch: pytest.MonkeyPatch, *dials: str) -> None:
+    """Try two values of some dials beside the design's own, and none of the others."""
+    for name, dial in DIALS.items():
+        tried = (0.5, 1.0, 2.0) if name in dials else ()
+        monkeypatch.setitem(DIALS, name, changed(dial, tried=tried))
 
 
 # ---- a pair ----
@@ -222,34 +228,34 @@ def test_the_load_may_point_either_way(held: Press) -> None:
 # ---- charts ----
 
 
-def test_sweeps_vary_one_thing_and_say_what_cannot_be(
-    held: Press, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sweeps_vary_one_thing_and_say_what_cannot_be(monkeypatch: pytest.MonkeyPatch) -> None:
     dense = replace(SPARSE, magenta=replace(SPARSE.magenta, size_mm=0.7))
-    monkeypatch.setattr("chromagrip.measure.limits.sweep.STEPS", (0.5, 1.0, 2.0))
-    points = sweep(dense, held, 2.0, dials=("noise", "size"))
+    try_few(monkeypatch, "noise", "size")
+    points = sweep(chain_limit(dense))
     noise = [p for p in points if p.dial == "noise"]
     assert [p.value for p in noise] == sorted((p.value for p in noise), reverse=True)
-    assert (np.diff([p.margin for p in noise]) < 0.0).all()
+    assert (np.diff([p.error() for p in noise]) < 0.0).all()
     assert [p.value for p in noise if p.own] == [2.0]
     size = [p for p in points if p.dial == "size"]
-    assert np.isnan(size[-1].margin)
+    assert np.isnan(size[-1].error())
     assert "overlap" in size[-1].note
-    for name, dial in DIALS.items():
-        changed, level = dial.change(dense, 2.0, 0.5)
-        share = 2.0 if name == "noise" else 0.5
-        assert dial.value(changed, level) == pytest.approx(share * dial.value(dense, 2.0), rel=0.02)
+    for name in ("markers", "height", "size"):
+        dial = DIALS[name]
+        assert dial.value is not None
+        half = dial.value(dial.change(dense, 0.5))
+        assert half == pytest.approx(0.5 * dial.value(dense), rel=0.02)
 
 
 def test_what_is_needed_is_read_between_the_points() -> None:
     points = [
-        Point(dial="markers", value=n, own=False, margin=0.4 / np.sqrt(n)) for n in (50, 100, 400)
+        Point(dial="markers", value=n, own=False, errors={"margin_error": 0.4 / np.sqrt(n)})
+        for n in (50, 100, 400)
     ]
-    assert needed(points, 0.03) == pytest.approx((0.4 / 0.03) ** 2)
-    assert needed(points, 0.5) == 50
-    assert needed(points, 0.01) is None
-    gap = [points[0], Point(dial="markers", value=70, own=False, margin=np.nan), *points[1:]]
-    assert needed(gap, 0.03) == needed(points, 0.03)
+    assert needed(points, 0.03, False) == pytest.approx((0.4 / 0.03) ** 2)
+    assert needed(points, 0.5, False) == 50
+    assert needed(points, 0.01, False) is None
+    gap = [points[0], Point(dial="markers", value=70, own=False, note="no"), *points[1:]]
+    assert needed(gap, 0.03, False) == needed(points, 0.03, False)
 
 
 # ---- the design ----
@@ -260,8 +266,8 @@ def test_fovea_shows_more_than_the_thesis_design(held: Press) -> None:
     assert fovea.margin < 0.6 * thesis.margin
     assert fovea.any_normal < 0.35 * thesis.any_normal
     # Why: from the sphere centre a radial displacement shows in a marker's size alone.
-    (_, far, _), (angle, near, _) = (pair_precision(s, 2.0) for s in (THESIS, FOVEA))
-    assert near[angle < 20.0].max() < 0.6 * np.median(far)
+    (_, far), (angle, near) = (chain_limit(s).pair_errors() for s in (THESIS, FOVEA))
+    assert near["radially"][angle < 20.0].max() < 0.6 * np.median(far["radially"])
 
 
 def test_fovea_is_found_and_followed(held: Press) -> None:
@@ -294,17 +300,18 @@ def test_fovea_is_found_and_followed(held: Press) -> None:
 def test_command_prints_limits_and_needs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("chromagrip.measure.limits.sweep.STEPS", (0.5, 1.0, 2.0))
+    try_few(monkeypatch, *ChainLimit.DIALS)
     (tmp_path / "own.toml").write_text(sparse_text(), encoding="utf-8")
     own, out = str(tmp_path / "own.toml"), tmp_path / "out"
     assert limit(sensor=(own,), margin_error=0.05, out=out) == 0
     text = capsys.readouterr().out
     report = json.loads((out / "limit.json").read_text(encoding="utf-8"))
     entry = report["sensors"][own]
-    assert f"{entry['limits']['margin']:.4f}" in text
+    assert f"{entry['limits']['margin']:.3g}\n" in text
+    assert f"{1e3 * entry['limits']['any_normal']:.3g}" in text
     assert "marker pairs, at least" in text
     assert entry["normal_n"] == pytest.approx(1.86, rel=0.01)
-    assert set(entry["needed"]) == set(DIALS)
+    assert set(entry["needed"]) == set(ChainLimit.DIALS)
     assert limit(sensor=(own,), json_only=True) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["sensors"][own]["limits"] == entry["limits"]

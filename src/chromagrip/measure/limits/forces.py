@@ -22,7 +22,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import UserError, located
+from ...errors import located
 from ...model import (
     ContactObject,
     Drive,
@@ -37,6 +37,7 @@ from ...model.chain import QUASI_STATIC, chain, contact, march
 from ...model.kernels import contact_frames
 from ...render import MembraneMap, SensorDesign
 from ...tracking.forces.chain import MarkerResponse
+from .body import reserve_of
 from .positions import pair_limits
 
 Array = NDArray[np.float64]
@@ -67,8 +68,6 @@ _LENGTH = 0.8e-3
 _AMPLITUDE = 5e-3
 #: Slope below which the jump of the stiffness is smoothed, as in that estimate.
 _BLUNT = 0.05
-#: Smallest safety margin that leaves room for differences.
-_RESERVE = 0.02
 #: Steps of each stage of a path.
 _PARTS = 40
 #: Steps in which the end of a path settles.
@@ -142,12 +141,7 @@ def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) ->
     UserError
         When the grip does not hold the load, or the model finds no equilibrium.
     """
-    reserve = 1.0 - abs(load) / (obj.friction * grip) if grip > 0.0 else -1.0
-    if not (np.isfinite(grip) and reserve >= _RESERVE):
-        raise UserError(
-            f"a grip of {grip:g} N must hold a load of {load:g} N with a safety margin of "
-            f"{_RESERVE:g} or more, but a friction of {obj.friction:g} leaves {reserve:.3g}"
-        )
+    reserve = reserve_of(grip, load, obj.friction)
     mu, step = obj.friction, min(_SHARE, reserve / 4)
     nudge = step * mu * grip
 

@@ -1,26 +1,21 @@
-"""Limit of Γ over marker count, resolution, noise and marker size: chart, table, and needs."""
+"""Limits over the dials of a design: points, needed values, table and chart."""
 
 import csv
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...output.figure import WIDTH, legend_below, new_figure, plain_ticks, png
-from ...render import Membrane, SensorDesign, areas, centroids, outlines, rest_membrane
-from ...render.design import Geodesic
-from .forces import Press, force_limit, pair_covariance
+from .body import BodyLimit
+from .dials import DIALS, Dial
 
-Array = NDArray[np.float64]
-
-#: Multiples of a design's own value, from the easiest to make to the hardest.
-STEPS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 #: Look of each sensor in a chart: more than its colour.
 LOOKS: tuple[dict[str, Any], ...] = tuple(
     {"color": colour, "marker": marker, "ls": line}
@@ -31,6 +26,10 @@ LOOKS: tuple[dict[str, Any], ...] = tuple(
         strict=True,
     )
 )
+#: Look of the bound without misfit.
+_BOUND: dict[str, Any] = {"ls": ":", "marker": "", "lw": 1.2}
+#: Largest number of dials in a chart, the first ones of the body.
+_DRAWN = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,209 +41,161 @@ class Point:
     dial: key of DIALS
     value: of the dial
     own: whether it is the unchanged design
-    margin: smallest standard deviation of Γ; NaN for an impossible design
+    errors: smallest standard deviations by column of the table; empty for an impossible design
     note: reason why it is impossible
     """
 
     dial: str
     value: float
     own: bool
-    margin: float
+    errors: Mapping[str, float] = field(default_factory=dict)
     note: str = ""
 
-
-def _more_markers(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
-    plan = sensor.layout
-    if not isinstance(plan, Geodesic):
-        raise UserError("only a geodesic layout can have another count")
-    pitch = plan.meridian_pitch_mm / np.sqrt(share)
-    layout = replace(plan, count=round(plan.count * share), meridian_pitch_mm=pitch)
-    return replace(sensor, layout=layout), noise
+    def error(self, name: str = "margin_error") -> float:
+        """Smallest standard deviation; NaN for an impossible design."""
+        return self.errors.get(name, math.nan)
 
 
-def _more_pixels(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
-    """More pixels, with the same blur in pixels."""
-    old = sensor.camera
-    if old.focal_px is None:
-        raise UserError("a camera from a calibration file has its own resolution")
-    fx, fy = old.focal_px
-    camera = replace(
-        old,
-        width_px=round(old.width_px * share),
-        height_px=round(old.height_px * share),
-        focal_px=(fx * share, fy * share),
-        centre_px=old.centre_px and tuple((c + 0.5) * share - 0.5 for c in old.centre_px),
-    )
-    return replace(sensor, camera=camera), noise
-
-
-def _larger_markers(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
-    magenta, yellow = (replace(layer, size_mm=layer.size_mm * share) for layer in sensor.layers)
-    return replace(sensor, magenta=magenta, yellow=yellow), noise
-
-
-def _less_noise(sensor: SensorDesign, noise: float, share: float) -> tuple[SensorDesign, float]:
-    return sensor, noise / share
-
-
-@dataclass(frozen=True, kw_only=True)
-class Dial:
-    """One property of a design that is varied.
-
-    Attributes
-    ----------
-    label: of its axis
-    unit: of its value
-    change: the design and noise with a multiple of it
-    value: of a design and noise
-    """
-
-    label: str
-    unit: str
-    change: Callable[[SensorDesign, float, float], tuple[SensorDesign, float]]
-    value: Callable[[SensorDesign, float], float]
-
-
-DIALS = {
-    "markers": Dial(
-        label="marker pairs", unit="", change=_more_markers, value=lambda s, n: len(s.places)
-    ),
-    "height": Dial(
-        label="image height",
-        unit="px",
-        change=_more_pixels,
-        value=lambda s, n: s.camera.height_px,
-    ),
-    "size": Dial(
-        label="marker size",
-        unit="mm",
-        change=_larger_markers,
-        value=lambda s, n: s.magenta.size_mm,
-    ),
-    "noise": Dial(label="noise", unit="levels", change=_less_noise, value=lambda s, n: n),
-}
-
-
-def sweep(
-    sensor: SensorDesign,
-    pressed: Press,
-    noise: float,
-    *,
-    frames: int = 1,
-    dials: Iterable[str] = DIALS,
-    progress: Callable[[str], None] = lambda text: None,
-) -> list[Point]:
-    """Limits of Γ of a design with one property changed; arguments as of `force_limit`."""
-    points = []
-    for name in dials:
+def sweep(limit: BodyLimit, progress: Callable[[str], None] = lambda text: None) -> list[Point]:
+    """Limits of a design with one property changed, in the same contact."""
+    points, same = [], limit.errors(limit.design, limit.levels)
+    for name in limit.DIALS:
         dial = DIALS[name]
-        own = dial.value(sensor, noise)
-        for share in STEPS:
-            value = own / share if name == "noise" else own * share
+        own = dial.value(limit.design) if dial.value else limit.levels
+        for value, setting in _tried(dial, own, limit.NEAREST).items():
             progress(f"{dial.label} {value:.3g} {dial.unit}")
-            margin, note = np.nan, ""
-            try:
-                changed, level = dial.change(sensor, noise, share)
-                value = dial.value(changed, level)
-                margin = force_limit(changed, pressed, level, frames=frames).margin
-            except UserError as error:
-                note = str(error)
-            points.append(Point(dial=name, value=value, own=share == 1.0, margin=margin, note=note))
+            if value == own:
+                points.append(Point(dial=name, value=own, own=True, errors=same))
+            else:
+                points.append(_point(limit, name, value, setting))
     return points
 
 
-def needed(points: list[Point], wanted: float) -> float | None:
-    """Easiest value of a dial at which the error of Γ is as small as wanted; None if there is none.
+def _tried(dial: Dial, own: float, ascending: bool) -> dict[float, float]:
+    """Settings of a dial by their values, and the own value; from easy to hard, or ascending."""
+    if dial.multiples:
+        found = {own * s if dial.value else own / s: s for s in dial.tried} | {own: 1.0}
+    else:  # the design's own value stands for those beside it
+        near = 0.02 * max(abs(own), 0.5)
+        found = {value: value for value in dial.tried if abs(value - own) > near} | {own: own}
+    if not ascending:
+        return found
+    return dict(sorted((v if v == own else round(v, 6), s) for v, s in found.items()))
 
-    The points of one dial are in the order of `sweep`, from easy to hard. Between two points the
-    error is taken as a power of the value; values before the first point are not considered.
+
+def _point(limit: BodyLimit, name: str, value: float, setting: float) -> Point:
+    """Limits of a changed design."""
+    measure, errors, note = DIALS[name].value, {}, ""
+    try:
+        if measure is None:
+            errors = limit.errors(limit.design, value)
+        else:
+            changed = DIALS[name].change(limit.design, setting)
+            value = measure(changed)
+            errors = limit.errors(changed, limit.levels)
+    except UserError as error:
+        note = str(error)
+    return Point(dial=name, value=value, own=False, errors=errors, note=note)
+
+
+def needed(points: list[Point], wanted: float, nearest: bool) -> float | None:
+    """Value of a dial at which the error of Γ is as small as wanted; None if no value is enough.
+
+    Between two points the error is taken as a power of the value, or exponential in it for the
+    nearest one. Values outside the points are not considered.
+
+    Parameters
+    ----------
+    points: of one dial, from easy to hard, or ascending for the nearest one
+    wanted: deviation of Γ
+    nearest: take the nearest to the design's own in place of the easiest
     """
-    before: Point | None = None
-    for point in points:
-        if np.isnan(point.margin):
-            continue
-        if point.margin <= wanted:
-            if before is None:
-                return point.value
-            share = np.log(before.margin / wanted) / np.log(before.margin / point.margin)
-            return float(before.value * (point.value / before.value) ** share)
-        before = point
-    return None
+    known = [p for p in points if not math.isnan(p.error())]
+    ways = [known]
+    if nearest:
+        own = [k for k, p in enumerate(known) if p.own]
+        ways = [way for k in own for way in (known[k:], known[k::-1])]
+    found = [hit for way in ways if (hit := _first(way, wanted, nearest)) is not None]
+    return min(found)[1] if found else None
 
 
-def pair_precision(sensor: SensorDesign, noise: float) -> tuple[Array, Array, Array]:
-    """Precision of the displacement of the skin from one marker pair at rest.
-
-    Returns
-    -------
-    angle: from the apex [°], shape (M,)
-    radial, along: standard deviations of a displacement of the skin [m], shape (M,)
-    """
-    rest, nudge = rest_membrane(sensor), 1e-6
-    radial, azimuthal = rest.normals[0], sensor.shape.tangents(sensor.places)[1]
-    columns = []
-    for axis in (radial, np.cross(azimuthal, radial), azimuthal):
-        shown = []
-        for sign in (nudge, -nudge):
-            shift = sign * sensor.follow[:, None, None] * axis
-            image = outlines(Membrane(centres=rest.centres + shift, axes=rest.axes), sensor.view)
-            size = 0.5 * np.log(areas(image, square=False))
-            both = np.concatenate([centroids(image, square=False), size[..., None]], axis=-1)
-            shown.append(np.swapaxes(both, 0, 1).reshape(-1, 6))
-        columns.append((shown[0] - shown[1]) / (2 * nudge))
-    slope = np.stack(columns, axis=-1)
-    covariance = noise**2 * pair_covariance(sensor, np.zeros((11, 2)))
-    moved = np.linalg.inv(np.swapaxes(slope, -1, -2) @ np.linalg.inv(covariance) @ slope)
-    angle = np.rad2deg(sensor.places[:, 0])
-    return angle, np.sqrt(moved[:, 0, 0]), np.sqrt(moved[:, 1, 1])
+def _first(way: list[Point], wanted: float, linear: bool) -> tuple[int, float] | None:
+    """Number of the first point of a way whose error of Γ is small enough, and the value needed."""
+    k = next((k for k, p in enumerate(way) if p.error() <= wanted), None)
+    if not k:
+        return None if k is None else (k, way[k].value)
+    before, after = way[k - 1], way[k]
+    part = math.log(before.error() / wanted) / math.log(before.error() / after.error())
+    if linear:
+        return k, before.value + part * (after.value - before.value)
+    return k, float(before.value * (after.value / before.value) ** part)
 
 
-def write_table(sweeps: dict[str, list[Point]], path: Path) -> None:
-    """Every point of every sensor's sweep as CSV."""
+def write_table(
+    limits: Mapping[str, BodyLimit], sweeps: dict[str, list[Point]], path: Path
+) -> None:
+    """Write every point of every sensor's sweep as CSV."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["sensor", "dial", "value", "unit", "own", "margin_error", "note"])
+        errors = next(iter(limits.values())).ERRORS
+        writer.writerow(["sensor", "dial", "value", "unit", "own", *errors, "note"])
         for sensor, points in sweeps.items():
             for p in points:
-                margin = "" if np.isnan(p.margin) else f"{p.margin:.6g}"
-                row = [p.dial, f"{p.value:.6g}", DIALS[p.dial].unit, int(p.own), margin, p.note]
-                writer.writerow([sensor, *row])
+                numbers = [f"{p.errors[name]:.6g}" if p.errors else "" for name in errors]
+                at = (f"{p.value:.6g}", DIALS[p.dial].unit, int(p.own))
+                writer.writerow([sensor, p.dial, *at, *numbers, p.note])
 
 
 def draw(
-    sensors: dict[str, SensorDesign],
-    sweeps: dict[str, list[Point]],
-    noise: float,
-    title: str,
-    path: Path,
+    limits: Mapping[str, BodyLimit], sweeps: dict[str, list[Point]], title: str, path: Path
 ) -> None:
-    """Chart of sweeps by sensor, and of the precision of a single pair of each, as PNG."""
-    figure = new_figure(title, WIDTH, 8.6)
-    axes = figure.subplots(3, 2).ravel()
-    for axis, (name, dial) in zip(axes[:4], DIALS.items(), strict=True):
-        axis.sharey(axes[0])
-        for look, points in zip(LOOKS, sweeps.values(), strict=False):
-            mine = [p for p in points if p.dial == name]
-            axis.plot([p.value for p in mine], [p.margin for p in mine], ms=4, **look)
-            here = [p for p in mine if p.own]
-            axis.plot([p.value for p in here], [p.margin for p in here], ms=10, **look)
-        unit = f" [{dial.unit}]" if dial.unit else ""
-        axis.set(xscale="log", xlabel=dial.label + unit, ylabel="standard deviation of Γ")
-        plain_ticks(axis.xaxis)
-    for axis, number, label in ((axes[4], 1, "radially"), (axes[5], 2, "along the skin")):
-        for look, sensor in zip(LOOKS, sensors.values(), strict=False):
-            found = pair_precision(sensor, noise)
-            some = look | {"ls": "", "ms": 2.5}
-            axis.plot(found[0], 1e6 * found[number], **some)
-        axis.set(xlabel="angle from the apex [°]", ylabel=f"one pair shows,\n{label} [µm]")
+    """Draw sweeps by sensor, and the precision of single marker pairs where it is known, as PNG."""
+    body = next(iter(limits.values()))
+    pairs = [limit.pair_errors() for limit in limits.values()]
+    panels = [*product(body.DIALS[:_DRAWN], body.CURVES)]
+    rows = (len(panels) + len(pairs[0][1])) // 2
+    figure = new_figure(title, WIDTH, 5.0 + 1.2 * rows)
+    axes = figure.subplots(rows, 2).ravel()
+    first: dict[str, Axes] = {}
+    for axis, (name, curve) in zip(axes, panels, strict=False):
+        axis.sharey(first.setdefault(curve[0], axis))
+        _draw_curve(axis, name, curve, sweeps)
+    for axis, way in zip(axes[len(panels) :], pairs[0][1], strict=True):
+        for look, (angle, shown) in zip(LOOKS, pairs, strict=False):
+            axis.plot(angle, 1e6 * shown[way], **look | {"ls": "", "ms": 2.5})
+        axis.set(xlabel="angle from the apex [°]", ylabel=f"one pair shows,\n{way} [µm]")
         axis.set_xlim(left=0.0)
     for axis in axes:
         axis.set_yscale("log")
         plain_ticks(axis.yaxis)
         axis.tick_params(labelsize=8)
         axis.grid(alpha=0.3, which="both")
-    legend_below(figure, legend_of(sensors), 4)
+    lines = legend_of(limits)
+    if "margin_bound" in body.ERRORS:
+        text = "dotted: by the noise alone, no misfit"
+        lines.append(Line2D([], [], color="0.4", label=text, **_BOUND))
+    legend_below(figure, lines, 3)
     path.write_bytes(png(figure))
+
+
+def _draw_curve(
+    axis: Axes, name: str, curve: tuple[str, str, float], sweeps: dict[str, list[Point]]
+) -> None:
+    """Draw an error over a dial."""
+    error, label, factor = curve
+    for look, points in zip(LOOKS, sweeps.values(), strict=False):
+        mine = [p for p in points if p.dial == name]
+        for some, size in ((mine, 4), ([p for p in mine if p.own], 10)):
+            values = [factor * p.error(error) for p in some]
+            axis.plot([p.value for p in some], values, ms=size, **look)
+        if error == "margin_error":
+            bound = [p.error("margin_bound") for p in mine]
+            axis.plot([p.value for p in mine], bound, **_BOUND | {"color": look["color"]})
+    axis.set_xlabel(DIALS[name].axis, fontsize=9)
+    axis.set_ylabel(label, fontsize=9)
+    if DIALS[name].multiples:
+        axis.set_xscale("log")
+        plain_ticks(axis.xaxis)
 
 
 def legend_of(sensors: Iterable[str]) -> list[Line2D]:

@@ -6,6 +6,7 @@ pictures are one of the press, and some on the way of the shear, at equal shares
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +28,10 @@ from ....tracking.forces.dome import (
     prior_of,
     units_of,
 )
+from ..body import reserve_of
 
 Array = NDArray[np.float64]
 
-#: Smallest safety margin that leaves room for differences.
-RESERVE = 0.02
 #: Largest error of a force that is held, as a share of the grip, and rounds in which it is found.
 _HELD, _ROUNDS = 1e-3, 40
 #: Longest step of a round over the silicone's thickness, and where the press starts.
@@ -102,6 +102,7 @@ class Held:
         return float(1.0 - self.sums[5] / (self.friction * self.sums[4]))
 
 
+@lru_cache(maxsize=8)
 def hold(dome: Dome, grip: Grip) -> Held:
     """Press an object onto a dome and shear it.
 
@@ -110,12 +111,7 @@ def hold(dome: Dome, grip: Grip) -> Held:
     UserError
         When the grip does not hold the load, and when the dome cannot bear it.
     """
-    reserve = 1.0 - abs(grip.load) / (grip.friction * grip.normal) if grip.normal > 0.0 else -1.0
-    if not (math.isfinite(grip.normal) and reserve >= RESERVE):
-        raise UserError(
-            f"a grip of {grip.normal:g} N must hold a load of {grip.load:g} N with a safety margin "
-            f"of {RESERVE:g} or more, but a friction of {grip.friction:g} leaves {reserve:.3g}"
-        )
+    reserve_of(grip.normal, grip.load, grip.friction)
     way, object_ = ContactWay(dome), _object(dome, grip)
     sharpest = float(limited_object(dome, object_)[CURVES][0])
     if object_[CURVES][0] > 1.001 * sharpest:

@@ -1,142 +1,171 @@
-"""All limits of one design in one contact, and the reconstructors that can read it."""
+"""Limits of a design with a dome of silicone, and the reconstructors that can read it."""
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from functools import lru_cache
-from typing import Any
+import math
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any, Self
 
-import numpy as np
-
-from ....errors import UserError
+from ....errors import UserError, located
 from ....model import Dome
-from ....render import SensorDesign
+from ....render import SensorDesign, load_sensor, sensor_names
 from ....tracking.forces.dome import PLACE_ERROR, SIZE_ERROR
-from .held import Grip, Held, hold
+from ..body import BodyLimit, Case
+from .held import SUMS, Grip, Held, hold
 from .limit import ZONES, Deviations, Noise, Seen, moving_layers
 
 #: Names of the two models of noise.
 NOISES = ("bound", "bound plus misfit")
 #: A reconstructor can read a design that leaves so much of the grip open, misfit included.
 READ = 0.05
+#: Default load over µ and the grip.
+_LOAD = 0.7
+#: Largest number of pictures of a shear.
+_MOST = 20
+#: Names of values in a JSON file, where they have a unit.
+_UNITS = {"moment": "moment_nm"} | {name: f"{name}_n" for name in SUMS if name != "moment"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class DomeLimit:
-    """Limits of a design.
+class DomeLimit(BodyLimit):
+    """Limits of a design with a dome of silicone.
 
     Attributes
     ----------
-    held: the contact
-    moving: layers of markers that do not lie on the core
-    contact: deviations of a contact that is fitted, by noise
-    tractions: of free tractions, by zone and noise
-    read_by: reconstructors that can read the design
+    grip: what is held
     """
 
-    held: Held
-    moving: int
-    contact: dict[str, Deviations]
-    tractions: dict[str, dict[str, Deviations]]
-    read_by: tuple[str, ...]
+    GRIP = 3.0
+    COLUMNS = (
+        ("x_n", "F_x mN", 1e3),
+        ("y_n", "F_y mN", 1e3),
+        ("normal_n", "F_n mN", 1e3),
+        ("moment_nm", "M_z µN·m", 1e6),
+        ("mu", "µ", 1.0),
+        ("margin", "Γ", 1.0),
+    )
+    DIALS = ("outer", "inner", "size", "height", "camera", "markers", "noise")
+    ERRORS = ("margin_bound", "margin_error", "normal_error_n")
+    CURVES = (
+        ("margin_error", "deviation of Γ\nof a contact", 1.0),
+        ("normal_error_n", "deviation of F_n of free\ntractions, zone known [mN]", 1e3),
+    )
+    NEAREST = True
+    NEEDS = " by a contact, misfit included, all else as designed (nearest to the design)"
 
-    def rows(self) -> dict[str, dict[str, Deviations]]:
-        """Deviations by what is fitted, then by noise."""
-        return {"contact": self.contact} | {f"tractions, {z}": d for z, d in self.tractions.items()}
+    grip: Grip
+
+    def __post_init__(self) -> None:
+        if self.design.shape.flat:
+            raise UserError("a flat pad has no dome")
+        if self.design.markers.form != "disc":
+            raise UserError("the bound of markers is that of discs")
+        assert isinstance(self.design.dome, Dome)
+
+    @staticmethod
+    def default_load(friction: float, grip: float) -> float:
+        """Load that leaves a Γ of 0.3."""
+        return _LOAD * friction * grip
+
+    @staticmethod
+    def default_designs() -> tuple[str, ...]:
+        """All shipped designs with a dome of silicone."""
+        every = {name: load_sensor(name) for name in sensor_names()}
+        return tuple(n for n, s in every.items() if not s.shape.flat and s.silicone is not None)
+
+    @classmethod
+    def of(cls, case: Case, name: str) -> Self:
+        """Load a design; refuse options that are not possible."""
+        for option, value in (
+            ("--friction", case.friction),
+            ("--radius-mm", case.radius_mm),
+            ("--stiffness-kpa", case.stiffness_kpa),
+        ):
+            if not value > 0.0:
+                raise UserError(f"{option} must be above 0, got {value:g}")
+        if not math.isfinite(case.azimuth_deg):
+            raise UserError(f"--azimuth-deg must be finite, got {case.azimuth_deg:g}")
+        if not 1 <= case.shears <= _MOST:
+            raise UserError(f"--shears must be 1 to {_MOST}, got {case.shears}")
+        grip = Grip(
+            normal=case.grip_n,
+            load=case.load_n,
+            azimuth=math.radians(case.azimuth_deg),
+            friction=case.friction,
+            radius=1e-3 * case.radius_mm,
+            young=1e3 * case.stiffness_kpa,
+            shears=case.shears,
+        )
+        design = load_sensor(name)
+        with located(f"sensor {name}"):
+            return cls(design=design, levels=case.noise_levels, frames=case.frames, grip=grip)
+
+    @cached_property
+    def seen(self) -> Seen:
+        """The contact in the pictures of the design."""
+        return Seen(self.design, self.held)
+
+    @property
+    def held(self) -> Held:
+        """The contact, which is the same for all markers and cameras of a dome."""
+        dome = self.design.dome
+        assert isinstance(dome, Dome)
+        return hold(dome, self.grip)
+
+    def noises(self, levels: float) -> dict[str, Noise]:
+        """Both models of noise: the tracker's bound, and that with the misfit of `contact`."""
+        bound = Noise(levels=levels, frames=self.frames)
+        misfit = replace(bound, place_px=PLACE_ERROR, log_size=SIZE_ERROR)
+        return dict(zip(NOISES, (bound, misfit), strict=True))
 
     def entry(self) -> dict[str, Any]:
-        """Entry of a JSON file; what is not told is None."""
-        names = ("x_n", "y_n", "normal_n", "moment_nm", "pressing_n", "sliding_n")
+        """Truth, moving layers, reconstructors that can read the design, and limits."""
+        noises, seen, held = self.noises(self.levels), self.seen, self.held
+        found = {"contact": {name: seen.contact(noise) for name, noise in noises.items()}}
+        for zone in ZONES:
+            free = seen.tractions(list(noises.values()), seen.zone(zone))
+            found[f"tractions, {zone}"] = dict(zip(noises, free, strict=True))
+        moving, enough = moving_layers(self.design, held.dome), READ * self.grip.normal
+        read = {what: each[NOISES[1]].normal < enough for what, each in found.items()}
+        able = {
+            "contact": moving > 0 and read["contact"],
+            "traction": moving > 1 and read[f"tractions, {ZONES[1]}"],
+        }
+        truth = {_UNITS[name]: float(value) for name, value in zip(SUMS, held.sums, strict=True)}
         return {
-            "truth": dict(zip(names, map(float, self.held.sums), strict=True))
-            | {"mu": self.held.friction, "margin": self.held.margin},
-            "moving_layers": self.moving,
-            "read_by": list(self.read_by),
+            "truth": truth | {"mu": held.friction, "margin": held.margin},
+            "moving_layers": moving,
+            "read_by": [name for name, can in able.items() if can],
             "deviations": {
-                what: {noise: entry_of(found) for noise, found in each.items()}
-                for what, each in self.rows().items()
+                what: {noise: _entry_of(deviations) for noise, deviations in each.items()}
+                for what, each in found.items()
             },
         }
 
+    @staticmethod
+    def words(entry: dict[str, Any]) -> tuple[str, dict[str, dict[str, float | None]]]:
+        """Layers, true Γ and reconstructors, and a row for each reading and model of noise."""
+        moving = {1: "one layer moves", 2: "both layers move"}
+        layers = moving.get(entry["moving_layers"], "no layer moves")
+        read = ", ".join(entry["read_by"]) or "no reconstructor"
+        rows = {
+            f"{what}, {noise}": found
+            for what, each in entry["deviations"].items()
+            for noise, found in each.items()
+        }
+        return f"{layers}, true Γ {entry['truth']['margin']:.3f}; read by {read}", rows
 
-def entry_of(found: Deviations) -> dict[str, float | None]:
-    """Deviations with their units."""
-    units = {"x": "x_n", "y": "y_n", "normal": "normal_n", "moment": "moment_nm"}
+    def errors(self, design: SensorDesign, levels: float) -> dict[str, float]:
+        """Γ of a contact with both models of noise, and F_n of free tractions, zone known."""
+        seen = self.seen if design is self.design else Seen(design, self.held)
+        bound, misfit = self.noises(levels).values()
+        free = seen.tractions([misfit], seen.held.touching)[0]
+        margins = (seen.contact(noise).margin for noise in (bound, misfit))
+        return dict(zip(self.ERRORS, (*margins, free.normal), strict=True))
+
+
+def _entry_of(found: Deviations) -> dict[str, float | None]:
+    """Deviations with their units; None where one is unknown."""
     return {
-        units.get(name, name): None if np.isnan(value) else value
+        _UNITS.get(name, name): None if math.isnan(value) else value
         for name, value in asdict(found).items()
     }
-
-
-def noise_models(levels: float, frames: int = 1) -> dict[str, Noise]:
-    """Both models of noise: the tracker's bound, and that with what `contact` reckons with."""
-    return {
-        NOISES[0]: Noise(levels=levels, frames=frames),
-        NOISES[1]: Noise(levels=levels, frames=frames, place_px=PLACE_ERROR, log_size=SIZE_ERROR),
-    }
-
-
-def dome_limit(
-    sensor: SensorDesign,
-    grip: Grip,
-    noises: dict[str, Noise],
-    progress: Callable[[str], None] = lambda text: None,
-) -> DomeLimit:
-    """Limits of a design in a contact.
-
-    Parameters
-    ----------
-    sensor: design, see `dome_of`
-    grip: the contact
-    noises: by name, see `noise_models`
-    progress: called with what is done next
-
-    Raises
-    ------
-    UserError
-        For a design without a dome of silicone, and a contact that cannot be held.
-    """
-    dome = dome_of(sensor)
-    progress("contact")
-    held = held_by(dome, grip)
-    seen = Seen(sensor, held)
-    contact = {name: seen.contact(noise) for name, noise in noises.items()}
-    tractions = {}
-    for zone in ZONES:
-        progress(f"free tractions, {zone}")
-        found = seen.tractions(list(noises.values()), seen.zone(zone))
-        tractions[zone] = dict(zip(noises, found, strict=True))
-    moving, enough = moving_layers(sensor, dome), READ * grip.normal
-    able = {
-        "contact": moving > 0 and contact[NOISES[1]].normal < enough,
-        "traction": moving > 1 and tractions[ZONES[1]][NOISES[1]].normal < enough,
-    }
-    return DomeLimit(
-        held=held,
-        moving=moving,
-        contact=contact,
-        tractions=tractions,
-        read_by=tuple(name for name, can in able.items() if can),
-    )
-
-
-def dome_of(sensor: SensorDesign) -> Dome:
-    """The silicone of a design.
-
-    Raises
-    ------
-    UserError
-        For a pad, a design that says nothing of its silicone, and markers that are no discs.
-    """
-    if sensor.shape.flat:
-        raise UserError("a flat pad has no dome")
-    if sensor.markers.form != "disc":
-        raise UserError("the bound of markers is that of discs")
-    dome = sensor.dome
-    assert isinstance(dome, Dome)
-    return dome
-
-
-@lru_cache(maxsize=8)
-def held_by(dome: Dome, grip: Grip) -> Held:
-    """`hold`, which is the same for all designs of a dome's markers and camera."""
-    return hold(dome, grip)
