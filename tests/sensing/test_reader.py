@@ -90,8 +90,16 @@ def test_what_is_not_the_sensor_is_a_sentence_or_a_reason(
     assert not black.ok
     assert black.no_estimate
     assert math.isnan(black.margin)
-    with pytest.raises(UserError, match="needs the time"):
+    with pytest.raises(UserError, match="time of the picture"):
         reader.update(images[0])
+    with pytest.raises(UserError, match="goes forward"):
+        reader.update(images[0], -1.0)
+    with pytest.raises(UserError, match="type float64"):
+        reader.update(images[0] / 255.0, 1.0)
+    with pytest.raises(UserError, match=r"noise .* of at least 0"):
+        Reader("dome-2022", rest, noise=-1.0)
+    with pytest.raises(UserError, match="held_margin = 'none'"):
+        Reader("dome-2022", rest, held_margin="none")  # type: ignore[arg-type]
     with pytest.raises(UserError, match="at least one picture"):
         Reader("dome-2022", [])
     with pytest.raises(UserError, match="no calibration 'dome-1999'"):

@@ -255,11 +255,14 @@ def test_what_a_body_cannot_do_is_one_sentence_and_leaves_it_as_it_is(dome: Tact
     before = dome.state()
     for words, sentence in (
         ({"pose": Pose(place=(0.0, 0.0, 0.0)), "dt": DT}, "too deep"),
-        ({"pose": pressed(0.1e-3), "dt": 0.0}, "dt = 0.0"),
+        ({"pose": pressed(0.1e-3), "dt": 0.0}, "must be above 0 s"),
         ({"pose": pressed(0.1e-3), "force": [0, 0, 1], "dt": DT}, "not both"),
         ({"dt": DT}, "a pose or a force"),
         ({"force": [0.0, 0.0, -1.0, 1e-3, 0.0, 0.0], "dt": DT}, "torques about x and y"),
         ({"force": [math.nan, 0.0, 0.0], "dt": DT}, "finite"),
+        ({"force": [0.0, 0.0, -1e6], "dt": DT}, "needs less force"),
+        ({"force": "much", "dt": DT}, "3 or 6 finite numbers"),
+        ({"pose": (0.0, 0.0, 0.0), "dt": DT}, "needs a Pose"),
     ):
         with pytest.raises(UserError, match=sentence):
             dome.update(**words)  # type: ignore[arg-type]
@@ -270,6 +273,8 @@ def test_what_a_body_cannot_do_is_one_sentence_and_leaves_it_as_it_is(dome: Tact
         chain.update(Pose(place=(0.0, 1e-3, 10e-3)), dt=DT)
     with pytest.raises(UserError, match="loaded along x and z alone"):
         chain.update(force=[0.0, 1.0, -1.0], dt=DT)
+    with pytest.raises(UserError, match="whole fingertip flat"):
+        chain.update(force=[0.0, 0.0, -1e6], dt=DT)
     assert chain.ability.moves == ("x", "z")
 
 
@@ -278,7 +283,7 @@ def test_what_is_no_sensor_is_refused() -> None:
         TactileSensor("flat-2019", body="dome")
     with pytest.raises(UserError, match="allowed are chain, dome, pad"):
         TactileSensor("dome-2020", body="balloon")  # type: ignore[arg-type]
-    with pytest.raises(UserError, match="noise = -1"):
+    with pytest.raises(UserError, match="must be a finite number of at least 0"):
         TactileSensor("dome-2020", noise=-1.0)
     with pytest.raises(UserError, match="length 1"):
         Pose(place=(0.0, 0.0, 0.0), turn=(1.0, 1.0, 0.0, 0.0))

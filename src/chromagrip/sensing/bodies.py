@@ -6,6 +6,7 @@ Each holds one object, and moves it to a pose or under forces. What a body canno
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -25,6 +26,7 @@ from ..model import (
     check_fit,
     dome_forces,
     follow_slip,
+    largest_grip,
     no_slip,
     rest_state,
     simulate,
@@ -44,6 +46,7 @@ from .contact import (
     of_chain,
     of_dome,
 )
+from .given import numbers
 
 Array = NDArray[np.float64]
 BodyName = Literal["chain", "dome", "pad"]
@@ -75,10 +78,8 @@ class Pose:
 
     def __post_init__(self) -> None:
         for name, count in (("place", 3), ("turn", 4)):
-            values = tuple(float(one) for one in getattr(self, name))
-            if len(values) != count or not np.isfinite(values).all():
-                raise UserError(f"{name} of a pose must be {count} finite numbers, got {values}")
-            object.__setattr__(self, name, values)
+            values = numbers(getattr(self, name), (count,), f"{name} of a pose")
+            object.__setattr__(self, name, tuple(values.tolist()))
         if abs(math.hypot(*self.turn) - 1.0) > 1e-3:
             raise UserError(f"turn of a pose must be a quaternion of length 1, got {self.turn}")
 
@@ -162,7 +163,7 @@ class ChainBody:
             run = simulate(self.fingertip, obj, drive, dt=dt / count, duration=dt, state=state)
         touched = touching(self.fingertip, obj, run)
         (slip,) = follow_slip(slip, run, touched, dt / count, (count,))
-        return chain_contact(self.fingertip, obj, run.state(-1), slip)
+        return self._checked(chain_contact(self.fingertip, obj, run.state(-1), slip))
 
     def load(self, contact: Contact, wrench: Array, dt: float) -> Contact:
         """Contact after force and torque on the object for that time [N, N·m, s], shape (6,).
@@ -180,7 +181,18 @@ class ChainBody:
         count = max(1, math.ceil(dt / CHAIN_STEP - 1e-9))
         forces = np.tile([-wrench[2], wrench[0]], (count, 1))
         obj, _, _ = of_chain(contact)
-        return follow_chain(self.fingertip, obj, contact, dt / count, forces, (count,))[0]
+        after = follow_chain(self.fingertip, obj, contact, dt / count, forces, (count,))[0]
+        return self._checked(after)
+
+    def _checked(self, contact: Contact) -> Contact:
+        """The contact; refuse a press that is harder than the node model can describe."""
+        limit = _largest_grip(self.fingertip, of_chain(contact)[0])
+        if contact.field.total_normal > 1.01 * limit:
+            raise UserError(
+                f"the object is pressed with {contact.field.total_normal:.3g} N; the node model "
+                f"describes up to {limit:.3g} N, which press the whole fingertip flat"
+            )
+        return contact
 
     def nodes(self, contact: Contact) -> tuple[Array, Array]:
         """Places of the nodes [m] and forces of the object on them [N], each of shape (N, 3)."""
@@ -193,6 +205,11 @@ class ChainBody:
         tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=-1)
         forces = field.normal[:, None] * normal + field.friction[:, None] * tangent
         return _in_space(field.position), _in_space(forces)
+
+
+@lru_cache(maxsize=8)
+def _largest_grip(fingertip: Fingertip, obj: ContactObject) -> float:
+    return largest_grip(fingertip, obj)
 
 
 def _in_space(plane: Array) -> Array:
@@ -280,9 +297,16 @@ class SiliconeBody:
         stepper.motion = _still(np.zeros(6), 1.0, free=self.ability.loads, drag=drag)
         count = max(1, math.ceil(dt / TIME - 1e-9))
         for k in range(1, count + 1):
+            before = stepper.place.copy()
             with located(f"the {self.name} gave up"):
                 contact = follow_dome(
                     stepper, contact, self._start, state.time + dt * k / count, wrench
+                )
+            way = float(np.linalg.norm(stepper.place - before))
+            if way > self.carrier.stride:
+                raise UserError(
+                    f"the {self.name} gave up: the object moves {1e3 * way:.3g} mm in a step of "
+                    f"{1e3 * dt / count:.3g} ms under {wrench.tolist()}; it needs less force"
                 )
         return contact
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Self
+from typing import Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ from ..tracking import (
     sensor_as_designed,
 )
 from .contact import Contact
+from .given import number
 from .margins import finished, held
 from .observers import ForceObserver, TruthObserver
 
@@ -151,6 +152,7 @@ class Reader:
         held_margin: HeldMargin = "smaller",
         rule: FrictionRule = CAMERA_RULE,
     ) -> None:
+        _check_settings(noise, window, friction_bias, held_margin)
         known = load_calibration(calibration) if isinstance(calibration, str) else calibration
         check_reconstructor(reconstructor, known)
         frames = [one if isinstance(one, Frame) else Frame(image=one, time=0.0) for one in rest]
@@ -190,6 +192,7 @@ class Reader:
         self._name, self._failure = name, f"tracker {name} failed"
         self._tracker, self._forces = tracker, forces
         self._bias, self._held_margin = bias, margin
+        self._last = -math.inf  # time of the last frame [s]
 
     def update(self, image: Frame | Image, time: float | None = None) -> Reading:
         """Read the next frame.
@@ -205,9 +208,15 @@ class Reader:
             For a picture without a time, and one that the tracker cannot use.
         """
         if not isinstance(image, Frame):
-            if time is None:
-                raise UserError("update() needs the time of the picture [s]")
-            image = Frame(image=image, time=time)
+            if not hasattr(image, "shape"):
+                raise UserError(f"a picture is an array (H, W, 3), not a {type(image).__name__}")
+            image = Frame(image=image, time=number(time, "time of the picture [s]"))
+        if image.time < self._last:
+            raise UserError(
+                f"the picture of {image.time:g} s came after that of {self._last:g} s; a reader "
+                "goes forward, and a new one begins again"
+            )
+        self._last = image.time
         return self.read(image, self.track(image))
 
     def track(self, frame: Frame) -> Tracks:
@@ -340,6 +349,16 @@ def _made(asked: _Asked, rest: list[Frame]) -> Reader:
     known = options.pop("calibration")
     del options["name"]
     return Reader(known, rest, **options)
+
+
+def _check_settings(noise: float, window: float, bias: float, margin: str) -> None:
+    """Refuse settings of a reader that are no numbers in their range."""
+    number(noise, "noise [grey levels]", 0.0)
+    number(window, "window [s]", 0.0)
+    number(bias, "friction_bias")
+    if margin not in get_args(HeldMargin):
+        allowed = ", ".join(get_args(HeldMargin))
+        raise UserError(f"held_margin = {margin!r}: allowed are {allowed}")
 
 
 def check_tracks(tracks: object, name: str, rest: Tracks | None = None) -> None:

@@ -9,7 +9,6 @@ Its bodies are the node model's chain, and silicone as a dome or a pad. A pictur
 is asked for.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -35,6 +34,7 @@ from ..scene.scene import Scene
 from .bodies import Ability, Body, BodyName, ChainBody, Pose, SiliconeBody
 from .camera import SimulatedCamera, carried
 from .contact import Contact
+from .given import number, numbers
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -96,14 +96,14 @@ class TactileSensor:
         membrane_map: Callable[[Array], Membrane] | None = None,
         picture: Callable[[Image], Image] | None = None,
     ) -> None:
+        _check_type(design, (str, SensorDesign), "a design is a name, a file or a SensorDesign")
         self.design = load_sensor(design) if isinstance(design, str) else design
         with located(f"sensor {design}" if isinstance(design, str) else "the sensor"):
             self.body = body_of(self.design, body)
-        if not (math.isfinite(noise) and noise >= 0.0):
-            raise UserError(f"noise = {noise} must be finite and at least 0 grey levels")
-        if not 0 <= seed < 2**32:
-            raise UserError(f"seed = {seed} must be from 0 to {2**32 - 1}")
-        self._seed, self._noise = seed, noise
+        noise = number(noise, "noise [grey levels]", 0.0)
+        if not (number(seed, "seed") % 1 == 0 and 0 <= seed < 2**32):
+            raise UserError(f"seed = {seed} must be a whole number from 0 to {2**32 - 1}")
+        self._seed, self._noise = int(seed), noise
         self._defects = self.design.defects if defects is None else defects
         self._renderer, self._map, self._picture = renderer, membrane_map, picture
         self._camera: SimulatedCamera | None = None
@@ -215,8 +215,9 @@ class TactileSensor:
         """
         if self._obj is None or self._state is None:
             raise UserError("update() needs an object; call attach() first")
-        if not (math.isfinite(dt) and dt > 0.0):
-            raise UserError(f"update() was given dt = {dt}; it must be finite and above 0 s")
+        if not number(dt, "dt") > 0.0:
+            raise UserError(f"dt = {dt} must be above 0 s")
+        _check_type(pose, (Pose, type(None)), "update() needs a Pose")
         if (pose is None) == (force is None):
             raise UserError("update() needs a pose or a force, and not both")
         state = self._state
@@ -270,7 +271,14 @@ class TactileSensor:
         return self._state
 
     def restore(self, state: SensorState) -> None:
-        """Go on from a state of this sensor: the next frames are the same bytes as then."""
+        """Go on from a state of this sensor: the next frames are the same bytes as then.
+
+        Raises
+        ------
+        UserError
+            For what is no state, and for that of another body.
+        """
+        _check_type(state, (SensorState,), "restore() needs what state() gave")
         if state.obj is not None and state.obj is not self._obj:
             self.attach(state.obj)
         self._state, self._data = state, SensorData(self, state)
@@ -411,11 +419,14 @@ def body_of(design: SensorDesign, body: BodyName | Fingertip | SoftBody | None) 
     return silicone
 
 
+def _check_type(value: object, allowed: tuple[type, ...], what: str) -> None:
+    if not isinstance(value, allowed):
+        raise UserError(f"{what}, not a {type(value).__name__}")
+
+
 def _wrench(force: ArrayLike | None) -> Array:
     """Force and torque on an object [N, N·m], shape (6,)."""
-    given = np.asarray(force, float)
-    if given.shape not in ((3,), (6,)) or not np.isfinite(given).all():
-        raise UserError(f"a force must be 3 or 6 finite numbers, got {force!r}")
+    given = numbers(force, (3, 6), "a force")
     return np.concatenate([given, np.zeros(6 - len(given))])
 
 
