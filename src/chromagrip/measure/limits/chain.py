@@ -28,6 +28,7 @@ class ChainLimit(BodyLimit):
     """
 
     GRIP = 1.86
+    LOAD = (0.65, 0.0)
     COLUMNS = (
         ("normal", "ΣFn mN", 1e3),
         ("friction", "ΣFf mN", 1e3),
@@ -48,11 +49,6 @@ class ChainLimit(BodyLimit):
     def __post_init__(self) -> None:
         if self.design.shape.flat:
             raise UserError("a flat pad is not described by the node model")
-
-    @staticmethod
-    def default_load(friction: float, grip: float) -> float:
-        """0.65 N."""
-        return 0.65
 
     @staticmethod
     def default_designs() -> tuple[str, ...]:
