@@ -77,11 +77,11 @@ def limit(
 
     bodies: dict[Body, type[BodyLimit]] = {"chain": ChainLimit, "dome": DomeLimit}
     kind = bodies[body]
-    pressed = kind.GRIP if grip is None else grip
+    pressed, (force, share) = kind.GRIP if grip is None else grip, kind.LOAD
     case = Case(
         body=body,
         grip_n=pressed,
-        load_n=kind.default_load(friction, pressed) if load is None else load,
+        load_n=force + share * friction * pressed if load is None else load,
         azimuth_deg=azimuth_deg or 0.0,
         friction=friction,
         radius_mm=radius_mm,

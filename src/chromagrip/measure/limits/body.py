@@ -65,6 +65,7 @@ class BodyLimit(ABC):
     Attributes
     ----------
     GRIP: default grip force [N]
+    LOAD: default load: a force [N], and what is added as a share of µ times the grip
     COLUMNS: key, heading, and factor to its unit, of each column of printed limits
     DIALS: properties that are varied, keys of `dials.DIALS`
     ERRORS: errors of each point of a sweep, as the table names them
@@ -77,6 +78,7 @@ class BodyLimit(ABC):
     """
 
     GRIP: ClassVar[float]
+    LOAD: ClassVar[tuple[float, float]]
     COLUMNS: ClassVar[tuple[tuple[str, str, float], ...]]
     DIALS: ClassVar[tuple[str, ...]]
     ERRORS: ClassVar[tuple[str, ...]]
@@ -87,11 +89,6 @@ class BodyLimit(ABC):
     design: SensorDesign
     levels: float
     frames: int = 1
-
-    @staticmethod
-    @abstractmethod
-    def default_load(friction: float, grip: float) -> float:
-        """Load by default [N]."""
 
     @staticmethod
     @abstractmethod

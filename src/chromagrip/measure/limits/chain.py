@@ -12,6 +12,7 @@ from ...model import ContactObject, Fingertip
 from ...render import Membrane, SensorDesign, areas, centroids, outlines, rest_membrane
 from ...scene import load_scene
 from .body import BodyLimit, Case
+from .dials import STEPS
 from .forces import Press, force_limit, pair_covariance, press
 
 Array = NDArray[np.float64]
@@ -28,6 +29,7 @@ class ChainLimit(BodyLimit):
     """
 
     GRIP = 1.86
+    LOAD = (0.65, 0.0)
     COLUMNS = (
         ("normal", "ΣFn mN", 1e3),
         ("friction", "ΣFf mN", 1e3),
@@ -38,7 +40,7 @@ class ChainLimit(BodyLimit):
     ERRORS = ("margin_error",)
     CURVES = (("margin_error", "standard deviation of Γ", 1.0),)
     NEAREST = False
-    NEEDS = ", all else as in the design (0.25 to 2 times its own tried)"
+    NEEDS = f", all else as in the design ({STEPS[0]:g} to {STEPS[-1]:g} times its own tried)"
 
     fingertip: Fingertip
     object_: ContactObject
@@ -48,11 +50,6 @@ class ChainLimit(BodyLimit):
     def __post_init__(self) -> None:
         if self.design.shape.flat:
             raise UserError("a flat pad is not described by the node model")
-
-    @staticmethod
-    def default_load(friction: float, grip: float) -> float:
-        """0.65 N."""
-        return 0.65
 
     @staticmethod
     def default_designs() -> tuple[str, ...]:

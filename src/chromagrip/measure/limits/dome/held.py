@@ -15,7 +15,6 @@ from ....errors import UserError, located
 from ....model import Dome
 from ....model.dome import PosedContact, lattice, solid_stiffness
 from ....tracking.forces.dome import (
-    BRISTLE,
     CURVES,
     FRICTION,
     MOVING,
@@ -184,7 +183,6 @@ def _object(dome: Dome, grip: Grip) -> Array:
     object_[CURVES] = curve, curve, 0.0
     object_[STIFFNESS] = math.log(solid_stiffness(grip.young))
     object_[FRICTION] = math.log(grip.friction)
-    object_[BRISTLE] = prior_of(dome).mean[BRISTLE]
     return object_
 
 

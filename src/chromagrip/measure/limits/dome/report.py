@@ -17,8 +17,6 @@ from .limit import ZONES, Deviations, Noise, Seen, moving_layers
 NOISES = ("bound", "bound plus misfit")
 #: A reconstructor can read a design that leaves so much of the grip open, misfit included.
 READ = 0.05
-#: Default load over µ and the grip.
-_LOAD = 0.7
 #: Largest number of pictures of a shear.
 _MOST = 20
 #: Names of values in a JSON file, where they have a unit.
@@ -35,6 +33,7 @@ class DomeLimit(BodyLimit):
     """
 
     GRIP = 3.0
+    LOAD = (0.0, 0.7)
     COLUMNS = (
         ("x_n", "F_x mN", 1e3),
         ("y_n", "F_y mN", 1e3),
@@ -47,7 +46,7 @@ class DomeLimit(BodyLimit):
     ERRORS = ("margin_bound", "margin_error", "normal_error_n")
     CURVES = (
         ("margin_error", "deviation of Γ\nof a contact", 1.0),
-        ("normal_error_n", "deviation of F_n of free\ntractions, zone known [mN]", 1e3),
+        ("normal_error_n", "deviation of F_n [mN],\ntractions, zone known", 1e3),
     )
     NEAREST = True
     NEEDS = " by a contact, misfit included, all else as designed (nearest to the design)"
@@ -60,11 +59,6 @@ class DomeLimit(BodyLimit):
         if self.design.markers.form != "disc":
             raise UserError("the bound of markers is that of discs")
         assert isinstance(self.design.dome, Dome)
-
-    @staticmethod
-    def default_load(friction: float, grip: float) -> float:
-        """Load that leaves a Γ of 0.3."""
-        return _LOAD * friction * grip
 
     @staticmethod
     def default_designs() -> tuple[str, ...]:
