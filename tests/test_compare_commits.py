@@ -18,6 +18,8 @@ ROWS = [
     {"name": "camera/rate", "value": 300.0, "unit": "frames/s"},
     {"name": "slip/time", "value": 1.39, "unit": "s"},
     {"name": "implicit/cpu_2s", "value": 0.04, "unit": "s"},
+    {"name": "speed/plan/cheaper", "value": 3.5, "unit": "×"},
+    {"name": "speed/27 objects/held", "value": 26.0, "unit": "of 27"},
 ]
 
 
@@ -115,7 +117,7 @@ def test_every_difference_is_named(
 
 
 @pytest.mark.parametrize(
-    ("number", "same"), [(0, False), (1, True), (2, False), (3, True)], ids=lambda each: str(each)
+    ("number", "same"), [(0, False), (1, True), (2, False), (3, True), (4, True), (5, False)]
 )
 def test_rows_of_the_clock_are_left_out(
     found: Callable[..., list[str]], number: int, same: bool

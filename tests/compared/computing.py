@@ -19,6 +19,8 @@ PRINTED = "printed.json"
 #: A sum depends on the number of threads that share it.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 SCRIPTS = Path(__file__).parent
+#: What decides how files are read, as this process has it: the file may be changed meanwhile.
+RULES = (SCRIPTS / "digests.py").read_bytes()
 #: Folders of a checkout that decide its results.
 CODE = ("src", "model", "render", "tracking", "control", "fixtures")
 #: Exit code of a command that is refused.
@@ -159,8 +161,7 @@ def _write(folder: Path, result: Result) -> None:
 
 def _rules(job: Job) -> str:
     """Digest of what decides how the files of a job are read."""
-    source = (SCRIPTS / "digests.py").read_bytes()
-    return digest(source + json.dumps(job.ignored).encode())
+    return digest(RULES + json.dumps(job.ignored).encode())
 
 
 def _run(words: Sequence[str], tree: Path, out: Path, cache: Path) -> tuple[int, str]:

@@ -23,11 +23,14 @@ CHANGING = re.compile(
     "frames_per_second|versions|machine|wall_time_s|first_frame_s|setup_s"
     "|milliseconds|fastest|slowest|front of .*"
 )
-#: Units of rows that are a speed or a time of the program; a second may be one of the simulation.
+#: Units of rows that are a speed or a time of the program.
 CLOCK_UNITS = {"frames/s", "fields/s", "steps/s", "1/s", "ms", "µs/step", "min"}
-#: Names of further rows that are such, or a memory of the program.
+#: Units that are such in rows whose names say speed; elsewhere a second is one of the simulation.
+SPEED_UNITS = {"s", "×", "MB"}
+#: Names of further rows of the clock or of the memory of the program, with any unit.
 CLOCKED = re.compile(
-    "speed|memory|cpu_|times_real_time|^cost/|^dome/build/(first|from_cache)$|/late$"
+    "memory|cpu_|times_real_time|times_as_fast|speed_up|^cost/|^dataset/share/|over_pyrender"
+    "|two_processes_over_one|^dome/build/(first|from_cache)$|/late$"
 )
 #: Longest value that stands for itself in place of a digest [characters].
 LONGEST = 40
@@ -93,7 +96,9 @@ def _is_row(value: object) -> bool:
 
 def timed(row: Mapping[str, object]) -> bool:
     """Whether a row of a report is of the clock or of the memory of the program."""
-    return row.get("unit") in CLOCK_UNITS or CLOCKED.search(str(row["name"])) is not None
+    name, unit = str(row["name"]), row.get("unit")
+    in_speeds = "speed" in name and unit in SPEED_UNITS
+    return unit in CLOCK_UNITS or in_speeds or CLOCKED.search(name) is not None
 
 
 def _of_columns(path: Path) -> Parts:

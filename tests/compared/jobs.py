@@ -94,6 +94,7 @@ def _measurements() -> Iterable[Job]:
     yield job("bench-control-pinch", "bench control --world pinch --quick --json", to="")
     for part in ("model", "render", "track", "force"):
         yield job(f"bench-{part}", f"bench {part} --quick --json", to="")
+    yield job("bench-dataset", "bench dataset --quick --json", to="")
     for world in ("beyond", "dome"):
         yield job(f"bench-force-{world}", f"bench force --world {world} --quick --json", to="")
     for part in ("model", "render", "track", "force", "loop"):
