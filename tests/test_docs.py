@@ -12,8 +12,7 @@ import pytest
 
 import chromagrip
 from chromagrip.dataset.labels import columns_of
-from chromagrip.loop import COLUMNS
-from chromagrip.loop.pinch.trace import COLUMNS as PINCH_COLUMNS
+from chromagrip.loop.columns import columns_of as trace_of
 from chromagrip.loop.poses.folder import ARRAYS, DOME_ARRAYS
 from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
 
@@ -115,7 +114,15 @@ def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:
 
 def test_the_page_on_files_names_every_key_and_column() -> None:
     text = (ROOT / "docs/file-formats.md").read_text(encoding="utf-8")
-    tables = (COLUMNS, PINCH_COLUMNS, TRACKS, FORCES, DISPLACEMENTS, ARRAYS, DOME_ARRAYS)
+    tables = (
+        trace_of("dome"),
+        trace_of("pinch"),
+        TRACKS,
+        FORCES,
+        DISPLACEMENTS,
+        ARRAYS,
+        DOME_ARRAYS,
+    )
     tables += (*columns_of("chain"), *columns_of("dome", reading=True))
     names = {*scene_keys(chromagrip.Scene), *(name for table in tables for name in table)}
     assert {name for name in names if f"`{name}`" not in text} == set()

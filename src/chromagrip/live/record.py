@@ -14,10 +14,11 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import require
+from ..loop.columns import Rows
 from ..loop.rig import Rig, readable
 from ..loop.run_folder import PARTS, RunFiles, pose_at_rest
 from ..loop.sample import Sample
-from ..loop.trace import make_trace, row, summarise
+from ..loop.trace import make_trace, summarise
 from ..output.folder import disk_errors
 from ..scene.scene import Scene
 from ..scene.settings import LoadSettings
@@ -102,6 +103,7 @@ class _Recording:
         self.folder = folder
         self._begin, self._clock = sample.time, time.perf_counter()
         self._rest, self._methods = sample.rest, rig.methods
+        self._columns = Rows(rig.scene)
         self._rows, self._reasons = array("d"), list[str]()
         self._scenes: list[tuple[float, Scene]] = []
         self._wishes: list[tuple[float, Wishes]] = []
@@ -119,7 +121,7 @@ class _Recording:
             self._wishes.append((now, wishes))
         if sample.observation is not None and sample.observation.no_estimate:
             self._reasons.append(sample.observation.no_estimate)
-        line = row(sample)
+        line = self._columns.line(sample)
         self._rows.extend(line)
         self._files.keep(line)
         self._files.show(sample, rig)

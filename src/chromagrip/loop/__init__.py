@@ -1,13 +1,14 @@
 """The grip loop: model, camera, observer and controller, frame after frame."""
 
 from ..sensing.sensor import open_camera
+from .columns import COLUMNS
 from .fidelity import Fidelity
 from .grasp import grasp
 from .latency import arrivals
 from .rig import Rig, RigState
 from .run_folder import Result, run
 from .sample import Sample
-from .trace import COLUMNS, Trace, summarise
+from .trace import Trace, summarise
 
 __all__ = [
     "COLUMNS",

@@ -26,13 +26,12 @@ from ..scene.scene import Scene, dump_scene, load_scene
 from ..tracking import SensorCalibration, Tracks
 from ..tracking.forces import CameraPose, rest_pose
 from ..tracking.forces.chain import used
+from .columns import FINGERS, Rows
 from .grasp import gripped
 from .methods import choose
-from .pinch.trace import FINGERS, PinchRows
-from .pinch.trace import summarise as summarise_pinch
 from .rig import Rig
 from .sample import Sample
-from .trace import Rows, Summary, Trace, TraceLines, make_trace, summarise
+from .trace import Summary, Trace, TraceLines, make_trace, summarise
 
 if TYPE_CHECKING:
     from .pinch.video import PinchVideo
@@ -65,7 +64,7 @@ class Result:
     Attributes
     ----------
     scene: that was run, with the names of the methods that were used
-    summary: see `trace.summarise`; of two fingers, `pinch.trace.summarise`
+    summary: see `trace.summarise`
     trace: time series, truth beside estimate
     folder: where the files are; None when nothing was written
     """
@@ -169,16 +168,14 @@ def _record(rig: Rig, files: "RunFiles | None", progress: Progress | None, withi
     return Result(scene=scene, summary=summary, trace=trace, folder=folder)
 
 
-def rows_of(scene: Scene) -> Rows | PinchRows:
+def rows_of(scene: Scene) -> Rows:
     """What makes the lines of a scene's trace."""
-    return PinchRows(scene) if scene.pinch.mass_g else Rows(scene)
+    return Rows(scene)
 
 
 def _summary(
     rig: Rig, trace: Trace, seconds: float, rest: Tracks | None, reasons: list[str]
 ) -> Summary:
-    if rig.scene.pinch.mass_g:
-        return summarise_pinch(rig.scene, trace, seconds, reasons)
     known = rig.known[0]
     read_with = None if known is None else used(rig.methods.reconstructor, known)
     return summarise(rig.scene, trace, seconds, read_with, pose_at_rest(known, rest), reasons)
@@ -366,18 +363,15 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary) -> None:
-    from .pinch import figure as of_two
-    from .pinch.report import write_report as write_report_of_two
-    from .shown import figure as of_one
+    from .shown import figure
     from .shown.report import RunRead, write_report
 
-    two = bool(scene.pinch.mass_g)
     write_trace(scene, trace, folder / "trace.parquet")
-    (of_two if two else of_one).draw_figure(scene, trace, folder / "figure.png")
+    figure.draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
     read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
-    (write_report_of_two if two else write_report)(read)
+    write_report(read)
 
 
 def write_run_logs(
@@ -385,13 +379,11 @@ def write_run_logs(
 ) -> None:
     """Write the logs of a run into its folder, which has all other files."""
     if formats:
-        from .pinch.log import log_of as log_of_two
         from .shown.log import log_of
         from .shown.report import RunRead
 
         read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
-        of = log_of_two if scene.pinch.mass_g else log_of
-        write_logs(of(read), folder, formats)
+        write_logs(log_of(read), folder, formats)
 
 
 def write_trace(scene: Scene, trace: Trace, path: Path) -> None:

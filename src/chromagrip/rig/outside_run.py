@@ -13,6 +13,7 @@ from typing import Any
 from ..by_name import Choice, name_of
 from ..errors import UserError
 from ..extras import require
+from ..loop.columns import Rows
 from ..loop.methods import Methods, choose
 from ..loop.rig import readable
 from ..loop.run_folder import (
@@ -28,7 +29,7 @@ from ..loop.run_folder import (
     write_trace,
 )
 from ..loop.sample import Sample
-from ..loop.trace import Summary, Trace, TraceLines, make_trace, outside_row, summarise
+from ..loop.trace import Summary, Trace, TraceLines, make_trace, summarise
 from ..output.folder import disk_errors, prepare, whole_file
 from ..output.frames import FRAMES
 from ..output.logs.write import LOG_FILES, LogFormat
@@ -136,6 +137,7 @@ class OutsideRecord:
     ) -> None:
         self._scene, self._out, self._log = scene, out, log
         self._used = used(methods.reconstructor, known)
+        self._columns = Rows(scene)
         self._rows, self._reasons = array("d"), list[str]()
         self._lines: TraceLines | None = None
         self._begin = time.perf_counter()
@@ -155,8 +157,7 @@ class OutsideRecord:
     def add(self, seen: Sample) -> None:
         """Append a frame."""
         assert seen.observation is not None
-        assert seen.tracks is not None
-        line = outside_row(seen.time, seen.grip, seen.observation, seen.tracks)
+        line = self._columns.line(seen)
         if not self._rows:  # the first frame includes those at rest
             self._begin = time.perf_counter()
         self._rows.extend(line)
