@@ -46,7 +46,7 @@ TABLE = (
     whole("load_n", "lateral load on the object", lambda s: s.load, "/load_n/lateral", ONE),
     whole(
         "grip_n",
-        "grip force commanded from this frame on, of each finger",
+        "grip force commanded from this frame on (two fingers: of each)",
         lambda s: s.grip,
         "/grip_n/commanded",
     ),
@@ -212,10 +212,7 @@ TABLE = (
     ),
     *wrench_columns("true", "true force of the object", true, true_wrench),
     *wrench_columns(
-        "estimated",
-        "estimated force of the object",
-        read,
-        lambda o: np.append(o.force, o.torque),
+        "estimated", "estimated force of the object", read, lambda o: np.append(o.force, o.torque)
     ),
     *wrench_columns(
         "deviation",

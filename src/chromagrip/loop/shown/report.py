@@ -191,6 +191,7 @@ _FACTS = (
     ("path", "path", "", ""),
     ("body", "mechanics", "", ""),
     ("sensor", "sensor", "", ""),
+    ("second sensor", "second_sensor", "", ""),
     ("forces read by", "reconstructor", "", ""),
     ("seed of the noise", "seed", "", ""),
     ("outcome", "outcome", "", ""),
@@ -212,7 +213,7 @@ _FACTS = (
     ("largest pressure", "max_pressure_n_per_m", ".0f", "N/m"),
     ("largest mean pressure", "max_pressure_kpa", ".0f", "kPa"),
     ("frames", "frames", "", ""),
-    ("frames without an estimate", "without_estimate", "", ""),
+    ("readings without an estimate", "without_estimate", "", ""),
     ("speed of the loop", "frames_per_second", ".0f", "frames/s"),
 )
 
