@@ -188,12 +188,15 @@ def wrench_columns(
     wrench: Callable[[Source], Array],
 ) -> Iterator[Column]:
     """Columns of the force along x, y, z and the torque about z [N, N·m]."""
-    for k, axis in enumerate("xyz"):
-        name, meaning = f"force_{axis}_{kind}_n", f"{words} along the fingertip's {axis}"
-        force = column(name, meaning, lambda of, k=k: float(wrench(of)[k]))
-        yield replace(force, bodies=SOFT)
-    name, meaning = f"torque_{kind}_nmm", words.replace("force", "torque") + " about its z"
-    yield replace(column(name, meaning, lambda of: 1e3 * float(wrench(of)[3])), bodies=SOFT)
+    names = [f"force_{axis}_{kind}_n" for axis in "xyz"] + [f"torque_{kind}_nmm"]
+    meanings = [f"{words} along the fingertip's {axis}" for axis in "xyz"]
+    meanings.append(words.replace("force", "torque") + " about the fingertip's z")
+    for k, (name, meaning) in enumerate(zip(names, meanings, strict=True)):
+
+        def value(of: Source, k: int = k) -> float:
+            return (1e3 if k == 3 else 1.0) * float(wrench(of)[k])
+
+        yield replace(column(name, meaning, value), bodies=SOFT)
 
 
 def true_wrench(contact: Contact) -> Array:

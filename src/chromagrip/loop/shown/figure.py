@@ -29,7 +29,9 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     panels = list(panels_of(scene, trace.columns))
     figure = Figure(figsize=(8.0, 1.0 + 1.6 * len(panels)), layout="constrained")
     FigureCanvasAgg(figure)
-    plots = np.ravel(figure.subplots(len(panels), 1, sharex=True)) if panels else []
+    plots: list[Axes] = (
+        np.ravel(figure.subplots(len(panels), 1, sharex=True)).tolist() if panels else []
+    )
     for axes, panel in zip(plots, panels, strict=True):
         _draw(axes, trace["time_s"], panel)
         axes.set_xlim(0.0, scene.duration_s)

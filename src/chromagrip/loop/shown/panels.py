@@ -133,13 +133,12 @@ def panels_of(scene: Scene, of: Columns) -> Iterator[Panel]:
     for plan in _PLANS:
         if body not in plan.bodies:
             continue
+        groups: list[tuple[str, ...]] = [befores]
         if plan.curves[0].column in columns_of(body):
-            befores_of = [("",)]
+            groups = [("",)]
         elif any(curve.second for curve in plan.curves):
-            befores_of = [(before,) for before in befores]
-        else:
-            befores_of = [befores]
-        for group in befores_of:
+            groups = [(before,) for before in befores]
+        for group in groups:
             yield from _panel(scene, of, plan, group)
 
 
