@@ -1,8 +1,8 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
-Parts: images, gallery, tutorials, bodies, loop, dataset, control, model, render, track, force,
-force-dome, loop-dome, control-pinch, ranges, tolerances, charts, limit, limit-dome, stability,
-stability-track, stability-force, stability-loop, stability-loop-dome, stability-loop-pinch,
+Parts: images, gallery, tutorials, columns, bodies, loop, dataset, control, model, render, track,
+force, force-dome, loop-dome, control-pinch, ranges, tolerances, charts, limit, limit-dome,
+stability, stability-track, stability-force, stability-loop, stability-loop-dome, stability-loop-pinch,
 appendix-b, reproduction.
 Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
 docs/images/, docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand,
@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import cv2
 from website.gallery import GALLERY
@@ -28,6 +28,8 @@ from website.notebook import executed, with_outputs
 from chromagrip.calibrate.first_use import EPOCHS, HISTORIES, NOISE
 from chromagrip.calibrate.readout import VARIATIONS
 from chromagrip.calibrate.spanned import range_lines, spanned_ranges
+from chromagrip.loop.column import Mechanics
+from chromagrip.loop.columns import FINGERS, columns_of
 from chromagrip.measure.bench.model_bodies import engine_rows
 from chromagrip.measure.bench.parts import bench
 from chromagrip.measure.reproduce.parts import PARTS as THESIS
@@ -88,6 +90,25 @@ def fill(page: str, name: str, lines: Iterable[str]) -> None:
     _, after = rest.split(marks[1])
     inner = "\n".join([marks[0], "", *lines, "", marks[1]])
     path.write_text(before + inner + after, encoding="utf-8")
+
+
+def columns_table(body: Mechanics) -> list[str]:
+    """Columns of a trace; those of each of two fingers in one line."""
+    lines = []
+    for name, column in columns_of(body).items():
+        names = [name]
+        if body == "pinch" and column.each:
+            names = [f"{finger}_{column.name}" for finger in FINGERS]
+        if (body == "dome" and "chain" in column.bodies) or name != names[0]:
+            continue
+        lines.append((", ".join(f"`{each}`" for each in names), column.meaning, column.unit))
+    return list(markdown(Table(("column", "content", "unit"), tuple(lines))))
+
+
+def columns() -> None:
+    """Columns of the traces of a chain, what a dome has more, and those of a pinch."""
+    for body in get_args(Mechanics):
+        fill("file-formats", f"columns of a {body}", columns_table(body))
 
 
 def table(part: str) -> None:
@@ -345,6 +366,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "images": images,
     "gallery": gallery,
     "tutorials": tutorials,
+    "columns": columns,
     "bodies": bodies,
     "loop": partial(table, "loop"),
     "dataset": partial(table, "dataset"),

@@ -145,7 +145,7 @@ class ForceField:
         arms = self.position - np.asarray(through, float)
         return float(np.cross(arms, self._vectors()).sum(axis=0) @ direction)
 
-    @property
+    @cached_property
     def wrench(self) -> Array:
         """Force of the object on a dome along x, y, z [N], and its torque about z [N·m], (4,).
 

@@ -13,8 +13,8 @@ import pytest
 
 import chromagrip
 from chromagrip.dataset.labels import columns_of
-from chromagrip.loop import COLUMNS
-from chromagrip.loop.pinch.trace import COLUMNS as PINCH_COLUMNS
+from chromagrip.loop.column import Mechanics
+from chromagrip.loop.columns import columns_of as trace_of
 from chromagrip.loop.poses.folder import ARRAYS, DOME_ARRAYS
 from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
 
@@ -116,10 +116,33 @@ def scene_keys(kind: type, prefix: str = "") -> Iterator[str]:
 
 def test_the_page_on_files_names_every_key_and_column() -> None:
     text = (ROOT / "docs/file-formats.md").read_text(encoding="utf-8")
-    tables = (COLUMNS, PINCH_COLUMNS, TRACKS, FORCES, DISPLACEMENTS, ARRAYS, DOME_ARRAYS)
+    tables = (
+        trace_of("dome"),
+        trace_of("pinch"),
+        TRACKS,
+        FORCES,
+        DISPLACEMENTS,
+        ARRAYS,
+        DOME_ARRAYS,
+    )
     tables += (*columns_of("chain"), *columns_of("dome", reading=True))
     names = {*scene_keys(chromagrip.Scene), *(name for table in tables for name in table)}
     assert {name for name in names if f"`{name}`" not in text} == set()
+
+
+@pytest.mark.parametrize("body", ["chain", "dome", "pinch"])
+def test_the_page_on_files_has_the_columns_of_the_table(body: Mechanics) -> None:
+    text = (ROOT / "docs/file-formats.md").read_text(encoding="utf-8")
+    _, rest = text.split(f"<!-- columns of a {body} -->")
+    told = {}
+    for line in rest.split("<!-- end of columns")[0].splitlines():
+        if line.startswith("| `"):
+            names, meaning, unit = (cell.strip() for cell in line.strip("|").split(" | "))
+            told |= {name.strip("`"): (meaning, unit) for name in names.split(", ")}
+    columns = {name: (each.meaning, each.unit) for name, each in trace_of(body).items()}
+    if body == "dome":  # its table has what a chain lacks
+        columns = {name: each for name, each in columns.items() if name not in trace_of("chain")}
+    assert told == columns
 
 
 def sections() -> dict[str, str]:

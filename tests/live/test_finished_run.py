@@ -66,7 +66,7 @@ def test_a_run_is_repeated_and_agrees(viser_server: Any, dome: Path, until: Unti
         assert last is not None
         assert last.normal.sum() == pytest.approx(of["normal_true_n"][-1], rel=1e-5)
         assert page.board.strips is not None
-        assert page.board.strips._rows[-1]["margin"] == of["margin_estimated"][-1]
+        assert page.board.strips._rows[-1]["margin_estimated"] == of["margin_estimated"][-1]
 
 
 def test_time_goes_where_it_is_put(viser_server: Any, dome: Path, until: Until) -> None:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from chromagrip import UserError, load_scene
+from chromagrip.loop import COLUMNS
 from chromagrip.loop.record import Result
-from chromagrip.loop.trace import COLUMNS, Trace
+from chromagrip.loop.trace import Trace
 from chromagrip.measure.bench import control as bench_control
 from chromagrip.measure.bench.control import OBJECT_SETS, SCENES, TARGETS, Task, score_run, tasks
 from chromagrip.measure.worlds.coverage import BEYOND, count_frames, coverage_rows, slip_rows

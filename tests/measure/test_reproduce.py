@@ -14,7 +14,8 @@ import pytest
 
 from chromagrip.cli.measure import reproduce as command
 from chromagrip.errors import UserError
-from chromagrip.loop.trace import COLUMNS, Trace, columns_of
+from chromagrip.loop.columns import COLUMNS, columns_of
+from chromagrip.loop.trace import Trace
 from chromagrip.measure.reproduce import runs as reproduce_runs
 from chromagrip.measure.reproduce import statements as reproduce_checks
 from chromagrip.measure.reproduce.figure_16_table_2 import (

@@ -15,7 +15,7 @@ import pytest
 import chromagrip
 from chromagrip import UserError, load_scene
 from chromagrip.control import GripCommand, GripObservation
-from chromagrip.loop.pinch.trace import COLUMNS
+from chromagrip.loop.columns import columns_of
 from chromagrip.loop.rig import Rig
 from chromagrip.loop.run import run
 from chromagrip.loop.run_files import FILES
@@ -87,7 +87,7 @@ def test_an_object_off_centre_turns_and_the_margin_with_torsion_says_so() -> Non
 def test_same_seed_and_grips_same_bytes() -> None:
     runs = [run(scene(truth__margin_noise=0.02)) for _ in range(2)]
     other = run(scene(truth__margin_noise=0.02, seed=1))
-    for name in COLUMNS:
+    for name in columns_of("pinch"):
         assert runs[0].trace[name].tobytes() == runs[1].trace[name].tobytes(), name
     assert not np.array_equal(
         runs[0].trace["first_margin_estimated"], other.trace["first_margin_estimated"]

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import UserError
+from ..loop.columns import values_of
 from ..loop.grasp import gripped
 from ..loop.rig import Rig
 from ..loop.sample import Sample
 from ..loop.shown.report import RunRead
 from ..loop.shown.tactile_video import SLOWDOWN
-from ..loop.trace import COLUMNS, row
 from ..output.pictures import open_source
 from ..output.processes import one_thread
 from .picture import packed, picture_of, resized
@@ -137,11 +137,10 @@ class Replay(Background):
 
     def _compare(self, index: int, sample: Sample) -> None:
         """Note where a frame differs from the record."""
-        now = dict(zip(COLUMNS, row(sample), strict=True))
-        for name in _COMPARED:
+        for name, now in values_of(sample, _COMPARED).items():
             before = float(self.run.columns[name][index])
-            if not np.isnan(before) or not np.isnan(now[name]):
-                off = abs(before - now[name])
+            if not np.isnan(before) or not np.isnan(now):
+                off = abs(before - now)
                 off = math.inf if np.isnan(off) else off
                 self.differences[name] = max(self.differences.get(name, 0.0), off)
 

@@ -62,12 +62,12 @@ class RunPage:
     def __init__(self, server: "viser.ViserServer", replay: Replay) -> None:
         self._replay, self._run = replay, replay.run
         self._rows = rows_of(self._run.columns)
-        self._end = self._rows[-1]["time"]
+        self._end = self._rows[-1]["time_s"]
         self._now, self._then = 0.0, time.monotonic()
         self._playing, self._changed = True, threading.Event()
         gui, seen = server.gui, self._run.scene.path == "camera"
         # Of frames from outside there is no truth.
-        truth = any(not math.isnan(row["normal_true"]) for row in self._rows)
+        truth = any(not math.isnan(row["normal_true_n"]) for row in self._rows)
         self.board = Board(server, "camera", truth)
         period = max(self._run.scene.period, 1e-3)
         self._slider: Any = gui.add_slider("time [s]", 0.0, max(self._end, period), period, 0.0)
@@ -93,7 +93,7 @@ class RunPage:
             self._now = 0.0
         if button == "step":
             count = self._count(self._now)
-            self._now = self._rows[count]["time"] if count < len(self._rows) else 0.0
+            self._now = self._rows[count]["time_s"] if count < len(self._rows) else 0.0
         self._playing = button in ("play", "anew")
         if button == "play" and self._now >= self._end:
             self._now = 0.0
@@ -136,19 +136,19 @@ class RunPage:
 
     def _count(self, time: float) -> int:
         """Frames of the run up to a time [s]."""
-        return bisect.bisect_right(self._rows, time + 1e-9, key=lambda row: row["time"])
+        return bisect.bisect_right(self._rows, time + 1e-9, key=lambda row: row["time_s"])
 
     def _lines(self, row: Row | None) -> list[str]:
         """State in Markdown."""
         run = self._run
         lines = [f"**t = {self._now:.2f} s** of {self._end:g} s, {run.folder.name}: a finished run"]
         if row is not None:
-            for kind, end in (("true", "_true"), ("estimated", "")):
-                if math.isnan(row["normal" + end]):
+            for kind in ("true", "estimated"):
+                if math.isnan(row[f"normal_{kind}_n"]):
                     continue
                 lines.append(
-                    f"{kind}: Γ {row['margin' + end]:.2f}, ΣFn {row['normal' + end]:.2f} N, "
-                    f"ΣFf {row['friction' + end]:.2f} N"
+                    f"{kind}: Γ {row[f'margin_{kind}']:.2f}, "
+                    f"ΣFn {row[f'normal_{kind}_n']:.2f} N, ΣFf {row[f'friction_{kind}_n']:.2f} N"
                 )
         lines.append(self._replay.words())
         return lines

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..control import GripObservation
+from ..loop.columns import values_of
 from ..loop.sample import Sample
 
 if TYPE_CHECKING:
@@ -21,23 +21,7 @@ _EDGE: dict[str, Any] = {"stroke": _INTERVAL, "width": 1}
 _READ: dict[str, Any] = {"stroke": _ESTIMATED, "width": 2, "dash": (6, 3)}
 _KNOWN: dict[str, Any] = {"stroke": _TRUE, "width": 2}
 _DOTTED: dict[str, Any] = {"dash": (2, 2)}
-#: Columns of a trace by the names that they have here.
-_COLUMNS = {
-    "time": "time_s",
-    "margin": "margin_estimated",
-    "margin_low": "margin_low",
-    "margin_high": "margin_high",
-    "margin_true": "margin_true",
-    "normal": "normal_estimated_n",
-    "normal_true": "normal_true_n",
-    "friction": "friction_estimated_n",
-    "friction_true": "friction_true_n",
-    "grip": "applied_n",
-    "mu": "mu_estimated",
-    "mu_low": "mu_low",
-    "mu_high": "mu_high",
-    "mu_true": "mu_true",
-}
+#: Values of a frame, by the names of a trace's columns.
 Row = dict[str, float]
 _GRIP = ", grip thin"
 #: Title of each plot, its range of values, and label, look and column of each curve.
@@ -50,7 +34,7 @@ _PLOTS: tuple[
         [
             ("low", _EDGE, "margin_low"),
             ("high", _EDGE, "margin_high"),
-            ("estimated", _READ, "margin"),
+            ("estimated", _READ, "margin_estimated"),
             ("true", _KNOWN, "margin_true"),
         ],
     ),
@@ -58,11 +42,11 @@ _PLOTS: tuple[
         "forces [N]: ΣFn thick, ΣFf dotted" + _GRIP,
         None,
         [
-            ("ΣFn est.", _READ, "normal"),
-            ("ΣFn true", _KNOWN, "normal_true"),
-            ("ΣFf est.", _READ | _DOTTED, "friction"),
-            ("ΣFf true", _KNOWN | _DOTTED, "friction_true"),
-            ("grip", {"stroke": "#7a7a7a", "width": 1}, "grip"),
+            ("ΣFn est.", _READ, "normal_estimated_n"),
+            ("ΣFn true", _KNOWN, "normal_true_n"),
+            ("ΣFf est.", _READ | _DOTTED, "friction_estimated_n"),
+            ("ΣFf true", _KNOWN | _DOTTED, "friction_true_n"),
+            ("grip", {"stroke": "#7a7a7a", "width": 1}, "applied_n"),
         ],
     ),
     (
@@ -71,11 +55,15 @@ _PLOTS: tuple[
         [
             ("low", _EDGE, "mu_low"),
             ("high", _EDGE, "mu_high"),
-            ("estimated", _READ, "mu"),
+            ("estimated", _READ, "mu_estimated"),
             ("true", _KNOWN, "mu_true"),
         ],
     ),
 )
+
+
+#: Columns of a trace that the curves show.
+COLUMNS = ("time_s", *(name for _, _, curves in _PLOTS for _, _, name in curves))
 
 
 class Strips:
@@ -92,7 +80,7 @@ class Strips:
         self._plots: list[tuple[Any, tuple[str, ...]]] = []
         for title, span, curves in _PLOTS:
             # A curve without any value would leave a plot without a scale.
-            there = [c for c in curves if truth or not (c[2].endswith("_true") or c[2] == "grip")]
+            there = [c for c in curves if truth or not ("_true" in c[2] or c[2] == "applied_n")]
             banded = there[0][0] == "low"
             series: list[Any] = [{"label": name, **look} for name, look, _ in there]
             handle = server.gui.add_uplot(
@@ -104,22 +92,22 @@ class Strips:
                 legend={"show": False},
                 aspect=2.2,
             )
-            self._plots.append((handle, ("time", *(name for _, _, name in there))))
+            self._plots.append((handle, ("time_s", *(name for _, _, name in there))))
 
     def add(self, row: Row) -> None:
-        """Append a frame; a time before the last one begins the curves anew."""
-        if self._rows and row["time"] <= self._rows[-1]["time"]:
+        """Append a frame; a time before the last one starts the curves again."""
+        if self._rows and row["time_s"] <= self._rows[-1]["time_s"]:
             self._rows.clear()
         self._rows.append(row)
 
     def put(self, rows: Sequence[Row]) -> None:
-        """Take these rows instead, of which the last one is now."""
+        """Replace all rows; the last one is now."""
         self._rows = deque(rows, maxlen=FRAMES)
 
     def draw(self) -> None:
         """Send the curves to the page."""
         rows = list(self._rows)
-        rows = [row for row in rows if row["time"] > rows[-1]["time"] - SECONDS]
+        rows = [row for row in rows if row["time_s"] > rows[-1]["time_s"] - SECONDS]
         if len(rows) < 2:
             return
         for handle, names in self._plots:
@@ -128,29 +116,10 @@ class Strips:
 
 def row_of(sample: Sample) -> Row:
     """Values of a frame, truth beside estimate."""
-    seen = sample.observation
-    return {
-        **({} if seen is None else row_seen(seen)),
-        "time": sample.time,
-        "margin_true": sample.field.safety_margin(sample.friction),
-        "normal_true": sample.field.total_normal,
-        "friction_true": sample.field.total_friction,
-        "mu_true": sample.friction,
-        "grip": sample.applied,
-    }
-
-
-def row_seen(seen: GripObservation) -> Row:
-    """Values of an estimate, with its time."""
-    row = {"time": seen.time, "margin": seen.margin, "mu": seen.friction}
-    row |= {"normal": seen.field.total_normal, "friction": seen.field.total_friction}
-    row["margin_low"], row["margin_high"] = seen.margin_interval
-    row["mu_low"], row["mu_high"] = seen.friction_interval
-    return row
+    return values_of(sample, COLUMNS)
 
 
 def rows_of(columns: dict[str, NDArray[np.float64]]) -> list[Row]:
     """Values of each frame of a trace."""
-    found = {name: columns[column] for name, column in _COLUMNS.items()}
-    count = len(found["time"])
-    return [{name: float(found[name][k]) for name in found} for k in range(count)]
+    count = len(columns["time_s"])
+    return [{name: float(columns[name][k]) for name in COLUMNS} for k in range(count)]

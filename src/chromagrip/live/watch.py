@@ -10,6 +10,7 @@ from threading import Event
 from typing import TYPE_CHECKING
 
 from ..errors import UserError, located
+from ..loop.sample import Sample
 from ..model.dome import lattice
 from ..output.processes import one_thread
 from ..pictures.opening import Opened, open_tracking
@@ -28,7 +29,7 @@ from .board import Board, line_of_estimate, line_of_speed
 from .picture import picture_of
 from .serve import Address, announce, serving, ticks
 from .solid import Array, half_sphere
-from .strips import row_seen
+from .strips import row_of
 from .view import FingertipView, drawn_forces
 from .worker import Background
 
@@ -254,7 +255,8 @@ class WatchPage:
         seen, frame = reading.observation, reading.frame
         assert seen is not None
         assert frame is not None
-        self.board.add({**row_seen(seen), "time": frame.time})
+        sample = Sample(index=0, time=frame.time, readings=(reading,), grip=math.nan)
+        self.board.add(row_of(sample))
         stands = self._watcher is not None and self._watcher.paused
         if not self.board.is_due(stands):
             return

@@ -1,6 +1,7 @@
 """The grip loop: model, camera, observer and controller, frame after frame."""
 
 from ..sensing.sensor import open_camera
+from .columns import COLUMNS
 from .fidelity import Fidelity
 from .grasp import grasp
 from .latency import arrivals
@@ -8,7 +9,7 @@ from .record import Result
 from .rig import Rig, RigState
 from .run import run
 from .sample import Sample
-from .trace import COLUMNS, Trace, summarise
+from .trace import Trace, summarise
 
 __all__ = [
     "COLUMNS",

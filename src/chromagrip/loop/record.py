@@ -12,10 +12,10 @@ from ..scene.scene import Scene
 from ..tracking import SensorCalibration, Tracks
 from ..tracking.forces import CameraPose, rest_pose
 from ..tracking.forces.chain import used
+from .columns import Rows
 from .methods import Methods
-from .pinch.trace import summarise as summarise_pinch
 from .rig import Rig
-from .run_files import RunFiles, rows_of
+from .run_files import RunFiles
 from .sample import Sample
 from .trace import Summary, Trace, make_trace, summarise
 
@@ -27,7 +27,7 @@ class Result:
     Attributes
     ----------
     scene: that was run, with the names of the methods that were used
-    summary: see `trace.summarise`; of two fingers, `pinch.trace.summarise`
+    summary: see `trace.summarise`
     trace: time series, truth beside estimate
     folder: where the files are; None when nothing was written
     """
@@ -58,7 +58,7 @@ class Record:
     ) -> None:
         self._scene, self._known, self._files = scene, known, files
         self._read_with = None if known is None else used(methods.reconstructor, known)
-        self._lines = rows_of(scene)
+        self._lines = Rows(scene)
         self._rows, self._reasons = array("d"), list[str]()
         self._rest: Tracks | None = None
         self._seconds = self._since = 0.0
@@ -112,8 +112,6 @@ class Record:
         return Result(scene=scene or self._scene, summary=summary, trace=trace, folder=folder)
 
     def _summary(self, scene: Scene, trace: Trace) -> Summary:
-        if scene.fingers == 2:
-            return summarise_pinch(scene, trace, self._seconds, self._reasons)
         pose = _pose_at_rest(self._known, self._rest)
         return summarise(scene, trace, self._seconds, self._read_with, pose, self._reasons)
 

@@ -17,10 +17,10 @@ from ..output.frames import FRAMES, FrameFiles, FrameFormat
 from ..output.logs.write import LOG_FILES, LogFormat, write_logs
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene
-from .pinch.trace import FINGERS, PinchRows
+from .columns import FINGERS, Rows
 from .rig import Rig
 from .sample import Sample
-from .trace import Rows, Summary, Trace, TraceLines, outside_row
+from .trace import Summary, Trace, TraceLines
 
 if TYPE_CHECKING:
     from .pinch.video import PinchVideo
@@ -39,23 +39,6 @@ FILES = (
 PARTS = ".parts"
 #: Lines of the trace until now, in `PARTS`, for a run that is killed.
 LINES = "trace.csv"
-
-
-class OneFingerRows(Rows):
-    """Lines of the trace of one finger, also of frames from outside."""
-
-    def line(self, sample: Sample) -> tuple[float, ...]:
-        """Line of a frame."""
-        if sample.truth is not None:
-            return super().line(sample)
-        assert sample.observation is not None
-        assert sample.tracks is not None
-        return outside_row(sample.time, sample.grip, sample.observation, sample.tracks)
-
-
-def rows_of(scene: Scene) -> Rows | PinchRows:
-    """Make the lines of a scene's trace."""
-    return PinchRows(scene) if scene.fingers == 2 else OneFingerRows(scene)
 
 
 class RunFiles:
@@ -101,7 +84,7 @@ class RunFiles:
             part = self._parts / "scene.toml"
             part.write_text(scene_text(scene), encoding="utf-8")
             part.replace(folder / part.name)
-            self._lines = TraceLines(self._parts / LINES, rows_of(scene).columns)
+            self._lines = TraceLines(self._parts / LINES, Rows(scene).columns)
             if drawn:
                 self._video = _open_video(self._parts, scene)
             if frames is not None:
@@ -220,19 +203,16 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary, drawn: bool) -> None:
-    from .pinch import figure as of_two
-    from .pinch.report import write_report as write_report_of_two
-    from .shown import figure as of_one
+    from .shown.figure import draw_figure
     from .shown.report import RunRead, write_report
 
-    two = scene.fingers == 2
     _write_trace(scene, trace, folder / "trace.parquet")
     if drawn:
-        (of_two if two else of_one).draw_figure(scene, trace, folder / "figure.png")
+        draw_figure(scene, trace, folder / "figure.png")
     text = json.dumps({**summary, "versions": versions()}, indent=2)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
     read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
-    (write_report_of_two if two else write_report)(read)
+    write_report(read)
 
 
 def _write_run_logs(
@@ -240,20 +220,18 @@ def _write_run_logs(
 ) -> None:
     """Write the logs of a run into its folder, which has all other files."""
     if formats:
-        from .pinch.log import log_of as log_of_two
         from .shown.log import log_of
         from .shown.report import RunRead
 
         read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
-        of = log_of_two if scene.fingers == 2 else log_of
-        write_logs(of(read), folder, formats)
+        write_logs(log_of(read), folder, formats)
 
 
 def _write_trace(scene: Scene, trace: Trace, path: Path) -> None:
     """Write a trace as a Parquet table, which holds the meaning of its columns."""
     pa = need("pyarrow", "data")
     pq = need("pyarrow.parquet", "data")
-    rows = rows_of(scene)
+    rows = Rows(scene)
     table = pa.table({name: pa.array(trace[name]) for name in rows.names})
     meaning = {name: rows.columns[name].encode() for name in rows.names}
     pq.write_table(table.replace_schema_metadata(meaning), path)

@@ -11,164 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..control import GripObservation
-from ..model import GROSS_SLIP, ForceField, margin_within, pressure
-from ..scene.scene import Body, Scene
-from ..tracking import Tracks
+from ..model import GROSS_SLIP
+from ..scene.scene import Scene
 from ..tracking.forces import CameraPose
 from ..tracking.forces.chain import Used
-from .sample import Sample
+from .column import OUTCOMES
+from .columns import COLUMNS, mechanics, prefixes
 
 Array = NDArray[np.float64]
-
-#: Columns of a trace, in order, with their meaning.
-COLUMNS = {
-    "time_s": "instant of the frame",
-    "load_n": "lateral load on the object",
-    "grip_n": "grip force commanded from this frame on",
-    "applied_n": "force of the gripper's drive at this frame",
-    "normal_true_n": "ΣFn",
-    "friction_true_n": "ΣFf",
-    "mu_true": "Σµᵢ·Fn,i/ΣFn, the object's µ over the contact",
-    "margin_true": "Γ with the object's µ; NaN without contact",
-    "normal_estimated_n": "ΣFn as estimated",
-    "friction_estimated_n": "ΣFf as estimated",
-    "normal_deviation_n": "standard deviation of the estimated ΣFn",
-    "friction_deviation_n": "standard deviation of the estimated ΣFf",
-    "mu_estimated": "µ as estimated; all estimates are NaN of a dropped frame",
-    "mu_low": "lower end of the 90 % interval of µ",
-    "mu_high": "upper end",
-    "margin_estimated": "Γ as estimated",
-    "margin_low": "lower end of the 90 % interval of Γ",
-    "margin_high": "upper end",
-    "pressure_n_per_m": "ΣFn over the contact's width",
-    "pressure_pitch_n_per_m": "the same with one node pitch added to the width",
-    "lateral_displacement_mm": "of the object over the fingertip, largest so far",
-    "rigid_slip_mm": "sliding of the whole contact, summed so far",
-    "object_mm": "position of the object along x",
-    "rigid_part_mm": "indentation, position of the rigid part along z",
-    "contact_nodes": "nodes in contact",
-    "markers_visible": "marker pairs tracked; NaN on the truth path",
-    "object_y_mm": "position of the object along y; 0 on a chain",
-    "object_turn_deg": "turn of the object about z; 0 on a chain",
-    "limit_margin_true": "margin of force and torsion together; NaN on a chain",
-    "limit_margin_estimated": "the same as estimated",
-    "limit_margin_low": "lower end of its 90 % interval",
-    "limit_margin_high": "upper end",
-    "force_x_true_n": "force of the object on the dome along x",
-    "force_y_true_n": "along y",
-    "force_z_true_n": "along z; a press is negative",
-    "torque_true_nmm": "torque of the object on the dome about z",
-    "force_x_estimated_n": "the same forces and torque as estimated",
-    "force_y_estimated_n": "along y",
-    "force_z_estimated_n": "along z",
-    "torque_estimated_nmm": "about z",
-    "force_x_deviation_n": "standard deviations of these",
-    "force_y_deviation_n": "along y",
-    "force_z_deviation_n": "along z",
-    "torque_deviation_nmm": "about z",
-}
-#: Columns from here on are written of a dome only; a chain has no third dimension.
-FIRST_OF_DOME = "limit_margin_estimated"
-
-
-def columns_of(body: Body) -> tuple[str, ...]:
-    """Names of the columns that the trace of a body is written with."""
-    names = tuple(COLUMNS)
-    return names if body == "dome" else names[: names.index(FIRST_OF_DOME)]
-
-
-def row(sample: Sample) -> tuple[float, ...]:
-    """One line of the trace."""
-    visible = math.nan if sample.tracks is None else float(sample.tracks.visible.all(axis=0).sum())
-    return (
-        sample.time,
-        sample.load,
-        sample.grip,
-        sample.applied,
-        sample.field.total_normal,
-        sample.field.total_friction,
-        sample.friction,
-        sample.field.safety_margin(sample.friction),
-        *_observed(sample.observation),
-        pressure(sample.field),
-        pressure(sample.field, sample.contact.pitch),
-        sample.slip.lateral_displacement * 1e3,
-        sample.slip.rigid_slip * 1e3,
-        sample.contact.place[0] * 1e3,
-        sample.contact.indentation * 1e3,
-        float(sample.field.contact.sum()),
-        visible,
-        sample.contact.place[1] * 1e3,
-        math.degrees(sample.contact.turn),
-        margin_within(sample.field, sample.friction),
-        *_of_dome(sample),
-    )
-
-
-class Rows:
-    """Lines of the trace of one finger.
-
-    Parameters
-    ----------
-    scene: that is run
-    """
-
-    columns = COLUMNS
-
-    def __init__(self, scene: Scene) -> None:
-        self.names = columns_of(scene.body)
-
-    def line(self, sample: Sample) -> tuple[float, ...]:
-        """Line of a frame."""
-        return row(sample)
-
-
-def outside_row(
-    time: float, grip: float, observation: GripObservation, tracks: Tracks
-) -> tuple[float, ...]:
-    """One line of the trace of frames from outside, where the truth is not known."""
-    line = dict.fromkeys(COLUMNS, math.nan)
-    names = list(COLUMNS)
-    first = names.index("normal_estimated_n")
-    line |= zip(names[first:], _observed(observation), strict=False)
-    line["time_s"], line["grip_n"] = time, grip
-    line["markers_visible"] = float(tracks.visible.all(axis=0).sum())
-    line |= zip(names[names.index(FIRST_OF_DOME) :], _dome_columns(None, observation), strict=True)
-    return tuple(line.values())
-
-
-def _observed(observation: GripObservation | None) -> tuple[float, ...]:
-    """Columns from ΣFn as estimated to the upper end of Γ."""
-    if observation is None:
-        return (math.nan,) * 10
-    deviation = np.sqrt(np.maximum(np.diag(observation.field.totals_covariance), 0.0))
-    return (
-        observation.field.total_normal,
-        observation.field.total_friction,
-        float(deviation[0]),
-        float(deviation[1]),
-        observation.friction,
-        *observation.friction_interval,
-        observation.margin,
-        *observation.margin_interval,
-    )
-
-
-def _of_dome(sample: Sample) -> tuple[float, ...]:
-    """Columns from FIRST_OF_DOME on; NaN on a chain."""
-    return _dome_columns(sample.field, sample.observation)
-
-
-def _dome_columns(field: ForceField | None, seen: GripObservation | None) -> tuple[float, ...]:
-    out = np.full(15, math.nan)
-    if field is not None and field.directions is not None:
-        out[3:7] = field.wrench
-    if seen is not None:
-        out[:3] = seen.limit_margin, *seen.limit_margin_interval
-        out[7:] = *seen.force, seen.torque, *seen.force_deviation, seen.torque_deviation
-    out[[6, 10, 14]] *= 1e3
-    return tuple(out.tolist())
 
 
 @dataclass(frozen=True)
@@ -200,7 +50,7 @@ def may_slide(scene: Scene, of: Mapping[str, Array], before: str = "") -> NDArra
     of: columns of its trace
     before: what stands before the names of a finger's columns
     """
-    smaller = f"{before}limit_margin_low"  # that of a pinch is not in its trace
+    smaller = f"{before}limit_margin_low"  # missing in older traces of pinches
     held = scene.body == "dome" and scene.held_margin == "smaller" and smaller in of
     low = of[smaller if held else f"{before}margin_low"]
     margin = scene.sliding_margin
@@ -257,26 +107,24 @@ def summarise(
     pose: CameraPose | None = None,
     reasons: Sequence[str] = (),
 ) -> Summary:
-    """Summary of a run; every key is a promise.
+    """Summary of a run of one finger or two; every key is a promise.
 
     Parameters
     ----------
     scene, trace: that was run, and what was recorded until its end or an interruption
     seconds: wall-clock time of the loop from the second frame on, without writing anything
-    used: what forces were read with; None on the truth path
-    pose: of the camera against the sensor's design; None where no rest frame tells it
-    reasons: why a frame has no estimate, one for each such frame
+    used: how the first finger's forces were read; None on the truth path
+    pose: of the first finger's camera against the sensor's design; None where no rest frame shows
+        it
+    reasons: why a finger has no estimate of a frame, one for each
     """
-    both = np.isfinite(trace["margin_true"]) & np.isfinite(trace["margin_estimated"])
-    error = (trace["margin_estimated"] - trace["margin_true"])[both]
-    late = trace["margin_true"][trace["time_s"] > scene.duration_s - 0.3 - 1e-9]
     values: Summary = {
         "controller": scene.controller,
         "path": scene.path,
         "renderer": scene.renderer,
         "sensor": scene.sensor,
         **(used or dict.fromkeys(Used.__annotations__)),
-        "mechanics": scene.body,
+        "mechanics": mechanics(scene),
         "camera_pose": None if pose is None else pose.table(),
         "without_estimate": len(reasons),
         "without_estimate_because": counted_kinds(reasons),
@@ -285,6 +133,21 @@ def summarise(
         "frames": len(trace),
         "duration_s": float(trace["time_s"][-1]) if len(trace) else 0.0,
         "frames_per_second": (len(trace) - 1) / seconds if seconds > 0 else math.nan,
+        "margin_rmse": _margin_error(trace, prefixes(scene)),
+        "max_grip_n": _largest(trace["grip_n"]),
+        "final_grip_n": _last(trace["grip_n"]),
+    }
+    values |= _of_two(scene, trace) if scene.pinch.mass_g else _of_one(scene, trace)
+    # JSON has no NaN: an unknown value is null.
+    return {
+        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
+    }
+
+
+def _of_one(scene: Scene, trace: Trace) -> Summary:
+    """Values of the summary of one finger."""
+    late = trace["margin_true"][trace["time_s"] > scene.duration_s - 0.3 - 1e-9]
+    return {
         "final_margin_true": _last(trace["margin_true"]),
         "final_margin_estimated": _last(trace["margin_estimated"]),
         "final_limit_margin_true": _last(trace["limit_margin_true"]),
@@ -293,7 +156,6 @@ def summarise(
         "smallest_margin_true": _smallest(trace["margin_true"]),
         "margin_true_min_last_300ms": float(late.min()) if len(late) else math.nan,
         "margin_true_max_last_300ms": float(late.max()) if len(late) else math.nan,
-        "margin_rmse": float(np.sqrt((error**2).mean())) if len(error) else math.nan,
         "final_mu_true": _last(trace["mu_true"]),
         "final_mu_estimated": _last(trace["mu_estimated"]),
         "max_pressure_n_per_m": _largest(trace["pressure_n_per_m"]),
@@ -301,14 +163,42 @@ def summarise(
         "lateral_displacement_mm": _last(trace["lateral_displacement_mm"]),
         "rigid_slip_mm": _last(trace["rigid_slip_mm"]),
         "gross_slip": bool(_last(trace["lateral_displacement_mm"]) > GROSS_SLIP * 1e3),
-        "max_grip_n": _largest(trace["grip_n"]),
-        "final_grip_n": _last(trace["grip_n"]),
         "slip_reactions": _reactions(scene, trace),
     }
-    # JSON has no NaN: an unknown value is null.
+
+
+def _of_two(scene: Scene, trace: Trace) -> Summary:
+    """Values of the summary of two fingers; a margin is the smaller one."""
+    lifted = trace["time_s"] > scene.pinch.lifts_at
+    margins, limits = (
+        np.stack([trace[f"{before}{name}"] for before in prefixes(scene)])
+        for name in ("margin_true", "limit_margin_true")
+    )
     return {
-        k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
+        "second_sensor": scene.pinch.second_sensor or scene.sensor,
+        "mass_g": scene.pinch.mass_g,
+        "final_mass_g": _last(trace["mass_g"]),
+        "lifted": bool(len(trace) and not trace["table_n"][-1]),
+        "outcome": OUTCOMES[int(trace["outcome"][-1])] if len(trace) else None,
+        "final_margin_true": _last(margins.min(axis=0)),
+        "final_limit_margin_true": _last(limits.min(axis=0)),
+        "smallest_limit_margin_true": _smallest(limits[:, lifted].ravel()),
+        "slide_mm": _last(trace["slide_mm"]),
+        "turn_deg": _last(trace["turn_deg"]),
+        "elastic_deg": _last(trace["elastic_deg"]),
+        "largest_turn_deg": _largest(abs(trace["turn_deg"])),
+        "largest_elastic_deg": _largest(abs(trace["elastic_deg"])),
+        "max_pressure_kpa": _largest(trace["pressure_kpa"]),
+        "mean_grip_n": float(trace["applied_n"].mean()) if len(trace) else math.nan,
     }
+
+
+def _margin_error(trace: Trace, befores: Sequence[str]) -> float:
+    """RMS error of Γ where it is known and estimated, over the fingers."""
+    true = np.stack([trace[f"{before}margin_true"] for before in befores])
+    estimated = np.stack([trace[f"{before}margin_estimated"] for before in befores])
+    error = (estimated - true)[np.isfinite(true) & np.isfinite(estimated)]
+    return float(np.sqrt((error**2).mean())) if len(error) else math.nan
 
 
 def counted_kinds(reasons: Iterable[str]) -> dict[str, int]:

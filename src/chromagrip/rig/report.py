@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import UserError
-from ..loop.pinch.log import log_of as log_of_pinch
-from ..loop.pinch.report import pinch_on_page
 from ..loop.shown.log import log_of
-from ..loop.shown.report import REPORT, RunRead, read_run, run_on_page
+from ..loop.shown.report import REPORT, read_run, run_on_page
 from ..output.folder import disk_errors
 from ..output.logs.write import LogFormat, require_logs, write_logs
-from ..output.run_page import RunOnPage, write_run_page
+from ..output.run_page import write_run_page
 
 #: Runs that can be told apart on a page.
 MOST_RUNS = 6
@@ -35,7 +33,7 @@ def write_reports(folders: Sequence[Path], out: Path | None = None) -> Path:
         raise UserError("a report of several runs needs a file of its own: give --out FILE.html")
     path = folders[0] / REPORT if out is None else out
     named = zip(folders, _names(folders), strict=True)
-    runs = [_on_page(read_run(folder), name) for folder, name in named]
+    runs = [run_on_page(read_run(folder), name) for folder, name in named]
     title = runs[0].name if len(runs) == 1 else f"{len(runs)} runs side by side"
     with disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -60,17 +58,8 @@ def write_logs_again(folders: Sequence[Path], formats: Sequence[LogFormat]) -> l
     paths: list[Path] = []
     for folder in folders if formats else ():
         run = read_run(folder)
-        log = log_of_pinch(run) if _is_pinch(run) else log_of(run)
-        paths += write_logs(log, folder, formats)
+        paths += write_logs(log_of(run), folder, formats)
     return paths
-
-
-def _is_pinch(run: RunRead) -> bool:
-    return run.summary["mechanics"] == "pinch"
-
-
-def _on_page(run: RunRead, name: str) -> RunOnPage:
-    return pinch_on_page(run, name) if _is_pinch(run) else run_on_page(run, name)
 
 
 def _names(folders: Sequence[Path]) -> list[str]:

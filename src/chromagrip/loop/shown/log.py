@@ -1,7 +1,6 @@
-"""What the log of a run of one finger holds, read from its run folder."""
+"""The log of a run, read from its folder."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,8 @@ from ...output.logs.entries import (
     Signal,
     Wrench,
 )
-from ...tracking import Z90
-from ..trace import COLUMNS
+from ..column import OUTCOMES, Column
+from ..columns import FINGERS, columns_of, interval_of, mechanics, prefixes
 from .log_pictures import Part, raw_pictures, video_pictures
 from .report import RunRead
 from .tactile_video import HEAD
@@ -28,131 +27,52 @@ from .tactile_video import HEAD
 Columns = Mapping[str, Array]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Named:
-    """A column of a trace, as a signal of the log.
-
-    Attributes
-    ----------
-    topic: of the signal
-    column: of the trace
-    unit: of both
-    interval: columns of the ends of its 90 % interval, or the one of its standard deviation
-    """
-
-    topic: str
-    column: str
-    unit: str = "1"
-    interval: Sequence[str] = ()
-
-
-def ends(name: str) -> tuple[str, str]:
-    """Columns of the ends of a 90 % interval."""
-    return f"{name}_low", f"{name}_high"
-
-
-_SIGNALS = (
-    Named(topic="/margin/true", column="margin_true"),
-    Named(topic="/margin/estimated", column="margin_estimated", interval=ends("margin")),
-    Named(topic="/limit_margin/true", column="limit_margin_true"),
-    Named(
-        topic="/limit_margin/estimated",
-        column="limit_margin_estimated",
-        interval=ends("limit_margin"),
-    ),
-    Named(topic="/grip_n/commanded", column="grip_n", unit="N"),
-    Named(topic="/grip_n/applied", column="applied_n", unit="N"),
-    Named(topic="/load_n/lateral", column="load_n", unit="N"),
-    Named(topic="/mu/true", column="mu_true"),
-    Named(topic="/mu/estimated", column="mu_estimated", interval=ends("mu")),
-    Named(topic="/normal_n/true", column="normal_true_n", unit="N"),
-    Named(
-        topic="/normal_n/estimated",
-        column="normal_estimated_n",
-        unit="N",
-        interval=("normal_deviation_n",),
-    ),
-    Named(topic="/friction_n/true", column="friction_true_n", unit="N"),
-    Named(
-        topic="/friction_n/estimated",
-        column="friction_estimated_n",
-        unit="N",
-        interval=("friction_deviation_n",),
-    ),
-    Named(topic="/slip_mm/lateral_displacement", column="lateral_displacement_mm", unit="mm"),
-    Named(topic="/slip_mm/rigid_slip", column="rigid_slip_mm", unit="mm"),
-    Named(topic="/pressure_n_per_m/true", column="pressure_n_per_m", unit="N/m"),
-    Named(topic="/markers/visible", column="markers_visible"),
-)
-
-
 def log_of(run: RunRead) -> Log:
-    """Log of a run of one finger."""
-    of = run.columns
-    came = frames_that_came(run, of)
-    sliding = condition_of_slip(of["time_s"], of["lateral_displacement_mm"], "slip")
+    """Log of a run; topics of a finger of two begin with `/first` or `/second`."""
+    of, scene = run.columns, run.scene
+    signals = list(_signals(of, columns_of(mechanics(scene))))
+    wrenches, conditions = list[Wrench](), list[Condition]()
+    for before in prefixes(scene):
+        signals += _target(run, before)
+        wrenches += _wrenches(of, before)
+        conditions += _conditions(run, before)
+    if scene.fingers == 2:
+        conditions.append(_outcome(of))
     return Log(
         name=run.folder.resolve().name,
         scene=(run.folder / "scene.toml").read_text(encoding="utf-8"),
-        facts=facts_of_log(run),
-        signals=[*signals_of(of, _SIGNALS, COLUMNS), *target_of(run)],
-        wrenches=wrenches_of(of),
-        conditions=[*conditions_of(run, of, came), *sliding],
-        pictures=list(_pictures(run, came)),
+        facts={k: str(v) for k, v in run.summary.items() if isinstance(v, str | int | float)},
+        signals=signals,
+        wrenches=wrenches,
+        conditions=conditions,
+        pictures=list(_pictures_of_two(run) if scene.fingers == 2 else _pictures(run)),
     )
 
 
-def facts_of_log(run: RunRead) -> dict[str, str]:
-    """Results that are one number or word, as text."""
-    simple = {k: v for k, v in run.summary.items() if isinstance(v, str | int | float)}
-    return {name: str(value) for name, value in simple.items()}
-
-
-def signals_of(
-    of: Columns, named: Sequence[Named], meanings: Mapping[str, str], before: str = ""
-) -> list[Signal]:
-    """Signals of those columns that have a value.
-
-    Parameters
-    ----------
-    of: columns of a trace
-    named: columns to take
-    meanings: of the columns
-    before: what stands before the names of the columns, such as `first_`; the topics of these begin
-        with `/first`
-    """
-    place = _place(before)
-    return [
-        _signal(of, each, before, place, meanings[before + each.column])
-        for each in named
-        if before + each.column in of and np.isfinite(of[before + each.column]).any()
-    ]
+def _signals(of: Columns, columns: Mapping[str, Column]) -> Iterator[Signal]:
+    """Signals of those columns that have a topic and a value."""
+    for name, column in columns.items():
+        if not column.topic or name not in of:
+            continue
+        there = np.isfinite(of[name])
+        if not there.any():
+            continue
+        interval = interval_of(of, name)
+        low, high = interval or (None, None)
+        yield Signal(
+            topic=_place(name.removesuffix(column.name)) + column.topic,
+            unit=column.unit,
+            meaning=column.meaning,
+            times=of["time_s"][there],
+            values=of[name][there],
+            low=None if low is None else _finite(low[there]),
+            high=None if high is None else _finite(high[there]),
+        )
 
 
 def _place(before: str) -> str:
-    """Beginning of the topics of what has a name with this before it."""
+    """Beginning of the topics of a finger whose columns have this before their names."""
     return f"/{before.rstrip('_')}" if before else ""
-
-
-def _signal(of: Columns, named: Named, before: str, place: str, meaning: str) -> Signal:
-    values = of[before + named.column]
-    there = np.isfinite(values)
-    low: Array | None = None
-    high: Array | None = None
-    interval = [of[before + name] for name in named.interval if before + name in of]
-    if len(interval) == 2:
-        low, high = interval
-    elif len(interval) == 1:
-        low, high = values - Z90 * interval[0], values + Z90 * interval[0]
-    return Signal(
-        topic=place + named.topic,
-        unit=named.unit,
-        meaning=meaning,
-        times=of["time_s"][there],
-        values=values[there],
-        low=None if low is None else _finite(low[there]),
-        high=None if high is None else _finite(high[there]),
-    )
 
 
 def _finite(values: Array) -> Array:
@@ -160,28 +80,24 @@ def _finite(values: Array) -> Array:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def target_of(run: RunRead, before: str = "") -> list[Signal]:
-    """Margin that the controller aims at; none where it has no such setting.
-
-    `before` is as in `signals_of`.
-    """
+def _target(run: RunRead, before: str) -> Iterator[Signal]:
+    """Margin that the controller aims at; none where it has no such setting."""
     target, times = run.scene.target_margin, run.columns["time_s"]
-    if target is None:
-        return []
-    meaning = "margin that the controller aims at"
-    values = np.full(len(times), target)
-    topic = f"{_place(before)}/margin/target"
-    return [Signal(topic=topic, unit="1", meaning=meaning, times=times, values=values)]
+    if target is not None:
+        yield Signal(
+            topic=f"{_place(before)}/margin/target",
+            unit="1",
+            meaning="margin that the controller aims at",
+            times=times,
+            values=np.full(len(times), target),
+        )
 
 
-def wrenches_of(of: Columns, before: str = "") -> list[Wrench]:
+def _wrenches(of: Columns, before: str) -> Iterator[Wrench]:
     """True and estimated force and torque of the object on a fingertip, where they are known.
 
-    The trace of a chain has sums along and across its slice only; they are x and −z. `before` is as
-    in `signals_of`.
+    The trace of a chain has sums along and across its slice only; they are x and −z.
     """
-    place = _place(before)
-    wrenches = []
     for kind in ("true", "estimated"):
         names = [f"{before}force_{axis}_{kind}_n" for axis in "xyz"]
         meaning = f"force and torque of the object on the fingertip, {kind}; a press has a −z"
@@ -199,38 +115,25 @@ def wrenches_of(of: Columns, before: str = "") -> list[Wrench]:
         if not there.any():
             continue
         torque = np.stack([np.zeros(len(turning)), np.zeros(len(turning)), turning], axis=1)
-        wrenches.append(
-            Wrench(
-                topic=f"{place}/wrench/{kind}",
-                meaning=meaning,
-                times=of["time_s"][there],
-                force=force[there],
-                torque=torque[there],
-            )
+        yield Wrench(
+            topic=f"{_place(before)}/wrench/{kind}",
+            meaning=meaning,
+            times=of["time_s"][there],
+            force=force[there],
+            torque=torque[there],
         )
-    return wrenches
 
 
-def frames_that_came(run: RunRead, of: Columns, before: str = "") -> NDArray[np.bool_]:
+def _came(run: RunRead, before: str) -> NDArray[np.bool_]:
     """Whether each frame's picture came; of the truth path, whether its forces did."""
-    told = "markers_visible" if run.scene.path == "camera" else "normal_estimated_n"
-    return np.isfinite(of[before + told])
+    read = "markers_visible" if run.scene.path == "camera" else "normal_estimated_n"
+    return np.isfinite(run.columns[before + read])
 
 
-def conditions_of(
-    run: RunRead, of: Columns, came: NDArray[np.bool_], before: str = ""
-) -> list[Condition]:
-    """Whether there is an estimate, how many markers are lost, and whether the grip is safe.
-
-    Parameters
-    ----------
-    run: whose scene has the camera's latency
-    of: columns of a trace
-    came: whether each frame's picture came
-    before: as in `signals_of`
-    """
-    times, place = of["time_s"], before.replace("_", "/")
-    known = np.isfinite(of[f"{before}normal_estimated_n"])
+def _conditions(run: RunRead, before: str) -> Iterator[Condition]:
+    """Whether there is an estimate, which markers are lost, whether the grip is safe and slid."""
+    of, times, place = run.columns, run.columns["time_s"], before.replace("_", "/")
+    known, came = np.isfinite(of[f"{before}normal_estimated_n"]), _came(run, before)
     latency = 1e3 * run.scene.camera.latency_frames * run.scene.period
     states = (
         (known, OK, "forces are estimated"),
@@ -238,7 +141,7 @@ def conditions_of(
         (~came, WARNING, "the frame was dropped"),
     )
     values = {"latency_ms": np.full(len(times), latency)}
-    conditions = [_condition(f"{place}estimate", times, states, values)]
+    yield _condition(f"{place}estimate", times, states, values)
     visible = of[f"{before}markers_visible"]
     if np.isfinite(visible).any():
         lost = np.nanmax(visible) - visible
@@ -248,23 +151,32 @@ def conditions_of(
             (np.isnan(lost), WARNING, "no picture"),
         )
         values = {"visible": visible, "lost": lost}
-        conditions.append(_condition(f"{place}markers", times, states, values))
+        yield _condition(f"{place}markers", times, states, values)
     margin = of[f"{before}margin_estimated"]
     states = (
         (margin > 0.0, OK, "the estimated margin is above 0"),
         (margin <= 0.0, ERROR, "the estimated margin is 0 or less: the contact slides"),
         (np.isnan(margin), WARNING, "the margin is not known"),
     )
-    return [*conditions, _condition(f"{place}grip", times, states, {"margin": margin})]
+    yield _condition(f"{place}grip", times, states, {"margin": margin})
+    way, limit = of[f"{before}lateral_displacement_mm"], 1e3 * GROSS_SLIP
+    if np.isfinite(way).any():
+        states = (
+            (way <= limit, OK, "held"),
+            (way > limit, ERROR, "gross slip"),
+            (np.isnan(way), WARNING, "the slip is not known"),
+        )
+        yield _condition(f"{place}slip", times, states, {"lateral_displacement_mm": way})
 
 
-def condition_of_slip(times: Array, way: Array, name: str) -> list[Condition]:
-    """Whether the object slid, in truth; none where the truth is not known."""
-    if not np.isfinite(way).any():
-        return []
-    limit = 1e3 * GROSS_SLIP
-    states = ((way <= limit, OK, "held"), (way > limit, ERROR, "gross slip"))
-    return [_condition(name, times, states, {"lateral_displacement_mm": way})]
+def _outcome(of: Columns) -> Condition:
+    """Worst that has happened to the object of a pinch so far."""
+    states = tuple(
+        (of["outcome"] == number, OK if number == 0 else ERROR, outcome)
+        for number, outcome in enumerate(OUTCOMES)
+    )
+    values = {"turn_deg": of["turn_deg"], "slide_mm": of["slide_mm"]}
+    return _condition("object", of["time_s"], states, values)
 
 
 def _condition(
@@ -280,7 +192,7 @@ def _condition(
     return Condition(name=name, times=times, levels=levels, messages=messages, values=values)
 
 
-def _pictures(run: RunRead, came: NDArray[np.bool_]) -> Iterator[Pictures]:
+def _pictures(run: RunRead) -> Iterator[Pictures]:
     """The camera's pictures, and beside them the contact as the video shows it."""
     raw = raw_pictures(run.folder / FRAMES, "/camera")
     yield from raw
@@ -292,4 +204,15 @@ def _pictures(run: RunRead, came: NDArray[np.bool_]) -> Iterator[Pictures]:
     meaning = "contact as it was estimated and as it is in truth, drawn"
     drawn = Part(topic="/contact", meaning=meaning, top=HEAD, left=width)
     for part in ([] if raw else parts) + [drawn]:
+        yield video_pictures(run.video, part, run.columns["time_s"][_came(run, "")])
+
+
+def _pictures_of_two(run: RunRead) -> Iterator[Pictures]:
+    """Both cameras' raw pictures where they were kept, and the video."""
+    for finger in FINGERS:
+        yield from raw_pictures(run.folder / FRAMES / finger, f"/{finger}/camera")
+    if run.video is not None:
+        came = np.all([_came(run, before) for before in prefixes(run.scene)], axis=0)
+        meaning = "both cameras' pictures with the tractions, and the object between the fingers"
+        part = Part(topic="/video", meaning=meaning)
         yield video_pictures(run.video, part, run.columns["time_s"][came])

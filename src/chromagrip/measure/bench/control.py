@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from ...errors import UserError
+from ...loop.columns import Rows
 from ...loop.grasp import grasp
 from ...loop.record import Result
 from ...loop.run import run
-from ...loop.trace import make_trace, row
+from ...loop.trace import make_trace
 from ...output.processes import map_processes
 from ...output.report import Bounds, Report, Row, Table, at_most, measured, number, values
 from ...scene.controllers import CONTROLLERS
@@ -251,8 +252,9 @@ def _run_with(index: int, scene: Scene) -> Result:
     rng = np.random.default_rng(seed_of("mismatched", "controlled", index))
     specimen, known = WORLDS["mismatched"](rng), calibration("mismatched")
     with closing(specimen.camera(int(rng.integers(2**32)))) as camera:
-        samples = [row(sample) for sample in grasp(scene, camera, specimen.fingertip, known)]
-    return Result(scene=scene, summary={}, trace=make_trace(samples), folder=None)
+        samples = grasp(scene, camera, specimen.fingertip, known)
+        lines = [*map(Rows(scene).line, samples)]
+    return Result(scene=scene, summary={}, trace=make_trace(lines), folder=None)
 
 
 def beyond_rows(runs: Sequence[tuple[Task, Mapping[str, float]]]) -> list[Row]:

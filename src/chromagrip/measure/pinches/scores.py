@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ...loop.pinch.trace import OUTCOMES
+from ...loop.column import OUTCOMES
 from ...loop.record import Result
 from ..worlds.scorecard import of_command
 

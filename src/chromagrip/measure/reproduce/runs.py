@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 from ...errors import UserError
 from ...extras import need
+from ...loop.columns import columns_of
 from ...loop.run import run
-from ...loop.trace import Trace, columns_of
+from ...loop.trace import Trace
 from ...model import ContactObject
 from ...output.cells import read_cells, resumed
 from ...output.folder import whole_file

@@ -7,9 +7,10 @@ from itertools import islice
 import numpy as np
 
 from ...errors import UserError
+from ...loop.columns import Rows
 from ...loop.grasp import grasp
 from ...loop.run import run
-from ...loop.trace import Trace, make_trace, row
+from ...loop.trace import Trace, make_trace
 from ...model import GROSS_SLIP
 from ...scene.scene import Scene, load_scene
 from ...sensing.camera import SimulatedCamera
@@ -198,7 +199,7 @@ def _run(scene: Scene) -> Trace:
         return run(scene).trace
     # Steps after the last frame are not needed.
     samples = islice(grasp(scene, _unused_camera()), scene.frames)
-    return make_trace([row(sample) for sample in samples])
+    return make_trace([*map(Rows(scene).line, samples)])
 
 
 @cache

@@ -1,0 +1,321 @@
+"""Table of the columns of a trace.
+
+Lines of traces, schemas of Parquet files, panels of reports, topics of logs and the page of file
+formats follow from it.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import margin_within, pressure
+from ..scene.fingers import build_pinch
+from ..scene.scene import Scene
+from ..tracking import Z90
+from .column import (
+    ONE,
+    OUTCOMES,
+    SOFT,
+    TWO,
+    Column,
+    Held,
+    Line,
+    Mechanics,
+    deviation,
+    estimate,
+    of_pinch,
+    read,
+    true,
+    true_wrench,
+    visible,
+    whole,
+    wrench_columns,
+)
+from .sample import Sample
+
+Array = NDArray[np.float64]
+
+#: Names of two fingers; `first_` or `second_` stands before the names of their columns.
+FINGERS = ("first", "second")
+
+#: Columns in the order of a trace.
+TABLE = (
+    whole("time_s", "instant of the frame", lambda s: s.time),
+    whole("load_n", "lateral load on the object", lambda s: s.load, "/load_n/lateral", ONE),
+    whole(
+        "grip_n",
+        "grip force commanded from this frame on (two fingers: of each)",
+        lambda s: s.grip,
+        "/grip_n/commanded",
+    ),
+    whole(
+        "applied_n",
+        "force of the gripper's drive at this frame",
+        lambda s: s.applied,
+        "/grip_n/applied",
+    ),
+    of_pinch(
+        "table_n",
+        "force of the table on the object",
+        lambda h: h.now.state.support,
+        "/load_n/table",
+    ),
+    whole(
+        "smaller_finger",
+        "finger whose observation goes to the controller, 1 or 2",
+        lambda s: s.smaller + 1.0,
+        bodies=TWO,
+    ),
+    of_pinch(
+        "mass_g",
+        "mass of the object with what has been added to it",
+        lambda h: 1e3 * h.mass,
+        "/mass_g/object",
+    ),
+    of_pinch(
+        "object_x_mm",
+        "place of the object's origin in the hand along x, which is down at the start",
+        lambda h: 1e3 * h.now.fingers[0].place[0],
+    ),
+    of_pinch("object_y_mm", "the same along y", lambda h: 1e3 * h.now.fingers[0].place[1]),
+    of_pinch(
+        "object_z_mm",
+        "the same along z, from the first finger to the second",
+        lambda h: 1e3 * (h.now.state.closing - h.now.fingers[0].indentation),
+    ),
+    of_pinch(
+        "height_mm",
+        "rise of the object's centre of mass against gravity since the start",
+        lambda h: 1e3 * h.rise,
+        "/height_mm/object",
+    ),
+    of_pinch("closing_mm", "distance that each finger closed", lambda h: 1e3 * h.now.state.closing),
+    of_pinch(
+        "slide_mm",
+        "way of the object in the hand across z, without that of the skins",
+        lambda h: 1e3 * h.now.record.slide,
+        "/slide_mm/in_hand",
+    ),
+    of_pinch(
+        "turn_deg",
+        "turn of the object about z in the hand, without the elastic twist",
+        lambda h: math.degrees(h.now.record.turn),
+        "/turn_deg/in_hand",
+    ),
+    of_pinch(
+        "elastic_deg",
+        "elastic twist of the skins, their mean",
+        lambda h: math.degrees(h.now.record.elastic),
+        "/turn_deg/elastic",
+    ),
+    of_pinch(
+        "pressure_kpa",
+        "mean pressure of the contact that is pressed more",
+        lambda h: 1e-3 * h.now.record.pressure,
+        "/pressure_kpa/true",
+    ),
+    of_pinch(
+        "outcome",
+        "0 held, 1 turned, 2 crushed, 3 dropped; the worst so far",
+        lambda h: float(h.outcome),
+    ),
+    true("normal_true_n", "true ΣFn", lambda c: c.field.total_normal, "/normal_n/true"),
+    true("friction_true_n", "true ΣFf", lambda c: c.field.total_friction, "/friction_n/true"),
+    true("mu_true", "Σµᵢ·Fn,i/ΣFn, µ over the contact", lambda c: c.friction, "/mu/true"),
+    true(
+        "margin_true",
+        "Γ with the object's µ; NaN without contact",
+        lambda c: c.field.safety_margin(c.friction),
+        "/margin/true",
+    ),
+    read(
+        "normal_estimated_n",
+        "ΣFn as estimated; all estimates are NaN for a dropped frame",
+        lambda o: o.field.total_normal,
+        "/normal_n/estimated",
+    ),
+    read(
+        "friction_estimated_n",
+        "ΣFf as estimated",
+        lambda o: o.field.total_friction,
+        "/friction_n/estimated",
+    ),
+    deviation("normal_deviation_n", "ΣFn", 0),
+    deviation("friction_deviation_n", "ΣFf", 1),
+    *estimate("mu", "µ", lambda o: o.friction, lambda o: o.friction_interval),
+    *estimate("margin", "Γ", lambda o: o.margin, lambda o: o.margin_interval),
+    true(
+        "pressure_n_per_m",
+        "ΣFn over the contact's width",
+        lambda c: pressure(c.field),
+        "/pressure_n_per_m/true",
+        ONE,
+    ),
+    true(
+        "pressure_pitch_n_per_m",
+        "the same with one node pitch added to the width",
+        lambda c: pressure(c.field, c.pitch),
+        bodies=ONE,
+    ),
+    true(
+        "lateral_displacement_mm",
+        "slip of the object over the fingertip, largest so far",
+        lambda c: c.slip.lateral_displacement * 1e3,
+        "/slip_mm/lateral_displacement",
+    ),
+    true(
+        "rigid_slip_mm",
+        "sliding of the whole contact, summed so far",
+        lambda c: c.slip.rigid_slip * 1e3,
+        "/slip_mm/rigid_slip",
+    ),
+    true("object_mm", "position of the object along x", lambda c: c.place[0] * 1e3, bodies=ONE),
+    true(
+        "rigid_part_mm",
+        "indentation, position of the rigid part along z",
+        lambda c: c.indentation * 1e3,
+        bodies=ONE,
+    ),
+    true("contact_nodes", "nodes in contact", lambda c: float(c.field.contact.sum())),
+    Column(
+        "markers_visible",
+        "marker pairs tracked; NaN on the truth path",
+        visible,
+        "/markers/visible",
+    ),
+    true(
+        "object_y_mm",
+        "position of the object along y; 0 on a chain",
+        lambda c: c.place[1] * 1e3,
+        bodies=ONE,
+    ),
+    true(
+        "object_turn_deg",
+        "turn of the object about z; 0 on a chain",
+        lambda c: math.degrees(c.turn),
+        bodies=ONE,
+    ),
+    true(
+        "limit_margin_true",
+        "margin of force and torsion together; NaN on a chain",
+        lambda c: margin_within(c.field, c.friction),
+        "/limit_margin/true",
+    ),
+    *estimate(
+        "limit_margin",
+        "the margin with torsion",
+        lambda o: o.limit_margin,
+        lambda o: o.limit_margin_interval,
+        SOFT,
+    ),
+    *wrench_columns("true", "true force of the object", true, true_wrench),
+    *wrench_columns(
+        "estimated", "estimated force of the object", read, lambda o: np.append(o.force, o.torque)
+    ),
+    *wrench_columns(
+        "deviation",
+        "standard deviation of the estimated force",
+        read,
+        lambda o: np.append(o.force_deviation, o.torque_deviation),
+    ),
+)
+
+
+def mechanics(scene: Scene) -> Mechanics:
+    """What a scene is gripped with."""
+    return "pinch" if scene.fingers == 2 else scene.body
+
+
+def prefixes(scene: Scene) -> tuple[str, ...]:
+    """Beginnings of the names of each finger's columns."""
+    return tuple(f"{finger}_" for finger in FINGERS) if scene.fingers == 2 else ("",)
+
+
+def columns_of(body: Mechanics) -> dict[str, Column]:
+    """Columns by their full names that the trace of these mechanics is written with."""
+    return {name: column for name, _, column in _placed(body)}
+
+
+def _placed(body: Mechanics) -> Iterator[tuple[str, int, Column]]:
+    """Full name, finger and column of each value of a line."""
+    there = [column for column in TABLE if body in column.bodies]
+    if body != "pinch":
+        yield from ((column.name, 0, column) for column in there)
+        return
+    yield from ((column.name, 0, column) for column in there if not column.each)
+    for k, finger in enumerate(FINGERS):
+        yield from ((f"{finger}_{column.name}", k, column) for column in there if column.each)
+
+
+#: Columns of one finger's trace in memory, in order, with their meaning.
+COLUMNS = {name: column.meaning for name, column in columns_of("dome").items()}
+
+
+class Rows:
+    """Lines of the trace of a scene, one for each frame.
+
+    Parameters
+    ----------
+    scene: that is run
+
+    Attributes
+    ----------
+    columns: names and meanings of the values of a line
+    names: those columns that are written; a chain has no third dimension
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        body = mechanics(scene)
+        self._placed = list(_placed("dome" if body == "chain" else body))
+        self.columns = {name: column.meaning for name, _, column in self._placed}
+        self.names = tuple(columns_of(body))
+        self._pinch = build_pinch(scene) if body == "pinch" else None
+        self._limits = scene.pinch.limits
+        self._start = math.nan
+
+    def line(self, sample: Sample) -> tuple[float, ...]:
+        """Values of a frame, in the order of `columns`; the first frame is the start."""
+        held = self._held(sample)
+        lines = [Line(sample=sample, finger=k, held=held) for k, _ in enumerate(sample.readings)]
+        return tuple(column.value(lines[finger]) for _, finger, column in self._placed)
+
+    def _held(self, sample: Sample) -> Held | None:
+        if self._pinch is None:
+            return None
+        now = sample.pinch
+        height = -float(self._pinch.down @ now.state.moving.place)
+        self._start = height if math.isnan(self._start) else self._start
+        return Held(
+            now=now,
+            mass=self._pinch.body_at(sample.time).mass,
+            rise=height - self._start,
+            outcome=OUTCOMES.index(now.record.outcome(self._limits)),
+        )
+
+
+def values_of(sample: Sample, names: Iterable[str]) -> dict[str, float]:
+    """Values of some columns of a frame of one finger."""
+    table, line = columns_of("dome"), Line(sample=sample)
+    return {name: table[name].value(line) for name in names}
+
+
+def interval_of(of: Mapping[str, Array], name: str) -> tuple[Array, Array] | None:
+    """Ends of the 90 % interval of an estimate; None where a trace has none.
+
+    Parameters
+    ----------
+    of: columns of the trace
+    name: column of the estimate
+    """
+    if "_estimated" not in name:
+        return None
+    low, high, deviation = (
+        of.get(name.replace("_estimated", f"_{part}")) for part in ("low", "high", "deviation")
+    )
+    if low is not None and high is not None:
+        return low, high
+    if deviation is not None:
+        return of[name] - Z90 * deviation, of[name] + Z90 * deviation
+    return None
