@@ -34,6 +34,7 @@ def fill(folder: Path) -> None:
     table = {"time_s": [0.0, 0.1], "margin": [0.5, float("nan")], "nodes": [[1, 2], [3]]}
     pq.write_table(pa.table(table), folder / "trace.parquet")
     (folder / "map.csv").write_text("gain,letter\n1.5,a\n2.5,b\n")
+    (folder / "scene.toml").write_text("# seen\n[load]\nrate = 1\n")
     summary = {"frames": 2, "frames_per_second": 99.0, "versions": {"numpy": "1"}}
     (folder / "summary.json").write_text(json.dumps(summary))
     (folder / "report.json").write_text(json.dumps({"machine": {"cores": 2}, "rows": ROWS}))
@@ -107,7 +108,11 @@ def rewrite(name: str, **changed: Any) -> Callable[[Path], None]:
             ["changed  job: map.csv: letter"],
         ),
         (lambda folder: (folder / "map.csv").unlink(), ["gone     job: map.csv"]),
-        (lambda folder: (folder / "scene.toml").touch(), ["new      job: scene.toml"]),
+        (lambda folder: (folder / "more.toml").touch(), ["new      job: more.toml"]),
+        (
+            lambda folder: (folder / "scene.toml").write_text("fingers = 2\nload.rate = 2"),
+            ["changed  job: scene.toml: load rate: 1 and 2", "new      job: scene.toml: fingers"],
+        ),
     ],
 )
 def test_every_difference_is_named(
