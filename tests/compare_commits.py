@@ -11,11 +11,11 @@ and are computed once; an interrupted comparison goes on, with the job that was 
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from compared.computing import Result, checkout, commit_of, compute, kept, state_of
+from compared.computing import Result, checkout, commit_of, compute, forget, kept, state_of
 from compared.differences import CHANGED, GONE, NEW, Difference, differences
 from compared.jobs import JOBS, Job
 
@@ -34,6 +34,7 @@ def results_of(jobs: Sequence[Job], tree: Path, results: Path, cache: Path) -> I
             result = compute(job, tree, results, cache)
             how = f"fails: {result.failed}" if result.failed else f"{result.seconds:.0f} s"
             if state_of(tree) != state:
+                forget(result)
                 sys.exit(f"{tree} was changed while {job.name} ran; compare it again")
         took += result.seconds
         print(f"{results.name}  {number}/{len(jobs)}  {job.name}  {how}", flush=True)
@@ -41,8 +42,8 @@ def results_of(jobs: Sequence[Job], tree: Path, results: Path, cache: Path) -> I
     print(f"{results.name}  {took / 60:.1f} min of a processor for {len(jobs)} jobs", flush=True)
 
 
-def compared(old: Sequence[Result], new: Sequence[Result]) -> list[Difference]:
-    """Differences of all jobs, printed; of a job with many only the first are."""
+def compared(old: Iterable[Result], new: Iterable[Result]) -> list[Difference]:
+    """Differences of all jobs, each printed as soon as both are there; of many only the first."""
     found = []
     for one, other in zip(old, new, strict=True):
         name = one.folder.name
@@ -50,7 +51,7 @@ def compared(old: Sequence[Result], new: Sequence[Result]) -> list[Difference]:
             print(f"said otherwise  {name}: {' '.join(one.words)} and {' '.join(other.words)}")
         its = list(differences(one, other))
         for difference in its[:MOST]:
-            print(difference)
+            print(difference, flush=True)
         if len(its) > MOST:
             print(f"… {name}: {len(its) - MOST} more")
         found += its
@@ -88,8 +89,9 @@ def main(words: Sequence[str] | None = None) -> int:
         caches = folder / "caches"
         first, second = state_of(tree), state_of(here)
         second += "-again" if first == second else ""  # with itself: what is not the same twice
-        old = list(results_of(jobs, tree, folder / first, caches / first))
-        new = list(results_of(jobs, here, folder / second, caches / second))
+        print(f"{first} is {commit}, {second} is {here}", flush=True)
+        old = results_of(jobs, tree, folder / first, caches / first)
+        new = results_of(jobs, here, folder / second, caches / second)
         found = compared(old, new)
     count = {kind: sum(each.kind == kind for each in found) for kind in (CHANGED, NEW, GONE)}
     print(", ".join(f"{number} {kind}" for kind, number in count.items()) + f" in {len(jobs)} jobs")

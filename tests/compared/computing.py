@@ -144,6 +144,11 @@ def _processor_time() -> float:
     return times.children_user + times.children_system
 
 
+def forget(result: Result) -> None:
+    """Keep a result no longer."""
+    (result.folder / DIGESTS).unlink(missing_ok=True)
+
+
 def _keep(part: Path, result: Result) -> None:
     _write(part, result)
     if result.folder.exists():

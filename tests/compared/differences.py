@@ -58,7 +58,9 @@ def differences(old: Result, new: Result) -> Iterator[Difference]:
 
 def _how_much(one: Path, other: Path) -> Callable[[str], str]:
     """Tells how much a part of two files differs; the files are read when it is asked."""
-    read = {".parquet": read_columns, ".csv": read_columns, ".json": read_entries}.get(one.suffix)
+    columns = dict.fromkeys((".parquet", ".csv"), read_columns)
+    entries = dict.fromkeys((".json", ".toml"), read_entries)
+    read = {**columns, **entries}.get(one.suffix)
 
     def tell(part: str) -> str:
         if part == "pixels" and one.suffix == ".png":
@@ -66,7 +68,7 @@ def _how_much(one: Path, other: Path) -> Callable[[str], str]:
         if read is None:
             return ""
         pair = [read(file)[part] for file in (one, other)]
-        if one.suffix == ".json":
+        if one.suffix in entries:
             return f": {pair[0]!r:.60} and {pair[1]!r:.60}"
         return _distance(*map(_numbers, pair))
 

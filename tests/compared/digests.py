@@ -4,6 +4,7 @@ import csv
 import hashlib
 import json
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from fnmatch import fnmatch
 from pathlib import Path
@@ -72,8 +73,9 @@ def read_columns(path: Path) -> dict[str, Any]:
 
 
 def read_entries(path: Path) -> dict[str, object]:
-    """Values in a JSON file by their keys, without those that change from run to run."""
-    return dict(_entries(json.loads(path.read_text(encoding="utf-8")), ""))
+    """Values in a JSON or TOML file by keys, without those that change from run to run."""
+    loads = tomllib.loads if path.suffix == ".toml" else json.loads
+    return dict(_entries(loads(path.read_text(encoding="utf-8")), ""))
 
 
 def _entries(value: Any, name: str) -> Iterable[tuple[str, object]]:
@@ -116,7 +118,7 @@ def _column_bytes(column: Any) -> bytes:
 
 
 def _of_entries(path: Path) -> Parts:
-    texts = {key: json.dumps(value) for key, value in read_entries(path).items()}
+    texts = {key: json.dumps(value, default=str) for key, value in read_entries(path).items()}
     return {k: t if len(t) <= LONGEST else digest(t.encode()) for k, t in texts.items()}
 
 
@@ -167,6 +169,7 @@ _KINDS: dict[str, Callable[[Path], Parts]] = {
     ".parquet": _of_columns,
     ".csv": _of_columns,
     ".json": _of_entries,
+    ".toml": _of_entries,
     ".png": _of_picture,
     ".mp4": _of_video,
     ".mkv": _of_video,
