@@ -1,9 +1,9 @@
 """Remake the tables and pictures of the documentation: `.venv/bin/python docs/make.py [PART...]`.
 
 Parts: images, gallery, tutorials, columns, bodies, loop, dataset, control, model, render, track,
-force, force-dome, loop-dome, control-pinch, ranges, tolerances, charts, limit, limit-dome, stability,
-stability-track, stability-force, stability-loop, stability-loop-dome, stability-loop-pinch,
-appendix-b, reproduction.
+force, force-dome, loop-dome, control-pinch, ranges, tolerances, charts, limit, limit-dome,
+stability, stability-track, stability-force, stability-loop, stability-loop-dome, stability-loop-
+pinch, appendix-b, reproduction.
 Without arguments all of them are made, which takes some hours alone on two cores. Nothing in
 docs/images/, docs/bench-*.md, docs/training-ranges.md and docs/reproduction.md is written by hand,
 nor what other pages have between two marks of `fill`.
