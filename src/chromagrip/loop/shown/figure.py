@@ -29,14 +29,11 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     panels = list(panels_of(scene, trace.columns))
     figure = Figure(figsize=(8.0, 1.0 + 1.6 * len(panels)), layout="constrained")
     FigureCanvasAgg(figure)
-    plots: list[Axes] = (
-        np.ravel(figure.subplots(len(panels), 1, sharex=True)).tolist() if panels else []
-    )
+    plots: list[Axes] = np.ravel(figure.subplots(len(panels), 1, sharex=True)).tolist()
     for axes, panel in zip(plots, panels, strict=True):
         _draw(axes, trace["time_s"], panel)
-        axes.set_xlim(0.0, scene.duration_s)
-    if panels:
-        plots[-1].set_xlabel("time [s]")
+    plots[-1].set_xlabel("time [s]")
+    plots[-1].set_xlim(0.0, scene.duration_s)
     figure.suptitle(_title(scene, trace), fontsize=11)
     figure.savefig(path, dpi=110)
 
@@ -57,7 +54,8 @@ def _draw(axes: Axes, time: Array, panel: Panel) -> None:
 def _draw_curve(axes: Axes, time: Array, curve: Curve) -> None:
     colour, shaded = _COLOURS[curve.role], curve.role == "estimated" and curve.low is not None
     if curve.low is not None and curve.high is not None:
-        axes.fill_between(time, curve.low, curve.high, color=colour, alpha=0.2, lw=0)
+        step = "mid" if curve.role == "other" else None  # a single instant has a width
+        axes.fill_between(time, curve.low, curve.high, color=colour, alpha=0.2, lw=0, step=step)
     axes.plot(
         time,
         curve.values,
