@@ -1,6 +1,7 @@
 """The course of one run in one picture, after the thesis's Figs. 13–15."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -42,8 +43,8 @@ def _draw(axes: Axes, time: Array, panel: Panel) -> None:
     """Draw a panel: estimates thin over the truth, intervals shaded."""
     for curve in panel.curves:
         _draw_curve(axes, time, curve)
-    for label, level in panel.levels:
-        axes.axhline(level, color=LOAD, lw=1.2, ls=":", label=label)
+    for (label, level), style in zip(panel.levels, (":", "-."), strict=False):
+        axes.axhline(level, color=LOAD, lw=1.2, ls=style, label=label)
     low, high = axes.get_ylim()
     least, most = panel.limits
     axes.set_ylim(max(least, min(low, panel.span[0])), min(most, max(high, panel.span[1])))
@@ -54,7 +55,7 @@ def _draw(axes: Axes, time: Array, panel: Panel) -> None:
 def _draw_curve(axes: Axes, time: Array, curve: Curve) -> None:
     colour, shaded = _COLOURS[curve.role], curve.role == "estimated" and curve.low is not None
     if curve.low is not None and curve.high is not None:
-        step = "mid" if curve.role == "other" else None  # a single instant has a width
+        step: Any = "mid" if curve.role == "other" else None  # a single instant has a width
         axes.fill_between(time, curve.low, curve.high, color=colour, alpha=0.2, lw=0, step=step)
     axes.plot(
         time,
