@@ -173,7 +173,7 @@ def test_ends_of_an_interval_or_a_deviation() -> None:
     assert low is not None
     assert high is not None
     # 5 % of a normal distribution lie beyond 1.645 standard deviations.
-    assert (low[0], high[0]) == pytest.approx((2.0 - 0.16449, 2.0 + 0.16449), abs=1e-5)
+    assert (low[0], high[0]) == pytest.approx((2.0 - 0.1645, 2.0 + 0.1645), abs=1e-4)
 
 
 def test_units_stand_in_the_names() -> None:

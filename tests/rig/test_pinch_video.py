@@ -116,18 +116,18 @@ def courses(**last: float) -> Courses:
     made = Courses()
     made.times.extend(0.1 * k for k in range(5))
     values = {
-        "true": 0.8,
-        "seen": 0.7,
-        "limit_true": 0.5,
-        "limit_seen": 0.4,
-        "low": 0.3,
-        "high": 0.6,
+        "margin_true": 0.8,
+        "margin_estimated": 0.7,
+        "limit_margin_true": 0.5,
+        "limit_margin_estimated": 0.4,
+        "limit_margin_low": 0.3,
+        "limit_margin_high": 0.6,
     }
     for finger in made.margins:
         for name, value in values.items():
             finger[name].extend([value] * 4 + [last.get(name, value)])
-    made.forces["grip"].extend([3.0] * 4 + [last.get("grip", 3.0)])
-    made.forces["table"].extend([0.0] * 5)
+    made.forces["grip_n"].extend([3.0] * 4 + [last.get("grip_n", 3.0)])
+    made.forces["table_n"].extend([0.0] * 5)
     return made
 
 
@@ -152,7 +152,7 @@ def test_the_interval_is_drawn_from_end_to_end_and_no_further() -> None:
 
 def test_what_is_not_known_is_a_gap() -> None:
     plot = CoursePlot((1280, 224), 1.0, 0.1, "estimated")
-    picture = plot.draw(courses(low=math.nan, high=math.nan))
+    picture = plot.draw(courses(limit_margin_low=math.nan, limit_margin_high=math.nan))
     panel = plot.panels[0]
     columns = exact(picture[:, : round(panel.right)], BAND)[:, 1]
     assert columns.max() == pytest.approx(panel.pixels(np.array([0.3]), np.zeros(1))[0, 0], abs=1.6)
@@ -162,7 +162,7 @@ def test_the_axis_of_force_grows_with_the_grip() -> None:
     plot = CoursePlot((1280, 224), 1.0, 0.3, "true")
     plot.draw(courses())
     assert plot.panels[2].high == 5.0
-    plot.draw(courses(grip=14.0))
+    plot.draw(courses(grip_n=14.0))
     assert plot.panels[2].high == 20.0
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -84,12 +84,11 @@ class Column:
 
     Attributes
     ----------
-    name: of the column; if it belongs to a finger, the trace of two fingers has it twice
+    name: of the column, without that of a finger
     meaning: in one line
     value: at a frame; NaN where it is unknown
     topic: in a log; empty if logs leave it out
     bodies: mechanics whose traces have it
-    each: whether it belongs to a finger
     """
 
     name: str
@@ -97,7 +96,6 @@ class Column:
     value: Callable[[Line], float]
     topic: str = ""
     bodies: tuple[Mechanics, ...] = ALL
-    each: bool = True
 
     @property
     def unit(self) -> str:
@@ -105,56 +103,33 @@ class Column:
         return next((unit for end, unit in UNITS.items() if self.name.endswith(end)), "1")
 
 
-def whole(
-    name: str,
-    meaning: str,
-    value: Callable[[Sample], float],
-    topic: str = "",
-    bodies: tuple[Mechanics, ...] = ALL,
-) -> Column:
-    """Column of the frame as a whole."""
-    return Column(name, meaning, lambda line: value(line.sample), topic, bodies, each=False)
-
-
-def of_pinch(name: str, meaning: str, value: Callable[[Held], float], topic: str = "") -> Column:
+def held(name: str, meaning: str, value: Callable[[Held], float], topic: str = "") -> Column:
     """Column of what two fingers hold."""
 
     def known(line: Line) -> float:
         return math.nan if line.held is None else value(line.held)
 
-    return Column(name, meaning, known, topic, TWO, each=False)
+    return Column(name, meaning, known, topic, TWO)
 
 
-def true(
-    name: str,
-    meaning: str,
-    value: Callable[[Contact], float],
-    topic: str = "",
-    bodies: tuple[Mechanics, ...] = ALL,
-) -> Column:
-    """Column of a finger's true contact."""
+def true(value: Callable[[Contact], float]) -> Callable[[Line], float]:
+    """Value of a finger's true contact; NaN where the truth is unknown."""
 
     def known(line: Line) -> float:
         truth = line.sample.truth
         return math.nan if truth is None else value(truth.fingers[line.finger])
 
-    return Column(name, meaning, known, topic, bodies)
+    return known
 
 
-def read(
-    name: str,
-    meaning: str,
-    value: Callable[[GripObservation], float],
-    topic: str = "",
-    bodies: tuple[Mechanics, ...] = ALL,
-) -> Column:
-    """Column of a finger's observation."""
+def read(value: Callable[[GripObservation], float]) -> Callable[[Line], float]:
+    """Value of a finger's observation; NaN for a dropped frame."""
 
     def known(line: Line) -> float:
         observation = line.reading.observation
         return math.nan if observation is None else value(observation)
 
-    return Column(name, meaning, known, topic, bodies)
+    return known
 
 
 def estimate(
@@ -165,26 +140,22 @@ def estimate(
     bodies: tuple[Mechanics, ...] = ALL,
 ) -> Iterator[Column]:
     """Columns of an estimate and the ends of its interval."""
-    low, high = (f"{end} end of the 90 % interval of {words}" for end in ("lower", "upper"))
     topic = f"/{name}/estimated"
-    yield read(f"{name}_estimated", f"{words} as estimated", value, topic, bodies)
-    yield read(f"{name}_low", low, lambda seen: interval(seen)[0], bodies=bodies)
-    yield read(f"{name}_high", high, lambda seen: interval(seen)[1], bodies=bodies)
+    yield Column(f"{name}_estimated", f"{words} as estimated", read(value), topic, bodies)
+    low, high = (f"{end} end of the 90 % interval of {words}" for end in ("lower", "upper"))
+    yield Column(f"{name}_low", low, read(lambda seen: interval(seen)[0]), bodies=bodies)
+    yield Column(f"{name}_high", high, read(lambda seen: interval(seen)[1]), bodies=bodies)
 
 
-def deviation(name: str, words: str, k: int) -> Column:
-    """Column of the standard deviation of ΣFn (k = 0) or ΣFf (k = 1)."""
-
-    def value(seen: GripObservation) -> float:
-        return float(np.sqrt(np.maximum(seen.field.totals_covariance[k, k], 0.0)))
-
-    return read(name, f"standard deviation of the estimated {words}", value)
+def deviation(observation: GripObservation, k: int) -> float:
+    """Standard deviation of ΣFn (k = 0) or ΣFf (k = 1) [N]."""
+    return float(np.sqrt(np.maximum(observation.field.totals_covariance[k, k], 0.0)))
 
 
 def wrench_columns(
     kind: str,
     words: str,
-    column: Callable[[str, str, Callable[[Source], float]], Column],
+    known: Callable[[Callable[[Source], float]], Callable[[Line], float]],
     wrench: Callable[[Source], Array],
 ) -> Iterator[Column]:
     """Columns of the force along x, y, z and the torque about z [N, N·m]."""
@@ -196,7 +167,7 @@ def wrench_columns(
         def value(of: Source, k: int = k) -> float:
             return (1e3 if k == 3 else 1.0) * float(wrench(of)[k])
 
-        yield replace(column(name, meaning, value), bodies=SOFT)
+        yield Column(name, meaning, known(value), bodies=SOFT)
 
 
 def true_wrench(contact: Contact) -> Array:

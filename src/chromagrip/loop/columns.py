@@ -25,12 +25,11 @@ from .column import (
     Mechanics,
     deviation,
     estimate,
-    of_pinch,
+    held,
     read,
     true,
     true_wrench,
     visible,
-    whole,
     wrench_columns,
 )
 from .sample import Sample
@@ -40,167 +39,188 @@ Array = NDArray[np.float64]
 #: Names of two fingers; `first_` or `second_` stands before the names of their columns.
 FINGERS = ("first", "second")
 
-#: Columns in the order of a trace.
-TABLE = (
-    whole("time_s", "instant of the frame", lambda s: s.time),
-    whole("load_n", "lateral load on the object", lambda s: s.load, "/load_n/lateral", ONE),
-    whole(
+#: Columns of the frame as a whole.
+WHOLE = (
+    Column("time_s", "instant of the frame", lambda line: line.sample.time),
+    Column(
+        "load_n",
+        "lateral load on the object",
+        lambda line: line.sample.load,
+        "/load_n/lateral",
+        ONE,
+    ),
+    Column(
         "grip_n",
         "grip force commanded from this frame on (two fingers: of each)",
-        lambda s: s.grip,
+        lambda line: line.sample.grip,
         "/grip_n/commanded",
     ),
-    whole(
+    Column(
         "applied_n",
         "force of the gripper's drive at this frame",
-        lambda s: s.applied,
+        lambda line: line.sample.applied,
         "/grip_n/applied",
     ),
-    of_pinch(
+    held(
         "table_n",
         "force of the table on the object",
         lambda h: h.now.state.support,
         "/load_n/table",
     ),
-    whole(
+    Column(
         "smaller_finger",
         "finger whose observation goes to the controller, 1 or 2",
-        lambda s: s.smaller + 1.0,
+        lambda line: line.sample.smaller + 1.0,
         bodies=TWO,
     ),
-    of_pinch(
+    held(
         "mass_g",
         "mass of the object with what has been added to it",
         lambda h: 1e3 * h.mass,
         "/mass_g/object",
     ),
-    of_pinch(
+    held(
         "object_x_mm",
         "place of the object's origin in the hand along x, which is down at the start",
         lambda h: 1e3 * h.now.fingers[0].place[0],
     ),
-    of_pinch("object_y_mm", "the same along y", lambda h: 1e3 * h.now.fingers[0].place[1]),
-    of_pinch(
+    held("object_y_mm", "the same along y", lambda h: 1e3 * h.now.fingers[0].place[1]),
+    held(
         "object_z_mm",
         "the same along z, from the first finger to the second",
         lambda h: 1e3 * (h.now.state.closing - h.now.fingers[0].indentation),
     ),
-    of_pinch(
+    held(
         "height_mm",
         "rise of the object's centre of mass against gravity since the start",
         lambda h: 1e3 * h.rise,
         "/height_mm/object",
     ),
-    of_pinch("closing_mm", "distance that each finger closed", lambda h: 1e3 * h.now.state.closing),
-    of_pinch(
+    held("closing_mm", "distance that each finger closed", lambda h: 1e3 * h.now.state.closing),
+    held(
         "slide_mm",
         "way of the object in the hand across z, without that of the skins",
         lambda h: 1e3 * h.now.record.slide,
         "/slide_mm/in_hand",
     ),
-    of_pinch(
+    held(
         "turn_deg",
         "turn of the object about z in the hand, without the elastic twist",
         lambda h: math.degrees(h.now.record.turn),
         "/turn_deg/in_hand",
     ),
-    of_pinch(
+    held(
         "elastic_deg",
         "elastic twist of the skins, their mean",
         lambda h: math.degrees(h.now.record.elastic),
         "/turn_deg/elastic",
     ),
-    of_pinch(
+    held(
         "pressure_kpa",
         "mean pressure of the contact that is pressed more",
         lambda h: 1e-3 * h.now.record.pressure,
         "/pressure_kpa/true",
     ),
-    of_pinch(
+    held(
         "outcome",
         "0 held, 1 turned, 2 crushed, 3 dropped; the worst so far",
         lambda h: float(h.outcome),
     ),
-    true("normal_true_n", "true ΣFn", lambda c: c.field.total_normal, "/normal_n/true"),
-    true("friction_true_n", "true ΣFf", lambda c: c.field.total_friction, "/friction_n/true"),
-    true("mu_true", "Σµᵢ·Fn,i/ΣFn, µ over the contact", lambda c: c.friction, "/mu/true"),
-    true(
+)
+#: Columns of each finger, in the order of a trace.
+EACH = (
+    Column("normal_true_n", "true ΣFn", true(lambda c: c.field.total_normal), "/normal_n/true"),
+    Column(
+        "friction_true_n", "true ΣFf", true(lambda c: c.field.total_friction), "/friction_n/true"
+    ),
+    Column("mu_true", "Σµᵢ·Fn,i/ΣFn, µ over the contact", true(lambda c: c.friction), "/mu/true"),
+    Column(
         "margin_true",
         "Γ with the object's µ; NaN without contact",
-        lambda c: c.field.safety_margin(c.friction),
+        true(lambda c: c.field.safety_margin(c.friction)),
         "/margin/true",
     ),
-    read(
+    Column(
         "normal_estimated_n",
         "ΣFn as estimated; all estimates are NaN for a dropped frame",
-        lambda o: o.field.total_normal,
+        read(lambda o: o.field.total_normal),
         "/normal_n/estimated",
     ),
-    read(
+    Column(
         "friction_estimated_n",
         "ΣFf as estimated",
-        lambda o: o.field.total_friction,
+        read(lambda o: o.field.total_friction),
         "/friction_n/estimated",
     ),
-    deviation("normal_deviation_n", "ΣFn", 0),
-    deviation("friction_deviation_n", "ΣFf", 1),
+    Column(
+        "normal_deviation_n",
+        "standard deviation of the estimated ΣFn",
+        read(lambda o: deviation(o, 0)),
+    ),
+    Column(
+        "friction_deviation_n",
+        "standard deviation of the estimated ΣFf",
+        read(lambda o: deviation(o, 1)),
+    ),
     *estimate("mu", "µ", lambda o: o.friction, lambda o: o.friction_interval),
     *estimate("margin", "Γ", lambda o: o.margin, lambda o: o.margin_interval),
-    true(
+    Column(
         "pressure_n_per_m",
         "ΣFn over the contact's width",
-        lambda c: pressure(c.field),
+        true(lambda c: pressure(c.field)),
         "/pressure_n_per_m/true",
         ONE,
     ),
-    true(
+    Column(
         "pressure_pitch_n_per_m",
         "the same with one node pitch added to the width",
-        lambda c: pressure(c.field, c.pitch),
+        true(lambda c: pressure(c.field, c.pitch)),
         bodies=ONE,
     ),
-    true(
+    Column(
         "lateral_displacement_mm",
         "slip of the object over the fingertip, largest so far",
-        lambda c: c.slip.lateral_displacement * 1e3,
+        true(lambda c: c.slip.lateral_displacement * 1e3),
         "/slip_mm/lateral_displacement",
     ),
-    true(
+    Column(
         "rigid_slip_mm",
         "sliding of the whole contact, summed so far",
-        lambda c: c.slip.rigid_slip * 1e3,
+        true(lambda c: c.slip.rigid_slip * 1e3),
         "/slip_mm/rigid_slip",
     ),
-    true("object_mm", "position of the object along x", lambda c: c.place[0] * 1e3, bodies=ONE),
-    true(
+    Column(
+        "object_mm", "position of the object along x", true(lambda c: c.place[0] * 1e3), bodies=ONE
+    ),
+    Column(
         "rigid_part_mm",
         "indentation, position of the rigid part along z",
-        lambda c: c.indentation * 1e3,
+        true(lambda c: c.indentation * 1e3),
         bodies=ONE,
     ),
-    true("contact_nodes", "nodes in contact", lambda c: float(c.field.contact.sum())),
+    Column("contact_nodes", "nodes in contact", true(lambda c: float(c.field.contact.sum()))),
     Column(
         "markers_visible",
         "marker pairs tracked; NaN on the truth path",
         visible,
         "/markers/visible",
     ),
-    true(
+    Column(
         "object_y_mm",
         "position of the object along y; 0 on a chain",
-        lambda c: c.place[1] * 1e3,
+        true(lambda c: c.place[1] * 1e3),
         bodies=ONE,
     ),
-    true(
+    Column(
         "object_turn_deg",
         "turn of the object about z; 0 on a chain",
-        lambda c: math.degrees(c.turn),
+        true(lambda c: math.degrees(c.turn)),
         bodies=ONE,
     ),
-    true(
+    Column(
         "limit_margin_true",
         "margin of force and torsion together; NaN on a chain",
-        lambda c: margin_within(c.field, c.friction),
+        true(lambda c: margin_within(c.field, c.friction)),
         "/limit_margin/true",
     ),
     *estimate(
@@ -240,13 +260,10 @@ def columns_of(body: Mechanics) -> dict[str, Column]:
 
 def _placed(body: Mechanics) -> Iterator[tuple[str, int, Column]]:
     """Full name, finger and column of each value of a line."""
-    there = [column for column in TABLE if body in column.bodies]
-    if body != "pinch":
-        yield from ((column.name, 0, column) for column in there)
-        return
-    yield from ((column.name, 0, column) for column in there if not column.each)
-    for k, finger in enumerate(FINGERS):
-        yield from ((f"{finger}_{column.name}", k, column) for column in there if column.each)
+    yield from ((column.name, 0, column) for column in WHOLE if body in column.bodies)
+    for k, finger in enumerate(FINGERS if body == "pinch" else ("",)):
+        before = f"{finger}_" if finger else ""
+        yield from ((before + c.name, k, c) for c in EACH if body in c.bodies)
 
 
 #: Columns of one finger's trace in memory, in order, with their meaning.
@@ -295,9 +312,9 @@ class Rows:
         )
 
 
-def values_of(sample: Sample, names: Iterable[str]) -> dict[str, float]:
-    """Values of some columns of a frame of one finger."""
-    table, line = columns_of("dome"), Line(sample=sample)
+def values_of(sample: Sample, names: Iterable[str], finger: int = 0) -> dict[str, float]:
+    """Values of some columns of a frame, for one finger."""
+    table, line = columns_of("dome"), Line(sample=sample, finger=finger)
     return {name: table[name].value(line) for name in names}
 
 

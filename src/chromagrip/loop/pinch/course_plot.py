@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...control import GripObservation
-from ...model import margin_within
+from ..columns import values_of
 from ..sample import Sample
 from ..shown.figure import ESTIMATED, LOAD, TRUE
 
@@ -28,10 +27,17 @@ MARGINS = (-0.15, 1.05)
 FIRST_FORCE = 5.0
 #: Pixels of an inch of matplotlib's.
 _DPI = 100
-#: Curves of a finger: Γ true and estimated, the same with torsion, and the ends of its interval.
-MARGIN_NAMES = ("true", "seen", "limit_true", "limit_seen", "low", "high")
-#: Curves of the grip: of each finger, and the table's force.
-FORCE_NAMES = ("grip", "table")
+#: Columns of a trace that are drawn of each finger.
+MARGIN_NAMES = (
+    "margin_true",
+    "margin_estimated",
+    "limit_margin_true",
+    "limit_margin_estimated",
+    "limit_margin_low",
+    "limit_margin_high",
+)
+#: Columns of a trace that are drawn of the grip.
+FORCE_NAMES = ("grip_n", "table_n")
 
 
 def _rgb(colour: str) -> Colour:
@@ -65,26 +71,15 @@ class Courses:
     def add(self, sample: Sample) -> None:
         """Append a frame."""
         self.times.append(sample.time)
-        self.forces["grip"].append(sample.grip)
-        self.forces["table"].append(sample.pinch.state.support)
-        for k, contact in enumerate(sample.pinch.fingers):
-            field_, mu = contact.field, contact.friction
-            true = (field_.safety_margin(mu), margin_within(field_, mu))
-            values = _margins(true, sample.readings[k].observation)
-            for name, value in zip(MARGIN_NAMES, values, strict=True):
-                self.margins[k][name].append(value)
+        self.forces["grip_n"].append(sample.grip)
+        self.forces["table_n"].append(sample.pinch.state.support)
+        for finger, margins in enumerate(self.margins):
+            for name, value in values_of(sample, MARGIN_NAMES, finger).items():
+                margins[name].append(value)
 
 
 def _curves(names: tuple[str, ...]) -> Curves:
     return {name: [] for name in names}
-
-
-def _margins(true: tuple[float, float], seen: GripObservation | None) -> tuple[float, ...]:
-    """Values of `MARGIN_NAMES`."""
-    if seen is None:
-        return true[0], math.nan, true[1], math.nan, math.nan, math.nan
-    low, high = seen.limit_margin_interval
-    return true[0], seen.margin, true[1], seen.limit_margin, low, high
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,16 +138,18 @@ class CoursePlot:
         times = np.array(courses.times)
         for panel, margins in zip(self.panels[:2], courses.margins, strict=True):
             values = {name: np.array(course) for name, course in margins.items()}
-            paint_band(picture, panel, times, values["low"], values["high"])
+            paint_band(
+                picture, panel, times, values["limit_margin_low"], values["limit_margin_high"]
+            )
             if self._desired is not None:
                 _paint_level(picture, panel, self._desired)
-            paint_curve(picture, panel, times, values["seen"], SEEN, 1)
-            paint_curve(picture, panel, times, values["true"], TRUTH, 1)
-            paint_curve(picture, panel, times, values["limit_seen"], SEEN, 2)
-            paint_curve(picture, panel, times, values["limit_true"], TRUTH, 2)
+            paint_curve(picture, panel, times, values["margin_estimated"], SEEN, 1)
+            paint_curve(picture, panel, times, values["margin_true"], TRUTH, 1)
+            paint_curve(picture, panel, times, values["limit_margin_estimated"], SEEN, 2)
+            paint_curve(picture, panel, times, values["limit_margin_true"], TRUTH, 2)
         force = self.panels[2]
-        paint_curve(picture, force, times, np.array(courses.forces["table"]), OTHER, 2)
-        paint_curve(picture, force, times, np.array(courses.forces["grip"]), TRUTH, 2)
+        paint_curve(picture, force, times, np.array(courses.forces["table_n"]), OTHER, 2)
+        paint_curve(picture, force, times, np.array(courses.forces["grip_n"]), TRUTH, 2)
         for panel in self.panels:
             column = round(float(panel.pixels(times[-1:], np.zeros(1))[0, 0]))
             cv2.line(picture, (column, round(panel.top)), (column, round(panel.bottom)), OTHER, 1)

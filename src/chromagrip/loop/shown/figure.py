@@ -1,6 +1,7 @@
 """The course of one run in one picture, after the thesis's Figs. 13–15."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,14 +30,11 @@ def draw_figure(scene: Scene, trace: Trace, path: Path) -> None:
     panels = list(panels_of(scene, trace.columns))
     figure = Figure(figsize=(8.0, 1.0 + 1.6 * len(panels)), layout="constrained")
     FigureCanvasAgg(figure)
-    plots: list[Axes] = (
-        np.ravel(figure.subplots(len(panels), 1, sharex=True)).tolist() if panels else []
-    )
+    plots: list[Axes] = np.ravel(figure.subplots(len(panels), 1, sharex=True)).tolist()
     for axes, panel in zip(plots, panels, strict=True):
         _draw(axes, trace["time_s"], panel)
-        axes.set_xlim(0.0, scene.duration_s)
-    if panels:
-        plots[-1].set_xlabel("time [s]")
+    plots[-1].set_xlabel("time [s]")
+    plots[-1].set_xlim(0.0, scene.duration_s)
     figure.suptitle(_title(scene, trace), fontsize=11)
     figure.savefig(path, dpi=110)
 
@@ -45,8 +43,8 @@ def _draw(axes: Axes, time: Array, panel: Panel) -> None:
     """Draw a panel: estimates thin over the truth, intervals shaded."""
     for curve in panel.curves:
         _draw_curve(axes, time, curve)
-    for label, level in panel.levels:
-        axes.axhline(level, color=LOAD, lw=1.2, ls=":", label=label)
+    for (label, level), style in zip(panel.levels, (":", "-."), strict=False):
+        axes.axhline(level, color=LOAD, lw=1.2, ls=style, label=label)
     low, high = axes.get_ylim()
     least, most = panel.limits
     axes.set_ylim(max(least, min(low, panel.span[0])), min(most, max(high, panel.span[1])))
@@ -57,7 +55,8 @@ def _draw(axes: Axes, time: Array, panel: Panel) -> None:
 def _draw_curve(axes: Axes, time: Array, curve: Curve) -> None:
     colour, shaded = _COLOURS[curve.role], curve.role == "estimated" and curve.low is not None
     if curve.low is not None and curve.high is not None:
-        axes.fill_between(time, curve.low, curve.high, color=colour, alpha=0.2, lw=0)
+        step: Any = "mid" if curve.role == "other" else None  # a single instant has a width
+        axes.fill_between(time, curve.low, curve.high, color=colour, alpha=0.2, lw=0, step=step)
     axes.plot(
         time,
         curve.values,
