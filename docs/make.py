@@ -28,8 +28,8 @@ from website.notebook import executed, with_outputs
 from chromagrip.calibrate.first_use import EPOCHS, HISTORIES, NOISE
 from chromagrip.calibrate.readout import VARIATIONS
 from chromagrip.calibrate.spanned import range_lines, spanned_ranges
-from chromagrip.loop.column import Mechanics
-from chromagrip.loop.columns import FINGERS, columns_of
+from chromagrip.loop.column import Column, Mechanics
+from chromagrip.loop.columns import columns_of
 from chromagrip.measure.bench.model_bodies import engine_rows
 from chromagrip.measure.bench.parts import bench
 from chromagrip.measure.reproduce.parts import PARTS as THESIS
@@ -93,15 +93,12 @@ def fill(page: str, name: str, lines: Iterable[str]) -> None:
 
 
 def columns_table(body: Mechanics) -> list[str]:
-    """Columns of a trace; those of each of two fingers in one line."""
-    lines = []
+    """Columns of a trace; those of both fingers in one line, and of a dome what a chain lacks."""
+    shown: dict[Column, list[str]] = {}
     for name, column in columns_of(body).items():
-        names = [name]
-        if body == "pinch" and column.each:
-            names = [f"{finger}_{column.name}" for finger in FINGERS]
-        if (body == "dome" and "chain" in column.bodies) or name != names[0]:
-            continue
-        lines.append((", ".join(f"`{each}`" for each in names), column.meaning, column.unit))
+        if body != "dome" or "chain" not in column.bodies:
+            shown.setdefault(column, []).append(f"`{name}`")
+    lines = [(", ".join(names), each.meaning, each.unit) for each, names in shown.items()]
     return list(markdown(Table(("column", "content", "unit"), tuple(lines))))
 
 
