@@ -287,9 +287,10 @@ class Rows:
         body = mechanics(scene)
         placed = list(_placed("dome" if body == "chain" else body))
         self.columns = {name: column.meaning for name, _, column in placed}
+        # Pictures of a scene with a chain may be read by a method for domes.
         self._values = [
-            (finger, column.value if body in column.bodies else _unknown)
-            for _, finger, column in placed
+            (k, column.value if body in column.bodies or scene.path == "camera" else _unknown)
+            for _, k, column in placed
         ]
         self.names = tuple(columns_of(body))
         self._pinch = build_pinch(scene) if body == "pinch" else None
