@@ -17,53 +17,48 @@ if TYPE_CHECKING:
 SECONDS, FRAMES = 10.0, 2000
 #: Colours as in the figures: true, estimated, and its interval.
 _TRUE, _ESTIMATED, _INTERVAL = "#0072b2", "#d55e00", "rgba(213, 94, 0, 0.2)"
-_EDGE: dict[str, Any] = {"stroke": _INTERVAL, "width": 1}
-_READ: dict[str, Any] = {"stroke": _ESTIMATED, "width": 2, "dash": (6, 3)}
-_KNOWN: dict[str, Any] = {"stroke": _TRUE, "width": 2}
-_DOTTED: dict[str, Any] = {"dash": (2, 2)}
 #: Values of a frame, by the names of a trace's columns.
 Row = dict[str, float]
 _GRIP = ", grip thin"
-#: Title of each plot, its range of values, and label, look and column of each curve.
-_PLOTS: tuple[
-    tuple[str, tuple[float, float] | None, list[tuple[str, dict[str, Any], str]]], ...
-] = (
+#: Title of each plot, its range of values, and the columns of its curves.
+_PLOTS: tuple[tuple[str, tuple[float, float] | None, tuple[str, ...]], ...] = (
     (
         "Γ: true solid, estimated dashed, 90 % shaded",
         (-0.2, 1.05),
-        [
-            ("low", _EDGE, "margin_low"),
-            ("high", _EDGE, "margin_high"),
-            ("estimated", _READ, "margin_estimated"),
-            ("true", _KNOWN, "margin_true"),
-        ],
+        ("margin_low", "margin_high", "margin_estimated", "margin_true"),
     ),
     (
         "forces [N]: ΣFn thick, ΣFf dotted" + _GRIP,
         None,
-        [
-            ("ΣFn est.", _READ, "normal_estimated_n"),
-            ("ΣFn true", _KNOWN, "normal_true_n"),
-            ("ΣFf est.", _READ | _DOTTED, "friction_estimated_n"),
-            ("ΣFf true", _KNOWN | _DOTTED, "friction_true_n"),
-            ("grip", {"stroke": "#7a7a7a", "width": 1}, "applied_n"),
-        ],
+        (
+            "normal_estimated_n",
+            "normal_true_n",
+            "friction_estimated_n",
+            "friction_true_n",
+            "applied_n",
+        ),
     ),
     (
         "µ: true solid, estimated dashed, 90 % shaded",
         (0.0, 1.5),
-        [
-            ("low", _EDGE, "mu_low"),
-            ("high", _EDGE, "mu_high"),
-            ("estimated", _READ, "mu_estimated"),
-            ("true", _KNOWN, "mu_true"),
-        ],
+        ("mu_low", "mu_high", "mu_estimated", "mu_true"),
     ),
 )
-
-
 #: Columns of a trace that the curves show.
-COLUMNS = ("time_s", *(name for _, _, curves in _PLOTS for _, _, name in curves))
+COLUMNS = ("time_s", *(name for _, _, names in _PLOTS for name in names))
+
+
+def _look(name: str) -> dict[str, Any]:
+    """Stroke of a column's curve."""
+    if name.endswith(("_low", "_high")):
+        return {"stroke": _INTERVAL, "width": 1}
+    if name == "applied_n":
+        return {"stroke": "#7a7a7a", "width": 1}
+    known = "_true" in name
+    look: dict[str, Any] = {"stroke": _TRUE if known else _ESTIMATED, "width": 2}
+    if name.startswith("friction"):
+        return look | {"dash": (2, 2)}
+    return look if known else look | {"dash": (6, 3)}
 
 
 class Strips:
@@ -78,11 +73,11 @@ class Strips:
     def __init__(self, server: "viser.ViserServer", truth: bool = True) -> None:
         self._rows: deque[Row] = deque(maxlen=FRAMES)
         self._plots: list[tuple[Any, tuple[str, ...]]] = []
-        for title, span, curves in _PLOTS:
+        for title, span, names in _PLOTS:
             # A curve without any value would leave a plot without a scale.
-            there = [c for c in curves if truth or not ("_true" in c[2] or c[2] == "applied_n")]
-            banded = there[0][0] == "low"
-            series: list[Any] = [{"label": name, **look} for name, look, _ in there]
+            there = [n for n in names if truth or not ("_true" in n or n == "applied_n")]
+            banded = there[0].endswith("_low")
+            series: list[Any] = [{"label": name, **_look(name)} for name in there]
             handle = server.gui.add_uplot(
                 data=tuple(np.zeros(2) for _ in range(len(there) + 1)),
                 series=({"label": "s"}, *series),
@@ -92,7 +87,7 @@ class Strips:
                 legend={"show": False},
                 aspect=2.2,
             )
-            self._plots.append((handle, ("time_s", *(name for _, _, name in there))))
+            self._plots.append((handle, ("time_s", *there)))
 
     def add(self, row: Row) -> None:
         """Append a frame; a time before the last one starts the curves again."""

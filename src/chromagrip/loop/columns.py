@@ -285,8 +285,13 @@ class Rows:
 
     def __init__(self, scene: Scene) -> None:
         body = mechanics(scene)
-        self._placed = list(_placed("dome" if body == "chain" else body))
-        self.columns = {name: column.meaning for name, _, column in self._placed}
+        placed = list(_placed("dome" if body == "chain" else body))
+        self.columns = {name: column.meaning for name, _, column in placed}
+        # Pictures of a scene with a chain may be read by a method for domes.
+        self._values = [
+            (k, column.value if body in column.bodies or scene.path == "camera" else _unknown)
+            for _, k, column in placed
+        ]
         self.names = tuple(columns_of(body))
         self._pinch = build_pinch(scene) if body == "pinch" else None
         self._limits = scene.pinch.limits
@@ -296,7 +301,7 @@ class Rows:
         """Values of a frame, in the order of `columns`; the first frame is the start."""
         held = self._held(sample)
         lines = [Line(sample=sample, finger=k, held=held) for k, _ in enumerate(sample.readings)]
-        return tuple(column.value(lines[finger]) for _, finger, column in self._placed)
+        return tuple(value(lines[finger]) for finger, value in self._values)
 
     def _held(self, sample: Sample) -> Held | None:
         if self._pinch is None:
@@ -310,6 +315,11 @@ class Rows:
             rise=height - self._start,
             outcome=OUTCOMES.index(now.record.outcome(self._limits)),
         )
+
+
+def _unknown(line: Line) -> float:
+    """Value of a column that the body lacks."""
+    return math.nan
 
 
 def values_of(sample: Sample, names: Iterable[str], finger: int = 0) -> dict[str, float]:
