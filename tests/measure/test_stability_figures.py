@@ -1,6 +1,6 @@
 """Pictures of the maps: what every colour, letter and line in them is, their legend says."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -61,11 +61,9 @@ def force_cells() -> list[force.Cell]:
 @pytest.mark.parametrize("kind", [cells, grips, model, dome, force])
 def test_every_outcome_has_a_colour_and_a_letter_of_its_own(kind: ModuleType) -> None:
     """The best one has no letter."""
-    letters: Mapping[str, str] = kind.LETTERS
-    assert list(letters) == list(kind.OUTCOMES)
-    assert len(set(letters.values())) == len(set(kind.OUTCOMES.values())) == len(letters)
-    assert [bool(letter) for letter in letters.values()] == [False] + [True] * (len(letters) - 1)
-    assert set(kind.WORDS) <= set(letters)
+    colours, letters, _ = zip(*kind.OUTCOMES.values(), strict=True)
+    assert len(set(letters)) == len(set(colours)) == len(letters)
+    assert [bool(letter) for letter in letters] == [False] + [True] * (len(letters) - 1)
 
 
 @pytest.mark.parametrize(
@@ -89,12 +87,12 @@ def test_the_legend_explains_every_outcome(
         for patch, text in zip(legend.legend_handles, legend.get_texts(), strict=True)
         if hasattr(patch, "get_facecolor")
     }
-    assert set(told) == set(kind.OUTCOMES.values())
-    for name, colour in kind.OUTCOMES.items():
-        letter = kind.LETTERS[name]
+    assert set(told) == {outcome.colour for outcome in kind.OUTCOMES.values()}
+    letters = {outcome.letter for outcome in kind.OUTCOMES.values() if outcome.letter}
+    for name, (colour, letter, _) in kind.OUTCOMES.items():
         assert told[colour].startswith(f"{letter}  {name}" if letter else name)
     written = {text.get_text().split(" ")[0] for axes in figure.axes for text in axes.texts}
-    assert {letter for letter in kind.LETTERS.values() if letter} <= written
+    assert letters <= written
 
 
 def test_a_map_of_the_loop_tells_outcomes_by_letters(tmp_path: Path) -> None:
@@ -109,17 +107,17 @@ def test_a_map_of_the_loop_tells_outcomes_by_letters(tmp_path: Path) -> None:
     _, places = figures.new_map(which, True, 0.4, 0.9, 1.5)
     for axes, panel in zip(places, which.panels, strict=True):
         figures.draw_field(axes, which, panel, results, cells.OUTCOMES)
-        figures._mark(axes, which, panel, results)
+        figures._mark(axes, which, figures.CHAIN, panel, results)
         figures.draw_lines(axes, which, panel, figures._STYLES)
         assert axes.get_xlim() == (-0.5, len(panel.x) - 0.5)
     texts = [text.get_text() for axes in places for text in axes.texts]
     wanted = [results[one] for one in which.settings()]
-    letters = [cells.LETTERS[cell.outcome] for cell in wanted]
+    letters = [cells.OUTCOMES[cell.outcome].letter for cell in wanted]
     assert len(texts) == sum(map(bool, letters)) + sum(
-        not cells.LETTERS[results[one].outcome] for one in which.camera
+        not cells.OUTCOMES[results[one].outcome].letter for one in which.camera
     )
     assert {"m~", "~", "s~", "c~", "–~"} <= set(texts)
-    figures.draw_map(which, results, tmp_path, "map", True)
+    figures.draw_map(which, figures.CHAIN, results, tmp_path, "map", True)
     assert {path.name for path in tmp_path.iterdir()} == {"map.svg", "map.png"}
 
 

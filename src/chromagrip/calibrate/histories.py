@@ -1,7 +1,7 @@
 """Random grips and loads on random objects, on which a read-out is trained."""
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -51,7 +51,7 @@ class Snapshots:
     totals: true ΣFn, signed ΣFf [N] and µ, shape (S, 3)
     history: number of the history, shape (S,)
     material: σ0 [N/m], n and k_c [N/m] of the object, shape (S, 3)
-    kind: of object and drive, see `kind_names`, shape (S,)
+    kind: number of the shape times the number of DRIVES, plus that of the drive, shape (S,)
     """
 
     displacement: NDArray[np.float32]
@@ -71,12 +71,6 @@ class Plan(NamedTuple):
     drive: Drive
     kind: int
     dt: float
-
-
-def kind_names(kind: int) -> tuple[str, str]:
-    """Names of an object's shape and of a drive, of their number in `Snapshots`."""
-    shape, drive = divmod(int(kind), len(DRIVES))
-    return list(SHAPES)[shape], list(DRIVES)[drive]
 
 
 def random_plan(fingertip: Fingertip, number: int) -> Plan:
@@ -216,15 +210,3 @@ def _none(nodes: int) -> Snapshots:
 def _joined(parts: list[Snapshots]) -> Snapshots:
     names = vars(parts[0])
     return Snapshots(**{k: np.concatenate([vars(part)[k] for part in parts]) for k in names})
-
-
-def with_mirrored(found: Snapshots) -> Snapshots:
-    """Snapshots, and the same with x turned round, under which the model is symmetric."""
-    mirrored = replace(
-        found,
-        displacement=found.displacement[:, ::-1] * np.array([-1.0, 1.0], dtype=np.float32),
-        normal=found.normal[:, ::-1],
-        friction=-found.friction[:, ::-1],
-        totals=found.totals * np.array([1.0, -1.0, 1.0]),
-    )
-    return _joined([found, mirrored])

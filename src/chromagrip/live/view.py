@@ -56,12 +56,6 @@ class Drawn:
     force: Floats
     slips: NDArray[np.bool_]
 
-    @property
-    def swirl(self) -> float:
-        """Torque of the friction about the fingertip's axis [N·m]; its sign is the swirl's."""
-        (x, y), (along, across) = self.start[:, :2].T, self.force[:, :2].T
-        return float((x * across - y * along).sum())
-
 
 class FingertipView:
     """Skin coloured by pressure, friction as arrows, and the object in its place.

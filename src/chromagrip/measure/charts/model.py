@@ -1,76 +1,117 @@
-"""Time per simulated second of the node models against their error."""
+"""Time per simulated second of the node models, chain and dome, against their error."""
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...model import ContactObject, Fingertip, History, Method, explicit_limit, rest_state, simulate
+from ...model import (
+    ContactObject,
+    Dome,
+    Fingertip,
+    History,
+    Method,
+    Motion,
+    Solid,
+    dome_forces,
+    explicit_limit,
+    rest_state,
+    simulate,
+    simulate_contact,
+)
+from ...model.shapes import Shape, ball, cylinder, plane
 from ..bench.model import SAFE, margins, smooth_grasp
 from .chart import Axis, Chart, Point
 
 Array = NDArray[np.float64]
 
-#: Length of a grasp [s].
-DURATION = 1.2
-#: Time between the instants of a grasp that are compared [s].
-_EVERY = 0.3
+#: Grip force of a grasp [N].
+_GRIP = 2.0
+_MARGIN = Axis(key="margin_error", label="Γ, largest error", unit="")
+#: Length of a grasp of the chain, and time between the instants that are compared [s].
+_DURATION, _EVERY = 1.2, 0.3
 #: Flat and hard, in between, sharp and soft.
 _OBJECTS = (
     ContactObject(friction=0.5, stiffness=1000.0),
     ContactObject(friction=0.3, stiffness=160.0, curvature=50.0),
     ContactObject(friction=0.7, stiffness=80.0, curvature=200.0),
 )
-#: Grip force of the grasp [N].
-_GRIP = 2.0
-AXES = (
-    Axis(key="normal_error", label="ΣFn, largest error [%]", unit="%"),
-    Axis(key="margin_error", label="Γ, largest error", unit=""),
-)
+#: Share of what friction holds up to which the load on a dome goes.
+_SHARE = 0.6
+#: Instants of a grasp of the dome [s], and the shares of grip and load at them; straight between.
+_TIMES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
+_PRESSED = (0.0, 0.5, 1.0, 1.0, 1.0, 1.0)
+_PULLED = (0.0, 0.0, 0.0, 0.5, 1.0, 1.0)
+#: Damper of the object on a dome, which carries a thousandth of the load [N·s/m].
+_DRAG = 0.5
+_SHAPES: tuple[Shape, ...] = (plane(), ball(20e-3), cylinder(5e-3))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Setting:
-    """A chain and how it is stepped; an explicit method takes SAFE of its stable step."""
+    """A body and how it is stepped.
+
+    Attributes
+    ----------
+    name, words: of the point, and its settings
+    run: simulates the grasp of an object
+    values: of an object and its run at the compared instants, shape (K, n)
+    ours: whether it is drawn as the project's choice; others are run only once, as they take
+        minutes and are far from the front
+    """
 
     name: str
-    tip: Fingertip
-    step: float = 1e-3
-    method: Method = "implicit"
-
-    def run(self, obj: ContactObject) -> History:
-        """A grasp, with the instants that are compared."""
-        step = self.step
-        if self.method != "implicit":
-            step = SAFE * explicit_limit(self.tip, obj, rest_state(self.tip), self.method)
-        every = int(np.ceil(_EVERY / step))
-        drive = smooth_grasp(_GRIP, 0.5 * obj.friction * _GRIP)
-        return simulate(
-            self.tip, obj, drive, dt=_EVERY / every, duration=DURATION, every=every,
-            method=self.method,
-        )  # fmt: skip
+    words: str
+    run: Callable[[Any], Any]
+    values: Callable[[Any, Any], Array]
+    ours: bool = True
 
 
-def _settings(quick: bool) -> list[Setting]:
+def _chain(name: str, tip: Fingertip, step: float = 1e-3, method: Method = "implicit") -> Setting:
+    return Setting(
+        name=name,
+        words=f"{tip.law} chain, {method}",
+        run=partial(_chain_grasp, tip, step, method),
+        values=partial(margins, tip),
+        ours=method == "implicit",
+    )
+
+
+def _chain_grasp(tip: Fingertip, step: float, method: Method, obj: ContactObject) -> History:
+    """Instants of a grasp; an explicit method takes SAFE of its stable step."""
+    if method != "implicit":
+        step = SAFE * explicit_limit(tip, obj, rest_state(tip), method)
+    every = int(np.ceil(_EVERY / step))
+    drive = smooth_grasp(_GRIP, 0.5 * obj.friction * _GRIP)
+    return simulate(
+        tip, obj, drive, dt=_EVERY / every, duration=_DURATION, every=every, method=method
+    )
+
+
+def _chains(quick: bool) -> list[Setting]:
     thesis, graded = Fingertip(), Fingertip.graded()
     chains = {"31": Fingertip(nodes=31), "51": Fingertip(nodes=51), "101": Fingertip(nodes=101)}
     chains |= {"251": thesis, f"{graded.nodes} graded": graded}
     steps = (2e-3, 1e-2) if quick else (1e-3, 5e-3, 1e-2, 2e-2)
     settings = [
-        Setting(f"{name} nodes, {1e3 * step:g} ms", tip, step)
+        _chain(f"{name} nodes, {1e3 * step:g} ms", tip, step)
         for name, tip in chains.items()
         for step in steps
     ]
     if not quick:
         settings += [
-            Setting("251 nodes, 0.1 ms", thesis, 1e-4),
-            Setting("501 nodes, 1 ms", Fingertip(nodes=501)),
+            _chain("251 nodes, 0.1 ms", thesis, 1e-4),
+            _chain("501 nodes, 1 ms", Fingertip(nodes=501)),
         ]
         small = Fingertip(nodes=51)
         methods: tuple[Method, ...] = ("euler", "rk4")
-        settings += [Setting(f"51 nodes, {method}", small, method=method) for method in methods]
+        settings += [_chain(f"51 nodes, {method}", small, method=method) for method in methods]
     return settings
 
 
@@ -80,44 +121,135 @@ def chart_model(quick: bool, progress: Callable[[str], None]) -> Chart:
     Errors are the largest of three objects at four instants, against a finer chain in finer steps.
     """
     nodes, step = (501, 1e-3) if quick else (1001, 1e-4)
-    fine = Setting("truth", Fingertip(nodes=nodes), step)
+    finer = f"{nodes} nodes in {1e3 * step:g} ms steps"
+    fine = _chain(finer, Fingertip(nodes=nodes), step)
+    return Chart(
+        part="model",
+        title=f"Node models: a grasp of {_GRIP:g} N, against {finer}",
+        per="simulated second",
+        points=_measured(_chains(quick), fine, _OBJECTS, _DURATION, _chain_errors, quick, progress),
+        axes=(Axis(key="normal_error", label="ΣFn, largest error [%]", unit="%"), _MARGIN),
+    )
+
+
+def _chain_errors(run: Array, true: Array) -> dict[str, float]:
+    return {
+        "normal_error": 100.0 * float(abs(run[:, 0] / true[:, 0] - 1.0).max()),
+        "margin_error": float(np.nanmax(abs(run[:, 1] - true[:, 1]))),
+    }
+
+
+def _dome(pitch: float, step: float) -> Setting:
+    return Setting(
+        name=f"{1e3 * pitch:g} mm, {1e3 * step:g} ms",
+        words="linear silicone with stiffening",
+        run=partial(_dome_grasp, pitch, step),
+        values=lambda _, run: run,
+    )
+
+
+def _dome_grasp(pitch: float, step: float, shape: Shape) -> Array:
+    """Indentation [m], shift [m] and Γ at the instants of a grasp, shape (K, 3)."""
+    dome = Dome(pitch=pitch, reach=math.radians(50.0))
+    solid = Solid(shape=shape)
+    loads = np.zeros((len(_TIMES), 6))
+    loads[:, 2] = -_GRIP * np.array(_PRESSED)
+    loads[:, 0] = _SHARE * solid.friction * _GRIP * np.array(_PULLED)
+    motion = Motion(
+        times=np.array(_TIMES),
+        poses=np.zeros((len(_TIMES), 6)),
+        free=("x", "z"),
+        loads=loads,
+        drag=(_DRAG, 0.0, _DRAG, 0.0, 0.0, 0.0),
+    )
+    steps = round(_TIMES[-1] / step)
+    run = simulate_contact(dome, solid, motion, step, keep=steps)
+    each = steps // (len(_TIMES) - 1)
+    height = dome.radius + max(shape.reach_down(), 0.0)
+    return np.array(
+        [
+            (
+                height - state.place[2],
+                state.place[0],
+                dome_forces(dome, state).safety_margin(solid.friction),
+            )
+            for state in run.states[each - 1 :: each]
+        ]
+    )
+
+
+def chart_dome(quick: bool, progress: Callable[[str], None]) -> Chart:
+    """Measure pitches and steps of the dome; a quick run has fewer and a coarser truth.
+
+    Errors are the largest of three objects at five instants, against a finer dome in finer steps.
+    """
+    pitch, step = (0.4e-3, 5e-3) if quick else (0.28e-3, 1e-3)
+    pitches = (0.8e-3, 0.6e-3) if quick else (0.8e-3, 0.6e-3, 0.4e-3)
+    steps = (5e-3, 10e-3) if quick else (2e-3, 5e-3, 10e-3)
+    settings = [_dome(*each) for each in product(pitches, steps)]
+    fine = _dome(pitch, step)
+    finer = f"{1e3 * pitch:g} mm in {1e3 * step:g} ms steps"
+    place = "indentation or shift, largest error [%]"
+    return Chart(
+        part="model-dome",
+        title=f"Dome: a grasp of {_GRIP:g} N by pitch and step, against {finer}",
+        per="simulated second",
+        points=_measured(settings, fine, _SHAPES, _TIMES[-1], _dome_errors, quick, progress),
+        axes=(Axis(key="place_error", label=place, unit="%"), _MARGIN),
+    )
+
+
+def _dome_errors(run: Array, true: Array) -> dict[str, float]:
+    off = abs(run - true)
+    shift = off[:, 1].max() / abs(true[:, 1]).max()  # it begins at none
+    place = max(float((off[:, 0] / true[:, 0]).max()), float(shift))
+    return {"place_error": 100.0 * place, "margin_error": float(off[:, 2].max())}
+
+
+def _measured(
+    settings: Sequence[Setting],
+    fine: Setting,
+    objects: Sequence[Any],
+    duration: float,
+    errors: Callable[[Array, Array], dict[str, float]],
+    quick: bool,
+    progress: Callable[[str], None],
+) -> list[Point]:
+    """Time of every setting, and the largest of its errors over the objects.
+
+    Parameters
+    ----------
+    fine: setting of the truth
+    duration: of a grasp [s]
+    errors: of the values of a run and of the truth
+    """
     truth = []
-    for obj in _OBJECTS:
-        progress(f"{nodes} nodes in steps of {1e3 * step:g} ms, {obj.stiffness:g} N/m")
-        truth.append(margins(fine.tip, obj, fine.run(obj)))
-    settings = _settings(quick)
+    for number, obj in enumerate(objects, 1):
+        progress(f"truth, {fine.name}, object {number}")
+        truth.append(fine.values(obj, fine.run(obj)))
     points = [
         Point(
             name=setting.name,
             times=[],
             errors={},
-            ours=setting.method == "implicit",
-            settings=f"{setting.tip.law} chain, {setting.method}",
+            ours=setting.ours,
+            settings=setting.words,
             command="chromagrip chart model",
         )
         for setting in settings
     ]
-    for turn in range(2 if quick else 4):  # the first compiles
+    for turn in range(2 if quick else 4):  # the first compiles, and makes tables of compliance
         for setting, point in zip(settings, points, strict=True):
-            once = setting.method != "implicit"  # takes minutes, and is far from the front
-            if turn and once:
+            if turn and not setting.ours:
                 continue
             progress(f"{setting.name}, turn {turn + 1}")
             begin = time.process_time()
-            runs = [setting.run(obj) for obj in _OBJECTS]
-            spent = 1e3 * (time.process_time() - begin) / (DURATION * len(_OBJECTS))
-            if turn or once:
+            runs = [setting.run(obj) for obj in objects]
+            spent = 1e3 * (time.process_time() - begin) / (duration * len(objects))
+            if turn or not setting.ours:
                 point.times.append(spent)
             if not turn:
-                point.errors.update(_errors(setting, runs, truth))
-    title = f"Node models: a grasp of {_GRIP:g} N, against {nodes} nodes in {1e3 * step:g} ms steps"
-    return Chart(part="model", title=title, per="simulated second", points=points, axes=AXES)
-
-
-def _errors(setting: Setting, runs: list[History], truth: list[Array]) -> dict[str, float]:
-    normal, margin = 0.0, 0.0
-    for obj, run, true in zip(_OBJECTS, runs, truth, strict=True):
-        coarse = margins(setting.tip, obj, run)
-        normal = max(normal, float(abs(coarse[:, 0] / true[:, 0] - 1.0).max()))
-        margin = max(margin, float(np.nanmax(abs(coarse[:, 1] - true[:, 1]))))
-    return {"normal_error": 100.0 * normal, "margin_error": margin}
+                values = map(setting.values, objects, runs)
+                each = [errors(run, true) for run, true in zip(values, truth, strict=True)]
+                point.errors.update({key: max(one[key] for one in each) for key in each[0]})
+    return points

@@ -11,12 +11,11 @@ from ...output.folder import prepare
 from ...output.page import PageSection, machine_text, write_page
 from ...output.report import Report, Table
 from .chart import Chart, front, write_points
-from .dome import chart_dome
 from .drawing import draw, svg
 from .force import chart_force
 from .force_dome import chart_force_dome
 from .loop import chart_loop
-from .model import chart_model
+from .model import chart_dome, chart_model
 from .render import chart_render
 from .track import chart_track
 

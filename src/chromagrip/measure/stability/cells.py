@@ -17,33 +17,20 @@ from ...sensing.camera import SimulatedCamera
 from ...sensing.sensor import open_camera
 from ...thesis import DESIRED_MARGIN, DURATION_S, LOAD_TIMES_S, LOADS_N
 from .linear import LinearLoop, Plant, largest_root, plant_of
+from .panels import Outcome, Outcomes, worst
 
-#: Outcomes, best first, with their colours. Where several hold, the last counts.
-OUTCOMES = {
-    "holds": "#8fd0c5",
-    "micro-slip": "#e9d26a",
-    "limit cycle": "#7aa6d6",
-    "gross slip": "#f0a35e",
-    "crush": "#c79ad6",
-    "no answer": "#d9d9d9",
-}
-#: Letter of each outcome, which a cell shows beside its colour.
-LETTERS = {
-    "holds": "",
-    "micro-slip": "m",
-    "limit cycle": "~",
-    "gross slip": "s",
-    "crush": "c",
-    "no answer": "–",
-}
-#: Explanations of the outcomes in the legend.
-WORDS = {
-    "holds": "none of the others",
-    "micro-slip": "true Γ below 0.02 for a moment: all of the contact slides",
-    "limit cycle": "the command still swings by over 30 % at the end of a load",
-    "gross slip": "true lateral displacement over 0.2 mm",
-    "crush": "true pressure over 1000 N/m",
-    "no answer": "the node model found none",
+#: Outcomes, best first. Where several hold, the last counts.
+OUTCOMES: Outcomes = {
+    "holds": Outcome("#8fd0c5", "", "none of the others"),
+    "micro-slip": Outcome(
+        "#e9d26a", "m", "true Γ below 0.02 for a moment: all of the contact slides"
+    ),
+    "limit cycle": Outcome(
+        "#7aa6d6", "~", "the command still swings by over 30 % at the end of a load"
+    ),
+    "gross slip": Outcome("#f0a35e", "s", "true lateral displacement over 0.2 mm"),
+    "crush": Outcome("#c79ad6", "c", "true pressure over 1000 N/m"),
+    "no answer": Outcome("#d9d9d9", "–", "the node model found none"),
 }
 #: Γ below which the whole contact slides. Friction never leaves its cone, so Γ is never negative.
 MICRO_SLIP = 0.02
@@ -218,7 +205,7 @@ def outcome(
         "gross slip": displacement_mm > 1e3 * GROSS_SLIP,
         "crush": pressure_n_per_m > CRUSH,
     }
-    return [name for name, did in {"holds": True, **happened}.items() if did][-1]
+    return worst("holds", happened)
 
 
 def swing(trace: Trace, end: float, held: float = HELD) -> float:

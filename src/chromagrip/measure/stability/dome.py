@@ -17,33 +17,19 @@ from ...errors import UserError
 from ...model import ConvergenceError, Dome, DomeRun, Motion, Solid, simulate_contact
 from ...model.shapes import Shape, ball, plane
 from ...output.report import Report, Row, at_least, reported
+from .panels import Outcome, Outcomes, score_of, worst
 
 Array = NDArray[np.float64]
 
-#: Outcomes, best first, with their colours. Where several hold, the last counts.
-OUTCOMES = {
-    "accurate": "#8fd0c5",
-    "accurate, steps halved": "#7aa6d6",
-    "inaccurate": "#e9d26a",
-    "not converged": "#d9534f",
-    "not judged": "#d9d9d9",
-}
-#: Letter of each outcome, which a cell shows beside its colour.
-LETTERS = {
-    "accurate": "",
-    "accurate, steps halved": "h",
-    "inaccurate": "i",
-    "not converged": "n",
-    "not judged": "–",
-}
-#: The same as parts of the names of figures.
-_KEYS = {name: name.replace(",", "").replace(" ", "_") for name in OUTCOMES}
 #: Largest error of the total force at a knot of an accurate run, as a share of the fine run's.
 ACCURATE = 0.02
-#: Explanations of the outcomes in the legend, where their names do not say them.
-WORDS = {
-    "accurate": f"force within {100 * ACCURATE:g} % of the fine run",
-    "inaccurate": "farther off",
+#: Outcomes, best first. Where several hold, the last counts.
+OUTCOMES: Outcomes = {
+    "accurate": Outcome("#8fd0c5", "", f"force within {100 * ACCURATE:g} % of the fine run"),
+    "accurate, steps halved": Outcome("#7aa6d6", "h"),
+    "inaccurate": Outcome("#e9d26a", "i", "farther off"),
+    "not converged": Outcome("#d9534f", "n"),
+    "not judged": Outcome("#d9d9d9", "–"),
 }
 #: Knots of the path: how deep, and how far sideways [m]; each part is 400 µm, the longest step.
 PATH = ((0.4e-3, 0.0), (0.4e-3, 0.4e-3), (0.4e-3, 0.8e-3))
@@ -190,7 +176,7 @@ def outcome(error: float, halved: float, unconverged: int) -> str:
         "not converged": unconverged > 0,
         "not judged": math.isnan(error),
     }
-    return [name for name, did in {"accurate": True, **happened}.items() if did][-1]
+    return worst("accurate", happened)
 
 
 def report(results: Sequence[Cell], quick: bool) -> Report:
@@ -199,8 +185,10 @@ def report(results: Sequence[Cell], quick: bool) -> Report:
     for exponent in dict.fromkeys(cell.exponent for cell in results):
         outcomes = [cell.outcome for cell in results if cell.exponent == exponent]
         rows += [
-            reported(("dome", f"exponent_{exponent:g}", key), outcomes.count(name), "cells")
-            for name, key in _KEYS.items()
+            reported(
+                ("dome", f"exponent_{exponent:g}", score_of(name)), outcomes.count(name), "cells"
+            )
+            for name in OUTCOMES
         ]
     default = [cell for cell in results if cell.exponent == JUDGED_EXPONENT]
     judged = [

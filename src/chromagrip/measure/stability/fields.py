@@ -1,6 +1,6 @@
 """Drawing of maps: outcomes as colours, with their legend, in panels of equal cells."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -9,12 +9,10 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from ...output.figure import WIDTH, new_figure
-from .panels import Map, Panel
+from .panels import Map, Outcomes, Panel, text_of
 
-Array = NDArray[np.float64]
 #: Size of the letters of cells, and of what is beside them [points].
 SMALL = 7.5
 #: Letters in a cell.
@@ -28,30 +26,20 @@ def title_of(text: str, quick: bool) -> str:
     return f"{text} (quick)" if quick else text
 
 
-def mesh(
-    axes: Axes, x: Array, y: Array, outcomes: Sequence[Sequence[str]], colours: Mapping[str, str]
-) -> None:
-    """Fill the cells between the edges x and y with the colours of their outcomes."""
-    codes = [[list(colours).index(name) for name in row] for row in outcomes]
-    colour_map = ListedColormap(list(colours.values()))
-    last = len(colours) - 1
-    axes.pcolormesh(x, y, codes, cmap=colour_map, vmin=0, vmax=last, edgecolors="white", lw=0.8)
-
-
-def patches(
-    outcomes: Iterable[str],
-    colours: Mapping[str, str],
-    letters: Mapping[str, str],
-    words: Mapping[str, str],
-) -> list[Patch | Line2D]:
+def patches(cells: Iterable[Any], outcomes: Outcomes) -> list[Patch | Line2D]:
     """Legend of the outcomes that occur: colour, letter, name and, where it has them, words."""
-    present = set(outcomes)
+    present = {cell.outcome for cell in cells}
     handles: list[Patch | Line2D] = []
-    for name in (name for name in colours if name in present):
-        letter = f"{letters[name]}  " if letters[name] else ""
-        told = f": {words[name]}" if name in words else ""
-        handles.append(Patch(color=colours[name], label=f"{letter}{name}{told}"))
+    for name, (colour, letter, words) in outcomes.items():
+        if name in present:
+            label = f"{letter}  {name}" if letter else name
+            handles.append(Patch(color=colour, label=f"{label}: {words}" if words else label))
     return handles
+
+
+def remark(label: str) -> Line2D:
+    """Line of a legend without a mark."""
+    return Line2D([], [], ls="", label=label)
 
 
 def write_cell(
@@ -67,7 +55,7 @@ def draw_cells(
     cells: Mapping[tuple[Any, Any], tuple[str, str]],
     x: Mapping[Any, str],
     y: Mapping[Any, str],
-    colours: Mapping[str, str],
+    outcomes: Outcomes,
 ) -> None:
     """Draw equal cells.
 
@@ -75,11 +63,14 @@ def draw_cells(
     ----------
     cells: outcome and text by the keys of column and row
     x, y: labels of columns and rows by their keys
-    colours: by outcome
+    outcomes: that there are
     """
-    outcomes = [[cells[column, row][0] for column in x] for row in y]
-    mesh(axes, np.arange(len(x) + 1.0) - 0.5, np.arange(len(y) + 1.0) - 0.5, outcomes, colours)
-    columns, rows = list(x), list(y)
+    names, columns, rows = list(outcomes), list(x), list(y)
+    codes = [[names.index(cells[column, row][0]) for column in columns] for row in rows]
+    colours = ListedColormap([outcome.colour for outcome in outcomes.values()])
+    edges = [np.arange(len(values) + 1.0) - 0.5 for values in (x, y)]
+    look: dict[str, Any] = {"vmax": len(names) - 1, "edgecolors": "white", "lw": 0.8}
+    axes.pcolormesh(*edges, codes, cmap=colours, vmin=0, **look)
     for (column, row), (_, text) in cells.items():
         write_cell(axes, text, (columns.index(column), rows.index(row)))
     axes.set_xticks(range(len(x)), list(x.values()))
@@ -110,17 +101,14 @@ def draw_field(
     which: Map[Any],
     panel: Panel[Any],
     results: Mapping[Any, Any],
-    colours: Mapping[str, str],
+    outcomes: Outcomes,
 ) -> None:
     """Draw a panel: its axes, and the colours of the outcomes of its cells."""
-    outcomes = [[results[which.at(panel, x, y)].outcome for x in panel.x] for y in panel.y]
-    x_edges, y_edges = np.arange(len(panel.x) + 1.0) - 0.5, np.arange(len(panel.y) + 1.0) - 0.5
-    mesh(axes, x_edges, y_edges, outcomes, colours)
-    axes.set_xticks(range(len(panel.x)), [_text(x) for x in panel.x])
-    axes.set_yticks(range(len(panel.y)), [_text(y) for y in panel.y])
-    axes.tick_params(labelsize=SMALL, length=0)
+    cells = {(x, y): (results[which.at(panel, x, y)].outcome, "") for y in panel.y for x in panel.x}
+    x, y = ({value: text_of(value) for value in values} for values in (panel.x, panel.y))
+    draw_cells(axes, cells, x, y, outcomes)
     # No line goes beyond the cells.
-    axes.set(xlim=(x_edges[0], x_edges[-1]), ylim=(y_edges[0], y_edges[-1]))
+    axes.set(xlim=(-0.5, len(panel.x) - 0.5), ylim=(-0.5, len(panel.y) - 0.5))
     axes.set_title(panel.title, fontsize=9)
     axes.set_xlabel(which.x_label, fontsize=8)
     axes.set_ylabel(which.y_label, fontsize=8)
@@ -134,9 +122,3 @@ def draw_lines(
     for line in lines:
         axes.plot(line.x, line.y, styles[line.label], color="black", lw=2.0)
     return [line.label for line in lines]
-
-
-def _text(value: float | int | str) -> str:
-    if value == np.inf:
-        return "flat"
-    return value if isinstance(value, str) else f"{value:g}"

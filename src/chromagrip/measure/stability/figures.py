@@ -1,7 +1,9 @@
 """Pictures of the stability maps: outcomes as colours, predicted boundaries over them."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +14,6 @@ from ...output.figure import WIDTH, legend_below, new_figure, plain_ticks, png
 from ...tracking import DEFAULT_TRACKER
 from ..worlds.track_scores import RIGHT
 from . import cells, dome, force, model, track
-from .cells import Setting
 from .fields import (
     SMALL,
     draw_cells,
@@ -20,17 +21,17 @@ from .fields import (
     draw_lines,
     new_map,
     patches,
+    remark,
     title_of,
     write_cell,
 )
-from .maps import CRUSHING, LINEAR, Map, Panel
+from .grips import cells as grip_cells
+from .grips import maps as grip_maps
+from .maps import CRUSHING, LINEAR
+from .panels import Map, Outcomes, Panel
 
 #: Line styles of the predicted boundaries.
-_STYLES = {LINEAR: "-", CRUSHING: ":"}
-#: Height of a cell of the loop's maps, and of what surrounds a panel [inches].
-_CELL, _AROUND = 0.42, 0.9
-#: Height of the legend [inches].
-_LEGEND = 1.5
+_STYLES = {LINEAR: "-", CRUSHING: ":"} | grip_maps.STYLES
 #: Colours of the trackers' curves, used in turns.
 _COLOURS = (
     *("#777777", "#d55e00", "#0072b2", "#009e73", "#e69f00"),
@@ -42,76 +43,110 @@ _MARKERS = "xo^svDP*<>"
 _DASHES = ["-", "-", "--", "-.", ":", "--", "-", "-.", ":", "--"]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """Look of the closed loop's maps in one world.
+
+    Attributes
+    ----------
+    outcomes: of a run
+    cell, around, legend: height of a cell, of what surrounds a panel, and of the legend [inches]
+    turned: turn of the values below a panel [°]
+    framed: meaning of the frame around the base of a panel; empty draws none
+    """
+
+    outcomes: Outcomes
+    cell: float
+    around: float
+    legend: float
+    turned: float = 0.0
+    framed: str = ""
+
+
+#: Maps of the chain, and those of a dome or of two fingers.
+CHAIN = Look(
+    outcomes=cells.OUTCOMES,
+    cell=0.42,
+    around=0.9,
+    legend=1.5,
+    turned=90.0,
+    framed="the place of these gains",
+)
+GRIPS = Look(outcomes=grip_cells.OUTCOMES, cell=0.36, around=1.0, legend=1.3)
+
+
 def draw_map(
-    which: Map, results: Mapping[Setting, cells.Cell], folder: Path, name: str, quick: bool
+    which: Map[Any], look: Look, results: Mapping[Any, Any], folder: Path, name: str, quick: bool
 ) -> None:
     """Write a map of the closed loop as NAME.svg and NAME.png."""
-    figure, places = new_map(which, quick, _CELL, _AROUND, _LEGEND)
+    figure, places = new_map(which, quick, look.cell, look.around, look.legend)
     labels: dict[str, None] = {}
     for axes, panel in zip(places, which.panels, strict=True):
-        draw_field(axes, which, panel, results, cells.OUTCOMES)
-        _mark(axes, which, panel, results)
+        draw_field(axes, which, panel, results, look.outcomes)
+        _mark(axes, which, look, panel, results)
         labels |= dict.fromkeys(draw_lines(axes, which, panel, _STYLES))
-    legend_below(figure, _handles_of_loop(which, results, labels), 2)
+    legend_below(figure, _handles_of_loop(which, look, results, labels), 2)
     figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
     (folder / f"{name}.png").write_bytes(png(figure))
 
 
-def _mark(axes: Axes, which: Map, panel: Panel, results: Mapping[Setting, cells.Cell]) -> None:
-    """Write what each cell of a panel came to, and mark those that are more than that."""
-    axes.tick_params(axis="x", labelrotation=90)
+def _mark(
+    axes: Axes, which: Map[Any], look: Look, panel: Panel[Any], results: Mapping[Any, Any]
+) -> None:
+    """Write the outcome into each cell of a panel, and mark the base and runs with a camera."""
+    axes.tick_params(axis="x", labelrotation=look.turned)
     grid = [[results[which.at(panel, x, y)] for x in panel.x] for y in panel.y]
     for (row, column), cell in np.ndenumerate(np.array(grid, dtype=object)):
-        camera = cell.setting.through_camera()
+        camera = cell.setting.through_camera() if which.camera else None
         seen = camera in which.camera
-        write_cell(axes, _text(which, cell), (column, row + 0.22 if seen else row))
-        if which.lines and cell.setting == panel.base:
+        write_cell(axes, _text(which, look, cell), (column, row + 0.22 if seen else row))
+        if look.framed and which.lines and cell.setting == panel.base:
             frame = Rectangle((column - 0.42, row - 0.44), 0.84, 0.88, fill=False, lw=1.2)
             axes.add_patch(frame)
         if seen:
-            outcome = results[camera].outcome
-            ring = {"boxstyle": "circle,pad=0.15", "fc": cells.OUTCOMES[outcome], "ec": "black"}
-            write_cell(axes, cells.LETTERS[outcome] or " ", (column, row - 0.22), ring)
+            outcome = look.outcomes[results[camera].outcome]
+            ring = {"boxstyle": "circle,pad=0.15", "fc": outcome.colour, "ec": "black"}
+            write_cell(axes, outcome.letter or " ", (column, row - 0.22), ring)
 
 
-def _text(which: Map, cell: cells.Cell) -> str:
-    """Letter of a cell's outcome, and marks of a swing beside it and of a predicted one."""
-    swings = "~" if cell.swings and cell.outcome != "limit cycle" else ""
+def _text(which: Map[Any], look: Look, cell: Any) -> str:
+    """Letter of a cell's outcome, marks of a swing and of a predicted one, and its number.
+
+    An object that is gone has no number.
+    """
     unstable = " ×" if which.lines is None and cell.root >= 1.0 else ""
-    return f"{cells.LETTERS[cell.outcome]}{swings}{unstable}".strip()
+    text = f"{look.outcomes[cell.outcome].letter}{_swings_too(look, cell)}{unstable}"
+    number = np.nan
+    if which.number and cell.outcome != "dropped":
+        number = getattr(cell, which.number[0])
+    return (text if np.isnan(number) else f"{text} {number:.0f}").strip()
+
+
+def _swings_too(look: Look, cell: Any) -> str:
+    """Mark of a swing beside a worse outcome."""
+    return "~" if cell.swing > cells.SWING and look.outcomes[cell.outcome].letter != "~" else ""
 
 
 def _handles_of_loop(
-    which: Map, results: Mapping[Setting, cells.Cell], lines: Iterable[str]
+    which: Map[Any], look: Look, results: Mapping[Any, Any], lines: Iterable[str]
 ) -> list[Patch | Line2D]:
     settings = which.settings()
     drawn = [results[setting] for setting in settings]
-    outcomes = (cell.outcome for cell in drawn)
-    handles = patches(outcomes, cells.OUTCOMES, cells.LETTERS, cells.WORDS)
-    marks: list[tuple[bool, str, dict[str, object]]] = [
-        (which.lines is None, f"×  unstable, {LINEAR}", {}),
-        *((True, label, {"color": "black", "ls": _STYLES[label], "lw": 2}) for label in lines),
-        (
-            any(cell.swings and cell.outcome != "limit cycle" for cell in drawn),
-            "~ behind a letter: it swings as well",
-            {},
-        ),
-        (
-            which.lines is not None and any(panel.base in settings for panel in which.panels),
-            "frame: the place of these gains",
-            {"marker": "s", "mfc": "none", "mec": "black", "ms": 8},
-        ),
-        (
-            bool(which.camera),
-            "ring: the same through the camera",
-            {"marker": "o", "mfc": "none", "mec": "black"},
-        ),
-    ]
-    return handles + [
-        Line2D([], [], label=label, **({"ls": ""} | style))  # type: ignore[arg-type]
-        for present, label, style in marks
-        if present
-    ]
+    handles = patches(drawn, look.outcomes)
+    if which.lines is None:
+        handles.append(remark(f"×  unstable, {LINEAR}"))
+    handles += [Line2D([], [], color="black", lw=2, ls=_STYLES[x], label=x) for x in lines]
+    if any(_swings_too(look, cell) for cell in drawn):
+        handles.append(remark("~ behind a letter: it swings as well"))
+    mark: dict[str, Any] = {"ls": "", "mfc": "none", "mec": "black"}
+    if look.framed and which.lines and any(panel.base in settings for panel in which.panels):
+        handles.append(Line2D([], [], marker="s", ms=8, label=f"frame: {look.framed}", **mark))
+    if which.camera:
+        label = "ring: the same through the camera"
+        handles.append(Line2D([], [], marker="o", label=label, **mark))
+    if which.number:
+        handles.append(remark(f"numbers: {which.number[1]}"))
+    return handles
 
 
 def draw_model(results: Sequence[model.Cell], path: Path, quick: bool) -> None:
@@ -140,8 +175,7 @@ def draw_model(results: Sequence[model.Cell], path: Path, quick: bool) -> None:
             axes.set_title(f"{', '.join(group)}, {nodes} nodes", fontsize=9)
             if start == 0:
                 axes.set_ylabel("stiffness [N/m]", fontsize=8)
-    outcomes = (cell.outcome for cell in results)
-    handles = patches(outcomes, model.OUTCOMES, model.LETTERS, model.WORDS)
+    handles = patches(results, model.OUTCOMES)
     label = "largest stable step of an explicit method by linear theory"
     handles.append(Line2D([], [], color="black", ls="--", label=label))
     legend_below(figure, handles, 2)
@@ -160,7 +194,7 @@ def _panel_of_model(axes: Axes, part: Sequence[model.Cell]) -> None:
     x = {at: f"{at:g}" if isinstance(at, float) else at for at in map(column, part)}
     y = {level: f"{level:g}" for level in sorted({cell.stiffness_n_per_m for cell in part})}
     shown = {
-        (column(cell), cell.stiffness_n_per_m): (cell.outcome, model.LETTERS[cell.outcome])
+        (column(cell), cell.stiffness_n_per_m): (cell.outcome, model.OUTCOMES[cell.outcome].letter)
         for cell in part
     }
     draw_cells(axes, shown, x, y, model.OUTCOMES)
@@ -197,15 +231,14 @@ def draw_dome(results: Sequence[dome.Cell], path: Path, quick: bool) -> None:
             axes.set_ylabel("object stiffness [N/m³]", fontsize=8)
         if row == len(exponents) - 1:
             axes.set_xlabel("travel in a step [µm]", fontsize=8)
-    handles = patches((cell.outcome for cell in results), dome.OUTCOMES, dome.LETTERS, dome.WORDS)
-    handles.append(Line2D([], [], ls="", label="numbers: steps that were halved [%]"))
+    handles = [*patches(results, dome.OUTCOMES), remark("numbers: steps that were halved [%]")]
     legend_below(figure, handles, 2)
     path.write_bytes(png(figure))
 
 
 def _text_of_dome(cell: dome.Cell) -> str:
     number = f"{100.0 * cell.halved:.0f}" if cell.halved >= 0.005 else "<1"
-    return f"{dome.LETTERS[cell.outcome]} {number if cell.halved > 0.0 else ''}".strip()
+    return f"{dome.OUTCOMES[cell.outcome].letter} {number if cell.halved > 0.0 else ''}".strip()
 
 
 def draw_force(results: Sequence[force.Cell], path: Path, quick: bool) -> None:
@@ -232,18 +265,15 @@ def draw_force(results: Sequence[force.Cell], path: Path, quick: bool) -> None:
         axes.axis("off")
     for axes in panels[:, 1:].flat:
         axes.set_yticklabels([])
-    outcomes = (cell.outcome for cell in results)
-    handles = patches(outcomes, force.OUTCOMES, force.LETTERS, force.WORDS)
-    label = "numbers: largest error of ΣFn in a frame that is read [%]"
-    handles.append(Line2D([], [], ls="", label=label))
-    legend_below(figure, handles, 2)
+    numbers = remark("numbers: largest error of ΣFn in a frame that is read [%]")
+    legend_below(figure, [*patches(results, force.OUTCOMES), numbers], 2)
     path.write_bytes(png(figure))
 
 
 def _text_of_force(cell: force.Cell) -> str:
     error = cell.normal_percent
     number = "" if np.isnan(error) else f"{error:.0f}" if error >= 0.95 else "<1"
-    return f"{force.LETTERS[cell.outcome]} {number}".strip()
+    return f"{force.OUTCOMES[cell.outcome].letter} {number}".strip()
 
 
 def draw_track(results: Sequence[track.Cell], path: Path, quick: bool) -> None:

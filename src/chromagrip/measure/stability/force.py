@@ -26,34 +26,21 @@ from ..domes.scenes import SEED, Watched, watch
 from ..domes.sets import BEST, COMPARED
 from ..domes.specimens import Specimen, dome_of, matched
 from ..worlds.force_scores import QUANTITIES
+from .panels import Outcome, Outcomes, score_of, text_of, worst
 
 Array = NDArray[np.float64]
 
-#: Outcomes, best first, with their colours. Where several hold, the last counts.
-OUTCOMES = {
-    "accurate": "#8fd0c5",
-    "off, inside twice its interval": "#e9d26a",
-    "frames flagged": "#b4c3d6",
-    "wrong, narrow and unflagged": "#d9534f",
-    "not held": "#eeeeee",
-}
-#: Letter of each outcome, which a cell shows beside its colour.
-LETTERS = {
-    "accurate": "",
-    "off, inside twice its interval": "o",
-    "frames flagged": "f",
-    "wrong, narrow and unflagged": "w",
-    "not held": "–",
-}
-#: The same as parts of the names of figures.
-_KEYS = {name: name.replace(",", "").replace(" ", "_") for name in OUTCOMES}
 #: Largest errors of ΣFn, as a share, and of Γ of a frame that is read accurately.
 ACCURATE = {"normal": 0.1, "margin": 0.1}
-#: Explanations of the outcomes in the legend, where their names do not say them.
-WORDS = {
-    "accurate": f"ΣFn within {100 * ACCURATE['normal']:g} %, Γ within {ACCURATE['margin']:g}",
-    "frames flagged": "some without an estimate",
-    "not held": "the object slides off",
+#: Outcomes, best first. Where several hold, the last counts.
+OUTCOMES: Outcomes = {
+    "accurate": Outcome(
+        "#8fd0c5", "", f"ΣFn within {100 * ACCURATE['normal']:g} %, Γ within {ACCURATE['margin']:g}"
+    ),
+    "off, inside twice its interval": Outcome("#e9d26a", "o"),
+    "frames flagged": Outcome("#b4c3d6", "f", "some without an estimate"),
+    "wrong, narrow and unflagged": Outcome("#d9534f", "w"),
+    "not held": Outcome("#eeeeee", "–", "the object slides off"),
 }
 #: Usual force of the grip [N] of each design, and the reconstructors that read it.
 READERS: dict[str, tuple[float, tuple[str, ...]]] = {
@@ -161,13 +148,6 @@ class Cell:
         return Setting(self.design, self.method, self.dial, self.value)
 
 
-def text_of(value: float | str) -> str:
-    """Value of a dial in words."""
-    if value == math.inf:
-        return "flat"
-    return value if isinstance(value, str) else f"{value:g}"
-
-
 def settings(quick: bool) -> list[Setting]:
     """Every cell of the map; those of one scene follow each other."""
     dials = QUICK if quick else {name: dial.values for name, dial in DIALS.items()}
@@ -252,23 +232,24 @@ def cell(setting: Setting, reading: Reading, true: Array) -> Cell:
     kept = ~answers.flagged
     off = abs(answers.value - true)[kept]
     half = 0.5 * np.nan_to_num(np.ptp(answers.interval, axis=-1), nan=0.0, posinf=np.inf)[kept]
-    accurate, honest, worst = True, True, {}
+    accurate, honest, largest = True, True, {}
     for name, most in ACCURATE.items():
         k = QUANTITIES.index(name)
         scale = true[kept, k] if name == "normal" else np.ones(len(off))
         share = off[:, k] / scale
         accurate &= bool((share <= most).all())
         honest &= bool(((share <= most) | (off[:, k] <= 2.0 * half[:, k])).all())
-        worst[name] = float(share.max()) if len(share) else math.nan
+        largest[name] = float(share.max()) if len(share) else math.nan
     happened = {
         "off, inside twice its interval": not accurate,
-        "frames flagged": not kept.all(),
+        "frames flagged": not bool(kept.all()),
         "wrong, narrow and unflagged": not honest,
     }
-    outcome = [name for name, did in {"accurate": True, **happened}.items() if did][-1]
     flagged = int(answers.flagged.sum())
-    percent = 100.0 * worst["normal"]
-    return Cell(*setting, outcome, percent, worst["margin"], flagged, len(true), "")
+    percent = 100.0 * largest["normal"]
+    return Cell(
+        *setting, worst("accurate", happened), percent, largest["margin"], flagged, len(true), ""
+    )
 
 
 def report(results: Sequence[Cell], quick: bool) -> Report:
@@ -277,8 +258,12 @@ def report(results: Sequence[Cell], quick: bool) -> Report:
     for design, method in dict.fromkeys((one.design, one.method) for one in results):
         outcomes = [one.outcome for one in results if (one.design, one.method) == (design, method)]
         rows += [
-            reported(("force", design, method, key), outcomes.count(name), f"of {len(outcomes)}")
-            for name, key in _KEYS.items()
+            reported(
+                ("force", design, method, score_of(name)),
+                outcomes.count(name),
+                f"of {len(outcomes)}",
+            )
+            for name in OUTCOMES
         ]
     wrong = [one for one in results if one.outcome == "wrong, narrow and unflagged"]
     told = [

@@ -27,30 +27,23 @@ from ...model import (
 )
 from ...output.report import Report, Row, at_least, reported
 from ..bench.model import margins
+from .panels import Outcome, Outcomes
 
 Array = NDArray[np.float64]
 
-#: Outcomes, best first, with their colours.
-OUTCOMES = {
-    "accurate": "#8fd0c5",
-    "inaccurate": "#e9d26a",
-    "chattering": "#f0a35e",
-    "diverged": "#d9534f",
-    "not run": "#e5e5e5",
-}
-#: Letter of each outcome, which a cell shows beside its colour.
-LETTERS = {"accurate": "", "inaccurate": "i", "chattering": "c", "diverged": "d", "not run": "–"}
 #: Largest error of Γ and ΣFn of an accurate run, as a share of the fine run's.
 ACCURATE = 0.02
 #: Largest change of the forces of the held grasp from step to step, as a share; chattering beyond.
 CHATTER = 0.01
-#: Explanations of the outcomes in the legend.
-WORDS = {
-    "accurate": f"Γ and ΣFn within {100 * ACCURATE:g} % of the fine run",
-    "inaccurate": "farther off",
-    "chattering": f"forces of the held grasp change by over {100 * CHATTER:g} % a step",
-    "diverged": "no solution, or contact lost",
-    "not run": "would take too long",
+#: Outcomes, best first.
+OUTCOMES: Outcomes = {
+    "accurate": Outcome("#8fd0c5", "", f"Γ and ΣFn within {100 * ACCURATE:g} % of the fine run"),
+    "inaccurate": Outcome("#e9d26a", "i", "farther off"),
+    "chattering": Outcome(
+        "#f0a35e", "c", f"forces of the held grasp change by over {100 * CHATTER:g} % a step"
+    ),
+    "diverged": Outcome("#d9534f", "d", "no solution, or contact lost"),
+    "not run": Outcome("#e5e5e5", "–", "would take too long"),
 }
 #: Length of the grasp [s].
 DURATION = 0.3

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,35 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 #: What a cell is run with.
 Setting = TypeVar("Setting", bound="DataclassInstance")
+
+
+class Outcome(NamedTuple):
+    """Colour of the cells of an outcome, their letter, and what the legend says beside its name."""
+
+    colour: str
+    letter: str
+    words: str = ""
+
+
+#: Outcomes of the cells of a map by name, best first.
+Outcomes = Mapping[str, Outcome]
+
+
+def worst(best: str, happened: Mapping[str, bool]) -> str:
+    """Last outcome that happened, or else the best one."""
+    return [name for name, did in {best: True, **happened}.items() if did][-1]
+
+
+def score_of(outcome: str) -> str:
+    """Outcome as part of the name of a figure."""
+    return outcome.replace(",", "").replace(" ", "_")
+
+
+def text_of(value: float | int | str) -> str:
+    """Value of an axis in words."""
+    if value == np.inf:
+        return "flat"
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 @dataclass(frozen=True, kw_only=True)

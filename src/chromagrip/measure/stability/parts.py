@@ -15,7 +15,7 @@ from ..bench.track import choose
 from . import dome, force, model, track
 from .boundaries import boundaries, ratio_rows, sentences
 from .cells import Cell, Setting, cell
-from .figures import draw_dome, draw_force, draw_map, draw_model, draw_track
+from .figures import CHAIN, draw_dome, draw_force, draw_map, draw_model, draw_track
 from .maps import PRESETS, Map, maps
 from .panels import run_maps
 
@@ -159,7 +159,7 @@ def stability_loop(
     edges = list(boundaries(plan, results, progress))
     if out is not None and unfinished is not None:
         for name, which in plan.items():
-            draw_map(which, results, out, name, quick)
+            draw_map(which, CHAIN, results, out, name, quick)
             write_cells([results[one] for one in which.settings()], out / f"{name}.csv")
         write_cells(edges, out / "boundaries.csv")
         unfinished.unlink()

@@ -11,7 +11,7 @@ from ...loop.fidelity import Fidelity, Measured
 from ...loop.run import run
 from ...loop.trace import Trace
 from ...output.cells import write_cells
-from ...scene.scene import load_scene
+from ...scene.scene import Body, load_scene
 from ...thesis import DESIRED_MARGIN, LOADS_N
 
 Array = NDArray[np.float64]
@@ -58,23 +58,33 @@ FINE_DOME = Fidelity(tracker="", reconstructor="", step_ms=1.0, nodes=0, body="d
 _HELD = 0.5
 
 
-def measure(progress: Callable[[str], None]) -> list[Measured]:
-    """Every fidelity in every situation, one after the other."""
+def measure(body: Body, progress: Callable[[str], None]) -> list[Measured]:
+    """Every fidelity of scenes with a body in every situation, one after the other.
+
+    Domes, and the chains that stand in for them, are measured without a camera.
+    """
+    fidelities, best = ((*CAMERA, *TRUTH), FINE)
+    if body == "dome":
+        fidelities, best = ((*DOMES, *TRUTH), FINE_DOME)
     table = []
     for friction, kpa, radius, noise in SITUATIONS:
+        if body == "dome" and noise != SITUATIONS[0][-1]:
+            continue
         obj = {
             "object.friction": friction,
             "object.stiffness_kpa": kpa,
             "object.radius_mm": radius,
             "camera.noise_levels": noise,
         }
-        fine = held_margin(FINE, obj)
-        plants: dict[tuple[float, int], float] = {}
-        for fidelity in (*CAMERA, *TRUTH):
-            progress(f"µ {friction}, {kpa:g} kPa, {radius:g} mm, noise {noise:g}: {fidelity.name}")
-            chain = (fidelity.step_ms, fidelity.nodes)
-            if chain not in plants:
-                plants[chain] = rms(held_margin(fidelity, obj) - fine)
+        told = f"{body}, µ {friction}, {kpa:g} kPa, {radius:g} mm, noise {noise:g}"
+        progress(f"{told}: {best.name}")
+        fine = held_margin(best, obj)
+        plants: dict[tuple[str, float, int, float], float] = {}
+        for fidelity in fidelities:
+            progress(f"{told}: {fidelity.name}")
+            plant = (fidelity.body, fidelity.step_ms, fidelity.nodes, fidelity.pitch_mm)
+            if plant not in plants:
+                plants[plant] = rms(held_margin(fidelity, obj) - fine)
             changes: dict[str, float | str] = {
                 "path": "camera" if fidelity.tracker else "truth",
                 "controller": "margin-inversion",
@@ -84,13 +94,8 @@ def measure(progress: Callable[[str], None]) -> list[Measured]:
             result = run(load_scene(SCENE, changes))
             table.append(
                 Measured(
-                    tracker=fidelity.tracker,
-                    reconstructor=fidelity.reconstructor,
-                    step_ms=fidelity.step_ms,
-                    nodes=fidelity.nodes,
-                    body="chain",
-                    pitch_mm=0.0,
-                    scene_body="chain",
+                    **vars(fidelity),
+                    scene_body=body,
                     rate_hz=result.scene.camera.rate_hz,
                     noise=noise,
                     friction=friction,
@@ -98,41 +103,7 @@ def measure(progress: Callable[[str], None]) -> list[Measured]:
                     curvature=1e3 / radius,
                     milliseconds=1e3 / result.summary["frames_per_second"],
                     seen=margin_error(result.trace) if fidelity.tracker else 0.0,
-                    plant=plants[chain],
-                )
-            )
-    return table
-
-
-def measure_domes(progress: Callable[[str], None]) -> list[Measured]:
-    """Every fidelity of a dome in every situation without a camera, one after the other."""
-    table = []
-    for friction, kpa, radius, noise in SITUATIONS:
-        if noise != SITUATIONS[0][-1]:
-            continue
-        obj = {
-            "object.friction": friction,
-            "object.stiffness_kpa": kpa,
-            "object.radius_mm": radius,
-        }
-        progress(f"dome, µ {friction}, {kpa:g} kPa, {radius:g} mm: {FINE_DOME.name}")
-        fine = held_margin(FINE_DOME, obj)
-        for fidelity in (*DOMES, *TRUTH):
-            progress(f"dome, µ {friction}, {kpa:g} kPa, {radius:g} mm: {fidelity.name}")
-            changes = {"path": "truth", "controller": "margin-inversion", **obj}
-            result = run(load_scene(SCENE, changes | fidelity.changes))
-            table.append(
-                Measured(
-                    **vars(fidelity),
-                    scene_body="dome",
-                    rate_hz=result.scene.camera.rate_hz,
-                    noise=noise,
-                    friction=friction,
-                    stiffness_kpa=kpa,
-                    curvature=1e3 / radius,
-                    milliseconds=1e3 / result.summary["frames_per_second"],
-                    seen=0.0,
-                    plant=rms(held_margin(fidelity, obj) - fine),
+                    plant=plants[plant],
                 )
             )
     return table
@@ -146,7 +117,7 @@ def update(path: Path, progress: Callable[[str], None]) -> list[Measured]:
     UserError
         When it cannot be written.
     """
-    table = measure(progress) + measure_domes(progress)
+    table = measure("chain", progress) + measure("dome", progress)
     try:
         write_cells(table, path)
     except OSError as error:

@@ -11,35 +11,22 @@ from ....loop.trace import Trace
 from ....model import GROSS_SLIP
 from ....scene.scene import Scene, load_scene
 from ..cells import SWING, swing
+from ..panels import Outcome, Outcomes
 
 #: World of a map: one dome and a load, or two of them and an object with a weight.
 World = Literal["dome", "pinch"]
-#: Outcomes, best first, with their colours. Where several hold, the last counts.
-OUTCOMES = {
-    "holds": "#8fd0c5",
-    "swings": "#7aa6d6",
-    "slips": "#f0a35e",
-    "turned": "#e9d26a",
-    "dropped": "#d9534f",
-    "no answer": "#d9d9d9",
-}
-#: Letter of each outcome, which a cell shows beside its colour.
-LETTERS = {
-    "holds": "",
-    "swings": "~",
-    "slips": "s",
-    "turned": "t",
-    "dropped": "d",
-    "no answer": "–",
-}
-#: Explanations of the outcomes in the legend.
-WORDS = {
-    "holds": "none of the others",
-    "swings": "in the last second the command swings by over 30 % of its mean",
-    "slips": "true lateral displacement over 0.2 mm",
-    "turned": "turned in the hand by over 20°, without the skins",
-    "dropped": "slid in the hand by over 5 mm",
-    "no answer": "the silicone is pressed through, or a step has no solution",
+#: Outcomes, best first. Where several hold, the last counts.
+OUTCOMES: Outcomes = {
+    "holds": Outcome("#8fd0c5", "", "none of the others"),
+    "swings": Outcome(
+        "#7aa6d6", "~", "in the last second the command swings by over 30 % of its mean"
+    ),
+    "slips": Outcome("#f0a35e", "s", "true lateral displacement over 0.2 mm"),
+    "turned": Outcome("#e9d26a", "t", "turned in the hand by over 20°, without the skins"),
+    "dropped": Outcome("#d9534f", "d", "slid in the hand by over 5 mm"),
+    "no answer": Outcome(
+        "#d9d9d9", "–", "the silicone is pressed through, or a step has no solution"
+    ),
 }
 #: Time at the end over which the swing is measured [s].
 HELD = 1.0

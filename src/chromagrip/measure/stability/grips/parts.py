@@ -7,9 +7,9 @@ import numpy as np
 
 from ....output.cells import open_unfinished, write_cells
 from ....output.report import Report, Row, reported
-from ..panels import run_maps
+from ..figures import GRIPS, draw_map
+from ..panels import run_maps, score_of
 from .cells import OUTCOMES, SCENES, Cell, Setting, World, cell
-from .figure import draw_map
 from .maps import Map, maps
 from .predicted import linear, slowest_rate
 
@@ -42,7 +42,7 @@ def stability_grips(
     results = run_maps(plan, Cell, cell, unfinished, progress, workers)
     if out is not None and unfinished is not None:
         for name, which in plan.items():
-            draw_map(which, results, out / f"{name}.png", quick)
+            draw_map(which, GRIPS, results, out, name, quick)
             write_cells([results[one] for one in which.settings()], out / f"{name}.csv")
         unfinished.unlink()
     return Report(
@@ -60,7 +60,7 @@ def _rows(plan: Mapping[str, Map], done: Mapping[Setting, Cell]) -> Iterator[Row
             for outcome in OUTCOMES:
                 count = sum(one.outcome == outcome for one in cells)
                 if count:
-                    subject = (name, panel.title, outcome.replace(" ", "_"))
+                    subject = (name, panel.title, score_of(outcome))
                     yield reported(subject, count, f"of {len(cells)}")
 
 
