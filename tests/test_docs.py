@@ -185,6 +185,14 @@ def test_the_mechanics_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     assert 0.3 < float(capsys.readouterr().out) < 0.45  # 1 − 0.5/(0.4·2), a little friction to come
 
 
+def test_the_scene_of_the_pinch_is_one(tmp_path: Path) -> None:
+    text = (ROOT / "docs/pinch.md").read_text(encoding="utf-8")
+    (block,) = [block for language, block in blocks(text) if language == "toml"]
+    (tmp_path / "own.toml").write_text(block, encoding="utf-8")
+    scene = chromagrip.load_scene(str(tmp_path / "own.toml"), {"path": "truth", "duration_s": 0.1})
+    assert chromagrip.run(scene).summary["outcome"] == "held"
+
+
 def test_the_example_of_the_pinch_runs(capsys: pytest.CaptureFixture[str]) -> None:
     text = (ROOT / "docs/pinch.md").read_text(encoding="utf-8")
     (block,) = [block for language, block in blocks(text) if language == "python"]

@@ -90,6 +90,7 @@ def test_what_is_not_the_sensor_is_a_sentence_or_a_reason(
     assert not black.ok
     assert black.no_estimate
     assert math.isnan(black.margin)
+    assert math.isnan(black.friction)
     with pytest.raises(UserError, match="time of the picture"):
         reader.update(images[0])
     with pytest.raises(UserError, match="goes forward"):

@@ -116,6 +116,14 @@ def test_an_object_that_jumps_elsewhere_has_not_rubbed_on_its_way(dome: TactileS
     assert data.margin > 0.8
 
 
+def test_rest_frames_are_of_the_untouched_sensor_at_any_time(dome: TactileSensor) -> None:
+    before = dome.rest_frames(1)[0].image
+    fresh = TactileSensor(DESIGN, body=COARSE, noise=2.0, seed=3)
+    np.testing.assert_array_equal(fresh.rest_frames(1)[0].image, before)
+    press(dome)
+    np.testing.assert_array_equal(dome.rest_frames(1)[0].image, before)
+
+
 def test_a_state_goes_on_with_the_same_bytes(dome: TactileSensor) -> None:
     press(dome)
     kept = dome.state()

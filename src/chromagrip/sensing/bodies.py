@@ -23,6 +23,7 @@ from ..model import (
     Pad,
     SoftBody,
     Solid,
+    State,
     check_fit,
     dome_forces,
     follow_slip,
@@ -115,6 +116,10 @@ class ChainBody:
     def carrier(self) -> int:
         """Number of nodes."""
         return self.fingertip.nodes
+
+    def untouched(self) -> State:
+        """State without an object."""
+        return rest_state(self.fingertip)
 
     def touch(self, obj: ContactObject | Solid) -> Contact:
         """Contact with an object that just touches the apex, before it is pressed.
@@ -236,6 +241,15 @@ class SiliconeBody:
     def name(self) -> BodyName:
         """Name in a scene or a design."""
         return "pad" if isinstance(self.carrier, Pad) else "dome"
+
+    def untouched(self) -> DomeState:
+        """State without an object."""
+        nothing = np.zeros_like(lattice(self.carrier).points)
+        return DomeState(
+            time=0.0, place=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6),
+            displacement=nothing, linear=nothing, memory=nothing, forces=nothing,
+            friction=nothing, normals=nothing, near=np.zeros(0, np.int64),
+        )  # fmt: skip
 
     def touch(self, obj: ContactObject | Solid) -> Contact:
         """Contact with an object that just touches the apex, as of a chain."""

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Self, get_args
+from typing import Any, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +114,7 @@ class Reading:
     @property
     def friction(self) -> float:
         """Friction coefficient µ; NaN without an estimate."""
-        return math.nan if self.observation is None else self.observation.friction
+        return self.observation.friction if self.observation and self.ok else math.nan
 
 
 class Reader:
@@ -123,7 +123,7 @@ class Reader:
     Parameters
     ----------
     calibration: name of a design, file of a calibration, or a calibration
-    rest: pictures or frames of the untouched sensor, RGB
+    rest: pictures or frames of the untouched sensor, RGB; one or several
     tracker: see `load_tracker`
     reconstructor: see `load_reconstructor`; `auto` is that of the calibration's body
     noise: standard deviation of a pixel, from the camera's data sheet [grey levels]
@@ -142,7 +142,7 @@ class Reader:
     def __init__(
         self,
         calibration: SensorCalibration | str,
-        rest: Sequence[Frame | Image],
+        rest: Sequence[Frame | Image] | Frame | Image,
         *,
         tracker: Choice = DEFAULT_TRACKER,
         reconstructor: Choice = DEFAULT_RECONSTRUCTOR,
@@ -155,7 +155,10 @@ class Reader:
         _check_settings(noise, window, friction_bias, held_margin)
         known = load_calibration(calibration) if isinstance(calibration, str) else calibration
         check_reconstructor(reconstructor, known)
-        frames = [one if isinstance(one, Frame) else Frame(image=one, time=0.0) for one in rest]
+        given: Any = rest
+        if isinstance(rest, Frame) or (isinstance(rest, np.ndarray) and rest.ndim == 3):
+            given = [rest]
+        frames = [one if isinstance(one, Frame) else Frame(image=one, time=0.0) for one in given]
         if not frames:
             raise UserError("a reader needs at least one picture of the untouched sensor")
         with blaming(f"tracker {name_of(tracker)} failed", SystemExit):
@@ -200,7 +203,7 @@ class Reader:
         Parameters
         ----------
         image: picture, RGB, uint8, shape (H, W, 3), or a frame
-        time: instant of the picture [s]; that of a frame is its own
+        time: instant of the picture [s]; None is that of a frame
 
         Raises
         ------
@@ -211,6 +214,8 @@ class Reader:
             if not hasattr(image, "shape"):
                 raise UserError(f"a picture is an array (H, W, 3), not a {type(image).__name__}")
             image = Frame(image=image, time=number(time, "time of the picture [s]"))
+        elif time is not None:
+            image = replace(image, time=number(time, "time of the picture [s]"))
         if image.time < self._last:
             raise UserError(
                 f"the picture of {image.time:g} s came after that of {self._last:g} s; a reader "

@@ -255,14 +255,8 @@ class TactileSensor:
         return self._data
 
     def rest_frames(self, count: int = 1) -> list[Frame]:
-        """Frames of the untouched sensor, with noise that is in no other frame.
-
-        Raises
-        ------
-        UserError
-            Before `attach`.
-        """
-        return self.camera.expose_rest(self.data.contact.state, count)
+        """Frames of the untouched sensor at time 0, with noise that is in no other frame."""
+        return self.camera.expose_rest(self.body.untouched(), count)
 
     def state(self) -> SensorState:
         """State from which the sensor can go on later, as often as is wanted."""
