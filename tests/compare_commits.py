@@ -20,7 +20,7 @@ from compared.differences import CHANGED, GONE, NEW, Difference, differences
 from compared.jobs import JOBS, Job
 
 ROOT = Path(__file__).resolve().parents[1]
-#: So many differences of a job are printed.
+#: So many differences of a job are printed, what is new last.
 MOST = 30
 
 
@@ -49,7 +49,7 @@ def compared(old: Iterable[Result], new: Iterable[Result]) -> list[Difference]:
         name = one.folder.name
         if one.words != other.words:
             print(f"said otherwise  {name}: {' '.join(one.words)} and {' '.join(other.words)}")
-        its = list(differences(one, other))
+        its = sorted(differences(one, other), key=lambda each: each.kind == NEW)
         for difference in its[:MOST]:
             print(difference, flush=True)
         if len(its) > MOST:

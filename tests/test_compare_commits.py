@@ -271,6 +271,15 @@ def test_a_change_that_is_not_committed_is_found(
     assert said.splitlines()[-1] == "1 changed, 0 new, 0 gone in 1 jobs"
 
 
+def test_many_new_files_hide_no_change(compare: Callable[..., tuple[int, str]], tree: Path) -> None:
+    main = tree / "src/chromagrip/__main__.py"
+    many = "[Path(sys.argv[-1], f'{n}.txt').touch() for n in range(99)]\n"
+    main.write_text(main.read_text().replace("' '.join", "'!' + ' '.join") + many)
+    lines = compare("--only", "two", "--allow-new")[1].splitlines()
+    assert "changed  two: said.txt: bytes" in lines
+    assert "… two: 70 more" in lines
+
+
 @pytest.mark.parametrize(("words", "code"), [((), 1), (("--allow-new",), 0)])
 def test_what_is_new_may_be_allowed(
     compare: Callable[..., tuple[int, str]], tree: Path, words: tuple[str, ...], code: int
