@@ -304,7 +304,7 @@ def test_what_is_for_one_finger_is_refused() -> None:
     with pytest.raises(UserError, match=r"only load, object\.friction and object\.stiffness_kpa"):
         rig.change(msgspec.structs.replace(rig.scene, pinch=heavier))
     loaded = LoadSettings(times_s=(0.0,), forces_n=(1.0,))
-    with pytest.raises(UserError, match="load is for one fingertip"):
+    with pytest.raises(UserError, match="load is for one finger;"):
         rig.change(msgspec.structs.replace(rig.scene, load=loaded))
     with pytest.raises(UserError, match=r"^frames from outside are those of one finger; this"):
         run_outside(scene(path="camera"), "camera:0")
