@@ -57,6 +57,9 @@ def _draw_curve(axes: Axes, time: Array, curve: Curve) -> None:
     if curve.low is not None and curve.high is not None:
         step: Any = "mid" if curve.role == "other" else None  # a single instant has a width
         axes.fill_between(time, curve.low, curve.high, color=colour, alpha=0.2, lw=0, step=step)
+        if curve.role == "other":  # the shade says it all
+            axes.collections[-1].set_label(curve.label)
+            return
     axes.plot(
         time,
         curve.values,
