@@ -58,12 +58,12 @@ def test_a_folder_is_estimated_as_by_the_command(taken: Path, tmp_path: Path, un
     with watching(looking(taken)) as (_, watched):
         until(lambda: watched.told)
     assert watched.told == [f"**{taken} has ended;** anew shows it again"]
-    assert [one.frame.time for one in watched.shown] == pytest.approx(np.arange(17) / 50.0)
+    assert [one.reading.frame.time for one in watched.shown] == pytest.approx(np.arange(17) / 50.0)
     outcome = estimate_source(
         "first:1", str(taken), calibration="thesis", reconstructor="contact", tracker="fit",
         fps=50.0,
     )  # fmt: skip
-    last, wanted = watched.shown[-1].observation, outcome.summary["estimates"]
+    last, wanted = watched.shown[-1].reading.observation, outcome.summary["estimates"]
     assert last.field.total_normal == pytest.approx(wanted["normal_n"]["last"], rel=1e-6)
     assert last.margin == pytest.approx(wanted["margin"]["last"], rel=1e-6)
 
@@ -83,7 +83,7 @@ def test_a_video_is_shown_again(taken: Path, tmp_path: Path, until: Until) -> No
         until(lambda: len(watched.told) == 2)
     assert count == 17
     assert len(watched.shown) == 34
-    assert watched.shown[17].frame.time == 0.0
+    assert watched.shown[17].reading.frame.time == 0.0
 
 
 @pytest.mark.slow

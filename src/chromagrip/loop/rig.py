@@ -90,7 +90,7 @@ class Rig:
         self.scene = scene
         self.methods = methods or Methods.of_scene(scene)
         self.plant = _plant(scene, fingertip)
-        self._camera = camera
+        self._camera, self._fingertip = camera, fingertip
         self.known = [known or readable(each, self.methods) for each in fingers(scene)]
         self.sensors = self._new_sensors()
         self._index = -1
@@ -340,7 +340,7 @@ class Rig:
     def _new_sensors(self) -> tuple[TactileSensor, ...]:
         """Sensor of each finger."""
         return tuple(
-            TactileSensor.of_scene(each, self.methods.renderer, self._camera)
+            TactileSensor.of_scene(each, self.methods.renderer, self._camera, body=self._fingertip)
             for each in fingers(self.scene)
         )
 

@@ -119,6 +119,7 @@ class TactileSensor:
         renderer: Choice | None = None,
         camera: SimulatedCamera | None = None,
         membrane_map: Callable[[Array], Membrane] | None = None,
+        body: Fingertip | SoftBody | None = None,
     ) -> Self:
         """Sensor of a scene of one finger, with its body and specimen.
 
@@ -128,8 +129,10 @@ class TactileSensor:
         renderer: in place of the scene's
         camera: that takes the pictures, and is not closed with the sensor; None is the scene's
         membrane_map: as of the sensor
+        body: in place of the scene's
         """
-        body = scene.build_dome() if scene.body == "dome" else scene.build_fingertip()
+        if body is None:
+            body = scene.build_dome() if scene.body == "dome" else scene.build_fingertip()
         sensor = cls(
             scene.build_sensor(),
             body=body,
