@@ -271,8 +271,7 @@ class Rig:
 
     def rest_pictures(self) -> tuple[Frame, ...]:
         """Each camera's picture of the untouched finger, with noise that is in no other frame."""
-        pairs = zip(self.sensors, self.plant.rest().now.fingers, strict=True)
-        return tuple(sensor.camera.expose_rest(one.state, 1)[0] for sensor, one in pairs)
+        return tuple(sensor.rest_frames(1)[0] for sensor in self.sensors)
 
     def save(self) -> RigState:
         """State of the grasp, from which it can go on later, as often as is wanted."""

@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 from ...loop.sample import Sample
 from ...model import GROSS_SLIP
 from ...render import MarkerTruth
+from ...sensing.sensor import SLIPPING as SLIPPING
 from .columns import COMMON, MARKERS
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Image = NDArray[np.uint8]
-
-#: A node slips from this share of the friction that it can hold on.
-SLIPPING = 0.98
 
 
 @dataclass(frozen=True, kw_only=True)
