@@ -167,6 +167,7 @@ def tree(tmp_path: Path) -> Path:
     package = tmp_path / "tree/src/chromagrip"
     package.mkdir(parents=True)
     (package / "__init__.py").touch()
+    (tmp_path / "tree/.gitignore").write_text("__pycache__/\n")
     (package / "__main__.py").write_text(
         "import sys\n"
         "from pathlib import Path\n"
