@@ -16,6 +16,7 @@ from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_ch
 from .options import (
     Changes,
     Flag,
+    FollowLinks,
     Overwrite,
     SceneName,
     check_least,
@@ -26,6 +27,7 @@ from .options import (
 from .readouts import prepare, prepare_scene
 from .summary import print_summary
 
+MostRows = Annotated[int | None, option("largest trace that is read; by default 2000000 rows", "N")]
 Logs = Annotated[
     tuple[LogFormat, ...] | None,
     option(
@@ -234,6 +236,8 @@ def report(
         option("file of the page; of one run by default report.html in its folder", "FILE"),
     ] = None,
     log: Logs = None,
+    follow_links: FollowLinks = False,
+    most_rows: MostRows = None,
 ) -> int:
     """Write the page of a finished run anew, or of several runs side by side.
 
@@ -246,7 +250,8 @@ def report(
     if out is None and len(folders) > 1:
         out = new_folder("report") / "report.html"
     logs = _asked(log)
-    for path in (write_reports(folders, out), *write_logs_again(folders, logs)):
+    limits = (follow_links, most_rows)
+    for path in (write_reports(folders, out, *limits), *write_logs_again(folders, logs, *limits)):
         print(path)
     return 0
 
@@ -288,6 +293,8 @@ def live(
         str | None, option("that the page's address must hold; by default a new one", "TEXT")
     ] = None,
     seconds: Annotated[float | None, option("end after this time", "S")] = None,
+    follow_links: FollowLinks = False,
+    most_rows: MostRows = None,
 ) -> int:
     """Serve a page on which a grasp goes on while its sliders are moved, or a run or camera shows.
 
@@ -321,8 +328,9 @@ def live(
     place = Address(host=host, port=port, token=token_for(token), seconds=seconds, ready=ready)
     if run is not None:
         from ..live.run_page import serve_run
+        from ..loop.shown.run_folder import read_run
 
-        serve_run(run, place)
+        serve_run(read_run(run, follow_links, most_rows), place)
     elif source is not None:
         from ..live.watch import Looking, serve_source
 

@@ -4,11 +4,10 @@ import bisect
 import math
 import threading
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UserError
-from ..loop.shown.report import read_run
+from ..loop.shown.run_folder import RunRead
 from .board import Board
 from .picture import blank_picture, unpacked
 from .replay import Replay, not_repeated
@@ -20,23 +19,22 @@ if TYPE_CHECKING:
     import viser
 
 
-def serve_run(folder: Path, address: Address) -> None:
+def serve_run(run: RunRead, address: Address) -> None:
     """Serve the page of a finished run until Ctrl-C.
 
     Parameters
     ----------
-    folder: of the run
+    run: that was read
     address: of the page
 
     Raises
     ------
     UserError
-        When the address cannot be used, or the folder holds no run that can be shown.
+        When the address cannot be used, or the run cannot be shown.
     """
-    run = read_run(folder)
     if run.summary["mechanics"] == "pinch":
         raise UserError(
-            f"the live page shows one finger; {folder} is a pinch of two: see its report.html"
+            f"the live page shows one finger; {run.folder} is a pinch of two: see its report.html"
         )
     with serving(address) as server:
         view = GraspView(server)

@@ -11,6 +11,7 @@ from ...errors import UserError
 from ...extras import need
 from ...loop.columns import columns_of
 from ...loop.run import run
+from ...loop.shown.run_folder import read_trace
 from ...loop.trace import Trace
 from ...model import ContactObject
 from ...output.cells import read_cells, resumed
@@ -214,5 +215,4 @@ def _write_trace(trace: Trace, path: Path) -> None:
 
 
 def _read_trace(path: Path) -> Trace:
-    table = need("pyarrow.parquet", "data").read_table(path)
-    return Trace({name: table[name].to_numpy() for name in columns_of("chain")})
+    return Trace(read_trace(path, list(columns_of("chain"))))
