@@ -267,7 +267,7 @@ def _open_video(path: Path) -> "Iterator[av.container.InputContainer]":
     if path.stat().st_size == 0:
         raise UserError(f"video {path} is empty (0 bytes)")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), metadata_errors="ignore")
     except av.FFmpegError as error:
         raise UserError(
             f"{path} cannot be read as a video: {_reason(error)}; give {_KINDS}"
