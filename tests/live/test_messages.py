@@ -163,7 +163,8 @@ def controls_of(kind: str, server: Any) -> dict[str, Any]:
         )
         WatchPage(server, looking)
     else:
-        Page(server, load_scene(kind, {"path": "truth"}))
+        with Page(server, load_scene(kind, {"path": "truth"})):
+            pass
     found = server.gui._gui_input_handle_from_uuid.values()
     return {control.label: control for control in found}
 

@@ -52,6 +52,12 @@ def part_of(path: Path) -> Path:
     return path.with_name(f"{PART}{path.name}")
 
 
+def _unlink(part: Path) -> None:
+    """Remove a link that a stranger's folder has in place of an unfinished file."""
+    if part.is_symlink() and not part.is_char_device():
+        part.unlink()
+
+
 @contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
     """Make an error of the disk one sentence, and remove what was written of the file.
@@ -83,7 +89,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     """
     part = part_of(path)
     with disk_errors(path):
-        part.unlink(missing_ok=True)  # in a stranger's folder it may be a link to elsewhere
+        _unlink(part)
         try:
             yield part
             part.replace(path)
@@ -106,8 +112,8 @@ class GrowingFile:
 
     def __init__(self, path: Path) -> None:
         self._path, self._part = path, part_of(path)
-        with suppress(OSError):
-            self._part.unlink()
+        with disk_errors(path):
+            _unlink(self._part)
 
     def __enter__(self) -> Self:
         """Use as a context."""
