@@ -1,7 +1,11 @@
 """Entry point: `chromagrip`, and `python -m chromagrip`."""
 
 import gc
+import os
 import sys
+
+if sys.path[:1] in ([""], [os.getcwd()]):  # of python -m: a stranger's file there is no module
+    del sys.path[0]
 
 from . import links
 from .cli.doctor import report

@@ -15,7 +15,6 @@ import sys
 from collections.abc import Callable
 from contextlib import redirect_stderr
 from functools import partial, wraps
-from pathlib import Path
 from textwrap import dedent
 
 import tyro
@@ -91,7 +90,6 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks Γ shows a question mark
             stream.reconfigure(errors="replace")
     take_signals()
-    sys.path.append(str(Path.cwd()))  # where a user's module:Class lies
     sys.exit(_run(sys.argv[1:]))
 
 

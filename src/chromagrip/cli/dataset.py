@@ -7,7 +7,17 @@ import tyro
 from msgspec.structs import replace
 
 from ..errors import UserError
-from .options import CORES, Flag, Json, Workers, check_least, counting, option, print_values
+from .options import (
+    CORES,
+    Allow,
+    Flag,
+    Json,
+    Workers,
+    check_least,
+    counting,
+    option,
+    print_values,
+)
 
 Folder = Annotated[str, tyro.conf.Positional, option("of a dataset, or its address", "DIR|URL")]
 NewFolder = Annotated[
@@ -57,6 +67,7 @@ def make(
     meshes: Annotated[
         Path | None, option("folder of the objects of a dome, instead of the recipe's", "DIR")
     ] = None,
+    allow: Allow = (),
     workers: Workers = CORES,
     shard: Annotated[
         str, option("every K-th sequence from the i-th on, such as 2/8", "i/K")
@@ -79,7 +90,7 @@ def make(
     from ..dataset.make import make as make_dataset
     from ..dataset.recipe import load_recipe
 
-    loaded = load_recipe(recipe, meshes)
+    loaded = load_recipe(recipe, meshes, allow=allow)
     if n is not None:
         if not 1 <= n <= MOST_SEQUENCES:
             raise UserError(f"--n {n}: expected 1 to {MOST_SEQUENCES}")

@@ -14,6 +14,7 @@ from ..scene import load_scene
 from ..scene.fingers import fingers
 from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
 from .options import (
+    Allow,
     Changes,
     Flag,
     Overwrite,
@@ -72,6 +73,7 @@ def grasp(
     ] = None,
     seed: Annotated[int | None, option("of the camera noise", "N")] = None,
     changes: Changes = (),
+    allow: Allow = (),
     out: Annotated[
         Path | None, option("run folder; by default a new one under runs/", "DIR")
     ] = None,
@@ -127,7 +129,7 @@ def grasp(
     for name, value in _arguments("--arg", arguments).items():
         changed[f"controller_arguments.{name}"] = value
     changed |= dict(parse_change(text) for text in changes)
-    resolved = load_scene(scene, changed)
+    resolved = load_scene(scene, changed, allow=allow)
     if not answer_within > 0.0:
         raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")
     if frames is not None and out is None and json_only:
@@ -198,6 +200,7 @@ def plan(
     *,
     tolerance: Annotated[float, option("of the safety margin Γ, RMS", "SHARE")] = 0.05,
     changes: Changes = (),
+    allow: Allow = (),
     json_only: Annotated[Flag, option("print one JSON object", name="json")] = False,
 ) -> int:
     """Choose the cheapest methods and steps that keep Γ of a scene within a tolerance.
@@ -208,7 +211,9 @@ def plan(
     """
     from ..loop.fidelity import Fidelity
 
-    choice = Fidelity.auto(tolerance, load_scene(scene, dict(map(parse_change, changes))))
+    choice = Fidelity.auto(
+        tolerance, load_scene(scene, dict(map(parse_change, changes)), allow=allow)
+    )
     if json_only:
         report = {
             "changes": choice.changes,
@@ -259,6 +264,7 @@ def live(
     ] = None,
     *,
     changes: Changes = (),
+    allow: Allow = (),
     run: Annotated[Path | None, option("show a finished run instead", "DIR")] = None,
     source: Annotated[
         str | None,
@@ -324,7 +330,7 @@ def live(
     if run is not None:
         from ..live.run_page import serve_run
 
-        serve_run(run, place)
+        serve_run(run, place, allow=allow)
     elif source is not None:
         from ..live.watch import Looking, serve_source
 
@@ -341,7 +347,9 @@ def live(
         serve_source(looking, place)
     else:
         resolved = load_scene(
-            scene or "dome-1", {"path": "camera"} | dict(map(parse_change, changes))
+            scene or "dome-1",
+            {"path": "camera"} | dict(map(parse_change, changes)),
+            allow=allow,
         )
         scene_for(resolved, wishes_of(resolved))  # what cannot be shown is refused at once
         prepare_scene(resolved, pictures=True)

@@ -52,6 +52,11 @@ Changes = Annotated[
     tyro.conf.UseAppendAction,
     option("change one value of the scene, such as object.friction=0.3", "KEY=VALUE", "set"),
 ]
+Allow = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("module whose classes the file may name; no other code of a file is run", "MODULE"),
+]
 Rest = Annotated[
     str,
     tyro.conf.Positional,

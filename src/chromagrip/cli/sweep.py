@@ -11,6 +11,7 @@ from ..scene.scene import DEFAULT_SCENE, PathName, parse_change
 from .measure import print_result
 from .options import (
     CORES,
+    Allow,
     Changes,
     JsonOnly,
     Out,
@@ -51,6 +52,7 @@ def sweep(
     ] = None,
     seeds: Annotated[int, option("runs of each, with seeds from the scene's on", "N")] = 3,
     changes: Changes = (),
+    allow: Allow = (),
     answer_within: Annotated[
         float, option("time in which a module:Class must answer; inf is no limit", "SECONDS")
     ] = 60.0,
@@ -89,6 +91,7 @@ def sweep(
         seeds=seeds,
         fixed=fixed,
         answer_within_s=answer_within,
+        allow=allow,
     )
     wanted = tasks(plan)  # refuses what cannot be run before a folder is made
     kinds = {(one.scene.sensor, one.scene.path, one.scene.body): one.scene for one in wanted}

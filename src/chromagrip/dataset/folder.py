@@ -329,7 +329,7 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
     path = folder / RECIPE
     if path.exists():
         before = open_recipe(folder)
-        if replace(before, sequences=recipe.sequences) != recipe:
+        if dump_recipe(replace(before, sequences=recipe.sequences)) != dump_recipe(recipe):
             raise UserError(f"{folder} holds a dataset of another recipe, see its {RECIPE}")
         if before.sequences > recipe.sequences:
             raise UserError(

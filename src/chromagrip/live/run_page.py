@@ -4,6 +4,7 @@ import bisect
 import math
 import threading
 import time
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,20 +21,21 @@ if TYPE_CHECKING:
     import viser
 
 
-def serve_run(folder: Path, address: Address) -> None:
+def serve_run(folder: Path, address: Address, *, allow: Collection[str] = ()) -> None:
     """Serve the page of a finished run until Ctrl-C.
 
     Parameters
     ----------
     folder: of the run
     address: of the page
+    allow: modules that its scene may name, see `load_scene`
 
     Raises
     ------
     UserError
         When the address cannot be used, or the folder holds no run that can be shown.
     """
-    run = read_run(folder)
+    run = read_run(folder, allow=allow)
     if run.summary["mechanics"] == "pinch":
         raise UserError(
             f"the live page shows one finger; {folder} is a pinch of two: see its report.html"

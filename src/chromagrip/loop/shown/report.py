@@ -1,6 +1,6 @@
 """The report of a run folder: a page with a time slider."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,8 +51,13 @@ class RunRead:
         return path if path.is_file() else None
 
 
-def read_run(folder: Path) -> RunRead:
+def read_run(folder: Path, *, allow: Collection[str] = ()) -> RunRead:
     """Read a run folder.
+
+    Parameters
+    ----------
+    folder: of the run
+    allow: modules that its scene may name, see `load_scene`; to show a run needs none
 
     Raises
     ------
@@ -71,7 +76,7 @@ def read_run(folder: Path) -> RunRead:
     except (OSError, ValueError) as error:  # of msgspec and of Arrow too
         raise UserError(f"{folder} cannot be read: {error}") from None
     columns = {name: table[name].to_numpy().astype(float) for name in table.column_names}
-    scene = load_scene(str(folder / "scene.toml"))
+    scene = load_scene(str(folder / "scene.toml"), allow=allow)
     return RunRead(folder=folder, scene=scene, summary=summary, columns=columns)
 
 
