@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 
 from chromagrip.errors import UserError
-from chromagrip.output.folder import part_of, prepare, whole_file, whole_folder, write_whole
+from chromagrip.output.folder import LOCK, part_of, prepared, whole_file, whole_folder, write_whole
 from chromagrip.output.parquet import FORCES, EstimateTable
 from chromagrip.output.video import VideoFile
 
 FULL = Path("/dev/full")  # a device on which nothing has room
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+
+
+def fill(folder, overwrite):
+    with prepared(folder, overwrite):
+        pass
 
 
 def full_disk(path):
@@ -80,14 +85,13 @@ def test_a_file_that_fails_leaves_the_one_before(tmp_path):
 
 def test_a_folder_has_its_name_when_it_is_complete(tmp_path):
     folder = tmp_path / "data"
-    prepare(folder, overwrite=None)
-    with suppress(KeyError), whole_folder(folder) as part:
+    with suppress(KeyError), prepared(folder, None), whole_folder(folder) as part:
         (part / "one").write_text("1")
         raise KeyError
     assert not list(folder.iterdir())
-    with whole_folder(folder) as part:
+    with prepared(folder, None), whole_folder(folder) as part:
         (part / "one").write_text("1")
-        assert not list(folder.iterdir())
+        assert [path.name for path in folder.iterdir()] == [LOCK]
     assert [path.name for path in folder.iterdir()] == ["one"]
     assert list(tmp_path.iterdir()) == [folder]
 
@@ -103,7 +107,7 @@ def test_of_two_processes_that_fill_a_folder_the_faster_one_wins(tmp_path):
 def test_a_folder_that_holds_files_is_refused_unless_told_otherwise(tmp_path):
     (tmp_path / "old").write_text("result")
     with pytest.raises(UserError, match=r"is not empty; choose another or give --overwrite"):
-        prepare(tmp_path, overwrite=False)
-    prepare(tmp_path, overwrite=True)
+        fill(tmp_path, overwrite=False)
+    fill(tmp_path, overwrite=True)
     with pytest.raises(UserError, match=r"old is a file, not a folder"):
-        prepare(tmp_path / "old", overwrite=True)
+        fill(tmp_path / "old", overwrite=True)

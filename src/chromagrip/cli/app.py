@@ -34,7 +34,7 @@ from . import (
     score,
     sweep,
 )
-from .options import signal_exit_code, take_signals
+from .options import drop_unused, signal_exit_code, take_signals
 
 NAME = "chromagrip"
 EXIT_CODES = """Exit codes: 0 done, 1 an error in code or a missing part of the installation
@@ -111,6 +111,8 @@ def _run(words: list[str]) -> int:
         code = signal_exit_code()
         print(f"{NAME}: {'interrupted' if code == 130 else 'terminated'}", file=sys.stderr)
         return code
+    finally:
+        drop_unused()
 
 
 def _parse(words: list[str]) -> Callable[[], int]:

@@ -73,7 +73,7 @@ def limit(
     from ..measure.limits.chain import ChainLimit
     from ..measure.limits.dome.report import DomeLimit
     from ..measure.limits.sweep import draw, write_table
-    from ..output.folder import prepare
+    from ..output.folder import prepared
 
     bodies: dict[Body, type[BodyLimit]] = {"chain": ChainLimit, "dome": DomeLimit}
     kind = bodies[body]
@@ -93,14 +93,13 @@ def limit(
     )
     names = dict.fromkeys(sensor or kind.default_designs())
     limits = {name: kind.of(case, name) for name in names}
-    if out is not None:
-        prepare(out, overwrite)
-    entries, sweeps = _compute(limits, margin_error, out is not None)
-    report = {**case.entries(), "sensors": entries}
-    if out is not None:
-        draw(limits, sweeps, case.title, out / "limit.png")
-        write_table(limits, sweeps, out / "limit.csv")
-        (out / "limit.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    with prepared(out, overwrite):
+        entries, sweeps = _compute(limits, margin_error, out is not None)
+        report = {**case.entries(), "sensors": entries}
+        if out is not None:
+            draw(limits, sweeps, case.title, out / "limit.png")
+            write_table(limits, sweeps, out / "limit.csv")
+            (out / "limit.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     if json_only:
         print(json.dumps(report))
         return 0

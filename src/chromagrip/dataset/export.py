@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..output.folder import prepare, whole_folder
+from ..output.folder import prepared, whole_folder
 from ..render import LAYERS
 from .check import check_files, check_shared
 from .folder import Place, link
@@ -62,8 +62,7 @@ def export(
             progress(next(done))
 
     with staged(out) as target:
-        prepare(target, overwrite=None)
-        with whole_folder(target) as whole:
+        with prepared(target, overwrite=None), whole_folder(target) as whole:
             if layout == "lerobot":
                 names = [name for part in parts.values() for name in part] or list(digests)
                 sizes = {part: len(own) for part, own in parts.items()}

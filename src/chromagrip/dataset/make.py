@@ -15,7 +15,7 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import need, require
-from ..output.folder import filling, prepare, whole_folder
+from ..output.folder import prepared, whole_folder
 from ..output.processes import Progress, exit_on_sigterm, map_processes
 from .card import write_card
 from .check import check_files
@@ -93,9 +93,7 @@ def make(
     begun = (out / RECIPE).exists()
     if begun and not resume:
         raise UserError(f"{out} holds a dataset already; go on with --resume, or choose another")
-    if not begun:
-        prepare(out, overwrite=None)
-    with filling(out):
+    with prepared(out, overwrite=begun or None):
         recipe = keep_files(recipe, out)
         keep_recipe(recipe, out)
         clean(out)
@@ -163,8 +161,7 @@ def merge(folders: Iterable[Place], out: Place) -> Manifest:
                 raise UserError(f"{name} is in {origins[name]} and in {folder}")
             check_files(folder / name, digest)
             origins[name] = folder
-    with staged(out) as whole:
-        prepare(whole, overwrite=None)
+    with staged(out) as whole, prepared(whole, overwrite=None):
         recipe = keep_files(recipe, whole)
         keep_recipe(recipe, whole)
         for name, folder in origins.items():

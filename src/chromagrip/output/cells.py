@@ -2,12 +2,12 @@
 
 import csv
 from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .folder import prepare, whole_file
+from .folder import prepared, whole_file
 
 Cell = TypeVar("Cell")
 Key = TypeVar("Key", bound=Hashable)
@@ -32,8 +32,9 @@ def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:
             yield kind(**{name: kinds[name](text) for name, text in line.items()})
 
 
-def open_unfinished(out: Path | None, name: str, overwrite: bool) -> Path | None:
-    """File of the cells of unfinished work in an output folder, which is made.
+@contextmanager
+def unfinished_in(out: Path | None, name: str, overwrite: bool) -> Iterator[Path | None]:
+    """File of the cells of unfinished work in an output folder, which is made and held.
 
     Parameters
     ----------
@@ -46,10 +47,9 @@ def open_unfinished(out: Path | None, name: str, overwrite: bool) -> Path | None
     UserError
         When the folder holds finished results and may not be overwritten.
     """
-    if out is None:
-        return None
-    prepare(out, overwrite or (out / name).exists())
-    return out / name
+    file = None if out is None else out / name
+    with prepared(out, overwrite or (file is not None and file.exists())):
+        yield file
 
 
 def resumed(

@@ -33,7 +33,7 @@ from ..tracking import (
 from ..tracking.forces import PoseTable, rest_pose
 from ..tracking.forces.chain import UsedReadOut, used
 from .figure import draw_figure
-from .following import Add, Course, Outcome, Progress, follow, open_folder
+from .following import Add, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
 from .overlay import OverlayVideo
 from .readings import Read, displacement_reading, force_reading
@@ -143,8 +143,6 @@ def estimate_source(
             read = force_reading(reader, rule, opened, known.sensor.view, pose)
         else:
             read = displacement_reading(gains, opened, known.sensor.view, pose)
-    if out is not None:
-        open_folder(out, overwrite, FILES)
     method: Method = {
         "format": FORMAT,
         "calibration": calibration,
@@ -157,7 +155,8 @@ def estimate_source(
         "friction_window_s": window,
     }
     rows = _Rows(read, opened, out, flat=gains is not None)
-    return follow(opened, rows.open_files, partial(rows.summary, method), frames, out, progress)
+    with opened_folder(out, overwrite, FILES):
+        return follow(opened, rows.open_files, partial(rows.summary, method), frames, out, progress)
 
 
 def _displacement_gains(known: SensorCalibration, name: str) -> DisplacementGains | None:

@@ -13,7 +13,7 @@ from ..output.versions import versions
 from ..render import Frame
 from ..tracking import AUTO_PALETTE, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
-from .following import Add, Course, Outcome, Progress, follow, open_folder
+from .following import Add, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
 from .overlay import OverlayVideo, TrackDrawing, dropped
 
@@ -85,12 +85,10 @@ def track_source(
     opened = open_tracking(
         rest, source, find=find, tracker=tracker, noise=noise, fps=fps, tell=tell
     )
-    if out is not None:
-        open_folder(out, overwrite, FILES)
-
     known = assumed(palette, opened.palette, within)
     summarise = partial(_summary, opened, known)
-    return follow(opened, partial(_open_files, opened, out), summarise, frames, out, progress)
+    with opened_folder(out, overwrite, FILES):
+        return follow(opened, partial(_open_files, opened, out), summarise, frames, out, progress)
 
 
 def _summary(opened: Opened, known: Assumed, course: Course) -> TrackSummary:

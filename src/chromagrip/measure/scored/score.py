@@ -13,7 +13,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ...errors import located
-from ...output.folder import prepare, whole_file, write_whole
+from ...output.folder import prepared, whole_file, write_whole
 from ...output.page import PageSection, inline_png, write_page
 from ...output.report import Table
 from .intervals import intervals
@@ -77,22 +77,21 @@ def score_tracks(
     UserError
         When tracks or truth cannot be read, or are not of each other, or a tracker gives up.
     """
-    if out is not None:
-        prepare(out, overwrite)
-    try:
-        with TemporaryDirectory() as temporary:
-            outcomes = [
-                _outcome(*_followed(path, truth, Path(temporary), tell), truth, tell)
-                for path in tracks
-            ]
-    except BaseException:
+    with prepared(out, overwrite):
+        try:
+            with TemporaryDirectory() as temporary:
+                outcomes = [
+                    _outcome(*_followed(path, truth, Path(temporary), tell), truth, tell)
+                    for path in tracks
+                ]
+        except BaseException:
+            if out is not None:
+                with suppress(OSError):  # it is not empty: an earlier result stays
+                    out.rmdir()
+            raise
+        outcomes.sort(key=lambda outcome: -outcome.scores["jaccard"])
         if out is not None:
-            with suppress(OSError):  # it is not empty: an earlier result stays
-                out.rmdir()
-        raise
-    outcomes.sort(key=lambda outcome: -outcome.scores["jaccard"])
-    if out is not None:
-        _write(outcomes, truth, out)
+            _write(outcomes, truth, out)
     return outcomes
 
 
