@@ -7,6 +7,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..errors import UserError
 from .folder import prepared, whole_file
 
 Cell = TypeVar("Cell")
@@ -22,14 +23,26 @@ def write_cells(cells: Sequence[Any], path: Path) -> None:
 
 
 def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:
-    """Dataclasses of a file that `write_cells` wrote; none if there is no file."""
+    """Dataclasses of a file that `write_cells` wrote; none if there is no file.
+
+    Raises
+    ------
+    UserError
+        When it is damaged, with the line.
+    """
     if path is None or not path.exists():
         return
     # Types of the fields are the converters: str, int and float.
     kinds: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
-    with path.open(newline="", encoding="utf-8") as file:
-        for line in csv.DictReader(file):
-            yield kind(**{name: kinds[name](text) for name, text in line.items()})
+    number = 1
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            for number, line in enumerate(csv.DictReader(file), 2):
+                yield kind(**{name: convert(line[name]) for name, convert in kinds.items()})
+    except (OSError, ValueError, TypeError, KeyError, csv.Error):
+        raise UserError(
+            f"{path}, line {number} is damaged; remove the file, and what it lists is run again"
+        ) from None
 
 
 @contextmanager
