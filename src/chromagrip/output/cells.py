@@ -28,20 +28,21 @@ def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:
     Raises
     ------
     UserError
-        When it is damaged, with the line.
+        When it is damaged.
     """
     if path is None or not path.exists():
         return
     # Types of the fields are the converters: str, int and float.
     kinds: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
-    number = 1
+    number = 0
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            for number, line in enumerate(csv.DictReader(file), 2):
+            for line in csv.DictReader(file):
+                number += 1
                 yield kind(**{name: convert(line[name]) for name, convert in kinds.items()})
     except (OSError, ValueError, TypeError, KeyError, csv.Error):
         raise UserError(
-            f"{path}, line {number} is damaged; remove the file, and what it lists is run again"
+            f"{path} is damaged after {number} runs; remove the file, and what it lists is run again"
         ) from None
 
 

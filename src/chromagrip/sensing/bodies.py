@@ -87,7 +87,7 @@ class Pose:
             object.__setattr__(self, name, tuple(values.tolist()))
         if (far := max(map(abs, self.place))) > FARTHEST:
             raise UserError(
-                f"place of a pose is {far:g} m away, allowed is {FARTHEST:g} m: are these millimetres?"
+                f"place of a pose is {far:g} m away, most is {FARTHEST:g} m: are these millimetres?"
             )
         if abs(math.hypot(*self.turn) - 1.0) > 1e-3:
             raise UserError(f"turn of a pose must be a quaternion of length 1, got {self.turn}")
