@@ -42,7 +42,7 @@ def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:
                 yield kind(**{name: convert(line[name]) for name, convert in kinds.items()})
     except (OSError, ValueError, TypeError, KeyError, csv.Error):
         raise UserError(
-            f"{path} is damaged after {number} runs; remove the file, and what it lists is run again"
+            f"{path} is damaged after {number} runs; remove the file, and they are run again"
         ) from None
 
 
