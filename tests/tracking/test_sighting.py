@@ -191,7 +191,7 @@ NOTHING = {
 
 @pytest.mark.parametrize("image", NOTHING.values(), ids=NOTHING.keys())
 def test_what_does_not_repeat_like_markers_is_refused(image: np.ndarray) -> None:
-    with pytest.raises(UserError, match="nothing here repeats like markers"):
+    with pytest.raises(UserError, match="no regular marker pattern found in the picture"):
         sight(image)
 
 

@@ -27,7 +27,9 @@ def limit(
     body: Annotated[
         Body, option("node chain, or silicone in three dimensions", "chain|dome")
     ] = "chain",
-    grip: Annotated[float | None, option("grip force; 1.86, of a dome 3", "N")] = None,
+    grip: Annotated[
+        float | None, option("grip force; by default 1.86 N, or 3 N with --body dome", "N")
+    ] = None,
     load: Annotated[
         float | None,
         option("lateral load, raised after the grip; 0.65, on a dome for Γ = 0.3", "N"),
@@ -67,7 +69,7 @@ def limit(
         raise UserError(f"--frames must be 1 or more, got {frames}")
     for name, value in (("--azimuth-deg", azimuth_deg), ("--shears", shears)):
         if body == "chain" and value is not None:
-            raise UserError(f"{name} is of a dome: add --body dome")
+            raise UserError(f"{name} needs --body dome")
 
     from ..measure.limits.body import Case  # Numba and matplotlib load only here
     from ..measure.limits.chain import ChainLimit

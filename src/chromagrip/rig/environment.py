@@ -318,7 +318,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             self._window.draw(self._picture())
 
     def _threads(self) -> Any:
-        """Limit this process to one thread, but for a chain without pictures, which needs none."""
+        """One thread for this process; none is needed for a chain on the truth path."""
         pinch = self._rig.scene.fingers == 2
         pictures = self._path == "camera" or self._kind == "image" or self.render_mode is not None
         return one_thread() if pictures or pinch else nullcontext()

@@ -225,7 +225,7 @@ def _of_case(outcome: Outcome, case: str) -> Outcome:
 
 
 def _means(sequences: dict[str, dict[str, float]]) -> dict[str, float]:
-    """Of the sequences that have a score."""
+    """Mean of each score over the sequences that have it."""
     found = {name: [s[name] for s in sequences.values() if name in s] for name in UNITS}
     return {name: float(np.mean(each)) if each else np.nan for name, each in found.items()}
 
