@@ -208,7 +208,7 @@ def test_markers_are_looked_for_only_where_that_is_asked() -> None:
     seen = sight(dotted(places), half)
     assert not seen.field[:, WIDTH // 2 :].any()
     assert seen.position[:, 0].max() < WIDTH / 2 + 1
-    with pytest.raises(UserError, match="nothing here"):
+    with pytest.raises(UserError, match="no regular marker pattern"):
         sight(dotted(places), ~np.ones_like(half))
 
 
