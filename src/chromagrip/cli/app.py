@@ -21,6 +21,7 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from ..errors import UserError
+from ..output.folder import make_scratch
 from . import (
     calibrate,
     dataset,
@@ -106,13 +107,16 @@ def run(words: list[str]) -> int:
     command = _parse(words)
     if isinstance(command, int):
         return command
+    out = command.keywords.get("out")
+    if isinstance(out, Path):
+        make_scratch(out)
     try:
         return command()
     except SystemExit as ended:  # commands return their code: a plug-in ended the program
         raise UserError(f"a plug-in ended the program: SystemExit: {ended.code}") from ended
 
 
-def _parse(words: list[str]) -> Callable[[], int] | int:
+def _parse(words: list[str]) -> partial[int] | int:
     """Command line as a function that runs it, or the exit code of a page that was printed.
 
     Raises
@@ -140,7 +144,7 @@ def _parse(words: list[str]) -> Callable[[], int] | int:
         raise UserError(f"{_sentence(messages.getvalue())}; see `{page}`") from None
 
 
-def _bound(command: Command) -> Callable[..., Callable[[], int]]:
+def _bound(command: Command) -> Callable[..., partial[int]]:
     """Function with the command's options that returns the call instead of making it.
 
     Parsing is thus over before the command runs, and no error of a command is taken for one of
@@ -148,7 +152,7 @@ def _bound(command: Command) -> Callable[..., Callable[[], int]]:
     """
 
     @wraps(command)
-    def bind(*values: object, **options: object) -> Callable[[], int]:
+    def bind(*values: object, **options: object) -> partial[int]:
         return partial(command, *values, **options)
 
     return bind

@@ -1,7 +1,9 @@
 """Folders and files of a command's output: never half-written, and never written over unasked."""
 
+import atexit
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,6 +14,8 @@ from ..errors import UserError
 
 #: Start of the name of a file or folder that is not complete.
 PART = ".part-"
+#: Start of the name of a folder for what libraries keep while a command runs.
+_SCRATCH = ".scratch-"
 
 
 def prepare(folder: Path, overwrite: bool | None) -> None:
@@ -29,7 +33,7 @@ def prepare(folder: Path, overwrite: bool | None) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        taken = any(folder.iterdir())
+        taken = any(not each.name.startswith(_SCRATCH) for each in folder.iterdir())
     except FileExistsError:
         raise UserError(f"{folder} is a file, not a folder") from None
     except OSError as error:
@@ -37,6 +41,26 @@ def prepare(folder: Path, overwrite: bool | None) -> None:
     if taken and not overwrite:
         mend = "choose another" if overwrite is None else "choose another or give --overwrite"
         raise UserError(f"folder {folder} is not empty; {mend}")
+
+
+def make_scratch(out: Path) -> None:
+    """Give libraries a folder beside or in an output, where nothing else can be written.
+
+    Matplotlib ends a program that has neither a home nor a folder for temporary files. The folder
+    goes when this process ends.
+
+    Parameters
+    ----------
+    out: file or folder of the output, which need not exist
+    """
+    try:
+        tempfile.gettempdir()
+    except FileNotFoundError:
+        place = next((each for each in (out, *out.absolute().parents) if each.is_dir()), out)
+        with suppress(OSError):
+            tempfile.tempdir = tempfile.mkdtemp(prefix=_SCRATCH, dir=place)
+            os.environ["TMPDIR"] = os.environ["MPLCONFIGDIR"] = tempfile.tempdir
+            atexit.register(shutil.rmtree, tempfile.tempdir, ignore_errors=True)
 
 
 def leave(folder: Path, name: str) -> None:
