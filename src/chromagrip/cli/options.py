@@ -192,7 +192,7 @@ def stem_of(source: str) -> str:
     """
     path = Path(source)
     if not path.name.strip("."):  # . and .. are folders that have a name of their own
-        path = path.resolve()
+        path = Path(os.path.realpath(path))
     return (path.name if path.is_dir() else path.stem).replace(":", "-")
 
 
@@ -268,15 +268,10 @@ def take_signals() -> None:
 def _interrupt(number: int, _frame: object) -> None:
     _received.append(number)
     _interrupted.set()
-    raise KeyboardInterrupt
-
-
-def signal_exit_code() -> int:
-    """Exit code of a command that a signal ended: 128 + its number."""
-    return 128 + (_received[-1] if _received else signal.SIGINT)
+    raise KeyboardInterrupt(number)
 
 
 def stop_if_interrupted() -> None:
     """Stop here if an interruption was lost, as it is while a kernel is being compiled."""
     if _interrupted.is_set():
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(*_received[-1:])

@@ -1,13 +1,13 @@
 """The command `sweep`: settings × scenes × seeds."""
 
 import sys
-import tomllib
 from typing import Annotated, Any
 
 import tyro
 
 from ..errors import UserError
 from ..scene.scene import DEFAULT_SCENE, PathName, parse_change
+from ..strict_toml import parse_toml
 from .measure import print_result
 from .options import (
     CORES,
@@ -118,8 +118,8 @@ def _axis(text: str, flag: str, prefix: str) -> tuple[str, tuple[Any, ...]]:
     if not equals or not key.strip() or not values.strip():
         raise UserError(f"{flag} {text}: expected values, such as object.friction=0.3,0.5")
     try:
-        found = tomllib.loads(f"values = [{values}]")["values"]
-    except tomllib.TOMLDecodeError:
+        found = parse_toml(f"values = [{values}]", flag)["values"]
+    except UserError:
         found = [parse_change(f"{key}={value}")[1] for value in values.split(",")]
     kept = list(dict.fromkeys(map(_hashable, found)))
     return prefix + key.strip(), tuple(kept)

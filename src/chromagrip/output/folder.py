@@ -1,8 +1,10 @@
 """Folders and files of a command's output: never half-written, and never written over unasked."""
 
+import atexit
 import os
 import platform
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,6 +17,8 @@ from ..errors import UserError
 PART = ".part-"
 #: File of a folder that is being filled, which names who fills it.
 LOCK = ".lock"
+#: Start of the name of a folder for what libraries keep while a command runs.
+_SCRATCH = ".scratch-"
 
 
 @contextmanager
@@ -41,10 +45,32 @@ def prepared(folder: Path | None, overwrite: bool | None) -> Iterator[None]:
     except OSError as error:
         raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
     with filling(folder):
-        if not overwrite and any(path.name != LOCK for path in folder.iterdir()):
+        if not overwrite and any(
+            not each.name.startswith((LOCK, _SCRATCH)) for each in folder.iterdir()
+        ):
             mend = "choose another" if overwrite is None else "choose another or give --overwrite"
             raise UserError(f"folder {folder} is not empty; {mend}")
         yield
+
+
+def make_scratch(out: Path) -> None:
+    """Give libraries a folder beside or in an output, where nothing else can be written.
+
+    Matplotlib ends a program that has neither a home nor a folder for temporary files. The folder
+    goes when this process ends.
+
+    Parameters
+    ----------
+    out: file or folder of the output, which need not exist
+    """
+    try:
+        tempfile.gettempdir()
+    except FileNotFoundError:
+        place = next((each for each in (out, *out.absolute().parents) if each.is_dir()), out)
+        with suppress(OSError):
+            tempfile.tempdir = tempfile.mkdtemp(prefix=_SCRATCH, dir=place)
+            os.environ["TMPDIR"] = os.environ["MPLCONFIGDIR"] = tempfile.tempdir
+            atexit.register(shutil.rmtree, tempfile.tempdir, ignore_errors=True)
 
 
 def leave(folder: Path, name: str) -> None:

@@ -2,7 +2,6 @@
 
 import math
 import os
-import tomllib
 from collections.abc import Collection, Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -35,7 +34,7 @@ from ..model import (
 )
 from ..model.dome import per_area
 from ..render import RENDERERS, Defects, SensorDesign, load_sensor
-from ..strict_toml import Table, Values, convert, read_toml
+from ..strict_toml import Table, Values, convert, parse_toml, read_toml
 from .actuator import ActuatorSettings
 from .controllers import CONTROLLERS
 from .dome import DomeSettings
@@ -427,8 +426,8 @@ def parse_change(text: str) -> tuple[str, Any]:
     if not equals or not key.strip():
         raise UserError(f"--set {text}: expected key=value, such as object.friction=0.3")
     try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        return key.strip(), parse_toml(f"value = {value}", "--set")["value"]
+    except UserError:
         return key.strip(), value.strip()
 
 
