@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import closing
 from subprocess import CompletedProcess
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 
@@ -39,19 +40,42 @@ def handshake(port: int, path: str = "/", **headers: str) -> int:
     return ask(port, path, **{**upgrade, **headers}).status
 
 
-@pytest.mark.usefixtures("viser_server")
-def test_this_machine_alone_is_answered(port: int) -> None:
-    assert ask(port).status == 200
-    assert handshake(port) == 101
-    assert handshake(port, Origin=f"http://127.0.0.1:{port}") == 101
-    for origin in ("http://other.example", f"http://localhost:{port}", "null"):
-        assert handshake(port, Origin=origin) == 403
-        assert ask(port, Origin=origin).status == 403
-    # A name of another site that was made to lead here.
-    assert ask(port, Host=f"other.example:{port}").status == 403
-    assert handshake(port, Host=f"other.example:{port}") == 403
-    assert ask(port, Host="localhost:9000").status == 200  # as through ssh -L
-    assert ask(port, Host="[::1").status == 403
+def test_pages_of_other_sites_are_refused(port: int) -> None:
+    with serving(Address(port=port, token=TOKEN)):
+        path = f"/?token={TOKEN}"
+        assert handshake(port, path, Origin=f"http://127.0.0.1:{port}") == 101
+        for origin in ("http://other.example", f"http://localhost:{port}", "null"):
+            assert handshake(port, path, Origin=origin) == 403
+            assert ask(port, path, Origin=origin).status == 403
+        # A name of another site that was made to lead here has no token.
+        assert ask(port, Host=f"other.example:{port}").status == 403
+        assert handshake(port, Host=f"other.example:{port}") == 403
+        assert ask(port, path, Host="localhost:9000").status == 200  # as through ssh -L
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "0.0.0.0"])
+def test_every_page_is_for_its_user_alone(port: int, host: str) -> None:
+    """Other users of this machine reach the port, too."""
+    said: list[str] = []
+    address = Address(host=host, port=port, ready=said.append)
+    with serving(address) as server:
+        announce(address, server)
+        printed = said[0].partition(f":{port}")[2]
+        assert re.fullmatch(r"/\?token=[\w-]{32}", printed)
+        assert ask(port, printed).status == 200
+        assert handshake(port, printed) == 101
+        other = printed[:-1] + ("a" if printed[-1] != "a" else "b")
+        for path in ("/", "/index.html", other, printed[:-1], f"{printed}x", "/?token=",
+                     f"/?token=%00{printed[8:]}", "/?token=%ed%a0%80",
+                     "/?token=\u00e9"):  # fmt: skip
+            assert ask(port, quote(path, "/?=%")).status == 403
+            assert handshake(port, quote(path, "/?=%")) == 403
+
+
+def test_a_weak_token_opens_nothing(port: int) -> None:
+    weak = Address(port=port, token="")
+    with pytest.raises(UserError, match="--token: expected 16"), serving(weak):
+        pass
 
 
 def test_a_token_is_asked_for_and_becomes_a_cookie(port: int) -> None:
@@ -80,15 +104,13 @@ def test_the_printed_address_has_the_token(port: int) -> None:
     assert said == [f"http://{socket.gethostname()}:{port}/?token={TOKEN}"]
 
 
-def test_other_machines_always_need_a_token() -> None:
-    made = token_for("0.0.0.0", None)
-    assert len(made) >= 32
-    assert made != token_for("0.0.0.0", None)
-    assert token_for("127.0.0.1", None) == ""
-    assert token_for("127.0.0.1", TOKEN) == TOKEN
+def test_a_token_is_new_or_given() -> None:
+    assert len(token_for()) >= 32
+    assert token_for() != token_for()
+    assert token_for(TOKEN) == TOKEN
     for bad in ("", "short", "with a space and more", 'with"quote_and_more'):
         with pytest.raises(UserError, match="--token: expected 16 or more"):
-            token_for("0.0.0.0", bad)
+            token_for(bad)
 
 
 def test_a_server_that_does_not_ask_is_refused() -> None:
@@ -97,8 +119,8 @@ def test_a_server_that_does_not_ask_is_refused() -> None:
 
 
 def test_nothing_is_printed_at_the_end(port: int, capsys: Any) -> None:
-    with serving(Address(port=port)):
-        assert ask(port).status == 200
+    with serving(Address(port=port, token=TOKEN)):
+        assert ask(port, f"/?token={TOKEN}").status == 200
     assert capsys.readouterr() == ("", "")
 
 

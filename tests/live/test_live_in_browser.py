@@ -16,15 +16,21 @@ import pytest
 import trimesh
 
 pytestmark = pytest.mark.slow
+TOKEN = "abcdefgh-ijklmnop_1234"
 #: Few frames: a browser that draws on the processor would have no time for anything else.
 SCENE = ("dome-1", "--set", "path=truth", "--set", "camera.rate_hz=10")
 Browsing = Callable[[int], Any]
 
 
+def page(port: int) -> str:
+    """Address that is printed."""
+    return f"http://127.0.0.1:{port}/?token={TOKEN}"
+
+
 @contextmanager
 def serving(port: int, folder: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A page in a process of its own, and its address; recordings go into the folder."""
-    shared = ["--port", str(port), "--record", str(folder / "kept")]
+    shared = ["--port", str(port), "--record", str(folder / "kept"), "--token", TOKEN]
     command = [sys.executable, "-P", "-m", "chromagrip", "live", *words, *shared]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -37,7 +43,7 @@ def serving(port: int, folder: Path, *words: str) -> Iterator[tuple[subprocess.P
 @pytest.fixture
 def server(port: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     with serving(port, tmp_path, *SCENE) as (process, address):
-        assert address == f"http://127.0.0.1:{port}"
+        assert address == page(port)
         yield process
 
 
@@ -81,7 +87,7 @@ def begun(made: Any) -> bool:
 def test_sliders_change_the_grasp(width: int, port: int, browsing: Browsing) -> None:
     with browsing(width) as browser:
         made = browser.made
-        made.get(f"http://127.0.0.1:{port}")
+        made.get(page(port))
         until(lambda: begun(made))
         assert made.execute_script("return document.body.scrollWidth") <= width
         type_number(made, "load [N]", 0.0)
@@ -97,12 +103,12 @@ def test_sliders_change_the_grasp(width: int, port: int, browsing: Browsing) -> 
         until(lambda: abs(true_values(made)["normal"] - 2.5) < 0.2)
         severe = [line for line in browser.complaints() if "SEVERE" in line]
         assert severe == []
-        assert browser.requested() == {f"http://127.0.0.1:{port}/"}
+        assert browser.requested() == {page(port)}
 
 
 @pytest.mark.usefixtures("server")
 def test_two_pages_a_reload_and_one_that_is_closed(port: int, browsing: Browsing) -> None:
-    address = f"http://127.0.0.1:{port}"
+    address = page(port)
     with browsing(1280) as first:
         first.made.get(address)
         until(lambda: begun(first.made))
@@ -146,7 +152,7 @@ def test_the_keyboard_alone_suffices(port: int, browsing: Browsing) -> None:
 
     with browsing(1280) as browser:
         made = browser.made
-        made.get(f"http://127.0.0.1:{port}")
+        made.get(page(port))
         until(lambda: begun(made))
         press(made, "pause")
         until(lambda: len({time_shown(made) for _ in range(2) if not time.sleep(0.5)}) == 1)
@@ -194,7 +200,7 @@ def test_a_file_and_a_recording_through_the_page(
     trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(tmp_path / "egg.stl")
     with browsing(1280) as browser:
         made = browser.made
-        made.get(f"http://127.0.0.1:{port}")
+        made.get(page(port))
         until(lambda: begun(made))
         body = made.find_element("tag name", "body")
         press(made, "record")
@@ -244,7 +250,7 @@ def test_a_finished_run(width: int, port: int, browsing: Browsing, tmp_path: Pat
     run(scene, tmp_path / "done")
     with serving(port, tmp_path, "--run", str(tmp_path / "done")), browsing(width) as browser:
         made = browser.made
-        made.get(f"http://127.0.0.1:{port}")
+        made.get(page(port))
         body = made.find_element("tag name", "body")
         until(lambda: "agrees with the record" in body.text)
         until(lambda: time_shown(made) == 0.5)
@@ -254,4 +260,4 @@ def test_a_finished_run(width: int, port: int, browsing: Browsing, tmp_path: Pat
         until(lambda: time_shown(made) == 0.21)
         assert made.execute_script("return document.body.scrollWidth") <= width
         assert [line for line in browser.complaints() if "SEVERE" in line] == []
-        assert browser.requested() == {f"http://127.0.0.1:{port}/"}
+        assert browser.requested() == {page(port)}

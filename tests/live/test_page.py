@@ -12,7 +12,8 @@ import trimesh
 
 from chromagrip import load_scene
 from chromagrip.live.board import legend_text
-from chromagrip.live.page import LARGEST_MESH, Page
+from chromagrip.live.gate import LARGEST_FILE
+from chromagrip.live.page import Page
 from chromagrip.live.record import Recorder
 from chromagrip.live.session import Session
 from chromagrip.live.solid import half_sphere, object_mesh, skin_faces
@@ -91,7 +92,8 @@ def test_an_object_is_dropped_in(shown: Shown, until: Until) -> None:
     [
         ("screw.step", b"solid", "screw.step: an object is a file .stl, .obj, .ply"),
         ("screw.stl", b"solid\nendsolid\n", "screw.stl"),
-        ("screw.stl", bytes(LARGEST_MESH + 1), "screw.stl has 20 MB; at most 20 are taken"),
+        ("screw.stl", bytes(LARGEST_FILE + 1), "screw.stl is empty or too large; at most 20 MB"),
+        ("screw.stl", b"", "screw.stl is empty or too large; at most 20 MB"),
         ("../../screw.obj", b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n", "mesh screw.obj"),
         ("open.obj", b"v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 2 3\nf 1 2 4\n", "mesh open.obj"),
     ],

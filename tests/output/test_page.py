@@ -1,11 +1,14 @@
 """Pages hold everything that they show, and text of any kind is text on them."""
 
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
 from markupsafe import Markup
 
-from chromagrip.output.page import PageSection, inline_png, write_page
+import chromagrip
+from chromagrip.output.page import POLICY, PageSection, filled, inline_png, write_page
 from chromagrip.output.report import Table
 
 
@@ -47,3 +50,28 @@ def test_a_page_holds_its_sections_and_escapes_their_text(tmp_path: Path) -> Non
         assert image is not None
         assert image.get("alt") == odd
         assert image.get("src") == "data:image/png;base64,cGljdHVyZQ=="
+
+
+HOME = Path(chromagrip.__file__).parent
+TEMPLATES = sorted(path.relative_to(HOME).as_posix() for path in HOME.rglob("*.html"))
+
+
+@pytest.mark.parametrize("template", TEMPLATES)
+def test_every_page_loads_nothing(template: str) -> None:
+    """A browser keeps the policy from the element on that holds it: it comes before all others."""
+    folder, _, name = template.rpartition("/")
+    assert folder == "output"
+    text = filled(name, title="</title><script>1</script>")
+    assert POLICY.startswith("default-src 'none'; base-uri 'none'; form-action 'none'; ")
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}"/>'
+    before, found, after = text.partition(policy)
+    assert found
+    assert set(re.findall(r"<(\w+)", before)) <= {"html", "head", "meta"}
+    assert "<title>&lt;/title&gt;&lt;script&gt;1" in after
+    assert not re.search(r"(src|href)=[\"']?(https?:|//)", text)
+
+
+def test_pages_are_written_from_templates_alone() -> None:
+    assert TEMPLATES == ["output/page.html", "output/run_page.html"]
+    for path in HOME.rglob("*.py"):
+        assert not re.search("<!doctype|<html", path.read_text(encoding="utf-8"), re.IGNORECASE)

@@ -287,7 +287,7 @@ def live(
         "runs/live"
     ),
     host: Annotated[
-        str, option("address of this machine; any but 127.0.0.1 needs a token", "HOST")
+        str, option("address of this machine; any but 127.0.0.1 lets other machines in", "HOST")
     ] = "127.0.0.1",
     port: Annotated[int, option("of the page", "N")] = 8090,
     token: Annotated[
@@ -324,9 +324,7 @@ def live(
         print(f"{address}  (Ctrl-C ends)", file=screen, flush=True)
 
     screen = sys.stdout  # which is another one while viser says goodbye
-    place = Address(
-        host=host, port=port, token=token_for(host, token), seconds=seconds, ready=ready
-    )
+    place = Address(host=host, port=port, token=token_for(token), seconds=seconds, ready=ready)
     if run is not None:
         from ..live.run_page import serve_run
 

@@ -27,6 +27,8 @@ _LEGEND = (
     ("green", MOTION, "motion of a marker × 4, in the picture"),
 )
 _OBJECT = ("grey-green", OBJECT, "object")
+#: Characters that begin HTML, a link or a picture, which viser would read from a file.
+_PLAIN = str.maketrans({c: f"&#{ord(c)};" for c in "&<>[`\\"})
 
 
 class Board:
@@ -77,8 +79,8 @@ class Board:
             self.strips.add(row)
 
     def say(self, lines: Sequence[str]) -> None:
-        """Say the state, in lines of Markdown."""
-        self._status.content = "<br/>".join(lines)
+        """Say the state, in lines of Markdown; of names of files in them only ** is markup."""
+        self._status.content = "<br/>".join(line.translate(_PLAIN) for line in lines)
 
 
 def legend_text(truth: bool) -> str:

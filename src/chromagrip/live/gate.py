@@ -1,18 +1,216 @@
-"""Who may reach the page: programs on this machine, or those that know a token."""
+"""Who may reach the page, and what it takes from them.
 
+Requests need the token. Messages are input: each is read strictly before viser, which checks no
+value, sees it.
+"""
+
+import asyncio
 import http
+import logging
+import math
 import secrets
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import parse_qs, urlsplit
+
+import msgspec
+from msgspec import Meta
 
 from ..errors import UserError
 
-#: Names of this machine by which a browser on it may ask.
-LOCAL = ("127.0.0.1", "localhost", "::1")
+if TYPE_CHECKING:
+    import viser
+
+#: Largest file that is taken [bytes]; files that arrive at the same time share it.
+LARGEST_FILE = 20_000_000
+#: Largest message [bytes]; the browser cuts files into parts of half of that.
+_LARGEST_MESSAGE = 2**20
+#: Largest number of files that arrive at a time, and of parts of one; the largest needs 39.
+_MOST_FILES = 8
+_MOST_PARTS = 1000
+#: Pause after each message of a browser, so that no flood of them fills the memory [s].
+_PAUSE = 0.001
+#: Error of a number that the browser rounded for its display.
+_ROUNDED = 1e-6
+
+_Text = Annotated[str, Meta(max_length=255)]
+_Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Count = Annotated[int, Meta(ge=0, le=2**40)]
+_Vector = tuple[_Number, _Number, _Number]
+
+
+class _Message(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
+    """A message that a browser may send."""
+
+
+class _Value(msgspec.Struct, forbid_unknown_fields=True):
+    """New value of a control."""
+
+    value: bool | int | float | _Text
+
+
+class _Update(_Message, tag="GuiUpdateMessage"):
+    """A control was changed."""
+
+    uuid: _Text
+    updates: _Value
+
+
+class _Camera(_Message, tag="ViewerCameraMessage"):
+    """The view was turned; the first one says that the browser is there."""
+
+    wxyz: tuple[_Number, _Number, _Number, _Number]
+    position: _Vector
+    fov: _Number
+    near: _Number
+    far: _Number
+    image_height: _Count
+    image_width: _Count
+    look_at: _Vector
+    up_direction: _Vector
+
+
+class _FileStart(_Message, tag="FileTransferStartUpload"):
+    """A file will be sent."""
+
+    source_component_uuid: _Text
+    transfer_uuid: _Text
+    filename: _Text
+    mime_type: _Text
+    part_count: _Count
+    size_bytes: _Count
+
+
+class _FilePart(_Message, tag="FileTransferPart"):
+    """A part of a file."""
+
+    source_component_uuid: _Text
+    transfer_uuid: _Text
+    part_index: _Count
+    content: bytes
+
+
+_DECODER: msgspec.msgpack.Decoder[_Update | _Camera | _FileStart | _FilePart] = (
+    msgspec.msgpack.Decoder(_Update | _Camera | _FileStart | _FilePart)
+)
+
+
+@dataclass
+class Inbox:
+    """Messages of all browsers, of which viser gets those that a page of ours sends.
+
+    Attributes
+    ----------
+    server: whose controls are asked what they allow; None takes no message
+    """
+
+    server: "viser.ViserServer | None" = None
+    _files: dict[str, tuple[_FileStart, dict[int, bytes]]] = field(default_factory=dict)
+
+    def taken(self, raw: str | bytes, before: str) -> list[bytes]:
+        """Messages for viser that follow from one of a browser; none where it is refused.
+
+        They are encoded anew: viser reads no byte of a browser.
+
+        Parameters
+        ----------
+        raw: message
+        before: beginning of the names of that browser's files
+        """
+        try:
+            message = _DECODER.decode(raw if isinstance(raw, bytes) else b"")
+        except (msgspec.MsgspecError, RecursionError, ValueError):
+            return []
+        found: list[_Message] = []
+        if isinstance(message, _Camera):
+            found = [message]
+        elif isinstance(message, _Update):
+            value = allowed(self._control(message.uuid), message.updates.value)
+            if value is not None:
+                found = [_Update(uuid=message.uuid, updates=_Value(value=value))]
+        elif isinstance(message, _FileStart):
+            found = self._begin(message, before + message.transfer_uuid)
+        else:
+            found = self._append(message, before + message.transfer_uuid)
+        return [msgspec.msgpack.encode(one) for one in found]
+
+    def leave(self, before: str) -> None:
+        """Forget the unfinished files of a browser that is gone."""
+        self._files = {name: of for name, of in self._files.items() if not name.startswith(before)}
+
+    def _control(self, uuid: str) -> Any:
+        gui = None if self.server is None else self.server.gui
+        return None if gui is None else gui._gui_input_handle_from_uuid.get(uuid)
+
+    def _begin(self, start: _FileStart, name: str) -> list[_Message]:
+        """Note a file; one that is too large ends here, as an empty one, which a page refuses."""
+        import viser
+
+        control = self._control(start.source_component_uuid)
+        if not isinstance(control, viser.GuiUploadButtonHandle) or name in self._files:
+            return []
+        size = start.size_bytes + sum(one.size_bytes for one, _ in self._files.values())
+        if not start.size_bytes or size > LARGEST_FILE or len(self._files) == _MOST_FILES:
+            return [_renamed(start, 0)]
+        if 0 < start.part_count <= _MOST_PARTS:
+            self._files[name] = start, {}
+        return []
+
+    def _append(self, part: _FilePart, name: str) -> list[_Message]:
+        """Keep a part; viser gets the file once it is whole."""
+        start, parts = self._files.get(name, (None, {}))
+        if start is None or part.source_component_uuid != start.source_component_uuid:
+            return []
+        fits = part.part_index < start.part_count and part.part_index not in parts
+        parts[part.part_index] = part.content
+        size, whole = sum(map(len, parts.values())), len(parts) == start.part_count
+        if fits and size <= start.size_bytes and not whole:
+            return []
+        del self._files[name]
+        if not fits or size != start.size_bytes:
+            return []
+        content = b"".join(parts[k] for k in range(start.part_count))
+        first = _renamed(start, size)
+        one = _FilePart(first.source_component_uuid, first.transfer_uuid, 0, content)
+        return [first, one]
+
+
+def _renamed(start: _FileStart, size: int) -> _FileStart:
+    """A file of one part. viser keeps an answer for each name of a file; all have one name."""
+    return msgspec.structs.replace(
+        start, transfer_uuid="file", part_count=min(size, 1), size_bytes=size
+    )
+
+
+def allowed(control: Any, value: Any) -> Any:
+    """Value of a control as it may be, or None where it may not be.
+
+    Parameters
+    ----------
+    control: handle of viser
+    value: that a browser asks for
+    """
+    import viser
+
+    if control is None or control.disabled:
+        return None
+    if isinstance(control, viser.GuiCheckboxHandle | viser.GuiButtonHandle):
+        return value if isinstance(value, bool) else None
+    if isinstance(control, viser.GuiDropdownHandle | viser.GuiButtonGroupHandle):
+        return value if isinstance(value, str) and value in control.options else None
+    if isinstance(control, viser.GuiSliderHandle) and not isinstance(value, bool | str):
+        low, high = control.min, control.max
+        if not (math.isfinite(value) and low - _ROUNDED <= value <= high + _ROUNDED):
+            return None
+        whole = isinstance(control.value, int)
+        if whole and value != round(value):
+            return None
+        return (int if whole else float)(min(max(value, low), high))
+    return None  # a file, which has messages of its own, and kinds that no page has
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,8 +219,7 @@ class Gate:
 
     Attributes
     ----------
-    token: that a request must bring, in its address or as a cookie; "" asks for none, and answers
-        only requests to a name of this machine, which a page of another site cannot send
+    token: that a request must bring, in its address or as a cookie
     port: of the page; a browser sends a cookie to every port of a host
     """
 
@@ -44,11 +241,9 @@ class Gate:
         """
         try:
             host, origin = headers.get("Host", ""), headers.get("Origin")
-            if not self.token and urlsplit(f"//{host}").hostname not in LOCAL:
-                return "ask for this page at 127.0.0.1"
             if origin is not None and urlsplit(origin).netloc != host:
                 return "a page of another site may not use this server"
-            if self.token and not any(map(self._right, self._given(path, headers))):
+            if not any(map(self._right, self._given(path, headers))):
                 return "the address needs the token that `chromagrip live` printed"
         except (ValueError, LookupError):  # no address, or a header that is there twice
             return "this is no request of a browser"
@@ -56,7 +251,7 @@ class Gate:
 
     def keeps(self, path: str) -> bool:
         """Whether a request's address brings the token, so that it becomes a cookie."""
-        return bool(self.token) and any(map(self._right, _in_address(path)))
+        return any(map(self._right, _in_address(path)))
 
     def _right(self, given: str) -> bool:
         return secrets.compare_digest(given.encode(), self.token.encode())
@@ -76,24 +271,49 @@ def _in_address(path: str) -> list[str]:
     return parse_qs(urlsplit(path).query).get("token", [])
 
 
+class _Checked:
+    """A browser's connection, of which viser reads the messages that are allowed."""
+
+    def __init__(self, connection: Any, inbox: Inbox) -> None:
+        self._connection, self._inbox = connection, inbox
+        self.name = f"{id(connection)} "
+        self._taken: deque[bytes] = deque()
+
+    def __getattr__(self, name: str) -> Any:
+        """Everything else is the connection's."""
+        return getattr(self._connection, name)
+
+    async def recv(self) -> bytes:
+        """Next message; those of one file come without another one's between them."""
+        while not self._taken:
+            await asyncio.sleep(_PAUSE)
+            self._taken.extend(self._inbox.taken(await self._connection.recv(), self.name))
+        return self._taken.popleft()
+
+
 @contextmanager
-def guarded(gate: Gate) -> Iterator[None]:
+def guarded(gate: Gate) -> Iterator[Inbox]:
     """Let each server that is started meanwhile ask the gate before it answers.
 
-    viser has no place for that: what it starts its server with is replaced for this moment.
+    viser has no place for that: what it starts its server with is replaced for this moment. Its
+    messages pass the inbox.
 
     Raises
     ------
     UserError
         At the end, when no server was started in that way; it would be open.
     """
+    import viser
     import websockets.asyncio.server as kind
 
     usual: Any = kind.serve
-    used = []
+    used, inbox = [], Inbox()
+    silent = logging.getLogger(f"{__name__}.{gate.port}")  # a wrong request is no news
+    silent.propagate = False
+    silent.addHandler(logging.NullHandler())
 
-    def serve(*words: Any, process_request: Callable[..., Any], **options: Any) -> Any:
-        def checked(connection: Any, request: Any) -> Any:
+    def serve(met: Any, *words: Any, process_request: Callable[..., Any], **options: Any) -> Any:
+        def asked(connection: Any, request: Any) -> Any:
             why = gate.refusal(request.path, request.headers)
             if why:
                 return connection.respond(http.HTTPStatus.FORBIDDEN, f"{why}\n")
@@ -103,12 +323,23 @@ def guarded(gate: Gate) -> Iterator[None]:
                 answer.headers["Set-Cookie"] = kept
             return answer
 
+        async def read(connection: Any) -> None:
+            if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print it
+                await connection.close(1002, "this is the page of another version; load it again")
+                return
+            checked = _Checked(connection, inbox)
+            try:
+                await met(checked)
+            finally:
+                inbox.leave(checked.name)
+
         used.append(True)
-        return usual(*words, process_request=checked, **options)
+        options |= {"max_size": _LARGEST_MESSAGE, "logger": silent}
+        return usual(read, *words, process_request=asked, **options)
 
     kind.serve = serve  # type: ignore[assignment, misc]
     try:
-        yield
+        yield inbox
     finally:
         kind.serve = usual  # type: ignore[misc]
     if not used:

@@ -10,6 +10,7 @@ from ..errors import UserError
 from ..scene.controllers import CONTROLLERS
 from ..scene.scene import Scene
 from .board import Board, line_of_estimate, line_of_speed, line_of_truth
+from .gate import LARGEST_FILE
 from .picture import picture_of
 from .session import Session, Shown
 from .strips import row_of
@@ -19,8 +20,8 @@ from .wishes import OBJECTS, Wishes, scene_for, wishes_of
 if TYPE_CHECKING:
     import viser
 
-#: Kinds of files that may be dropped in as an object, and their largest size [bytes].
-MESHES, LARGEST_MESH = (".stl", ".obj", ".ply"), 20_000_000
+#: Kinds of files that may be dropped in as an object.
+MESHES = (".stl", ".obj", ".ply")
 _OF_THE_SCENE = "of the scene"
 #: Sliders: label, wish, lowest and highest value, step, hint; those of a dome only come second.
 _ALWAYS = (
@@ -185,7 +186,7 @@ class Page:
         Parameters
         ----------
         name: of the file
-        content: of it
+        content: of it; empty of a file that was too large to be taken
         """
         name = Path(name).name
         suffix = Path(name).suffix.lower()
@@ -193,9 +194,9 @@ class Page:
         try:
             if suffix not in MESHES:
                 raise UserError(f"{name}: an object is a file {', '.join(MESHES)}")
-            if len(content) > LARGEST_MESH:
-                most = LARGEST_MESH // 10**6
-                raise UserError(f"{name} has {len(content) / 1e6:.0f} MB; at most {most} are taken")
+            if not 0 < len(content) <= LARGEST_FILE:
+                most = LARGEST_FILE // 10**6
+                raise UserError(f"{name} is empty or too large; at most {most} MB are taken")
             path.write_bytes(content)
             session = self._session
             wishes = wishes_of(self._base) if session is None else session.wishes

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
@@ -16,7 +16,7 @@ from urllib.parse import quote
 from ..errors import UserError
 from ..extras import need
 from ..scene.scene import Scene
-from .gate import LOCAL, Gate, guarded
+from .gate import Gate, guarded
 from .page import Page
 from .record import Recorder
 from .session import Session
@@ -28,6 +28,22 @@ if TYPE_CHECKING:
 _LAST = 3.0
 
 
+def token_for(given: str | None = None) -> str:
+    """Token of a page: as given, or a new one.
+
+    Raises
+    ------
+    UserError
+        For one that is easily guessed, or cannot stand in a cookie.
+    """
+    token = secrets.token_urlsafe(24) if given is None else given
+    if len(token) < 16 or not all(c.isascii() and (c.isalnum() or c in "-_.") for c in token):
+        raise UserError(
+            "--token: expected 16 or more letters, digits, -, _ or .; leave it out to get one"
+        )
+    return token
+
+
 @dataclass(frozen=True, kw_only=True)
 class Address:
     """Where a page is, and for how long.
@@ -36,14 +52,14 @@ class Address:
     ----------
     host: by default only programs on this machine reach the page
     port: of the page
-    token: that every request must bring; "" makes one where the host is not this machine alone
+    token: that every request must bring, also one of another user of this machine
     seconds: end after this time [s]; None goes on
     ready: called with the page's address, once it is there
     """
 
-    host: str = LOCAL[0]
+    host: str = "127.0.0.1"
     port: int = 8090
-    token: str = ""
+    token: str = field(default_factory=token_for)
     seconds: float | None = None
     ready: Callable[[str], None] = print
 
@@ -83,11 +99,12 @@ def serving(address: Address) -> "Iterator[viser.ViserServer]":
     viser = need("viser", "live")
     check_port(address.host, address.port)
     before = set(threading.enumerate())
-    gate = Gate(token=address.token, port=address.port)
-    with redirect_stdout(io.StringIO()), guarded(gate):  # it prints a banner of its own
+    gate = Gate(token=token_for(address.token), port=address.port)
+    with redirect_stdout(io.StringIO()), guarded(gate) as inbox:  # it prints a banner
         server = viser.ViserServer(
             host=address.host, port=address.port, label="chromagrip", verbose=False
         )
+    inbox.server = server
     own = set(threading.enumerate()) - before
     try:
         yield server
@@ -103,8 +120,7 @@ def announce(address: Address, server: "viser.ViserServer") -> None:
     """Say where the page is, with its token."""
     shown = socket.gethostname() if address.host in ("0.0.0.0", "::") else address.host
     shown = f"[{shown}]" if ":" in shown else shown
-    tail = f"/?token={quote(address.token)}" if address.token else ""
-    address.ready(f"http://{shown}:{server.get_port()}{tail}")
+    address.ready(f"http://{shown}:{server.get_port()}/?token={quote(address.token)}")
 
 
 def ticks(seconds: float | None, every: float = 0.1) -> Iterator[None]:
@@ -113,23 +129,6 @@ def ticks(seconds: float | None, every: float = 0.1) -> Iterator[None]:
     while end is None or time.monotonic() < end:
         yield
         time.sleep(every)
-
-
-def token_for(host: str, token: str | None) -> str:
-    """Token of a page: as given, or a new one where other machines reach the page.
-
-    Raises
-    ------
-    UserError
-        For one that is easily guessed, or cannot stand in a cookie.
-    """
-    if token is None:
-        return "" if host in LOCAL else secrets.token_urlsafe(24)
-    if len(token) < 16 or not all(c.isascii() and (c.isalnum() or c in "-_.") for c in token):
-        raise UserError(
-            "--token: expected 16 or more letters, digits, -, _ or .; leave it out to get one"
-        )
-    return token
 
 
 def check_port(host: str, port: int) -> None:

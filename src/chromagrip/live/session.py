@@ -101,6 +101,9 @@ class Session(Background):
                 except UserError as error:
                     self.tell(str(error))
                     refused = wishes
+                except Exception as error:  # values that are allowed may be too much together
+                    self.tell(f"the grasp broke off ({type(error).__name__}: {error})")
+                    refused = wishes
                 else:
                     refused = None
 

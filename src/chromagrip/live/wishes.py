@@ -9,6 +9,7 @@ import msgspec
 from ..errors import UserError
 from ..scene.scene import Scene
 from ..scene.settings import LoadSettings
+from ..strict_toml import Kind, Values, convert
 
 #: Length of a live grasp [s].
 LONGEST = 3600.0
@@ -111,31 +112,32 @@ def scene_for(base: Scene, wishes: Wishes) -> Scene:
         raise UserError("the live page shows one finger; this scene is a pinch of two")
     dome = base.body == "dome"
     azimuth = math.radians(wishes.azimuth) if dome else 0.0
-    load = LoadSettings(
-        times_s=(0.0,),
-        forces_n=(wishes.load * math.cos(azimuth),),
-        sideways_n=(wishes.load * math.sin(azimuth) + _NEXT_TO_NOTHING,) if dome else (),
-        twists_nmm=(wishes.twist + _NEXT_TO_NOTHING,) if dome else (),
-    )
+    load: dict[str, Any] = {
+        "times_s": (0.0,),
+        "forces_n": (wishes.load * math.cos(azimuth),),
+        "sideways_n": (wishes.load * math.sin(azimuth) + _NEXT_TO_NOTHING,) if dome else (),
+        "twists_nmm": (wishes.twist + _NEXT_TO_NOTHING,) if dome else (),
+    }
     fixed: dict[str, Any] = {"friction_times_s": (), "frictions": (), "creeps": 0.0}
     if dome:
         turned = (base.object.turned_deg[0], wishes.tilt, base.object.turned_deg[2])
         fixed |= {**_shape_of(wishes.object), "turned_deg": turned}
-    obj = msgspec.structs.replace(
-        base.object, friction=wishes.friction, stiffness_kpa=wishes.stiffness, **fixed
-    )
-    camera = msgspec.structs.replace(
-        base.camera, noise_levels=wishes.noise, latency_frames=wishes.latency
-    )
+    fixed |= {"friction": wishes.friction, "stiffness_kpa": wishes.stiffness}
+    camera = {"noise_levels": wishes.noise, "latency_frames": wishes.latency}
     return msgspec.structs.replace(
         base,
         duration_s=LONGEST,
         controller=wishes.controller,
         sensor=wishes.sensor,
-        load=load,
-        object=obj,
-        camera=camera,
+        load=convert(load, LoadSettings, "load"),
+        object=_changed(base.object, fixed, "object"),
+        camera=_changed(base.camera, camera, "camera"),
     )
+
+
+def _changed(table: Kind, values: Values, name: str) -> Kind:
+    """Table with other values, which are checked like those of a file."""
+    return convert(msgspec.to_builtins(table) | values, type(table), name)
 
 
 def _shape_of(name: str) -> dict[str, Any]:

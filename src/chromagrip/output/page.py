@@ -5,11 +5,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment
 from markupsafe import Markup
 
 from .report import Table, machine
+
+#: What a page may load: what it holds itself.
+POLICY = (
+    "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; "
+    "media-src data: blob:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,9 +66,18 @@ def write_page(
     path: Path, title: str, introduction: Iterable[str | Markup], sections: Sequence[PageSection]
 ) -> None:
     """Write a page: title, paragraphs, a list of the sections, the sections, and the machine."""
-    template = (files(__package__) / "page.html").read_text(encoding="utf-8")
-    page = Environment(autoescape=True, trim_blocks=True).from_string(template)
-    text = page.render(
-        title=title, introduction=introduction, sections=sections, machine=machine_text()
+    text = filled(
+        "page.html",
+        title=title,
+        introduction=introduction,
+        sections=sections,
+        machine=machine_text(),
     )
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
+
+
+def filled(template: str, **values: Any) -> str:
+    """Text of a page of that template, with the policy of all pages; values are escaped."""
+    text = (files(__package__) / template).read_text(encoding="utf-8")
+    page = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(text)
+    return page.render(**values, policy=Markup(POLICY)) + "\n"

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jinja2 import Environment
 from numpy.typing import NDArray
 
 from .folder import whole_file
+from .page import filled
 
 Array = NDArray[np.float64]
 #: What a curve is: colour and dashes tell it.
@@ -126,25 +126,21 @@ class RunOnPage:
 
 def write_run_page(path: Path, runs: Sequence[RunOnPage], title: str) -> None:
     """Write a page of one run, or of several beside each other."""
-    template = (files(__package__) / "run_page.html").read_text(encoding="utf-8")
     script = (files(__package__) / "run_page.js").read_text(encoding="utf-8")
     data = json.dumps([run.data() for run in runs], allow_nan=False, separators=(",", ":"))
     names = list(dict.fromkeys(name for run in runs for name, _ in run.facts))
     tables = [dict(run.facts) for run in runs]
-    text = (
-        Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-        .from_string(template)
-        .render(
-            title=title,
-            runs=runs,
-            videos=[_encoded(run.video) for run in runs],
-            facts=[(name, [table.get(name, "–") for table in tables]) for name in names],
-            data=data.replace("<", "\\u003c"),  # no text in it ends the script
-            script=script,
-        )
+    text = filled(
+        "run_page.html",
+        title=title,
+        runs=runs,
+        videos=[_encoded(run.video) for run in runs],
+        facts=[(name, [table.get(name, "–") for table in tables]) for name in names],
+        data=data.replace("<", "\\u003c"),  # no text in it ends the script
+        script=script,
     )
     with whole_file(path) as part:
-        part.write_text(text + "\n", encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
 
 
 def _curve(curve: Curve, kept: NDArray[np.intp]) -> dict[str, Any]:
