@@ -23,6 +23,7 @@ GROUND = (
     "kept_arrays",
     "kernel_key",
     "links",
+    "strange_files",
     "strict_toml",
     "thesis",
     "user_cache",
