@@ -1,5 +1,6 @@
 """Folders and files of a command's output: never half-written, and never written over unasked."""
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -94,6 +95,28 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write bytes as a `whole_file`; errors as there."""
     with whole_file(path) as part:
         part.write_bytes(data)
+
+
+def synced(path: Path) -> None:
+    """Wait until the disk has what was written to a file, or the names in a folder.
+
+    Raises
+    ------
+    UserError
+        When the disk cannot keep it.
+    """
+    if os.name == "nt":  # Windows syncs what is open for writing alone
+        return
+    with disk_errors(path):
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        except OSError as error:
+            # Some file systems of other machines cannot sync a folder.
+            if error.errno != errno.EINVAL:
+                raise
+        finally:
+            os.close(handle)
 
 
 class GrowingFile:
