@@ -47,6 +47,10 @@ def _default(value: str) -> str:
 Quick = Annotated[Flag, option("a shorter run; the results are labelled as such")]
 Out = Annotated[Path | None, option("folder; by default a new one under runs/", "DIR")]
 Overwrite = Annotated[Flag, option("write over an earlier result in --out")]
+FollowLinks = Annotated[
+    Flag,
+    option("read links that lead out of the folder, as in caches of hubs", name="follow-links"),
+]
 SceneName = Annotated[
     str, option("shipped scene, see `chromagrip scenes`, or a .toml file", "NAME|FILE.toml")
 ]

@@ -26,7 +26,7 @@ from .recipe import Recipe, Values, drawn, pose_of, scene_of
 Image = NDArray[np.uint8]
 
 #: Draws of a sequence before it is given up, where the body cannot follow its scene.
-_ATTEMPTS = 50
+ATTEMPTS = 50
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ def sequence(recipe: Recipe, number: int) -> Sequence:
     UserError
         When the body cannot follow any of 50 draws.
     """
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(ATTEMPTS):
         values = drawn(recipe, number, attempt)
         scene = scene_of(recipe, number, values)
         try:
@@ -65,7 +65,7 @@ def sequence(recipe: Recipe, number: int) -> Sequence:
             reason = str(error)
             continue
         return Sequence(number=number, values=values, scene=scene, samples=samples)
-    raise UserError(f"sequence {number}: {_ATTEMPTS} draws could not be run: {reason}")
+    raise UserError(f"sequence {number}: {ATTEMPTS} draws could not be run: {reason}")
 
 
 def _samples(scene: Scene, values: Values) -> list[Sample]:

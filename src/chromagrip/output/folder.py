@@ -1,6 +1,7 @@
 """Folders and files of a command's output: never half-written, and never written over unasked."""
 
 import atexit
+import errno
 import os
 import platform
 import shutil
@@ -87,12 +88,16 @@ def part_of(path: Path) -> Path:
 
 
 def sync(path: Path) -> None:
-    """Have a file, or the names in a folder, on the disk: what follows may call it whole."""
-    if os.name == "nt":  # which opens no folder, and syncs no file that is only read
+    """Wait until the disk has a file, or the names in a folder: what follows may call it whole."""
+    if os.name == "nt":  # Windows syncs what is open for writing alone
         return
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
+    except OSError as error:
+        # Some file systems of other machines cannot sync a folder.
+        if error.errno != errno.EINVAL:
+            raise
     finally:
         os.close(handle)
 
@@ -140,6 +145,12 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write bytes as a `whole_file`; errors as there."""
     with whole_file(path) as part:
         part.write_bytes(data)
+
+
+def synced(path: Path) -> None:
+    """`sync` with errors of the disk in one sentence, as in `disk_errors`."""
+    with disk_errors(path):
+        sync(path)
 
 
 class GrowingFile:
