@@ -17,7 +17,7 @@ from typing import Any
 
 from ..errors import UserError
 from ..extras import install_command, need
-from ..output.folder import prepared, whole_folder
+from ..output.folder import filling, part_of, prepared, whole_folder
 from ..strange_files import refuse_links
 from ..user_cache import user_cache
 from .folder import (
@@ -73,16 +73,17 @@ def fetched(place: Place, follow_links: bool = False) -> Path:
         if not follow_links and Path(root).is_dir() and "file" in fs.protocol:
             refuse_links(Path(root))
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / SPLIT).unlink(missing_ok=True)
-        for name in (MANIFEST, RECIPE, SPLIT):
-            if fs.exists(f"{root}/{name}"):
-                _get(fs, f"{root}/{name}", folder / name)
-        manifest = read_manifest(folder)
-        for name, digest in manifest["files"].items():
-            if not (folder / name).is_file() or file_digest(folder / name) != digest:
-                _get(fs, f"{root}/{name}", folder / name)
-        for name, digest in manifest["sequences"].items():
-            _fetch_sequence(fs, root, folder, name, digest)
+        with filling(folder, wait=True):  # others may read the same address
+            (folder / SPLIT).unlink(missing_ok=True)
+            for name in (MANIFEST, RECIPE, SPLIT):
+                if fs.exists(f"{root}/{name}"):
+                    _get(fs, f"{root}/{name}", folder / name)
+            manifest = read_manifest(folder)
+            for name, digest in manifest["files"].items():
+                if not (folder / name).is_file() or file_digest(folder / name) != digest:
+                    _get(fs, f"{root}/{name}", folder / name)
+            for name, digest in manifest["sequences"].items():
+                _fetch_sequence(fs, root, folder, name, digest)
     return folder
 
 
@@ -225,7 +226,7 @@ def _opened(address: str) -> tuple[Any, str]:
 def _get(fs: Any, path: str, target: Path) -> None:
     """Copy a file, which gets its name when it is complete."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    part = target.with_name(f".part-{target.name}")
+    part = part_of(target)
     fs.get_file(path, str(part))
     part.replace(target)
 

@@ -225,12 +225,17 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def filling(folder: Path) -> Iterator[None]:
+def filling(folder: Path, *, wait: bool = False) -> Iterator[None]:
     """Hold a folder that two runs must not fill at once.
 
     The kernel holds the lock, and gives it up with the process, however that ends. The file only
     tells others who it is. Where a system or a disk has no locks (Windows, some network disks),
     nothing is held.
+
+    Parameters
+    ----------
+    folder: that is filled
+    wait: until it is free, instead of refusing one that another run holds
 
     Raises
     ------
@@ -238,7 +243,7 @@ def filling(folder: Path) -> Iterator[None]:
         When another run holds it, or it cannot be written.
     """
     try:
-        handle = _locked(folder)
+        handle = _locked(folder, wait)
     except OSError as error:
         raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
     try:
@@ -249,7 +254,7 @@ def filling(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _locked(folder: Path) -> int:
+def _locked(folder: Path, wait: bool) -> int:
     """Open file that holds the lock of a folder."""
     path = folder / LOCK
     while True:
@@ -257,7 +262,7 @@ def _locked(folder: Path) -> int:
         try:
             import fcntl
 
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError:
             who = os.read(handle, 200).decode(errors="replace").strip() or "another run"
             os.close(handle)
