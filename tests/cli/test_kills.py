@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from chromagrip.dataset import check
+from chromagrip.dataset.check import check
 from chromagrip.dataset.folder import MANIFEST
 from chromagrip.errors import UserError
-from chromagrip.loop.shown.report import read_run
+from chromagrip.loop.shown.run_folder import read_run
 
 pytestmark = [
     pytest.mark.slow,

@@ -1,92 +1,377 @@
-"""A disk that fills: one sentence, and no file of a run under its final name."""
+"""Damaged run folders: each is refused in one sentence, or shown; nothing else."""
 
-import errno
-import os
-import re
+import json
+import math
+import random
 import shutil
-import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from subprocess import CompletedProcess
 from typing import Any
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
-from chromagrip import UserError, load_scene, run
-from chromagrip.loop.run_files import FILES, RunFiles
+from chromagrip import UserError
+from chromagrip.live.replay import _video, not_repeated
+from chromagrip.live.strips import rows_of
+from chromagrip.loop.shown.log import log_of
+from chromagrip.loop.shown.run_folder import MOST_ROWS, NEEDED, VIDEO, read_run
+from chromagrip.output.cells import read_cells
+from chromagrip.output.folder import part_of
+from chromagrip.output.frames import FrameFiles
+from chromagrip.output.video import VideoFile
+from chromagrip.render import Frame
+from chromagrip.rig.report import write_logs_again, write_reports
 
-Typed = Callable[..., CompletedProcess[str]]
-QUICK = {"path": "truth", "duration_s": 0.1, "controller": "conservative"}
+WRITTEN = Path(__file__).parents[2] / "fixtures/written-before"
+RUNS = ("chain", "dome", "pinch", "live")
+#: What a summary's keys are replaced by; a damage that keeps the type is no damage.
+VALUES: tuple[Any, ...] = (
+    None, True, -1, 0, 3, 1e308, 10**30, "x", "", "<script>", [], [1.0], {}, {"a": None}, -0.5,
+)  # fmt: skip
+#: Types that a column is stored with.
+KINDS: tuple[Callable[[np.ndarray[Any, Any]], pa.Array], ...] = (
+    lambda v: pa.array([str(x) for x in v]),
+    lambda v: pa.array([str(x).encode() for x in v]),
+    lambda v: pa.array([[x] * k for k, x in enumerate(v)]),
+    lambda v: pa.array([{"a": x} for x in v]),
+    lambda v: pa.nulls(len(v)),
+    lambda v: pa.nulls(len(v), pa.float64()),
+    lambda v: pa.array(v > 0),
+    lambda v: pa.array([None, *v[1:]], pa.float64()),
+    lambda v: pa.array(np.nan_to_num(v).astype("int32")),
+    lambda v: pa.array(np.nan_to_num(v).astype("timedelta64[s]")),
+    lambda v: pa.array([str(x) for x in v]).dictionary_encode(),
+    lambda v: pa.array(np.full(len(v), np.inf)),
+    lambda v: pa.array(np.full(len(v), 1e308)),
+    lambda v: pa.array(-v),
+    lambda v: pa.array(v[::-1]),
+    lambda v: pa.array(v.astype("float32")),
+)
 
 
-def test_a_run_leaves_its_files_and_nothing_else(tmp_path: Path) -> None:
-    run(load_scene("camera-100hz", QUICK), tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == set(FILES)
-    with pytest.raises(UserError, match="is not empty"):
-        run(load_scene("camera-100hz", QUICK), tmp_path)
-    run(load_scene("camera-100hz", QUICK), tmp_path, overwrite=True)
-    assert {path.name for path in tmp_path.iterdir()} == set(FILES)
+def flip(path: Path, draw: random.Random) -> None:
+    data = bytearray(path.read_bytes())
+    for _ in range(draw.choice((1, 1, 3, 30))):
+        data[draw.randrange(len(data))] = draw.randrange(256)
+    path.write_bytes(data)
 
 
-def test_a_run_that_ends_before_its_first_frame_leaves_no_folder(tmp_path: Path) -> None:
-    scene = load_scene("camera-100hz", QUICK)
-    with RunFiles(tmp_path / "new", False, scene):
-        assert (tmp_path / "new" / "scene.toml").is_file()
-    assert not (tmp_path / "new").exists()
-    kept = tmp_path / "mine.txt"
-    kept.write_text("mine")
-    with RunFiles(tmp_path, True, scene):
-        pass
-    assert kept.read_text() == "mine"
+def cut(path: Path, draw: random.Random) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: draw.randrange(len(data))])
+
+
+def empty(path: Path, draw: random.Random) -> None:
+    path.write_bytes(b"")
+
+
+def longer(path: Path, draw: random.Random) -> None:
+    path.write_bytes(path.read_bytes() + draw.randbytes(100))
+
+
+def garbage(path: Path, draw: random.Random) -> None:
+    path.write_bytes(
+        draw.choice((draw.randbytes(500), b"[" * 100_000, b'{"a":' * 9000, b"\0" * 99))
+    )
+
+
+def folder_instead(path: Path, draw: random.Random) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def missing(path: Path, draw: random.Random) -> None:
+    path.unlink()
+
+
+def linked(path: Path, draw: random.Random) -> None:
+    path.unlink()
+    path.symlink_to(draw.choice((path.name, "/dev/zero", "/etc/passwd", "nowhere", ".")))
+
+
+def key(folder: Path, draw: random.Random) -> None:
+    path = folder / "summary.json"
+    values = json.loads(path.read_text(encoding="utf-8"))
+    name = draw.choice(list(values))
+    if draw.random() < 0.3:
+        del values[name]
+    else:
+        values[name] = draw.choice(VALUES)
+    text = json.dumps(values)
+    if draw.random() < 0.1:
+        text = text.replace(
+            ": null", draw.choice((": NaN", ": Infinity", ": 1e999", ': "\\ud800"'))
+        )
+    path.write_text(text, encoding="utf-8")
+
+
+def line(folder: Path, draw: random.Random) -> None:
+    path = folder / "scene.toml"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    at = draw.randrange(2, len(lines))
+    word = draw.choice(("", "true", "nan", "-1", "1e308", '"x"', "[]", "{}", "[[1]]", "1979-05-27"))
+    lines[at] = f"{lines[at].partition('=')[0]} = {word}" if word else draw.choice(lines)
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def column(folder: Path, draw: random.Random) -> None:
+    path = folder / "trace.parquet"
+    table = pq.read_table(path)
+    at = draw.choice((0, draw.randrange(table.num_columns)))
+    name = table.column_names[at]
+    what = draw.randrange(5)
+    if what == 0:
+        table = table.remove_column(at)
+    elif what == 1:
+        table = table.append_column(name, table[name])
+    elif what == 2:
+        table = table.slice(0, draw.choice((0, 1, 3)))
+    else:
+        values = table[name].to_numpy().copy()
+        values[draw.randrange(len(values))] *= draw.choice((1.0, math.nan, 1e15, -1.0))
+        table = table.set_column(at, name, draw.choice(KINDS)(values))
+    pq.write_table(table, path)
+
+
+FILES = (flip, flip, cut, empty, longer, garbage, folder_instead, missing, linked)
+PARTS = (key, key, line, column, column)
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of an earlier run."""
-    folder = tmp_path_factory.mktemp("whole")
-    run(load_scene("camera-100hz", QUICK), folder)
-    return folder
+    """Run folders with a video and pictures; no run of today is needed for them."""
+    place = tmp_path_factory.mktemp("whole")
+    for name in RUNS:
+        shutil.copytree(WRITTEN / name, place / name)
+        with VideoFile(place / name / VIDEO, 25) as video:
+            for k in range(4):
+                video.append(np.full((64, 800, 3), 40 * k, np.uint8))
+        for finger in ("first", "second") if name == "pinch" else ("",):
+            (place / name / "frames").mkdir(exist_ok=True)
+            inner = place / name / "frames" / (finger or "x")
+            files = FrameFiles(inner, "png", 60.0)
+            for k in range(2):
+                files.add(k, Frame(image=np.zeros((8, 8, 3), np.uint8), time=k / 60))
+            files.close()
+            if not finger:
+                for file in inner.iterdir():
+                    file.rename(inner.parent / file.name)
+                inner.rmdir()
+    return place
 
 
-FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+def opened(folder: Path) -> None:
+    """Everything that reads a run folder; errors but the refusal pass."""
+    write_reports([folder])
+    run = read_run(folder)
+    if run.scene.fingers == 1:
+        assert rows_of(run.columns)
+        if not_repeated(run):
+            list(_video(run))
+    log = log_of(run)
+    for pictures in log.pictures:
+        for _ in pictures.read():
+            pass
+
+
+def damages(whole: Path, seed: int, count: int, place: Path) -> Iterator[tuple[str, Path]]:
+    for index in range(count):
+        draw = random.Random(f"{seed} {index}")
+        name = draw.choice(RUNS)
+        copy = place / f"{index}"
+        shutil.copytree(whole / name, copy)
+        if draw.random() < 0.5:
+            damage = draw.choice(PARTS)
+            damage(copy, draw)
+            yield f"{seed} {index}: {name}, {damage.__name__}", copy
+        else:
+            files = [path for path in sorted(copy.rglob("*")) if path.is_file()]
+            known = [copy / file for file in (*NEEDED, VIDEO)]
+            path = draw.choice(files if draw.random() < 0.3 else known)
+            harm = draw.choice(FILES)
+            harm(path, draw)
+            yield f"{seed} {index}: {name}, {harm.__name__} {path.name}", copy
+        shutil.rmtree(copy)
+
+
+def check_damages(whole: Path, seed: int, count: int, place: Path) -> int:
+    """Refusals; anything else that is raised fails."""
+    refused = 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for what, folder in damages(whole, seed, count, place):
+            try:
+                opened(folder)
+            except UserError as error:
+                refused += 1
+                text = str(error)
+                assert "\n" not in text.strip(), f"{what}: {text}"
+                assert len(text) < 1000, f"{what}: {text}"
+                assert str(place) in text, f"{what}: {text}"  # the file
+            except Exception as error:
+                raise AssertionError(what) from error
+    return refused
+
+
+def told(folder: Path, **limits: Any) -> str:
+    """Sentence that a folder is refused with, alike by all that read it."""
+    with pytest.raises(UserError) as caught:
+        read_run(folder, **limits)
+    sentence = str(caught.value)
+    for write in (write_reports, lambda of, **more: write_logs_again(of, ["mcap"], **more)):
+        with pytest.raises(UserError) as again:
+            write([folder], **limits)
+        assert str(again.value) == sentence
+    assert not (folder / "report.html").exists()
+    assert not (folder / "run.mcap").exists()
+    return sentence
+
+
+@pytest.fixture
+def copy(whole: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(whole / "chain", tmp_path / "chain")
+
+
+def test_runs_that_are_whole_are_shown(whole: Path) -> None:
+    for name in RUNS:
+        opened(whole / name)
+        (whole / name / "report.html").unlink()
+
+
+def test_damages_are_refused_or_shown(
+    whole: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert check_damages(whole, 1, 80, tmp_path) > 40
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_many_damages_are_refused_or_shown(whole: Path, tmp_path: Path, seed: int) -> None:
+    assert check_damages(whole, seed, 500, tmp_path) > 250
+
+
+@pytest.mark.parametrize("name", [*NEEDED, VIDEO, "frames/frames.csv", "frames/frame-000000.png"])
+def test_a_link_that_leaves_is_read_only_where_that_is_asked_for(copy: Path, name: str) -> None:
+    secret = copy.parent / "secret"
+    (copy / name).rename(secret)
+    (copy / name).symlink_to(secret)
+    if name.startswith("frames"):
+        with pytest.raises(UserError) as caught:
+            write_logs_again([copy], ["mcap"])
+        sentence = str(caught.value)
+        assert not (copy / "run.mcap").exists()
+    else:
+        sentence = told(copy)
+    assert sentence.startswith(
+        f"{copy / name} is a link that leads out of its folder; give --follow"
+    )
+    write_reports([copy], follow_links=True)
+    write_logs_again([copy], ["mcap"], follow_links=True)
+    assert (copy / "report.html").is_file()
+
+
+def test_frames_have_names_inside_their_folder(copy: Path) -> None:
+    for name in ("../../secret", "/etc/passwd", "..", "../frames.csv"):
+        (copy / "frames/frames.csv").write_text(f"frame,time_s,file\n0,0.0,{name}\n")
+        with pytest.raises(UserError, match="expected a name inside the folder"):
+            write_logs_again([copy], ["mcap"])
+
+
+@pytest.mark.parametrize("name", ["report.html", "run.mcap"])
+def test_nothing_is_written_through_a_link(copy: Path, name: str) -> None:
+    """Neither the file nor the one that is written until it is whole."""
+    for link in (name, part_of(copy / name).name):
+        outside = copy.parent / "outside"
+        outside.write_text("kept")
+        (copy / link).symlink_to(outside)
+        write_reports([copy])
+        write_logs_again([copy], ["mcap"])
+        assert outside.read_text() == "kept"
+        assert not (copy / name).is_symlink()
+
+
+def test_a_long_trace_is_refused_before_it_is_read(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert told(copy, most_rows=6) == (
+        f"{copy}/trace.parquet has 7 rows; a run has 1 to 6; for more give --most-rows N"
+    )
+    assert MOST_ROWS <= 10**8
+    rows = MOST_ROWS + 1
+    pq.write_table(pa.table({"time_s": pa.array(np.zeros(rows, "int8"))}), copy / "trace.parquet")
+    monkeypatch.setattr(pq.ParquetFile, "read", None)
+    assert f"has {rows} rows" in told(copy)
 
 
 @pytest.mark.parametrize(
-    "target",
+    ("name", "content", "sentence"),
     [
-        "chromagrip.loop.shown.figure.draw_figure",
-        "chromagrip.loop.shown.tactile_video.TactileVideo.show",
-        "chromagrip.loop.shown.tactile_video.TactileVideo._finish",
-        "pyarrow.parquet.write_table",
-        "pathlib.Path.write_text",
+        ("summary.json", b"{", "cannot be read: summary.json: Input data was truncated"),
+        ("summary.json", b"[]", "Expected `object`, got `array`"),
+        ("summary.json", b"{}", "Object missing required field `controller`"),
+        ("trace.parquet", b"", "cannot be read as a trace: "),
+        ("tactile.mp4", b"", "is empty"),
+        ("tactile.mp4", b"root:x:0:0", "cannot be read as a video"),
+        ("scene.toml", b"a = ", "is not valid TOML"),
     ],
 )
-def test_a_full_disk_leaves_no_results(
-    target: str, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_damage_is_told(copy: Path, name: str, content: bytes, sentence: str) -> None:
+    (copy / name).write_bytes(content)
+    said = told(copy)
+    assert sentence in said
+    assert str(copy) in said
+    assert name in said
+
+
+def test_the_command_line_refuses_with_one_line(
+    copy: Path, typed: Callable[..., Any], tmp_path: Path
 ) -> None:
-    def full(*_: Any, **__: Any) -> None:
-        raise FULL
+    (copy / "trace.parquet").write_bytes(b"")
+    for words in (("report", copy), ("report", copy, "--log", "mcap"), ("live", "--run", copy)):
+        done = typed(*words)
+        assert done.returncode == 2
+        assert done.stderr.startswith(f"chromagrip: {copy}/trace.parquet cannot be read as a trace")
+        assert done.stderr.count("\n") == 1
+    shutil.copyfile(WRITTEN / "chain/trace.parquet", tmp_path / "elsewhere")
+    (copy / "trace.parquet").unlink()
+    (copy / "trace.parquet").symlink_to(tmp_path / "elsewhere")
+    for words in (("report", copy), ("live", "--run", copy)):
+        assert "--follow-links" in typed(*words).stderr
+    assert typed("report", copy, "--follow-links").returncode == 0
+    assert "--most-rows" in typed("report", copy, "--follow-links", "--most-rows", "3").stderr
 
-    out = tmp_path / "run"
-    shutil.copytree(whole, out)
-    monkeypatch.setattr(target, full)
-    words = f"^(folder )?{out}.* cannot be written: No space left on device$"
-    with pytest.raises(UserError, match=words):
-        run(load_scene("camera-100hz", QUICK), out, overwrite=True)
-    assert not out.exists()
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    name: str
+    value: float
+    count: int = 0
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no limit of file sizes")
-@pytest.mark.usefixtures("whole")  # kernels are compiled and cached
-@pytest.mark.parametrize("limit", [65536, 4096])
-def test_files_that_cannot_grow_are_one_sentence(
-    limit: int, tmp_path: Path, typed: Typed, small_files: Callable[[int], None]
-) -> None:
-    """Video, figure and table are written by three libraries; each of them must say so."""
-    small_files(limit)
-    line = ["grasp", "--path", "truth", "--set", "duration_s=0.5", "--out"]
-    done = typed(*line, f"run-{limit}")
-    assert (done.returncode, done.stdout) == (2, "")
-    words = f"chromagrip: .*run-{limit}.* cannot be written: File too large"
-    assert re.fullmatch(words, done.stderr.strip()), done.stderr
-    assert not (tmp_path / f"run-{limit}").exists()
+@pytest.mark.parametrize(
+    "text",
+    [
+        "name,value,count\na,1.0,2\nb,x,2\n", "name,value,count\na,1.0,2\nb,1.0\n",
+        "name,value,count\na,1.0,2\nb,1.0,2,3\n", "name,count\na,1\n",
+        "name,value,more\na,1.0,2\n", "\0", "name,value,count\na,1.0,\0\n",
+        'name,value,count\n"a,1.0,2\n', "name,value,count\na,1.0,1.5\n",
+    ],
+)  # fmt: skip
+def test_results_of_interrupted_work_are_read_strictly(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "cells.csv"
+    path.write_text(text)
+    with pytest.raises(UserError, match="is no result of this work"):
+        list(read_cells(path, Result))
+    path.write_bytes(b"\xff\xfe" + text.encode())
+    with pytest.raises(UserError, match="is no result of this work"):
+        list(read_cells(path, Result))
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(UserError, match="cannot be read"):
+        list(read_cells(path, Result))

@@ -9,7 +9,7 @@ import pytest
 
 from chromagrip import load_scene
 from chromagrip.loop.run import run
-from chromagrip.loop.shown.report import read_run
+from chromagrip.loop.shown.run_folder import read_run
 
 Browsing = Callable[[int], Any]
 pytestmark = pytest.mark.slow

@@ -17,6 +17,7 @@ from .options import (
     Allow,
     Changes,
     Flag,
+    FollowLinks,
     Overwrite,
     SceneName,
     check_least,
@@ -27,6 +28,7 @@ from .options import (
 from .readouts import prepare, prepare_scene
 from .summary import print_summary
 
+MostRows = Annotated[int | None, option("largest trace that is read; by default 2000000 rows", "N")]
 Logs = Annotated[
     tuple[LogFormat, ...] | None,
     option(
@@ -239,6 +241,8 @@ def report(
         option("file of the page; of one run by default report.html in its folder", "FILE"),
     ] = None,
     log: Logs = None,
+    follow_links: FollowLinks = False,
+    most_rows: MostRows = None,
 ) -> int:
     """Write the page of a finished run anew, or of several runs side by side.
 
@@ -251,7 +255,8 @@ def report(
     if out is None and len(folders) > 1:
         out = new_folder("report") / "report.html"
     logs = _asked(log)
-    for path in (write_reports(folders, out), *write_logs_again(folders, logs)):
+    limits = (follow_links, most_rows)
+    for path in (write_reports(folders, out, *limits), *write_logs_again(folders, logs, *limits)):
         print(path)
     return 0
 
@@ -294,6 +299,8 @@ def live(
         str | None, option("that the page's address must hold; by default a new one", "TEXT")
     ] = None,
     seconds: Annotated[float | None, option("end after this time", "S")] = None,
+    follow_links: FollowLinks = False,
+    most_rows: MostRows = None,
 ) -> int:
     """Serve a page on which a grasp goes on while its sliders are moved, or a run or camera shows.
 
@@ -327,8 +334,9 @@ def live(
     place = Address(host=host, port=port, token=token_for(token), seconds=seconds, ready=ready)
     if run is not None:
         from ..live.run_page import serve_run
+        from ..loop.shown.run_folder import read_run
 
-        serve_run(run, place, allow=allow)
+        serve_run(read_run(run, follow_links, most_rows, allow=allow), place)
     elif source is not None:
         from ..live.watch import Looking, serve_source
 

@@ -18,7 +18,7 @@ from ..loop.columns import values_of
 from ..loop.grasp import gripped
 from ..loop.rig import Rig
 from ..loop.sample import Sample
-from ..loop.shown.report import RunRead
+from ..loop.shown.run_folder import RunRead
 from ..loop.shown.tactile_video import SLOWDOWN
 from ..output.pictures import open_source
 from ..output.processes import one_thread

@@ -4,12 +4,10 @@ import bisect
 import math
 import threading
 import time
-from collections.abc import Collection
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UserError
-from ..loop.shown.report import read_run
+from ..loop.shown.run_folder import RunRead
 from .board import Board
 from .picture import blank_picture, unpacked
 from .replay import Replay, not_repeated
@@ -21,24 +19,22 @@ if TYPE_CHECKING:
     import viser
 
 
-def serve_run(folder: Path, address: Address, *, allow: Collection[str] = ()) -> None:
+def serve_run(run: RunRead, address: Address) -> None:
     """Serve the page of a finished run until Ctrl-C.
 
     Parameters
     ----------
-    folder: of the run
+    run: that was read
     address: of the page
-    allow: modules that its scene may name, see `load_scene`
 
     Raises
     ------
     UserError
-        When the address cannot be used, or the folder holds no run that can be shown.
+        When the address cannot be used, or the run cannot be shown.
     """
-    run = read_run(folder, allow=allow)
     if run.summary["mechanics"] == "pinch":
         raise UserError(
-            f"the live page shows one finger; {folder} is a pinch of two: see its report.html"
+            f"the live page shows one finger; {run.folder} is a pinch of two: see its report.html"
         )
     with serving(address) as server:
         view = GraspView(server)

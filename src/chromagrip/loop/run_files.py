@@ -212,7 +212,8 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary, drawn: bool) -> None:
     from .shown.figure import draw_figure
-    from .shown.report import RunRead, write_report
+    from .shown.report import write_report
+    from .shown.run_folder import RunRead
 
     _write_trace(scene, trace, folder / "trace.parquet")
     if drawn:
@@ -229,7 +230,7 @@ def _write_run_logs(
     """Write the logs of a run into its folder, which has all other files."""
     if formats:
         from .shown.log import log_of
-        from .shown.report import RunRead
+        from .shown.run_folder import RunRead
 
         read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
         write_logs(log_of(read), folder, formats)

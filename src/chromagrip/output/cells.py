@@ -34,15 +34,21 @@ def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:
         return
     # Types of the fields are the converters: str, int and float.
     kinds: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
-    number = 0
+    lines = 1
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            for line in csv.DictReader(file):
-                number += 1
-                yield kind(**{name: convert(line[name]) for name, convert in kinds.items()})
-    except (OSError, ValueError, TypeError, KeyError, csv.Error):
+            reader = csv.DictReader(file, strict=True)
+            if reader.fieldnames is not None and set(reader.fieldnames) - set(kinds):
+                raise ValueError
+            for line in reader:
+                lines = reader.line_num
+                yield kind(**{name: kinds[name](text) for name, text in line.items()})
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError, csv.Error):
         raise UserError(
-            f"{path} is damaged after {number} runs; remove the file, and they are run again"
+            f"{path}, line {lines}, is no result of this work (columns {', '.join(kinds)}); remove "
+            "the line or the file, and it is made again"
         ) from None
 
 

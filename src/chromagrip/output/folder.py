@@ -133,6 +133,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     """
     part = part_of(path)
     with disk_errors(path):
+        part.unlink(missing_ok=True)  # in a stranger's folder it may be a link to elsewhere
         try:
             yield part
             sync(part)
@@ -162,6 +163,8 @@ class GrowingFile:
 
     def __init__(self, path: Path) -> None:
         self._path, self._part = path, part_of(path)
+        with suppress(OSError):
+            self._part.unlink()
 
     def __enter__(self) -> Self:
         """Use as a context."""

@@ -27,7 +27,7 @@ DEFAULT_FPS = 30.0
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _LOSSY = (".jpg", ".jpeg")
 _KINDS = "a picture, a folder of pictures, a video file, pipe:FILE or camera:0"
-_PNG_BEGIN, _PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
+PNG_BEGIN, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +122,7 @@ def read_picture(path: Path) -> Image:
         raise UserError(f"picture {path} is empty (0 bytes)")
     image = None
     # libpng writes its own messages to the terminal.
-    if not data.startswith(_PNG_BEGIN) or _PNG_END in data:
+    if not data.startswith(PNG_BEGIN) or PNG_END in data:
         with _silent():
             try:
                 # Unchanged: as it was stored, not rotated by the file's metadata.
@@ -276,6 +276,8 @@ def _open_video(path: Path) -> "Iterator[av.container.InputContainer]":
         # FFmpeg reads any text as a recording of a terminal.
         if not container.streams.video or container.format.name == "tty":
             raise UserError(f"{path} has no video in it; give {_KINDS}")
+        if container.streams.video[0].codec_context is None:
+            raise UserError(f"{path} holds a video of an unknown kind; give {_KINDS}")
         yield container
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from ..errors import UserError
 from ..loop.shown.log import log_of
-from ..loop.shown.report import REPORT, read_run, run_on_page
+from ..loop.shown.report import REPORT, run_on_page
+from ..loop.shown.run_folder import read_run
 from ..output.folder import disk_errors
 from ..output.logs.write import LogFormat, require_logs, write_logs
 from ..output.run_page import write_run_page
@@ -15,13 +16,19 @@ from ..output.run_page import write_run_page
 MOST_RUNS = 6
 
 
-def write_reports(folders: Sequence[Path], out: Path | None = None) -> Path:
+def write_reports(
+    folders: Sequence[Path],
+    out: Path | None = None,
+    follow_links: bool = False,
+    most_rows: int | None = None,
+) -> Path:
     """Write the report of a run, or of several beside each other; its file.
 
     Parameters
     ----------
     folders: run folders
     out: file of the page; None is report.html in the only folder
+    follow_links, most_rows: as in `read_run`
 
     Raises
     ------
@@ -34,7 +41,8 @@ def write_reports(folders: Sequence[Path], out: Path | None = None) -> Path:
         raise UserError("a report of several runs needs a file of its own: give --out FILE.html")
     path = folders[0] / REPORT if out is None else out
     named = zip(folders, _names(folders), strict=True)
-    runs = [run_on_page(read_run(folder), name) for folder, name in named]
+    read = ((read_run(folder, follow_links, most_rows), name) for folder, name in named)
+    runs = [run_on_page(run, name) for run, name in read]
     title = runs[0].name if len(runs) == 1 else f"{len(runs)} runs side by side"
     with disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,13 +50,19 @@ def write_reports(folders: Sequence[Path], out: Path | None = None) -> Path:
     return path
 
 
-def write_logs_again(folders: Sequence[Path], formats: Sequence[LogFormat]) -> list[Path]:
+def write_logs_again(
+    folders: Sequence[Path],
+    formats: Sequence[LogFormat],
+    follow_links: bool = False,
+    most_rows: int | None = None,
+) -> list[Path]:
     """Write the logs of finished runs into their folders; the files.
 
     Parameters
     ----------
     folders: run folders
     formats: of the logs
+    follow_links, most_rows: as in `read_run`
 
     Raises
     ------
@@ -58,7 +72,7 @@ def write_logs_again(folders: Sequence[Path], formats: Sequence[LogFormat]) -> l
     require_logs(formats)
     paths: list[Path] = []
     for folder in folders if formats else ():
-        run = read_run(folder)
+        run = read_run(folder, follow_links, most_rows)
         paths += write_logs(log_of(run), folder, formats)
     return paths
 

@@ -22,7 +22,7 @@ from ...output.logs.entries import (
 from ..column import OUTCOMES, Column
 from ..columns import FINGERS, columns_of, interval_of, mechanics, prefixes
 from .log_pictures import Part, raw_pictures, video_pictures
-from .report import RunRead
+from .run_folder import RunRead
 from .tactile_video import HEAD
 
 Columns = Mapping[str, Array]
@@ -41,7 +41,7 @@ def log_of(run: RunRead) -> Log:
         conditions.append(_outcome(of))
     return Log(
         name=os.path.basename(os.path.realpath(run.folder)),
-        scene=(run.folder / "scene.toml").read_text(encoding="utf-8"),
+        scene=run.file("scene.toml").read_text(encoding="utf-8"),
         facts={k: str(v) for k, v in run.summary.items() if isinstance(v, str | int | float)},
         signals=signals,
         wrenches=wrenches,
@@ -195,7 +195,7 @@ def _condition(
 
 def _pictures(run: RunRead) -> Iterator[Pictures]:
     """The camera's pictures, and beside them the contact as the video shows it."""
-    raw = raw_pictures(run.folder / FRAMES, "/camera")
+    raw = raw_pictures(run, FRAMES, "/camera")
     yield from raw
     if run.video is None:
         return
@@ -211,7 +211,7 @@ def _pictures(run: RunRead) -> Iterator[Pictures]:
 def _pictures_of_two(run: RunRead) -> Iterator[Pictures]:
     """Both cameras' raw pictures where they were kept, and the video."""
     for finger in FINGERS:
-        yield from raw_pictures(run.folder / FRAMES / finger, f"/{finger}/camera")
+        yield from raw_pictures(run, f"{FRAMES}/{finger}", f"/{finger}/camera")
     if run.video is not None:
         came = np.all([_came(run, before) for before in prefixes(run.scene)], axis=0)
         meaning = "both cameras' pictures with the tractions, and the object between the fingers"

@@ -1,6 +1,7 @@
 """Pictures of a run folder for its log: raw ones where they were kept, and those of the video."""
 
 import csv
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 
 from ...errors import UserError
 from ...output.logs.entries import Array, Pictures
-from ...output.pictures import open_source
+from ...output.pictures import PNG_BEGIN, PNG_END, open_source
 from ...output.png import encode_png
+from .run_folder import RunRead
 from .tactile_video import FPS, SLOWDOWN
 
 Image = NDArray[np.uint8]
@@ -39,27 +41,55 @@ class Part:
     right: int | None = None
 
 
-def raw_pictures(folder: Path, topic: str) -> list[Pictures]:
-    """Pictures of a folder that `--frames` filled, without loss; none where it was not used."""
-    if not (folder / "frames.csv").is_file():
+def raw_pictures(run: RunRead, folder: str, topic: str) -> list[Pictures]:
+    """Pictures of a folder that `--frames` filled, without loss; none where it was not used.
+
+    Parameters
+    ----------
+    run: that was read
+    folder: name of it in the run folder
+    topic: in the log
+    """
+    listed, video = run.file(f"{folder}/frames.csv"), run.file(f"{folder}/frames.mkv")
+    if not listed.is_file():
         return []
 
     def read() -> Iterator[tuple[float, bytes]]:
-        with (folder / "frames.csv").open(encoding="utf-8", newline="") as file:
-            rows = [(float(row["time_s"]), row["file"]) for row in csv.DictReader(file)]
-        if (folder / "frames.mkv").is_file():
-            frames = open_source(str(folder / "frames.mkv")).frames()
-            for (time, _), frame in zip(rows, frames, strict=True):
+        rows = _listed(listed)
+        if video.is_file():
+            count = 0
+            for (time, _), frame in zip(rows, open_source(str(video)).frames(), strict=False):
                 yield time, encode_png(frame.image)
+                count += 1
+            if count < len(rows):
+                raise UserError(f"{video} has {count} pictures, and frames.csv {len(rows)}")
             return
         for time, name in rows:
+            picture = run.file(f"{folder}/{name}")
             try:
-                yield time, (folder / name).read_bytes()
+                data = picture.read_bytes()
             except OSError as error:
-                raise UserError(f"{folder / name} cannot be read: {error.strerror}") from None
+                raise UserError(f"{picture} cannot be read: {error.strerror}") from None
+            if not (data.startswith(PNG_BEGIN) and data.endswith(PNG_END)):
+                raise UserError(f"{picture} is no PNG picture, or cut off")
+            yield time, data
 
     meaning = "what the camera took, without loss"
     return [Pictures(topic=topic, meaning=meaning, encoding="png", read=read)]
+
+
+def _listed(path: Path) -> list[tuple[float, str]]:
+    """Instant and file of each picture of a list."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = [(float(row["time_s"]), row["file"]) for row in csv.DictReader(file)]
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError, csv.Error):
+        rows = [(math.nan, "")]
+    if not all(math.isfinite(time) and name for time, name in rows):
+        raise UserError(f"{path} must have a line frame,time_s,file of each picture")
+    return rows
 
 
 def video_pictures(video: Path, part: Part, times: Array) -> Pictures:

@@ -1,83 +1,22 @@
 """The report of a run folder: a page with a time slider."""
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
 
-import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from ...errors import UserError
-from ...extras import need
 from ...model import GROSS_SLIP
 from ...output.run_page import RunOnPage, write_run_page
-from ...scene.scene import Scene, load_scene
+from ...scene.scene import Scene
 from ..columns import prefixes
 from ..trace import Summary, may_slide, word_for_read
 from .panels import Columns, panels_of
+from .run_folder import RunRead
 from .tactile_video import SLOWDOWN
-
-Array = NDArray[np.float64]
 
 #: Name of the report in a run folder.
 REPORT = "report.html"
 #: Error of Γ at the end from which on the page says more about it.
 _NOTABLE = 0.03
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunRead:
-    """What a run folder holds.
-
-    Attributes
-    ----------
-    folder: read
-    scene: that was run
-    summary: of the run
-    columns: of its trace
-    """
-
-    folder: Path
-    scene: Scene
-    summary: Summary
-    columns: dict[str, Array]
-
-    @property
-    def video(self) -> Path | None:
-        """Its video; None where there is none."""
-        path = self.folder / "tactile.mp4"
-        return path if path.is_file() else None
-
-
-def read_run(folder: Path, *, allow: Collection[str] = ()) -> RunRead:
-    """Read a run folder.
-
-    Parameters
-    ----------
-    folder: of the run
-    allow: modules that its scene may name, see `load_scene`; to show a run needs none
-
-    Raises
-    ------
-    UserError
-        When it is none, or a file of it cannot be read.
-    """
-    if not folder.is_dir():
-        raise UserError(f"{folder} is not a run folder: there is no such folder")
-    for name in ("summary.json", "trace.parquet", "scene.toml"):
-        if not (folder / name).is_file():
-            raise UserError(f"{folder} is not a finished run: it has no {name}")
-    pq = need("pyarrow.parquet", "data")
-    try:
-        summary = msgspec.json.decode((folder / "summary.json").read_bytes(), type=dict[str, Any])
-        table = pq.read_table(folder / "trace.parquet")
-    except (OSError, ValueError) as error:  # of msgspec and of Arrow too
-        raise UserError(f"{folder} cannot be read: {error}") from None
-    columns = {name: table[name].to_numpy().astype(float) for name in table.column_names}
-    scene = load_scene(str(folder / "scene.toml"), allow=allow)
-    return RunRead(folder=folder, scene=scene, summary=summary, columns=columns)
 
 
 def write_report(run: RunRead) -> None:

@@ -11,6 +11,7 @@ from ...errors import UserError
 from ...extras import need
 from ...loop.columns import columns_of
 from ...loop.run import run
+from ...loop.shown.run_folder import read_trace
 from ...loop.trace import Trace
 from ...model import ContactObject
 from ...output.cells import read_cells, resumed
@@ -217,7 +218,6 @@ def _write_trace(trace: Trace, path: Path) -> None:
 def _read_trace(path: Path) -> Trace | None:
     """Trace of a run that was done; None where there is none that can be read."""
     try:
-        table = need("pyarrow.parquet", "data").read_table(path)
-        return Trace({name: table[name].to_numpy() for name in columns_of("chain")})
-    except (OSError, ValueError, KeyError):  # of Arrow too
+        return Trace(read_trace(path, list(columns_of("chain"))))
+    except UserError:
         return None

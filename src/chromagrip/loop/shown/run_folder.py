@@ -1,0 +1,275 @@
+"""The one reader of run folders: what is damaged in one is a sentence with the file and its place.
+
+The folder may be a stranger's. No link leads out of it, and sizes are known before values are read.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from ...errors import UserError
+from ...extras import missing, need
+from ...output.pictures import open_source
+from ...scene.scene import PathName, Scene, load_scene
+from ...strange_files import inside, shortened
+from ..column import Mechanics
+from ..columns import columns_of, mechanics
+from ..trace import Summary
+
+Array = NDArray[np.float64]
+
+#: Files that a finished run has, and the video that it may have.
+NEEDED, VIDEO = ("summary.json", "trace.parquet", "scene.toml"), "tactile.mp4"
+#: Largest number of rows of a trace that is read.
+MOST_ROWS = 2_000_000
+#: Largest size of a file that is read whole: of text, and of a video [bytes].
+_LARGEST_TEXT, _LARGEST_VIDEO = 2**24, 2**28
+#: Largest size of a value, and of a time [s].
+_LARGEST, _LATEST = 1e12, 1e6
+#: Ends of the names of columns that the first traces of two fingers lack.
+_LATER = ("_deviation_n", "_deviation_nmm", "limit_margin_low", "limit_margin_high")
+_MEND = "take a whole copy of the folder, or run its scene again"
+
+_Number = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
+_Value = _Number | None
+_Text = str | None
+_Count = Annotated[int, Meta(ge=0, le=10**9)]
+
+
+class _Known(msgspec.Struct, kw_only=True):
+    """Keys of a summary that its readers ask for; a summary may have more.
+
+    Keys without a default are in every summary.
+    """
+
+    controller: str
+    path: PathName
+    mechanics: Mechanics
+    complete: bool
+    frames: _Count
+    duration_s: _Number
+    without_estimate: _Count
+    without_estimate_because: dict[str, _Count]
+    sensor: _Text = None
+    second_sensor: _Text = None
+    reconstructor: _Text = None
+    outcome: _Text = None
+    seed: int | None = None
+    recorded_live_from_s: _Value = None
+    frames_per_second: _Value = None
+    final_mass_g: _Value = None
+    final_margin_true: _Value
+    final_limit_margin_true: _Value = None
+    final_limit_margin_estimated: _Value = None
+    smallest_margin_true: _Value = None
+    smallest_limit_margin_true: _Value = None
+    margin_rmse: _Value = None
+    final_mu_true: _Value = None
+    final_mu_estimated: _Value = None
+    rigid_slip_mm: _Value = None
+    max_grip_n: _Value = None
+    final_grip_n: _Value = None
+    max_pressure_n_per_m: _Value = None
+
+
+class _One(_Known, kw_only=True):
+    """Those of one finger."""
+
+    final_margin_estimated: _Value
+    lateral_displacement_mm: _Value
+    gross_slip: bool | None
+
+
+class _Two(_Known, kw_only=True):
+    """Those of two fingers."""
+
+    outcome: Literal["held", "turned", "crushed", "dropped"]
+    lifted: bool
+    slide_mm: _Number
+    largest_turn_deg: _Number
+    max_pressure_kpa: _Number
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRead:
+    """What a run folder holds.
+
+    Attributes
+    ----------
+    folder: read
+    scene: that was run
+    summary: of the run
+    columns: of its trace
+    follow_links: whether its files may be links that lead out of it
+    """
+
+    folder: Path
+    scene: Scene
+    summary: Summary
+    columns: dict[str, Array]
+    follow_links: bool = False
+
+    @property
+    def video(self) -> Path | None:
+        """Its video; None where there is none."""
+        path = self.file(VIDEO)
+        return path if path.is_file() else None
+
+    def file(self, name: str) -> Path:
+        """Path of a file of the folder, which may be missing.
+
+        Raises
+        ------
+        UserError
+            For a link that leads out of the folder.
+        """
+        return inside(self.folder, name, self.follow_links)
+
+
+def read_run(
+    folder: Path,
+    follow_links: bool = False,
+    most_rows: int | None = None,
+    *,
+    allow: Collection[str] = (),
+) -> RunRead:
+    """Read a run folder.
+
+    Parameters
+    ----------
+    folder: of a finished run
+    follow_links: whether its files may be links that lead out of it
+    most_rows: largest number of rows of its trace; None is `MOST_ROWS`
+    allow: modules that its scene may name, see `load_scene`; to show a run needs none
+
+    Raises
+    ------
+    UserError
+        When it is none, or a file of it is damaged, too large, or a link that leads out of it.
+    """
+    if not folder.is_dir():
+        raise UserError(f"{folder} is not a run folder: there is no such folder")
+    files = {name: inside(folder, name, follow_links) for name in (*NEEDED, VIDEO)}
+    for name in NEEDED:
+        if not files[name].is_file():
+            raise UserError(f"{folder} is not a finished run: it has no {name}")
+    _check_size(files["scene.toml"], _LARGEST_TEXT)
+    scene = load_scene(str(files["scene.toml"]), allow=allow)
+    summary = _read_summary(files["summary.json"], _Two if scene.fingers == 2 else _One)
+    wanted = list(columns_of(mechanics(scene)))
+    columns = read_trace(files["trace.parquet"], wanted, scene.fingers == 2, most_rows)
+    rows = len(columns["time_s"])
+    if rows != summary["frames"]:
+        raise UserError(
+            f"{files['trace.parquet']} has {rows} rows, and summary.json {summary['frames']} "
+            f"frames; {_MEND}"
+        )
+    _check_video(files[VIDEO])
+    return RunRead(
+        folder=folder, scene=scene, summary=summary, columns=columns, follow_links=follow_links
+    )
+
+
+def read_trace(
+    path: Path, names: list[str], later: bool = False, most_rows: int | None = None
+) -> dict[str, Array]:
+    """Columns of a trace; others that it has are left out.
+
+    Parameters
+    ----------
+    path: of a Parquet table
+    names: of the columns
+    later: whether those may be missing that the first traces of two fingers lack
+    most_rows: largest number of rows, which is known before they are read; None is `MOST_ROWS`
+
+    Raises
+    ------
+    UserError
+        When it cannot be read, lacks a column, or one holds what is no trace.
+    """
+    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    try:
+        with pq.ParquetFile(path) as file:
+            there = {name for name in names if not later or name in file.schema_arrow.names}
+            there |= {name for name in names if not name.endswith(_LATER)}
+            _check_table(path, file, there, MOST_ROWS if most_rows is None else most_rows)
+            table = file.read(columns=[name for name in names if name in there])
+        columns = {name: table[name].cast("float64").to_numpy() for name in table.column_names}
+    except (OSError, ValueError, pa.ArrowException) as error:
+        if isinstance(error, UserError):
+            raise
+        reason = shortened(str(error).split("\n")[0], 200)
+        raise UserError(f"{path} cannot be read as a trace: {reason}; {_MEND}") from None
+    _check_values(path, columns)
+    return columns
+
+
+def _check_table(path: Path, file: Any, names: set[str], most_rows: int) -> None:
+    """Refuse a table whose schema is no trace's, or that is too long, before it is decoded."""
+    rows, schema = file.metadata.num_rows, file.schema_arrow
+    if not 0 < rows <= most_rows:
+        allowed = f"a run has 1 to {most_rows}; for more give --most-rows N"
+        raise UserError(f"{path} has {rows} rows; {allowed}")
+    for name in sorted(names):
+        count = schema.names.count(name)
+        if count != 1:
+            wrong = "no column" if count == 0 else f"{count} columns"
+            raise UserError(f"{path} has {wrong} {name}; {_MEND}")
+        kind = str(schema.field(name).type)
+        if not kind.startswith(("double", "float", "halffloat", "int", "uint")):
+            raise UserError(f"{path}: column {name} holds {shortened(kind)}, not numbers; {_MEND}")
+
+
+def _check_values(path: Path, columns: Mapping[str, Array]) -> None:
+    """Refuse times that do not rise, and values that no run has."""
+    time = columns["time_s"]
+    if not (np.isfinite(time).all() and time[0] >= 0.0 and time[-1] <= _LATEST):
+        raise UserError(f"{path}: column time_s must hold times of 0 to {_LATEST:g} s; {_MEND}")
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if len(late):
+        raise UserError(f"{path}: column time_s does not rise at row {late[0] + 1}; {_MEND}")
+    for name, values in columns.items():
+        wrong = np.flatnonzero(np.isfinite(values) & (abs(values) > _LARGEST))
+        if len(wrong):
+            place = f"column {name} is {values[wrong[0]]:g} at row {wrong[0]}"
+            raise UserError(f"{path}: {place}, at most {_LARGEST:g} is a value; {_MEND}")
+
+
+def _read_summary(path: Path, kind: type[_Known]) -> Summary:
+    """Summary whose keys that are asked for have the types that are asked for."""
+    _check_size(path, _LARGEST_TEXT)
+    try:
+        summary = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        known = msgspec.convert(summary, kind)
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror}") from None
+    except (msgspec.MsgspecError, RecursionError, ValueError) as error:
+        raise UserError(f"{path.parent} cannot be read: {path.name}: {error}; {_MEND}") from None
+    if known.without_estimate and not known.without_estimate_because:
+        raise UserError(
+            f"{path}: without_estimate is {known.without_estimate}, and without_estimate_because "
+            f"gives no reason; {_MEND}"
+        )
+    return summary
+
+
+def _check_video(path: Path) -> None:
+    """Refuse what has the name of a run's video and is none, where videos can be read."""
+    if path.is_dir():
+        raise UserError(f"{path} is a folder, not a video; {_MEND}")
+    if path.is_file():
+        _check_size(path, _LARGEST_VIDEO)
+        if missing("video") is None:
+            open_source(str(path))
+
+
+def _check_size(path: Path, largest: int) -> None:
+    size = path.stat().st_size
+    if size > largest:
+        raise UserError(f"{path} has {size} bytes, more than {largest}; move it out of the folder")
