@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..output.folder import write_whole
 from ..output.pictures import Image, read_picture
+from ..stored_pictures import MEGAPIXELS
 from ..tracking import AUTO_PALETTE, Palette, learn_palette, load_palette, sight
 
 Mask = NDArray[np.bool_]
@@ -44,10 +45,12 @@ class Within:
     ----------
     crop: left, top, width and height [px]
     mask: picture that is not black where the sensor is
+    max_megapixels: largest mask that is decoded
     """
 
     crop: tuple[int, int, int, int] | None = None
     mask: Path | None = None
+    max_megapixels: float = MEGAPIXELS
 
     def of(self, image: Image) -> Mask | None:
         """Pixels of a picture of that size, shape (H, W); None where nothing was given.
@@ -77,7 +80,7 @@ class Within:
             found[:] = False
             found[top : top + high, left : left + wide] = True
         if self.mask is not None:
-            given = read_picture(self.mask)
+            given = read_picture(self.mask, self.max_megapixels)
             if given.shape != image.shape:
                 raise UserError(
                     f"mask {self.mask} is {given.shape[1]}×{given.shape[0]} pixels, the picture "
@@ -139,7 +142,7 @@ def assumed(name: str, palette: Palette, within: Within) -> Assumed:
         "palette": name,
         "dyes": dict(rows),
         "bright": palette.bright,
-        "field_given": within != ANYWHERE,
+        "field_given": within.crop is not None or within.mask is not None,
         "field_share": None if seen is None else round(float(seen.field.mean()), 4),
         "field_px": box,
         "marker_radius_px": None if seen is None else round(seen.radius, 2),

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypedDict
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..output.pictures import SUFFIXES, Image, is_picture, read_picture
+from ..stored_pictures import MEGAPIXELS, kind_of
 from ..tracking import AUTO_PALETTE, Markers, Palette, detect_markers, join_layers
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 
@@ -45,8 +45,15 @@ class Picture:
     rows: list[MarkerRow]
 
 
-def list_markers(path: Path, palette: str = AUTO_PALETTE, within: Within = ANYWHERE) -> Picture:
+def list_markers(
+    path: Path,
+    palette: str = AUTO_PALETTE,
+    within: Within = ANYWHERE,
+    max_megapixels: float = MEGAPIXELS,
+) -> Picture:
     """Markers of the picture in a file, for a palette by name, within a part of it if given.
+
+    A larger picture than `max_megapixels` is not decoded.
 
     Raises
     ------
@@ -54,7 +61,7 @@ def list_markers(path: Path, palette: str = AUTO_PALETTE, within: Within = ANYWH
         When there is no such picture or palette, or no markers in it.
     """
     _check_picture(path)
-    image = read_picture(path)
+    image = read_picture(path, max_megapixels)
     find = finder(palette, within)
     with located(f"picture {path}"):
         colours = find(image)
@@ -68,12 +75,19 @@ def list_markers(path: Path, palette: str = AUTO_PALETTE, within: Within = ANYWH
 
 def _check_picture(path: Path) -> None:
     """Refuse what is a source of many frames instead of one picture."""
-    other = path.is_file() and not is_picture(path) and not cv2.haveImageReader(str(path))
-    if other or path.is_dir():
+    if path.is_dir() or (path.is_file() and not is_picture(path) and not _begins_like_one(path)):
         raise UserError(
             f"{path} is no picture; detect takes one picture ({', '.join(SUFFIXES)}), "
             "`chromagrip track` reads videos and folders of pictures"
         )
+
+
+def _begins_like_one(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return kind_of(file.read(16)) is not None
+    except OSError:
+        return False
 
 
 def _rows(layers: list[Markers], palette: Palette) -> list[MarkerRow]:

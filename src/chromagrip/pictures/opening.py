@@ -13,6 +13,7 @@ from ..output.pictures import Image, Source, open_source
 from ..output.processes import one_thread
 from ..render import Frame, SensorDesign
 from ..sensing.reader import Reader, check_tracks
+from ..stored_pictures import MEGAPIXELS
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
 from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
@@ -75,6 +76,7 @@ def open_tracking(
     fps: float | None,
     tell: Callable[[str], None],
     sensor: SensorDesign | None = None,
+    max_megapixels: float = MEGAPIXELS,
 ) -> Opened:
     """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
 
@@ -87,10 +89,12 @@ def open_tracking(
         When there is nothing to track.
     """
     make, name = load_tracker(tracker), name_of(tracker)
-    opened = open_source(source, fps, without=rest_picture(rest, source))
+    opened = open_source(source, fps, rest_picture(rest, source), max_megapixels)
     tell("rest frame")
     with one_thread():
-        still, rest_words, place, frames = rest_frames(rest, opened, find, tell, Fitter(sensor))
+        still, rest_words, place, frames = rest_frames(
+            rest, opened, find, tell, Fitter(sensor), max_megapixels
+        )
         shape = _check_alike(still, place)
         with located(place):
             fitted = fitting(_mean(still), sensor)

@@ -11,6 +11,7 @@ from ..extras import require
 from ..output.parquet import TrackTable
 from ..output.versions import versions
 from ..render import Frame
+from ..stored_pictures import MEGAPIXELS
 from ..tracking import AUTO_PALETTE, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 from .following import Add, Course, Outcome, Progress, follow, open_folder
@@ -50,6 +51,7 @@ def track_source(
     frames: int | None = None,
     out: Path | None = None,
     overwrite: bool = False,
+    max_megapixels: float = MEGAPIXELS,
     tell: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _, __: None,
 ) -> Outcome[TrackSummary]:
@@ -69,8 +71,8 @@ def track_source(
     noise: of the camera [grey levels]; by default it is estimated
     fps: frame rate [Hz], for pictures and instead of a video's own
     frames: stop after so many
-    out: folder, made if missing
-    overwrite: whether an earlier result is replaced
+    out, overwrite: folder, made if missing, and whether an earlier result in it is replaced
+    max_megapixels: largest picture that is decoded
     tell: called with the current step before the first frame is tracked
     progress: called after every frame
 
@@ -83,11 +85,17 @@ def track_source(
         require("data", "video", purpose="writing tracks")
     find = finder(palette, within)
     opened = open_tracking(
-        rest, source, find=find, tracker=tracker, noise=noise, fps=fps, tell=tell
+        rest,
+        source,
+        find=find,
+        tracker=tracker,
+        noise=noise,
+        fps=fps,
+        tell=tell,
+        max_megapixels=max_megapixels,
     )
     if out is not None:
         open_folder(out, overwrite, FILES)
-
     known = assumed(palette, opened.palette, within)
     summarise = partial(_summary, opened, known)
     return follow(opened, partial(_open_files, opened, out), summarise, frames, out, progress)
