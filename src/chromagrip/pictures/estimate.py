@@ -131,7 +131,7 @@ def estimate_source(
     opened = open_tracking(
         rest,
         source,
-        find=lambda _: palette,
+        find=lambda _, __: palette,
         tracker=tracker,
         noise=noise,
         fps=fps,

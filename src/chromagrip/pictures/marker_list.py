@@ -1,9 +1,10 @@
 """Markers of a single picture as a list; those of two layers that lie on each other are pairs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +12,7 @@ from ..errors import UserError, located
 from ..output.pictures import SUFFIXES, Image, is_picture, read_picture
 from ..stored_pictures import MEGAPIXELS, kind_of
 from ..tracking import AUTO_PALETTE, Markers, Palette, detect_markers, join_layers
+from .any_size import Fitting, fitting
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 
 
@@ -64,13 +66,30 @@ def list_markers(
     image = read_picture(path, max_megapixels)
     find = finder(palette, within)
     with located(f"picture {path}"):
-        colours = find(image)
-        layers = detect_markers(image, colours)
+        fitted = fitting(image, None)
+        reduced = fitted(image)
+        colours = find(reduced, image.shape[:2])
+        layers = [_original(markers, fitted) for markers in detect_markers(reduced, colours)]
     if not any(len(markers.area) for markers in layers):
         raise UserError(f"picture {path}: no markers found in {' or '.join(colours.names)}")
-    told = assumed(palette, colours, within)
+    told = assumed(palette, colours, within, round(1.0 / fitted.scale))
     rows = _rows(layers, colours)
+    if fitted.scale < 1.0 and colours.seen is not None:
+        field = cv2.resize(
+            colours.seen.field.view(np.uint8), image.shape[1::-1], interpolation=cv2.INTER_NEAREST
+        )
+        colours = replace(colours, seen=replace(colours.seen, field=field.astype(bool)))
     return Picture(image=image, palette=colours, assumed=told, layers=layers, rows=rows)
+
+
+def _original(markers: Markers, fitted: Fitting) -> Markers:
+    """Markers in pixels of the picture, of those in the reduced one."""
+    return replace(
+        markers,
+        position=fitted.original(markers.position),
+        area=markers.area / fitted.scale**2,
+        shape=markers.shape / fitted.scale,
+    )
 
 
 def _check_picture(path: Path) -> None:

@@ -51,6 +51,7 @@ class Opened:
     source: of the frames
     frames: each checked to be as large as the rest frame
     setup: the same for a summary
+    fitted: what made them of the source's pictures
     """
 
     reader: Reader
@@ -59,6 +60,7 @@ class Opened:
     source: Source
     frames: Iterator[Frame]
     setup: Setup
+    fitted: Fitting
 
     @property
     def resting(self) -> Tracks:
@@ -80,8 +82,8 @@ def open_tracking(
 ) -> Opened:
     """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
 
-    With a `sensor`, pictures are scaled and cut to those of its camera, see `fitting`, and so is
-    their noise.
+    Pictures are scaled and cut to those of the camera of a `sensor`, or reduced, see `fitting`, and
+    so is their noise.
 
     Raises
     ------
@@ -102,7 +104,7 @@ def open_tracking(
         tell("markers at rest")
         still = [replace(frame, image=fitted(frame.image)) for frame in still]
         with located(place):
-            palette = find(_mean(still))
+            palette = find(_mean(still), shape)
             start = read_rest(still, palette)
         with blaming(f"tracker {name!r} failed", SystemExit):
             made = make(palette, noise)
@@ -124,7 +126,7 @@ def open_tracking(
     )
     shown = (replace(frame, image=fitted(frame.image)) for frame in frames)
     reader = Reader.of_tracker(made, repr(name), resting)
-    return Opened(reader, palette, start, opened, shown, setup)
+    return Opened(reader, palette, start, opened, shown, setup, fitted)
 
 
 def _mean(frames: list[Frame]) -> Image:

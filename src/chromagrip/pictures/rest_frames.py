@@ -118,7 +118,7 @@ def _most_exact(
             continue
         try:
             image = fitted(frame.image)
-            palette = find(image)
+            palette = find(image, frame.image.shape[:2])
             if len(palette.names) < 2:
                 alone = palette.names[0]
                 continue

@@ -2,9 +2,12 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypedDict
+
+import numpy as np
 
 from ..by_name import Choice
 from ..extras import require
@@ -96,7 +99,7 @@ def track_source(
     )
     if out is not None:
         open_folder(out, overwrite, FILES)
-    known = assumed(palette, opened.palette, within)
+    known = assumed(palette, opened.palette, within, round(1.0 / opened.fitted.scale))
     summarise = partial(_summary, opened, known)
     return follow(opened, partial(_open_files, opened, out), summarise, frames, out, progress)
 
@@ -117,8 +120,21 @@ def _not_followed(opened: Opened) -> list[NotFollowed]:
     return [
         {"layer": name, "x_px": round(x, 2), "y_px": round(y, 2)}
         for name, at in places
-        for x, y in at.tolist()
+        for x, y in opened.fitted.original(at).tolist()
     ]
+
+
+def _original(tracks: Tracks, opened: Opened) -> Tracks:
+    """Tracks in pixels of the source's pictures."""
+    fitted = opened.fitted
+    if fitted.scale == 1.0:
+        return tracks
+    factor = np.tile([1.0 / fitted.scale, 1.0 / fitted.scale, 1.0], len(tracks.position))
+    return replace(
+        tracks,
+        position=fitted.original(tracks.position),
+        covariance=tracks.covariance * np.outer(factor, factor),
+    )
 
 
 def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
@@ -130,7 +146,7 @@ def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
     video = files.enter_context(OverlayVideo(out / "overlay.mp4", opened.source.fps))
 
     def add(index: int, frame: Frame, tracks: Tracks) -> None:
-        table.add(index, tracks)
+        table.add(index, _original(tracks, opened))
         video.append(draw(frame.image, tracks))
 
     return add
