@@ -96,6 +96,9 @@ Fps = Annotated[
     float | None,
     option("frame rate of pictures (by default 30), or instead of a video's own", "HZ"),
 ]
+MaxMegapixels = Annotated[
+    float, option("largest picture that is decoded; a larger one is refused", "MP")
+]
 Frames = Annotated[int | None, option("largest number of frames", "N")]
 Workers = Annotated[int, option("processes", "N")]
 Json = Annotated[Flag, option("print one JSON object", name="json")]
@@ -142,7 +145,7 @@ def check_least(**options: tuple[float | None, float]) -> None:
     """
     for name, (value, least) in options.items():
         if value is not None and not (math.isfinite(value) and value >= least):
-            raise UserError(f"--{name} {value}: expected {least:g} or more")
+            raise UserError(f"--{name.replace('_', '-')} {value}: expected {least:g} or more")
 
 
 def check_file(path: Path, suffixes: set[str], overwrite: bool) -> None:
