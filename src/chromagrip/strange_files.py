@@ -46,8 +46,13 @@ def inside(folder: Path, name: str, follow_links: bool = False) -> Path:
     return path
 
 
-def refuse_links(folder: Path) -> None:
+def refuse_links(folder: Path, follow_links: bool = False) -> None:
     """Walk a folder, and refuse links that lead out of it and what is no file, such as a pipe.
+
+    Parameters
+    ----------
+    folder: that the user named; it may be a link itself
+    follow_links: whether links may lead out of it
 
     Raises
     ------
@@ -63,12 +68,14 @@ def refuse_links(folder: Path) -> None:
         except OSError as error:
             raise UserError(f"{error.filename} cannot be read: {error.strerror}") from None
         for entry in found:
-            if entry.is_symlink():
+            if entry.is_symlink() and not follow_links:
                 _check_link(Path(entry.path), home)
-            elif entry.is_dir():
+            if entry.is_dir(follow_symlinks=False):
                 left.append(Path(entry.path))
-            elif not entry.is_file():
-                raise UserError(f"{entry.path} is no file; remove it")
+            elif not entry.is_file(follow_symlinks=False):
+                path = entry.path  # DirEntry raises at a loop of links
+                if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+                    raise UserError(f"{path} is no file; remove it")
 
 
 def read_small(path: Path, most: int = _MOST_BYTES) -> bytes:

@@ -32,6 +32,8 @@ def sealed(folder: Path) -> None:
 
     lists = ((folder / NAME / FILES, "files"), (folder / MANIFEST, "files"))
     for path, key in lists:
+        if not path.is_file():
+            continue
         try:
             listed = json.loads(path.read_text("utf-8"))
             listed[key] = {

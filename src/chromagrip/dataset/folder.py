@@ -14,7 +14,6 @@ A sequence's folder gets its name when it is complete. No file holds a time or a
 recipe and versions give the same bytes.
 """
 
-import dataclasses
 import hashlib
 import json
 import os
@@ -29,23 +28,16 @@ from pathlib import Path
 from typing import Annotated, Any, TypedDict, TypeVar
 
 import msgspec
-import numpy as np
 from msgspec import Meta
 from msgspec.structs import replace
 
 from ..errors import UserError, located
-from ..output.folder import PART, disk_errors, synced, whole_file, whole_folder, write_whole
-from ..output.png import encode_png
+from ..output.folder import PART, disk_errors, synced, whole_file, write_whole
 from ..output.versions import versions
-from ..render import camera_text
-from ..scene.scene import dump_scene, relative, seen_from
 from ..strange_files import inside, read_small, shortened
 from ..strict_toml import read_toml
-from .labels import Shot, columns_of
-from .labels.tables import MEND, frame_table, marker_table, to_parquet
-from .pictures import CLEAN, FRAME, NOISE, REST, change_png, noise_key
-from .recipe import CASE, Recipe, Values, drawn, dump_recipe, load_recipe, portable
-from .sequence import ATTEMPTS, sequence, shots
+from .labels.tables import MEND
+from .recipe import CASE, Recipe, dump_recipe, load_recipe, portable
 
 Content = TypeVar("Content")
 #: Name of a file or folder.
@@ -121,85 +113,6 @@ def sequence_name(number: int) -> str:
     number: of the sequence, from 0
     """
     return f"sequence-{number:06d}"
-
-
-def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
-    """Make a sequence and write its folder, unless it exists; returns its number.
-
-    Raises
-    ------
-    UserError
-        When it cannot be written; nothing of it is left.
-    """
-    final = out / sequence_name(number)
-    if not final.exists():
-        with whole_folder(final) as part:
-            _write_files(recipe, number, part)
-    return number
-
-
-def _write_files(recipe: Recipe, number: int, part: Path) -> None:
-    made = sequence(recipe, number)
-    rest, frames = shots(recipe, made)
-    digests: dict[str, str] = {}
-
-    def keep(name: str, data: bytes) -> None:
-        (part / name).write_bytes(data)
-        digests[name] = hashlib.sha256(data).hexdigest()
-
-    keep("scene.toml", dump_scene(made.scene, part).encode())
-    view = made.scene.build_sensor().view
-    place = {"position_mm": 1e3 * view.position, "port_mm": 1e3 * view.port}
-    port = {"port_is_flat": view.flat, "refractive_index": view.index}
-    keep(CAMERA, camera_text(view.camera, **place, **port).encode())
-    clean = recipe.store == "clean"
-    keep(CLEAN if clean else REST, encode_png(rest))
-    if clean:
-        key = noise_key(made.scene.camera.noise_levels, made.scene.seed)
-        keep(NOISE, msgspec.json.encode(key))
-    rows: list[Shot] = []
-    for shot in frames:
-        index = int(shot.values["frame"])
-        data = change_png(shot.image, rest) if clean else encode_png(shot.image)
-        keep(f"{FRAME[recipe.store]}-{index:03d}.png", data)
-        if shot.truth:
-            path = part / f"truth-{index:03d}.npz"
-            np.savez_compressed(path, **shot.truth)  # type: ignore[arg-type]
-            digests[path.name] = file_digest(path)
-        # Pictures are on the disk; a long sequence must not keep them.
-        rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
-    columns = columns_of(made.scene.body, bool(recipe.reading))
-    tables = {"frames": frame_table(rows, columns), "markers": marker_table(rows, columns)}
-    for name, table in tables.items():
-        keep(f"{name}.parquet", to_parquet(table))
-    listed: FileList = {
-        "number": number,
-        "versions": made_with(),
-        "values": _plain(made.values, part),
-        "files": dict(sorted(digests.items())),
-    }
-    (part / FILES).write_text(json.dumps(listed, indent=1, ensure_ascii=False) + "\n", "utf-8")
-
-
-def was_drawn(recipe: Recipe, number: int, values: Values, folder: Path) -> bool:
-    """Whether the values in a sequence's `files.json` are those of one of its draws."""
-    draws = (drawn(recipe, number, attempt) for attempt in range(ATTEMPTS))
-    return any(json.loads(json.dumps(_plain(one, folder))) == values for one in draws)
-
-
-def _plain(values: Values, folder: Path) -> Values:
-    """Values for JSON: infinity as text, files relative to the folder."""
-    plain = {
-        k: str(v) if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
-    }
-    if "sensor" in plain:
-        plain["sensor"] = seen_from(folder, plain["sensor"])
-    if "object.mesh" in plain:
-        plain["object.mesh"] = relative(plain["object.mesh"], folder)
-    own: Values = values.get("object", {})
-    if own.get("mesh"):
-        return plain | {"object": {**own, "mesh": relative(own["mesh"], folder)}}
-    return plain
 
 
 def clean(out: Path) -> None:

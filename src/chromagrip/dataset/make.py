@@ -39,15 +39,14 @@ from .folder import (
     read_files,
     read_manifest,
     sequence_name,
-    was_drawn,
     write_manifest,
-    write_sequence,
 )
 from .frozen import refuse_older
 from .own_files import keep_files
 from .read import check_files, check_shared, verified
 from .recipe import Recipe, check_asked, portable
 from .remote import Sender, fetch_begun, fetched, has_dataset, is_address, staged
+from .sequence import was_drawn, write_sequence
 
 Backend = Literal["joblib", "dask", "ray"]
 #: Sequences submitted to a cluster at a time: enough for many workers, and few enough for memory.
@@ -104,59 +103,51 @@ def make(
     wanted = range(first - 1, recipe.sequences, step)
     if not wanted:
         raise UserError(f"shard {first}/{step} of {recipe.sequences} sequences has none")
+    with _begun(out, resume):
+        recipe, again = _taken_up(recipe, out)
+        damaged(again)
+        there = set(numbers_in(out))
+        todo = [number for number in wanted if number not in there]
+        before = len(wanted) - len(todo)
+        progress(before, len(wanted))
+        results = _results(recipe, todo, out, workers, backend, address)
+        with _syncing(out, there) as sync, closing(results):
+            for done, number in enumerate(results, before + 1):
+                sync(number)
+                progress(done, len(wanted))
+        return _finish(out, recipe)
+
+
+@contextmanager
+def _begun(out: Path, resume: bool) -> Iterator[None]:
+    """Hold a new folder, or one of a dataset that is gone on with."""
     begun = (out / RECIPE).exists()
     if begun and not resume:
         raise UserError(f"{out} holds a dataset already; go on with --resume, or choose another")
     if begun:
         refuse_links(out)
     with prepared(out, overwrite=begun or None):
-        before = _listed(out)
-        recipe = keep_files(recipe, out)
-        keep_recipe(recipe, out)
-        clean(out)
-        again = _drop_damaged(out, recipe, before)
-        damaged(again)
-        there = numbers_in(out)
-        todo = [number for number in wanted if number not in set(there)]
-        done = len(wanted) - len(todo)
-        progress(done, len(wanted))
-        with _syncing(out) as sync:
-            for number in there:
-                sync(number)
-            with closing(_results(recipe, todo, out, workers, backend, address)) as results:
-                for number in results:
-                    sync(number)
-                    done += 1
-                    progress(done, len(wanted))
-        return _finish(out, recipe)
+        yield
 
 
-def _listed(out: Path) -> dict[str, str]:
-    """Checksums of the sequences of a whole dataset; of another one none."""
-    with suppress(UserError):
-        return read_manifest(out)["sequences"]
-    return {}
-
-
-def _drop_damaged(out: Path, recipe: Recipe, digests: dict[str, str]) -> list[str]:
-    """Remove sequences that are not as they were made; returns their names.
-
-    Parameters
-    ----------
-    out: folder of the dataset
-    recipe: of it
-    digests: of the `files.json`, as far as there was a manifest
-    """
-    dropped = []
+def _taken_up(recipe: Recipe, out: Path) -> tuple[Recipe, list[str]]:
+    """Recipe of a folder that is filled, and the names of damaged sequences, which are removed."""
+    digests: dict[str, str] = {}
+    with suppress(UserError):  # only a whole dataset has them
+        digests = read_manifest(out)["sequences"]
+    recipe = keep_files(recipe, out)
+    keep_recipe(recipe, out)
+    clean(out)
+    damaged = []
     for path in sorted(out.glob("sequence-*")):
         if is_sequence(path.name) and not _is_whole(path, recipe, digests.get(path.name)):
             with disk_errors(path):
-                if path.is_dir() and not path.is_symlink():
+                if path.is_dir():
                     shutil.rmtree(path)
                 else:
                     path.unlink()
-            dropped.append(path.name)
-    return dropped
+            damaged.append(path.name)
+    return recipe, damaged
 
 
 def _is_whole(path: Path, recipe: Recipe, digest: str | None) -> bool:
@@ -175,7 +166,7 @@ def _is_whole(path: Path, recipe: Recipe, digest: str | None) -> bool:
 
 
 @contextmanager
-def _syncing(out: Path) -> Iterator[Callable[[int], None]]:
+def _syncing(out: Path, there: Iterable[int]) -> Iterator[Callable[[int], None]]:
     """Have the disk keep sequences, in a thread beside the work; all are kept at the end."""
     waiting: deque[Future[None]] = deque()
     with ThreadPoolExecutor(1) as pool:
@@ -187,6 +178,8 @@ def _syncing(out: Path) -> Iterator[Callable[[int], None]]:
                 if not waiting:
                     return
 
+        for number in there:
+            sync(number)
         yield sync
         for future in waiting:
             future.result()

@@ -1,5 +1,6 @@
 """Reading a dataset: its sequences, their tables, and a summary."""
 
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -168,7 +169,7 @@ def load_sequence(where: Path) -> Loaded:
         When a file of it is missing or damaged, or they are not of each other.
     """
     listed = read_files(where)
-    if sequence_name(listed["number"]) != where.resolve().name:
+    if sequence_name(listed["number"]) != Path(os.path.abspath(where)).name:
         raise UserError(f"{where} has the {FILES} of sequence {listed['number']}; {MEND}")
     check_named(where / "scene.toml", where.parent)
     scene = load_scene(str(where / "scene.toml"))

@@ -62,16 +62,16 @@ def fetched(place: Place, follow_links: bool = False) -> Path:
     """
     if not is_address(place):
         folder = Path(place)
-        if not follow_links and folder.is_dir():
-            refuse_links(folder)
+        if folder.is_dir():
+            refuse_links(folder, follow_links)
         return folder
     address, folder = os.fspath(place), _cached(place)
     with _blaming(address):
         fs, root = _opened(address)
         if not fs.exists(f"{root}/{MANIFEST}"):
             raise UserError(f"{address} is no dataset, or not whole; it has no {MANIFEST}")
-        if not follow_links and Path(root).is_dir() and "file" in fs.protocol:
-            refuse_links(Path(root))
+        if Path(root).is_dir() and "file" in fs.protocol:
+            refuse_links(Path(root), follow_links)
         folder.mkdir(parents=True, exist_ok=True)
         with filling(folder, wait=True):  # others may read the same address
             (folder / SPLIT).unlink(missing_ok=True)
