@@ -1,7 +1,6 @@
 """Files and folders that are complete or not there."""
 
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,18 +10,10 @@ from chromagrip.output.folder import LOCK, part_of, prepared, whole_file, whole_
 from chromagrip.output.parquet import FORCES, EstimateTable
 from chromagrip.output.video import VideoFile
 
-FULL = Path("/dev/full")  # a device on which nothing has room
-needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
-
 
 def fill(folder, overwrite):
     with prepared(folder, overwrite):
         pass
-
-
-def full_disk(path):
-    part_of(path).symlink_to(FULL)
-    return path
 
 
 def video(path):
@@ -37,13 +28,21 @@ def estimates(path):
             table.add({"frame": k, "node_normal_n": list(range(100))})
 
 
-@needs_full
 @pytest.mark.parametrize("write", [video, estimates, lambda path: write_whole(path, b"x" * 10**6)])
-def test_a_full_disk_is_one_sentence_and_leaves_nothing(write, tmp_path):
-    path = full_disk(tmp_path / "result.bin")
-    with pytest.raises(UserError, match=r"result.bin cannot be written: No space left on device"):
-        write(path)
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(write, tmp_path, small_files):
+    small_files(4000)
+    with pytest.raises(UserError, match=r"result.bin cannot be written: File too large"):
+        write(tmp_path / "result.bin")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_strangers_link_is_not_written_through(tmp_path):
+    """A folder that is written to may be one that somebody else made."""
+    (tmp_path / "theirs").write_text("kept")
+    part_of(tmp_path / "result.bin").symlink_to(tmp_path / "theirs")
+    write_whole(tmp_path / "result.bin", b"x")
+    assert (tmp_path / "theirs").read_text() == "kept"
+    assert not (tmp_path / "result.bin").is_symlink()
 
 
 @pytest.mark.parametrize("write", [video, estimates, lambda path: write_whole(path, b"x")])
