@@ -49,7 +49,7 @@ def parse_toml(text: str, name: str) -> Values:
     """Values of a TOML text; errors as in `read_toml`."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits
         raise UserError(f"{name} is not valid TOML: {error}") from None
 
 
