@@ -13,8 +13,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from msgspec.structs import replace
 
 from chromagrip.dataset.folder import FILES, MANIFEST
+from chromagrip.dataset.make import make
+from chromagrip.dataset.recipe import load_recipe
 
 #: A dataset of one sequence of a dome.
 SEED = Path(__file__).parents[2] / "fixtures" / "written-before" / "dataset"
@@ -47,7 +50,7 @@ def sealed(folder: Path) -> None:
             pass  # it is what was damaged
 
 
-def of_files() -> Iterator[Damage]:
+def of_files(seed: Path) -> Iterator[Damage]:
     """Damages of the bytes of any file."""
 
     def with_bytes(change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
@@ -79,16 +82,16 @@ def of_files() -> Iterator[Damage]:
         "link": instead(lambda path: path.symlink_to("/etc/hostname")),
         "loop": instead(lambda path: path.symlink_to(path.name)),
     }
-    names = [file.relative_to(SEED).as_posix() for file in sorted(SEED.rglob("*"))]
+    names = [file.relative_to(seed).as_posix() for file in sorted(seed.rglob("*"))]
     for name in names:
-        if (SEED / name).is_file():
+        if (seed / name).is_file():
             for kind, change in kinds.items():
                 yield name, kind, change
     yield NAME, "folder", lambda path: [shutil.rmtree(path), path.mkdir()]
     yield NAME, "file", lambda path: [shutil.rmtree(path), path.write_text("x")]
 
 
-def of_json() -> Iterator[Damage]:
+def of_json(seed: Path) -> Iterator[Damage]:
     """Keys that are missing, have another type, or another name."""
     others: list[Any] = [None, 3, -1, 1.5, "x", "", [], {}, [[[[[[1]]]]]], {"../../x": "y"}, 10**30]
 
@@ -118,7 +121,9 @@ def of_json() -> Iterator[Damage]:
         "sensors/../x",
     )
     for name in (MANIFEST, f"{NAME}/{FILES}", f"{NAME}/noise.json"):
-        for key, value in json.loads((SEED / name).read_text("utf-8")).items():
+        if not (seed / name).is_file():
+            continue
+        for key, value in json.loads((seed / name).read_text("utf-8")).items():
             for other in (KeyError, *others):
                 yield name, f"{key} = {other}", changed((key,), other)
             for inner in list(value)[:3] if isinstance(value, dict) else ():
@@ -130,7 +135,7 @@ def of_json() -> Iterator[Damage]:
         yield "split.json", text[:30], lambda path, text=text: path.write_text(text)  # type: ignore[misc]
 
 
-def of_tables() -> Iterator[Damage]:
+def of_tables(seed: Path) -> Iterator[Damage]:
     """Columns that are missing, of another type, null or ragged; rows too few and too many."""
 
     def with_table(change: Callable[[pa.Table], pa.Table]) -> Callable[[Path], object]:
@@ -163,12 +168,18 @@ def of_tables() -> Iterator[Damage]:
 
         return make
 
+    def all_short(table: pa.Table, starts: Any) -> pa.Table:
+        for k, column in enumerate(table.column_names[1:], 1):
+            if column.startswith(starts):
+                table = table.set_column(k, column, short(column)(table))
+        return table
+
     def filled(value: Any) -> Callable[[pa.Table], Any]:
         return lambda table: pa.array([value] * table.num_rows)
 
     values = ("x", 3, -1, 300_000_000, 1.5, np.nan, None, [1.0], [[1.0]], b"\xff", {"a": 1})
     for name in (f"{NAME}/frames.parquet", f"{NAME}/markers.parquet", "sequences.parquet"):
-        table = pq.read_table(SEED / name)
+        table = pq.read_table(seed / name)
         for kind, whole in {
             "no rows": lambda t: t.slice(0, 0),
             "fewer rows": lambda t: t.slice(0, max(t.num_rows - 1, 0)),
@@ -178,6 +189,9 @@ def of_tables() -> Iterator[Damage]:
             "more": lambda t: t.append_column("new", t[0]),
         }.items():
             yield name, kind, with_table(whole)
+        if name.endswith("markers.parquet"):
+            for starts in ("node", ("x", "y", "p", "v", "o", "c", "m")):
+                yield name, f"all {starts} short", with_table(lambda t, s=starts: all_short(t, s))
         for column in table.column_names:
             yield name, f"{column} dropped", with_table(lambda t, c=column: t.drop_columns([c]))
             for value in values:
@@ -188,14 +202,16 @@ def of_tables() -> Iterator[Damage]:
                 yield name, f"{column} short", put(column, short(column))
 
 
-EVERY = [*of_files(), *of_json(), *of_tables()]
+def every(seed: Path) -> list[Damage]:
+    """Damages of each file of a dataset."""
+    return [*of_files(seed), *of_json(seed), *of_tables(seed)]
 
 
-def through(typed: Typed, work: Path, damage: Damage, seal: bool, layout: str) -> None:
+def through(typed: Typed, work: Path, seed: Path, damage: Damage, seal: bool, layout: str) -> None:
     """Run every command on a damaged copy: it answers, and of a refusal nothing is left."""
     name, how, change = damage
     work.mkdir()
-    data = shutil.copytree(SEED, work / "data")
+    data = shutil.copytree(seed, work / "data")
     (work / "t.csv").write_text("frame,marker,layer,x,y\n0,0,magenta,320,240\n")
     change(data / name)
     if seal:
@@ -220,22 +236,28 @@ def through(typed: Typed, work: Path, damage: Damage, seal: bool, layout: str) -
     shutil.rmtree(work)
 
 
-#: Damages that a fast test tries: every 140th, with and without fitting checksums.
-SOME = EVERY[3::140]
-
-
 def test_a_few_damages_are_each_a_sentence(typed: Typed, tmp_path: Path) -> None:
-    for k, damage in enumerate(SOME):
-        through(
-            typed, tmp_path / "work", damage, k % 2 == 0, ("coco", "tapvid", "webdataset")[k % 3]
-        )
+    """Every 140th, with and without fitting checksums."""
+    for k, damage in enumerate(every(SEED)[3::140]):
+        layout = ("coco", "tapvid", "webdataset")[k % 3]
+        through(typed, tmp_path / "work", SEED, damage, k % 2 == 0, layout)
+
+
+@pytest.fixture(scope="module", params=["dome", "chain"])
+def seed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of one sequence: of a dome without noise, or of a chain with it."""
+    if request.param == "dome":
+        return SEED
+    folder = tmp_path_factory.mktemp("data") / "chain"
+    make(replace(load_recipe("tiny"), sequences=1), folder)
+    return folder
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(8))
-def test_every_damage_is_a_sentence(typed: Typed, tmp_path: Path, part: int) -> None:
+def test_every_damage_is_a_sentence(typed: Typed, tmp_path: Path, seed: Path, part: int) -> None:
     layouts = ("coco", "tapvid", "webdataset", "lerobot")
-    for k, damage in enumerate(EVERY[part::8]):
+    for k, damage in enumerate(every(seed)[part::8]):
         for seal in (True, False):
             if seal or k % 4 == 0:  # without, most are the same refusal
-                through(typed, tmp_path / "work", damage, seal, layouts[k % 4])
+                through(typed, tmp_path / "work", seed, damage, seal, layouts[k % 4])

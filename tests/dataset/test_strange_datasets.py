@@ -237,6 +237,20 @@ def test_resume_says_how_many_are_made_again(made: Path, tmp_path: Path, typed: 
     assert check(folder) == 2
 
 
+def test_a_failed_merge_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither sequences without a manifest nor folders that were made for it."""
+
+    def fail(*_: object) -> None:
+        raise UserError("the disk is full")
+
+    monkeypatch.setattr(made_by, "write_card", fail)
+    (tmp_path / "empty").mkdir()
+    for out in ("new/deeper", "empty"):
+        with pytest.raises(UserError, match="the disk is full"):
+            merge([SEED], tmp_path / out)
+    assert [path.name for path in tmp_path.rglob("*")] == ["empty"]
+
+
 @pytest.mark.usefixtures("remade")
 def test_what_is_called_whole_was_synced_before(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -269,9 +283,12 @@ def test_an_address_with_a_damaged_sequence_is_mended(
     (data / MANIFEST).unlink()
     address = f"memory://{tmp_path.name}"
     given(data, address)
+    fs, root = pytest.importorskip("fsspec").core.url_to_fs(address)
+    fs.pipe_file(f"{root}/sensors/../../../victim", b"x")  # is no file of a dataset
     again: list[str] = []
     make(TINY, address, resume=True, damaged=again.extend)
     assert again == ["sequence-000001"]
+    assert not list(tmp_path.rglob("victim"))
     shutil.rmtree(tmp_path / "cache")
     assert check(address) == 2
 

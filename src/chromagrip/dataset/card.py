@@ -63,13 +63,17 @@ def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     """Write the table, DATASET_CARD.md and contact-sheet.png."""
     names = [sequence_name(number) for number in numbers]
     drawn = [read_files(folder / name)["values"] for name in names]
-    write_whole(folder / TABLE, to_parquet(_table(numbers, drawn)))
+    pa = need("pyarrow", "data")
+    try:
+        data = to_parquet(_table(numbers, drawn))
+    except (pa.ArrowException, OverflowError) as error:  # of values that a stranger gave
+        raise UserError(f"drawn values of the sequences fit in no table: {error}") from None
+    write_whole(folder / TABLE, data)
     columns = [*_COUNTED, "slip_state"]
     parts: dict[str, list[Any]] = {name: [] for name in columns}
     for table in tables(folder, names, columns):
         for name in columns:
             parts[name].append(table[name].combine_chunks())
-    pa = need("pyarrow", "data")
     values = {name: pa.chunked_array(parts[name]) for name in columns}
     read = reading_lines(recipe.reading, tables(folder, names))
     chosen = np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)
@@ -84,11 +88,7 @@ def _table(numbers: list[int], drawn: list[Values]) -> "pa.Table":
     for key in sorted({key for values in drawn for key in values}):
         column = [values.get(key) for values in drawn]  # a key may be of some cases alone
         # JSON holds infinity as text.
-        plain = [float(v) if v in ("inf", "-inf") else v for v in column]
-        try:
-            columns[key] = pa.array(plain)
-        except pa.ArrowException:
-            raise UserError(f"the sequences have values of {key} of several kinds") from None
+        columns[key] = pa.array([float(v) if v in ("inf", "-inf") else v for v in column])
     return pa.table(columns)
 
 

@@ -134,7 +134,7 @@ def is_sequence(name: str) -> bool:
 
 def is_shared(name: str) -> bool:
     """Whether a dataset's file that is no sequence's may have that name."""
-    return _OF_DATASET.fullmatch(name) is not None
+    return _OF_DATASET.fullmatch(name) is not None and ".." not in name.split("/")
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -206,14 +206,14 @@ def _tables(where: Path, scene: Scene, rows: int) -> tuple[Arrays, Arrays]:
     table = read_table(path, rows, marker_types(columns), others=True)
     _check_frames(path, table, ("frame", *columns.markers, *columns.nodes))
     markers = {name: stacked(table[name]) for name in table.column_names[1:]}
-    pairs = markers["overlap"].shape[1]
-    for names, length in (
-        ([name for name in columns.markers if name != "overlap"], 2 * pairs),
-        (list(columns.nodes), markers["node_contact"].shape[1]),
-    ):
-        for name in names:
-            if markers[name].shape[1] != length:
-                raise damaged(path, f"{name} has {markers[name].shape[1]} values, not {length}")
+    pairs = len(scene.build_sensor().places)
+    nodes = markers["node_contact"].shape[1]
+    if scene.body == "chain":
+        nodes = scene.build_fingertip().nodes
+    lengths = dict.fromkeys(columns.markers, 2 * pairs) | dict.fromkeys(columns.nodes, nodes)
+    for name, length in (lengths | {"overlap": pairs}).items():
+        if markers[name].shape[1] != length:
+            raise damaged(path, f"{name} has lists of {markers[name].shape[1]}, not of {length}")
     seen = markers["visible"]
     if not (np.isfinite(markers["x_px"][seen]) & np.isfinite(markers["y_px"][seen])).all():
         raise damaged(path, "a visible marker has no x_px or y_px")

@@ -143,10 +143,6 @@ def _truth(loaded: Loaded) -> Truth:
     visible = loaded.visible.reshape(frames, -1) & np.isfinite(position).all(axis=2)
     names = [(layer, k) for layer in LAYERS for k in range(count)]
     scale, bound = _at_rest(sensor, loaded.scene.camera.noise_levels)
-    if len(scale) != 2 * count:
-        raise UserError(
-            f"{loaded.pictures.folder} has {count} markers in a layer, its sensor {len(scale) // 2}"
-        )
     return Truth(
         points=Points(names=names, position=position, visible=visible),
         mm_per_px=scale,
