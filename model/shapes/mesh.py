@@ -1,5 +1,6 @@
 """Triangle meshes as shapes: read, mended where that is safe, and turned into a distance grid."""
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from .mesh_grid import spline_grid
 from .shape import Shape, make_shape
 
 Array = NDArray[np.float64]
+
+# trimesh writes its reasons, with tracebacks, where nobody listens; our own sentence says why.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 #: Folder of the user's cache; its grids are made anew when the version changes.
 KIND, VERSION = "meshes", "mesh grid 1"
@@ -97,7 +101,8 @@ def _read(trimesh: Any, path: Path) -> Any:
     if not path.is_file():
         raise UserError("there is no such file")
     try:
-        return trimesh.load(path, force="mesh")
+        with np.errstate(all="ignore"):  # absurd numbers are refused afterwards
+            return trimesh.load(path, force="mesh")
     except Exception as error:  # each format has errors of its own
         kinds = ", ".join(sorted(trimesh.available_formats()))
         text = f"it cannot be read as a triangle mesh ({type(error).__name__}: {error})"
@@ -113,8 +118,10 @@ def _check(vertices: Array, faces: NDArray[np.int64], scale: float) -> None:
             f"it has {len(faces)} faces, more than {MOST_FACES}; simplify it, as by "
             "trimesh's simplify_quadric_decimation"
         )
-    if not np.isfinite(vertices).all():
-        raise UserError("its vertices must be finite numbers")
+    if not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise UserError(f"its triangles name vertices that are not among its {len(vertices)}")
+    if vertices.shape[1:] != (3,) or not (abs(vertices) < 1e12).all():
+        raise UserError("its vertices must be finite numbers, three of each")
     sides = np.ptp(vertices[np.unique(faces)], axis=0)
     longest = float(sides.max()) * scale
     if not SMALLEST <= longest <= LARGEST:

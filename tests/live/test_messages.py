@@ -16,14 +16,20 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from chromagrip import load_scene
-from chromagrip.live.gate import LARGEST_FILE
+from chromagrip.live.gate import LARGEST_FILE, allowed
 from chromagrip.live.page import Page
 from chromagrip.live.record import Recorder
+from chromagrip.live.replay import Replay
+from chromagrip.live.run_page import RunPage
 from chromagrip.live.serve import Address, serving
 from chromagrip.live.session import Session
+from chromagrip.live.view import GraspView
+from chromagrip.live.watch import Looking, WatchPage
+from chromagrip.loop.shown.run_folder import read_run
 
 TOKEN = "abcdefgh-ijklmnop_1234"
 DOME = {"path": "truth", "camera.rate_hz": 10.0, "fingertip.step_ms": 10.0}
+WRITTEN = Path(__file__).parents[2] / "fixtures/written-before"
 Until = Callable[..., None]
 pack = msgspec.msgpack.encode
 
@@ -144,6 +150,52 @@ def test_every_control_refuses_what_it_does_not_allow(
     after = shown.session.wishes
     assert (after.controller, after.noise) == (wishes.controller, wishes.noise)
     assert capfd.readouterr().err == ""
+
+
+def controls_of(kind: str, server: Any) -> dict[str, Any]:
+    """Controls of a page, by their labels."""
+    if kind == "run":
+        run = read_run(WRITTEN / "dome")
+        RunPage(server, Replay(run, GraspView(server)))
+    elif kind == "source":
+        looking = Looking(
+            source="x", rest="first:8", fps=None, calibration="dome-2022", reconstructor="auto"
+        )
+        WatchPage(server, looking)
+    else:
+        Page(server, load_scene(kind, {"path": "truth"}))
+    found = server.gui._gui_input_handle_from_uuid.values()
+    return {control.label: control for control in found}
+
+
+@pytest.mark.parametrize("kind", ["run", "source", "camera-100hz", "dome-1"])
+def test_every_control_of_every_page_has_a_rule(viser_server: Any, kind: str) -> None:
+    for label, control in controls_of(kind, viser_server).items():
+        for value in BAD:
+            assert allowed(control, value) is None, label
+        if label.startswith("object from"):  # a file has messages of its own
+            continue
+        control.disabled = False
+        now = control.value
+        if isinstance(now, str) and not now:  # of buttons; none is pressed
+            now = control.options[0]
+        assert allowed(control, now) == now, label
+        assert type(allowed(control, now)) is type(now), label
+        if isinstance(now, bool):
+            assert allowed(control, 1) is None
+        elif isinstance(now, str):
+            assert allowed(control, f"{now} ") is None
+            assert allowed(control, control.options) is None
+        else:
+            assert allowed(control, True) is None
+            assert allowed(control, control.max + 1e-3) is None
+            if isinstance(now, float):  # a browser rounds for its display
+                assert allowed(control, control.max + 1e-9) == control.max
+            else:
+                assert allowed(control, now + 0.5) is None
+    assert allowed(None, 1.0) is None
+    for other in (viser_server.gui.add_number("a", 1.0), viser_server.gui.add_text("b", "x")):
+        assert allowed(other, other.value) is None  # a new kind needs a rule first
 
 
 def test_allowed_values_pass(shown: Shown, until: Until) -> None:

@@ -1,5 +1,6 @@
 """A live grasp follows its sliders, and refuses what makes no scene with a sentence."""
 
+import math
 import socket
 import time
 from collections.abc import Iterator
@@ -12,10 +13,11 @@ import numpy as np
 import pytest
 
 from chromagrip import UserError, load_scene
+from chromagrip.live import session as module
 from chromagrip.live.record import Recorder
 from chromagrip.live.serve import check_port
 from chromagrip.live.session import Session, Shown
-from chromagrip.live.wishes import OBJECTS, scene_for, wishes_of
+from chromagrip.live.wishes import OBJECTS, Wishes, scene_for, wishes_of
 from chromagrip.loop.rig import Rig
 from chromagrip.scene.scene import Scene
 
@@ -110,6 +112,41 @@ def test_a_wish_that_makes_no_scene_is_told_and_the_next_one_goes_on() -> None:
         assert "nobody" in watched.told[-1]
         session.wish(replace(session.wishes, controller="conservative"))
         until(watched, 3)
+    assert watched.told[-1] == ""
+
+
+@pytest.mark.parametrize("name", ["camera-100hz", "dome-1"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e308, -1e308, -1.0])
+def test_wishes_are_checked_like_a_file(name: str, value: float) -> None:
+    base = load_scene(name, {"path": "truth"})
+    keys = ("load", "friction", "stiffness", "noise", "latency")
+    dome = ("azimuth", "twist", "tilt") if name == "dome-1" else ()
+    for key in keys + dome:
+        turned = key == "azimuth" and math.isfinite(value)  # any number of turns
+        if turned or (value == -1.0 and key in ("load", "twist", "tilt")):
+            continue
+        with pytest.raises(UserError):
+            scene_for(base, replace(wishes_of(base), **{key: value}))
+
+
+def test_what_breaks_a_grasp_is_told_and_the_next_one_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def broken(base: Scene, wishes: Wishes) -> Scene:
+        return scene_for(base, wishes) if wishes.latency != 3 else base.nothing  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(module, "scene_for", broken)
+    with live(load_scene("camera-100hz", {"path": "truth"})) as (session, watched):
+        until(watched, 2)
+        session.wish(replace(session.wishes, latency=3))
+        for _ in range(200):
+            if watched.told and watched.told[-1]:
+                break
+            time.sleep(0.02)
+        assert "the grasp broke off (AttributeError: " in watched.told[-1]
+        session.wish(replace(session.wishes, latency=2))
+        until(watched, 3)
+        session.check()
     assert watched.told[-1] == ""
 
 

@@ -228,3 +228,36 @@ def test_a_thin_mesh_says_so() -> None:
     shape = shapes.mesh_shape(sheet, cells=48)
     assert "its thinnest side is only 1.2 cells of 0.42 mm" in shape.notes[0]
     assert shapes.distances(shape, [[0.0, 0.0, 0.0]])[0][0] < 0.0
+
+
+OBJ = "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex {0}\nproperty float x\nproperty float y\n"
+    "property float z\nelement face {1}\nproperty list uchar int vertex_indices\nend_header\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.ply", PLY.format(10**12, 10**12)),
+        ("a.ply", PLY.format(-1, -1)),
+        ("a.ply", PLY.format(4, 4) + "0 0 0\n9 0 0\n0 9 0\n0 0 9\n" + "3 0 1 99\n" * 4),
+        ("a.ply", PLY.format(4, 4) + "0 0 0\n9 0 0\n0 9 0\n0 0 9\n" + "3 0 1 -7\n" * 4),
+        ("a.obj", OBJ.replace("f 2 3 4", "f 2 3 999")),
+        ("a.obj", OBJ.replace("v 9 0 0", "v 1e308 0 0")),
+        ("a.obj", OBJ.replace("v 9 0 0", "v nan 0 0")),
+        ("a.obj", OBJ.replace(" 0\nv", "\nv").replace("v 0 0 9", "v 0 9")),
+        ("a.obj", "mtllib /dev/zero\nmtllib ../../../../dev/zero\n"),
+        ("a.stl", "solid\nfacet normal 0 0 x\nvertex 1 2\n" * 50),
+        ("a.stl", "\0" * 84),
+    ],
+)  # fmt: skip
+def test_what_is_no_mesh_is_one_sentence(
+    tmp_path: Path, name: str, text: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Not a line of trimesh, whose log has tracebacks."""
+    (tmp_path / name).write_text(text)
+    with pytest.raises(UserError, match=f"mesh {tmp_path / name}"):
+        shapes.mesh_shape(tmp_path / name, cells=16)
+    assert capfd.readouterr() == ("", "")

@@ -202,7 +202,8 @@ def allowed(control: Any, value: Any) -> Any:
         return value if isinstance(value, bool) else None
     if isinstance(control, viser.GuiDropdownHandle | viser.GuiButtonGroupHandle):
         return value if isinstance(value, str) and value in control.options else None
-    if isinstance(control, viser.GuiSliderHandle) and not isinstance(value, bool | str):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if isinstance(control, viser.GuiSliderHandle) and number:
         low, high = control.min, control.max
         if not (math.isfinite(value) and low - _ROUNDED <= value <= high + _ROUNDED):
             return None

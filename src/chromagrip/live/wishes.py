@@ -110,6 +110,8 @@ def scene_for(base: Scene, wishes: Wishes) -> Scene:
     """
     if base.fingers == 2:
         raise UserError("the live page shows one finger; this scene is a pinch of two")
+    if not math.isfinite(wishes.azimuth):
+        raise UserError(f"azimuth = {wishes.azimuth} must be a finite number")
     dome = base.body == "dome"
     azimuth = math.radians(wishes.azimuth) if dome else 0.0
     load: dict[str, Any] = {

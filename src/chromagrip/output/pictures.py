@@ -278,7 +278,7 @@ def _open_video(path: Path, max_megapixels: float) -> "Iterator[av.container.Inp
         raise UserError(f"video {path} is empty (0 bytes)")
     try:
         most = {"max_pixels": str(round(1e6 * max_megapixels))}  # also where sizes change later
-        container = av.open(str(path), options=most)
+        container = av.open(str(path), options=most, metadata_errors="ignore")
     except av.FFmpegError as error:
         raise UserError(
             f"{path} cannot be read as a video: {_reason(error)}; give {_KINDS}"
