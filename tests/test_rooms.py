@@ -24,6 +24,7 @@ GROUND = (
     "kernel_key",
     "links",
     "strange_files",
+    "stored_pictures",
     "strict_toml",
     "thesis",
     "user_cache",

@@ -48,14 +48,16 @@ def test_a_link_that_leaves_is_refused(tmp_path: Path) -> None:
         assert inside(home, below, follow_links=True) == home / below
         with pytest.raises(UserError, match="--follow-links"):
             refuse_links(home)
+        refuse_links(home, follow_links=True)
         if name != "out":
             (home / name).unlink()
 
 
 def test_a_pipe_is_no_file(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")  # reading it would wait for ever
-    with pytest.raises(UserError, match="is no file"):
-        refuse_links(tmp_path)
+    for follow in (False, True):
+        with pytest.raises(UserError, match="is no file"):
+            refuse_links(tmp_path, follow)
 
 
 def test_a_long_value_is_shortened() -> None:

@@ -130,7 +130,7 @@ def sight(image: Image, within: Mask | None = None) -> Sighting:
         found = [_inside(spots, within, scale) for spots in found]
     found = [s for s in found if _is_pattern(s)]
     if not found:
-        raise UserError("nothing here repeats like markers")
+        raise UserError("no regular marker pattern found in the picture")
     best = max(found, key=lambda s: len(s.area) * s.clear)
     alike = [s for s in found if s.bright == best.bright]
     middle, half = (scale - 1.0) / 2.0, _MARGIN * best.pitch * scale

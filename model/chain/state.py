@@ -1,7 +1,6 @@
 """State of the node model: the deformation, and all else that a step starts from."""
 
 import os
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from ...strange_files import array_names, read_arrays
 from .fingertip import Fingertip
 
 Array = NDArray[np.float64]
@@ -123,10 +123,9 @@ def load_state(path: str | Path) -> State:
         When the file is not one.
     """
     try:
-        with np.load(path, allow_pickle=False) as kept:
-            if str(kept["format"]) != "chromagrip state 1":
-                raise UserError("of another format")
-            values = {name: kept[name] for name in kept.files}
+        values = read_arrays(Path(path), array_names(Path(path)))
+        if str(values["format"]) != "chromagrip state 1":
+            raise UserError("of another format")
         return State(
             time=float(values["time"]),
             deformation=Deformation(
@@ -139,5 +138,5 @@ def load_state(path: str | Path) -> State:
             rate=values["rate"],
             step=float(values["step"]),
         )
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError(f"{path} is not a state saved by chromagrip: {error}") from None

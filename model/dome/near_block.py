@@ -1,4 +1,4 @@
-"""Compliance among the nodes that are looked at, and room for their equations."""
+"""Compliance of the active nodes, with preallocated work arrays."""
 
 import numpy as np
 from numpy.typing import NDArray

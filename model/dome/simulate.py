@@ -1,15 +1,16 @@
 """A dome and an object over a whole motion: what is recorded of it, and how it is kept."""
 
 import os
-import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from ...strange_files import read_arrays
 from ..checks import finite
 from ..force_field import ForceField
 from ..limit_surface import margin_within
@@ -213,8 +214,7 @@ def load_dome_state(path: str | os.PathLike[str]) -> DomeState:
     """
     names = [f.name for f in fields(DomeState)]
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in names}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        arrays: dict[str, Any] = read_arrays(Path(path), names)
+        return DomeState(**{**arrays, "time": float(arrays["time"])})
+    except (ValueError, TypeError) as error:
         raise UserError(f"{os.fspath(path)} is no state of a dome: {error}") from None
-    return DomeState(**{**arrays, "time": float(arrays["time"])})

@@ -2,7 +2,6 @@
 
 import math
 import os
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from ...strange_files import array_names, read_arrays
 from ..dome.dome import SoftBody, lattice
 from ..dome.placing import rotation_of
 from ..dome.state import DomeState
@@ -116,18 +116,17 @@ def load_pinch_state(path: str | os.PathLike[str]) -> PinchState:
     UserError: for a file that is not one.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            values: dict[str, Any] = {}
-            for each in fields(PinchState):
-                part = _PARTS.get(each.name)
-                if part is None:
-                    values[each.name] = _plain(stored[each.name])
-                    continue
-                inner = {f.name: _plain(stored[f"{each.name}.{f.name}"]) for f in fields(part)}
-                values[each.name] = part(**inner)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        stored, values = read_arrays(Path(path), array_names(Path(path))), dict[str, Any]()
+        for each in fields(PinchState):
+            part = _PARTS.get(each.name)
+            if part is None:
+                values[each.name] = _plain(stored[each.name])
+                continue
+            inner = {f.name: _plain(stored[f"{each.name}.{f.name}"]) for f in fields(part)}
+            values[each.name] = part(**inner)
+        return PinchState(**values)
+    except (ValueError, KeyError, TypeError) as error:
         raise UserError(f"{os.fspath(path)} is no state of a pinch: {error}") from None
-    return PinchState(**values)
 
 
 def _plain(array: Array) -> Any:

@@ -1,45 +1,54 @@
 """Entry point: `chromagrip`, and `python -m chromagrip`."""
 
 import gc
+import os
 import sys
+from contextlib import suppress
 
-from . import links
-from .cli.doctor import report
+with suppress(OSError):  # the working folder may be gone
+    if sys.path[:1] in ([""], [os.getcwd()]):  # of python -m: a stranger's file there is no module
+        del sys.path[0]
+
+from .cli.ending import end_at_once_on_interrupt, finish, quiet_interrupt
 
 
 def main() -> None:
     """Run the command line; version and doctor also where a package is missing."""
+    end_at_once_on_interrupt()
+    sys.unraisablehook = quiet_interrupt
+    try:
+        finish(_start)
+    finally:
+        gc.freeze()  # memory is given back as a whole: a last search takes 0.3 s
+
+
+def _start() -> int | None:
     words = sys.argv[1:]
     if words in (["--version"], ["-V"]):
         from . import __version__
 
         print(f"chromagrip {__version__}")
-        return
+        return 0
     if words in (["doctor"], ["doctor", "--json"]):
-        sys.exit(report(json_only=len(words) > 1))
-    _refuse(links.problem())
+        from .cli.doctor import report
+
+        return report(json_only=len(words) > 1)
+    from . import links
+    from .errors import UserError
+
+    problem = links.problem()
+    if problem is not None:
+        raise UserError(problem)
     gc.disable()  # what is imported is no garbage: to look for some takes 0.1 s
     try:
-        from .cli.app import main as run
+        from .cli.app import run
         from .compiled import announce
     except ImportError as error:
-        _refuse(f"{error}; `chromagrip doctor` names what mends it")
-    except KeyboardInterrupt:
-        print("chromagrip: interrupted", file=sys.stderr)
-        sys.exit(130)
+        raise UserError(f"{error}; `chromagrip doctor` names what mends it") from None
     announce()
     gc.freeze()
     gc.enable()
-    try:
-        run()
-    finally:
-        gc.freeze()  # memory is given back as a whole: a last search takes 0.3 s
-
-
-def _refuse(problem: str | None) -> None:
-    if problem is not None:
-        print(f"chromagrip: {problem}", file=sys.stderr)
-        sys.exit(2)
+    return run(words)
 
 
 if __name__ == "__main__":

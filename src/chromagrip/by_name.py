@@ -4,8 +4,9 @@ Each kind of method (tracker, reconstructor, controller, renderer, integrator, g
 `Registry`.
 """
 
+import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -19,6 +20,10 @@ from .errors import UserError
 
 #: A method as users choose it: a name, `module:Class`, or a class or other factory from Python.
 Choice = str | Callable[..., Any]
+#: Start of the name of a `module:Class` that a file names and that is not imported.
+NOT_ALLOWED = "file:"
+#: Keys of a file whose values are names of methods.
+METHOD_KEYS = ("controller", "renderer", "tracker", "reconstructor")
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,13 @@ class Registry:
             module, _, kind = self.entries[name][0].partition(":")
             return getattr(import_module(module, self.package), kind)
         self.check(name)
+        if named := _marked(name):
+            module = named.partition(":")[0]
+            raise UserError(
+                f"{self.kind} {named!r} stands in a file, whose code is not run unless you name "
+                f"it: give --allow {module}, or allow=({module!r},) in Python"
+            )
+        _find_in_working_folder()
         target = next((p.value for p in entry_points(group=self.group) if p.name == name), name)
         module, _, kind = target.partition(":")
         with blaming(f"{self.kind} {name!r} cannot be imported", Exception, SystemExit):
@@ -139,6 +151,65 @@ def name_of(choice: Choice | object) -> str:
         return name_of(choice.func)
     kind = choice if hasattr(choice, "__qualname__") else type(choice)
     return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def with_allowed(values: dict[str, Any], allow: Collection[str]) -> dict[str, Any]:
+    """Values of a file in which every `module:Class` that is not allowed is marked.
+
+    Opening a file thus never runs code that its writer chose: a marked name can be shown, and is
+    refused where the method would be imported.
+
+    Parameters
+    ----------
+    values: of a scene or a recipe; methods may stand at any depth, and under keys with dots
+    allow: modules that whoever starts the program named; a package stands for all its modules
+    """
+
+    def marked(name: str) -> str:
+        module, colon, _ = name.partition(":")
+        known = any(module == each or module.startswith(f"{each}.") for each in allow)
+        return name if known or not colon else NOT_ALLOWED + name
+
+    changed: dict[str, Any] = _with_names(values, marked)
+    return changed
+
+
+def as_in_file(values: dict[str, Any]) -> dict[str, Any]:
+    """Values to be written to a file: names without the mark of `with_allowed`."""
+    changed: dict[str, Any] = _with_names(values, lambda name: _marked(name) or name)
+    return changed
+
+
+def not_allowed(of: object) -> str:
+    """First `module:Class` of a scene that is marked as not allowed; "" where there is none."""
+    return next(filter(None, (_marked(getattr(of, key)) for key in METHOD_KEYS)), "")
+
+
+def _marked(name: str) -> str:
+    """What a marked name names; "" for one without a mark: a module may be called file, too."""
+    return name.removeprefix(NOT_ALLOWED) if name.count(":") > 1 else ""
+
+
+def _with_names(value: Any, change: Callable[[str], str], method: bool = False) -> Any:
+    """Values in which the names of methods are changed, at any depth."""
+    if isinstance(value, dict):
+        return {
+            key: _with_names(each, change, method or key.rpartition(".")[2] in METHOD_KEYS)
+            for key, each in value.items()
+        }
+    if isinstance(value, list | tuple):
+        return [_with_names(each, change, method) for each in value]
+    return change(value) if method and isinstance(value, str) else value
+
+
+def _find_in_working_folder() -> None:
+    """Let modules of the working folder be found, last of all.
+
+    Only once a user has named one: until then a file there, such as `rerun.py`, is nobody's.
+    """
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.append(folder)
 
 
 def make(kind: str, name: str, factory: Callable[[], Any]) -> Any:

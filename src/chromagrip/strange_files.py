@@ -1,9 +1,23 @@
-"""Files that others made: names and links that lead out of a folder are refused."""
+"""Files that others made: names, links, sizes and arrays are judged before they are used."""
 
+import math
 import os
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .errors import UserError
+
+#: Largest text file, such as a manifest of a million sequences [bytes].
+_MOST_BYTES = 200_000_000
+#: Values of the largest array of a NumPy file.
+MOST_VALUES = 100_000_000
 
 
 def inside(folder: Path, name: str, follow_links: bool = False) -> Path:
@@ -32,8 +46,13 @@ def inside(folder: Path, name: str, follow_links: bool = False) -> Path:
     return path
 
 
-def refuse_links(folder: Path) -> None:
+def refuse_links(folder: Path, follow_links: bool = False) -> None:
     """Walk a folder, and refuse links that lead out of it and what is no file, such as a pipe.
+
+    Parameters
+    ----------
+    folder: that the user named; it may be a link itself
+    follow_links: whether links may lead out of it
 
     Raises
     ------
@@ -49,12 +68,99 @@ def refuse_links(folder: Path) -> None:
         except OSError as error:
             raise UserError(f"{error.filename} cannot be read: {error.strerror}") from None
         for entry in found:
-            if entry.is_symlink():
+            if entry.is_symlink() and not follow_links:
                 _check_link(Path(entry.path), home)
-            elif entry.is_dir():
+            if entry.is_dir(follow_symlinks=False):
                 left.append(Path(entry.path))
-            elif not entry.is_file():
-                raise UserError(f"{entry.path} is no file; remove it")
+            elif not entry.is_file(follow_symlinks=False):
+                path = entry.path  # DirEntry raises at a loop of links
+                if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+                    raise UserError(f"{path} is no file; remove it")
+
+
+def read_small(path: Path, most: int = _MOST_BYTES) -> bytes:
+    """Bytes of a file that is kept in memory as a whole.
+
+    Parameters
+    ----------
+    path: of the file
+    most: largest size [bytes]
+
+    Raises
+    ------
+    UserError
+        When it cannot be read or is larger.
+    """
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > most:
+                raise UserError(
+                    f"{path} has {size / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are read"
+                )
+            return file.read(most)
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def array_names(path: Path) -> list[str]:
+    """Names of the arrays in a NumPy file (.npz); errors as in `read_arrays`."""
+    with _unzipped(path) as file:
+        return [name.removesuffix(".npy") for name in file.namelist()]
+
+
+def read_arrays(
+    path: Path, names: Iterable[str], most: int = MOST_VALUES
+) -> dict[str, NDArray[Any]]:
+    """Arrays of a NumPy file (.npz), judged by what their headers claim before they are decoded.
+
+    Parameters
+    ----------
+    path: of the file
+    names: of the arrays
+    most: values of an array at most, of eight bytes each
+
+    Raises
+    ------
+    UserError
+        When the file is damaged, or an array is not in it, claims more than it holds or is too
+        large.
+    """
+    with _unzipped(path) as file:
+        return {name: _array(file, f"{name}.npy", most) for name in names}
+
+
+def _array(file: zipfile.ZipFile, name: str, most: int) -> NDArray[Any]:
+    try:
+        held = file.getinfo(name).file_size
+    except KeyError:
+        raise UserError(f"{file.filename} has no array {name.removesuffix('.npy')}") from None
+    with file.open(name) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = np.lib.format.read_array_header_1_0
+        shape, _, kind = (read if version == (1, 0) else np.lib.format.read_array_header_2_0)(
+            stream
+        )
+        claimed = math.prod(shape) * kind.itemsize
+    if min(shape, default=0) < 0 or claimed > held:
+        raise ValueError(f"{name} claims {claimed} bytes, it has {held}")
+    if math.prod(shape) * max(kind.itemsize, 8) > 8 * most:
+        raise UserError(f"{file.filename}: {name} has more than {most} values, too many to read")
+    with file.open(name) as stream:
+        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
+
+
+@contextmanager
+def _unzipped(path: Path) -> Iterator[zipfile.ZipFile]:
+    """Make what a damaged archive may raise one sentence."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            yield file
+    except UserError:
+        raise
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+        raise UserError(f"{path} cannot be read: {reason}") from None
 
 
 def shortened(value: object, most: int = 80) -> str:

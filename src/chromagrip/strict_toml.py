@@ -24,6 +24,10 @@ class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 Kind = TypeVar("Kind", bound=Table)
 
 
+#: Largest TOML file [bytes]; a scene, sensor or palette has some kilobytes.
+MOST_BYTES = 10_000_000
+
+
 def read_toml(path: Path, name: str) -> Values:
     """Values of a TOML file.
 
@@ -35,10 +39,14 @@ def read_toml(path: Path, name: str) -> Values:
     Raises
     ------
     UserError
-        When the file cannot be read, or is not valid TOML.
+        When the file cannot be read, is larger than `MOST_BYTES`, or is not valid TOML.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open("rb") as file:  # a device has no size to ask for
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise UserError(f"{name} is larger than {MOST_BYTES / 1e6:g} MB")
+        text = data.decode().replace("\r\n", "\n").replace("\r", "\n")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
         raise UserError(f"{name} cannot be read: {reason}") from None
@@ -48,9 +56,24 @@ def read_toml(path: Path, name: str) -> Values:
 def parse_toml(text: str, name: str) -> Values:
     """Values of a TOML text; errors as in `read_toml`."""
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        values = tomllib.loads(text)
+        _refuse_null(values)
+    except ValueError as error:  # also of a number with thousands of digits
         raise UserError(f"{name} is not valid TOML: {error}") from None
+    except RecursionError:
+        raise UserError(f"{name} is not valid TOML: it is nested too deeply") from None
+    return values
+
+
+def _refuse_null(value: Any) -> None:
+    """Refuse the null character, which no name of a file can hold."""
+    if isinstance(value, str) and "\0" in value:
+        raise ValueError(f"{value!r} holds a null character")
+    if isinstance(value, dict):
+        value = [*value, *value.values()]
+    if isinstance(value, list):
+        for part in value:
+            _refuse_null(part)
 
 
 def convert(values: Values, kind: type[Kind], name: str) -> Kind:

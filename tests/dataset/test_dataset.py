@@ -518,7 +518,7 @@ def test_a_folder_is_filled_by_one_run_at_a_time(
 ) -> None:
     folder = copied(made, tmp_path / "grown")
     more, before = replace(TINY, sequences=4), bytes_of(folder)
-    with filling(folder), pytest.raises(UserError, match="is being filled by another run"):
+    with filling(folder), pytest.raises(UserError, match="is being filled by process"):
         make(more, folder, resume=True)
     assert bytes_of(folder) == before
     assert make(more, folder, resume=True)["sequences"].keys() > {"sequence-000002"}

@@ -165,8 +165,7 @@ def test_an_export_that_breaks_off_leaves_nothing(made: Path, tmp_path: Path, la
 
     with pytest.raises(KeyboardInterrupt):
         export(made, layout, tmp_path / "out", stop)
-    assert not list((tmp_path / "out").iterdir())
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert not list(tmp_path.iterdir())
     with pytest.raises(UserError, match="is no dataset"):
         export(tmp_path, layout, tmp_path / "out")
 
@@ -217,4 +216,4 @@ def test_what_has_changed_is_not_exported(made: Path, tmp_path: Path) -> None:
     (tmp_path / "spoilt" / "sequence-000001" / "frame-002.png").write_bytes(b"x")
     with pytest.raises(UserError, match=r"frame-002\.png has changed"):
         export(tmp_path / "spoilt", "webdataset", tmp_path / "out")
-    assert not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()

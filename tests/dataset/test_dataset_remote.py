@@ -1,5 +1,7 @@
 """Datasets at addresses: in memory, and in a bucket of a local server where moto is installed."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -114,3 +116,20 @@ def test_an_address_that_does_not_answer_is_said(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="nowhere://x cannot be used: Protocol not known"):
         check("nowhere://x")
     assert not np.any([path.name == "x" for path in tmp_path.iterdir()])
+
+
+def test_many_readers_at_once_get_the_whole_dataset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They copy into one folder, one after the other."""
+    make(TINY, tmp_path / "there")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    code = "import sys; from chromagrip.dataset.remote import fetched; print(fetched(sys.argv[1]))"
+    command = [sys.executable, "-c", code, f"file://{tmp_path / 'there'}"]
+    readers = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    found = [reader.communicate(timeout=120) for reader in readers]
+    assert [said for _, said in found] == [""] * 3
+    assert _of_folder(Path(found[0][0].strip())) == _of_folder(tmp_path / "there")

@@ -18,10 +18,11 @@ from msgspec.structs import replace
 from chromagrip import UserError
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
-from chromagrip.dataset.folder import sequence_name, write_sequence
+from chromagrip.dataset.folder import sequence_name
 from chromagrip.dataset.frozen import Frozen, content_of, digest_of, frozen_as, seal
 from chromagrip.dataset.make import make
 from chromagrip.dataset.recipe import bodies_of, drawn, load_recipe, scene_of
+from chromagrip.dataset.sequence import write_sequence
 from chromagrip.render import load_sensor, sensor_names
 
 Typed = Callable[..., subprocess.CompletedProcess[str]]

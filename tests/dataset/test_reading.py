@@ -16,7 +16,7 @@ from chromagrip import UserError
 from chromagrip.dataset import load_sequences
 from chromagrip.dataset.check import check
 from chromagrip.dataset.export import export
-from chromagrip.dataset.folder import CARD, FILES, sequence_name
+from chromagrip.dataset.folder import CARD, FILES, read_manifest, sequence_name
 from chromagrip.dataset.frozen import content_of, frozen_as
 from chromagrip.dataset.labels import INTERVALS, READ, READING
 from chromagrip.dataset.labels.reading import reading_lines
@@ -173,7 +173,7 @@ def test_layouts_that_have_forces_have_the_reading(
 def test_the_card_counts_what_is_covered(made: Path) -> None:
     """By hand: of frames in contact, errors and intervals."""
     text = (made / CARD).read_text("utf-8")
-    parts = [table.to_pydict() for _, table in tables(made, "frames")]
+    parts = [table.to_pydict() for table in tables(made, read_manifest(made)["sequences"])]
     rows = [
         [part[name][k] for name in ("force_z_n", *INTERVALS["force_z_n"])]
         for part in parts

@@ -181,7 +181,7 @@ def test_command_prints_writes_and_draws(
         ({"stiffness_kpa": 0.0}, "--stiffness-kpa must be above 0"),
         ({"azimuth_deg": math.inf}, "--azimuth-deg must be finite"),
         ({"load": 2.0, "sensor": ("dome-2020",)}, "sensor dome-2020: a grip of 3 N must hold"),
-        ({"body": "chain", "shears": 2}, "--shears is of a dome"),
+        ({"body": "chain", "shears": 2}, "--shears needs --body dome"),
         ({"body": "chain", "azimuth_deg": 10.0}, "--azimuth-deg is of a dome"),
     ],
 )

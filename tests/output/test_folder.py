@@ -1,23 +1,19 @@
 """Files and folders that are complete or not there."""
 
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from chromagrip.errors import UserError
-from chromagrip.output.folder import part_of, prepare, whole_file, whole_folder, write_whole
+from chromagrip.output.folder import LOCK, part_of, prepared, whole_file, whole_folder, write_whole
 from chromagrip.output.parquet import FORCES, EstimateTable
 from chromagrip.output.video import VideoFile
 
-FULL = Path("/dev/full")  # a device on which nothing has room
-needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
 
-
-def full_disk(path):
-    part_of(path).symlink_to(FULL)
-    return path
+def fill(folder, overwrite):
+    with prepared(folder, overwrite):
+        pass
 
 
 def video(path):
@@ -32,13 +28,21 @@ def estimates(path):
             table.add({"frame": k, "node_normal_n": list(range(100))})
 
 
-@needs_full
 @pytest.mark.parametrize("write", [video, estimates, lambda path: write_whole(path, b"x" * 10**6)])
-def test_a_full_disk_is_one_sentence_and_leaves_nothing(write, tmp_path):
-    path = full_disk(tmp_path / "result.bin")
-    with pytest.raises(UserError, match=r"result.bin cannot be written: No space left on device"):
-        write(path)
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(write, tmp_path, small_files):
+    small_files(4000)
+    with pytest.raises(UserError, match=r"result.bin cannot be written: File too large"):
+        write(tmp_path / "result.bin")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_strangers_link_is_not_written_through(tmp_path):
+    """A folder that is written to may be one that somebody else made."""
+    (tmp_path / "theirs").write_text("kept")
+    part_of(tmp_path / "result.bin").symlink_to(tmp_path / "theirs")
+    write_whole(tmp_path / "result.bin", b"x")
+    assert (tmp_path / "theirs").read_text() == "kept"
+    assert not (tmp_path / "result.bin").is_symlink()
 
 
 @pytest.mark.parametrize("write", [video, estimates, lambda path: write_whole(path, b"x")])
@@ -80,14 +84,13 @@ def test_a_file_that_fails_leaves_the_one_before(tmp_path):
 
 def test_a_folder_has_its_name_when_it_is_complete(tmp_path):
     folder = tmp_path / "data"
-    prepare(folder, overwrite=None)
-    with suppress(KeyError), whole_folder(folder) as part:
+    with suppress(KeyError), prepared(folder, None), whole_folder(folder) as part:
         (part / "one").write_text("1")
         raise KeyError
     assert not list(folder.iterdir())
-    with whole_folder(folder) as part:
+    with prepared(folder, None), whole_folder(folder) as part:
         (part / "one").write_text("1")
-        assert not list(folder.iterdir())
+        assert [path.name for path in folder.iterdir()] == [LOCK]
     assert [path.name for path in folder.iterdir()] == ["one"]
     assert list(tmp_path.iterdir()) == [folder]
 
@@ -103,7 +106,7 @@ def test_of_two_processes_that_fill_a_folder_the_faster_one_wins(tmp_path):
 def test_a_folder_that_holds_files_is_refused_unless_told_otherwise(tmp_path):
     (tmp_path / "old").write_text("result")
     with pytest.raises(UserError, match=r"is not empty; choose another or give --overwrite"):
-        prepare(tmp_path, overwrite=False)
-    prepare(tmp_path, overwrite=True)
+        fill(tmp_path, overwrite=False)
+    fill(tmp_path, overwrite=True)
     with pytest.raises(UserError, match=r"old is a file, not a folder"):
-        prepare(tmp_path / "old", overwrite=True)
+        fill(tmp_path / "old", overwrite=True)

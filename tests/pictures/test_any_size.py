@@ -165,7 +165,7 @@ def test_too_small_and_too_large_a_sensor_is_refused(rest: Image, by: float, sai
 def test_pictures_without_markers_are_refused(shape: tuple[int, int]) -> None:
     said = refusal(np.zeros((*shape, 3), np.uint8))
     assert f"{shape[1]}×{shape[0]} pixels, the sensor's camera gives 640×480" in said
-    assert "the sensor is not found in them: nothing here repeats like markers" in said
+    assert "the sensor is not found in them: no regular marker pattern found in the picture" in said
 
 
 @pytest.mark.slow

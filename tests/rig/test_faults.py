@@ -165,7 +165,7 @@ def test_a_run_that_is_killed_leaves_its_trace(killed: Path) -> None:
     for path in listed:
         assert len(list(path.parent.glob("frame-*.png"))) >= len(rows) - 1
     names = {path.name for path in (killed / "run").iterdir()}
-    assert names == {"scene.toml", ".parts"}  # nothing that looks whole
+    assert names == {"scene.toml", ".parts", ".lock"}  # nothing that looks whole
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")

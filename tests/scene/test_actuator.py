@@ -78,5 +78,7 @@ def test_the_grip_lags_in_the_loop() -> None:
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan])
 def test_a_drive_that_never_moves_is_refused(rate: float) -> None:
-    with pytest.raises(UserError, match=r"rate_n_per_s = .* must be above 0, inf is off"):
+    with pytest.raises(
+        UserError, match=r"rate_n_per_s = .* must be greater than 0 \(inf: unlimited\)"
+    ):
         load_scene("thesis", {"actuator.rate_n_per_s": rate})

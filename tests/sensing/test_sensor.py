@@ -214,6 +214,11 @@ def test_a_chain_in_a_pose_is_that_of_the_force_that_holds_it() -> None:
     assert other.data.contact.place[0] == pytest.approx(0.2e-3, rel=0.1)
 
 
+def test_millimetres_are_not_taken_for_metres() -> None:
+    with pytest.raises(UserError, match="is 15 m away, most is 1 m: are these"):
+        Pose(place=(0.0, 0.0, 15.0))
+
+
 def test_a_pad_is_a_body_too() -> None:
     sensor = TactileSensor("flat-2019", body="pad")
     assert sensor.body.name == "pad"

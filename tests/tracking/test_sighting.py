@@ -191,7 +191,7 @@ NOTHING = {
 
 @pytest.mark.parametrize("image", NOTHING.values(), ids=NOTHING.keys())
 def test_what_does_not_repeat_like_markers_is_refused(image: np.ndarray) -> None:
-    with pytest.raises(UserError, match="nothing here repeats like markers"):
+    with pytest.raises(UserError, match="no regular marker pattern found in the picture"):
         sight(image)
 
 
@@ -208,7 +208,7 @@ def test_markers_are_looked_for_only_where_that_is_asked() -> None:
     seen = sight(dotted(places), half)
     assert not seen.field[:, WIDTH // 2 :].any()
     assert seen.position[:, 0].max() < WIDTH / 2 + 1
-    with pytest.raises(UserError, match="nothing here"):
+    with pytest.raises(UserError, match="no regular marker pattern"):
         sight(dotted(places), ~np.ones_like(half))
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..render.optics import Board
+from ..stored_pictures import MEGAPIXELS, decoded
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -53,19 +54,19 @@ def image_files(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
-def read_image(path: Path) -> Picture:
-    """Grey image of a file, as the camera stored it."""
+def read_image(path: Path, max_megapixels: float = MEGAPIXELS) -> Picture:
+    """Grey image of a file, as the camera stored it: its note of a turned camera is not the lens's.
+
+    A larger one than `max_megapixels` is not decoded.
+    """
     try:
-        # As the sensor recorded it: the file's note of a turned camera does not concern the lens.
-        flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), flags)
+        data = path.read_bytes()
     except OSError as error:
         raise UserError(f"image {path} cannot be read: {error.strerror}") from None
-    except cv2.error:
-        image = None
-    if image is None:
+    image = decoded(data, f"image {path}", max_megapixels, grey=True)
+    if image is None or isinstance(image, str):
         raise UserError(f"image {path} cannot be read: it is not a whole png or jpg file")
-    return np.asarray(image, dtype=np.uint8)
+    return image
 
 
 def find_corners(image: Picture, board: Board) -> tuple[NDArray[np.int64], Array]:

@@ -206,7 +206,7 @@ def _own_load(rng: np.random.Generator, task: Task, most: float) -> Array:
 
 
 def _independent(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
-    """Grip and load are independent, but for a grip that holds the load."""
+    """Draw grip and load independently; the grip is raised where it could not hold the load."""
     grip = _wander(rng, task)
     load = _own_load(rng, task, task.half * by_factor(rng, (0.2, 2.0)) * float(grip.max()))
     return np.maximum(grip, abs(load) / (_MOST_HELD * task.half)), load + task.middle * grip

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import UserError
 from ..render import FisheyeCamera, PinholeCamera
 from ..render.optics import Board
+from ..stored_pictures import MEGAPIXELS
 from .board_corners import MIN_CORNERS, View, check_count, find_corners, on_a_line, read_image
 from .lens_fit import Fit, calibrate_fisheye, calibrate_pinhole
 
@@ -57,6 +58,7 @@ def calibrate_camera(
     board: Board,
     model: ModelName,
     tell: Callable[[str], None] = lambda text: None,
+    max_megapixels: float = MEGAPIXELS,
 ) -> Calibration:
     """Camera that took the images.
 
@@ -66,6 +68,7 @@ def calibrate_camera(
     board: that they show; the size of its squares does not matter
     model: of the lens
     tell: called with the current step, for a progress line
+    max_megapixels: largest image that is decoded
 
     Raises
     ------
@@ -78,7 +81,7 @@ def calibrate_camera(
     places = np.rint(np.asarray(board.opencv().getChessboardCorners()) / board.square)
     for number, path in enumerate(files):
         tell(f"looking for the board in {path.name}, {number + 1} of {len(files)}")
-        image = read_image(path)
+        image = read_image(path, max_megapixels)
         height, width = image.shape
         if size is not None and size != (width, height):
             raise UserError(

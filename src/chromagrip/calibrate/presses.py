@@ -75,6 +75,7 @@ def track_presses(
     tracker: str,
     noise: float | None,
     tell: Callable[[str], None],
+    max_megapixels: float,
 ) -> Pressed:
     """Find and track the markers in the pictures of a folder.
 
@@ -86,6 +87,7 @@ def track_presses(
     tracker: see `load_tracker`
     noise: of the camera [grey levels]; None estimates it from the rest pictures
     tell: called with the current step, for a progress line
+    max_megapixels: largest picture that is decoded
 
     Raises
     ------
@@ -96,7 +98,7 @@ def track_presses(
     if not files:
         raise UserError(f"folder {folder} has no rest*.png, pictures of the unloaded sensor")
     tell("markers at rest")
-    still = [Frame(image=read_picture(path), time=0.0) for path in files]
+    still = [Frame(image=read_picture(path, max_megapixels), time=0.0) for path in files]
     if noise is None:
         noise, _ = noise_level(still, any(".jp" in path.suffix.lower() for path in files))
     follower = load_tracker(tracker)(Palette.of_sensor(sensor), noise)
@@ -106,7 +108,7 @@ def track_presses(
         tracks = []
         for number, press in enumerate(presses, 1):
             tell(f"markers in {press.name}, {number} of {len(presses)}")
-            image = read_picture(folder / press.name)
+            image = read_picture(folder / press.name, max_megapixels)
             with located(f"picture {folder / press.name}"):
                 tracks.append(follower.update(Frame(image=image, time=number * _PERIOD)))
     pairs = np.asarray(rest.visible.all(axis=0))

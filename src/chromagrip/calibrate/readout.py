@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..model import Fingertip, rest_state
-from ..output.folder import filling, whole_file
+from ..output.folder import LOCK, filling, whole_file
 from ..output.processes import map_processes
 from ..render import Defects, SensorDesign
 from ..sensing.sensor import TactileSensor
@@ -122,7 +122,7 @@ def _claim(folder: Path, calibration: SensorCalibration, noise: float) -> None:
     key = training_key(calibration.sensor, calibration.fingertip)
     settings = msgspec.json.encode({"of": msgspec.Raw(key), "noise": noise})
     file = folder / _SETTINGS
-    if not any(folder.iterdir()):
+    if all(path.name == LOCK for path in folder.iterdir()):
         with whole_file(file) as part:
             part.write_bytes(settings)
     elif not file.exists() or file.read_bytes() != settings:

@@ -17,6 +17,7 @@ from ..errors import UserError, located
 from ..output.folder import write_whole
 from ..output.processes import one_thread
 from ..render import SensorDesign
+from ..stored_pictures import MEGAPIXELS
 from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
 from ..tracking.forces import (
     CameraPose,
@@ -92,6 +93,7 @@ def calibrate_sensor(
     tracker: str = DEFAULT_TRACKER,
     noise: float | None = None,
     tell: Callable[[str], None] = lambda text: None,
+    max_megapixels: float = MEGAPIXELS,
 ) -> tuple[SensorCalibration, FitReport]:
     """Calibration of the sensor in the pictures of a folder.
 
@@ -106,6 +108,7 @@ def calibrate_sensor(
     tracker: see `load_tracker`
     noise: of the camera [grey levels]; None estimates it
     tell: called with the current step, for a progress line
+    max_megapixels: largest picture that is decoded
 
     Raises
     ------
@@ -132,7 +135,7 @@ def calibrate_sensor(
         _check_forces(presses, where)
         if not silicone:
             _check_plates(presses, where)
-    pressed = track_presses(folder, presses, design, tracker, noise, tell)
+    pressed = track_presses(folder, presses, design, tracker, noise, tell, max_megapixels)
     if not by_force:
         return _fit_displacement(nominal, pressed, where)
     with one_thread():

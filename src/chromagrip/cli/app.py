@@ -9,7 +9,6 @@ Shell completion: chromagrip --tyro-write-completion bash FILE
 """
 
 import io
-import os
 import re
 import sys
 from collections.abc import Callable
@@ -22,6 +21,7 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from ..errors import UserError
+from ..output.folder import make_scratch
 from . import (
     calibrate,
     dataset,
@@ -35,9 +35,9 @@ from . import (
     score,
     sweep,
 )
-from .options import signal_exit_code, take_signals
+from .ending import NAME, finish
+from .options import drop_unused, take_signals
 
-NAME = "chromagrip"
 EXIT_CODES = """Exit codes: 0 done, 1 an error in code or a missing part of the installation
 (doctor), 2 invalid input, 130 interrupted, 141 output closed, 143 terminated."""
 
@@ -87,36 +87,38 @@ COMMANDS: dict[str, Command] = {
 
 def main() -> None:
     """Entry point of the command line."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks Γ shows a question mark
-            stream.reconfigure(errors="replace")
+    finish(lambda: run(sys.argv[1:]))
+
+
+def run(words: list[str]) -> int:
+    """Run a command line; its exit code.
+
+    Raises
+    ------
+    UserError
+        When it cannot be done, in one sentence.
+    """
     take_signals()
-    sys.path.append(str(Path.cwd()))  # where a user's module:Class lies
-    sys.exit(_run(sys.argv[1:]))
-
-
-def _run(words: list[str]) -> int:
+    for word in words:
+        if not word.isprintable() and any("\ud800" <= c <= "\udfff" for c in word):
+            encoding = sys.getfilesystemencoding()
+            raise UserError(f"{word} is not {encoding} text; with PYTHONUTF8=1 words are UTF-8")
+    command = _parse(words)
+    if isinstance(command, int):
+        return command
+    out = command.keywords.get("out")
+    if isinstance(out, Path):
+        make_scratch(out)
     try:
-        command = _parse(words)
-        try:
-            return command()
-        except SystemExit as ended:  # commands return their code: a plug-in ended the program
-            raise UserError(f"a plug-in ended the program: SystemExit: {ended.code}") from ended
-    except UserError as error:
-        print(f"{NAME}: {error}", file=sys.stderr)
-        return 2
-    except BrokenPipeError:
-        # The reader is gone, as with `| head`; the last flush must not complain either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
-    except KeyboardInterrupt:
-        code = signal_exit_code()
-        print(f"{NAME}: {'interrupted' if code == 130 else 'terminated'}", file=sys.stderr)
-        return code
+        return command()
+    except SystemExit as ended:  # commands return their code: a plug-in ended the program
+        raise UserError(f"a plug-in ended the program: SystemExit: {ended.code}") from ended
+    finally:
+        drop_unused()
 
 
-def _parse(words: list[str]) -> Callable[[], int]:
-    """Command line as a function that runs it.
+def _parse(words: list[str]) -> partial[int] | int:
+    """Command line as a function that runs it, or the exit code of a page that was printed.
 
     Raises
     ------
@@ -137,13 +139,13 @@ def _parse(words: list[str]) -> Callable[[], int]:
             rest = words[len(name.split()) :]
             return tyro.cli(_bound(COMMANDS[name]), prog=f"{NAME} {name}", args=rest)
     except SystemExit as ended:
-        if ended.code in (0, None):
-            raise
+        if ended.code in (0, None):  # a page of help
+            return 0
         page = f"{NAME} {name} --help" if name else f"{NAME} --help"
         raise UserError(f"{_sentence(messages.getvalue())}; see `{page}`") from None
 
 
-def _bound(command: Command) -> Callable[..., Callable[[], int]]:
+def _bound(command: Command) -> Callable[..., partial[int]]:
     """Function with the command's options that returns the call instead of making it.
 
     Parsing is thus over before the command runs, and no error of a command is taken for one of
@@ -151,7 +153,7 @@ def _bound(command: Command) -> Callable[..., Callable[[], int]]:
     """
 
     @wraps(command)
-    def bind(*values: object, **options: object) -> Callable[[], int]:
+    def bind(*values: object, **options: object) -> partial[int]:
         return partial(command, *values, **options)
 
     return bind

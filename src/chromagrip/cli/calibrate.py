@@ -9,10 +9,12 @@ import tyro
 
 from ..calibrate.first_use import EPOCHS, HISTORIES, NOISE, as_designed, place_to_keep
 from ..errors import UserError, located
+from ..stored_pictures import MEGAPIXELS
 from .options import (
     CORES,
     Flag,
     Json,
+    MaxMegapixels,
     Noise,
     TrackerName,
     Workers,
@@ -57,6 +59,7 @@ def calibrate(
         Path | None, option(f"calibration file; by default {_DEFAULT_OUT}", "FILE.yml")
     ] = None,
     overwrite: Annotated[Flag, option("write over an earlier file")] = False,
+    max_megapixels: MaxMegapixels = MEGAPIXELS,
     print_board: Annotated[
         Path | None, option("write the board's picture to print, and do nothing else", "FILE.png")
     ] = None,
@@ -72,6 +75,7 @@ def calibrate(
     """
     from ..render.optics import Board
 
+    check_least(max_megapixels=(max_megapixels, 0.0))
     board = Board(
         columns=columns,
         rows=rows,
@@ -92,7 +96,7 @@ def calibrate(
 
     files = image_files(images)
     with status() as report:
-        result = calibrate_camera(files, board, model, report)
+        result = calibrate_camera(files, board, model, report, max_megapixels)
     if out is not None:
         save_camera(result.camera, out, result.error)
     if json_only:
@@ -123,6 +127,7 @@ def calibrate_sensor(
         Path | None, option(f"calibration file; by default {_DEFAULT_SENSOR}", "FILE.toml")
     ] = None,
     overwrite: Annotated[Flag, option("write over an earlier file")] = False,
+    max_megapixels: MaxMegapixels = MEGAPIXELS,
     json_only: Annotated[
         Flag, option("one JSON object; writes a file only with --out", name="json")
     ] = False,
@@ -136,7 +141,7 @@ def calibrate_sensor(
     """
     from ..render import load_sensor
 
-    check_least(noise=(noise, 0.0))
+    check_least(noise=(noise, 0.0), max_megapixels=(max_megapixels, 0.0))
     if out is None and not json_only:
         out = _DEFAULT_SENSOR
     if out is not None:
@@ -148,7 +153,14 @@ def calibrate_sensor(
     from ..tracking.forces import calibration_table
 
     with status() as show:
-        result, report = calibrate(presses, design, tracker=tracker, noise=noise, tell=show)
+        result, report = calibrate(
+            presses,
+            design,
+            tracker=tracker,
+            noise=noise,
+            tell=show,
+            max_megapixels=max_megapixels,
+        )
     if out is not None:
         save_calibration(result, sensor, report, out)
     if json_only:

@@ -7,7 +7,18 @@ import tyro
 from msgspec.structs import replace
 
 from ..errors import UserError
-from .options import CORES, Flag, Json, Workers, check_least, counting, option, print_values
+from .options import (
+    CORES,
+    Allow,
+    Flag,
+    FollowLinks,
+    Json,
+    Workers,
+    check_least,
+    counting,
+    option,
+    print_values,
+)
 
 Folder = Annotated[str, tyro.conf.Positional, option("of a dataset, or its address", "DIR|URL")]
 NewFolder = Annotated[
@@ -57,6 +68,7 @@ def make(
     meshes: Annotated[
         Path | None, option("folder of the objects of a dome, instead of the recipe's", "DIR")
     ] = None,
+    allow: Allow = (),
     workers: Workers = CORES,
     shard: Annotated[
         str, option("every K-th sequence from the i-th on, such as 2/8", "i/K")
@@ -65,7 +77,9 @@ def make(
         Literal["joblib", "dask", "ray"], option("library that runs the work", "joblib|dask|ray")
     ] = "joblib",
     address: Annotated[str, option("of a running cluster, such as tcp://host:8786", "URL")] = "",
-    resume: Annotated[Flag, option("continue an interrupted dataset")] = False,
+    resume: Annotated[
+        Flag, option("continue an interrupted dataset; what is damaged in it is made again")
+    ] = False,
     json_only: Json = False,
 ) -> int:
     """Make labelled sequences of pictures from a recipe.
@@ -79,7 +93,7 @@ def make(
     from ..dataset.make import make as make_dataset
     from ..dataset.recipe import load_recipe
 
-    loaded = load_recipe(recipe, meshes)
+    loaded = load_recipe(recipe, meshes, allow=allow)
     if n is not None:
         if not 1 <= n <= MOST_SEQUENCES:
             raise UserError(f"--n {n}: expected 1 to {MOST_SEQUENCES}")
@@ -90,12 +104,15 @@ def make(
     if store is not None:
         loaded = replace(loaded, store=store)
     check_least(workers=(workers, 1))
+    again: list[str] = []
     with counting("sequences", transient=False) as progress:
         manifest = make_dataset(
             loaded, out, workers=workers, shard=_shard(shard), backend=backend, address=address,
-            resume=resume, progress=progress,
+            resume=resume, progress=progress, damaged=again.extend,
         )  # fmt: skip
-    made = {"sequences": len(manifest["sequences"]), "folder": str(out)}
+    made: dict[str, object] = {"sequences": len(manifest["sequences"]), "folder": str(out)}
+    if resume:
+        made["damaged_and_made_again"] = len(again)
     print_values(made | seal(out), json_only)
     return 0
 
@@ -106,6 +123,7 @@ def merge(
     ],
     *,
     out: NewFolder,
+    follow_links: FollowLinks = False,
     json_only: Json = False,
 ) -> int:
     """Join shards of a dataset in one folder.
@@ -116,12 +134,12 @@ def merge(
 
     if not folders:
         raise UserError("give the shards to merge")
-    manifest = merge_datasets(list(folders), out)
+    manifest = merge_datasets(list(folders), out, follow_links=follow_links)
     print_values({"sequences": len(manifest["sequences"]), "folder": str(out)}, json_only)
     return 0
 
 
-def check(folder: Folder, *, json_only: Json = False) -> int:
+def check(folder: Folder, *, follow_links: FollowLinks = False, json_only: Json = False) -> int:
     """Verify checksums, counts, ranges and physics of a dataset; name the first bad sample.
 
     Of a frozen recipe, pictures and labels must be those that were recorded, but for rounding.
@@ -132,19 +150,20 @@ def check(folder: Folder, *, json_only: Json = False) -> int:
     from ..dataset.frozen import seal
 
     with counting("checking") as progress:
-        count = check_dataset(folder, progress)
-    print_values({"sequences": count, "whole": True} | seal(folder), json_only)
+        count = check_dataset(folder, progress, follow_links=follow_links)
+    made = seal(folder, follow_links=follow_links)
+    print_values({"sequences": count, "whole": True} | made, json_only)
     return 0
 
 
-def info(folder: Folder, *, json_only: Json = False) -> int:
+def info(folder: Folder, *, follow_links: FollowLinks = False, json_only: Json = False) -> int:
     """Summarise a dataset.
 
     Example: chromagrip dataset info data --json
     """
     from ..dataset.read import summarise
 
-    print_values(summarise(folder), json_only)
+    print_values(summarise(folder, follow_links=follow_links), json_only)
     return 0
 
 
@@ -156,6 +175,7 @@ def export(
         option("layout", "coco|lerobot|tapvid|webdataset"),
     ],
     out: NewFolder,
+    follow_links: FollowLinks = False,
     json_only: Json = False,
 ) -> int:
     """Write a dataset in the layout of another tool.
@@ -167,8 +187,8 @@ def export(
     from ..dataset.remote import fetched
 
     with counting("exporting") as progress:
-        progress(0, len(read_manifest(fetched(folder))["sequences"]))
-        files = export_dataset(folder, to, out, progress)
+        progress(0, len(read_manifest(fetched(folder, follow_links))["sequences"]))
+        files = export_dataset(folder, to, out, progress, follow_links=follow_links)
     print_values({"files": len(files), "folder": str(out)}, json_only)
     return 0
 
@@ -180,6 +200,7 @@ def split(
         str, option("parts and their shares of the objects", "NAME=SHARE,...")
     ] = "train=0.8,validation=0.1,test=0.1",
     seed: Annotated[int, option("of the order of the objects", "N")] = 0,
+    follow_links: FollowLinks = False,
     json_only: Json = False,
 ) -> int:
     """Split a dataset by object, so that no object is in two parts; writes split.json.
@@ -188,7 +209,7 @@ def split(
     """
     from ..dataset.split import split as split_dataset
 
-    parts = split_dataset(folder, _shares(shares), seed)
+    parts = split_dataset(folder, _shares(shares), seed, follow_links=follow_links)
     print_values({name: len(names) for name, names in parts.items()}, json_only)
     return 0
 

@@ -14,6 +14,7 @@ from ..scene import load_scene
 from ..scene.fingers import fingers
 from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
 from .options import (
+    Allow,
     Changes,
     Flag,
     FollowLinks,
@@ -74,6 +75,7 @@ def grasp(
     ] = None,
     seed: Annotated[int | None, option("of the camera noise", "N")] = None,
     changes: Changes = (),
+    allow: Allow = (),
     out: Annotated[
         Path | None, option("run folder; by default a new one under runs/", "DIR")
     ] = None,
@@ -129,7 +131,7 @@ def grasp(
     for name, value in _arguments("--arg", arguments).items():
         changed[f"controller_arguments.{name}"] = value
     changed |= dict(parse_change(text) for text in changes)
-    resolved = load_scene(scene, changed)
+    resolved = load_scene(scene, changed, allow=allow)
     if not answer_within > 0.0:
         raise UserError(f"--answer-within {answer_within}: expected more than 0; inf is no limit")
     if frames is not None and out is None and json_only:
@@ -200,6 +202,7 @@ def plan(
     *,
     tolerance: Annotated[float, option("of the safety margin Γ, RMS", "SHARE")] = 0.05,
     changes: Changes = (),
+    allow: Allow = (),
     json_only: Annotated[Flag, option("print one JSON object", name="json")] = False,
 ) -> int:
     """Choose the cheapest methods and steps that keep Γ of a scene within a tolerance.
@@ -210,7 +213,9 @@ def plan(
     """
     from ..loop.fidelity import Fidelity
 
-    choice = Fidelity.auto(tolerance, load_scene(scene, dict(map(parse_change, changes))))
+    choice = Fidelity.auto(
+        tolerance, load_scene(scene, dict(map(parse_change, changes)), allow=allow)
+    )
     if json_only:
         report = {
             "changes": choice.changes,
@@ -264,6 +269,7 @@ def live(
     ] = None,
     *,
     changes: Changes = (),
+    allow: Allow = (),
     run: Annotated[Path | None, option("show a finished run instead", "DIR")] = None,
     source: Annotated[
         str | None,
@@ -330,7 +336,7 @@ def live(
         from ..live.run_page import serve_run
         from ..loop.shown.run_folder import read_run
 
-        serve_run(read_run(run, follow_links, most_rows), place)
+        serve_run(read_run(run, follow_links, most_rows, allow=allow), place)
     elif source is not None:
         from ..live.watch import Looking, serve_source
 
@@ -347,7 +353,9 @@ def live(
         serve_source(looking, place)
     else:
         resolved = load_scene(
-            scene or "dome-1", {"path": "camera"} | dict(map(parse_change, changes))
+            scene or "dome-1",
+            {"path": "camera"} | dict(map(parse_change, changes)),
+            allow=allow,
         )
         scene_for(resolved, wishes_of(resolved))  # what cannot be shown is refused at once
         prepare_scene(resolved, pictures=True)

@@ -27,7 +27,9 @@ def limit(
     body: Annotated[
         Body, option("node chain, or silicone in three dimensions", "chain|dome")
     ] = "chain",
-    grip: Annotated[float | None, option("grip force; 1.86, of a dome 3", "N")] = None,
+    grip: Annotated[
+        float | None, option("grip force; by default 1.86 N, or 3 N with --body dome", "N")
+    ] = None,
     load: Annotated[
         float | None,
         option("lateral load, raised after the grip; 0.65, on a dome for Γ = 0.3", "N"),
@@ -67,13 +69,13 @@ def limit(
         raise UserError(f"--frames must be 1 or more, got {frames}")
     for name, value in (("--azimuth-deg", azimuth_deg), ("--shears", shears)):
         if body == "chain" and value is not None:
-            raise UserError(f"{name} is of a dome: add --body dome")
+            raise UserError(f"{name} needs --body dome")
 
     from ..measure.limits.body import Case  # Numba and matplotlib load only here
     from ..measure.limits.chain import ChainLimit
     from ..measure.limits.dome.report import DomeLimit
     from ..measure.limits.sweep import draw, write_table
-    from ..output.folder import prepare
+    from ..output.folder import prepared
 
     bodies: dict[Body, type[BodyLimit]] = {"chain": ChainLimit, "dome": DomeLimit}
     kind = bodies[body]
@@ -93,14 +95,13 @@ def limit(
     )
     names = dict.fromkeys(sensor or kind.default_designs())
     limits = {name: kind.of(case, name) for name in names}
-    if out is not None:
-        prepare(out, overwrite)
-    entries, sweeps = _compute(limits, margin_error, out is not None)
-    report = {**case.entries(), "sensors": entries}
-    if out is not None:
-        draw(limits, sweeps, case.title, out / "limit.png")
-        write_table(limits, sweeps, out / "limit.csv")
-        (out / "limit.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    with prepared(out, overwrite):
+        entries, sweeps = _compute(limits, margin_error, out is not None)
+        report = {**case.entries(), "sensors": entries}
+        if out is not None:
+            draw(limits, sweeps, case.title, out / "limit.png")
+            write_table(limits, sweeps, out / "limit.csv")
+            (out / "limit.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     if json_only:
         print(json.dumps(report))
         return 0

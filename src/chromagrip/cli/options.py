@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +25,9 @@ from rich.status import Status
 from rich.table import Table
 
 from ..errors import UserError
+
+#: Folders that got their names in this call of a command.
+_new: list[Path] = []
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 #: Processors of this machine.
@@ -55,6 +58,11 @@ Changes = Annotated[
     tuple[str, ...],
     tyro.conf.UseAppendAction,
     option("change one value of the scene, such as object.friction=0.3", "KEY=VALUE", "set"),
+]
+Allow = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    option("module whose classes the file may name; no other code of a file is run", "MODULE"),
 ]
 Rest = Annotated[
     str,
@@ -87,6 +95,9 @@ Mask = Annotated[
 Fps = Annotated[
     float | None,
     option("frame rate of pictures (by default 30), or instead of a video's own", "HZ"),
+]
+MaxMegapixels = Annotated[
+    float, option("largest picture that is decoded; a larger one is refused", "MP")
 ]
 Frames = Annotated[int | None, option("largest number of frames", "N")]
 Workers = Annotated[int, option("processes", "N")]
@@ -134,7 +145,7 @@ def check_least(**options: tuple[float | None, float]) -> None:
     """
     for name, (value, least) in options.items():
         if value is not None and not (math.isfinite(value) and value >= least):
-            raise UserError(f"--{name} {value}: expected {least:g} or more")
+            raise UserError(f"--{name.replace('_', '-')} {value}: expected {least:g} or more")
 
 
 def check_file(path: Path, suffixes: set[str], overwrite: bool) -> None:
@@ -150,12 +161,33 @@ def check_file(path: Path, suffixes: set[str], overwrite: bool) -> None:
 
 
 def new_folder(stem: str) -> Path:
-    """First unused runs/STEM-NNN."""
+    """First unused runs/STEM-NNN, made at once: another command that starts now gets the next.
+
+    Raises
+    ------
+    UserError
+        When all names are used, or it cannot be made.
+    """
     for number in range(1, 10_000):
         folder = Path("runs") / f"{stem}-{number:03d}"
-        if not folder.exists():
-            return folder
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
+        _new.append(folder)
+        return folder
     raise UserError(f"runs/ holds 9999 runs named {stem}; choose a folder with --out")
+
+
+def drop_unused() -> None:
+    """Remove the new folders into which a command that failed wrote nothing."""
+    while _new:
+        folder = _new.pop()
+        with suppress(OSError):  # it is in use
+            folder.rmdir()
+            folder.parent.rmdir()
 
 
 def stem_of(source: str) -> str:
@@ -167,7 +199,7 @@ def stem_of(source: str) -> str:
     """
     path = Path(source)
     if not path.name.strip("."):  # . and .. are folders that have a name of their own
-        path = path.resolve()
+        path = Path(os.path.realpath(path))
     return (path.name if path.is_dir() else path.stem).replace(":", "-")
 
 
@@ -243,15 +275,10 @@ def take_signals() -> None:
 def _interrupt(number: int, _frame: object) -> None:
     _received.append(number)
     _interrupted.set()
-    raise KeyboardInterrupt
-
-
-def signal_exit_code() -> int:
-    """Exit code of a command that a signal ended: 128 + its number."""
-    return 128 + (_received[-1] if _received else signal.SIGINT)
+    raise KeyboardInterrupt(number)
 
 
 def stop_if_interrupted() -> None:
     """Stop here if an interruption was lost, as it is while a kernel is being compiled."""
     if _interrupted.is_set():
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(*_received[-1:])

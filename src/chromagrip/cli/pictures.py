@@ -12,6 +12,7 @@ import tyro
 from rich.table import Table
 
 from ..errors import UserError
+from ..stored_pictures import MEGAPIXELS
 from .options import (
     Crop,
     Flag,
@@ -19,6 +20,7 @@ from .options import (
     Frames,
     JsonOnly,
     Mask,
+    MaxMegapixels,
     Noise,
     Out,
     Overwrite,
@@ -67,12 +69,14 @@ def detect(
         Path | None, option("palette that was found, for --palette", "FILE.toml")
     ] = None,
     overwrite: Annotated[Flag, option("write over an earlier picture")] = False,
+    max_megapixels: MaxMegapixels = MEGAPIXELS,
     json_only: Annotated[Flag, option("one JSON object with every marker", name="json")] = False,
 ) -> int:
     """Find the markers of each layer in a single picture.
 
     Example: chromagrip detect press.png --out markers.png
     """
+    check_least(max_megapixels=(max_megapixels, 0.0))
     if out is not None:
         check_file(out, {".png"}, overwrite)
     if save_palette is not None:
@@ -81,7 +85,7 @@ def detect(
     from ..pictures.find_sensor import save_palette as save_palette_file
     from ..pictures.marker_list import list_markers
 
-    found = list_markers(image, palette, _within(crop, mask))
+    found = list_markers(image, palette, _within(crop, mask, max_megapixels), max_megapixels)
     if out is not None:
         _save_picture(found, out)
     if save_palette is not None:
@@ -113,16 +117,17 @@ def detect(
     return 0
 
 
-def _within(crop: str | None, mask: Path | None) -> "Within":
+def _within(crop: str | None, mask: Path | None, max_megapixels: float) -> "Within":
     from ..pictures.find_sensor import Within
 
     if crop is None:
-        return Within(mask=mask)
+        return Within(mask=mask, max_megapixels=max_megapixels)
     parts = crop.split(",")
     if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
         raise UserError(f"--crop {crop}: expected left,top,width,height in pixels")
     left, top, width, height = map(int, parts)
-    return Within(crop=(left, top, width, height), mask=mask)
+    part = (left, top, width, height)
+    return Within(crop=part, mask=mask, max_megapixels=max_megapixels)
 
 
 def _save_picture(found: "Picture", path: Path) -> None:
@@ -150,6 +155,7 @@ def track(
     frames: Frames = None,
     out: Out = None,
     overwrite: Overwrite = False,
+    max_megapixels: MaxMegapixels = MEGAPIXELS,
     json_only: JsonOnly = False,
 ) -> int:
     """Follow the markers of a sensor through pictures, a video or a camera's frames.
@@ -159,6 +165,7 @@ def track(
     Example: chromagrip track rest.png press.mp4 --tracker lk
     """
     check_least(noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
+    check_least(max_megapixels=(max_megapixels, 0.0))
     if out is None and not json_only:
         out = new_folder(f"track-{stem_of(source)}")
 
@@ -169,13 +176,14 @@ def track(
             rest,
             source,
             palette=palette,
-            within=_within(crop, mask),
+            within=_within(crop, mask, max_megapixels),
             tracker=tracker,
             noise=noise,
             fps=fps,
             frames=frames,
             out=out,
             overwrite=overwrite,
+            max_megapixels=max_megapixels,
             tell=tell,
             progress=progress,
         )
@@ -258,6 +266,7 @@ def estimate(
     frames: Frames = None,
     out: Out = None,
     overwrite: Overwrite = False,
+    max_megapixels: MaxMegapixels = MEGAPIXELS,
     json_only: JsonOnly = False,
 ) -> int:
     """Estimate forces, friction and safety margin in pictures, a video or a camera's frames.
@@ -268,6 +277,7 @@ def estimate(
     Example: chromagrip estimate rest.png press.mp4 --calibration mine.toml
     """
     check_least(window=(window, 1e-6), noise=(noise, 0.0), fps=(fps, 1e-3), frames=(frames, 1))
+    check_least(max_megapixels=(max_megapixels, 0.0))
     if out is None and not json_only:
         out = new_folder(f"estimate-{stem_of(source)}")
 
@@ -291,6 +301,7 @@ def estimate(
             frames=frames,
             out=out,
             overwrite=overwrite,
+            max_megapixels=max_megapixels,
             tell=tell,
             progress=progress,
         )

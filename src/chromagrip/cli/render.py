@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import UserError
 from ..scene.scene import DEFAULT_SCENE, Scene, load_scene, parse_change
-from .options import Changes, JsonOnly, Out, Overwrite, counting, new_folder, option
+from .options import Allow, Changes, JsonOnly, Out, Overwrite, counting, new_folder, option
 from .readouts import make_dome_tables
 
 #: Shapes of `--object` with their usual lengths; `--set object.size_mm=…` gives others.
@@ -90,6 +90,7 @@ def render(
     ] = None,
     seed: Annotated[int | None, option("of noise and defects", "N")] = None,
     changes: Changes = (),
+    allow: Allow = (),
     out: Out = None,
     overwrite: Overwrite = False,
     json_only: JsonOnly = False,
@@ -116,7 +117,7 @@ def render(
     changed |= dict(parse_change(text) for text in changes)
     if changed.get("body") == "dome":
         changed.setdefault("path", "truth")  # whatever reads its pictures is not asked
-    resolved = load_scene(scene, changed)
+    resolved = load_scene(scene, changed, allow=allow)
     poses: Sequence[Pose | DomePose]
     if resolved.body == "dome":
         if grip or load:

@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from ..errors import UserError
-from .options import JsonOnly, Out, Overwrite, new_folder, option, status, stem_of
+from .options import FollowLinks, JsonOnly, Out, Overwrite, new_folder, option, status, stem_of
 
 
 def score(
@@ -24,6 +24,8 @@ def score(
     *,
     out: Out = None,
     overwrite: Overwrite = False,
+    follow_links: FollowLinks = False,
+    max_rows: Annotated[int, option("rows of a table that are read at most", "N")] = 20_000_000,
     json_only: JsonOnly = False,
 ) -> int:
     """Score tracks of any tracker against the truth of a dataset or of a file.
@@ -50,7 +52,9 @@ def score(
     from ..output.report import table_lines
 
     with status() as report:
-        outcomes = score_tracks(tracks, truth, out, overwrite, report)
+        outcomes = score_tracks(
+            tracks, truth, out, overwrite, report, follow_links=follow_links, most=max_rows
+        )
     if json_only:
         print(json.dumps(as_json(outcomes, truth)))
         return 0

@@ -1,16 +1,17 @@
 """The command `sweep`: settings × scenes × seeds."""
 
 import sys
-import tomllib
 from typing import Annotated, Any
 
 import tyro
 
 from ..errors import UserError
 from ..scene.scene import DEFAULT_SCENE, PathName, parse_change
+from ..strict_toml import parse_toml
 from .measure import print_result
 from .options import (
     CORES,
+    Allow,
     Changes,
     JsonOnly,
     Out,
@@ -51,6 +52,7 @@ def sweep(
     ] = None,
     seeds: Annotated[int, option("runs of each, with seeds from the scene's on", "N")] = 3,
     changes: Changes = (),
+    allow: Allow = (),
     answer_within: Annotated[
         float, option("time in which a module:Class must answer; inf is no limit", "SECONDS")
     ] = 60.0,
@@ -89,6 +91,7 @@ def sweep(
         seeds=seeds,
         fixed=fixed,
         answer_within_s=answer_within,
+        allow=allow,
     )
     wanted = tasks(plan)  # refuses what cannot be run before a folder is made
     kinds = {(one.scene.sensor, one.scene.path, one.scene.body): one.scene for one in wanted}
@@ -115,8 +118,8 @@ def _axis(text: str, flag: str, prefix: str) -> tuple[str, tuple[Any, ...]]:
     if not equals or not key.strip() or not values.strip():
         raise UserError(f"{flag} {text}: expected values, such as object.friction=0.3,0.5")
     try:
-        found = tomllib.loads(f"values = [{values}]")["values"]
-    except tomllib.TOMLDecodeError:
+        found = parse_toml(f"values = [{values}]", flag)["values"]
+    except UserError:
         found = [parse_change(f"{key}={value}")[1] for value in values.split(",")]
     kept = list(dict.fromkeys(map(_hashable, found)))
     return prefix + key.strip(), tuple(kept)

@@ -7,19 +7,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..errors import UserError
 from ..extras import need
 from ..output.figure import png
 from ..output.folder import write_whole
-from .folder import (
-    CARD,
-    SHEET,
-    TABLE,
-    read_files,
-    sequence_name,
-    to_parquet,
-)
+from .folder import CARD, SHEET, TABLE, read_files, sequence_name
 from .labels import COMMON, STATES, columns_of
 from .labels.reading import reading_lines
+from .labels.tables import to_parquet
 from .read import Loaded, load_sequence, tables
 from .recipe import CASE, Case, Recipe, Values, bodies_of, dotted
 
@@ -66,18 +61,23 @@ Meshes and sensor designs that were given to it keep their own licences.
 
 def write_card(folder: Path, recipe: Recipe, numbers: list[int]) -> None:
     """Write the table, DATASET_CARD.md and contact-sheet.png."""
-    drawn = [read_files(folder / sequence_name(number))["values"] for number in numbers]
-    write_whole(folder / TABLE, to_parquet(_table(numbers, drawn)))
+    names = [sequence_name(number) for number in numbers]
+    drawn = [read_files(folder / name)["values"] for name in names]
+    pa = need("pyarrow", "data")
+    try:
+        data = to_parquet(_table(numbers, drawn))
+    except (pa.ArrowException, OverflowError) as error:  # of values that a stranger gave
+        raise UserError(f"drawn values of the sequences fit in no table: {error}") from None
+    write_whole(folder / TABLE, data)
     columns = [*_COUNTED, "slip_state"]
     parts: dict[str, list[Any]] = {name: [] for name in columns}
-    for _, table in tables(folder, "frames", columns):
+    for table in tables(folder, names, columns):
         for name in columns:
             parts[name].append(table[name].combine_chunks())
-    pa = need("pyarrow", "data")
     values = {name: pa.chunked_array(parts[name]) for name in columns}
-    read = reading_lines(recipe.reading, (table for _, table in tables(folder, "frames")))
+    read = reading_lines(recipe.reading, tables(folder, names))
     chosen = np.linspace(0, len(numbers) - 1, _ACROSS * _DOWN, dtype=int)
-    shown = [load_sequence(folder / sequence_name(numbers[at])) for at in dict.fromkeys(chosen)]
+    shown = [load_sequence(folder / names[at]) for at in dict.fromkeys(chosen)]
     write_whole(folder / CARD, _card(recipe, drawn, values, read, shown[0]).encode())
     write_whole(folder / SHEET, _sheet(shown))
 
@@ -154,7 +154,7 @@ def _card(
 def _sizes(one: Loaded) -> list[str]:
     """What a sequence holds."""
     height, width, _ = one.pictures[-1].shape
-    nodes = one.markers["node_contact"].shape[1] if "node_contact" in one.markers else 0
+    nodes = one.markers["node_contact"].shape[1]
     return [
         "| of the first sequence | |",
         "|---|---|",

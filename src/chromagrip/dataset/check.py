@@ -11,23 +11,16 @@ from ..errors import UserError
 from ..extras import need
 from ..render import View
 from ..scene.scene import load_scene
-from .folder import (
-    FILES,
-    Manifest,
-    Place,
-    file_digest,
-    open_recipe,
-    read_files,
-    read_manifest,
-    sequence_name,
-)
+from .folder import Place, open_recipe, read_files
 from .frozen import content_of, frozen_as
 from .labels import INTERVALS, READ, columns_of
 from .labels.chain_physics import unbalanced_chain, wrong_chain
 from .labels.dome_physics import wrong_dome, wrong_motion
+from .labels.tables import stacked
 from .pictures import Pictures, pictures_in
-from .read import stacked
+from .read import check_shared, verified
 from .remote import fetched
+from .split import drawn_table
 
 Array = NDArray[np.float64]
 
@@ -37,7 +30,12 @@ _PIXEL = 0.002
 _PERSPECTIVE = 1.0
 
 
-def check(folder: Place, progress: Callable[[int, int], None] = lambda done, total: None) -> int:
+def check(
+    folder: Place,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    follow_links: bool = False,
+) -> int:
     """Verify a dataset's checksums, counts, ranges and physics; returns its number of sequences.
 
     Of a frozen recipe, pictures and labels must be those that are recorded, but for rounding.
@@ -46,26 +44,25 @@ def check(folder: Place, progress: Callable[[int, int], None] = lambda done, tot
     ----------
     folder: of the dataset, or its address
     progress: called with the number of sequences that are checked, and of all
+    follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
     UserError
         With the first sample that is wrong, and why.
     """
-    folder = fetched(folder)
+    folder = fetched(folder, follow_links)
     manifest = check_shared(folder)
     recipe = open_recipe(folder)
     frozen = frozen_as(recipe)
     names = manifest["sequences"]
-    for done, (name, digest) in enumerate(names.items()):
-        check_files(folder / name, digest)
-        listed = read_files(folder / name)
-        number = listed["number"]
-        if listed["versions"] != manifest["versions"]:
+    drawn_table(folder, list(names))
+    for done, (name, one) in enumerate(zip(names, verified(folder), strict=True)):
+        if read_files(folder / name)["versions"] != manifest["versions"]:
             raise UserError(f"{folder / name} was made with other versions than the rest")
-        if sequence_name(number) != name or number >= recipe.sequences:
-            raise UserError(f"{folder / name} is not sequence {number} of its recipe")
-        motion = str(listed["values"].get("motion", "press"))
+        if one.number >= recipe.sequences:
+            raise UserError(f"{folder / name} is not sequence {one.number} of its recipe")
+        motion = str(one.values.get("motion", "press"))
         for wrong in _wrong(folder / name, motion, bool(recipe.reading)):
             raise UserError(f"{folder / name}, {wrong}")
         if frozen:
@@ -77,45 +74,6 @@ def check(folder: Place, progress: Callable[[int, int], None] = lambda done, tot
                 )
         progress(done + 1, len(names))
     return len(names)
-
-
-def check_shared(folder: Path) -> Manifest:
-    """Verify the files of a dataset that are no sequence's; returns its manifest.
-
-    Raises
-    ------
-    UserError
-        With the first file that is missing or has changed.
-    """
-    manifest = read_manifest(folder)
-    for name, digest in manifest["files"].items():
-        if not (folder / name).is_file():
-            raise UserError(f"{folder / name} is missing")
-        if file_digest(folder / name) != digest:
-            raise UserError(f"{folder / name} has changed")
-    return manifest
-
-
-def check_files(folder: Path, digest: str) -> None:
-    """Verify the files of a sequence whose `files.json` has this checksum.
-
-    Raises
-    ------
-    UserError
-        With the first file that is missing, has changed or does not belong there.
-    """
-    if not (folder / FILES).is_file():
-        raise UserError(f"{folder / FILES} is missing")
-    if file_digest(folder / FILES) != digest:
-        raise UserError(f"{folder / FILES} has changed")
-    listed = read_files(folder)["files"]
-    there = {path.name for path in folder.iterdir()} - {FILES}
-    for name in sorted(there ^ set(listed)):
-        what = "is missing" if name in listed else "does not belong there"
-        raise UserError(f"{folder / name} {what}")
-    for name, expected in listed.items():
-        if file_digest(folder / name) != expected:
-            raise UserError(f"{folder / name} has changed")
 
 
 def _wrong(folder: Path, motion: str, reading: bool) -> Iterator[str]:

@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..output.folder import prepare, whole_folder
 from ..render import LAYERS
-from .check import check_files, check_shared
 from .folder import Place, link
 from .lerobot import write_lerobot
-from .read import Loaded, load_sequence
+from .read import Loaded, check_shared, verified
 from .remote import fetched, staged
 from .split import read_split
 
@@ -31,7 +29,12 @@ _TARRED = 1000
 
 
 def export(
-    folder: Place, layout: str, out: Place, progress: Progress = lambda done: None
+    folder: Place,
+    layout: str,
+    out: Place,
+    progress: Progress = lambda done: None,
+    *,
+    follow_links: bool = False,
 ) -> list[Path]:
     """Write a dataset in another layout; returns its files.
 
@@ -42,8 +45,9 @@ def export(
     ----------
     folder: of the dataset
     layout: of LAYOUTS, or lerobot
-    out: folder, new or empty; it gets its name when it is complete
+    out: folder, new or empty; nothing of it is left where the export fails
     progress: called after each sequence
+    follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
@@ -51,30 +55,28 @@ def export(
         When the dataset is not complete or has changed, does not fit the layout, or cannot be
         written.
     """
-    folder = fetched(folder)
-    manifest, parts = check_shared(folder), read_split(folder)
-    digests, done = manifest["sequences"], count(1)
+    folder = fetched(folder, follow_links)
+    digests, parts = check_shared(folder)["sequences"], read_split(folder)
+    done = count(1)
 
-    def verified(names: Iterable[str]) -> Iterator[Loaded]:
-        for name in names:
-            check_files(folder / name, digests[name])
-            yield load_sequence(folder / name)
+    def counted(names: Iterable[str]) -> Iterator[Loaded]:
+        for one in verified(folder, names):
+            yield one
             progress(next(done))
 
-    with staged(out) as target:
-        prepare(target, overwrite=None)
-        with whole_folder(target) as whole:
-            if layout == "lerobot":
-                names = [name for part in parts.values() for name in part] or list(digests)
-                sizes = {part: len(own) for part, own in parts.items()}
-                write_lerobot(verified(names), whole, sizes or {"train": len(names)})
-            elif parts:
-                for part, own in parts.items():
-                    (whole / part).mkdir()
-                    LAYOUTS[layout](verified(own), whole / part)
-            else:
-                LAYOUTS[layout](verified(digests), whole)
-        return sorted(file for file in target.rglob("*") if file.is_file())
+    with staged(out) as whole:
+        if layout == "lerobot":
+            names = [name for part in parts.values() for name in part] or list(digests)
+            sizes = {part: len(own) for part, own in parts.items()}
+            write_lerobot(counted(names), whole, sizes or {"train": len(names)})
+        elif parts:
+            for part, own in parts.items():
+                (whole / part).mkdir()
+                LAYOUTS[layout](counted(own), whole / part)
+        else:
+            LAYOUTS[layout](counted(digests), whole)
+        files = [file.relative_to(whole) for file in whole.rglob("*") if file.is_file()]
+    return sorted(Path(out) / file for file in files)
 
 
 def _write_tapvid(sequences: Iterator[Loaded], out: Path) -> None:
@@ -129,10 +131,11 @@ def _write_coco(sequences: Iterator[Loaded], out: Path) -> None:
             names = own
             for t in range(len(one.pictures)):
                 name = f"sequence-{one.number:06d}-frame-{t:03d}.png"
+                data = one.pictures.png(t)  # read in any case, as it may be damaged
                 if one.pictures.store == "noisy":
                     link(one.pictures.files[t], out / "images" / name)
                 else:
-                    (out / "images" / name).write_bytes(one.pictures.png(t))
+                    (out / "images" / name).write_bytes(data)
                 number = len(images) + 1
                 images.append(
                     {"id": number, "file_name": name, "width": view.width, "height": view.height}
@@ -155,7 +158,8 @@ def _annotation(one: Loaded, t: int, number: int) -> dict[str, object]:
     places, visible = one.places[t].reshape(-1, 2), one.visible[t].ravel()
     keypoints = np.zeros((len(places), 3))
     keypoints[visible] = np.column_stack([np.round(places[visible], 3), np.full(visible.sum(), 2)])
-    low, high = places[visible].min(axis=0), places[visible].max(axis=0)
+    own = places[visible] if visible.any() else np.zeros((1, 2))
+    low, high = own.min(axis=0), own.max(axis=0)
     x, y, w, h = (round(float(v), 3) for v in (*(low + 0.5), *(high - low)))
     return {
         "id": number,

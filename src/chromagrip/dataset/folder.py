@@ -14,35 +14,30 @@ A sequence's folder gets its name when it is complete. No file holds a time or a
 recipe and versions give the same bytes.
 """
 
-import dataclasses
 import hashlib
 import json
+import os
+import re
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
+from typing import Annotated, Any, TypedDict, TypeVar
 
 import msgspec
-import numpy as np
+from msgspec import Meta
 from msgspec.structs import replace
 
 from ..errors import UserError, located
-from ..extras import need
-from ..output.folder import PART, disk_errors, whole_folder, write_whole
-from ..output.png import encode_png
+from ..output.folder import PART, disk_errors, synced, whole_file, write_whole
 from ..output.versions import versions
-from ..render import camera_text
-from ..scene.scene import dump_scene, relative, seen_from
-from .labels import COMMON, Columns, Shot, columns_of
-from .pictures import CLEAN, FRAME, NOISE, REST, change_png, noise_key
-from .recipe import Recipe, Values, dump_recipe, load_recipe, portable
-from .sequence import sequence, shots
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from ..strange_files import inside, read_small, shortened
+from ..strict_toml import read_toml
+from .labels.tables import MEND
+from .recipe import CASE, Recipe, dump_recipe, load_recipe, portable
 
 Content = TypeVar("Content")
 #: Name of a file or folder.
@@ -71,22 +66,43 @@ SENSORS = "sensors"
 OBJECTS = "objects"
 
 
+#: Names of sequences, of a sequence's files, and of the other files of a dataset.
+_SEQUENCE = re.compile("sequence-(?:[0-9]{6}|[1-9][0-9]{6})")
+_OF_SEQUENCE = re.compile(
+    r"scene\.toml|camera\.yml|(?:rest|clean)\.png|noise\.json|(?:frames|markers)\.parquet|"
+    r"(?:frame|change)-[0-9]{3,8}\.png|truth-[0-9]{3,8}\.npz"
+)
+_OF_DATASET = re.compile(
+    r"recipe\.toml|sequences\.parquet|DATASET_CARD\.md|contact-sheet\.png|"
+    r"sensors/[^/]+/[^/]+|objects/[^/]+"
+)
+#: Files that every sequence and every dataset has.
+_IN_SEQUENCE = ("scene.toml", "frames.parquet", "markers.parquet")
+_IN_DATASET = (RECIPE, TABLE)
+Digest = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
+#: What a drawn value may be: deeper tables than an object's are in no recipe.
+_Plain = str | int | float | bool | None
+_Flat = _Plain | list[_Plain] | dict[str, _Plain]
+_Nested = _Plain | list[_Flat] | dict[str, _Flat]
+Drawn = _Plain | list[_Nested] | dict[str, _Nested]
+
+
 class Manifest(TypedDict):
     """Content of `manifest.json`, with SHA-256 of files and of each sequence's `files.json`."""
 
     format: str
     versions: dict[str, str]
-    files: dict[str, str]
-    sequences: dict[str, str]
+    files: dict[str, Digest]
+    sequences: Annotated[dict[str, Digest], Meta(min_length=1)]
 
 
 class FileList(TypedDict):
     """Content of a sequence's `files.json`, with drawn values and SHA-256 of its files."""
 
-    number: int
+    number: Annotated[int, Meta(ge=0, lt=10_000_000)]
     versions: dict[str, str]
-    values: Values
-    files: dict[str, str]
+    values: dict[str, Drawn]
+    files: dict[str, Digest]
 
 
 def sequence_name(number: int) -> str:
@@ -99,133 +115,6 @@ def sequence_name(number: int) -> str:
     return f"sequence-{number:06d}"
 
 
-def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
-    """Make a sequence and write its folder, unless it exists; returns its number.
-
-    Raises
-    ------
-    UserError
-        When it cannot be written; nothing of it is left.
-    """
-    final = out / sequence_name(number)
-    if not final.exists():
-        with whole_folder(final) as part:
-            _write_files(recipe, number, part)
-    return number
-
-
-def _write_files(recipe: Recipe, number: int, part: Path) -> None:
-    made = sequence(recipe, number)
-    rest, frames = shots(recipe, made)
-    digests: dict[str, str] = {}
-
-    def keep(name: str, data: bytes) -> None:
-        (part / name).write_bytes(data)
-        digests[name] = hashlib.sha256(data).hexdigest()
-
-    keep("scene.toml", dump_scene(made.scene, part).encode())
-    view = made.scene.build_sensor().view
-    place = {"position_mm": 1e3 * view.position, "port_mm": 1e3 * view.port}
-    port = {"port_is_flat": view.flat, "refractive_index": view.index}
-    keep(CAMERA, camera_text(view.camera, **place, **port).encode())
-    clean = recipe.store == "clean"
-    keep(CLEAN if clean else REST, encode_png(rest))
-    if clean:
-        key = noise_key(made.scene.camera.noise_levels, made.scene.seed)
-        keep(NOISE, msgspec.json.encode(key))
-    rows: list[Shot] = []
-    for shot in frames:
-        index = int(shot.values["frame"])
-        data = change_png(shot.image, rest) if clean else encode_png(shot.image)
-        keep(f"{FRAME[recipe.store]}-{index:03d}.png", data)
-        if shot.truth:
-            path = part / f"truth-{index:03d}.npz"
-            np.savez_compressed(path, **shot.truth)  # type: ignore[arg-type]
-            digests[path.name] = file_digest(path)
-        # Pictures are on the disk; a long sequence must not keep them.
-        rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
-    columns = columns_of(made.scene.body, bool(recipe.reading))
-    tables = {"frames": frame_table(rows, columns), "markers": marker_table(rows, columns)}
-    for name, table in tables.items():
-        keep(f"{name}.parquet", to_parquet(table))
-    listed: FileList = {
-        "number": number,
-        "versions": made_with(),
-        "values": _plain(made.values, part),
-        "files": dict(sorted(digests.items())),
-    }
-    (part / FILES).write_text(json.dumps(listed, indent=1, ensure_ascii=False) + "\n", "utf-8")
-
-
-def frame_table(rows: list[Shot], meaning: Columns) -> "pa.Table":
-    """Table of the frames' values."""
-    pa = need("pyarrow", "data")
-    columns = {}
-    for name in meaning.frame:
-        values = [row.values[name] for row in rows]
-        if isinstance(values[0], str | bool):
-            columns[name] = pa.array(values)
-        else:
-            whole = name in ("frame", "contact_nodes")
-            columns[name] = pa.array(values, pa.int32() if whole else pa.float64())
-    return _with_meaning(pa.table(columns), meaning.frame)
-
-
-def marker_table(rows: list[Shot], meaning: Columns) -> "pa.Table":
-    """Table of the frames' markers and nodes, as lists."""
-    pa = need("pyarrow", "data")
-    columns = {"frame": pa.array([int(row.values["frame"]) for row in rows], pa.int32())}
-    for name in meaning.markers:
-        columns[name] = _lists([row.markers[name] for row in rows])
-    for name in meaning.nodes:
-        columns[name] = _lists([row.nodes[name] for row in rows])
-    said = {"frame": COMMON["frame"], **meaning.markers, **meaning.nodes}
-    return _with_meaning(pa.table(columns), said)
-
-
-def _lists(values: list[Any]) -> "pa.Array":
-    """Lists of one length; numbers in single precision, which resolves 0.05 nm and 0.00006 px."""
-    pa = need("pyarrow", "data")
-    stacked = np.stack(values)
-    flat = stacked.ravel() if stacked.dtype == bool else stacked.astype(np.float32).ravel()
-    return pa.FixedSizeListArray.from_arrays(pa.array(flat), stacked.shape[1])
-
-
-def _with_meaning(table: "pa.Table", meaning: dict[str, str]) -> "pa.Table":
-    return table.replace_schema_metadata({name: text.encode() for name, text in meaning.items()})
-
-
-def to_parquet(table: "pa.Table") -> bytes:
-    """Bytes of a Parquet file."""
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
-    # Numbers do not repeat, but their signs and exponents do: bytes of equal rank lie together.
-    split = [
-        f"{field.name}.list.element"
-        for field in table.schema
-        if pa.types.is_fixed_size_list(field.type) and field.type.value_type == pa.float32()
-    ]
-    sink = pa.BufferOutputStream()
-    pq.write_table(
-        table, sink, compression="zstd", use_dictionary=False, use_byte_stream_split=split
-    )
-    return sink.getvalue().to_pybytes()
-
-
-def _plain(values: Values, folder: Path) -> Values:
-    """Values for JSON: infinity as text, files relative to the folder."""
-    plain = {
-        k: str(v) if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
-    }
-    if "sensor" in plain:
-        plain["sensor"] = seen_from(folder, plain["sensor"])
-    if "object.mesh" in plain:
-        plain["object.mesh"] = relative(plain["object.mesh"], folder)
-    own: Values = values.get("object", {})
-    if own.get("mesh"):
-        return plain | {"object": {**own, "mesh": relative(own["mesh"], folder)}}
-    return plain
-
-
 def clean(out: Path) -> None:
     """Remove the incomplete folders of interrupted workers."""
     for part in out.glob(f"{PART}*"):
@@ -234,8 +123,18 @@ def clean(out: Path) -> None:
 
 def numbers_in(folder: Path) -> list[int]:
     """Numbers of the complete sequences."""
-    found = sorted(path.name for path in folder.glob("sequence-*") if path.is_dir())
-    return [int(name.removeprefix("sequence-")) for name in found]
+    names = [path.name for path in folder.glob("sequence-*") if path.is_dir()]
+    return sorted(int(name.removeprefix("sequence-")) for name in names if is_sequence(name))
+
+
+def is_sequence(name: str) -> bool:
+    """Whether a sequence's folder may have that name."""
+    return _SEQUENCE.fullmatch(name) is not None
+
+
+def is_shared(name: str) -> bool:
+    """Whether a dataset's file that is no sequence's may have that name."""
+    return _OF_DATASET.fullmatch(name) is not None and ".." not in name.split("/")
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -253,8 +152,23 @@ def read_manifest(folder: Path) -> Manifest:
         raise UserError(f"{folder} {problem}; it has no {MANIFEST}")
     manifest = _read_json(path, Manifest)
     if manifest["format"] != FORMAT:
-        raise UserError(f"{folder} has the format {manifest['format']!r}, not {FORMAT!r}")
+        raise UserError(f"{folder} has the format {shortened(manifest['format'])}, not {FORMAT!r}")
+    _check_names(path, manifest["files"], _OF_DATASET, _IN_DATASET)
+    _check_names(path, manifest["sequences"], _SEQUENCE, ())
     return manifest
+
+
+def _check_names(
+    path: Path, names: Iterable[str], allowed: re.Pattern[str], needed: tuple[str, ...]
+) -> None:
+    """Refuse names that are not of the format: they are joined to a folder's."""
+    for name in names:
+        if not allowed.fullmatch(name):
+            raise UserError(f"{path} names {shortened(name)}, which no dataset has; {MEND}")
+        inside(path.parent, name, follow_links=True)  # links were looked at when it was opened
+    for name in needed:
+        if name not in names:
+            raise UserError(f"{path} does not name {name}; {MEND}")
 
 
 @lru_cache(maxsize=1)
@@ -275,47 +189,106 @@ def write_manifest(folder: Path, numbers: Iterable[int]) -> Manifest:
         },
         "sequences": {name: file_digest(folder / name / FILES) for name in names},
     }
+    for name in manifest["files"]:
+        synced(folder / name)
     text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
-    write_whole(folder / MANIFEST, text.encode())
+    with whole_file(folder / MANIFEST) as part:
+        part.write_bytes(text.encode())
+        synced(part)
+    synced(folder)
     return manifest
 
 
 def own_files(folder: Path) -> list[str]:
     """Files of the user's own sensors and meshes in a dataset."""
     found = [*folder.glob(f"{SENSORS}/*/*"), *folder.glob(f"{OBJECTS}/*")]
-    return sorted(path.relative_to(folder).as_posix() for path in found)
+    return sorted(path.relative_to(folder).as_posix() for path in found if path.is_file())
 
 
 def read_files(sequence: Path) -> FileList:
-    """List of the files of a sequence's folder; errors as in `read_manifest`."""
-    return _read_json(sequence / FILES, FileList)
+    """List of the files of a sequence's folder.
+
+    Raises
+    ------
+    UserError
+        When it is missing, damaged, or names what is no file of a sequence.
+    """
+    path = sequence / FILES
+    listed = _read_json(path, FileList)
+    _check_names(path, listed["files"], _OF_SEQUENCE, _IN_SEQUENCE)
+    for key in (CASE, "motion"):
+        if not isinstance(listed["values"].get(key, ""), str):
+            raise UserError(f"{path} is damaged: values.{key} is no text; {MEND}")
+    return listed
 
 
 def _read_json(path: Path, kind: type[Content]) -> Content:
     try:
-        return msgspec.json.decode(path.read_bytes(), type=kind)
-    except (OSError, msgspec.DecodeError):
-        raise UserError(f"{path} is missing or damaged") from None
+        return msgspec.json.decode(read_small(path), type=kind)
+    except UserError as error:
+        raise UserError(f"{path} is missing or damaged: {error}; {MEND}") from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UserError(f"{path} is missing or damaged: {shortened(str(error))}; {MEND}") from None
 
 
 def link(source: Path, target: Path) -> None:
     """Give a file another name: as a hard link where the disk can, else as a copy."""
     try:
-        target.hardlink_to(source)
+        target.hardlink_to(source.resolve())  # of a cache's link the file
     except OSError:
-        target.write_bytes(source.read_bytes())
+        shutil.copyfile(source, target)
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """SHA-256 of a file.
+
+    Raises
+    ------
+    UserError
+        When it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror}; {MEND}") from None
 
 
 def open_recipe(folder: Path) -> Recipe:
-    """Recipe of a dataset's folder."""
+    """Recipe of a dataset's folder; files that it names lie in there."""
     with located(f"{folder}"):
+        check_named(folder / RECIPE, folder)
+        for sensor in folder.glob(f"{SENSORS}/*/*.toml"):
+            check_named(sensor, folder)
         return load_recipe(str(folder / RECIPE))
+
+
+def check_named(path: Path, folder: Path) -> None:
+    """Refuse a recipe, scene or sensor in a dataset that names files outside of it.
+
+    Raises
+    ------
+    UserError
+        With the first such file, or when `path` cannot be read.
+    """
+    home = os.path.abspath(folder)
+    for name in _named_files(read_toml(path, f"file {path}")):
+        if not Path(os.path.abspath(path.parent / name)).is_relative_to(home):
+            raise UserError(f"{path} names {shortened(name)}, which is outside of the dataset")
+
+
+def _named_files(values: Any, key: str = "") -> Iterator[str]:
+    """Names of files below a key; those of shipped sensors have no end."""
+    if isinstance(values, dict):
+        for name, value in values.items():
+            last = name.rpartition(".")[2]
+            named = last.endswith(("sensor", "calibration", "mesh", "path"))
+            yield from _named_files(value, last if named else key)
+    elif isinstance(values, list):
+        for value in values:
+            yield from _named_files(value, key)
+    elif key and isinstance(values, str):
+        yield values
 
 
 def keep_recipe(recipe: Recipe, folder: Path) -> None:
@@ -329,19 +302,29 @@ def keep_recipe(recipe: Recipe, folder: Path) -> None:
     path = folder / RECIPE
     if path.exists():
         before = open_recipe(folder)
-        if replace(before, sequences=recipe.sequences) != recipe:
+        if dump_recipe(replace(before, sequences=recipe.sequences)) != dump_recipe(recipe):
             raise UserError(f"{folder} holds a dataset of another recipe, see its {RECIPE}")
         if before.sequences > recipe.sequences:
             raise UserError(
                 f"{folder} is to have {before.sequences} sequences; it can get more, not fewer"
             )
-        for number in numbers_in(folder)[:1]:
-            begun = read_files(folder / sequence_name(number))["versions"]
-            if begun != made_with():
-                raise UserError(f"{folder} was begun with other versions: {_changes(begun)}")
+        _check_versions(folder)
     with disk_errors(folder / MANIFEST):
         (folder / MANIFEST).unlink(missing_ok=True)
     write_whole(path, dump_recipe(portable(recipe, folder)).encode())
+
+
+def _check_versions(folder: Path) -> None:
+    """Refuse an incomplete dataset of other versions; damaged lists say nothing of them."""
+    others: list[dict[str, str]] = []
+    for number in numbers_in(folder):
+        with suppress(UserError):
+            begun = read_files(folder / sequence_name(number))["versions"]
+            if begun == made_with():
+                return
+            others.append(begun)
+    if others:
+        raise UserError(f"{folder} was begun with other versions: {_changes(others[0])}")
 
 
 def _changes(begun: dict[str, str]) -> str:

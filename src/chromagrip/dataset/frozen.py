@@ -121,9 +121,9 @@ def content_of(folder: Path) -> Content:
     )
 
 
-def seal(folder: Place) -> dict[str, Any]:
+def seal(folder: Place, *, follow_links: bool = False) -> dict[str, Any]:
     """Digest of a dataset of a frozen recipe, and how it is beside it; of another one nothing."""
-    folder = fetched(folder)
+    folder = fetched(folder, follow_links)
     frozen = frozen_as(open_recipe(folder))
     if frozen is None:
         return {}

@@ -190,7 +190,8 @@ def _columns(one: Loaded, episode: int, start: int, task: int) -> Columns:
 def _stats(values: NDArray[Any]) -> Stats:
     """Statistics of each number, over the rows in which all are finite."""
     flat = values.reshape(len(values), -1).astype(float)
-    flat = flat[np.isfinite(flat).all(axis=1)] if np.isfinite(flat).any() else np.zeros_like(flat)
+    known = np.isfinite(flat).all(axis=1)
+    flat = flat[known] if known.any() else np.zeros_like(flat)
     return {
         "min": flat.min(axis=0).tolist(),
         "max": flat.max(axis=0).tolist(),

@@ -2,10 +2,12 @@
 
 import os
 import re
+import shutil
 import socket
-from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import CancelledError
-from contextlib import ExitStack, closing
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -15,30 +17,36 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import need, require
-from ..output.folder import filling, prepare, whole_folder
+from ..output.folder import disk_errors, prepared, synced, whole_folder
 from ..output.processes import Progress, exit_on_sigterm, map_processes
+from ..strange_files import refuse_links
 from .card import write_card
-from .check import check_files
 from .folder import (
+    FILES,
     RECIPE,
     SENSORS,
     Manifest,
     Place,
     clean,
     file_digest,
+    is_sequence,
     keep_recipe,
     link,
+    made_with,
     numbers_in,
     open_recipe,
     own_files,
+    read_files,
     read_manifest,
+    sequence_name,
     write_manifest,
-    write_sequence,
 )
 from .frozen import refuse_older
 from .own_files import keep_files
+from .read import check_files, check_shared, verified
 from .recipe import Recipe, check_asked, portable
 from .remote import Sender, fetch_begun, fetched, has_dataset, is_address, staged
+from .sequence import was_drawn, write_sequence
 
 Backend = Literal["joblib", "dask", "ray"]
 #: Sequences submitted to a cluster at a time: enough for many workers, and few enough for memory.
@@ -59,10 +67,13 @@ def make(
     address: str = "",
     resume: bool = False,
     progress: Progress = lambda done, total: None,
+    damaged: Callable[[list[str]], None] = lambda names: None,
 ) -> Manifest:
     """Make the sequences of a recipe that a folder does not hold yet; returns the manifest.
 
     Sequence k depends on the recipe and k alone: workers, shards and interruptions change no byte.
+    What the folder holds is verified, and made again where it is damaged. Everything is on the
+    disk, not in its cache alone, before the manifest is written.
 
     Parameters
     ----------
@@ -74,6 +85,7 @@ def make(
     address: of a running cluster
     resume: continue an interrupted run; the recipe may have more sequences than before
     progress: called with the number of sequences that are done and of all
+    damaged: called with the names of the sequences that were there and are made again
 
     Raises
     ------
@@ -84,30 +96,98 @@ def make(
     _check_made(recipe)
     if is_address(out):
         how: dict[str, Any] = {"workers": workers, "shard": shard, "backend": backend}
-        return _make_at(recipe, os.fspath(out), resume, progress, {**how, "address": address})
+        how |= {"address": address, "damaged": damaged}
+        return _make_at(recipe, os.fspath(out), resume, progress, how)
     out = Path(out)
     first, step = shard
     wanted = range(first - 1, recipe.sequences, step)
     if not wanted:
         raise UserError(f"shard {first}/{step} of {recipe.sequences} sequences has none")
+    with _begun(out, resume):
+        recipe, again = _taken_up(recipe, out)
+        damaged(again)
+        there = set(numbers_in(out))
+        todo = [number for number in wanted if number not in there]
+        before = len(wanted) - len(todo)
+        progress(before, len(wanted))
+        results = _results(recipe, todo, out, workers, backend, address)
+        with _syncing(out, there) as sync, closing(results):
+            for done, number in enumerate(results, before + 1):
+                sync(number)
+                progress(done, len(wanted))
+        return _finish(out, recipe)
+
+
+@contextmanager
+def _begun(out: Path, resume: bool) -> Iterator[None]:
+    """Hold a new folder, or one of a dataset that is gone on with."""
     begun = (out / RECIPE).exists()
     if begun and not resume:
         raise UserError(f"{out} holds a dataset already; go on with --resume, or choose another")
-    if not begun:
-        prepare(out, overwrite=None)
-    with filling(out):
-        recipe = keep_files(recipe, out)
-        keep_recipe(recipe, out)
-        clean(out)
-        there = set(numbers_in(out))
-        todo = [number for number in wanted if number not in there]
-        done = len(wanted) - len(todo)
-        progress(done, len(wanted))
-        with closing(_results(recipe, todo, out, workers, backend, address)) as results:
-            for _ in results:
-                done += 1
-                progress(done, len(wanted))
-        return _finish(out, recipe)
+    if begun:
+        refuse_links(out)
+    with prepared(out, overwrite=begun or None):
+        yield
+
+
+def _taken_up(recipe: Recipe, out: Path) -> tuple[Recipe, list[str]]:
+    """Recipe of a folder that is filled, and the names of damaged sequences, which are removed."""
+    digests: dict[str, str] = {}
+    with suppress(UserError):  # only a whole dataset has them
+        digests = read_manifest(out)["sequences"]
+    recipe = keep_files(recipe, out)
+    keep_recipe(recipe, out)
+    clean(out)
+    damaged = []
+    for path in sorted(out.glob("sequence-*")):
+        if is_sequence(path.name) and not _is_whole(path, recipe, digests.get(path.name)):
+            with disk_errors(path):
+                if path.is_dir():
+                    shutil.rmtree(path)
+                else:
+                    path.unlink()
+            damaged.append(path.name)
+    return recipe, damaged
+
+
+def _is_whole(path: Path, recipe: Recipe, digest: str | None) -> bool:
+    """Whether a sequence has the files and the values that it was made with."""
+    try:
+        check_files(path, digest or file_digest(path / FILES))
+        listed = read_files(path)
+    except UserError:
+        return False
+    number = listed["number"]
+    return (
+        sequence_name(number) == path.name
+        and listed["versions"] == made_with()
+        and was_drawn(recipe, number, listed["values"], path)
+    )
+
+
+@contextmanager
+def _syncing(out: Path, there: Iterable[int]) -> Iterator[Callable[[int], None]]:
+    """Have the disk keep sequences, in a thread beside the work; all are kept at the end."""
+    waiting: deque[Future[None]] = deque()
+    with ThreadPoolExecutor(1) as pool:
+
+        def sync(number: int) -> None:
+            waiting.append(pool.submit(_sync, out / sequence_name(number)))
+            while waiting[0].done():
+                waiting.popleft().result()
+                if not waiting:
+                    return
+
+        for number in there:
+            sync(number)
+        yield sync
+        for future in waiting:
+            future.result()
+
+
+def _sync(folder: Path) -> None:
+    for path in (*folder.iterdir(), folder):
+        synced(path)
 
 
 def _check_made(recipe: Recipe) -> None:
@@ -130,13 +210,24 @@ def _make_at(
         sender.send()
         progress(done, total)
 
-    manifest = make(recipe, folder, resume=True, progress=tell, **how)
+    def again(names: list[str]) -> None:
+        sender.again(names)
+        damaged(names)
+
+    damaged = how.pop("damaged")
+    manifest = make(recipe, folder, resume=True, progress=tell, damaged=again, **how)
     sender.finish()
     return manifest
 
 
-def merge(folders: Iterable[Place], out: Place) -> Manifest:
+def merge(folders: Iterable[Place], out: Place, *, follow_links: bool = False) -> Manifest:
     """One dataset of several shards of a recipe, in a new folder; returns its manifest.
+
+    Parameters
+    ----------
+    folders: of the shards, or their addresses
+    out: folder, or address, new or empty; nothing of it is left where the merge fails
+    follow_links: whether links in the shards may lead out of them, as in caches of hubs
 
     Raises
     ------
@@ -145,9 +236,9 @@ def merge(folders: Iterable[Place], out: Place) -> Manifest:
         complete or have changed.
     """
     require("data")
-    shards = [fetched(folder) for folder in folders]
+    shards = [fetched(folder, follow_links) for folder in folders]
     recipe = open_recipe(shards[0])
-    manifests = [read_manifest(folder) for folder in shards]
+    manifests = [check_shared(folder) for folder in shards]
     origins: dict[str, Path] = {}
     for folder, manifest in zip(shards, manifests, strict=True):
         if portable(open_recipe(folder), folder) != portable(recipe, shards[0]):
@@ -158,13 +249,13 @@ def merge(folders: Iterable[Place], out: Place) -> Manifest:
             raise UserError(f"{folder} is of another {what} than {shards[0]}")
         if manifest["versions"] != manifests[0]["versions"]:
             raise UserError(f"{folder} was made with other versions than {shards[0]}")
-        for name, digest in manifest["sequences"].items():
+        for name in manifest["sequences"]:
             if name in origins:
                 raise UserError(f"{name} is in {origins[name]} and in {folder}")
-            check_files(folder / name, digest)
             origins[name] = folder
+        for _ in verified(folder):
+            pass
     with staged(out) as whole:
-        prepare(whole, overwrite=None)
         recipe = keep_files(recipe, whole)
         keep_recipe(recipe, whole)
         for name, folder in origins.items():

@@ -16,11 +16,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from zlib import crc32
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from ..errors import UserError
@@ -29,6 +30,7 @@ from ..output.pictures import read_picture
 from ..output.png import encode_png
 from ..render import add_noise
 from ..sensing.camera import REST_NUMBER
+from ..strange_files import read_small
 from .recipe import Store
 
 Image = NDArray[np.uint8]
@@ -48,10 +50,10 @@ class NoiseKey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sample: checksum of some of this noise
     """
 
-    sigma: float
-    seed: int
-    rest: int
-    sample: int
+    sigma: Annotated[float, Meta(ge=0.0, le=50.0)]
+    seed: Annotated[int, Meta(ge=0, lt=2**32)]
+    rest: Annotated[int, Meta(ge=0, lt=2**32)]
+    sample: Annotated[int, Meta(ge=0, lt=2**32)]
 
 
 def noise_key(sigma: float, seed: int) -> NoiseKey:
@@ -71,8 +73,8 @@ def read_key(folder: Path) -> NoiseKey:
     """
     path = folder / NOISE
     try:
-        key = msgspec.json.decode(path.read_bytes(), type=NoiseKey)
-    except (OSError, msgspec.DecodeError):
+        key = msgspec.json.decode(read_small(path), type=NoiseKey)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise UserError(f"{path} is missing or damaged") from None
     if noise_key(key.sigma, key.seed) != key:
         raise UserError(
@@ -96,11 +98,13 @@ class Pictures:
     folder: of the sequence
     files: one for each frame, in order
     store: how they are kept
+    size: height and width of each [px]; None where they are not known
     """
 
     folder: Path
     files: tuple[Path, ...]
     store: Store
+    size: tuple[int, int] | None = None
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -108,10 +112,10 @@ class Pictures:
 
     def __getitem__(self, frame: int) -> Image:
         """Picture of a frame."""
-        image = read_picture(self.files[frame])
+        image = self._sized(self.files[frame], read_picture(self.files[frame]))
         if self.store == "noisy":
             return image
-        clean = _kept(self.folder / CLEAN)
+        clean = self._sized(self.folder / CLEAN, _kept(self.folder / CLEAN))
         if image.shape != clean.shape:
             raise UserError(f"{self.files[frame]} has another size than {CLEAN}")
         image += clean
@@ -127,25 +131,35 @@ class Pictures:
     def rest(self) -> Image:
         """Picture of the unloaded sensor."""
         if self.store == "noisy":
-            return read_picture(self.folder / REST)
-        key, image = _kept(self.folder / NOISE), _kept(self.folder / CLEAN).copy()
+            return self._sized(self.folder / REST, read_picture(self.folder / REST))
+        key = _kept(self.folder / NOISE)
+        image = self._sized(self.folder / CLEAN, _kept(self.folder / CLEAN)).copy()
         add_noise(image, key.sigma, key.seed, key.rest)
         return image
 
     def png(self, frame: int) -> bytes:
         """PNG file of a frame's picture, the same bytes however it is kept."""
-        if self.store == "noisy":
-            return self.files[frame].read_bytes()
-        return encode_png(self[frame])
+        image = self[frame]  # read in any case, as it may be damaged
+        return self.files[frame].read_bytes() if self.store == "noisy" else encode_png(image)
+
+    def _sized(self, path: Path, image: Image) -> Image:
+        """The picture, which must have the size of all."""
+        if self.size is not None and image.shape[:2] != self.size:
+            height, width = self.size
+            raise UserError(
+                f"picture {path} has {image.shape[1]} × {image.shape[0]} pixels; the camera of "
+                f"its scene has {width} × {height}"
+            )
+        return image
 
 
-def pictures_in(folder: Path) -> Pictures:
-    """Pictures of a sequence's folder."""
+def pictures_in(folder: Path, size: tuple[int, int] | None = None) -> Pictures:
+    """Pictures of a sequence's folder, of that height and width [px] where they are known."""
     store: Store = "clean" if (folder / NOISE).is_file() else "noisy"
     found = folder.glob(f"{FRAME[store]}-*.png")
     # From frame 1000 on a number has more digits.
     files = tuple(sorted(found, key=lambda path: (len(path.name), path.name)))
-    return Pictures(folder=folder, files=files, store=store)
+    return Pictures(folder=folder, files=files, store=store, size=size)
 
 
 @contextmanager

@@ -1,7 +1,9 @@
 """Reading a dataset: its sequences, their tables, and a summary."""
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,24 +11,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..extras import need
 from ..scene.scene import Scene, load_scene
+from ..strange_files import shortened
 from .folder import (
-    TABLE,
+    FILES,
+    Manifest,
     Place,
-    numbers_in,
+    check_named,
+    file_digest,
     open_recipe,
     read_files,
     read_manifest,
     sequence_name,
 )
-from .pictures import Pictures, pictures_in
+from .labels import READ, STATES, columns_of
+from .labels.tables import MEND, damaged, frame_types, marker_types, read_table, stacked
+from .pictures import FRAME, Pictures, pictures_in
 from .recipe import Values
 from .remote import fetched
-from .split import names_of
+from .split import drawn_table, names_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+#: Columns of a table by name.
+Arrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,76 +76,187 @@ class Loaded:
         return np.asarray(flat.reshape(len(flat), 2, -1), dtype=np.bool_)
 
 
-def load_sequences(folder: Place, part: str | None = None) -> Iterator[Loaded]:
+def load_sequences(
+    folder: Place, part: str | None = None, *, follow_links: bool = False
+) -> Iterator[Loaded]:
     """Sequences of a dataset, in order.
 
     Parameters
     ----------
     folder: of the dataset, or its address
     part: of its split; None is all of it
+    follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
     UserError
-        When the folder is no complete dataset, or has no such part.
+        When the folder is no complete dataset, is damaged, or has no such part.
     """
-    folder = fetched(folder)
+    folder = fetched(folder, follow_links)
     names = list(read_manifest(folder)["sequences"]) if part is None else names_of(folder, part)
     for name in names:
         yield load_sequence(folder / name)
 
 
+def verified(folder: Path, names: Iterable[str] | None = None) -> Iterator[Loaded]:
+    """Sequences whose files have the checksums of the dataset, and whose rest can be seen.
+
+    Parameters
+    ----------
+    folder: of the dataset
+    names: of the sequences; None is all of them
+
+    Raises
+    ------
+    UserError
+        With the first file that is missing, has changed or is damaged.
+    """
+    digests = read_manifest(folder)["sequences"]
+    for name in digests if names is None else names:
+        if name not in digests:
+            raise UserError(f"{folder} has no {name}")
+        check_files(folder / name, digests[name])
+        one = load_sequence(folder / name)
+        _ = one.pictures.rest
+        yield one
+
+
+def check_shared(folder: Path) -> Manifest:
+    """Verify the files of a dataset that are no sequence's; returns its manifest.
+
+    Raises
+    ------
+    UserError
+        With the first file that is missing or has changed.
+    """
+    manifest = read_manifest(folder)
+    for name, digest in manifest["files"].items():
+        if not (folder / name).is_file():
+            raise UserError(f"{folder / name} is missing; {MEND}")
+        if file_digest(folder / name) != digest:
+            raise UserError(f"{folder / name} has changed; {MEND}")
+    return manifest
+
+
+def check_files(folder: Path, digest: str) -> None:
+    """Verify the files of a sequence whose `files.json` has this checksum.
+
+    Raises
+    ------
+    UserError
+        With the first file that is missing, has changed or does not belong there.
+    """
+    if not (folder / FILES).is_file():
+        raise UserError(f"{folder / FILES} is missing; {MEND}")
+    if file_digest(folder / FILES) != digest:
+        raise UserError(f"{folder / FILES} has changed; {MEND}")
+    listed = read_files(folder)["files"]
+    there = {path.name for path in folder.iterdir()} - {FILES}
+    for name in sorted(there ^ set(listed)):
+        what = f"is missing; {MEND}" if name in listed else "does not belong there; remove it"
+        raise UserError(f"{folder / name} {what}")
+    for name, expected in listed.items():
+        if file_digest(folder / name) != expected:
+            raise UserError(f"{folder / name} has changed; {MEND}")
+
+
 def load_sequence(where: Path) -> Loaded:
-    """One sequence of a dataset, by its folder."""
-    pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
+    """One sequence of a dataset, by its folder.
+
+    Raises
+    ------
+    UserError
+        When a file of it is missing or damaged, or they are not of each other.
+    """
     listed = read_files(where)
-    try:
-        frames = pq.read_table(where / "frames.parquet")
-        markers = pq.read_table(where / "markers.parquet")
-    except (OSError, pa.ArrowException) as error:
-        raise UserError(f"{where} cannot be read: {error}") from None
+    if sequence_name(listed["number"]) != Path(os.path.abspath(where)).name:
+        raise UserError(f"{where} has the {FILES} of sequence {listed['number']}; {MEND}")
+    check_named(where / "scene.toml", where.parent)
+    scene = load_scene(str(where / "scene.toml"))
+    view = scene.build_sensor().view
+    pictures = pictures_in(where, (view.height, view.width))
+    names = [f"{FRAME[pictures.store]}-{k:03d}.png" for k in range(max(len(pictures), 1))]
+    for file, name in zip_longest([file.name for file in pictures.files], names):
+        if file != name:
+            raise UserError(f"{where / name} is missing; {MEND}")
+    frames, markers = _tables(where, scene, len(pictures))
     return Loaded(
         number=listed["number"],
         values=listed["values"],
-        scene=load_scene(str(where / "scene.toml")),
-        frames={column: frames[column].to_numpy() for column in frames.column_names},
-        markers={column: stacked(markers[column]) for column in markers.column_names[1:]},
-        pictures=pictures_in(where),
+        scene=scene,
+        frames=frames,
+        markers=markers,
+        pictures=pictures,
     )
 
 
-def stacked(column: "pa.ChunkedArray") -> NDArray[Any]:
-    """Column of lists as an array, a row for each."""
-    lists = column.combine_chunks()
-    flat = lists.flatten().to_numpy(zero_copy_only=False)
-    return np.asarray(flat.reshape(len(lists), -1))
+def _tables(where: Path, scene: Scene, rows: int) -> tuple[Arrays, Arrays]:
+    """Columns of frames and of markers, of so many frames as there are pictures."""
+    path = where / "frames.parquet"
+    columns = columns_of(scene.body)
+    table = read_table(path, rows, frame_types(columns), others=True)
+    if any(name.startswith(READ) for name in table.column_names):
+        columns = columns_of(scene.body, reading=True)
+        table = read_table(path, rows, frame_types(columns), others=True)
+    _check_frames(path, table, columns.frame)
+    frames = {name: table[name].to_numpy() for name in table.column_names}
+    if strange := set(frames["slip_state"]) - set(STATES):
+        raise damaged(path, f"slip_state is {shortened(strange.pop())}, not {', '.join(STATES)}")
+    path = where / "markers.parquet"
+    table = read_table(path, rows, marker_types(columns), others=True)
+    _check_frames(path, table, ("frame", *columns.markers, *columns.nodes))
+    markers = {name: stacked(table[name]) for name in table.column_names[1:]}
+    pairs = len(scene.build_sensor().places)
+    nodes = markers["node_contact"].shape[1]
+    if scene.body == "chain":
+        nodes = scene.build_fingertip().nodes
+    lengths = dict.fromkeys(columns.markers, 2 * pairs) | dict.fromkeys(columns.nodes, nodes)
+    for name, length in (lengths | {"overlap": pairs}).items():
+        if markers[name].shape[1] != length:
+            raise damaged(path, f"{name} has lists of {markers[name].shape[1]}, not of {length}")
+    seen = markers["visible"]
+    if not (np.isfinite(markers["x_px"][seen]) & np.isfinite(markers["y_px"][seen])).all():
+        raise damaged(path, "a visible marker has no x_px or y_px")
+    return frames, markers
 
 
-def summarise(folder: Place) -> dict[str, object]:
+def _check_frames(path: Path, table: Any, known: Iterable[str]) -> None:
+    """Refuse a table with other columns than these, and frames that are not counted from 0."""
+    if strange := [name for name in table.column_names if name not in known]:
+        raise damaged(path, f"column {shortened(strange[0])} does not belong there")
+    if (table["frame"].to_numpy() != np.arange(table.num_rows)).any():
+        raise damaged(path, f"its frames are not 0 to {table.num_rows - 1}")
+
+
+def summarise(folder: Place, *, follow_links: bool = False) -> dict[str, object]:
     """Counts, drawn keys, size and versions of a dataset, for `chromagrip dataset info`."""
-    folder = fetched(folder)
+    folder = fetched(folder, follow_links)
     manifest, recipe = read_manifest(folder), open_recipe(folder)
-    rows = need("pyarrow.parquet", "data").read_table(folder / TABLE).to_pylist()
+    names = list(manifest["sequences"])
+    drawn = drawn_table(folder, names).column_names
     states: dict[str, int] = {}
-    for _, table in tables(folder, "frames", ["slip_state"]):
+    for table in tables(folder, names, ["slip_state"]):
         for state in table["slip_state"].to_pylist():
             states[state] = states.get(state, 0) + 1
     size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     return {
         "description": recipe.description,
-        "sequences": len(manifest["sequences"]),
+        "sequences": len(names),
         "of": recipe.sequences,
         "frames": sum(states.values()),
         "slip_states": states,
-        "drawn": sorted(set(rows[0]) - {"number"}) if rows else [],
+        "drawn": sorted(set(drawn) - {"number"}),
         "megabytes": round(size / 1e6, 1),
         "versions": manifest["versions"],
     }
 
 
-def tables(folder: Path, name: str, columns: list[str] | None = None) -> Iterator[tuple[int, Any]]:
-    """Number and table (`frames` or `markers`) of every sequence."""
-    pq = need("pyarrow.parquet", "data")
-    for number in numbers_in(folder):
-        path = folder / sequence_name(number) / f"{name}.parquet"
-        yield number, pq.read_table(path, columns=columns)
+def tables(
+    folder: Path, names: Iterable[str], columns: Sequence[str] | None = None
+) -> "Iterator[pa.Table]":
+    """Table of the frames of each of these sequences, with some of its columns or all."""
+    types = frame_types(columns_of("dome", reading=True))
+    for name in names:
+        own = {column: types[column] for column in columns or ("frame",)}
+        rows = len(pictures_in(folder / name))
+        yield read_table(folder / name / "frames.parquet", rows, own, others=columns is None)

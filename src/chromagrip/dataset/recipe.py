@@ -3,7 +3,7 @@
 import copy
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
@@ -16,6 +16,7 @@ import tomli_w
 from msgspec import Meta
 from msgspec.structs import replace
 
+from ..by_name import as_in_file, with_allowed
 from ..errors import UserError
 from ..loop.methods import reconstructor_for
 from ..loop.poses.dome_poses import DomePose
@@ -113,13 +114,19 @@ def recipe_names() -> list[str]:
     return sorted(f.name.removesuffix(".toml") for f in SHIPPED.iterdir() if f.name[-5:] == ".toml")
 
 
-def load_recipe(name: str | PathLike[str], meshes: str | PathLike[str] | None = None) -> Recipe:
+def load_recipe(
+    name: str | PathLike[str],
+    meshes: str | PathLike[str] | None = None,
+    *,
+    allow: Collection[str] = (),
+) -> Recipe:
     """Recipe of that name, or of a TOML file.
 
     Parameters
     ----------
     name: shipped, or a file
     meshes: folder of the objects that are drawn, instead of the recipe's
+    allow: modules that a `module:Class` in the file may be imported from, see `load_scene`
 
     Raises
     ------
@@ -136,7 +143,7 @@ def load_recipe(name: str | PathLike[str], meshes: str | PathLike[str] | None = 
         raise UserError(
             f"no recipe {name!r}; there is {', '.join(recipe_names())}, or a .toml file"
         )
-    recipe = convert(values, Recipe, title)
+    recipe = convert(with_allowed(values, allow), Recipe, title)
     if name.endswith(".toml"):  # what it names lies beside it
         folder = Path(name).absolute().parent
         recipe = with_files(recipe, lambda file: str(folder / file))
@@ -192,7 +199,7 @@ def dump_recipe(recipe: Recipe) -> str:
     values = msgspec.to_builtins(recipe)
     if not recipe.cases:
         del values["cases"]
-    return tomli_w.dumps(values)
+    return tomli_w.dumps(as_in_file(values))
 
 
 def cases_of(recipe: Recipe) -> list[Recipe]:

@@ -10,16 +10,27 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from ..errors import UserError
 from ..extras import install_command, need
-from ..output.folder import whole_folder
+from ..output.folder import filling, part_of, prepared, whole_folder
+from ..strange_files import refuse_links
 from ..user_cache import user_cache
-from .folder import FILES, MANIFEST, RECIPE, Place, file_digest, read_manifest
+from .folder import (
+    FILES,
+    MANIFEST,
+    RECIPE,
+    Place,
+    file_digest,
+    is_sequence,
+    is_shared,
+    read_files,
+    read_manifest,
+)
 
 #: File of the parts of a dataset, which its manifest does not list.
 SPLIT = "split.json"
@@ -32,32 +43,47 @@ def is_address(place: Place) -> bool:
     return "://" in os.fspath(place)
 
 
-def fetched(place: Place) -> Path:
+def fetched(place: Place, follow_links: bool = False) -> Path:
     """Folder with a whole dataset: its own, or a copy of what is at an address.
+
+    Every reader of a dataset begins here. Names of files are those of the format, so that nothing
+    is read or written outside of the folder.
+
+    Parameters
+    ----------
+    place: folder or address
+    follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
     UserError
-        When there is no whole dataset at the address, or it does not answer.
+        When there is no whole dataset at the address, it does not answer, or a link leads out of
+        the folder.
     """
     if not is_address(place):
-        return Path(place)
+        folder = Path(place)
+        if folder.is_dir():
+            refuse_links(folder, follow_links)
+        return folder
     address, folder = os.fspath(place), _cached(place)
     with _blaming(address):
         fs, root = _opened(address)
         if not fs.exists(f"{root}/{MANIFEST}"):
             raise UserError(f"{address} is no dataset, or not whole; it has no {MANIFEST}")
+        if Path(root).is_dir() and "file" in fs.protocol:
+            refuse_links(Path(root), follow_links)
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / SPLIT).unlink(missing_ok=True)
-        for name in (MANIFEST, RECIPE, SPLIT):
-            if fs.exists(f"{root}/{name}"):
-                _get(fs, f"{root}/{name}", folder / name)
-        manifest = read_manifest(folder)
-        for name, digest in manifest["files"].items():
-            if not (folder / name).is_file() or file_digest(folder / name) != digest:
-                _get(fs, f"{root}/{name}", folder / name)
-        for name, digest in manifest["sequences"].items():
-            _fetch_sequence(fs, root, folder, name, digest)
+        with filling(folder, wait=True):  # others may read the same address
+            (folder / SPLIT).unlink(missing_ok=True)
+            for name in (MANIFEST, RECIPE, SPLIT):
+                if fs.exists(f"{root}/{name}"):
+                    _get(fs, f"{root}/{name}", folder / name)
+            manifest = read_manifest(folder)
+            for name, digest in manifest["files"].items():
+                if not (folder / name).is_file() or file_digest(folder / name) != digest:
+                    _get(fs, f"{root}/{name}", folder / name)
+            for name, digest in manifest["sequences"].items():
+                _fetch_sequence(fs, root, folder, name, digest)
     return folder
 
 
@@ -81,10 +107,11 @@ def fetch_begun(address: str) -> Path:
         for path in fs.find(root):
             name = path.removeprefix(root).lstrip("/")
             where, _, file = name.rpartition("/")
-            if where.startswith("sequence-"):
-                if file == FILES and not (folder / where).is_dir():
-                    _fetch_sequence(fs, root, folder, where, None)
-            elif name != MANIFEST:
+            if is_sequence(where) and file == FILES:
+                if not (folder / where).is_dir():
+                    with suppress(UserError):  # it is made again
+                        _fetch_sequence(fs, root, folder, where, None)
+            elif is_shared(name) or name == SPLIT:
                 _get(fs, path, folder / name)
     return folder
 
@@ -109,7 +136,12 @@ class Sender:
         with _blaming(address):
             fs, root = _opened(address)
             there = fs.find(root) if fs.exists(root) else []
-        self._sent = {path.split("/")[-2] for path in there if path.endswith(f"/{FILES}")}
+        sent = {path.split("/")[-2] for path in there if path.endswith(f"/{FILES}")}
+        self._sent = {name for name in sent if is_sequence(name) and (folder / name).is_dir()}
+
+    def again(self, names: Iterable[str]) -> None:
+        """Copy these sequences although they were copied: they are made again."""
+        self._sent.difference_update(names)
 
     def send(self) -> None:
         """Copy the sequences that are new; every few seconds, as it may be called often."""
@@ -146,24 +178,37 @@ def put(file: Path, address: str) -> None:
 
 @contextmanager
 def staged(out: Place) -> Iterator[Path]:
-    """Folder to be written: its own, or one whose files go to an address when it is complete.
+    """Folder to be filled, which gets its name, or goes to an address, when it is complete.
+
+    An exception inside leaves nothing.
 
     Raises
     ------
     UserError
-        When there is something at the address.
+        When there is something already, or it cannot be written.
     """
     if not is_address(out):
-        yield Path(out)
+        folder = Path(out)
+        made = [path for path in (folder, *folder.parents) if not path.exists()]
+        try:
+            with prepared(folder, overwrite=None), whole_folder(folder) as part:
+                yield part
+        except BaseException:
+            with suppress(OSError):
+                for path in made:
+                    path.rmdir()
+            raise
         return
     address = os.fspath(out)
     with _blaming(address):
         fs, root = _opened(address)
         if fs.exists(root) and fs.find(root):
             raise UserError(f"{address} is not empty; choose another address")
-    with tempfile.TemporaryDirectory() as folder:
-        yield Path(folder) / "out"
-        Sender(Path(folder) / "out", address).finish()
+    with tempfile.TemporaryDirectory() as temporary:
+        whole = Path(temporary) / "out"
+        whole.mkdir()
+        yield whole
+        Sender(whole, address).finish()
 
 
 def _cached(address: Place) -> Path:
@@ -181,7 +226,7 @@ def _opened(address: str) -> tuple[Any, str]:
 def _get(fs: Any, path: str, target: Path) -> None:
     """Copy a file, which gets its name when it is complete."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    part = target.with_name(f".part-{target.name}")
+    part = part_of(target)
     fs.get_file(path, str(part))
     part.replace(target)
 
@@ -191,13 +236,19 @@ def _fetch_sequence(fs: Any, root: str, folder: Path, name: str, digest: str | N
     final = folder / name
     if (final / FILES).is_file() and digest in (None, file_digest(final / FILES)):
         return
-    if final.is_dir():
-        for file in final.iterdir():
-            file.unlink()
-        final.rmdir()
+    shutil.rmtree(final, ignore_errors=True)
+    there = {path.rpartition("/")[2]: path for path in fs.find(f"{root}/{name}")}
     with whole_folder(final) as part:
-        for path in fs.find(f"{root}/{name}"):
-            fs.get_file(path, str(part / path.rpartition("/")[2]))
+        _copy(fs, there, FILES, part)
+        for file in read_files(part)["files"]:
+            _copy(fs, there, file, part)
+
+
+def _copy(fs: Any, there: dict[str, str], name: str, folder: Path) -> None:
+    """Copy a file of those that are there."""
+    if name not in there:
+        raise UserError(f"{folder.name}: {name} is missing at the address")
+    fs.get_file(there[name], str(folder / name))
 
 
 @contextmanager

@@ -1,10 +1,15 @@
-"""One sequence of a dataset: its values are drawn, its scene is run, its pictures are labelled."""
+"""One sequence of a dataset: drawn values, the run of its scene, labelled pictures, its folder."""
 
+import dataclasses
+import hashlib
+import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,14 +18,27 @@ from ..loop.grasp import grasp
 from ..loop.poses.moves import moves
 from ..loop.sample import Sample, Truth
 from ..model import SoftBody
+from ..output.folder import whole_folder
+from ..output.png import encode_png
 from ..output.processes import one_thread
-from ..render import DomeMap, Flaws, Renderer, add_noise, load_sensor, open_renderer
-from ..scene.scene import Scene
+from ..render import (
+    DomeMap,
+    Flaws,
+    Renderer,
+    add_noise,
+    camera_text,
+    load_sensor,
+    open_renderer,
+)
+from ..scene.scene import Scene, dump_scene, relative, seen_from
 from ..sensing.camera import REST_NUMBER
 from ..sensing.sensor import TactileSensor
-from .labels import Shot
+from .folder import CAMERA, FILES, FileList, file_digest, made_with, sequence_name
+from .labels import Shot, columns_of
 from .labels.frames import labelled
 from .labels.reading import with_readings
+from .labels.tables import frame_table, marker_table, to_parquet
+from .pictures import CLEAN, FRAME, NOISE, REST, change_png, noise_key
 from .recipe import Recipe, Values, drawn, pose_of, scene_of
 
 Image = NDArray[np.uint8]
@@ -138,3 +156,82 @@ def _renderer(name: str, sensor: str) -> Renderer:
 def _dome_map(sensor: str, dome: SoftBody) -> DomeMap:
     """Map of markers that are where they were designed to be."""
     return DomeMap(load_sensor(sensor), dome)
+
+
+def write_sequence(recipe: Recipe, number: int, out: Path) -> int:
+    """Make a sequence and write its folder, unless it exists; returns its number.
+
+    Raises
+    ------
+    UserError
+        When it cannot be written; nothing of it is left.
+    """
+    final = out / sequence_name(number)
+    if not final.exists():
+        with whole_folder(final) as part:
+            _write_files(recipe, number, part)
+    return number
+
+
+def _write_files(recipe: Recipe, number: int, part: Path) -> None:
+    made = sequence(recipe, number)
+    rest, frames = shots(recipe, made)
+    digests: dict[str, str] = {}
+
+    def keep(name: str, data: bytes) -> None:
+        (part / name).write_bytes(data)
+        digests[name] = hashlib.sha256(data).hexdigest()
+
+    keep("scene.toml", dump_scene(made.scene, part).encode())
+    view = made.scene.build_sensor().view
+    place = {"position_mm": 1e3 * view.position, "port_mm": 1e3 * view.port}
+    port = {"port_is_flat": view.flat, "refractive_index": view.index}
+    keep(CAMERA, camera_text(view.camera, **place, **port).encode())
+    clean = recipe.store == "clean"
+    keep(CLEAN if clean else REST, encode_png(rest))
+    if clean:
+        key = noise_key(made.scene.camera.noise_levels, made.scene.seed)
+        keep(NOISE, msgspec.json.encode(key))
+    rows: list[Shot] = []
+    for shot in frames:
+        index = int(shot.values["frame"])
+        data = change_png(shot.image, rest) if clean else encode_png(shot.image)
+        keep(f"{FRAME[recipe.store]}-{index:03d}.png", data)
+        if shot.truth:
+            path = part / f"truth-{index:03d}.npz"
+            np.savez_compressed(path, **shot.truth)  # type: ignore[arg-type]
+            digests[path.name] = file_digest(path)
+        # Pictures are on the disk; a long sequence must not keep them.
+        rows.append(dataclasses.replace(shot, image=np.empty(0, np.uint8), truth={}))
+    columns = columns_of(made.scene.body, bool(recipe.reading))
+    tables = {"frames": frame_table(rows, columns), "markers": marker_table(rows, columns)}
+    for name, table in tables.items():
+        keep(f"{name}.parquet", to_parquet(table))
+    listed: FileList = {
+        "number": number,
+        "versions": made_with(),
+        "values": _plain(made.values, part),
+        "files": dict(sorted(digests.items())),
+    }
+    (part / FILES).write_text(json.dumps(listed, indent=1, ensure_ascii=False) + "\n", "utf-8")
+
+
+def was_drawn(recipe: Recipe, number: int, values: Values, folder: Path) -> bool:
+    """Whether the values in a sequence's `files.json` are those of one of its draws."""
+    draws = (drawn(recipe, number, attempt) for attempt in range(_ATTEMPTS))
+    return any(json.loads(json.dumps(_plain(one, folder))) == values for one in draws)
+
+
+def _plain(values: Values, folder: Path) -> Values:
+    """Values for JSON: infinity as text, files relative to the folder."""
+    plain = {
+        k: str(v) if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()
+    }
+    if "sensor" in plain:
+        plain["sensor"] = seen_from(folder, plain["sensor"])
+    if "object.mesh" in plain:
+        plain["object.mesh"] = relative(plain["object.mesh"], folder)
+    own: Values = values.get("object", {})
+    if own.get("mesh"):
+        return plain | {"object": {**own, "mesh": relative(own["mesh"], folder)}}
+    return plain

@@ -3,6 +3,7 @@
 import json
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 from zlib import crc32
 
 import msgspec
@@ -11,12 +12,19 @@ import numpy as np
 from ..errors import UserError
 from ..extras import need
 from ..output.folder import write_whole
+from ..strange_files import read_small, shortened
 from .folder import TABLE, Place, read_manifest, sequence_name
+from .labels.tables import damaged, read_table
 from .recipe import Values
 from .remote import SPLIT, fetched, is_address, put
 
+if TYPE_CHECKING:
+    import pyarrow as pa
 
-def split(folder: Place, shares: dict[str, float], seed: int = 0) -> dict[str, list[str]]:
+
+def split(
+    folder: Place, shares: dict[str, float], seed: int = 0, *, follow_links: bool = False
+) -> dict[str, list[str]]:
     """Names of the sequences of each part, which are written to split.json too.
 
     All sequences of one object (equal in every drawn value of `object.…`) are in one part.
@@ -26,19 +34,21 @@ def split(folder: Place, shares: dict[str, float], seed: int = 0) -> dict[str, l
     folder: of the dataset
     shares: of each part, adding up to 1
     seed: of the order of the objects
+    follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
     UserError
-        When shares do not add up, or there are fewer objects than parts.
+        When shares do not add up, a part has a name that no folder can have, the dataset is
+        damaged, or there are fewer objects than parts.
     """
+    for name in shares:
+        _check_part(name, "shares")
     if abs(sum(shares.values()) - 1.0) > 1e-9 or min(shares.values()) <= 0.0:
         given = ", ".join(f"{name} {share:g}" for name, share in shares.items())
         raise UserError(f"shares must be above 0 and add up to 1, got {given}")
-    address, folder = folder, fetched(folder)
-    read_manifest(folder)
-    pq = need("pyarrow.parquet", "data")
-    objects = _objects(pq.read_table(folder / TABLE).to_pylist())
+    address, folder = folder, fetched(folder, follow_links)
+    objects = _objects(drawn_table(folder, list(read_manifest(folder)["sequences"])).to_pylist())
     keys = sorted(objects)
     if len(keys) < len(shares):
         raise UserError(f"{folder} has {len(keys)} objects, too few for {len(shares)} parts")
@@ -69,9 +79,11 @@ def read_split(folder: Path) -> dict[str, list[str]]:
     if not path.is_file():
         return {}
     try:
-        parts = msgspec.json.decode(path.read_bytes(), type=dict[str, list[str]])
-    except (OSError, msgspec.DecodeError):
+        parts = msgspec.json.decode(read_small(path), type=dict[str, list[str]])
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise UserError(f"{path} is damaged; make it anew with dataset split") from None
+    for name in parts:
+        _check_part(name, str(path))
     named = sorted(name for names in parts.values() for name in names)
     if named != sorted(read_manifest(folder)["sequences"]):
         raise UserError(
@@ -96,10 +108,33 @@ def names_of(folder: Path, part: str) -> list[str]:
     return parts[part]
 
 
+def _check_part(name: str, where: str) -> None:
+    """Refuse a name that leads elsewhere: the parts of an export are folders."""
+    if name in ("", ".", "..") or not name.isprintable() or set(name) & set("/\\"):
+        raise UserError(f"{where}: a part cannot be called {shortened(name)}")
+
+
+def drawn_table(folder: Path, names: list[str]) -> "pa.Table":
+    """Table of the values that were drawn for each of these sequences, all there are.
+
+    Raises
+    ------
+    UserError
+        When it is damaged or of other sequences.
+    """
+    table = read_table(
+        folder / TABLE, len(names), {"number": need("pyarrow", "data").int64()}, others=True
+    )
+    numbers = sorted(table["number"].to_pylist())
+    if [sequence_name(number) for number in numbers] != sorted(names):
+        raise damaged(folder / TABLE, "it is not of the sequences of the dataset")
+    return table
+
+
 def _objects(rows: list[Values]) -> dict[str, list[int]]:
     """Numbers of the sequences of each object, by what was drawn of it."""
     found: dict[str, list[int]] = {}
     for row in rows:
         own = {key: value for key, value in sorted(row.items()) if key.split(".")[0] == "object"}
-        found.setdefault(json.dumps(own), []).append(row["number"])
+        found.setdefault(json.dumps(own, default=repr), []).append(row["number"])
     return found

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..extras import need
+from ..strange_files import array_names, read_arrays
 from .folder import Place, read_manifest
 from .labels import STATES
 from .pictures import Pictures
@@ -36,6 +37,7 @@ class Frames:
     noise: standard deviation that is added to the pictures [grey levels]
     seed: of the noise, which depends on the index, the seed and nothing else
     with_rest: whether items have `rest`
+    follow_links: whether links in the folder may lead out of it, as in caches of hubs
 
     Raises
     ------
@@ -52,9 +54,10 @@ class Frames:
         noise: float = 0.0,
         seed: int = 0,
         with_rest: bool = False,
+        follow_links: bool = False,
     ) -> None:
         from_numpy = need("torch", "learn").from_numpy
-        folder = fetched(folder)
+        folder = fetched(folder, follow_links)
         names = list(read_manifest(folder)["sequences"]) if part is None else names_of(folder, part)
         if not noise >= 0.0:
             raise UserError(f"noise = {noise} must not be negative")
@@ -91,8 +94,8 @@ class Frames:
         item = {label: values[index] for label, values in self._labels.items()}
         if self._pixels:
             path = self._pictures[index].folder / f"truth-{frame:03d}.npz"
-            with np.load(path) as truth:
-                item |= {name: _tensor(truth[name]) for name in self._pixels}
+            arrays = read_arrays(path, self._pixels)
+            item |= {name: _tensor(values) for name, values in arrays.items()}
         item |= {"sequence": number, "frame": frame, "image": self._image(index)}
         if self._with_rest:
             item["rest"] = _picture(self._pictures[index].rest)
@@ -142,8 +145,7 @@ def _check_labels(pixels: Sequence[str], where: Path, columns: dict[str, NDArray
     path = where / "truth-000.npz"
     there: list[str] = []
     if path.is_file():
-        with np.load(path) as truth:
-            there = list(truth)
+        there = array_names(path)
     for label in pixels:
         if label not in there:
             raise UserError(

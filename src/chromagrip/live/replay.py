@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..by_name import not_allowed
 from ..errors import UserError
 from ..loop.columns import values_of
 from ..loop.grasp import gripped
@@ -151,6 +152,8 @@ def not_repeated(run: RunRead) -> str:
         why = "its sliders were moved by hand"
     elif "source" in run.summary:
         why = "its frames came from outside"
+    elif code := not_allowed(run.scene):
+        why = f"{code} is code of the folder, which runs only where --allow names its module"
     else:
         return ""
     shown = "curves and video are shown" if run.video else "only its curves are there"

@@ -156,7 +156,7 @@ def read(path: Path) -> list[Measured]:
     """
     try:
         measured = list(read_cells(path, Measured))
-    except (KeyError, TypeError, ValueError, OSError) as error:
+    except UserError as error:
         raise UserError(f"{path} is no table of `chromagrip chart --update`: {error}") from None
     if not measured:
         raise UserError(f"{path} is not there or empty; `chromagrip chart --update` makes it")

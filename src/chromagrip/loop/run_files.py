@@ -6,13 +6,13 @@ Packages that only a folder needs (FFmpeg, Arrow, matplotlib) are imported where
 import json
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from ..errors import UserError
 from ..extras import need, require
-from ..output.folder import leave, prepare
+from ..output.folder import filling, leave, prepared, sync
 from ..output.frames import FRAMES, FrameFiles, FrameFormat
 from ..output.logs.write import LOG_FILES, LogFormat, write_logs
 from ..output.versions import versions
@@ -73,8 +73,10 @@ class RunFiles:
         self._video: TactileVideo | PinchVideo | None = None
         self._frames: list[FrameFiles] = []
         self._lines: TraceLines | None = None
-        _refuse_killed(folder, overwrite)
-        prepare(folder, overwrite)
+        self._held = ExitStack()
+        if not overwrite:
+            _refuse_killed(folder)
+        self._held.enter_context(prepared(folder, overwrite))
         with self._writing():
             self._discard()
             for name in (*FILES, *LOG_FILES):
@@ -152,8 +154,12 @@ class RunFiles:
                     file.close()
             _write_results(self._parts, self._scene, trace, summary, self._drawn)
             self._lines.drop()
-            for part in sorted(self._parts.iterdir()):
+            parts = sorted(self._parts.iterdir())
+            for part in parts:  # what is called whole outlasts a power cut
+                sync(part)
+            for part in parts:
                 part.replace(self.folder / part.name)
+            sync(self.folder)
         # Last, from the finished folder: a log that cannot be written costs no run.
         _write_run_logs(self.folder, self._scene, trace, summary, self._log)
 
@@ -172,6 +178,7 @@ class RunFiles:
     def _drop(self) -> None:
         """Remove unfinished files, and the folder where there are no others."""
         self._discard()
+        self._held.close()
         leave(self.folder, "scene.toml")
 
     def _discard(self) -> None:
@@ -185,14 +192,15 @@ class RunFiles:
         shutil.rmtree(self._parts, ignore_errors=True)
 
 
-def _refuse_killed(folder: Path, overwrite: bool) -> None:
+def _refuse_killed(folder: Path) -> None:
     """Refuse a folder of a run that was killed, and say where its trace is."""
     lines = folder / PARTS / LINES
-    if not overwrite and lines.is_file():
-        raise UserError(
-            f"folder {folder} holds a run that was killed; its trace until then is {lines}; "
-            "choose another folder or give --overwrite"
-        )
+    if lines.is_file():
+        with filling(folder):  # one that goes on is named instead
+            raise UserError(
+                f"folder {folder} holds a run that was killed; its trace until then is {lines}; "
+                "choose another folder or give --overwrite"
+            )
 
 
 def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":

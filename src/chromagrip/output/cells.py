@@ -2,13 +2,13 @@
 
 import csv
 from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import UserError
-from .folder import prepare, whole_file
+from .folder import prepared, whole_file
 
 Cell = TypeVar("Cell")
 Key = TypeVar("Key", bound=Hashable)
@@ -23,7 +23,13 @@ def write_cells(cells: Sequence[Any], path: Path) -> None:
 
 
 def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:
-    """Dataclasses of a file that `write_cells` wrote; none if there is no file."""
+    """Dataclasses of a file that `write_cells` wrote; none if there is no file.
+
+    Raises
+    ------
+    UserError
+        When it is damaged.
+    """
     if path is None or not path.exists():
         return
     # Types of the fields are the converters: str, int and float.
@@ -46,8 +52,9 @@ def read_cells(path: Path | None, kind: type[Cell]) -> Iterator[Cell]:
         ) from None
 
 
-def open_unfinished(out: Path | None, name: str, overwrite: bool) -> Path | None:
-    """File of the cells of unfinished work in an output folder, which is made.
+@contextmanager
+def unfinished_in(out: Path | None, name: str, overwrite: bool) -> Iterator[Path | None]:
+    """File of the cells of unfinished work in an output folder, which is made and held.
 
     Parameters
     ----------
@@ -60,10 +67,9 @@ def open_unfinished(out: Path | None, name: str, overwrite: bool) -> Path | None
     UserError
         When the folder holds finished results and may not be overwritten.
     """
-    if out is None:
-        return None
-    prepare(out, overwrite or (out / name).exists())
-    return out / name
+    file = None if out is None else out / name
+    with prepared(out, overwrite or (file is not None and file.exists())):
+        yield file
 
 
 def resumed(

@@ -1,7 +1,11 @@
 """Folders and files of a command's output: never half-written, and never written over unasked."""
 
+import atexit
+import errno
 import os
+import platform
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,31 +16,62 @@ from ..errors import UserError
 
 #: Start of the name of a file or folder that is not complete.
 PART = ".part-"
+#: File of a folder that is being filled, which names who fills it.
+LOCK = ".lock"
+#: Start of the name of a folder for what libraries keep while a command runs.
+_SCRATCH = ".scratch-"
 
 
-def prepare(folder: Path, overwrite: bool | None) -> None:
-    """Make a folder for output.
+@contextmanager
+def prepared(folder: Path | None, overwrite: bool | None) -> Iterator[None]:
+    """Make a folder for output, and hold it until it is filled.
 
     Parameters
     ----------
-    folder: new or empty
+    folder: new or empty; None is no folder
     overwrite: whether it may hold files; None where a command never writes over any
 
     Raises
     ------
     UserError
-        When it holds files and `overwrite` is not given, or cannot be made.
+        When it holds files and `overwrite` is not given, cannot be made, or is being filled.
     """
+    if folder is None:
+        yield
+        return
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        taken = any(folder.iterdir())
     except FileExistsError:
         raise UserError(f"{folder} is a file, not a folder") from None
     except OSError as error:
         raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
-    if taken and not overwrite:
-        mend = "choose another" if overwrite is None else "choose another or give --overwrite"
-        raise UserError(f"folder {folder} is not empty; {mend}")
+    with filling(folder):
+        if not overwrite and any(
+            not each.name.startswith((LOCK, _SCRATCH)) for each in folder.iterdir()
+        ):
+            mend = "choose another" if overwrite is None else "choose another or give --overwrite"
+            raise UserError(f"folder {folder} is not empty; {mend}")
+        yield
+
+
+def make_scratch(out: Path) -> None:
+    """Give libraries a folder beside or in an output, where nothing else can be written.
+
+    Matplotlib ends a program that has neither a home nor a folder for temporary files. The folder
+    goes when this process ends.
+
+    Parameters
+    ----------
+    out: file or folder of the output, which need not exist
+    """
+    try:
+        tempfile.gettempdir()
+    except FileNotFoundError:
+        place = next((each for each in (out, *out.absolute().parents) if each.is_dir()), out)
+        with suppress(OSError):
+            tempfile.tempdir = tempfile.mkdtemp(prefix=_SCRATCH, dir=place)
+            os.environ["TMPDIR"] = os.environ["MPLCONFIGDIR"] = tempfile.tempdir
+            atexit.register(shutil.rmtree, tempfile.tempdir, ignore_errors=True)
 
 
 def leave(folder: Path, name: str) -> None:
@@ -48,8 +83,23 @@ def leave(folder: Path, name: str) -> None:
 
 
 def part_of(path: Path) -> Path:
-    """Path of a file until it is complete, with the same suffix."""
-    return path.with_name(f"{PART}{path.name}")
+    """Path of a file until it is complete, with the same suffix; each process has its own."""
+    return path.with_name(f"{PART}{os.getpid()}-{path.name}")
+
+
+def sync(path: Path) -> None:
+    """Wait until the disk has a file, or the names in a folder: what follows may call it whole."""
+    if os.name == "nt":  # Windows syncs what is open for writing alone
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        # Some file systems of other machines cannot sync a folder.
+        if error.errno != errno.EINVAL:
+            raise
+    finally:
+        os.close(handle)
 
 
 def _unlink(part: Path) -> None:
@@ -92,6 +142,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         _unlink(part)
         try:
             yield part
+            sync(part)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
@@ -101,6 +152,12 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write bytes as a `whole_file`; errors as there."""
     with whole_file(path) as part:
         part.write_bytes(data)
+
+
+def synced(path: Path) -> None:
+    """`sync` with errors of the disk in one sentence, as in `disk_errors`."""
+    with disk_errors(path):
+        sync(path)
 
 
 class GrowingFile:
@@ -140,6 +197,7 @@ class GrowingFile:
             if self._part.exists():
                 self._finish()
             if self._part.exists():
+                sync(self._part)
                 self._part.replace(self._path)
 
     def _finish(self) -> None:
@@ -166,6 +224,8 @@ def whole_folder(path: Path) -> Iterator[Path]:
             part.mkdir()
             yield part
             with suppress(OSError):
+                if [each.name for each in path.iterdir()] == [LOCK]:  # this process holds it
+                    (path / LOCK).unlink()
                 path.rmdir()
             if not path.exists():
                 part.rename(path)
@@ -174,26 +234,55 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def filling(folder: Path) -> Iterator[None]:
-    """Hold a folder that two runs must not fill at once, where the file system has locks.
+def filling(folder: Path, *, wait: bool = False) -> Iterator[None]:
+    """Hold a folder that two runs must not fill at once.
+
+    The kernel holds the lock, and gives it up with the process, however that ends. The file only
+    tells others who it is. Where a system or a disk has no locks (Windows, some network disks),
+    nothing is held.
+
+    Parameters
+    ----------
+    folder: that is filled
+    wait: until it is free, instead of refusing one that another run holds
 
     Raises
     ------
     UserError
-        When another run of this machine holds it.
+        When another run holds it, or it cannot be written.
     """
     try:
-        import fcntl
-    except ImportError:  # Windows has no lock on folders
-        yield
-        return
-    handle = os.open(folder, os.O_RDONLY)
+        handle = _locked(folder, wait)
+    except OSError as error:
+        raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
     try:
-        with suppress(OSError):
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise UserError(f"{folder} is being filled by another run") from None
         yield
     finally:
+        with suppress(OSError):
+            (folder / LOCK).unlink()
         os.close(handle)
+
+
+def _locked(folder: Path, wait: bool) -> int:
+    """Open file that holds the lock of a folder."""
+    path = folder / LOCK
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        try:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            who = os.read(handle, 200).decode(errors="replace").strip() or "another run"
+            os.close(handle)
+            raise UserError(
+                f"folder {folder} is being filled by {who}; choose another, or wait until it ends"
+            ) from None
+        except (ImportError, OSError):
+            return handle
+        with suppress(FileNotFoundError):
+            if path.stat().st_ino == os.fstat(handle).st_ino:
+                os.ftruncate(handle, 0)
+                os.write(handle, f"process {os.getpid()} on {platform.node()}\n".encode())
+                return handle
+        os.close(handle)  # whoever held it has just removed the file

@@ -1,13 +1,14 @@
 """Frames from files, cameras and pipes: a picture, a folder of them, a video file, `camera:0`."""
 
 import io
+import math
 import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..extras import need
 from ..render import Frame
+from ..stored_pictures import MEGAPIXELS, MORE, check_pixels, decoded
 
 if TYPE_CHECKING:
     import av
@@ -61,10 +63,16 @@ class Source:
         return name if own == Path(self.name) else f"{name} ({own.name})"
 
 
-def open_source(name: str, fps: float | None = None, without: Path | None = None) -> Source:
+def open_source(
+    name: str,
+    fps: float | None = None,
+    without: Path | None = None,
+    max_megapixels: float = MEGAPIXELS,
+) -> Source:
     """Source of that name; `fps` [Hz] sets the rate of pictures, and overrides a video's own.
 
-    A picture `without` is no frame of the folder that it lies in.
+    A picture `without` is no frame of the folder that it lies in. Larger pictures than
+    `max_megapixels` are refused before they are decoded.
 
     Raises
     ------
@@ -75,7 +83,10 @@ def open_source(name: str, fps: float | None = None, without: Path | None = None
     if name.startswith("pipe:"):
         pipe = name.removeprefix("pipe:")
         return Source(
-            name=name, frames=lambda: _pipe_frames(pipe), count=None, fps=fps or DEFAULT_FPS
+            name=name,
+            frames=lambda: _pipe_frames(pipe, max_megapixels),
+            count=None,
+            fps=fps or DEFAULT_FPS,
         )
     if re.fullmatch(r"camera:\d+", name):
         number = int(name.removeprefix("camera:"))
@@ -93,12 +104,12 @@ def open_source(name: str, fps: float | None = None, without: Path | None = None
         left = [p for p in files if without is None or not p.samefile(without)]
         if not left:
             raise UserError(f"folder {name} has no pictures but {without}")
-        return _pictures(name, sorted(left, key=_natural), fps)
+        return _pictures(name, sorted(left, key=_natural), fps, max_megapixels)
     if not path.is_file():
         raise UserError(f"there is no {name}; give {_KINDS}")
     if is_picture(path):
-        return _pictures(name, [path], fps)
-    return _video(path, fps)
+        return _pictures(name, [path], fps, max_megapixels)
+    return _video(path, fps, max_megapixels)
 
 
 def is_picture(path: Path) -> bool:
@@ -106,46 +117,39 @@ def is_picture(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-def read_picture(path: Path) -> Image:
+def read_picture(path: Path, max_megapixels: float = MEGAPIXELS) -> Image:
     """Picture of a file, sRGB, shape (H, W, 3); a grey one has three equal channels.
+
+    It is as it was stored, not turned by the file's metadata. A larger one than `max_megapixels`
+    is not decoded.
 
     Raises
     ------
     UserError
-        When the file is no complete picture, has more than 8 bits a channel, or is transparent.
+        When the file is no complete picture, is too large, has more than 8 bits a channel, or is
+        transparent.
     """
+    name = f"picture {path}"
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise UserError(f"picture {path} cannot be read: {error.strerror}") from None
+        raise UserError(f"{name} cannot be read: {error.strerror}") from None
     if not data:
-        raise UserError(f"picture {path} is empty (0 bytes)")
-    image = None
-    # libpng writes its own messages to the terminal.
-    if not data.startswith(PNG_BEGIN) or PNG_END in data:
-        with _silent():
-            try:
-                # Unchanged: as it was stored, not rotated by the file's metadata.
-                image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-            except cv2.error:
-                image = None
+        raise UserError(f"{name} is empty (0 bytes)")
+    image = decoded(data, name, max_megapixels)
     if image is None:
-        raise UserError(f"picture {path} cannot be read: it is cut off, or not {_kind(path)} file")
-    if image.dtype != np.uint8:
+        kind = path.suffix.lower().removeprefix(".")
+        raise UserError(f"{name} cannot be read: it is cut off, or not a {kind} file")
+    if isinstance(image, str):
         raise UserError(
-            f"picture {path} has {image.dtype} values; wanted: 8 bits a channel, because the range "
-            "of wider values is not known"
+            f"{name} has {image} values; wanted: 8 bits a channel, because the range of wider "
+            "values is not known"
         )
     if image.ndim == 3 and image.shape[2] == 4 and (image[..., 3] < 255).any():
-        raise UserError(f"picture {path} has transparent pixels; wanted: an opaque picture")
-    pixels: Image = np.asarray(image, dtype=np.uint8)
-    if pixels.ndim == 2:
-        return np.repeat(pixels[..., None], 3, axis=2)
-    return np.ascontiguousarray(pixels[..., 2::-1])
-
-
-def _kind(path: Path) -> str:
-    return f"a {path.suffix.lower().removeprefix('.')}"
+        raise UserError(f"{name} has transparent pixels; wanted: an opaque picture")
+    if image.ndim == 2:
+        return np.repeat(image[..., None], 3, axis=2)
+    return np.ascontiguousarray(image[..., :3])
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
@@ -165,12 +169,12 @@ def _silent() -> Iterator[None]:
         cv2.utils.logging.setLogLevel(level)
 
 
-def _pictures(name: str, files: list[Path], fps: float | None) -> Source:
+def _pictures(name: str, files: list[Path], fps: float | None, max_megapixels: float) -> Source:
     rate = fps or DEFAULT_FPS
 
     def frames() -> Iterator[Frame]:
         for k, path in enumerate(files):
-            yield Frame(image=read_picture(path), time=k / rate)
+            yield Frame(image=read_picture(path, max_megapixels), time=k / rate)
 
     lossy = any(path.suffix.lower() in _LOSSY for path in files)
     return Source(
@@ -199,17 +203,6 @@ def _camera_frames(number: int) -> Iterator[Frame]:
         capture.release()
 
 
-class _Stream:
-    """Bytes of a pipe; NumPy would ask a file for its place, which a pipe does not have."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-
-    def read(self, size: int = -1, /) -> bytes:
-        """As many bytes as are asked for; fewer at the end."""
-        return self._file.read(size)
-
-
 def pipe_bytes(frame: Frame) -> bytes:
     """Bytes that a program writes for a frame into a pipe, which is read as `pipe:FILE`."""
     data = io.BytesIO()  # NumPy cannot write into a pipe
@@ -218,7 +211,7 @@ def pipe_bytes(frame: Frame) -> bytes:
     return data.getvalue()
 
 
-def _pipe_frames(name: str) -> Iterator[Frame]:
+def _pipe_frames(name: str, max_megapixels: float) -> Iterator[Frame]:
     """Frames that another program writes: time [s] and picture of each, as NumPy's .npy files.
 
     A `-` is the standard input.
@@ -227,11 +220,10 @@ def _pipe_frames(name: str) -> Iterator[Frame]:
     try:
         with open(0 if name == "-" else name, "rb", closefd=name != "-") as file:
             while file.peek(1):
-                stream = _Stream(file)
                 try:
-                    time, image = (
-                        np.lib.format.read_array(stream, allow_pickle=False) for _ in range(2)
-                    )
+                    time, image = (_piped(file, name, max_megapixels) for _ in range(2))
+                except UserError:
+                    raise
                 except (ValueError, EOFError) as error:
                     raise UserError(
                         f"pipe:{name} breaks off after {count} frames: {error}"
@@ -247,14 +239,32 @@ def _pipe_frames(name: str) -> Iterator[Frame]:
         raise UserError(f"pipe:{name} cannot be read: {error.strerror}") from None
 
 
-def _video(path: Path, fps: float | None) -> Source:
-    with _open_video(path) as container:
+def _piped(file: BinaryIO, name: str, max_megapixels: float) -> NDArray[Any]:
+    """Array of a pipe; NumPy would ask a file for its place, which a pipe does not have."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0
+    if version != (1, 0):
+        read = np.lib.format.read_array_header_2_0
+    shape, turned, kind = read(file)
+    height, width = (*shape, 1, 1)[:2]
+    check_pixels(width, height, f"pipe:{name}", max_megapixels)
+    size = math.prod(shape) * kind.itemsize
+    if kind.hasobject or size > 3e6 * max_megapixels:
+        raise ValueError(f"{kind} {shape} is no picture")
+    data = file.read(size)
+    if len(data) < size:
+        raise EOFError(f"{len(data)} of {size} bytes")
+    return np.frombuffer(data, kind).reshape(shape, order="F" if turned else "C").copy()
+
+
+def _video(path: Path, fps: float | None, max_megapixels: float) -> Source:
+    with _open_video(path, max_megapixels) as container:
         stream = container.streams.video[0]
         rate = fps or float(stream.average_rate or DEFAULT_FPS)
         count, lossy = stream.frames or None, stream.codec_context.codec.lossy
     return Source(
         name=str(path),
-        frames=lambda: _video_frames(path, fps),
+        frames=lambda: _video_frames(path, fps, max_megapixels),
         count=count,
         fps=rate,
         lossy=lossy,
@@ -262,12 +272,13 @@ def _video(path: Path, fps: float | None) -> Source:
 
 
 @contextmanager
-def _open_video(path: Path) -> "Iterator[av.container.InputContainer]":
+def _open_video(path: Path, max_megapixels: float) -> "Iterator[av.container.InputContainer]":
     av = need("av", "video")
     if path.stat().st_size == 0:
         raise UserError(f"video {path} is empty (0 bytes)")
     try:
-        container = av.open(str(path), metadata_errors="ignore")
+        most = {"max_pixels": str(round(1e6 * max_megapixels))}  # also where sizes change later
+        container = av.open(str(path), options=most, metadata_errors="ignore")
     except av.FFmpegError as error:
         raise UserError(
             f"{path} cannot be read as a video: {_reason(error)}; give {_KINDS}"
@@ -276,8 +287,16 @@ def _open_video(path: Path) -> "Iterator[av.container.InputContainer]":
         # FFmpeg reads any text as a recording of a terminal.
         if not container.streams.video or container.format.name == "tty":
             raise UserError(f"{path} has no video in it; give {_KINDS}")
-        if container.streams.video[0].codec_context is None:
+        coded = container.streams.video[0].codec_context
+        if coded is None:
             raise UserError(f"{path} holds a video of an unknown kind; give {_KINDS}")
+        if not coded.width:  # FFmpeg took none that is too large
+            raise UserError(
+                f"video {path} names no size, or has pictures of more than {max_megapixels:g} "
+                f"megapixels{MORE}"
+            )
+        check_pixels(coded.width, coded.height, f"video {path}", max_megapixels)
+        coded.options = most
         yield container
 
 
@@ -286,10 +305,10 @@ def _reason(error: "av.FFmpegError") -> str:
     return f"{text} (cut off, or not a video)" if "invalid data" in text else text
 
 
-def _video_frames(path: Path, fps: float | None) -> Iterator[Frame]:
+def _video_frames(path: Path, fps: float | None, max_megapixels: float) -> Iterator[Frame]:
     """Frames with the file's own times, or evenly at `fps`; a UserError where it is cut off."""
     av = need("av", "video")
-    with _open_video(path) as container:
+    with _open_video(path, max_megapixels) as container:
         stream = container.streams.video[0]
         rate = float(stream.average_rate or DEFAULT_FPS)
         count, first, last = 0, 0.0, 0.0

@@ -130,6 +130,10 @@ def _results(
     ordered: bool,
     advice: str,
 ) -> Generator[Result, None, None]:
+    if workers > 1:
+        from joblib import effective_n_jobs
+
+        workers = effective_n_jobs(workers)  # 1 on a machine whose /dev/shm cannot be written
     if workers == 1:
         for task in tasks:
             with one_thread():

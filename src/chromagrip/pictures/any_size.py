@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..output.pictures import Image
@@ -16,6 +17,7 @@ from ..render import SensorDesign
 from ..tracking import Palette, Sighting, detect_markers, sight
 from ..tracking.forces import placement
 
+Array = NDArray[np.float64]
 #: Left, top, right and bottom of a part of a picture [px].
 Box = tuple[int, int, int, int]
 
@@ -29,6 +31,9 @@ _ASPECT = 0.01
 _WHOLE_SCALE, _WHOLE_SHIFT = 0.03, 0.05
 #: Scales this near to 1 leave the pixels as they are.
 _SAME_SCALE = 0.005
+#: Pictures of a sensor that is not known are reduced if they have more than this [px], by the
+#: largest whole factor that leaves a typical marker this radius, as those of the designs have [px].
+_LARGE, _RADIUS = 2_500_000, 8.0
 #: Rows and columns are even where no channel spreads more [grey levels].
 _PLAIN = 12
 #: They look alike where the darkest pixels, this share of them, differ by less than this
@@ -68,6 +73,11 @@ class Fitting:
         )
         return [left, top, self.size[0] / self.scale, self.size[1] / self.scale]
 
+    def original(self, places: Array) -> Array:
+        """Places (…, 2) in the picture, of those in the design's [px]."""
+        # Pictures are scaled about the outer edge of their first pixel, not about its centre.
+        return (places - self.corner + 0.5) / self.scale - 0.5 + self.box[:2]
+
     def part(self, image: Image) -> Image:
         """Part of the picture that is used, pixel by pixel."""
         left, top, right, bottom = self.box
@@ -100,7 +110,7 @@ class Fitter:
 
     Parameters
     ----------
-    sensor: None leaves pictures as they are
+    sensor: None reduces large pictures by a whole factor, and leaves others as they are
     """
 
     def __init__(self, sensor: SensorDesign | None) -> None:
@@ -117,7 +127,8 @@ class Fitter:
 def fitting(image: Image, sensor: SensorDesign | None) -> Fitting:
     """What makes pictures like that of an unloaded sensor into those of its design's camera.
 
-    Without a sensor, and in the size that its camera gives, pictures stay as they are.
+    In the size that its camera gives they stay as they are. Without a sensor large ones are reduced
+    by a whole factor, as far as their markers allow.
 
     Raises
     ------
@@ -126,7 +137,12 @@ def fitting(image: Image, sensor: SensorDesign | None) -> Fitting:
     """
     height, width = image.shape[:2]
     everything = (0, 0, width, height)
-    if sensor is None or (width, height) == (sensor.view.width, sensor.view.height):
+    if sensor is None:
+        factor = _reduction(image)
+        size = (width // factor, height // factor)
+        box = (0, 0, factor * size[0], factor * size[1])
+        return Fitting(size=size, box=box, scale=1.0 / factor)
+    if (width, height) == (sensor.view.width, sensor.view.height):
         return Fitting(size=(width, height), box=everything)
     size = (sensor.view.width, sensor.view.height)
     across, down = width / size[0], height / size[1]
@@ -153,6 +169,16 @@ def fitting(image: Image, sensor: SensorDesign | None) -> Fitting:
     if shaped and near and abs(across / times - 1.0) < _WHOLE_SCALE:
         return as_whole
     return found
+
+
+def _reduction(image: Image) -> int:
+    """Whole factor by which a picture of a sensor that is not known is reduced."""
+    if image.shape[0] * image.shape[1] <= _LARGE:
+        return 1
+    try:
+        return max(1, int(sight(image).radius / _RADIUS))
+    except UserError:  # a part may show more than the whole
+        return 1
 
 
 def _found(image: Image, sensor: SensorDesign) -> Fitting:

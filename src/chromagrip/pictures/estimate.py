@@ -19,6 +19,7 @@ from ..output.versions import versions
 from ..render import Frame
 from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW
+from ..stored_pictures import MEGAPIXELS
 from ..tracking import (
     CAMERA_RULE,
     FRICTION,
@@ -33,7 +34,7 @@ from ..tracking import (
 from ..tracking.forces import PoseTable, rest_pose
 from ..tracking.forces.chain import UsedReadOut, used
 from .figure import draw_figure
-from .following import Add, Course, Outcome, Progress, follow, open_folder
+from .following import Add, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
 from .overlay import OverlayVideo
 from .readings import Read, displacement_reading, force_reading
@@ -95,6 +96,7 @@ def estimate_source(
     frames: int | None = None,
     out: Path | None = None,
     overwrite: bool = False,
+    max_megapixels: float = MEGAPIXELS,
     tell: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _, __: None,
 ) -> Outcome[EstimateSummary]:
@@ -110,7 +112,8 @@ def estimate_source(
         used on a flat pad
     friction: name of a reading of µ, see `FRICTION`; by default that of grasps
     window: moving average of the friction estimate [s]
-    rest, source, tracker, noise, fps, frames, out, overwrite, tell, progress: see `track_source`
+    rest, source, tracker, noise, fps, frames, out, overwrite: see `track_source`
+    max_megapixels, tell, progress: see `track_source`
 
     Raises
     ------
@@ -128,12 +131,13 @@ def estimate_source(
     opened = open_tracking(
         rest,
         source,
-        find=lambda _: palette,
+        find=lambda _, __: palette,
         tracker=tracker,
         noise=noise,
         fps=fps,
         tell=tell,
         sensor=known.sensor,
+        max_megapixels=max_megapixels,
     )
     with located(f"calibration {calibration}"):
         pose = rest_pose(known.sensor, opened.resting)
@@ -143,8 +147,6 @@ def estimate_source(
             read = force_reading(reader, rule, opened, known.sensor.view, pose)
         else:
             read = displacement_reading(gains, opened, known.sensor.view, pose)
-    if out is not None:
-        open_folder(out, overwrite, FILES)
     method: Method = {
         "format": FORMAT,
         "calibration": calibration,
@@ -157,7 +159,8 @@ def estimate_source(
         "friction_window_s": window,
     }
     rows = _Rows(read, opened, out, flat=gains is not None)
-    return follow(opened, rows.open_files, partial(rows.summary, method), frames, out, progress)
+    with opened_folder(out, overwrite, FILES):
+        return follow(opened, rows.open_files, partial(rows.summary, method), frames, out, progress)
 
 
 def _displacement_gains(known: SensorCalibration, name: str) -> DisplacementGains | None:

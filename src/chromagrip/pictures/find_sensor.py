@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..output.folder import write_whole
 from ..output.pictures import Image, read_picture
+from ..stored_pictures import MEGAPIXELS
 from ..tracking import AUTO_PALETTE, Palette, learn_palette, load_palette, sight
 
 Mask = NDArray[np.bool_]
 
-#: Finds the palette, and where the sensor is, of a picture.
-Find = Callable[[Image], Palette]
+#: Finds the palette, and where the sensor is, of a picture; height and width are those that it
+#: had before it was reduced [px].
+Find = Callable[[Image, tuple[int, int]], Palette]
 
 
 class Assumed(TypedDict):
@@ -44,12 +46,14 @@ class Within:
     ----------
     crop: left, top, width and height [px]
     mask: picture that is not black where the sensor is
+    max_megapixels: largest mask that is decoded
     """
 
     crop: tuple[int, int, int, int] | None = None
     mask: Path | None = None
+    max_megapixels: float = MEGAPIXELS
 
-    def of(self, image: Image) -> Mask | None:
+    def of(self, height: int, width: int) -> Mask | None:
         """Pixels of a picture of that size, shape (H, W); None where nothing was given.
 
         Raises
@@ -59,7 +63,6 @@ class Within:
         """
         if self.crop is None and self.mask is None:
             return None
-        height, width = image.shape[:2]
         found = np.ones((height, width), dtype=bool)
         if self.crop is not None:
             left, top, wide, high = self.crop
@@ -77,8 +80,8 @@ class Within:
             found[:] = False
             found[top : top + high, left : left + wide] = True
         if self.mask is not None:
-            given = read_picture(self.mask)
-            if given.shape != image.shape:
+            given = read_picture(self.mask, self.max_megapixels)
+            if given.shape[:2] != (height, width):
                 raise UserError(
                     f"mask {self.mask} is {given.shape[1]}×{given.shape[0]} pixels, the picture "
                     f"{width}×{height}"
@@ -109,8 +112,12 @@ def finder(palette: str, within: Within) -> Find:
     """
     known = None if palette == AUTO_PALETTE else load_palette(palette)
 
-    def find(image: Image) -> Palette:
-        part = within.of(image)
+    def find(image: Image, opened: tuple[int, int]) -> Palette:
+        part = within.of(*opened)
+        if part is not None:
+            height, width = image.shape[:2]
+            times = opened[0] // height
+            part = part[: height * times : times, : width * times : times]
         if known is not None and part is None and _as_designed(known, image):
             return known
         seen = sight(image, part)
@@ -127,23 +134,23 @@ def _as_designed(palette: Palette, image: Image) -> bool:
     return view is not None and image.shape[:2] == (view.height, view.width)
 
 
-def assumed(name: str, palette: Palette, within: Within) -> Assumed:
-    """What was assumed, for a summary."""
+def assumed(name: str, palette: Palette, within: Within, times: int) -> Assumed:
+    """What was assumed, for a summary; the picture was reduced by a whole factor."""
     seen = palette.seen
     box = None
     if seen is not None:
         y, x = np.nonzero(seen.field)
-        box = [int(v) for v in (x.min(), y.min(), np.ptp(x) + 1, np.ptp(y) + 1)]
+        box = [times * int(v) for v in (x.min(), y.min(), np.ptp(x) + 1, np.ptp(y) + 1)]
     rows = zip(palette.names, palette.transmittance.round(4).tolist(), strict=True)
     return {
         "palette": name,
         "dyes": dict(rows),
         "bright": palette.bright,
-        "field_given": within != ANYWHERE,
+        "field_given": within.crop is not None or within.mask is not None,
         "field_share": None if seen is None else round(float(seen.field.mean()), 4),
         "field_px": box,
-        "marker_radius_px": None if seen is None else round(seen.radius, 2),
-        "marker_distance_px": None if seen is None else round(seen.pitch, 2),
+        "marker_radius_px": None if seen is None else round(times * seen.radius, 2),
+        "marker_distance_px": None if seen is None else round(times * seen.pitch, 2),
     }
 
 

@@ -4,7 +4,7 @@ import itertools
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypedDict, TypeVar
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..output.folder import prepare, write_whole
+from ..output.folder import prepared, write_whole
 from ..output.processes import one_thread
 from ..render import Frame
 from ..tracking import Palette, Tracks
@@ -99,20 +99,22 @@ class _Tally:
             self.absent &= bool(2 * tracks.visible[self.known].sum() < self.known.sum())
 
 
-def open_folder(folder: Path, overwrite: bool, files: tuple[str, ...]) -> None:
-    """Folder without the files of an earlier result.
+@contextmanager
+def opened_folder(folder: Path | None, overwrite: bool, files: tuple[str, ...]) -> Iterator[None]:
+    """Hold a folder without the files of an earlier result; None is no folder.
 
     Raises
     ------
     UserError
         When it holds files and `overwrite` is not given, or cannot be written to.
     """
-    prepare(folder, overwrite)
-    try:
-        for name in files:
-            (folder / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
+    with prepared(folder, overwrite):
+        try:
+            for path in [folder / name for name in files] if folder is not None else []:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
+        yield
 
 
 def follow(

@@ -1,6 +1,6 @@
 """Markers of a single picture as a list; those of two layers that lie on each other are pairs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict
 
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from ..errors import UserError, located
 from ..output.pictures import SUFFIXES, Image, is_picture, read_picture
+from ..stored_pictures import MEGAPIXELS, kind_of
 from ..tracking import AUTO_PALETTE, Markers, Palette, detect_markers, join_layers
+from .any_size import Fitting, fitting
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
 
 
@@ -45,8 +47,15 @@ class Picture:
     rows: list[MarkerRow]
 
 
-def list_markers(path: Path, palette: str = AUTO_PALETTE, within: Within = ANYWHERE) -> Picture:
+def list_markers(
+    path: Path,
+    palette: str = AUTO_PALETTE,
+    within: Within = ANYWHERE,
+    max_megapixels: float = MEGAPIXELS,
+) -> Picture:
     """Markers of the picture in a file, for a palette by name, within a part of it if given.
+
+    A larger picture than `max_megapixels` is not decoded.
 
     Raises
     ------
@@ -54,26 +63,50 @@ def list_markers(path: Path, palette: str = AUTO_PALETTE, within: Within = ANYWH
         When there is no such picture or palette, or no markers in it.
     """
     _check_picture(path)
-    image = read_picture(path)
+    image = read_picture(path, max_megapixels)
     find = finder(palette, within)
     with located(f"picture {path}"):
-        colours = find(image)
-        layers = detect_markers(image, colours)
+        fitted = fitting(image, None)
+        reduced = fitted(image)
+        colours = find(reduced, image.shape[:2])
+        layers = [_original(markers, fitted) for markers in detect_markers(reduced, colours)]
     if not any(len(markers.area) for markers in layers):
         raise UserError(f"picture {path}: no markers found in {' or '.join(colours.names)}")
-    told = assumed(palette, colours, within)
+    told = assumed(palette, colours, within, round(1.0 / fitted.scale))
     rows = _rows(layers, colours)
+    if fitted.scale < 1.0 and colours.seen is not None:
+        field = cv2.resize(
+            colours.seen.field.view(np.uint8), image.shape[1::-1], interpolation=cv2.INTER_NEAREST
+        )
+        colours = replace(colours, seen=replace(colours.seen, field=field.astype(bool)))
     return Picture(image=image, palette=colours, assumed=told, layers=layers, rows=rows)
+
+
+def _original(markers: Markers, fitted: Fitting) -> Markers:
+    """Markers in pixels of the picture, of those in the reduced one."""
+    return replace(
+        markers,
+        position=fitted.original(markers.position),
+        area=markers.area / fitted.scale**2,
+        shape=markers.shape / fitted.scale,
+    )
 
 
 def _check_picture(path: Path) -> None:
     """Refuse what is a source of many frames instead of one picture."""
-    other = path.is_file() and not is_picture(path) and not cv2.haveImageReader(str(path))
-    if other or path.is_dir():
+    if path.is_dir() or (path.is_file() and not is_picture(path) and not _begins_like_one(path)):
         raise UserError(
             f"{path} is no picture; detect takes one picture ({', '.join(SUFFIXES)}), "
             "`chromagrip track` reads videos and folders of pictures"
         )
+
+
+def _begins_like_one(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return kind_of(file.read(16)) is not None
+    except OSError:
+        return False
 
 
 def _rows(layers: list[Markers], palette: Palette) -> list[MarkerRow]:

@@ -13,6 +13,7 @@ from ..output.pictures import Image, Source, open_source
 from ..output.processes import one_thread
 from ..render import Frame, SensorDesign
 from ..sensing.reader import Reader, check_tracks
+from ..stored_pictures import MEGAPIXELS
 from ..tracking import Palette, RestFrame, Tracker, Tracks, load_tracker, read_rest
 from .any_size import Fitter, Fitting, fitting
 from .find_sensor import Find
@@ -50,6 +51,7 @@ class Opened:
     source: of the frames
     frames: each checked to be as large as the rest frame
     setup: the same for a summary
+    fitted: what made them of the source's pictures
     """
 
     reader: Reader
@@ -58,6 +60,7 @@ class Opened:
     source: Source
     frames: Iterator[Frame]
     setup: Setup
+    fitted: Fitting
 
     @property
     def resting(self) -> Tracks:
@@ -75,11 +78,12 @@ def open_tracking(
     fps: float | None,
     tell: Callable[[str], None],
     sensor: SensorDesign | None = None,
+    max_megapixels: float = MEGAPIXELS,
 ) -> Opened:
     """Tracker that knows the unloaded sensor, and the frames to follow; see `track_source`.
 
-    With a `sensor`, pictures are scaled and cut to those of its camera, see `fitting`, and so is
-    their noise.
+    Pictures are scaled and cut to those of the camera of a `sensor`, or reduced, see `fitting`, and
+    so is their noise.
 
     Raises
     ------
@@ -87,10 +91,12 @@ def open_tracking(
         When there is nothing to track.
     """
     make, name = load_tracker(tracker), name_of(tracker)
-    opened = open_source(source, fps, without=rest_picture(rest, source))
+    opened = open_source(source, fps, rest_picture(rest, source), max_megapixels)
     tell("rest frame")
     with one_thread():
-        still, rest_words, place, frames = rest_frames(rest, opened, find, tell, Fitter(sensor))
+        still, rest_words, place, frames = rest_frames(
+            rest, opened, find, tell, Fitter(sensor), max_megapixels
+        )
         shape = _check_alike(still, place)
         with located(place):
             fitted = fitting(_mean(still), sensor)
@@ -98,7 +104,7 @@ def open_tracking(
         tell("markers at rest")
         still = [replace(frame, image=fitted(frame.image)) for frame in still]
         with located(place):
-            palette = find(_mean(still))
+            palette = find(_mean(still), shape)
             start = read_rest(still, palette)
         with blaming(f"tracker {name!r} failed", SystemExit):
             made = make(palette, noise)
@@ -120,7 +126,7 @@ def open_tracking(
     )
     shown = (replace(frame, image=fitted(frame.image)) for frame in frames)
     reader = Reader.of_tracker(made, repr(name), resting)
-    return Opened(reader, palette, start, opened, shown, setup)
+    return Opened(reader, palette, start, opened, shown, setup, fitted)
 
 
 def _mean(frames: list[Frame]) -> Image:

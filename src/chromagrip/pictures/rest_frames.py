@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import UserError
 from ..output.pictures import Image, Source, is_picture, open_source
 from ..render import Frame
+from ..stored_pictures import MEGAPIXELS
 from ..tracking import detect_markers, join_layers
 from .find_sensor import Find
 
@@ -55,6 +56,7 @@ def rest_frames(
     find: Find,
     tell: Callable[[str], None],
     fitted: Callable[[Image], Image] = lambda image: image,
+    max_megapixels: float = MEGAPIXELS,
 ) -> Resting:
     """Frames of the sensor at rest, which they are, and the frames to track.
 
@@ -66,6 +68,7 @@ def rest_frames(
     find: palette of a picture's markers
     tell: called with the current step
     fitted: picture as large as the sensor's camera gives it, in which markers are looked for
+    max_megapixels: largest picture of a rest frame that is decoded
 
     Raises
     ------
@@ -78,7 +81,7 @@ def rest_frames(
         return Resting([frame], f"frame {index} of the source, found", place, source.frames())
     first = re.fullmatch(r"first(?::(\d+))?", rest)
     if first is None:
-        own = open_source(rest)
+        own = open_source(rest, max_megapixels=max_megapixels)
         if own.live:
             raise UserError(f"rest {rest} is a camera; give a picture, or first:N of the source")
         still = list(itertools.islice(own.frames(), MEAN_OF))
@@ -115,7 +118,7 @@ def _most_exact(
             continue
         try:
             image = fitted(frame.image)
-            palette = find(image)
+            palette = find(image, frame.image.shape[:2])
             if len(palette.names) < 2:
                 alone = palette.names[0]
                 continue

@@ -2,18 +2,22 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypedDict
+
+import numpy as np
 
 from ..by_name import Choice
 from ..extras import require
 from ..output.parquet import TrackTable
 from ..output.versions import versions
 from ..render import Frame
+from ..stored_pictures import MEGAPIXELS
 from ..tracking import AUTO_PALETTE, Tracks
 from .find_sensor import ANYWHERE, Assumed, Within, assumed, finder
-from .following import Add, Course, Outcome, Progress, follow, open_folder
+from .following import Add, Course, Outcome, Progress, follow, opened_folder
 from .opening import Opened, Setup, open_tracking
 from .overlay import OverlayVideo, TrackDrawing, dropped
 
@@ -50,6 +54,7 @@ def track_source(
     frames: int | None = None,
     out: Path | None = None,
     overwrite: bool = False,
+    max_megapixels: float = MEGAPIXELS,
     tell: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _, __: None,
 ) -> Outcome[TrackSummary]:
@@ -69,8 +74,8 @@ def track_source(
     noise: of the camera [grey levels]; by default it is estimated
     fps: frame rate [Hz], for pictures and instead of a video's own
     frames: stop after so many
-    out: folder, made if missing
-    overwrite: whether an earlier result is replaced
+    out, overwrite: folder, made if missing, and whether an earlier result in it is replaced
+    max_megapixels: largest picture that is decoded
     tell: called with the current step before the first frame is tracked
     progress: called after every frame
 
@@ -83,14 +88,19 @@ def track_source(
         require("data", "video", purpose="writing tracks")
     find = finder(palette, within)
     opened = open_tracking(
-        rest, source, find=find, tracker=tracker, noise=noise, fps=fps, tell=tell
+        rest,
+        source,
+        find=find,
+        tracker=tracker,
+        noise=noise,
+        fps=fps,
+        tell=tell,
+        max_megapixels=max_megapixels,
     )
-    if out is not None:
-        open_folder(out, overwrite, FILES)
-
-    known = assumed(palette, opened.palette, within)
+    known = assumed(palette, opened.palette, within, round(1.0 / opened.fitted.scale))
     summarise = partial(_summary, opened, known)
-    return follow(opened, partial(_open_files, opened, out), summarise, frames, out, progress)
+    with opened_folder(out, overwrite, FILES):
+        return follow(opened, partial(_open_files, opened, out), summarise, frames, out, progress)
 
 
 def _summary(opened: Opened, known: Assumed, course: Course) -> TrackSummary:
@@ -109,8 +119,21 @@ def _not_followed(opened: Opened) -> list[NotFollowed]:
     return [
         {"layer": name, "x_px": round(x, 2), "y_px": round(y, 2)}
         for name, at in places
-        for x, y in at.tolist()
+        for x, y in opened.fitted.original(at).tolist()
     ]
+
+
+def _original(tracks: Tracks, opened: Opened) -> Tracks:
+    """Tracks in pixels of the source's pictures."""
+    fitted = opened.fitted
+    if fitted.scale == 1.0:
+        return tracks
+    factor = np.tile([1.0 / fitted.scale, 1.0 / fitted.scale, 1.0], len(tracks.position))
+    return replace(
+        tracks,
+        position=fitted.original(tracks.position),
+        covariance=tracks.covariance * np.outer(factor, factor),
+    )
 
 
 def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
@@ -122,7 +145,7 @@ def _open_files(opened: Opened, out: Path | None, files: ExitStack) -> Add:
     video = files.enter_context(OverlayVideo(out / "overlay.mp4", opened.source.fps))
 
     def add(index: int, frame: Frame, tracks: Tracks) -> None:
-        table.add(index, tracks)
+        table.add(index, _original(tracks, opened))
         video.append(draw(frame.image, tracks))
 
     return add

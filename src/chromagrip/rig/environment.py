@@ -13,7 +13,7 @@ or the model gave up; the reward of that frame is −50.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -88,6 +88,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         1 mm, and with two fingers `pinch.dropped_mm` of the scene
     render_mode: `rgb_array` gives the camera's picture, or one of two fingers from the side;
         `human` shows it in a window
+    allow: modules that the scene's file may name, see `load_scene`
 
     Raises
     ------
@@ -111,6 +112,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         rate_n_per_s: float = 20.0,
         dropped_mm: float | None = None,
         render_mode: str | None = None,
+        allow: Collection[str] = (),
     ) -> None:
         _check(observation=(observation, ("image", "markers", "forces", "margin")))
         _check(action=(action, ("force", "rate")))
@@ -122,7 +124,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         ):
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise UserError(f"{name} = {value} must be finite and above 0")
-        self._name, self._changes = scene, dict(changes or {})
+        self._name, self._changes, self._allow = scene, dict(changes or {}), allow
         self._path = _path_of(observation, path)
         self._kind, self._action = observation, action
         self._most, self._rate, self._limit = most_n, rate_n_per_s, dropped_mm
@@ -248,7 +250,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         """Rig of the scene with changes."""
         given = {"path": self._path} | self._changes | changes
         plain = {key: _plain(value) for key, value in given.items()}
-        scene, methods = choose(load_scene(self._name, plain))
+        scene, methods = choose(load_scene(self._name, plain, allow=self._allow))
         two = scene.fingers == 2
         if two and self._limit is not None:
             raise UserError(
@@ -316,7 +318,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             self._window.draw(self._picture())
 
     def _threads(self) -> Any:
-        """Limit this process to one thread, but for a chain without pictures, which needs none."""
+        """One thread for this process; none is needed for a chain on the truth path."""
         pinch = self._rig.scene.fingers == 2
         pictures = self._path == "camera" or self._kind == "image" or self.render_mode is not None
         return one_thread() if pictures or pinch else nullcontext()

@@ -1,5 +1,6 @@
 """Reports of finished runs, of one finger or two, and several runs beside each other."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -78,7 +79,7 @@ def write_logs_again(
 
 def _names(folders: Sequence[Path]) -> list[str]:
     """Names of folders, with as much of their paths as tells them apart."""
-    parts = [folder.resolve().parts for folder in folders]
+    parts = [Path(os.path.realpath(folder)).parts for folder in folders]
     for depth in range(1, max(map(len, parts)) + 1):
         names = ["/".join(part[-depth:]) for part in parts]
         if len(set(names)) == len(names):

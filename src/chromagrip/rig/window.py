@@ -21,7 +21,7 @@ class Window:
         self._figure: Any = pyplot.figure(title)
         self._picture: Any = None
         if self._figure.canvas.required_interactive_framework is None:
-            print("chromagrip: no display; the render mode human shows nothing", file=sys.stderr)
+            print('chromagrip: no display found; render_mode="human" is off', file=sys.stderr)
             self.close()
             return
         self._axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))

@@ -22,7 +22,9 @@ class ActuatorSettings(Table, frozen=True):
 
     def __post_init__(self) -> None:
         if not self.rate_n_per_s > 0.0:
-            raise UserError(f"rate_n_per_s = {self.rate_n_per_s} must be above 0, inf is off")
+            raise UserError(
+                f"rate_n_per_s = {self.rate_n_per_s} must be greater than 0 (inf: unlimited)"
+            )
 
     def rounded(self, command: float) -> float:
         """Command, rounded to the resolution [N]."""

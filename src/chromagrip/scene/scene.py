@@ -2,8 +2,7 @@
 
 import math
 import os
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,6 +11,7 @@ import msgspec
 import tomli_w
 from msgspec import Meta
 
+from ..by_name import as_in_file, with_allowed
 from ..control import (
     ConservativeSettings,
     Controller,
@@ -34,7 +34,7 @@ from ..model import (
 )
 from ..model.dome import per_area
 from ..render import RENDERERS, Defects, SensorDesign, load_sensor
-from ..strict_toml import Table, Values, convert, read_toml
+from ..strict_toml import Table, Values, convert, parse_toml, read_toml
 from .actuator import ActuatorSettings
 from .controllers import CONTROLLERS
 from .dome import DomeSettings
@@ -322,13 +322,20 @@ def scene_names() -> list[str]:
     return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
 
 
-def load_scene(name: str = DEFAULT_SCENE, changes: Mapping[str, Any] | None = None) -> Scene:
+def load_scene(
+    name: str = DEFAULT_SCENE,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    allow: Collection[str] = (),
+) -> Scene:
     """Scene of that name, or from a TOML file, with some values changed.
 
     Parameters
     ----------
     name: a shipped scene, or the path of a file that ends in `.toml`
     changes: dotted key → new value, `{"object.friction": 0.3}`
+    allow: modules that a `module:Class` in the file may be imported from; any other is shown, and
+        refused where it would be imported
 
     Raises
     ------
@@ -343,7 +350,7 @@ def load_scene(name: str = DEFAULT_SCENE, changes: Mapping[str, Any] | None = No
         raise UserError(
             f"no scene {name!r}; there is {', '.join(scene_names())}, or give a .toml file"
         )
-    values = read_toml(path, f"scene file {name}")
+    values = with_allowed(read_toml(path, f"scene file {name}"), allow)
     # Files in a scene file are relative to it, those on the command line to the working folder.
     _locate_files(values, Path(name).parent)
     held = values.get("pinch")
@@ -392,7 +399,7 @@ def dump_scene(scene: Scene, folder: Path | None = None) -> str:
         values["sensor"] = seen_from(folder, scene.sensor)
         if scene.object.mesh:
             values["object"]["mesh"] = relative(scene.object.mesh, folder)
-    return tomli_w.dumps(values)
+    return tomli_w.dumps(as_in_file(values))
 
 
 def seen_from(folder: Path, sensor: str) -> str:
@@ -419,8 +426,8 @@ def parse_change(text: str) -> tuple[str, Any]:
     if not equals or not key.strip():
         raise UserError(f"--set {text}: expected key=value, such as object.friction=0.3")
     try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        return key.strip(), parse_toml(f"value = {value}", "--set")["value"]
+    except UserError:
         return key.strip(), value.strip()
 
 

@@ -63,6 +63,10 @@ LOOKS = 12
 PRESS_DRAG, DRAG = 25.2, 120.0
 
 
+#: Largest coordinate of an object [m]: millimetres that are given as metres are refused.
+FARTHEST = 1.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pose:
     """Where an object is, in the sensor's frame.
@@ -81,6 +85,10 @@ class Pose:
         for name, count in (("place", 3), ("turn", 4)):
             values = numbers(getattr(self, name), (count,), f"{name} of a pose")
             object.__setattr__(self, name, tuple(values.tolist()))
+        if (far := max(map(abs, self.place))) > FARTHEST:
+            raise UserError(
+                f"place of a pose is {far:g} m away, most is {FARTHEST:g} m: are these millimetres?"
+            )
         if abs(math.hypot(*self.turn) - 1.0) > 1e-3:
             raise UserError(f"turn of a pose must be a quaternion of length 1, got {self.turn}")
 

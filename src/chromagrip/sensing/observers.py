@@ -212,7 +212,7 @@ def margin_deviation(field: ForceField, mu: float, mu_deviation: float) -> float
     slope = np.array([friction / normal, -1.0, friction / mu]) / (mu * normal)
 
     def variance(deviation: float) -> float:
-        """Of Γ with a µ of that deviation."""
+        """Variance of Γ for a standard deviation of µ."""
         covariance = np.zeros((3, 3))
         covariance[:2, :2] = field.totals_covariance
         covariance[2, 2] = deviation**2

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ....errors import UserError
 from ....render import SensorDesign
+from ....strange_files import array_names, read_arrays
 
 Array = NDArray[np.float64]
 #: In single or double precision.
@@ -229,22 +230,22 @@ def load_readout(path: Path) -> ReadOut:
     """
     if path.is_file() and not zipfile.is_zipfile(path):
         raise UserError(f"{path} is not a trained read-out")
+    names = array_names(path)
+    absent = {f.name for f in fields(ReadOut)} - {*names, *_NETWORKS}
+    if absent:
+        raise UserError(f"{path} is not a trained read-out: it has no {min(absent)}")
     try:
-        with np.load(path) as file:
-            absent = {f.name for f in fields(ReadOut)} - {*file.files, *_NETWORKS}
-            if absent:
-                raise UserError(f"{path} is not a trained read-out: it has no {min(absent)}")
-            stored = {name: file[name] for name in file.files}
+        stored = read_arrays(path, names)
         design = msgspec.json.decode(stored.pop("design").tobytes(), type=SensorDesign)
         ranges = msgspec.json.decode(stored.pop("ranges").tobytes(), type=dict)
-    except OSError as error:
-        raise UserError(f"read-out {path} cannot be read: {error.strerror}") from None
-    except (zipfile.BadZipFile, msgspec.DecodeError) as error:
+        networks = {name: _network(stored, name) for name in _NETWORKS}
+        numbers = {name: float(stored.pop(name)) for name in ("tissue_stiffness", "reach", "prior")}
+        arrays = {name: value.astype(float) for name, value in stored.items()}
+        return ReadOut(design=design, ranges=ranges, **arrays, **networks, **numbers)  # type: ignore[arg-type]
+    except UserError:
+        raise
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise UserError(f"{path} is not a trained read-out: {error}") from None
-    networks = {name: _network(stored, name) for name in _NETWORKS}
-    numbers = {name: float(stored.pop(name)) for name in ("tissue_stiffness", "reach", "prior")}
-    arrays = {name: value.astype(float) for name, value in stored.items()}
-    return ReadOut(design=design, ranges=ranges, **arrays, **networks, **numbers)  # type: ignore[arg-type]
 
 
 def _network(stored: dict[str, Numbers], name: str) -> Layers:

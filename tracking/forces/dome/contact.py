@@ -27,7 +27,7 @@ from .contact_starts import Rivals, Start, light_press, other_objects, start_fro
 from .contact_state import CURVES, FRICTION, MOVING, OBJECT
 from .contact_way import sums_of
 from .key_shifts import Key, Shifts
-from .keys import Seldom, far_on, thinned
+from .keys import Backoff, far_on, thinned
 from .marker_response import DomeResponse
 from .untouched import untouched_field
 
@@ -45,15 +45,17 @@ _SIZES = (2, 5)
 _UNTOUCHED = 100.0
 #: Sum of squares that a contact must explain to be one.
 _TOLD = 60.0
-#: Largest mean square of what is left of the shifts in a solution.
+#: Largest mean squared residual of the shifts in a solution.
 _MISFIT = 2.0
-#: The same for the median of the pairs that have moved, as a few pairs of any specimen are odd,
-#: and for the product of both: of a design whose markers are straight, and how much more per
-#: crookedness over size of its markers. Crooked markers are tracked worse.
-_TYPICAL, _BOTH = (0.25, 2.4), (0.06, 4.0)
+#: Largest median squared residual of the pairs that have moved (a few pairs of any specimen are
+#: outliers): for aligned markers, and its increase per misalignment over marker size. Misaligned
+#: markers are tracked worse.
+_MEDIAN_MISFIT = (0.25, 2.4)
+#: The same for the product of median and mean.
+_BOTH_MISFITS = (0.06, 4.0)
 #: Curvatures times the radius of the dome that no smooth, convex object of its size has.
 _HOLLOW, _EDGE = -0.2, 4.5
-#: Mean square of what is left of the shifts above which such an object is refused.
+#: Largest mean squared residual of the shifts with such an object; above it, it is rejected.
 _SHAPED = 0.8
 #: Mean square of a change of the shifts, in deviations, below which a refused frame is the same.
 _SAME = 0.5
@@ -61,9 +63,10 @@ _SAME = 0.5
 _ROUNDS, _FEW_ROUNDS = 25, 8
 #: Rounds of a rival: of a better one there are more in the next turn.
 _RIVAL_ROUNDS = 4
-#: An object is fitted anew at least once in so many key frames that would change what is told, and
-#: so many fits in vain make them rarer.
-_SELDOM, _PATIENCE = 8, 3
+#: The object is fitted again at least in every 8th key frame that could change the estimate.
+_REFIT_EVERY = 8
+#: Unsuccessful refits after which the interval between them doubles.
+_REFITS_IN_VAIN = 3
 #: A rival is worth looking for more if its cost is so much less, in squared deviations.
 _WORTH = 1.0
 #: Mean square of what is left at which other objects are tried, or so many times that of the
@@ -108,7 +111,9 @@ class ContactReading:
         moving = np.array(layer_depths(sensor, dome)) < (1.0 - ON_CORE) * dome.thickness
         self._tells = np.repeat(moving, 3)
         crooked = 1e-3 * sensor.defects.crookedness_mm / (2.0 * float(sensor.half_sizes.max()))
-        self._typical, self._both = (well + more * crooked for well, more in (_TYPICAL, _BOTH))
+        self._typical, self._both = (
+            base + slope * crooked for base, slope in (_MEDIAN_MISFIT, _BOTH_MISFITS)
+        )
         self._light = light_press(self._fit)
         self.reset()
 
@@ -118,10 +123,11 @@ class ContactReading:
         self.last: Solution | None = None
         self._now: Followed | None = None
         self._covariance = np.zeros((7, 7))
-        self._rivals, self._refits = Rivals(self.dome), Seldom(1, _SELDOM, _PATIENCE)
+        self._rivals, self._refits = Rivals(self.dome), Backoff(1, _REFIT_EVERY, _REFITS_IN_VAIN)
         self._doubtful = _DOUBTFUL
         self._refused: Shifts | None = None
-        #: Whether the last object is none that is read. It is followed: it may become one again.
+        #: Whether the last fitted object has no supported shape. It is still tracked: it may
+        #: get one again.
         self._odd = False
 
     def update(self, tracks: Tracks) -> ForceField:

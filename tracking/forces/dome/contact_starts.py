@@ -15,7 +15,7 @@ from .contact_fit import ContactFit
 from .contact_solution import Solution
 from .contact_state import CURVES, FRICTION, MOVING, PLACE, PRESS, STIFFNESS, prior_of
 from .key_shifts import Key, Shifts
-from .keys import Seldom
+from .keys import Backoff
 
 Array = NDArray[np.float64]
 #: An object, and key frames with poses, from which a fit starts.
@@ -84,7 +84,7 @@ class Rivals:
 
     def __init__(self, dome: Dome) -> None:
         self.dome = dome
-        self._turn, self._often = 0, Seldom(_OFTEN, _SELDOM, len(_RIVALS))
+        self._turn, self._often = 0, Backoff(_OFTEN, _SELDOM, len(_RIVALS))
 
     def next(self, solution: Solution) -> Start | None:
         """The next start, once in a while and if it may be the true one; None else."""

@@ -37,13 +37,13 @@ def _way(dome: Dome, first: Array, second: Array) -> float:
     return float(np.linalg.norm((second - first) / unit))
 
 
-class Seldom:
-    """When to try what may be in vain: the less often, the longer it was.
+class Backoff:
+    """Retries an operation that often fails: the interval doubles after repeated failures.
 
     Parameters
     ----------
-    first, most: chances from one try to the next, at first and at last
-    patience: tries in vain after which there are twice as many from one to the next
+    first, most: chances from one try to the next, at first and at most
+    patience: failures in a row after which the interval doubles
     """
 
     def __init__(self, first: int, most: int, patience: int) -> None:
@@ -52,12 +52,12 @@ class Seldom:
         self._vain = 0
 
     def due(self) -> bool:
-        """Whether to take this chance."""
+        """Whether to try now."""
         self._left -= 1
         return self._left <= 0
 
     def tried(self, better: bool) -> None:
-        """Say whether a try was of use."""
+        """Report whether a try succeeded."""
         self._vain = 0 if better else self._vain + 1
         if better:
             self._wait = self._first

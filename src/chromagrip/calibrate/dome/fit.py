@@ -293,7 +293,7 @@ class SiliconeFit:
         return Pressing(known, self._rest, self._pose)
 
     def _shown(self, pressing: Pressing, own: Array) -> dict[str, Array]:
-        """What presses show, as of `Point`."""
+        """Predicted shifts of all presses, see `Point`."""
         each = [pressing(p, o) for p, o in zip(self.data.presses, own, strict=True)]
         return {"shifts": np.stack([s for s, _ in each]), "held": np.stack([h for _, h in each])}
 

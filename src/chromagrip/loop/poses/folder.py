@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ...model import DomeState, State, margin_within, rest_state
 from ...model.dome import displacements, lattice
-from ...output.folder import prepare
+from ...output.folder import prepared
 from ...output.processes import one_thread
 from ...output.versions import versions
 from ...render import TruthMap, camera_text
@@ -126,41 +126,43 @@ def render_poses(
     for pose in poses:
         settled.append(settle_any(scene, pose))
         progress(0, len(poses))
-    if out is not None:
-        prepare(out, overwrite)
-        prepare(out / PREVIEWS, overwrite)
-        (out / "poses.json").unlink(missing_ok=True)
-    entries = []
-    try:
-        for number, shot in enumerate(_shots(scene, settled, out)):
-            entries.append(_entry(scene, shot, number))
-            if out is not None:
-                _write(out, number, shot, scene)
-                draw_preview(scene, shot, out / str(entries[-1]["preview"]))
-            progress(number + 1, len(poses))
-        report: Report = {
-            "format": FORMAT,
-            "sensor": scene.sensor,
-            "renderer": scene.renderer,
-            "again": again,
-            "files": {
-                "scene.toml": "everything this was made from but the poses",
-                "camera.yml": "the camera, in OpenCV's format",
-                "rest.png": "the unloaded sensor, same specimen and noise",
-            },
-            "arrays": ARRAYS if scene.body == "chain" else DOME_ARRAYS,
-            "poses": entries,
-            "versions": versions(),
-        }
+    with prepared(out, overwrite):
         if out is not None:
-            said = _SCENE + (f"; {again} takes them again" if again else "")
-            (out / "scene.toml").write_text(scene_text(scene, said), encoding="utf-8")
-            camera = camera_text(scene.build_sensor().view.camera)
-            (out / "camera.yml").write_text(camera, encoding="utf-8")
-            # Last, so that a folder that has it is complete.
-            (out / "poses.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise UserError(f"folder {out} cannot be written: {error.strerror}") from None
+            (out / PREVIEWS).mkdir(exist_ok=True)
+            (out / "poses.json").unlink(missing_ok=True)
+        entries = []
+        try:
+            for number, shot in enumerate(_shots(scene, settled, out)):
+                entries.append(_entry(scene, shot, number))
+                if out is not None:
+                    _write(out, number, shot, scene)
+                    draw_preview(scene, shot, out / str(entries[-1]["preview"]))
+                progress(number + 1, len(poses))
+            report: Report = {
+                "format": FORMAT,
+                "sensor": scene.sensor,
+                "renderer": scene.renderer,
+                "again": again,
+                "files": {
+                    "scene.toml": "everything this was made from but the poses",
+                    "camera.yml": "the camera, in OpenCV's format",
+                    "rest.png": "the unloaded sensor, same specimen and noise",
+                },
+                "arrays": ARRAYS if scene.body == "chain" else DOME_ARRAYS,
+                "poses": entries,
+                "versions": versions(),
+            }
+            if out is not None:
+                said = _SCENE + (f"; {again} takes them again" if again else "")
+                (out / "scene.toml").write_text(scene_text(scene, said), encoding="utf-8")
+                camera = camera_text(scene.build_sensor().view.camera)
+                (out / "camera.yml").write_text(camera, encoding="utf-8")
+                # Last, so that a folder that has it is complete.
+                (out / "poses.json").write_text(
+                    json.dumps(report, indent=2) + "\n", encoding="utf-8"
+                )
+        except OSError as error:
+            raise UserError(f"folder {out} cannot be written: {error.strerror}") from None
     return report
 
 

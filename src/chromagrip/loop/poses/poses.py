@@ -13,6 +13,7 @@ from ...model import (
     State,
     contact_forces,
     equilibrium,
+    largest_grip,
     rest_state,
     whole_friction,
 )
@@ -127,6 +128,11 @@ def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:
             raise UserError(f"a load of {pose.load:g} N needs a grip above 0 N to hold it")
         state = rest_state(tip)
     else:
+        limit = largest_grip(tip, obj)
+        if pose.grip > limit:
+            raise UserError(
+                f"grip {pose.grip:g} N is above {limit:.3g} N, which press the whole fingertip flat"
+            )
         _refuse_sliding(obj, pose)
         with located(f"grip {pose.grip:g} N with load {pose.load:g} N cannot be held"):
             state = equilibrium(tip, obj, pose.grip, pose.load)
@@ -152,6 +158,11 @@ def _displaced(scene: Scene, sensor: SensorDesign, pose: Pose) -> State:
     """
     nodes = scene.fingertip.nodes
     half = sensor.shape.radius
+    if max(pose.depth, abs(pose.shear)) > half:
+        raise UserError(
+            f"depth {1e3 * pose.depth:g} mm and shear {1e3 * pose.shear:g} mm must be at most "
+            f"{1e3 * half:g} mm, the radius of the pad"
+        )
     x = np.linspace(-half, half, nodes)
     obj = scene.object
     gap = 0.0 if np.isinf(obj.radius_mm) else 0.5e3 * x**2 / obj.radius_mm

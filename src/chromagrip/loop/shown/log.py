@@ -1,5 +1,6 @@
 """The log of a run, read from its folder."""
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -39,7 +40,7 @@ def log_of(run: RunRead) -> Log:
     if scene.fingers == 2:
         conditions.append(_outcome(of))
     return Log(
-        name=run.folder.resolve().name,
+        name=os.path.basename(os.path.realpath(run.folder)),
         scene=run.file("scene.toml").read_text(encoding="utf-8"),
         facts={k: str(v) for k, v in run.summary.items() if isinstance(v, str | int | float)},
         signals=signals,

@@ -3,7 +3,7 @@
 The folder may be a stranger's. No link leads out of it, and sizes are known before values are read.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -132,7 +132,13 @@ class RunRead:
         return inside(self.folder, name, self.follow_links)
 
 
-def read_run(folder: Path, follow_links: bool = False, most_rows: int | None = None) -> RunRead:
+def read_run(
+    folder: Path,
+    follow_links: bool = False,
+    most_rows: int | None = None,
+    *,
+    allow: Collection[str] = (),
+) -> RunRead:
     """Read a run folder.
 
     Parameters
@@ -140,6 +146,7 @@ def read_run(folder: Path, follow_links: bool = False, most_rows: int | None = N
     folder: of a finished run
     follow_links: whether its files may be links that lead out of it
     most_rows: largest number of rows of its trace; None is `MOST_ROWS`
+    allow: modules that its scene may name, see `load_scene`; to show a run needs none
 
     Raises
     ------
@@ -153,7 +160,7 @@ def read_run(folder: Path, follow_links: bool = False, most_rows: int | None = N
         if not files[name].is_file():
             raise UserError(f"{folder} is not a finished run: it has no {name}")
     _check_size(files["scene.toml"], _LARGEST_TEXT)
-    scene = load_scene(str(files["scene.toml"]))
+    scene = load_scene(str(files["scene.toml"]), allow=allow)
     summary = _read_summary(files["summary.json"], _Two if scene.fingers == 2 else _One)
     wanted = list(columns_of(mechanics(scene)))
     columns = read_trace(files["trace.parquet"], wanted, scene.fingers == 2, most_rows)

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from msgspec.structs import replace
 
-from ...dataset.folder import FILES, file_digest, keep_recipe, write_sequence
+from ...dataset.folder import FILES, file_digest, keep_recipe
 from ...dataset.make import make
 from ...dataset.pictures import pictures_in
 from ...dataset.recipe import Recipe, load_recipe
-from ...dataset.sequence import sequence, shots
+from ...dataset.sequence import sequence, shots, write_sequence
 from ...output.png import encode_png
 from ...output.report import Report, Row, at_least, at_most, reported, within
 from ...render.drawing import gl_problem

@@ -1,4 +1,4 @@
-"""What is unlike in the grasps of the world `beyond`, one function for each kind."""
+"""Deviations of the grasps of `beyond` from the training conditions, one function per kind."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -58,7 +58,7 @@ def twice(field: ForceField, margin: float, low: float, high: float) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What is unlike in one grasp.
+    """Deviations of one grasp.
 
     Attributes
     ----------
@@ -212,7 +212,7 @@ def layers(rng: Random, index: int) -> Case:
 
 
 def _fingertip(labels: tuple[str, ...], known: SensorCalibration, **factors: float) -> Case:
-    """A specimen whose fingertip is off by factors, and what is told of it."""
+    """A specimen with scaled stiffnesses, and the calibration that the estimator receives."""
     case = _as_told()
     tip = case.specimen.fingertip
     made = replace(tip, **{key: value * getattr(tip, key) for key, value in factors.items()})

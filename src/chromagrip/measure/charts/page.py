@@ -7,7 +7,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from ...output.figure import png
-from ...output.folder import prepare
+from ...output.folder import prepared
 from ...output.page import PageSection, machine_text, write_page
 from ...output.report import Report, Table
 from .chart import Chart, front, write_points
@@ -58,21 +58,20 @@ def charts(
     UserError
         When there is no such reconstructor, or the folder cannot be used.
     """
-    if out is not None:
-        prepare(out, overwrite)
-    made = []
-    for part in parts:
+    with prepared(out, overwrite):
+        made = []
+        for part in parts:
 
-        def tell(what: str, part: str = part) -> None:
-            progress(f"{part}: {what}")
+            def tell(what: str, part: str = part) -> None:
+                progress(f"{part}: {what}")
 
-        choice = (reconstructors,) if part == "force" else ()
-        made += [measured(quick, tell, *choice) for measured in PARTS[part]]
-    report = Report(rows=tuple(row for chart in made for row in chart.rows()), quick=quick)
-    if out is not None:
-        text = json.dumps(report.as_json(), indent=2, ensure_ascii=False)
-        (out / "charts.json").write_text(text + "\n", encoding="utf-8")
-        write_charts(made, quick, out)
+            choice = (reconstructors,) if part == "force" else ()
+            made += [measured(quick, tell, *choice) for measured in PARTS[part]]
+        report = Report(rows=tuple(row for chart in made for row in chart.rows()), quick=quick)
+        if out is not None:
+            text = json.dumps(report.as_json(), indent=2, ensure_ascii=False)
+            (out / "charts.json").write_text(text + "\n", encoding="utf-8")
+            write_charts(made, quick, out)
     return report
 
 

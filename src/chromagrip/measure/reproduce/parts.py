@@ -8,7 +8,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from ...extras import require
-from ...output.cells import open_unfinished
+from ...output.cells import unfinished_in
 from ...output.figure import png
 from ...output.page import write_page
 from ...output.report import Report, Table, row_as_json
@@ -105,27 +105,27 @@ def reproduce(
     """
     if out is not None:
         require("data")
-    unfinished = open_unfinished(out, UNFINISHED, overwrite)
-    traced = [job for name in parts if name in _TRACED for job in _TRACED[name](plan)]
-    summed = [job for name in parts if name in _SUMMED for job in _SUMMED[name](plan)]
-    runs = run_jobs(summed, traced, out, workers, progress)
-    sections = []
-    for name in parts:
-        progress(name)
-        sections += PARTS[name](runs, plan)
-    less = (left_out(plan.camera),) if plan.quick and "table-2" in parts else ()
-    verdicts = tuple((s.heading, s.title, s.verdict) for s in sections)
-    report = Report(
-        rows=tuple(row for section in sections for row in section.rows),
-        tables=(Table(("figure", "title", "verdict"), verdicts),),
-        notes=tuple(f"{s.heading}: {s.sentence}" for s in sections) + less,
-        quick=plan.quick,
-    )
-    if out is not None and unfinished is not None:
-        _write(sections, report, plan, out)
-        if unfinished.exists():
-            unfinished.replace(out / "runs.csv")
-    return report, sections
+    with unfinished_in(out, UNFINISHED, overwrite) as unfinished:
+        traced = [job for name in parts if name in _TRACED for job in _TRACED[name](plan)]
+        summed = [job for name in parts if name in _SUMMED for job in _SUMMED[name](plan)]
+        runs = run_jobs(summed, traced, out, workers, progress)
+        sections = []
+        for name in parts:
+            progress(name)
+            sections += PARTS[name](runs, plan)
+        less = (left_out(plan.camera),) if plan.quick and "table-2" in parts else ()
+        verdicts = tuple((s.heading, s.title, s.verdict) for s in sections)
+        report = Report(
+            rows=tuple(row for section in sections for row in section.rows),
+            tables=(Table(("figure", "title", "verdict"), verdicts),),
+            notes=tuple(f"{s.heading}: {s.sentence}" for s in sections) + less,
+            quick=plan.quick,
+        )
+        if out is not None and unfinished is not None:
+            _write(sections, report, plan, out)
+            if unfinished.exists():
+                unfinished.replace(out / "runs.csv")
+        return report, sections
 
 
 def _write(sections: list[Section], report: Report, plan: Plan, out: Path) -> None:

@@ -164,7 +164,8 @@ def run_jobs(
     wanted.sort(key=lambda job: job.values["path"] != "camera")  # long ones first
     part = None if out is None else out / UNFINISHED
     paths = {} if out is None else {job: out / "traces" / job.file for job in traced}
-    traces = {job: _read_trace(path) for job, path in paths.items() if path.exists()}
+    read = {job: _read_trace(path) for job, path in paths.items()}
+    traces = {job: trace for job, trace in read.items() if trace is not None}
     done = (c for c in read_cells(part, Cell) if c.job not in paths or c.job in traces)
 
     def results(waiting: list[Job]) -> Generator[Cell]:
@@ -214,5 +215,9 @@ def _write_trace(trace: Trace, path: Path) -> None:
         pq.write_table(table, part)
 
 
-def _read_trace(path: Path) -> Trace:
-    return Trace(read_trace(path, list(columns_of("chain"))))
+def _read_trace(path: Path) -> Trace | None:
+    """Trace of a run that was done; None where there is none that can be read."""
+    try:
+        return Trace(read_trace(path, list(columns_of("chain"))))
+    except UserError:
+        return None

@@ -1,17 +1,18 @@
 """Tracks and truths of any origin as arrays: places of points in frames."""
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError, located
 from ...extras import need
+from ...strange_files import array_names, read_arrays, shortened
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,6 +32,17 @@ _SEEN = dict.fromkeys(("true", "1", "1.0"), True) | dict.fromkeys(
     ("false", "0", "0.0", "none", ""), False
 )
 SUFFIXES = (".parquet", ".csv", ".npz")
+#: Rows of a table, and frames times points, that are read unless more are asked for.
+MOST_ROWS = 20_000_000
+#: Every number of a frame is below.
+_FRAMES = 100_000_000
+#: Rows that are converted at a time, so that a table takes no more memory than its arrays.
+_PART = 50_000
+#: Largest columns of a Parquet file [bytes].
+_MOST_BYTES = 2**30
+
+#: Columns of some rows, by the keys of _COLUMNS.
+Rows = dict[str, list[Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +71,7 @@ class Points:
         return Points(names=names, position=self.position[:, some], visible=self.visible[:, some])
 
 
-def read_points(path: Path, kind: str = "tracks") -> Points:
+def read_points(path: Path, kind: str = "tracks", most: int = MOST_ROWS) -> Points:
     """Points of a Parquet or CSV file with a row for each frame and point, or of TAP-Vid's NumPy.
 
     Columns are `frame`, `marker` (or `point`, `track`, `id`), `x_px` and `y_px` (or `x` and `y`)
@@ -70,33 +82,44 @@ def read_points(path: Path, kind: str = "tracks") -> Points:
     ----------
     path: of the file
     kind: what a refusal calls it: tracks or truth
+    most: rows that are read at most, and frames times points
 
     Raises
     ------
     UserError
-        When the file cannot be read, or lacks something, or has something twice.
+        When the file cannot be read, is too large, lacks something, or has something twice.
     """
     with located(f"{kind} {path}"):
         if path.suffix not in SUFFIXES:
             raise UserError(f"expected a file that ends in {', '.join(SUFFIXES)}")
+        if path.suffix == ".npz":
+            try:
+                return _from_arrays(path, most)
+            except UserError as error:  # which names the file again
+                raise UserError(str(error).replace(f"{path} ", "it ", 1)) from None
+        parts = _parquet_parts(path, most) if path.suffix == ".parquet" else _csv_parts(path)
         try:
-            if path.suffix == ".npz":
-                return _from_arrays(path)
-            return _from_rows(_parquet_rows(path) if path.suffix == ".parquet" else _csv_rows(path))
+            return _from_parts(parts, most)
         except UserError:
             raise
-        except (OSError, ValueError, KeyError, csv.Error, BadZipFile) as error:
-            words = error.strerror if isinstance(error, OSError) else error
+        except (OSError, ValueError, KeyError, csv.Error) as error:
+            words = getattr(error, "strerror", None) or str(error).replace(f" '{path}'", "")
             raise UserError(f"it cannot be read: {words}") from None
 
 
-def _from_arrays(path: Path) -> Points:
-    with np.load(path) as file:
-        if "tracks" not in file or not {"visibles", "occluded"} & set(file.files):
-            raise UserError("it has no arrays tracks and visibles, or occluded")
-        tracks = np.asarray(file["tracks"], dtype=float)
-        visible = file["visibles"] if "visibles" in file else ~file["occluded"].astype(bool)
-        layers = [str(name) for name in file["layer"]] if "layer" in file else [""] * len(tracks)
+def _from_arrays(path: Path, most: int) -> Points:
+    there = set(array_names(path))
+    seen = "visibles" if "visibles" in there else "occluded"
+    if not {"tracks", seen} <= there:
+        raise UserError("it has no arrays tracks and visibles, or occluded")
+    found = read_arrays(path, ("tracks", seen, *({"layer"} & there)), 2 * most)
+    for name in ("tracks", seen):
+        if found[name].dtype.kind not in "biuf":
+            raise UserError(f"its array {name} holds {found[name].dtype}, expected numbers")
+    tracks, visible = found["tracks"].astype(float), found[seen].astype(bool)
+    if seen == "occluded":
+        visible = ~visible
+    layers = [str(name) for name in np.ravel(found.get("layer", [""] * len(tracks)))]
     if tracks.ndim != 3 or tracks.shape[2] != 2 or visible.shape != tracks.shape[:2]:
         raise UserError(
             f"it has shapes {tracks.shape} and {visible.shape}, expected (points, frames, 2) and "
@@ -105,67 +128,99 @@ def _from_arrays(path: Path) -> Points:
     if len(layers) != len(tracks):
         raise UserError(f"its array layer names {len(layers)} of {len(tracks)} points")
     position = np.swapaxes(tracks, 0, 1)
-    seen = np.asarray(visible.T, dtype=bool) & np.isfinite(position).all(axis=2)
+    known = visible.T & np.isfinite(position).all(axis=2)
     names = [(layer, k) for k, layer in enumerate(layers)]
-    return Points(names=names, position=np.where(seen[..., None], position, np.nan), visible=seen)
+    position = np.where(known[..., None], position, np.nan)
+    return Points(names=names, position=position, visible=known)
 
 
-def _parquet_rows(path: Path) -> dict[str, list[Any]]:
-    pa = need("pyarrow", "data")
-    try:
-        table = need("pyarrow.parquet", "data").read_table(path)
-    except pa.ArrowException as error:
-        words = str(error).replace(f" '{path}'", "")  # the refusal has named it
-        raise ValueError(words) from None
-    return {name: table[name].to_pylist() for name in table.column_names}
-
-
-def _csv_rows(path: Path) -> dict[str, list[Any]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        rows = list(reader)
-        names = reader.fieldnames or ()
-    for k, row in enumerate(rows):
-        if None in row or None in row.values():
-            raise UserError(f"row {k + 1} has not {len(names)} values")
-    return {name: [row[name] for row in rows] for name in names}
-
-
-def _from_rows(rows: dict[str, list[Any]]) -> Points:
+def _called(names: Iterable[str]) -> dict[str, str]:
+    """Name of each column of _COLUMNS that a table has."""
+    names = list(names)
     called = {
-        name: next((column for column in choices if column in rows), None)
+        name: column
         for name, choices in _COLUMNS.items()
+        if (column := next((c for c in choices if c in names), None))
     }
     for name in _NEEDED:
-        if called[name] is None:
+        if name not in called:
             raise UserError(f"it has no column {' or '.join(_COLUMNS[name])}")
-    columns = {name: (column, rows[column]) for name, column in called.items() if column}
-    frame, number = (_read(*columns[name], _whole, "whole number") for name in ("frame", "point"))
-    count = len(frame)
-    if count == 0 or frame.min() < 0:
+    return called
+
+
+def _too_many(found: str, most: int) -> UserError:
+    return UserError(f"it has {found}, more than {most}; give --max-rows to read it")
+
+
+def _parquet_parts(path: Path, most: int) -> Iterator[tuple[dict[str, str], Rows]]:
+    """Yield some rows at a time, with the names of their columns."""
+    pa = need("pyarrow", "data")
+    try:
+        with need("pyarrow.parquet", "data").ParquetFile(path) as file:
+            if file.metadata.num_rows > most:  # before anything is decoded
+                raise _too_many(f"{file.metadata.num_rows} rows", most)
+            called = _called(file.schema_arrow.names)
+            groups = map(file.metadata.row_group, range(file.metadata.num_row_groups))
+            if sum(group.total_byte_size for group in groups) > _MOST_BYTES:
+                raise _too_many("columns of over a gigabyte of text or numbers", most)
+            for batch in file.iter_batches(_PART, columns=list(called.values())):
+                yield called, {key: batch.column(own).to_pylist() for key, own in called.items()}
+    except pa.ArrowException as error:
+        raise ValueError(str(error).partition("\n")[0]) from None
+
+
+def _csv_parts(path: Path) -> Iterator[tuple[dict[str, str], Rows]]:
+    """Yield some rows at a time, with the names of their columns."""
+    with path.open(newline="", encoding="utf-8") as file:
+        reader, start = csv.reader(file), 0
+        names = next(reader, [])
+        called, place = _called(names), {name: k for k, name in enumerate(names)}
+        while rows := [row for row in islice(reader, _PART) if row]:
+            for k, row in enumerate(rows):
+                if len(row) != len(names):
+                    raise UserError(f"row {start + k + 1} has not {len(names)} values")
+            start += len(rows)
+            yield called, {key: [row[place[own]] for row in rows] for key, own in called.items()}
+
+
+def _from_parts(parts: Iterable[tuple[dict[str, str], Rows]], most: int) -> Points:
+    frames, columns, places, visibles = [], [], [], []
+    number: dict[tuple[str, int], int] = {}
+    start = 0
+    for called, rows in parts:
+        count = len(rows["frame"])
+        if start + count > most:
+            raise _too_many("more rows", most)
+
+        def read(name: str, kind: Callable[[Any], Any], words: str) -> NDArray[Any]:
+            return _read(called[name], rows[name], kind, words, start)  # noqa: B023
+
+        frames.append(read("frame", _frame, f"whole number below {_FRAMES}"))
+        own = read("point", _whole, "whole number").tolist()
+        layer = [str(value) for value in rows.get("layer", [""] * count)]
+        columns.append([number.setdefault(n, len(number)) for n in zip(layer, own, strict=True)])
+        places.append(np.stack([read(name, _place, "number") for name in ("x", "y")], axis=-1))
+        seen = np.isfinite(places[-1]).all(axis=1)
+        visibles.append(
+            seen & read("visible", _truth, "true or false") if "visible" in rows else seen
+        )
+        start += count
+    if not start or min(part.min() for part in frames) < 0:
         raise UserError("it has no row, or a frame before 0")
-    layer = [str(value) for value in columns["layer"][1]] if "layer" in columns else [""] * count
-    at = np.stack([_read(*columns[name], _place, "number") for name in ("x", "y")], axis=-1)
-    seen = np.isfinite(at).all(axis=1)
-    if "visible" in columns:
-        seen &= _read(*columns["visible"], _truth, "true or false")
-    names, column = _numbered(layer, number)
+    frame, at, seen = (np.concatenate(part) for part in (frames, places, visibles))
+    names = sorted(number)
+    rank = np.empty(len(names), dtype=np.intp)
+    rank[[number[name] for name in names]] = np.arange(len(names))
+    column = rank[np.concatenate(columns)]
     _check_once(frame, column, names)
-    position = np.full((frame.max() + 1, len(names), 2), np.nan)
+    count = int(frame.max()) + 1
+    if count * len(names) > most:
+        raise _too_many(f"{count} frames of {len(names)} points", most)
+    position = np.full((count, len(names), 2), np.nan)
     visible = np.zeros(position.shape[:2], dtype=bool)
     position[frame[seen], column[seen]] = at[seen]
     visible[frame[seen], column[seen]] = True
     return Points(names=names, position=position, visible=visible)
-
-
-def _numbered(
-    layer: list[str], number: NDArray[np.int64]
-) -> tuple[list[tuple[str, int]], NDArray[np.intp]]:
-    """Layer and number of each point, sorted, and which of them each row is of."""
-    own = list(zip(layer, number.tolist(), strict=True))
-    names = sorted(set(own))
-    place = {name: k for k, name in enumerate(names)}
-    return names, np.array([place[name] for name in own], dtype=np.intp)
 
 
 def _check_once(
@@ -184,22 +239,33 @@ def _check_once(
         )
 
 
-def _read(column: str, values: list[Any], kind: Callable[[Any], Any], words: str) -> NDArray[Any]:
-    """Values of a column as that kind; a refusal names row and column."""
+def _read(
+    column: str, values: list[Any], kind: Callable[[Any], Any], words: str, start: int
+) -> NDArray[Any]:
+    """Values of a column as that kind; a refusal names row, counted on from `start`, and column."""
     found = []
     for k, value in enumerate(values):
         try:
             found.append(kind(value))
         except (ValueError, TypeError, KeyError, OverflowError):
-            raise UserError(f"row {k + 1}, column {column}: {value!r} is no {words}") from None
+            raise UserError(
+                f"row {start + k + 1}, column {column}: {shortened(value)} is no {words}"
+            ) from None
     return np.array(found)
 
 
 def _whole(value: Any) -> int:
     whole = int(float(value))
-    if whole != float(value):
+    if whole != float(value) or abs(whole) >= 2**53:
         raise ValueError(value)
     return whole
+
+
+def _frame(value: Any) -> int:
+    number = _whole(value)
+    if number >= _FRAMES:
+        raise ValueError(value)
+    return number
 
 
 def _place(value: Any) -> float:

@@ -1,7 +1,7 @@
 """The command's work: tracks of one maker or several, against one truth, in tables and pictures."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,11 +13,11 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ...errors import located
-from ...output.folder import prepare, whole_file, write_whole
+from ...output.folder import prepared, whole_file, write_whole
 from ...output.page import PageSection, inline_png, write_page
 from ...output.report import Table
 from .intervals import intervals
-from .points import read_points
+from .points import MOST_ROWS, read_points
 from .scores import MEANING, UNITS, Scored, score, score_nothing
 from .tracked import is_tracker, track_sequences
 from .truths import Named, truths
@@ -63,6 +63,9 @@ def score_tracks(
     out: Path | None,
     overwrite: bool,
     tell: Callable[[str], None] = lambda _: None,
+    *,
+    follow_links: bool = False,
+    most: int = MOST_ROWS,
 ) -> list[Outcome]:
     """Score files or folders of tracks, or trackers by name, against one truth, the best first.
 
@@ -72,52 +75,61 @@ def score_tracks(
     With `out` it leaves `scores.json`, `leaderboard.html` and, where the truth has pictures, one of
     the worst frames of each.
 
+    Parameters
+    ----------
+    tracks, truth: files or folders, or names of trackers
+    out: folder of the results
+    overwrite: whether it may hold files
+    tell: called with what is done
+    follow_links: whether links in a dataset or a folder of tracks may lead out of it
+    most: rows of a table that are read at most
+
     Raises
     ------
     UserError
-        When tracks or truth cannot be read, or are not of each other, or a tracker gives up.
+        When tracks or truth cannot be read or are damaged, or are not of each other, or a tracker
+        gives up.
     """
-    if out is not None:
-        prepare(out, overwrite)
-    try:
-        with TemporaryDirectory() as temporary:
-            outcomes = [
-                _outcome(*_followed(path, truth, Path(temporary), tell), truth, tell)
-                for path in tracks
-            ]
-    except BaseException:
+    with prepared(out, overwrite):
+        try:
+            with TemporaryDirectory() as temporary:
+                outcomes = []
+                for path in tracks:
+                    own, refused = path, dict[str, str]()
+                    if is_tracker(str(path)):
+                        own, refused = track_sequences(
+                            str(path), truth, Path(temporary), tell, follow_links=follow_links
+                        )
+                    named = truths(own, truth, refused, follow_links=follow_links, most=most)
+                    outcomes.append(_outcome(own, refused, named, most, tell))
+        except BaseException:
+            if out is not None:
+                with suppress(OSError):  # it is not empty: an earlier result stays
+                    out.rmdir()
+            raise
+        outcomes.sort(key=lambda outcome: -outcome.scores["jaccard"])
         if out is not None:
-            with suppress(OSError):  # it is not empty: an earlier result stays
-                out.rmdir()
-        raise
-    outcomes.sort(key=lambda outcome: -outcome.scores["jaccard"])
-    if out is not None:
-        _write(outcomes, truth, out)
+            _write(outcomes, truth, out)
     return outcomes
 
 
-def _followed(
-    tracks: Path, truth: Path, temporary: Path, tell: Callable[[str], None]
-) -> tuple[Path, dict[str, str]]:
-    """Tracks, or those of a tracker by that name; and the sequences that it cannot follow."""
-    if not is_tracker(str(tracks)):
-        return tracks, {}
-    return track_sequences(str(tracks), truth, temporary, tell)
-
-
 def _outcome(
-    tracks: Path, refused: dict[str, str], truth: Path, tell: Callable[[str], None]
+    tracks: Path,
+    refused: dict[str, str],
+    named_truths: Iterable[Named],
+    most: int,
+    tell: Callable[[str], None],
 ) -> Outcome:
     name = tracks.stem if tracks.is_file() else tracks.name
     found: dict[str, dict[str, float]] = {}
     cases: dict[str, str] = {}
     frames: list[tuple[float, Named, Scored, int]] = []
-    for named in truths(tracks, truth, refused):
+    for named in named_truths:
         tell(f"{name}, {named.name}")
         if named.tracks is None:
             scored = score_nothing(named.truth)
         else:
-            points = read_points(named.tracks)
+            points = read_points(named.tracks, most=most)
             with located(f"tracks {named.tracks}"):
                 scored = score(points, named.truth)
         found[named.name] = scored.scores
@@ -226,7 +238,7 @@ def _of_case(outcome: Outcome, case: str) -> Outcome:
 
 
 def _means(sequences: dict[str, dict[str, float]]) -> dict[str, float]:
-    """Of the sequences that have a score."""
+    """Mean of each score over the sequences that have it."""
     found = {name: [s[name] for s in sequences.values() if name in s] for name in UNITS}
     return {name: float(np.mean(each)) if each else np.nan for name, each in found.items()}
 

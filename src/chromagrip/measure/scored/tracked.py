@@ -3,12 +3,13 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from ...dataset.folder import FILES, read_manifest
+from ...dataset.folder import sequence_name
 from ...dataset.pictures import REST, shown
+from ...dataset.read import verified
 from ...errors import UserError
 from ...pictures.track import track_source
-from ...scene.scene import load_scene
 from ...tracking import tracker_names
+from .truths import sequences_of
 
 
 def is_tracker(name: str) -> bool:
@@ -17,7 +18,12 @@ def is_tracker(name: str) -> bool:
 
 
 def track_sequences(
-    tracker: str, truth: Path, out: Path, tell: Callable[[str], None] = lambda _: None
+    tracker: str,
+    truth: Path,
+    out: Path,
+    tell: Callable[[str], None] = lambda _: None,
+    *,
+    follow_links: bool = False,
 ) -> tuple[Path, dict[str, str]]:
     """Run a tracker that knows the sensor's design on a dataset or a sequence.
 
@@ -29,15 +35,14 @@ def track_sequences(
     Raises
     ------
     UserError
-        When the truth is no dataset, or the tracker cannot follow any sequence of it.
+        When the truth is no dataset or is damaged, or the tracker cannot follow any sequence of it.
     """
     refused: dict[str, str] = {}
-    alone = (truth / FILES).is_file()
-    names = [truth.name] if alone else list(read_manifest(truth)["sequences"])
-    for name in names:
+    dataset, names = sequences_of(truth, follow_links)
+    for one in verified(dataset, names):
+        where, name = one.pictures.folder, sequence_name(one.number)
         tell(f"{tracker} follows {name}")
-        where, to = truth if alone else truth / name, out / tracker / name
-        design = load_scene(str(where / "scene.toml")).sensor
+        to, design = out / tracker / name, one.scene.sensor
         with shown(where) as source:
             try:
                 outcome = track_source(
@@ -46,6 +51,8 @@ def track_sequences(
                 if outcome.broken is not None:
                     raise UserError(outcome.broken)
             except UserError as error:
+                for _ in one.pictures:
+                    pass  # a picture that cannot be read is not the tracker's fault
                 refused[name] = str(error).replace(f"{source}/", "")
                 if len(refused) == len(names):
                     raise UserError(f"{tracker}, {name}: {refused[name]}") from None

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from ...dataset.folder import FILES, read_manifest, sequence_name
 from ...dataset.pictures import Pictures
-from ...dataset.read import Loaded, load_sequences
+from ...dataset.read import Loaded, verified
 from ...dataset.recipe import CASE
+from ...dataset.remote import fetched
 from ...errors import UserError
 from ...render import LAYERS, SensorDesign, ground_image, load_sensor, rest_membrane
+from ...strange_files import inside
 from ..limits.positions import position_limits
-from .points import SUFFIXES, Points, read_points
+from .points import MOST_ROWS, SUFFIXES, Points, read_points
 from .scores import Truth
 
 Array = NDArray[np.float64]
@@ -41,7 +43,14 @@ class Named:
     case: str = ""
 
 
-def truths(tracks: Path, truth: Path, refused: Container[str] = ()) -> Iterator[Named]:
+def truths(
+    tracks: Path,
+    truth: Path,
+    refused: Container[str] = (),
+    *,
+    follow_links: bool = False,
+    most: int = MOST_ROWS,
+) -> Iterator[Named]:
     """Truths that a file or folder of tracks has something of.
 
     A folder of tracks has a file, or a folder with `tracks.parquet`, for each sequence of a
@@ -51,16 +60,18 @@ def truths(tracks: Path, truth: Path, refused: Container[str] = ()) -> Iterator[
     Parameters
     ----------
     refused: sequences that need no tracks, as a tracker cannot follow them
+    follow_links: whether links in a dataset or a folder of tracks may lead out of it
+    most: rows of a file of a truth that are read at most
 
     Raises
     ------
     UserError
-        When truth or tracks cannot be read, or no sequence has tracks.
+        When truth or tracks cannot be read, a sequence is damaged, or none has tracks.
     """
     if truth.is_file():
         yield Named(
             name=truth.name,
-            truth=Truth(points=read_points(truth, "truth")),
+            truth=Truth(points=read_points(truth, "truth", most)),
             tracks=tracks,
             pictures=[],
         )
@@ -70,40 +81,41 @@ def truths(tracks: Path, truth: Path, refused: Container[str] = ()) -> Iterator[
             f"there is no truth {truth}; wanted: a dataset, one of its sequences, or a file that "
             f"ends in {', '.join(SUFFIXES)}"
         )
-    dataset = truth.parent if (truth / FILES).is_file() else truth
-    files = _files_of(tracks, truth, dataset, refused)
-    for loaded in load_sequences(dataset):  # one after another, as a dataset may be large
+    dataset, names = sequences_of(truth, follow_links)
+    files = _files_of(tracks, truth, names, refused, follow_links)
+    for loaded in verified(dataset, files):  # one after another, as a dataset may be large
         name = sequence_name(loaded.number)
-        if name in files:
-            yield Named(
-                name=name,
-                truth=_truth(loaded),
-                tracks=files[name],
-                pictures=loaded.pictures,
-                case=str(loaded.values.get(CASE, "")),
-            )
+        yield Named(
+            name=name,
+            truth=_truth(loaded),
+            tracks=files[name],
+            pictures=loaded.pictures,
+            case=str(loaded.values.get(CASE, "")),
+        )
+
+
+def sequences_of(truth: Path, follow_links: bool) -> tuple[Path, list[str]]:
+    """Dataset that is the truth, or that a sequence is of, and names of its sequences."""
+    alone = (truth / FILES).is_file()
+    dataset = fetched(truth.parent if alone else truth, follow_links)
+    return dataset, [truth.name] if alone else list(read_manifest(dataset)["sequences"])
 
 
 def _files_of(
-    tracks: Path, truth: Path, dataset: Path, refused: Container[str]
+    tracks: Path, truth: Path, names: list[str], refused: Container[str], follow_links: bool
 ) -> dict[str, Path | None]:
     """File of the tracks of each wanted sequence; None where there need be none."""
-    sequence, everything = truth != dataset, list(read_manifest(dataset)["sequences"])
-    if sequence:
-        wanted = [truth.name]
-    elif tracks.is_file() and tracks.stem in everything:
-        wanted = [tracks.stem]
-    else:
-        wanted = everything
+    sequence = names == [truth.name]
+    wanted = [tracks.stem] if tracks.is_file() and tracks.stem in names else names
     if tracks.is_file() and len(wanted) > 1:
         raise UserError(
             f"{truth} has {len(wanted)} sequences; give the one that {tracks} is of, such as "
             f"{truth / wanted[0]}"
         )
-    alone = tracks / "tracks.parquet"  # of `chromagrip track`
-    files = {name: tracks if tracks.is_file() else _tracks_of(tracks, name) for name in wanted}
-    if sequence and files[truth.name] is None and alone.is_file():
-        files[truth.name] = alone
+    files = {
+        name: tracks if tracks.is_file() else _tracks_of(tracks, name, sequence, follow_links)
+        for name in wanted
+    }
     missing = [name for name, file in files.items() if file is None and name not in refused]
     if missing:
         raise UserError(
@@ -113,13 +125,14 @@ def _files_of(
     return {name: None if name in refused else file for name, file in files.items()}
 
 
-def _tracks_of(folder: Path, name: str) -> Path | None:
-    """File of a sequence's tracks in a folder."""
+def _tracks_of(folder: Path, name: str, alone: bool, follow_links: bool) -> Path | None:
+    """File of a sequence's tracks in a folder, which may be of this sequence alone."""
     if not folder.is_dir():
         raise UserError(f"there is no {folder}; wanted: a file or a folder of tracks")
-    choices = [folder / f"{name}{suffix}" for suffix in SUFFIXES]
-    choices += [folder / name / "tracks.parquet"]
-    return next((path for path in choices if path.is_file()), None)
+    choices = [f"{name}{suffix}" for suffix in SUFFIXES]
+    choices += [f"{name}/tracks.parquet", *(["tracks.parquet"] if alone else [])]
+    paths = (inside(folder, choice, follow_links) for choice in choices)
+    return next((path for path in paths if path.is_file()), None)
 
 
 def _truth(loaded: Loaded) -> Truth:

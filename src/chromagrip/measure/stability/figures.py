@@ -110,9 +110,9 @@ def _mark(
 
 
 def _text(which: Map[Any], look: Look, cell: Any) -> str:
-    """Letter of a cell's outcome, marks of a swing and of a predicted one, and its number.
+    """Text in a cell: outcome letter, marks of an observed and a predicted swing, and value.
 
-    An object that is gone has no number.
+    There is no value if the object was lost.
     """
     unstable = " ×" if which.lines is None and cell.root >= 1.0 else ""
     text = f"{look.outcomes[cell.outcome].letter}{_swings_too(look, cell)}{unstable}"

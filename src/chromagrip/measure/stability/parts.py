@@ -9,7 +9,7 @@ import numpy as np
 
 from ...by_name import Choice
 from ...model import GROSS_SLIP
-from ...output.cells import open_unfinished, read_cells, resumed, write_cells
+from ...output.cells import read_cells, resumed, unfinished_in, write_cells
 from ...output.report import Report, Row, reported
 from ..bench.track import choose
 from . import dome, force, model, track
@@ -41,15 +41,15 @@ def stability_model(quick: bool, out: Path | None, overwrite: bool, progress: Pr
     Figures of the maps, with a sentence for each place where the default is not accurate.
     """
     plan, dome_plan = model.grid(quick), dome.grid(quick)
-    unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
-    run = partial(model.cells, budget=plan.budget, progress=progress)
-    of_chain = _cells(unfinished, model.Cell, model.settings(plan), run)
-    # The chain's cells stay unfinished while the dome's are made: the folder is still in work.
-    beside = None if out is None else out / "dome.unfinished.csv"
-    run_dome = partial(dome.cells, progress=progress)
-    of_dome = _cells(beside, dome.Cell, dome.settings(dome_plan), run_dome)
-    _finish(out, "dome", of_dome, partial(draw_dome, quick=quick))
-    _finish(out, "map", of_chain, partial(draw_model, quick=quick))
+    with unfinished_in(out, "map.unfinished.csv", overwrite) as unfinished:
+        run = partial(model.cells, budget=plan.budget, progress=progress)
+        of_chain = _cells(unfinished, model.Cell, model.settings(plan), run)
+        # The chain's cells stay unfinished while the dome's are made: the folder is still in work.
+        beside = None if out is None else out / "dome.unfinished.csv"
+        run_dome = partial(dome.cells, progress=progress)
+        of_dome = _cells(beside, dome.Cell, dome.settings(dome_plan), run_dome)
+        _finish(out, "dome", of_dome, partial(draw_dome, quick=quick))
+        _finish(out, "map", of_chain, partial(draw_model, quick=quick))
     chain_told, dome_told = model.report(of_chain, quick), dome.report(of_dome, quick)
     return Report(
         rows=chain_told.rows + dome_told.rows,
@@ -85,9 +85,9 @@ def stability_track(
     choices = choose(trackers)
     run = partial(track.cells, trackers=choices, progress=progress)
     draw = partial(draw_track, quick=quick)
-    unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
-    cells = _cells(unfinished, track.Cell, track.settings(choices, quick), run)
-    _finish(out, "map", cells, draw)
+    with unfinished_in(out, "map.unfinished.csv", overwrite) as unfinished:
+        cells = _cells(unfinished, track.Cell, track.settings(choices, quick), run)
+        _finish(out, "map", cells, draw)
     return track.report(cells, quick)
 
 
@@ -108,9 +108,9 @@ def stability_force(
     is wrong, narrow and unflagged.
     """
     run = partial(force.cells, workers=workers, progress=progress)
-    unfinished = open_unfinished(out, "map.unfinished.csv", overwrite)
-    cells = _cells(unfinished, force.Cell, force.settings(quick), run)
-    _finish(out, "map", cells, partial(draw_force, quick=quick))
+    with unfinished_in(out, "map.unfinished.csv", overwrite) as unfinished:
+        cells = _cells(unfinished, force.Cell, force.settings(quick), run)
+        _finish(out, "map", cells, partial(draw_force, quick=quick))
     return force.report(cells, quick)
 
 
@@ -154,15 +154,15 @@ def stability_loop(
     Figures of the maps, with a sentence for each panel on its plant and its boundaries.
     """
     plan = maps(quick)
-    unfinished = open_unfinished(out, "cells.unfinished.csv", overwrite)
-    results = run_maps(plan, Cell, cell, unfinished, progress, workers)
-    edges = list(boundaries(plan, results, progress))
-    if out is not None and unfinished is not None:
-        for name, which in plan.items():
-            draw_map(which, CHAIN, results, out, name, quick)
-            write_cells([results[one] for one in which.settings()], out / f"{name}.csv")
-        write_cells(edges, out / "boundaries.csv")
-        unfinished.unlink()
+    with unfinished_in(out, "cells.unfinished.csv", overwrite) as unfinished:
+        results = run_maps(plan, Cell, cell, unfinished, progress, workers)
+        edges = list(boundaries(plan, results, progress))
+        if out is not None and unfinished is not None:
+            for name, which in plan.items():
+                draw_map(which, CHAIN, results, out, name, quick)
+                write_cells([results[one] for one in which.settings()], out / f"{name}.csv")
+            write_cells(edges, out / "boundaries.csv")
+            unfinished.unlink()
     return Report(
         rows=(*ratio_rows(edges), *_outcome_rows(plan, results)),
         notes=tuple(sentences(plan["rate-latency"], edges)),

@@ -31,6 +31,7 @@ class Plan:
     seeds: number of seeds; they count from the scene's own
     fixed: changes that all runs share
     answer_within_s: time in which a controller that is not ours must answer
+    allow: modules that a scene's file may name, see `load_scene`
     """
 
     scenes: tuple[str, ...]
@@ -38,6 +39,7 @@ class Plan:
     seeds: int = 1
     fixed: Mapping[str, Any]
     answer_within_s: float = ANSWER_WITHIN_S
+    allow: tuple[str, ...] = ()
 
     def settings(self) -> list[dict[str, Any]]:
         """Every combination of values; the last axis changes fastest."""
@@ -126,10 +128,10 @@ def tasks(plan: Plan) -> list[Task]:
     counts: set[int] = set()
     for setting in settings:
         for name in plan.scenes:
-            first = load_scene(name, {**plan.fixed, **setting})
+            first = load_scene(name, {**plan.fixed, **setting}, allow=plan.allow)
             counts.add(first.fingers)
             for seed in range(first.seed, first.seed + plan.seeds):
-                scene = load_scene(name, {**plan.fixed, **setting, "seed": seed})
+                scene = load_scene(name, {**plan.fixed, **setting, "seed": seed}, allow=plan.allow)
                 text = f"{plan.answer_within_s} {words(setting)}\n{dump_scene(scene)}"
                 key = hashlib.sha256(f"{name} {text}".encode()).hexdigest()[:16]
                 made[key] = Task(

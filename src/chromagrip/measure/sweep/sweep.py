@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator
 from pathlib import Path
 
-from ...output.cells import open_unfinished, read_cells, resumed, write_cells
+from ...output.cells import read_cells, resumed, unfinished_in, write_cells
 from ...output.report import Report
 from .report import sweep_report
 from .runs import Cell, Plan, cells, tasks
@@ -40,18 +40,18 @@ def sweep(
         For a scene, a key or a folder that cannot be used.
     """
     wanted = {task.key: task for task in tasks(plan)}
-    unfinished = open_unfinished(out, UNFINISHED, overwrite)
 
     def run(waiting: list[str]) -> Generator[Cell]:
         yield from cells([wanted[key] for key in waiting], workers)
 
-    done = read_cells(unfinished, Cell)
-    found = resumed(unfinished, done, lambda one: one.key, list(wanted), run, progress)
-    made = list(found.values())
-    if out is not None and unfinished is not None:
-        from .picture import draw_sweep  # matplotlib
+    with unfinished_in(out, UNFINISHED, overwrite) as unfinished:
+        done = read_cells(unfinished, Cell)
+        found = resumed(unfinished, done, lambda one: one.key, list(wanted), run, progress)
+        made = list(found.values())
+        if out is not None and unfinished is not None:
+            from .picture import draw_sweep  # matplotlib
 
-        draw_sweep(plan, made, out / MAP)
-        write_cells(made, out / RUNS)
-        unfinished.unlink(missing_ok=True)
+            draw_sweep(plan, made, out / MAP)
+            write_cells(made, out / RUNS)
+            unfinished.unlink(missing_ok=True)
     return sweep_report(plan, made)

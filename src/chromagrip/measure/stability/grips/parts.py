@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ....output.cells import open_unfinished, write_cells
+from ....output.cells import unfinished_in, write_cells
 from ....output.report import Report, Row, reported
 from ..figures import GRIPS, draw_map
 from ..panels import run_maps, score_of
@@ -38,13 +38,13 @@ def stability_grips(
     Outcomes of each panel, with a sentence for each about its boundary.
     """
     plan = maps(world, quick)
-    unfinished = open_unfinished(out, "cells.unfinished.csv", overwrite)
-    results = run_maps(plan, Cell, cell, unfinished, progress, workers)
-    if out is not None and unfinished is not None:
-        for name, which in plan.items():
-            draw_map(which, GRIPS, results, out, name, quick)
-            write_cells([results[one] for one in which.settings()], out / f"{name}.csv")
-        unfinished.unlink()
+    with unfinished_in(out, "cells.unfinished.csv", overwrite) as unfinished:
+        results = run_maps(plan, Cell, cell, unfinished, progress, workers)
+        if out is not None and unfinished is not None:
+            for name, which in plan.items():
+                draw_map(which, GRIPS, results, out, name, quick)
+                write_cells([results[one] for one in which.settings()], out / f"{name}.csv")
+            unfinished.unlink()
     return Report(
         rows=tuple(_rows(plan, results)),
         notes=(f"Scene {SCENES[world]} on the truth path.", *_notes(plan["rate-latency"], results)),

@@ -1,0 +1,138 @@
+"""Pictures of files that anybody may have written: their sizes are read before they are decoded.
+
+Pillow decodes them: it is silent, where libpng and libjpeg below OpenCV write to the terminal.
+"""
+
+import io
+import logging
+import struct
+import warnings
+import zlib
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import UserError
+
+Image = NDArray[np.uint8]
+
+#: Largest picture that is decoded, unless more is asked for [10⁶ pixels].
+MEGAPIXELS = 64.0
+#: Who may ask for more.
+MORE = "; detect, track, estimate and calibrate take --max-megapixels (max_megapixels in Python)"
+
+#: Kinds of pictures by the bytes that they begin with, each with Pillow's module.
+_KINDS = {
+    b"RIFF": "WebP",
+    b"\x89PNG": "Png",
+    b"\xff\xd8": "Jpeg",
+    b"BM": "Bmp",
+    b"II*\0": "Tiff",
+    b"MM\0*": "Tiff",
+    b"II+\0": "Tiff",  # of more than 4 GB
+    b"MM\0+": "Tiff",
+}
+#: What Pillow raises of damaged pictures.
+_DAMAGES = (
+    OSError, SyntaxError, ValueError, TypeError, LookupError, EOFError, ArithmeticError,
+    AttributeError, RuntimeError, struct.error, zlib.error,
+)  # fmt: skip
+#: Numbers of the tags of a TIFF: bits of a channel, width and height of a tile.
+_BITS, _TILE = 258, (322, 323)
+
+
+def check_pixels(width: int, height: int, name: str, megapixels: float) -> None:
+    """Refuse a picture of more pixels than are decoded.
+
+    Parameters
+    ----------
+    width, height: of the picture [px]
+    name: what messages call it, such as `picture press.png`
+    megapixels: largest number of pixels [10⁶]
+    """
+    if not width * height <= 1e6 * megapixels:
+        raise UserError(
+            f"{name} has {width}×{height} pixels, {width * height / 1e6:.0f} megapixels; allowed: "
+            f"{megapixels:g}{MORE}"
+        )
+
+
+def kind_of(data: bytes) -> str | None:
+    """Kind of a picture by the bytes that its file begins with; None for any other file."""
+    return next((kind for begin, kind in _KINDS.items() if data.startswith(begin)), None)
+
+
+def decoded(data: bytes, name: str, megapixels: float, *, grey: bool = False) -> Image | str | None:
+    """Picture as it was stored, not turned by the file's metadata.
+
+    Shape (H, W), or (H, W, 3 or 4) in the order red, green, blue and opacity.
+
+    Parameters
+    ----------
+    data: of its file: PNG, JPEG, BMP, WebP or TIFF, of which the first page is taken
+    name, megapixels: see `check_pixels`
+    grey: whether its brightness alone is wanted, of any number of bits
+
+    Returns
+    -------
+    None where the data are no whole picture; the type of values of more than 8 bits
+
+    Raises
+    ------
+    UserError
+        When it is too large.
+    """
+    kind = kind_of(data)
+    if kind is None:
+        return None
+    opened = _opener(kind)
+    try:
+        image = opened(io.BytesIO(data))
+        tile = (0, 0) if kind != "Tiff" else map(int, map(image.tag_v2.get, _TILE, (0, 0)))
+        width, height = map(max, image.size, tile)
+        check_pixels(width, height, name, megapixels)
+        if kind == "Png":
+            opened(io.BytesIO(data)).verify()  # checksums, which are not read with the pixels
+        if grey and kind == "Jpeg":
+            image.draft("L", image.size)
+        image.load()
+        return _pixels(image, _bits(image, kind, data), grey)
+    except UserError:
+        raise
+    except _DAMAGES:
+        return None
+
+
+def _bits(image: Any, kind: str, data: bytes) -> int:
+    """Bits of a channel."""
+    if kind == "Tiff":
+        return int(max(image.tag_v2.get(_BITS, (1,))))
+    return data[24] if kind == "Png" else 8
+
+
+def _pixels(image: Any, bits: int, grey: bool) -> Image | str | None:
+    """Pixels of a picture of Pillow's."""
+    if grey:
+        if image.mode.startswith("I;16"):
+            return np.asarray(np.asarray(image) >> 8, dtype=np.uint8)
+        return None if image.mode in ("I", "F") else np.asarray(image.convert("L"), np.uint8)
+    if bits > 8:
+        return f"{'float' if image.mode == 'F' else 'uint'}{bits}"
+    if "transparency" in image.info:
+        image = image.convert("RGBA")
+    elif image.mode not in ("L", "RGB", "RGBA"):
+        image = image.convert({"1": "L", "LA": "RGBA", "PA": "RGBA"}.get(image.mode, "RGB"))
+    return np.asarray(image, dtype=np.uint8)
+
+
+@cache
+def _opener(kind: str) -> Callable[[BinaryIO], Any]:
+    """Pillow's class of a kind of pictures; it reads the header alone."""
+    logging.getLogger("PIL").addHandler(logging.NullHandler())  # else it goes to the terminal
+    warnings.filterwarnings("ignore", module="PIL")
+    module = import_module(f"PIL.{kind}ImagePlugin")
+    return getattr(module, f"{kind}ImageFile")

@@ -1,0 +1,365 @@
+"""What a stranger's dataset or address may try, and what --resume finds damaged."""
+
+import hashlib
+import importlib
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from subprocess import CompletedProcess
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from msgspec.structs import replace
+
+from chromagrip import UserError
+from chromagrip.dataset import load_sequences
+from chromagrip.dataset.check import check
+from chromagrip.dataset.folder import CARD, FILES, MANIFEST, SHEET, TABLE
+from chromagrip.dataset.make import make, merge
+from chromagrip.dataset.recipe import load_recipe
+from chromagrip.measure.scored.points import read_points
+from chromagrip.strange_files import read_arrays
+
+SEED = Path(__file__).parents[2] / "fixtures" / "written-before" / "dataset"
+NAME = "sequence-000000"
+made_by = importlib.import_module("chromagrip.dataset.make")
+Typed = Callable[..., CompletedProcess[str]]
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def given(folder: Path, address: str) -> None:
+    """Put a folder at an address, with the names that its manifest gives."""
+    fs, root = pytest.importorskip("fsspec").core.url_to_fs(address)
+    for file in folder.rglob("*"):
+        if file.is_file():
+            fs.pipe_file(f"{root}/{file.relative_to(folder).as_posix()}", file.read_bytes())
+
+
+@pytest.mark.parametrize("key", ["files", "sequences"])
+@pytest.mark.parametrize(
+    "name", ["../../../../victim", "../victim", "/victim", "sequence-000000/../../victim", "victim"]
+)
+def test_an_address_writes_nothing_outside_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, name: str
+) -> None:
+    """Such names wrote files outside of the cache, and emptied folders there."""
+    cache = tmp_path / "a" / "b" / "cache"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    data = shutil.copytree(SEED, tmp_path / "data")
+    manifest = json.loads((data / MANIFEST).read_text("utf-8"))
+    manifest[key][name] = "0" * 64
+    (data / MANIFEST).write_text(json.dumps(manifest), "utf-8")
+    address = f"memory://strange-{digest(data / MANIFEST)[:12]}"
+    given(data, address)
+    fs, root = pytest.importorskip("fsspec").core.url_to_fs(address)
+    fs.pipe_file(f"{root}/{name}" if key == "files" else f"{root}/{name}/x", b"mine")
+    victims = [tmp_path / "victim", tmp_path / "a" / "victim", cache / "chromagrip" / "victim"]
+    for victim in victims:
+        victim.mkdir(parents=True)
+        (victim / "kept").write_text("kept")
+    for place in (address, data):
+        with pytest.raises(UserError, match=r"names .*victim', which no dataset has"):
+            check(place)
+    assert all([file.name for file in victim.iterdir()] == ["kept"] for victim in victims)
+    assert {path.name for path in tmp_path.iterdir()} == {"data", "a", "victim"}
+
+
+@pytest.mark.parametrize("where", ["sequence", "file", "camera", "objects"])
+def test_links_that_leave_are_followed_on_request_alone(
+    tmp_path: Path, typed: Typed, where: str
+) -> None:
+    """As in caches of hubs, whose files are links to those of a common store."""
+    data, store = shutil.copytree(SEED, tmp_path / "data"), tmp_path / "store"
+    store.mkdir()
+    name = {"sequence": NAME, "file": "recipe.toml", "camera": f"{NAME}/camera.yml", "objects": ""}
+    if where == "objects":
+        (data / "objects").symlink_to(store)
+    else:
+        (data / name[where]).rename(store / "kept")
+        (data / name[where]).symlink_to(store / "kept")
+    commands = [
+        ("info", data), ("check", data), ("split", data, "--shares", "train=1"),
+        ("merge", data, "--out", tmp_path / "merged"),
+        ("export", data, "--to", "webdataset", "--out", tmp_path / "tar"),
+    ]  # fmt: skip
+    (tmp_path / "t.csv").write_text("frame,marker,layer,x,y\n0,0,magenta,320,240\n")
+    for words in (*[("dataset", *words) for words in commands],
+                  ("score", tmp_path / "t.csv", data, "--json")):  # fmt: skip
+        done = typed(*words)
+        assert done.returncode == 2, words
+        assert "leads out of its folder; give --follow-links" in done.stderr
+    assert not (tmp_path / "merged").exists()
+    for words in (commands[0], commands[3], commands[4]):
+        assert typed("dataset", *words, "--follow-links").returncode == 0, words
+    assert typed("dataset", "info", tmp_path / "merged").returncode == 0
+    (one,) = load_sequences(data, follow_links=True)
+    assert len(one.pictures) == 3
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("recipe.toml", 'sensor = "../../secret.toml"'),
+        ("recipe.toml", 'sensor = "/secret.toml"'),
+        (f"{NAME}/scene.toml", 'sensor = "../../secret.toml"'),
+        ("sensors/mine/mine.toml", '[camera]\ncalibration = "../../../secret.yml"'),
+        ("sensors/mine/mine.toml", '[layout]\npath = "/etc/hostname"'),
+    ],
+)
+def test_files_outside_are_not_named(tmp_path: Path, file: str, text: str) -> None:
+    """A merge copies what a recipe and a sensor name."""
+    data = shutil.copytree(SEED, tmp_path / "data")
+    path = data / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if file == "recipe.toml":
+        path.write_text(path.read_text("utf-8").replace('sensor = "thesis"', text), "utf-8")
+        if text not in path.read_text("utf-8"):
+            path.write_text(f"{path.read_text('utf-8')}\n[[cases]]\nname = 'x'\nscene.{text}\n")
+    elif file.endswith("scene.toml"):
+        lines = [
+            text if line.startswith("sensor =") else line
+            for line in path.read_text("utf-8").splitlines()
+        ]
+        path.write_text("\n".join(lines), "utf-8")
+        listed = json.loads((data / NAME / FILES).read_text("utf-8"))
+        listed["files"]["scene.toml"] = digest(path)
+        (data / NAME / FILES).write_text(json.dumps(listed), "utf-8")
+    else:
+        path.write_text(text, "utf-8")
+    manifest = json.loads((data / MANIFEST).read_text("utf-8"))
+    manifest["files"] |= {file: digest(path)} if "scene" not in file else {}
+    manifest["sequences"][NAME] = digest(data / NAME / FILES)
+    (data / MANIFEST).write_text(json.dumps(manifest), "utf-8")
+    for use in (lambda: merge([data], tmp_path / "out"), lambda: check(data)):
+        with pytest.raises(UserError, match="which is outside of the dataset"):
+            use()
+    assert not (tmp_path / "out").exists()
+
+
+TINY = replace(load_recipe("tiny"), sequences=2)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sequences of a chain."""
+    folder = tmp_path_factory.mktemp("data") / "tiny"
+    make(TINY, folder)
+    return folder
+
+
+def flipped(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+def relisted(key: str, value: Any) -> Callable[[Path], object]:
+    def change(path: Path) -> None:
+        listed = json.loads(path.read_text("utf-8"))
+        path.write_text(json.dumps(listed | {key: value}), "utf-8")
+
+    return change
+
+
+DAMAGES: list[tuple[str, Callable[[Path], object]]] = [
+    ("frame-003.png", flipped),
+    ("frame-003.png", lambda path: path.unlink()),
+    ("markers.parquet", lambda path: path.write_bytes(b"")),
+    ("frames.parquet", lambda path: path.write_bytes(path.read_bytes()[:200])),
+    ("scene.toml", lambda path: (path.unlink(), path.mkdir())),
+    ("new.txt", lambda path: path.write_text("x")),
+    (FILES, lambda path: path.write_bytes(b"")),
+    (FILES, relisted("values", {"grip_n": 1.0})),
+    (FILES, relisted("number", 0)),
+    (FILES, relisted("versions", {"numpy": "0"})),
+    ("", lambda path: (shutil.rmtree(path), path.write_text("x"))),
+]
+
+
+@pytest.fixture
+def remade(made: Path, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Numbers of the sequences that are made, as fast as a copy; so is the card."""
+    numbers = []
+
+    def put_back(recipe: bytes, out: str, number: int) -> int:
+        numbers.append(number)
+        shutil.copytree(made / f"sequence-{number:06d}", Path(out) / f"sequence-{number:06d}")
+        return number
+
+    def card(folder: Path, *_: object) -> None:
+        for name in (TABLE, CARD, SHEET):
+            shutil.copy(made / name, folder / name)
+
+    monkeypatch.setattr(made_by, "_make", put_back)
+    monkeypatch.setattr(made_by, "write_card", card)
+    monkeypatch.setattr(made_by, "refuse_older", lambda recipe: None)  # it reads every recipe
+    return numbers
+
+
+def test_resume_makes_again_what_is_damaged(
+    made: Path,
+    remade: list[int],
+    tmp_path: Path,
+    bytes_of: Callable[[Path], dict[str, str]],
+) -> None:
+    """With a manifest and without: the second sequence is damaged, found and put back."""
+    expected = bytes_of(made)
+    for k, (name, damage) in enumerate(DAMAGES):
+        folder = shutil.copytree(made, tmp_path / f"{k}")
+        if k % 3:
+            (folder / MANIFEST).unlink()
+        damage(folder / "sequence-000001" / name)
+        again: list[str] = []
+        make(TINY, folder, resume=True, damaged=again.extend)
+        assert again == ["sequence-000001"], name
+        assert remade == [1], name
+        remade.clear()
+        assert bytes_of(folder) == expected
+        shutil.rmtree(folder)
+
+
+@pytest.mark.usefixtures("remade")
+def test_resume_says_how_many_are_made_again(made: Path, tmp_path: Path, typed: Typed) -> None:
+    folder = shutil.copytree(made, tmp_path / "data")
+    flipped(folder / "sequence-000001" / "frame-003.png")
+    words = ("dataset", "make", "tiny", "--n", 2, "--workers", 1, "--out", folder, "--json")
+    done = typed(*words, "--resume")
+    assert json.loads(done.stdout)["damaged_and_made_again"] == 1
+    assert check(folder) == 2
+
+
+def test_a_failed_merge_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither sequences without a manifest nor folders that were made for it."""
+
+    def fail(*_: object) -> None:
+        raise UserError("the disk is full")
+
+    monkeypatch.setattr(made_by, "write_card", fail)
+    (tmp_path / "empty").mkdir()
+    for out in ("new/deeper", "empty"):
+        with pytest.raises(UserError, match="the disk is full"):
+            merge([SEED], tmp_path / out)
+    assert [path.name for path in tmp_path.rglob("*")] == ["empty"]
+
+
+@pytest.mark.usefixtures("remade")
+def test_what_is_called_whole_was_synced_before(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut after the manifest loses nothing."""
+    folder, synced = shutil.copytree(made, tmp_path / "data"), []
+    sync = os.fsync
+
+    def noted(handle: int) -> None:
+        sync(handle)
+        path = Path(os.readlink(f"/proc/self/fd/{handle}"))
+        if path.is_relative_to(folder):
+            synced.append(path.relative_to(folder).as_posix())
+
+    monkeypatch.setattr(os, "fsync", noted)
+    make(TINY, folder, resume=True)
+    files = {file.relative_to(folder).as_posix() for file in folder.rglob("*")}
+    manifest = synced.index(f".part-{MANIFEST}")
+    assert files - {MANIFEST} == set(synced[:manifest])
+    assert synced[manifest + 1 :] == ["."]
+
+
+@pytest.mark.usefixtures("remade")
+def test_an_address_with_a_damaged_sequence_is_mended(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    data = shutil.copytree(made, tmp_path / "data")
+    flipped(data / "sequence-000001" / "frame-003.png")
+    (data / MANIFEST).unlink()
+    address = f"memory://{tmp_path.name}"
+    given(data, address)
+    fs, root = pytest.importorskip("fsspec").core.url_to_fs(address)
+    fs.pipe_file(f"{root}/sensors/../../../victim", b"x")  # is no file of a dataset
+    again: list[str] = []
+    make(TINY, address, resume=True, damaged=again.extend)
+    assert again == ["sequence-000001"]
+    assert not list(tmp_path.rglob("victim"))
+    shutil.rmtree(tmp_path / "cache")
+    assert check(address) == 2
+
+
+@pytest.mark.parametrize("number", ["3e8", "1e11", "1e300", "100000000", "99999999"])
+def test_a_huge_frame_number_is_a_sentence(tmp_path: Path, number: str) -> None:
+    (tmp_path / "t.csv").write_text(f"frame,marker,x,y\n0,0,1,1\n{number},0,1,1\n")
+    kind = pa.float64() if "e" in number else pa.int64()
+    frames = pa.array([0, float(number) if "e" in number else int(number)], kind)
+    columns = {"marker": [0, 0], "x": [1.0, 1.0], "y": [1.0, 1.0]}
+    pq.write_table(pa.table({"frame": frames, **columns}), tmp_path / "t.parquet")
+    for name in ("t.csv", "t.parquet"):
+        with pytest.raises(UserError, match=r"no whole number below 100000000|give --max-rows"):
+            read_points(tmp_path / name)
+
+
+def test_a_long_table_is_refused_by_its_metadata(tmp_path: Path) -> None:
+    """A hundred million rows of zeros take a few kilobytes."""
+    column = pa.array(np.zeros(1_000_000))
+    kind = pa.schema([(name, pa.float64()) for name in ("frame", "marker", "x", "y")])
+    batch = pa.record_batch([column] * 4, kind)
+    with pq.ParquetWriter(tmp_path / "t.parquet", kind) as writer:
+        for _ in range(3):
+            writer.write_batch(batch)
+    with pytest.raises(UserError, match="3000000 rows, more than 2000000; give --max-rows"):
+        read_points(tmp_path / "t.parquet", most=2_000_000)
+
+
+def test_an_array_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.npz"
+    for shape, held, told in (
+        ((1_000_000, 1_000_000, 2), 100, "claims 16000000000000 bytes"),
+        ((-5, 2, 2), 100, "claims"),
+        ((1_000, 200, 2), 3_200_000, "values, too many to read"),
+    ):
+        text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n"
+        header = (
+            b"\x93NUMPY\x01\x00" + len(text + "\n").to_bytes(2, "little") + text.encode() + b"\n"
+        )
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+            with file.open("tracks.npy", "w") as stream:
+                stream.write(header + bytes(held))
+            file.writestr("visibles.npy", b"")
+        with pytest.raises(UserError, match=told):
+            read_arrays(path, ["tracks"], 100_000)
+        with pytest.raises(UserError, match=rf"^tracks {path}: .*(?:{told}|visibles)"):
+            read_points(path, most=50_000)
+
+
+@pytest.mark.parametrize("tracker", ["t.csv", "fit"])
+@pytest.mark.parametrize("name", ["rest.png", "frame-002.png"])
+def test_score_does_not_blame_a_tracker_for_a_broken_truth(
+    made: Path, tmp_path: Path, typed: Typed, tracker: str, name: str
+) -> None:
+    """Also where the checksums were made to fit."""
+    data = shutil.copytree(made, tmp_path / "data")
+    if tracker == "t.csv":
+        tracker = str(tmp_path / "t.csv")
+        Path(tracker).write_text("frame,marker,layer,x,y\n0,0,magenta,320,240\n")
+    truth = data / "sequence-000001"
+    (truth / name).write_bytes(b"\x89PNG nothing")
+    done = typed("score", tracker, truth, "--json")
+    assert done.returncode == 2
+    assert f"{name} has changed" in done.stderr
+    listed = json.loads((truth / FILES).read_text("utf-8"))
+    listed["files"][name] = digest(truth / name)
+    (truth / FILES).write_text(json.dumps(listed), "utf-8")
+    manifest = json.loads((data / MANIFEST).read_text("utf-8"))
+    manifest["sequences"]["sequence-000001"] = digest(truth / FILES)
+    (data / MANIFEST).write_text(json.dumps(manifest), "utf-8")
+    done = typed("score", tracker, truth, "--json")
+    if name == "rest.png" or tracker == "fit":
+        assert done.returncode == 2
+        assert f"{name} cannot be read" in done.stderr
