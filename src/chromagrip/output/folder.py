@@ -102,12 +102,6 @@ def sync(path: Path) -> None:
         os.close(handle)
 
 
-def _unlink(part: Path) -> None:
-    """Remove a link that a stranger's folder has in place of an unfinished file."""
-    if part.is_symlink() and not part.is_char_device():
-        part.unlink()
-
-
 @contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
     """Make an error of the disk one sentence, and remove what was written of the file.
@@ -139,7 +133,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     """
     part = part_of(path)
     with disk_errors(path):
-        _unlink(part)
+        part.unlink(missing_ok=True)  # in a stranger's folder it may be a link to elsewhere
         try:
             yield part
             sync(part)
@@ -169,8 +163,8 @@ class GrowingFile:
 
     def __init__(self, path: Path) -> None:
         self._path, self._part = path, part_of(path)
-        with disk_errors(path):
-            _unlink(self._part)
+        with suppress(OSError):
+            self._part.unlink()
 
     def __enter__(self) -> Self:
         """Use as a context."""
