@@ -21,7 +21,7 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from ..errors import UserError
-from ..output.folder import make_scratch
+from ..output.folder import make_scratch, remove_empty
 from . import (
     calibrate,
     dataset,
@@ -110,10 +110,16 @@ def run(words: list[str]) -> int:
     out = command.keywords.get("out")
     if isinstance(out, Path):
         make_scratch(out)
+    done = False
     try:
-        return command()
+        code = command()
+        done = True
+        return code
     except SystemExit as ended:  # commands return their code: a plug-in ended the program
         raise UserError(f"a plug-in ended the program: SystemExit: {ended.code}") from ended
+    finally:
+        if not done:
+            remove_empty()
 
 
 def _parse(words: list[str]) -> partial[int] | int:

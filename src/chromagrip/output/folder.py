@@ -14,6 +14,8 @@ from ..errors import UserError
 
 #: Start of the name of a file or folder that is not complete.
 PART = ".part-"
+#: Folders that were made, the outer ones first.
+_made: list[Path] = []
 #: Start of the name of a folder for what libraries keep while a command runs.
 _SCRATCH = ".scratch-"
 
@@ -31,8 +33,10 @@ def prepare(folder: Path, overwrite: bool | None) -> None:
     UserError
         When it holds files and `overwrite` is not given, or cannot be made.
     """
+    absent = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        _made.extend(reversed(absent))
         taken = any(not each.name.startswith(_SCRATCH) for each in folder.iterdir())
     except FileExistsError:
         raise UserError(f"{folder} is a file, not a folder") from None
@@ -41,6 +45,13 @@ def prepare(folder: Path, overwrite: bool | None) -> None:
     if taken and not overwrite:
         mend = "choose another" if overwrite is None else "choose another or give --overwrite"
         raise UserError(f"folder {folder} is not empty; {mend}")
+
+
+def remove_empty() -> None:
+    """Remove what `prepare` has made in this process, where it is empty, as after a failure."""
+    while _made:
+        with suppress(OSError):
+            _made.pop().rmdir()
 
 
 def make_scratch(out: Path) -> None:
