@@ -17,7 +17,7 @@ from .chain.integrators import INTEGRATORS, Integrator, Method, explicit_limit, 
 from .chain.metrics import GROSS_SLIP, SlipRecord, follow_slip, no_slip, pressure
 from .chain.plant import History, step, steps
 from .chain.state import Deformation, State, load_state, rest_state, save_state
-from .chain.statics import equilibrium, largest_grip
+from .chain.statics import equilibrium, largest_grip, refuse_flattening
 from .chain.stiffness import chain_compliance, chain_forces, spring_force, spring_forces
 from .dome import (
     Dome,
@@ -106,6 +106,7 @@ __all__ = [
     "node_friction",
     "press_and_move",
     "pressure",
+    "refuse_flattening",
     "rest_ensemble",
     "rest_state",
     "save_dome_state",

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import UserError, located
-from ..errors import ConvergenceError, NoEquilibriumError
+from ..errors import ConvergenceError, NoEquilibriumError, PiercedError
 from ..objects import ContactObject
 from .assembly import chain, contact
 from .drive import Drive
@@ -40,6 +40,21 @@ def largest_grip(fingertip: Fingertip, obj: ContactObject) -> float:
     object_springs = obj.stiffness * ch.share
     in_series = ch.tissue * object_springs / (ch.tissue + object_springs)
     return float(in_series @ ch.rest[:, 1])
+
+
+def refuse_flattening(fingertip: Fingertip, obj: ContactObject, grip: float) -> None:
+    """Refuse a grip force [N] that the node model cannot describe.
+
+    Raises
+    ------
+    PiercedError
+        When it is above the `largest_grip`.
+    """
+    limit = largest_grip(fingertip, obj)
+    if grip > limit:
+        raise PiercedError(
+            f"grip {grip:g} N is above {limit:.3g} N, which press the whole fingertip flat"
+        )
 
 
 def equilibrium(

@@ -12,6 +12,7 @@ import pytest
 
 from chromagrip.cli import options
 from chromagrip.errors import UserError
+from chromagrip.output import folder as folder_module
 from chromagrip.output.folder import LOCK, filling, prepared
 
 Typed = Callable[..., CompletedProcess[str]]
@@ -108,6 +109,7 @@ def test_of_many_at_once_one_gets_in(tmp_path: Path) -> None:
 import sys
 from pathlib import Path
 from chromagrip.errors import UserError
+from chromagrip.output import folder as folder_module
 from chromagrip.output.folder import filling
 
 folder, got = Path(sys.argv[1]), 0
@@ -129,11 +131,11 @@ while got < 50:
 
 def test_default_names_do_not_collide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(options, "_new", [])
+    monkeypatch.setattr(folder_module, "_made", [])
     names = [options.new_folder("grasp") for _ in range(3)]
     assert [name.name for name in names] == ["grasp-001", "grasp-002", "grasp-003"]
     (names[1] / "trace").touch()
-    options.drop_unused()
+    folder_module.remove_empty()
     assert sorted((tmp_path / "runs").iterdir()) == [names[1].absolute()]
 
 

@@ -21,7 +21,7 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from ..errors import UserError
-from ..output.folder import make_scratch
+from ..output.folder import make_scratch, remove_empty
 from . import (
     calibrate,
     dataset,
@@ -36,7 +36,7 @@ from . import (
     sweep,
 )
 from .ending import NAME, finish
-from .options import drop_unused, take_signals
+from .options import take_signals
 
 EXIT_CODES = """Exit codes: 0 done, 1 an error in code or a missing part of the installation
 (doctor), 2 invalid input, 130 interrupted, 141 output closed, 143 terminated."""
@@ -109,12 +109,16 @@ def run(words: list[str]) -> int:
     out = command.keywords.get("out")
     if isinstance(out, Path):
         make_scratch(out)
+    done = False
     try:
-        return command()
+        code = command()
+        done = True
+        return code
     except SystemExit as ended:  # commands return their code: a plug-in ended the program
         raise UserError(f"a plug-in ended the program: SystemExit: {ended.code}") from ended
     finally:
-        drop_unused()
+        if not done:
+            remove_empty()
 
 
 def _parse(words: list[str]) -> partial[int] | int:

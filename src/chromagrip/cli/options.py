@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,9 +25,7 @@ from rich.status import Status
 from rich.table import Table
 
 from ..errors import UserError
-
-#: Folders that got their names in this call of a command.
-_new: list[Path] = []
+from ..output.folder import make_folder
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 #: Processors of this machine.
@@ -171,23 +169,13 @@ def new_folder(stem: str) -> Path:
     for number in range(1, 10_000):
         folder = Path("runs") / f"{stem}-{number:03d}"
         try:
-            folder.mkdir(parents=True)
+            make_folder(folder, new=True)
         except FileExistsError:
             continue
         except OSError as error:
             raise UserError(f"folder {folder} cannot be written: {error.strerror}") from None
-        _new.append(folder)
         return folder
     raise UserError(f"runs/ holds 9999 runs named {stem}; choose a folder with --out")
-
-
-def drop_unused() -> None:
-    """Remove the new folders into which a command that failed wrote nothing."""
-    while _new:
-        folder = _new.pop()
-        with suppress(OSError):  # it is in use
-            folder.rmdir()
-            folder.parent.rmdir()
 
 
 def stem_of(source: str) -> str:

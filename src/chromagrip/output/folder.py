@@ -18,6 +18,8 @@ from ..errors import UserError
 PART = ".part-"
 #: File of a folder that is being filled, which names who fills it.
 LOCK = ".lock"
+#: Folders that were made, the outer ones first.
+_made: list[Path] = []
 #: Start of the name of a folder for what libraries keep while a command runs.
 _SCRATCH = ".scratch-"
 
@@ -40,7 +42,7 @@ def prepared(folder: Path | None, overwrite: bool | None) -> Iterator[None]:
         yield
         return
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     except FileExistsError:
         raise UserError(f"{folder} is a file, not a folder") from None
     except OSError as error:
@@ -52,6 +54,26 @@ def prepared(folder: Path | None, overwrite: bool | None) -> Iterator[None]:
             mend = "choose another" if overwrite is None else "choose another or give --overwrite"
             raise UserError(f"folder {folder} is not empty; {mend}")
         yield
+
+
+def make_folder(folder: Path, new: bool = False) -> None:
+    """Make a folder, and remember it for `remove_empty`.
+
+    Parameters
+    ----------
+    folder: with those that it is in
+    new: whether it must not exist, which is a `FileExistsError` then
+    """
+    absent = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=not new)
+    _made.extend(reversed(absent))
+
+
+def remove_empty() -> None:
+    """Remove the folders that this process has made and that are empty, as after a failure."""
+    while _made:
+        with suppress(OSError):
+            _made.pop().rmdir()
 
 
 def make_scratch(out: Path) -> None:

@@ -13,7 +13,7 @@ from ...model import (
     State,
     contact_forces,
     equilibrium,
-    largest_grip,
+    refuse_flattening,
     rest_state,
     whole_friction,
 )
@@ -128,11 +128,7 @@ def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:
             raise UserError(f"a load of {pose.load:g} N needs a grip above 0 N to hold it")
         state = rest_state(tip)
     else:
-        limit = largest_grip(tip, obj)
-        if pose.grip > limit:
-            raise UserError(
-                f"grip {pose.grip:g} N is above {limit:.3g} N, which press the whole fingertip flat"
-            )
+        refuse_flattening(tip, obj, pose.grip)
         _refuse_sliding(obj, pose)
         with located(f"grip {pose.grip:g} N with load {pose.load:g} N cannot be held"):
             state = equilibrium(tip, obj, pose.grip, pose.load)

@@ -31,6 +31,7 @@ from ...model import (
     State,
     chain_compliance,
     contact_forces,
+    refuse_flattening,
     rest_state,
 )
 from ...model.chain import QUASI_STATIC, chain, contact, march
@@ -141,6 +142,7 @@ def press(fingertip: Fingertip, obj: ContactObject, grip: float, load: float) ->
     UserError
         When the grip does not hold the load, or the model finds no equilibrium.
     """
+    refuse_flattening(fingertip, obj, grip)
     reserve = reserve_of(grip, load, obj.friction)
     mu, step = obj.friction, min(_SHARE, reserve / 4)
     nudge = step * mu * grip

@@ -53,8 +53,10 @@ def _boxes(shapes: Array, width: float, height: int, wide: int) -> NDArray[np.in
             low_x, high_x = min(low_x, shape[0, 0] - reach_x), max(high_x, shape[0, 0] + reach_x)
             low_y, high_y = min(low_y, shape[0, 1] - reach_y), max(high_y, shape[0, 1] + reach_y)
         if high_x > low_x:
-            found[m, 0], found[m, 1] = max(int(low_x), 0), min(int(high_x) + 2, wide)
-            found[m, 2], found[m, 3] = max(int(low_y), 0), min(int(high_y) + 2, height)
+            x0, x1 = max(int(low_x), 0), min(int(high_x) + 2, wide)
+            y0, y1 = max(int(low_y), 0), min(int(high_y) + 2, height)
+            if x1 > x0 and y1 > y0:  # else it lies outside of the picture
+                found[m, 0], found[m, 1], found[m, 2], found[m, 3] = x0, x1, y0, y1
     return found
 
 
