@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import random
 import shutil
 import warnings
@@ -283,6 +284,23 @@ def test_frames_have_names_inside_their_folder(copy: Path) -> None:
             write_logs_again([copy], ["mcap"])
 
 
+@pytest.mark.parametrize("name", [*NEEDED, VIDEO, "frames/frames.csv", "frames/frame-000000.png"])
+def test_a_pipe_or_a_huge_file_holds_nobody_up(copy: Path, name: str) -> None:
+    (copy / name).unlink()
+    os.mkfifo(copy / name)
+    kept = name in (VIDEO, "frames/frames.csv")  # a run may have none
+    if kept:
+        opened(copy)
+    else:
+        with pytest.raises(UserError, match=Path(name).name):
+            opened(copy)
+    (copy / name).unlink()
+    with (copy / name).open("wb") as file:
+        file.truncate(2**40)  # takes no place on the disk
+    with pytest.raises(UserError, match=Path(name).name):
+        opened(copy)
+
+
 @pytest.mark.parametrize("name", ["report.html", "run.mcap"])
 def test_nothing_is_written_through_a_link(copy: Path, name: str) -> None:
     """Neither the file nor the one that is written until it is whole."""
@@ -299,8 +317,8 @@ def test_nothing_is_written_through_a_link(copy: Path, name: str) -> None:
 def test_a_long_trace_is_refused_before_it_is_read(
     copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert told(copy, most_rows=6) == (
-        f"{copy}/trace.parquet has 7 rows; a run has 1 to 6; for more give --most-rows N"
+    assert told(copy, max_rows=6) == (
+        f"{copy}/trace.parquet has 7 rows; a run has 1 to 6; for more give --max-rows N"
     )
     assert MOST_ROWS <= 10**8
     rows = MOST_ROWS + 1
@@ -344,7 +362,7 @@ def test_the_command_line_refuses_with_one_line(
     for words in (("report", copy), ("live", "--run", copy)):
         assert "--follow-links" in typed(*words).stderr
     assert typed("report", copy, "--follow-links").returncode == 0
-    assert "--most-rows" in typed("report", copy, "--follow-links", "--most-rows", "3").stderr
+    assert "--max-rows" in typed("report", copy, "--follow-links", "--max-rows", "3").stderr
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,7 +28,7 @@ from .options import (
 from .readouts import prepare, prepare_scene
 from .summary import print_summary
 
-MostRows = Annotated[int | None, option("largest trace that is read; by default 2000000 rows", "N")]
+MaxRows = Annotated[int, option("rows of a trace that are read at most", "N")]
 Logs = Annotated[
     tuple[LogFormat, ...] | None,
     option(
@@ -242,7 +242,7 @@ def report(
     ] = None,
     log: Logs = None,
     follow_links: FollowLinks = False,
-    most_rows: MostRows = None,
+    max_rows: MaxRows = 2_000_000,
 ) -> int:
     """Write the page of a finished run anew, or of several runs side by side.
 
@@ -255,7 +255,7 @@ def report(
     if out is None and len(folders) > 1:
         out = new_folder("report") / "report.html"
     logs = _asked(log)
-    limits = (follow_links, most_rows)
+    limits = (follow_links, max_rows)
     for path in (write_reports(folders, out, *limits), *write_logs_again(folders, logs, *limits)):
         print(path)
     return 0
@@ -300,7 +300,7 @@ def live(
     ] = None,
     seconds: Annotated[float | None, option("end after this time", "S")] = None,
     follow_links: FollowLinks = False,
-    most_rows: MostRows = None,
+    max_rows: MaxRows = 2_000_000,
 ) -> int:
     """Serve a page on which a grasp goes on while its sliders are moved, or a run or camera shows.
 
@@ -336,7 +336,7 @@ def live(
         from ..live.run_page import serve_run
         from ..loop.shown.run_folder import read_run
 
-        serve_run(read_run(run, follow_links, most_rows, allow=allow), place)
+        serve_run(read_run(run, follow_links, max_rows, allow=allow), place)
     elif source is not None:
         from ..live.watch import Looking, serve_source
 

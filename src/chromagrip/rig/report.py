@@ -7,7 +7,7 @@ from pathlib import Path
 from ..errors import UserError
 from ..loop.shown.log import log_of
 from ..loop.shown.report import REPORT, run_on_page
-from ..loop.shown.run_folder import read_run
+from ..loop.shown.run_folder import MOST_ROWS, read_run
 from ..output.folder import disk_errors
 from ..output.logs.write import LogFormat, require_logs, write_logs
 from ..output.run_page import write_run_page
@@ -20,7 +20,7 @@ def write_reports(
     folders: Sequence[Path],
     out: Path | None = None,
     follow_links: bool = False,
-    most_rows: int | None = None,
+    max_rows: int = MOST_ROWS,
 ) -> Path:
     """Write the report of a run, or of several beside each other; its file.
 
@@ -28,7 +28,7 @@ def write_reports(
     ----------
     folders: run folders
     out: file of the page; None is report.html in the only folder
-    follow_links, most_rows: as in `read_run`
+    follow_links, max_rows: as in `read_run`
 
     Raises
     ------
@@ -41,7 +41,7 @@ def write_reports(
         raise UserError("a report of several runs needs a file of its own: give --out FILE.html")
     path = folders[0] / REPORT if out is None else out
     named = zip(folders, _names(folders), strict=True)
-    read = ((read_run(folder, follow_links, most_rows), name) for folder, name in named)
+    read = ((read_run(folder, follow_links, max_rows), name) for folder, name in named)
     runs = [run_on_page(run, name) for run, name in read]
     title = runs[0].name if len(runs) == 1 else f"{len(runs)} runs side by side"
     with disk_errors(path):
@@ -54,7 +54,7 @@ def write_logs_again(
     folders: Sequence[Path],
     formats: Sequence[LogFormat],
     follow_links: bool = False,
-    most_rows: int | None = None,
+    max_rows: int = MOST_ROWS,
 ) -> list[Path]:
     """Write the logs of finished runs into their folders; the files.
 
@@ -62,7 +62,7 @@ def write_logs_again(
     ----------
     folders: run folders
     formats: of the logs
-    follow_links, most_rows: as in `read_run`
+    follow_links, max_rows: as in `read_run`
 
     Raises
     ------
@@ -72,7 +72,7 @@ def write_logs_again(
     require_logs(formats)
     paths: list[Path] = []
     for folder in folders if formats else ():
-        run = read_run(folder, follow_links, most_rows)
+        run = read_run(folder, follow_links, max_rows)
         paths += write_logs(log_of(run), folder, formats)
     return paths
 

@@ -14,7 +14,7 @@ from ...errors import UserError
 from ...output.logs.entries import Array, Pictures
 from ...output.pictures import PNG_BEGIN, PNG_END, open_source
 from ...output.png import encode_png
-from .run_folder import RunRead
+from .run_folder import LARGEST_FILE, RunRead, check_size
 from .tactile_video import FPS, SLOWDOWN
 
 Image = NDArray[np.uint8]
@@ -66,10 +66,10 @@ def raw_pictures(run: RunRead, folder: str, topic: str) -> list[Pictures]:
             return
         for time, name in rows:
             picture = run.file(f"{folder}/{name}")
-            try:
-                data = picture.read_bytes()
-            except OSError as error:
-                raise UserError(f"{picture} cannot be read: {error.strerror}") from None
+            if not picture.is_file():
+                raise UserError(f"{picture} cannot be read: there is no such file")
+            check_size(picture, LARGEST_FILE)
+            data = picture.read_bytes()
             if not (data.startswith(PNG_BEGIN) and data.endswith(PNG_END)):
                 raise UserError(f"{picture} is no PNG picture, or cut off")
             yield time, data
@@ -80,6 +80,7 @@ def raw_pictures(run: RunRead, folder: str, topic: str) -> list[Pictures]:
 
 def _listed(path: Path) -> list[tuple[float, str]]:
     """Instant and file of each picture of a list."""
+    check_size(path, LARGEST_FILE)
     try:
         with path.open(encoding="utf-8", newline="") as file:
             rows = [(float(row["time_s"]), row["file"]) for row in csv.DictReader(file)]

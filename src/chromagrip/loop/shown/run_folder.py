@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 NEEDED, VIDEO = ("summary.json", "trace.parquet", "scene.toml"), "tactile.mp4"
 #: Largest number of rows of a trace that is read.
 MOST_ROWS = 2_000_000
-#: Largest size of a file that is read whole: of text, and of a video [bytes].
-_LARGEST_TEXT, _LARGEST_VIDEO = 2**24, 2**28
+#: Largest size of a file that is read whole: of text, and of a video or picture [bytes].
+LARGEST_TEXT, LARGEST_FILE = 2**24, 2**28
 #: Largest size of a value, and of a time [s].
 _LARGEST, _LATEST = 1e12, 1e6
 #: Ends of the names of columns that the first traces of two fingers lack.
@@ -135,7 +135,7 @@ class RunRead:
 def read_run(
     folder: Path,
     follow_links: bool = False,
-    most_rows: int | None = None,
+    max_rows: int = MOST_ROWS,
     *,
     allow: Collection[str] = (),
 ) -> RunRead:
@@ -145,7 +145,7 @@ def read_run(
     ----------
     folder: of a finished run
     follow_links: whether its files may be links that lead out of it
-    most_rows: largest number of rows of its trace; None is `MOST_ROWS`
+    max_rows: largest number of rows of its trace
     allow: modules that its scene may name, see `load_scene`; to show a run needs none
 
     Raises
@@ -159,11 +159,11 @@ def read_run(
     for name in NEEDED:
         if not files[name].is_file():
             raise UserError(f"{folder} is not a finished run: it has no {name}")
-    _check_size(files["scene.toml"], _LARGEST_TEXT)
+    check_size(files["scene.toml"], LARGEST_TEXT)
     scene = load_scene(str(files["scene.toml"]), allow=allow)
     summary = _read_summary(files["summary.json"], _Two if scene.fingers == 2 else _One)
     wanted = list(columns_of(mechanics(scene)))
-    columns = read_trace(files["trace.parquet"], wanted, scene.fingers == 2, most_rows)
+    columns = read_trace(files["trace.parquet"], wanted, scene.fingers == 2, max_rows)
     rows = len(columns["time_s"])
     if rows != summary["frames"]:
         raise UserError(
@@ -177,7 +177,7 @@ def read_run(
 
 
 def read_trace(
-    path: Path, names: list[str], later: bool = False, most_rows: int | None = None
+    path: Path, names: list[str], later: bool = False, max_rows: int = MOST_ROWS
 ) -> dict[str, Array]:
     """Columns of a trace; others that it has are left out.
 
@@ -186,7 +186,7 @@ def read_trace(
     path: of a Parquet table
     names: of the columns
     later: whether those may be missing that the first traces of two fingers lack
-    most_rows: largest number of rows, which is known before they are read; None is `MOST_ROWS`
+    max_rows: largest number of rows, which is known before they are read
 
     Raises
     ------
@@ -198,7 +198,7 @@ def read_trace(
         with pq.ParquetFile(path) as file:
             there = {name for name in names if not later or name in file.schema_arrow.names}
             there |= {name for name in names if not name.endswith(_LATER)}
-            _check_table(path, file, there, MOST_ROWS if most_rows is None else most_rows)
+            _check_table(path, file, there, max_rows)
             table = file.read(columns=[name for name in names if name in there])
         columns = {name: table[name].cast("float64").to_numpy() for name in table.column_names}
     except (OSError, ValueError, pa.ArrowException) as error:
@@ -210,11 +210,11 @@ def read_trace(
     return columns
 
 
-def _check_table(path: Path, file: Any, names: set[str], most_rows: int) -> None:
+def _check_table(path: Path, file: Any, names: set[str], max_rows: int) -> None:
     """Refuse a table whose schema is no trace's, or that is too long, before it is decoded."""
     rows, schema = file.metadata.num_rows, file.schema_arrow
-    if not 0 < rows <= most_rows:
-        allowed = f"a run has 1 to {most_rows}; for more give --most-rows N"
+    if not 0 < rows <= max_rows:
+        allowed = f"a run has 1 to {max_rows}; for more give --max-rows N"
         raise UserError(f"{path} has {rows} rows; {allowed}")
     for name in sorted(names):
         count = schema.names.count(name)
@@ -243,7 +243,7 @@ def _check_values(path: Path, columns: Mapping[str, Array]) -> None:
 
 def _read_summary(path: Path, kind: type[_Known]) -> Summary:
     """Summary whose keys that are asked for have the types that are asked for."""
-    _check_size(path, _LARGEST_TEXT)
+    check_size(path, LARGEST_TEXT)
     try:
         summary = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
         known = msgspec.convert(summary, kind)
@@ -264,12 +264,13 @@ def _check_video(path: Path) -> None:
     if path.is_dir():
         raise UserError(f"{path} is a folder, not a video; {_MEND}")
     if path.is_file():
-        _check_size(path, _LARGEST_VIDEO)
+        check_size(path, LARGEST_FILE)
         if missing("video") is None:
             open_source(str(path))
 
 
-def _check_size(path: Path, largest: int) -> None:
+def check_size(path: Path, largest: int) -> None:
+    """Refuse a file that is too large to be read whole."""
     size = path.stat().st_size
     if size > largest:
         raise UserError(f"{path} has {size} bytes, more than {largest}; move it out of the folder")
