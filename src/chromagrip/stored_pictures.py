@@ -1,11 +1,13 @@
 """Pictures of files that anybody may have written: their sizes are read before they are decoded.
 
-Pillow decodes them: it is silent, where libpng and libjpeg below OpenCV write to the terminal.
+Pillow decodes them: it is silent, where libpng and libjpeg below OpenCV write to the terminal. With
+TIFF it is the other way round.
 """
 
 import io
 import logging
 import struct
+import threading
 import warnings
 import zlib
 from collections.abc import Callable
@@ -22,6 +24,8 @@ Image = NDArray[np.uint8]
 
 #: Largest picture that is decoded, unless more is asked for [10⁶ pixels].
 MEGAPIXELS = 64.0
+#: Largest WebP that Pillow decodes [10⁶ pixels].
+_POSSIBLE = 178.0
 #: Who may ask for more.
 MORE = "; detect, track, estimate and calibrate take --max-megapixels (max_megapixels in Python)"
 
@@ -39,10 +43,12 @@ _KINDS = {
 #: What Pillow raises of damaged pictures.
 _DAMAGES = (
     OSError, SyntaxError, ValueError, TypeError, LookupError, EOFError, ArithmeticError,
-    AttributeError, RuntimeError, struct.error, zlib.error,
+    AttributeError, RuntimeError, struct.error, zlib.error, Warning,
 )  # fmt: skip
-#: Numbers of the tags of a TIFF: bits of a channel, width and height of a tile.
-_BITS, _TILE = 258, (322, 323)
+#: Numbers of the tags of a TIFF: width and height of a tile.
+_TILE = (322, 323)
+#: Held while OpenCV's log is off.
+_logging = threading.Lock()
 
 
 def check_pixels(width: int, height: int, name: str, megapixels: float) -> None:
@@ -95,23 +101,40 @@ def decoded(data: bytes, name: str, megapixels: float, *, grey: bool = False) ->
         tile = (0, 0) if kind != "Tiff" else map(int, map(image.tag_v2.get, _TILE, (0, 0)))
         width, height = map(max, image.size, tile)
         check_pixels(width, height, name, megapixels)
+        if kind == "Tiff":
+            return _tiff(data, grey)
         if kind == "Png":
             opened(io.BytesIO(data)).verify()  # checksums, which are not read with the pixels
         if grey and kind == "Jpeg":
             image.draft("L", image.size)
         image.load()
-        return _pixels(image, _bits(image, kind, data), grey)
+        return _pixels(image, data[24] if kind == "Png" else 8, grey)
     except UserError:
         raise
+    except import_module("PIL.Image").DecompressionBombError:  # Pillow's own limit for WebP
+        most = min(megapixels, _POSSIBLE)
+        raise UserError(f"{name} has too many megapixels; allowed: {most:g}{MORE}") from None
     except _DAMAGES:
         return None
 
 
-def _bits(image: Any, kind: str, data: bytes) -> int:
-    """Bits of a channel."""
-    if kind == "Tiff":
-        return int(max(image.tag_v2.get(_BITS, (1,))))
-    return data[24] if kind == "Png" else 8
+def _tiff(data: bytes, grey: bool) -> Image | str | None:
+    """Pixels of a TIFF; OpenCV hands what libtiff says to its own log."""
+    import cv2  # the command line knows the limit before it needs OpenCV
+
+    how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION if grey else cv2.IMREAD_UNCHANGED
+    with _logging:
+        level = cv2.utils.logging.getLogLevel()
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), how)
+        except cv2.error:
+            return None
+        finally:
+            cv2.utils.logging.setLogLevel(level)
+    if image is None or image.dtype != np.uint8:
+        return None if image is None else str(image.dtype)
+    return image if image.ndim == 2 else image[..., [2, 1, 0, 3][: image.shape[2]]]
 
 
 def _pixels(image: Any, bits: int, grey: bool) -> Image | str | None:
@@ -121,7 +144,7 @@ def _pixels(image: Any, bits: int, grey: bool) -> Image | str | None:
             return np.asarray(np.asarray(image) >> 8, dtype=np.uint8)
         return None if image.mode in ("I", "F") else np.asarray(image.convert("L"), np.uint8)
     if bits > 8:
-        return f"{'float' if image.mode == 'F' else 'uint'}{bits}"
+        return f"uint{bits}"
     if "transparency" in image.info:
         image = image.convert("RGBA")
     elif image.mode not in ("L", "RGB", "RGBA"):

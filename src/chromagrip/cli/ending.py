@@ -79,7 +79,7 @@ def _flushed(code: int) -> int:
     except BrokenPipeError:
         code = CLOSED
     except OSError as error:
-        code = code or refuse(f"the output: {error.strerror}")
+        code = code or refuse(f"input or output: {error.strerror}")
     else:
         return code
     # The interpreter tries once more at its end, and must not complain.
