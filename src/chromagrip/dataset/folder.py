@@ -36,7 +36,7 @@ from ..output.png import encode_png
 from ..output.versions import versions
 from ..render import camera_text
 from ..scene.scene import dump_scene, relative, seen_from
-from .labels import COMMON, Columns, Shot, columns_of
+from .labels import COMMON, Column, Columns, Shot, columns_of
 from .pictures import CLEAN, FRAME, NOISE, REST, change_png, noise_key
 from .recipe import Recipe, Values, dump_recipe, load_recipe, portable
 from .sequence import sequence, shots
@@ -191,8 +191,10 @@ def _lists(values: list[Any]) -> "pa.Array":
     return pa.FixedSizeListArray.from_arrays(pa.array(flat), stacked.shape[1])
 
 
-def _with_meaning(table: "pa.Table", meaning: dict[str, str]) -> "pa.Table":
-    return table.replace_schema_metadata({name: text.encode() for name, text in meaning.items()})
+def _with_meaning(table: "pa.Table", columns: dict[str, Column]) -> "pa.Table":
+    return table.replace_schema_metadata(
+        {name: of.meaning.encode() for name, of in columns.items()}
+    )
 
 
 def to_parquet(table: "pa.Table") -> bytes:
