@@ -141,9 +141,9 @@ def _wrong(folder: Path, values: Values, reading: str) -> Iterator[str]:
             f"{markers.num_rows} of markers; the scene has {scene.frames}"
         )
         return
+    view = scene.build_sensor().view
     for index in range(scene.frames):
-        for wrong in _wrong_picture(scene.build_sensor().view, pictures, index):
-            yield f"frame {index}: {wrong}"
+        yield from (f"frame {index}: {wrong}" for wrong in _wrong_picture(view, pictures, index))
     stored = Stored(
         scene=scene,
         frames={name: table[name].to_numpy() for name in table.column_names},

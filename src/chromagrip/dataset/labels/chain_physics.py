@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ...loop.world import Clock
 from ...model import Fingertip, ForceField
 from ...model.chain import chain, contact
 from ...model.chain.stiffness import chain_forces
@@ -24,8 +25,8 @@ _SHARE, _LEAST = 1e-4, 1e-5
 #: Node whose force, or share of µ·Fn, is so near to a threshold may lie on either side of it.
 _NEAR = 1e-4
 #: Tolerance of the balance of forces on a node: of the largest force on one, of the force of
-#: dampers at the mean speeds before and after the frame, and rounding of places [m].
-_NODE, _DAMPED, _ROUNDED = 0.01, 3.0, 4e-9
+#: dampers had all the way since the frame before been in the last step, and rounding of places [m].
+_NODE, _DAMPED, _ROUNDED = 0.01, 2.0, 4e-9
 
 
 class _Chain:
@@ -38,6 +39,7 @@ class _Chain:
     normals, tangents: of the object at each node, shape (T, N, 2)
     depth: normal force that the gap of each node makes, shape (T, N)
     normal, friction, mu: columns, shape (T, N)
+    held: friction that each node holds in the last step before a frame, shape (T, N)
     rigid, moved: of the rigid part along z and of the object along x, shape (T,)
     """
 
@@ -56,7 +58,10 @@ class _Chain:
         self.objects = [of_chain(sample.contact)[0] for sample in stored.again]
         self.contacts = [contact(self.tip, obj) for obj in self.objects]
         self.depth, self.normals = np.empty(self.normal.shape), np.empty(places.shape)
+        self.held = np.empty(self.normal.shape)
         for k, ct in enumerate(self.contacts):
+            mu = frictions_at(ct, self.ground[k, :, 0] - self.moved[k])
+            self.held[k] = mu * self.normal[k]
             gap, self.normals[k] = contact_frames(ct, self.ground[k], self.moved[k])
             self.depth[k] = ct.stiffness * self.chain.share * np.maximum(0.0, -gap)
         self.tangents = np.stack([-self.normals[..., 1], self.normals[..., 0]], axis=-1)
@@ -101,9 +106,8 @@ def lawful_chain(stored: Stored) -> tuple[Table, Table]:
     }
     frames = lawful_frames(stored, fields, _slips(own, stored))
     if scene.object.friction_factors:
-        weights = np.where(own.on, own.normal, 0.0)
-        with np.errstate(invalid="ignore"):
-            frames["mu"] = (own.mu * weights).sum(axis=1) / weights.sum(axis=1)
+        held, normal = (np.where(own.on, of, 0.0).sum(axis=1) for of in (own.held, own.normal))
+        frames["mu"] = held / normal
     return frames, markers
 
 
@@ -125,19 +129,25 @@ def _friction(own: _Chain) -> Array:
     """Friction by the Dahl law, along the way of the object over each node since the frame before.
 
     A node that came into contact since then began somewhere within it: the law says nothing of it.
+    Where way, normal force or µ change, what they were in between makes a difference: the friction
+    may differ by that much.
     """
-    law = own.friction.copy()
+    law, before = own.friction.copy(), np.zeros(own.friction.shape[1])
     law[0] = 0.0
     for k in range(1, len(law)):
-        way = own.ground[k - 1] - own.ground[k]
-        way[:, 0] += own.moved[k] - own.moved[k - 1]
-        slip, ct = (way * own.tangents[k]).sum(axis=1), own.contacts[k]
+        moved = own.ground[k - 1] - own.ground[k]
+        moved[:, 0] += own.moved[k] - own.moved[k - 1]
+        way, ct = (moved * own.tangents[k]).sum(axis=1), own.contacts[k]
         bristle = ct.bristle * own.chain.share
+        changed = bristle * abs(way - before)
+        changed += abs(own.held[k] - own.held[k - 1])
+        before = way
         for i in np.flatnonzero((own.normal[k - 1] > 0.0) & (own.normal[k] > 0.0)):
-            law[k, i], _ = dahl_path(
-                own.friction[k - 1, i], slip[i], own.normal[k - 1, i], own.normal[k, i],
-                own.mu[k, i], bristle[i], ct.exponent,
+            end, _ = dahl_path(
+                own.friction[k - 1, i], way[i], own.normal[k - 1, i], own.normal[k, i],
+                own.held[k, i] / own.normal[k, i], bristle[i], ct.exponent,
             )  # fmt: skip
+            law[k, i] = min(max(own.friction[k, i], end - changed[i]), end + changed[i])
     return law
 
 
@@ -147,27 +157,27 @@ def wrong_chain(stored: Stored) -> Iterator[str]:
     slack = np.maximum(_SHARE * abs(own.normal).max(axis=1, initial=0.0), _LEAST)[:, None]
     for k, i in np.argwhere(~(own.normal >= 0.0))[:1]:
         yield f"frame {k}: node_normal_n[{i}] is {own.normal[k, i]:.3g}, which is negative"
-    over = ~(abs(own.friction) <= own.mu * own.normal + slack)
+    over = ~(abs(own.friction) <= np.maximum(own.mu * own.normal, own.held) + slack)
     for k, i in np.argwhere(over)[:1]:
         yield (
             f"frame {k}: node_friction_n[{i}] is {own.friction[k, i]:.3g}, more than µ times its "
             "normal force"
         )
-    yield from _unbalanced_nodes(own, stored.scene.period)
+    yield from _unbalanced_nodes(own, Clock.of_scene(stored.scene).step)
     yield from _unbalanced(own, stored)
 
 
-def _unbalanced_nodes(own: _Chain, period: float) -> Iterator[str]:
+def _unbalanced_nodes(own: _Chain, step: float) -> Iterator[str]:
     """Yield nodes on which springs, contact and damper do not balance; there is no inertia.
 
-    The outer nodes are held by the rigid part. The force of a damper follows from the speed at the
-    frame's instant, which is known as a mean over the intervals before and after.
+    The outer nodes are held by the rigid part. The force of a damper follows from the speed in the
+    last step, of which the way since the frame before is a bound.
     """
     ch = own.chain
     springs = np.stack([chain_forces(own.tip, seen) for seen in own.seen])
     applied = own.normal[..., None] * own.normals + own.friction[..., None] * own.tangents
-    speed = np.linalg.norm(np.diff(own.ground, axis=0), axis=-1).max(axis=1) / period
-    speed = np.maximum(np.append(speed, 0.0), np.insert(speed, 0, 0.0))
+    way = np.linalg.norm(np.diff(own.ground, axis=0), axis=-1).max(axis=1)
+    speed = np.insert(way, 0, 0.0) / step
     stiff = ch.tissue.copy()
     stiff[:-1] += ch.membrane
     stiff[1:] += ch.membrane
@@ -207,20 +217,22 @@ def _unbalanced(own: _Chain, stored: Stored) -> Iterator[str]:
         [drag * own.moved, inner @ own.chain.damping[1:-1] + own.chain.damping_rigid * own.rigid],
         axis=1,
     )
-    yield from unbalanced_impulses(on, at, scene.period, _BALANCE * max(*grip, *np.abs(load)))
+    yield from unbalanced_impulses(stored, on, at)
 
 
-def unbalanced_impulses(on: Array, at: Array, period: float, slack: float) -> Iterator[str]:
+def unbalanced_impulses(stored: Stored, on: Array, at: Array) -> Iterator[str]:
     """Yield frames over whose interval before them the forces are not those of the dampers.
 
     Parameters
     ----------
     on: forces along x and z but for dampers [N], shape (T, 2)
     at: impulse of the dampers since the start [N·s], shape (T, 2)
-    period: time between frames [s]
-    slack: tolerance [N]
     """
-    off = abs(np.diff(at, axis=0) / period - (on[1:] + on[:-1]) / 2)
+    frames = stored.frames
+    slack = _BALANCE * max(*frames["grip_n"], *np.abs(frames["load_n"]))
+    off = abs(np.diff(at, axis=0) / stored.scene.period - (on[1:] + on[:-1]) / 2)
+    # Friction that changes with µ does so somewhere within the interval.
+    off[:, 0] -= abs(np.diff(np.nan_to_num(frames["mu"]))) * frames["normal_n"][1:]
     # The mean of both ends is off by a twelfth of the second difference.
     bend = np.pad(abs(np.diff(on, 2, axis=0)), ((1, 1), (0, 0)), mode="edge")
     off -= np.maximum(bend[1:], bend[:-1]) / 12.0

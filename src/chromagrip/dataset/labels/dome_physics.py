@@ -31,8 +31,8 @@ _TOUCHING = 1.01e-6
 _STUCK, _TURNS = 1e-6, 2.0
 #: Nodes whose ways are looked at: growth of the normal force, and its share of the largest.
 _STEADY, _FIRM = 1.02, 0.1
-#: Tolerance of the balance of forces, as a share of the largest grip or load.
-_BALANCE = 0.05
+#: Friction turned by less than this since the frame before: cosine.
+_STRAIGHT = 0.9
 #: Relative residual to which forces on the silicone are found from its displacement.
 _SOLVED = 1e-7
 #: Nodes this near to those that were loaded may carry what viscosity remembers [pitches].
@@ -205,7 +205,8 @@ def _wrong_forces(own: _Dome, k: int, mu: float) -> Iterator[str]:
         yield f"node_slips of a node with {least:.3f} of the friction that it holds"
     stick = on & ~own.slips[k]
     if (share[stick] > SLIPPING + _CONE).any():
-        yield f"not node_slips of a node with {share[stick].max():.3f} of the friction that it holds"
+        most = share[stick].max()
+        yield f"node_slips is not set of a node with {most:.3f} of the friction that it holds"
 
 
 def _wrong_way(own: _Dome, k: int) -> Iterator[str]:
@@ -224,9 +225,12 @@ def _wrong_way(own: _Dome, k: int) -> Iterator[str]:
     stick = steady & ~slips[k] & ~slips[k - 1]
     longest = _TURNS * presliding(own.solids[k], normal[k] / own.areas[k]) + _STUCK
     if (over := (way - longest)[stick]).size and over.max() > 0.0:
-        yield f"a node sticks, and moves {1e6 * way[stick][over.argmax()]:.3g} µm"
+        yield f"a node without node_slips moves {1e6 * way[stick][over.argmax()]:.3g} µm"
     slid = steady & slips[k] & slips[k - 1] & (way > longest)
-    if ((along * own.friction[k]).sum(axis=1)[slid] > 0.0).any():
+    before, now = own.friction[k - 1], own.friction[k]
+    sizes = np.linalg.norm(before, axis=1) * np.linalg.norm(now, axis=1)
+    slid &= (before * now).sum(axis=1) > _STRAIGHT * sizes
+    if ((along * now).sum(axis=1)[slid] > 0.0).any():
         yield "friction pulls a node the way it slips"
 
 
@@ -250,4 +254,4 @@ def _unbalanced(stored: Stored) -> Iterator[str]:
     on = np.stack([load - column["force_x_n"], grip + column["force_z_n"]], axis=1)
     drags = np.array([scene.object.drag_n_s_per_m, PRESS_DRAG])
     at = 1e-3 * drags * np.stack([column["object_mm"], column["rigid_part_mm"]], axis=1)
-    yield from unbalanced_impulses(on, at, scene.period, _BALANCE * max(*grip, *np.abs(load)))
+    yield from unbalanced_impulses(stored, on, at)

@@ -21,6 +21,8 @@ Table = dict[str, NDArray[Any]]
 
 #: Γ may be below 0 by this much in gross slip, where friction is found by iteration.
 _OVER = 1e-3
+#: Tolerance of the place of a marker that is not visible, and may be seen from its side [px].
+_HIDDEN = 1.0
 #: A marker this near to the border of the image, or turned so nearly aside, may be visible or not:
 #: distance [px] and [m].
 _BORDER, _ASIDE = 0.002, 1e-8
@@ -172,5 +174,8 @@ def lawful_markers(stored: Stored, body: int | SoftBody, carried: list[Array]) -
         ] * view.position
         either = (np.min(border, axis=0) < _BORDER) | (abs(facing) < _ASIDE)
         row["visible"] = np.where(either.ravel(), stored.markers["visible"][k], row["visible"])
+        for name in ("x_px", "y_px", "projected_x_px", "projected_y_px"):
+            seen = np.clip(stored.markers[name][k], row[name] - _HIDDEN, row[name] + _HIDDEN)
+            row[name] = np.where(row["visible"], row[name], seen)
         rows.append(row)
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
