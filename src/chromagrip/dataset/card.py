@@ -117,9 +117,9 @@ def _card(
         "",
     ]
     for name, column in values.items():
-        of = COMMON[name]
-        unit = f" [{of.unit}]" if of.unit else ""
-        lines += [f"`{name}`: {of.meaning}{unit}", "", "```", *_histogram(column), "```", ""]
+        said = COMMON[name]
+        unit = f" [{said.unit}]" if said.unit else ""
+        lines += [f"`{name}`: {said.meaning}{unit}", "", "```", *_histogram(column), "```", ""]
     lines += [
         *read,
         "![pictures](contact-sheet.png)",
@@ -143,8 +143,8 @@ def _card(
         ]
     lines += ["## What was drawn", "", *_draws(recipe)]
     for case in recipe.cases:
-        said = [f"- `{key}` = {value}" for key, value in dotted(case.scene).items()]
-        lines += ["", f"### Case {case.name}", "", *said, *_draws(case)]
+        keys = [f"- `{key}` = {value}" for key, value in dotted(case.scene).items()]
+        lines += ["", f"### Case {case.name}", "", *keys, *_draws(case)]
     return "\n".join(lines) + "\n"
 
 

@@ -12,7 +12,7 @@ from ...model import ForceField, SoftBody, Solid, margin_within
 from ...model.dome import lattice
 from ...model.shapes import distances
 from ...sensing.contact import of_dome
-from .chain_physics import unbalanced_impulses
+from .chain_physics import missing_impulses, unbalanced_impulses
 from .frames import skin_field
 from .laws import Array, Stored, Table, lawful_frames, lawful_markers
 from .shot import SLIPPING
@@ -183,8 +183,8 @@ def wrong_dome(stored: Stored, driven: bool) -> Iterator[str]:
         if k:
             for wrong in _wrong_way(own, k):
                 yield f"frame {k}: {wrong}"
-    if driven and stored.scene.frames > 2:
-        yield from _unbalanced(stored)
+    if driven:
+        yield from unbalanced_impulses(stored, *_impulses(stored))
 
 
 def _wrong_forces(own: _Dome, k: int, mu: float) -> Iterator[str]:
@@ -247,11 +247,19 @@ def presliding(solid: Solid, pressure: Array) -> Array:
     return np.asarray(limit * (2.0 ** (1.0 - n) - (1.0 - SLIPPING) ** (1.0 - n)) / (1.0 - n))
 
 
-def _unbalanced(stored: Stored) -> Iterator[str]:
-    """Yield frames in which grip, load, contact and the dampers to ground do not balance."""
-    column, scene = stored.frames, stored.scene
-    grip, load = column["grip_n"], column["load_n"]
-    on = np.stack([load - column["force_x_n"], grip + column["force_z_n"]], axis=1)
+def _impulses(stored: Stored) -> tuple[Array, Array]:
+    """Impulses that grip, load, contact and dampers to ground miss: as told, and simulated."""
+    column, scene, again = stored.frames, stored.scene, stored.again
     drags = np.array([scene.object.drag_n_s_per_m, PRESS_DRAG])
-    at = 1e-3 * drags * np.stack([column["object_mm"], column["rigid_part_mm"]], axis=1)
-    yield from unbalanced_impulses(stored, on, at)
+
+    def missing(force: Array, way: Array) -> Array:
+        on = np.stack([column["load_n"] - force[:, 0], column["grip_n"] + force[:, 2]], axis=1)
+        return missing_impulses(on, drags * way, scene.period)
+
+    told = 1e-3 * np.stack([column["object_mm"], column["rigid_part_mm"]], axis=1)
+    ways = [(sample.contact.place[0], sample.contact.indentation) for sample in again]
+    forces = [sample.contact.field.total_force for sample in again]
+    return (
+        missing(stored.vectors("force_{}_n"), told),
+        missing(np.array(forces), np.array(ways)),
+    )

@@ -21,11 +21,9 @@ Table = dict[str, NDArray[Any]]
 
 #: Γ may be below 0 by this much in gross slip, where friction is found by iteration.
 _OVER = 1e-3
-#: Tolerance of the place of a marker that is not visible, and may be seen from its side [px].
-_HIDDEN = 1.0
-#: A marker this near to the border of the image, or turned so nearly aside, may be visible or not:
-#: distance [px] and [m].
-_BORDER, _ASIDE = 0.002, 1e-8
+#: Rounding of what carries the skin: of places [m], and of forces that make them [N]; and how much
+#: further than this moves a marker it may be.
+_ROUNDED, _OPEN = 2e-9, 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +45,7 @@ class Stored:
     @property
     def times(self) -> Array:
         """Instants of the frames by the frame grid [s], shape (T,)."""
-        return np.arange(self.scene.frames) * self.scene.period
+        return np.asarray(np.arange(self.scene.frames) * self.scene.period, np.float64)
 
     def vectors(self, name: str) -> Array:
         """Columns x, y and z of a name with a hole for the axis, shape (T, …, 3)."""
@@ -162,20 +160,21 @@ def lawful_markers(stored: Stored, body: int | SoftBody, carried: list[Array]) -
         return flaws(mapped(of))
 
     unloaded = marker_truth(design, membrane(np.zeros_like(carried[0])))
-    view, rows = design.view, []
+    turn = np.random.default_rng(0).choice([-_ROUNDED, _ROUNDED], carried[0].shape)
+
+    def labels(of: Array) -> list[dict[str, NDArray[Any]]]:
+        truths = [marker_truth(design, membrane(of + by)) for by in (0.0, turn, -turn)]
+        return [marker_labels(truth, unloaded) for truth in truths]
+
+    rows = []
     for k, one in enumerate(carried):
-        truth = marker_truth(design, membrane(one))
-        row = marker_labels(truth, unloaded)
-        right, down = truth.pixels[..., 0], truth.pixels[..., 1]
-        border = [abs(right + 0.5), abs(right - view.width + 0.5)]
-        border += [abs(down + 0.5), abs(down - view.height + 0.5)]
-        facing = (truth.normals * truth.centres).sum(axis=-1) - truth.normals[
-            ..., 2
-        ] * view.position
-        either = (np.min(border, axis=0) < _BORDER) | (abs(facing) < _ASIDE)
-        row["visible"] = np.where(either.ravel(), stored.markers["visible"][k], row["visible"])
-        for name in ("x_px", "y_px", "projected_x_px", "projected_y_px"):
-            seen = np.clip(stored.markers[name][k], row[name] - _HIDDEN, row[name] + _HIDDEN)
-            row[name] = np.where(row["visible"], row[name], seen)
-        rows.append(row)
+        exact, *near = labels(one)
+        for name, values in exact.items():
+            told = stored.markers[name][k]
+            # A marker seen from its side, or at the border, is where rounding puts it.
+            open_to = _OPEN * np.ptp([one[name].astype(float) for one in (exact, *near)], axis=0)
+            within = np.clip(told, values - open_to, values + open_to)
+            exact[name] = np.where((open_to > 0.0) & np.isfinite(told), within, values)
+            exact[name] = exact[name].astype(values.dtype)
+        rows.append(exact)
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
