@@ -195,7 +195,11 @@ def wrong_chain(stored: Stored) -> Iterator[str]:
             "normal force"
         )
     yield from _unbalanced_nodes(own, again)
-    yield from unbalanced_impulses(stored, _impulses(stored, own), _impulses(stored, again))
+    drive = np.stack([stored.frames["load_n"], stored.frames["grip_n"]], axis=1)
+    period = stored.scene.period
+    yield from unbalanced_impulses(
+        drive, _impulses(own, drive, period), _impulses(again, stored.drive, period)
+    )
 
 
 def _unbalanced_nodes(own: _Chain, again: _Chain) -> Iterator[str]:
@@ -228,8 +232,8 @@ def _off(own: _Chain, stiff: Array) -> Array:
     return off
 
 
-def _impulses(stored: Stored, own: _Chain) -> Array:
-    """Force along x and z that is missing from the impulse over each interval, see below.
+def _impulses(own: _Chain, drive: Array, period: float) -> Array:
+    """Missing impulses, see below, of a drive along x and z [N], shape (T, 2).
 
     Grip, load, contact and dampers to ground act on fingertip and object; there is no inertia. The
     object's shape turns contact forces into x and z; of a surface that stays the object feels
@@ -238,14 +242,14 @@ def _impulses(stored: Stored, own: _Chain) -> Array:
     travel = np.array([ct.travel for ct in own.contacts])
     pressed = (own.normal[..., None] * own.normals).sum(axis=1)
     rubbed = (own.friction[..., None] * own.tangents).sum(axis=1)
-    x = stored.frames["load_n"] - travel * pressed[:, 0] - rubbed[:, 0]
-    z = stored.frames["grip_n"] + pressed[:, 1] + rubbed[:, 1]
+    x = drive[:, 0] - travel * pressed[:, 0] - rubbed[:, 0]
+    z = drive[:, 1] + pressed[:, 1] + rubbed[:, 1]
     # The outer nodes are held by the rigid part.
     inner = own.ground[:, 1:-1, 1] - own.tip.rest_positions()[1:-1, 1]
     drag = np.array([obj.drag for obj in own.objects])
     ground = inner @ own.chain.damping[1:-1] + own.chain.damping_rigid * own.rigid
     return missing_impulses(
-        np.stack([x, z], axis=1), np.stack([drag * own.moved, ground], axis=1), stored.scene.period
+        np.stack([x, z], axis=1), np.stack([drag * own.moved, ground], axis=1), period
     )
 
 
@@ -264,14 +268,15 @@ def missing_impulses(on: Array, at: Array, period: float) -> Array:
     return np.asarray(np.diff(at, axis=0) / period - (on[1:] + on[:-1]) / 2)
 
 
-def unbalanced_impulses(stored: Stored, own: Array, again: Array) -> Iterator[str]:
+def unbalanced_impulses(drive: Array, own: Array, again: Array) -> Iterator[str]:
     """Yield frames with an interval before them in which forces do not balance.
 
     Parameters
     ----------
+    drive: load and grip of each frame [N], shape (T, 2)
     own, again: missing impulses of what is stored, and of the scene simulated again
     """
-    slack = _BALANCE * max(*stored.frames["grip_n"], *np.abs(stored.frames["load_n"]))
+    slack = _BALANCE * abs(drive).max()
     for k, axis in np.argwhere(~(abs(own - again) <= slack))[:1]:
         names = ("load_n, node_friction_n, object_mm", "grip_n, node_normal_n, rigid_part_mm")
         yield (

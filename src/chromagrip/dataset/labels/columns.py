@@ -62,7 +62,7 @@ _DEPTH = (
     "object_x_mm …, object_turn_x_rad …"
 )
 _NORMAL = "the object's normal at node_x_mm, node_y_mm, node_z_mm"
-_ELASTIC = "the elasticity of the silicone, from the nodes where node_normal_n is above 0"
+_ELASTIC = "the elasticity of the silicone under the nodes that the object presses"
 _READ = "the picture, read again"
 _NO_CONTACT, _NO_MARKER = "without contact", "where the marker is missing"
 _NO_ESTIMATE = "where the reading has no estimate of it"

@@ -1,6 +1,7 @@
 """Laws of the labels of a dome: elasticity, depth, friction cones, the way of nodes, balance."""
 
 from collections.abc import Iterator
+from typing import Self
 
 import numpy as np
 import scipy
@@ -11,6 +12,7 @@ from ...loop.dome_world import PRESS_DRAG
 from ...model import ForceField, SoftBody, Solid, margin_within
 from ...model.dome import lattice
 from ...model.shapes import distances
+from ...sensing.camera import carried
 from ...sensing.contact import of_dome
 from .chain_physics import missing_impulses, unbalanced_impulses
 from .frames import skin_field
@@ -35,41 +37,85 @@ _STEADY, _FIRM = 1.02, 0.1
 _STRAIGHT = 0.9
 #: Relative residual to which forces on the silicone are found from its displacement.
 _SOLVED = 1e-7
-#: Nodes this near to those that were loaded may carry what viscosity remembers [pitches].
-_BESIDE = 1.6
 
 
 class _Dome:
     """Places and forces of a sequence's nodes, in SI units.
 
+    Parameters
+    ----------
+    stored: its scene
+    places: of the nodes, shape (T, N, 3)
+    middle, turns: place and rotation of the object, shapes (T, 3) and (T, 3, 3)
+    normal, areas, on, slips: of the nodes, shape (T, N)
+    direction, friction: of the nodes, shape (T, N, 3)
+
     Attributes
     ----------
-    places: of the nodes, shape (T, N, 3)
-    seen: the same in the object's own axes, shape (T, N, 3)
-    gaps, normals: of the object at each node, shapes (T, N) and (T, N, 3)
-    normal, direction, friction, areas, on, slips: columns
+    seen: places in the object's own axes, shape (T, N, 3)
+    normals: of the object where a node is pressed, 0 elsewhere, shape (T, N, 3)
+    depth: normal force that the depth of each node makes, shape (T, N)
     """
 
-    def __init__(self, stored: Stored) -> None:
-        scene, markers = stored.scene, stored.markers
-        self.body: SoftBody = scene.build_dome()
-        self.places = 1e-3 * stored.vectors("node_{}_mm")
-        self.normal = markers["node_normal_n"].astype(float)
-        self.direction = stored.vectors("node_direction_{}")
-        self.friction = stored.vectors("node_friction_{}_n")
-        self.areas = 1e-6 * markers["node_area_mm2"].astype(float)
-        self.on, self.slips = (markers[f"node_{of}"].astype(bool) for of in ("contact", "slips"))
+    def __init__(
+        self, stored: Stored, places: Array, middle: Array, turns: Array, normal: Array,
+        areas: Array, on: Flags, slips: Flags, direction: Array, friction: Array,
+    ) -> None:  # fmt: skip
+        self.body: SoftBody = stored.scene.build_dome()
+        self.places, self.turns, self.areas = places, turns, areas
+        self.normal, self.direction, self.friction = normal, direction, friction
+        self.on, self.slips = on, slips
         self.solids = [of_dome(sample.contact)[0] for sample in stored.again]
-        middle = 1e-3 * stored.vectors("object_{}_mm")
-        self.turns = [
-            Rotation.from_rotvec(turn).as_matrix() for turn in stored.vectors("object_turn_{}_rad")
-        ]
-        self.seen, self.normals = np.empty(self.places.shape), np.empty(self.places.shape)
-        self.gaps = np.empty(self.normal.shape)
-        for k, (solid, turn) in enumerate(zip(self.solids, self.turns, strict=True)):
-            self.seen[k] = (self.places[k] - middle[k]) @ turn
-            self.gaps[k], normal = distances(solid.shape, self.seen[k])
-            self.normals[k] = normal @ turn.T
+        self.seen, self.normals = np.empty(places.shape), np.empty(places.shape)
+        self.depth = np.empty(normal.shape)
+        for k, solid in enumerate(self.solids):
+            self.seen[k] = (places[k] - middle[k]) @ turns[k]
+            gap, own = distances(solid.shape, self.seen[k])
+            self.normals[k] = np.where(normal[k, :, None] > 0.0, own @ turns[k].T, 0.0)
+            self.depth[k] = solid.stiffness * areas[k] * np.maximum(0.0, -gap)
+
+    @classmethod
+    def told(cls, stored: Stored) -> Self:
+        """As a dataset has it."""
+        markers = stored.markers
+        turns = stored.vectors("object_turn_{}_rad")
+        return cls(
+            stored,
+            1e-3 * stored.vectors("node_{}_mm"),
+            1e-3 * stored.vectors("object_{}_mm"),
+            np.array([Rotation.from_rotvec(turn).as_matrix() for turn in turns]),
+            markers["node_normal_n"].astype(float),
+            1e-6 * markers["node_area_mm2"].astype(float),
+            markers["node_contact"],
+            markers["node_slips"],
+            stored.vectors("node_direction_{}"),
+            stored.vectors("node_friction_{}_n"),
+        )
+
+    @classmethod
+    def simulated(cls, stored: Stored) -> Self:
+        """As the scene simulated again has it; far from the object nodes are at rest.
+
+        What a law leaves open is as large here. So much is allowed.
+        """
+        states = [of_dome(sample.contact)[1] for sample in stored.again]
+        fields = [sample.contact.field for sample in stored.again]
+        normal = np.array([field.normal for field in fields])
+        on = np.array([field.contact for field in fields])
+        sizes = np.array([field.friction_sizes for field in fields])
+        held = np.array([sample.contact.friction for sample in stored.again])[:, None] * normal
+        return cls(
+            stored,
+            np.array([field.position for field in fields]),
+            np.array([state.place for state in states]),
+            np.array([state.rotation for state in states]),
+            normal,
+            np.broadcast_to(lattice(stored.scene.build_dome()).areas, normal.shape),
+            on,
+            on & (sizes >= SLIPPING * held),
+            np.array([field.directions for field in fields]),
+            np.array([field.friction for field in fields]),
+        )
 
     def field(self, k: int) -> ForceField:
         """Contact forces of a frame."""
@@ -85,7 +131,7 @@ class _Dome:
 
 def lawful_dome(stored: Stored) -> tuple[Table, Table]:
     """Values of the columns of frames and markers that follow from others and from the scene."""
-    own = _Dome(stored)
+    own = _Dome.told(stored)
     fields = [own.field(k) for k in range(len(own.on))]
     frames = lawful_frames(stored, fields, own.slips)
     forces = np.array([field.total_force for field in fields])
@@ -113,23 +159,24 @@ def lawful_dome(stored: Stored) -> tuple[Table, Table]:
 
 
 def _markers(own: _Dome, stored: Stored) -> Table:
-    pressed = own.normal > 0.0
-    stiffness = np.array([solid.stiffness for solid in own.solids])[:, None]
+    pressed, again = own.normal > 0.0, _Dome.simulated(stored)
     whole = np.maximum(own.normal.sum(axis=1, keepdims=True), 1e-9)
     either = pressed & (own.normal < _TOUCHING * whole)
-    carried = _carried(own)
-    values = lawful_markers(stored, own.body, list(carried)) | {
+    known = np.array([carried(of_dome(sample.contact)[1]) for sample in stored.again])
+    forces = _carried(own, known.any(axis=-1))
+    field, rest = skin_field(own.body), lattice(own.body).points
+    values = lawful_markers(stored, own.body, list(forces)) | {
         "node_contact": np.where(either, own.on, pressed),
         "node_slips": own.slips & own.on,
-        "node_normal_n": stiffness * own.areas * np.maximum(0.0, -own.gaps),
+        "node_normal_n": _open(own.normal, own.depth, again.depth - again.normal),
         "node_area_mm2": np.broadcast_to(1e6 * lattice(own.body).areas, own.areas.shape),
     }
-    direction = np.where(pressed[..., None], own.normals, 0.0)
-    field, rest = skin_field(own.body), lattice(own.body).points
-    places = 1e3 * np.array([rest + field(forces) for forces in carried])
-    # Stiffening is along the normal alone. What viscosity remembers is no force of this frame.
-    across = carried - direction * (carried * direction).sum(axis=-1, keepdims=True)
-    friction = own.friction if own.body.relaxation else across
+    places = 1e3 * np.array([rest + field(one) for one in forces])
+    direction = _open(own.direction, own.normals, again.normals - again.direction)
+    friction = own.friction
+    if not own.body.relaxation:  # what viscosity remembers is no force of this frame
+        apart = _across(known, again.direction) - again.friction
+        friction = _open(friction, _across(forces, own.direction), apart)
     for k, axis in enumerate("xyz"):
         values[f"node_{axis}_mm"] = places[..., k]
         values[f"node_direction_{axis}"] = direction[..., k]
@@ -137,36 +184,42 @@ def _markers(own: _Dome, stored: Stored) -> Table:
     return values
 
 
-def _carried(own: _Dome) -> Array:
-    """Forces that displace the nodes that are or were pressed as they are displaced [N], (T, N, 3).
+def _open(told: Array, law: Array, apart: Array) -> Array:
+    """Values of a law, or those told where it leaves them open: it is so far apart elsewhere."""
+    return np.clip(told, law - 2.0 * abs(apart), law + 2.0 * abs(apart))
+
+
+def _across(forces: Array, direction: Array) -> Array:
+    """Part of the silicone's forces that friction is; stiffening is along the normal alone."""
+    return np.asarray(forces - direction * (forces * direction).sum(axis=-1, keepdims=True))
+
+
+def _carried(own: _Dome, loaded: Flags) -> Array:
+    """Forces that displace the loaded nodes as they are displaced [N], shape (T, N, 3).
 
     They are those of the linear silicone, which the skin elsewhere and all markers follow.
+
+    Parameters
+    ----------
+    loaded: nodes on which it has forces, shape (T, N)
     """
     rest, field = lattice(own.body).points, skin_field(own.body)
-    carried = np.zeros(own.places.shape)
-    pressed = own.normal > 0.0
-    if own.body.relaxation:
-        pressed = np.logical_or.accumulate(pressed, axis=0)
-        reach = _BESIDE * own.body.spacing
-        tree = scipy.spatial.KDTree(rest)
-        for k in range(len(pressed)):
-            for beside in tree.query_ball_point(rest[pressed[k]], reach):
-                pressed[k, beside] = True
-    for k, loaded in enumerate(map(np.flatnonzero, pressed)):
-        moved = (own.places[k] - rest)[loaded].ravel()
-        if not (len(loaded) and np.isfinite(moved).all()):
+    forces = np.zeros(own.places.shape)
+    for k, some in enumerate(map(np.flatnonzero, loaded)):
+        if not len(some):
             continue
-        matrix = field.of_nodes(loaded)[:, :, loaded].reshape(len(moved), -1)
-        first = own.normal[k, loaded, None] * own.direction[k, loaded] + own.friction[k, loaded]
-        forces, _ = scipy.sparse.linalg.cg(
-            scipy.sparse.linalg.aslinearoperator(matrix.T),
+        moved = (own.places[k] - rest)[some].ravel()
+        first = own.normal[k, some, None] * own.direction[k, some] + own.friction[k, some]
+        matrix = field.of_nodes(some)[:, :, some].reshape(len(moved), -1).T
+        found, _ = scipy.sparse.linalg.cg(
+            scipy.sparse.linalg.aslinearoperator(matrix),
             moved,
-            np.nan_to_num(first.ravel()),
+            first.ravel(),
             rtol=_SOLVED,
             maxiter=10 * len(moved),
         )
-        carried[k, loaded] = forces.reshape(-1, 3)
-    return carried
+        forces[k, some] = found.reshape(-1, 3)
+    return forces
 
 
 def wrong_dome(stored: Stored, driven: bool) -> Iterator[str]:
@@ -176,15 +229,16 @@ def wrong_dome(stored: Stored, driven: bool) -> Iterator[str]:
     ----------
     driven: whether grip and load move the object; else its pose is prescribed
     """
-    own, mu = _Dome(stored), stored.frames["mu"]
+    own, again, mu = _Dome.told(stored), _Dome.simulated(stored), stored.frames["mu"]
     for k in range(len(own.on)):
         for wrong in _wrong_forces(own, k, float(mu[k])):
             yield f"frame {k}: {wrong}"
-        if k:
+        # A node may have slipped between two frames, and stick in both.
+        if k and not any(_wrong_way(again, k)):
             for wrong in _wrong_way(own, k):
                 yield f"frame {k}: {wrong}"
     if driven:
-        yield from unbalanced_impulses(stored, *_impulses(stored))
+        yield from _unbalanced(stored)
 
 
 def _wrong_forces(own: _Dome, k: int, mu: float) -> Iterator[str]:
@@ -247,19 +301,20 @@ def presliding(solid: Solid, pressure: Array) -> Array:
     return np.asarray(limit * (2.0 ** (1.0 - n) - (1.0 - SLIPPING) ** (1.0 - n)) / (1.0 - n))
 
 
-def _impulses(stored: Stored) -> tuple[Array, Array]:
-    """Impulses that grip, load, contact and dampers to ground miss: as told, and simulated."""
+def _unbalanced(stored: Stored) -> Iterator[str]:
+    """Yield frames in which grip, load, contact and dampers to ground do not balance."""
     column, scene, again = stored.frames, stored.scene, stored.again
     drags = np.array([scene.object.drag_n_s_per_m, PRESS_DRAG])
 
-    def missing(force: Array, way: Array) -> Array:
-        on = np.stack([column["load_n"] - force[:, 0], column["grip_n"] + force[:, 2]], axis=1)
-        return missing_impulses(on, drags * way, scene.period)
+    def impulses(drive: Array, force: Array, way: Array) -> Array:
+        return missing_impulses(drive + force[:, [0, 2]] * [-1.0, 1.0], drags * way, scene.period)
 
+    drive = np.stack([column["load_n"], column["grip_n"]], axis=1)
     told = 1e-3 * np.stack([column["object_mm"], column["rigid_part_mm"]], axis=1)
     ways = [(sample.contact.place[0], sample.contact.indentation) for sample in again]
     forces = [sample.contact.field.total_force for sample in again]
-    return (
-        missing(stored.vectors("force_{}_n"), told),
-        missing(np.array(forces), np.array(ways)),
+    yield from unbalanced_impulses(
+        drive,
+        impulses(drive, stored.vectors("force_{}_n"), told),
+        impulses(stored.drive, np.array(forces), np.array(ways)),
     )

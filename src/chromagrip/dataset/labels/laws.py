@@ -1,7 +1,8 @@
 """Comparison of the columns of a sequence with what their laws say, and laws of any body."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...loop.sample import Sample
 from ...model import GROSS_SLIP, ForceField, SoftBody
-from ...render import Flaws, Membrane, marker_truth
+from ...render import Defects, Flaws, Membrane, load_sensor, marker_truth
 from ...scene.scene import Scene
 from ...sensing.camera import map_of
 from .columns import Column
@@ -47,6 +48,11 @@ class Stored:
         """Instants of the frames by the frame grid [s], shape (T,)."""
         return np.asarray(np.arange(self.scene.frames) * self.scene.period, np.float64)
 
+    @property
+    def drive(self) -> Array:
+        """Load and grip of the scene simulated again [N], shape (T, 2)."""
+        return np.array([(sample.load, sample.applied) for sample in self.again])
+
     def vectors(self, name: str) -> Array:
         """Columns x, y and z of a name with a hole for the axis, shape (T, …, 3)."""
         table = self.markers if name.format("x") in self.markers else self.frames
@@ -70,8 +76,9 @@ def differences(columns: dict[str, Column], stored: Table, lawful: Table) -> Ite
     stored: their values
     lawful: what laws say of them
     """
-    for name, column in columns.items():
-        values, law = stored[name], lawful[name]
+    # Words, flags and counts follow from numbers, which are named first.
+    for name in sorted(columns, key=lambda name: stored[name].dtype.kind != "f"):
+        column, values, law = columns[name], stored[name], lawful[name]
         if values.dtype.kind == "f":
             sizes = abs(law[np.isfinite(law)])
             slack = column.tolerance + column.share * float(sizes.max(initial=0.0))
@@ -153,17 +160,14 @@ def lawful_markers(stored: Stored, body: int | SoftBody, carried: list[Array]) -
         or forces on the silicone [N], (N, 3)
     """
     scene, design = stored.scene, stored.scene.build_sensor()
-    flaws = Flaws(design, scene.defects, scene.seed)
-    mapped = map_of(design, body, flaws.places)
-
-    def membrane(of: Array) -> Membrane:
-        return flaws(mapped(of))
-
+    membrane = _specimen(scene.sensor, body, scene.defects, scene.seed)
     unloaded = marker_truth(design, membrane(np.zeros_like(carried[0])))
     turn = np.random.default_rng(0).choice([-_ROUNDED, _ROUNDED], carried[0].shape)
 
     def labels(of: Array) -> list[dict[str, NDArray[Any]]]:
-        truths = [marker_truth(design, membrane(of + by)) for by in (0.0, turn, -turn)]
+        truths = [
+            marker_truth(design, membrane(of + by * (of != 0.0))) for by in (0.0, turn, -turn)
+        ]
         return [marker_labels(truth, unloaded) for truth in truths]
 
     rows = []
@@ -178,3 +182,14 @@ def lawful_markers(stored: Stored, body: int | SoftBody, carried: list[Array]) -
             exact[name] = exact[name].astype(values.dtype)
         rows.append(exact)
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+@lru_cache(maxsize=1)
+def _specimen(
+    sensor: str, body: int | SoftBody, defects: Defects, seed: int
+) -> Callable[[Array], Membrane]:
+    """Membrane of a specimen for what carries its skin."""
+    design = load_sensor(sensor)
+    flaws = Flaws(design, defects, seed)
+    mapped = map_of(design, body, flaws.places)
+    return lambda carried: flaws(mapped(carried))
