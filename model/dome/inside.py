@@ -186,6 +186,10 @@ class SkinField:
         """Displacement [m] for forces on the nodes of the linear skin [N], both (N, 3)."""
         return self._columns(forces).reshape(-1, 3).astype(np.float64)
 
+    def of_nodes(self, nodes: NDArray[np.int64]) -> Table:
+        """Displacement of all nodes for unit forces on some (n,), shape (n, 3, N, 3) [m/N]."""
+        return self._columns.of(nodes).reshape(len(nodes), 3, -1, 3)
+
 
 class MarkerField:
     """Displacement of markers in the silicone, and its slopes along their layer.

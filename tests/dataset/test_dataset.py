@@ -261,14 +261,18 @@ def resealed(folder: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("table", "column", "said"),
     [
-        ("frames", "normal_n", "frame 4: normal_n is"),
-        ("frames", "margin", "frame 4: margin is"),
-        ("markers", "node_friction_n", "more than µ times its normal force"),
-        ("markers", "node_z_mm", "frame 4: forces along z do not balance"),
-        ("frames", "grip_n", "frame 4: forces along z do not balance"),
-        ("frames", "load_n", "frame 4: forces along x do not balance"),
-        ("markers", "x_px", "x_px, y_px are"),
-        ("markers", "centre_z_mm", "beside a centre's projection"),
+        ("frames", "normal_n", r"frames\.parquet, frame 4: normal_n is"),
+        ("frames", "margin", r"frames\.parquet, frame 4: margin is"),
+        ("frames", "grip_n", r"frames\.parquet, frame 4: grip_n is"),
+        ("frames", "load_n", r"frames\.parquet, frame 4: load_n is"),
+        ("frames", "time_s", r"frame 4: time_s is .* by the frame grid"),
+        ("frames", "lateral_displacement_mm", r"frame 4: lateral_displacement_mm is"),
+        ("markers", "node_friction_n", r"markers\.parquet, frame 4: node_friction_n"),
+        ("markers", "node_z_mm", r"markers\.parquet, frame 4: .*node_z_mm"),
+        ("markers", "x_px", r"frame 4: x_px\[0\] is .* the projection of the markers"),
+        ("markers", "centre_z_mm", r"frame 4: centre_z_mm\[0\] is .* by the skin"),
+        ("markers", "moved_x_mm", r"frame 4: moved_x_mm\[0\] is .* by the skin"),
+        ("markers", "friction_n", r"markers\.parquet, frame 4: friction_n\[0\] is"),
     ],
 )
 def test_physics_that_does_not_hold_is_named(

@@ -12,7 +12,7 @@ from ..extras import need
 from ..output.figure import png
 from ..output.folder import write_whole
 from .folder import CARD, SHEET, TABLE, read_files, sequence_name
-from .labels import COMMON, STATES, columns_of
+from .labels import COMMON, STATES, Column, columns_of
 from .labels.reading import reading_lines
 from .labels.tables import to_parquet
 from .read import Loaded, load_sequence, tables
@@ -35,10 +35,6 @@ _ACROSS = 4
 _DOWN = 3
 #: Factors by which a sheet may magnify motion, and its longest arrow over the picture's height.
 _MAGNIFY, _ARROW = (1, 2, 5, 10, 20, 50), 0.12
-#: Unit of a column, by the end of its name.
-_UNITS = {
-    "_nmm": "N·mm", "_n": "N", "_mm": "mm", "_px": "px", "_s": "s", "_deg": "°", "_kpa": "kPa",
-}  # fmt: skip
 _SNIPPET = """## Loading
 
 ```python
@@ -121,8 +117,9 @@ def _card(
         "",
     ]
     for name, column in values.items():
-        unit = f" [{_unit(name)}]" if _unit(name) else ""
-        lines += [f"`{name}`: {COMMON[name]}{unit}", "", "```", *_histogram(column), "```", ""]
+        said = COMMON[name]
+        unit = f" [{said.unit}]" if said.unit else ""
+        lines += [f"`{name}`: {said.meaning}{unit}", "", "```", *_histogram(column), "```", ""]
     lines += [
         *read,
         "![pictures](contact-sheet.png)",
@@ -146,8 +143,8 @@ def _card(
         ]
     lines += ["## What was drawn", "", *_draws(recipe)]
     for case in recipe.cases:
-        said = [f"- `{key}` = {value}" for key, value in dotted(case.scene).items()]
-        lines += ["", f"### Case {case.name}", "", *said, *_draws(case)]
+        keys = [f"- `{key}` = {value}" for key, value in dotted(case.scene).items()]
+        lines += ["", f"### Case {case.name}", "", *keys, *_draws(case)]
     return "\n".join(lines) + "\n"
 
 
@@ -164,13 +161,9 @@ def _sizes(one: Loaded) -> list[str]:
     ]
 
 
-def _unit(column: str) -> str:
-    return next((unit for end, unit in _UNITS.items() if column.endswith(end)), "")
-
-
-def _columns(texts: dict[str, str]) -> list[str]:
+def _columns(columns: dict[str, Column]) -> list[str]:
     """Table of columns with their units."""
-    rows = [f"| `{name}` | {_unit(name) or '–'} | {text} |" for name, text in texts.items()]
+    rows = [f"| `{name}` | {of.unit or '–'} | {of.meaning} |" for name, of in columns.items()]
     return ["| column | unit | content |", "|---|---|---|", *rows]
 
 

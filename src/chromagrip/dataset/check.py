@@ -13,21 +13,18 @@ from ..render import View
 from ..scene.scene import load_scene
 from .folder import Place, open_recipe, read_files
 from .frozen import content_of, frozen_as
-from .labels import INTERVALS, READ, columns_of
-from .labels.chain_physics import unbalanced_chain, wrong_chain
-from .labels.dome_physics import wrong_dome, wrong_motion
+from .labels import Columns, columns_of
+from .labels.chain_physics import lawful_chain, wrong_chain
+from .labels.dome_physics import lawful_dome, wrong_dome
+from .labels.laws import Stored, differences, impossible, missing
+from .labels.reading import read_again
 from .labels.tables import stacked
 from .pictures import Pictures, pictures_in
 from .read import check_shared, verified
+from .recipe import Values
 from .remote import fetched
+from .sequence import simulated
 from .split import drawn_table
-
-Array = NDArray[np.float64]
-
-#: Tolerance of projected centres [px]: rounding to float32.
-_PIXEL = 0.002
-#: Largest distance of an outline's centroid from its projected centre, by perspective [px].
-_PERSPECTIVE = 1.0
 
 
 def check(
@@ -62,8 +59,7 @@ def check(
             raise UserError(f"{folder / name} was made with other versions than the rest")
         if one.number >= recipe.sequences:
             raise UserError(f"{folder / name} is not sequence {one.number} of its recipe")
-        motion = str(one.values.get("motion", "press"))
-        for wrong in _wrong(folder / name, motion, bool(recipe.reading)):
+        for wrong in _wrong(folder / name, one.values, recipe.reading):
             raise UserError(f"{folder / name}, {wrong}")
         if frozen:
             like = frozen.likeness(name, content_of(folder / name))
@@ -76,68 +72,79 @@ def check(
     return len(names)
 
 
-def _wrong(folder: Path, motion: str, reading: bool) -> Iterator[str]:
-    """Yield what is wrong with a sequence of that kind of motion, frame by frame."""
+def _wrong(folder: Path, values: Values, reading: str) -> Iterator[str]:
+    """Yield what is wrong with the values of a sequence: file, frame, column, and its law.
+
+    Parameters
+    ----------
+    folder: of the sequence
+    values: that were drawn
+    reading: reconstructor whose estimates stand beside the labels; empty for none
+    """
     try:
         scene = load_scene(str(folder / "scene.toml"))
     except UserError as error:
         yield str(error)
         return
     pq = need("pyarrow.parquet", "data")
-    frames = pq.read_table(folder / "frames.parquet").to_pydict()
-    markers = pq.read_table(folder / "markers.parquet")
-    chain, expected = scene.body == "chain", list(columns_of(scene.body, reading).frame)
-    if list(frames) != expected:
-        yield f"frames.parquet: columns {list(frames)}, expected {expected}"
+    table, markers = (pq.read_table(folder / f"{of}.parquet") for of in ("frames", "markers"))
+    columns = columns_of(scene.body, bool(reading))
+    if table.column_names != list(columns.frame):
+        yield f"frames.parquet: columns {table.column_names}, expected {list(columns.frame)}"
         return
-    count, view = scene.frames, scene.build_sensor().view
     pictures = pictures_in(folder)
-    if not (len(frames["frame"]) == markers.num_rows == len(pictures) == count):
+    if not (table.num_rows == markers.num_rows == len(pictures) == scene.frames):
         yield (
-            f"{len(pictures)} pictures, {len(frames['frame'])} rows of frames and "
-            f"{markers.num_rows} of markers; the scene has {count}"
+            f"{len(pictures)} pictures, {table.num_rows} rows of frames and "
+            f"{markers.num_rows} of markers; the scene has {scene.frames}"
         )
         return
-    columns = {name: stacked(markers[name]) for name in markers.column_names[1:]}
-    for index in range(count):
-        row = {name: values[index] for name, values in frames.items()}
-        own = {name: column[index] for name, column in columns.items()}
-        for wrong in (
-            *(wrong_chain(row, own) if chain else wrong_dome(row, own)),
-            *_wrong_places(view, own),
-            *_wrong_picture(view, pictures, index),
-            *(_wrong_reading(row) if reading else ()),
+    view = scene.build_sensor().view
+    for index in range(scene.frames):
+        yield from (f"frame {index}: {wrong}" for wrong in _wrong_picture(view, pictures, index))
+    stored = Stored(
+        scene=scene,
+        frames={name: table[name].to_numpy() for name in table.column_names},
+        markers={name: stacked(markers[name]) for name in markers.column_names[1:]},
+        again=simulated(scene, values),
+    )
+    if markers["frame"].to_pylist() != list(range(scene.frames)):
+        yield "markers.parquet, frame: numbers are not those of the frames"
+    driven = values.get("motion") != "move"
+    read = read_again(scene, reading, pictures.rest, pictures) if reading else {}
+    yield from wrong_values(stored, columns, driven, read)
+
+
+def wrong_values(
+    stored: Stored, columns: Columns, driven: bool, read: dict[str, NDArray[Any]]
+) -> Iterator[str]:
+    """Yield what is wrong with the columns of a sequence.
+
+    Parameters
+    ----------
+    stored: the columns, of the right kinds and lengths
+    columns: that there are
+    driven: whether grip and load move the object; else its pose is prescribed
+    read: columns of the reading of its pictures; empty for none
+    """
+    kept = {"frames": stored.frames, "markers": stored.markers}
+    of = {"frames": columns.frame, "markers": columns.nodes | columns.markers}
+    absent = [f"{name}.parquet, {at}" for name in kept for at in missing(of[name], kept[name])]
+    yield from absent
+    if absent:  # no law can be followed from there
+        return
+    chain = stored.scene.body == "chain"
+    with np.errstate(all="ignore"):
+        frames, markers = lawful_chain(stored) if chain else lawful_dome(stored)
+        beyond = wrong_chain(stored) if chain else wrong_dome(stored, driven=driven)
+        for name, wrongs in (
+            ("markers", differences(columns.nodes, stored.markers, markers)),
+            ("frames", differences(columns.frame, stored.frames, frames | read)),
+            ("markers", differences(columns.markers, stored.markers, markers)),
+            ("frames", impossible(stored.frames)),
+            ("markers", beyond),
         ):
-            yield f"frame {index}: {wrong}"
-    if chain:
-        yield from unbalanced_chain(scene, frames, columns)
-    else:
-        yield from wrong_motion(scene, frames, columns, driven=motion != "move")
-
-
-def _wrong_places(view: View, own: dict[str, NDArray[Any]]) -> Iterator[str]:
-    """Yield image positions that are not the centres' projections, and impossible overlaps."""
-    centres = np.stack([own[f"centre_{axis}_mm"] for axis in "xyz"], axis=-1).astype(float) * 1e-3
-    projected = view.project(centres)
-    for start, limit in (("projected_", _PIXEL), ("", _PERSPECTIVE)):
-        pixels = np.stack([own[f"{start}x_px"], own[f"{start}y_px"]], axis=-1)
-        off = np.linalg.norm(projected - pixels, axis=-1)
-        worst = float(np.max(off, where=own["visible"].astype(bool), initial=0.0))
-        if not worst < limit:
-            yield f"{start}x_px, {start}y_px are {worst:.2f} px beside a centre's projection"
-    overlap = own["overlap"][np.isfinite(own["overlap"])]
-    if ((overlap < 0.0) | (overlap > 1.0)).any():
-        yield "an overlap is not from 0 to 1"
-
-
-def _wrong_reading(row: dict[str, Any]) -> Iterator[str]:
-    """Yield estimates out of their own intervals, or beside a reason for having none."""
-    for columns in INTERVALS.values():
-        low, value, high = (row[name] for name in columns)
-        if row[f"{READ}no_estimate"] and not np.isnan([low, value, high]).all():
-            yield f"{columns[1]} has a value beside a reason for having none"
-        if low > value or value > high:  # a NaN is in no order
-            yield f"{columns[1]} is out of its interval"
+            yield from (f"{name}.parquet, {wrong}" for wrong in wrongs)
 
 
 def _wrong_picture(view: View, pictures: Pictures, index: int) -> Iterator[str]:

@@ -78,7 +78,7 @@ def sequence(recipe: Recipe, number: int) -> Sequence:
         scene = scene_of(recipe, number, values)
         try:
             with one_thread():
-                samples = _samples(scene, values)
+                samples = simulated(scene, values)
         except UserError as error:
             reason = str(error)
             continue
@@ -86,7 +86,14 @@ def sequence(recipe: Recipe, number: int) -> Sequence:
     raise UserError(f"sequence {number}: {_ATTEMPTS} draws could not be run: {reason}")
 
 
-def _samples(scene: Scene, values: Values) -> list[Sample]:
+def simulated(scene: Scene, values: Values) -> list[Sample]:
+    """Frames of a scene with their truth, for the values that were drawn for it.
+
+    Raises
+    ------
+    UserError
+        When the body cannot follow it.
+    """
     if values.get("motion") != "move":
         return list(grasp(scene, None))
     contacts = moves(scene, pose_of(values, scene))

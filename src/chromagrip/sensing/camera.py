@@ -41,6 +41,22 @@ def carried(state: State | DomeState) -> Array:
     return state.memory if state.memory.any() else state.linear
 
 
+def map_of(
+    sensor: SensorDesign, body: int | SoftBody, places: Array | None
+) -> Callable[[Array], Membrane]:
+    """Membrane for what `carried` says of a state.
+
+    Parameters
+    ----------
+    sensor: design
+    body: number of nodes of the chain, or silicone
+    places: of the markers of each layer, shape (2, M, 2); None is as designed
+    """
+    if isinstance(body, SoftBody):
+        return DomeMap(sensor, body, places)
+    return MembraneMap(sensor, body, places)
+
+
 class SimulatedCamera:
     """Takes frames of states of the node model; the same seed gives the same bytes.
 
@@ -71,11 +87,7 @@ class SimulatedCamera:
         self._renderer = renderer
         self._flaws = Flaws(sensor, defects, seed)
         places = self._flaws.places
-        self._map = membrane_map or (
-            DomeMap(sensor, body, places)
-            if isinstance(body, SoftBody)
-            else MembraneMap(sensor, body, places)
-        )
+        self._map = membrane_map or map_of(sensor, body, places)
         self._picture = picture
         self._imaging = Imaging(sensor, defects, seed)
         # In frame periods before a frame's instant, when its light was gathered.

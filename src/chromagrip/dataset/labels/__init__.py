@@ -11,6 +11,7 @@ from .columns import (
     READ,
     READING,
     STATES,
+    Column,
     Columns,
     columns_of,
 )
@@ -25,6 +26,7 @@ __all__ = [
     "READING",
     "SLIPPING",
     "STATES",
+    "Column",
     "Columns",
     "Shot",
     "columns_of",

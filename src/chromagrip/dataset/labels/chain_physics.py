@@ -1,74 +1,285 @@
-"""Physics of the labels of the node model: sums, friction cones, the margin, balance of forces."""
+"""Laws of the labels of the node model: depth, friction, balance of forces, cones."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...model import Fingertip, ForceField
 from ...model.chain import chain, contact
+from ...model.chain.stiffness import chain_forces
 from ...model.kernels import contact_frames
-from ...scene.scene import Scene
+from ...model.kernels.contact import frictions_at
+from ...model.kernels.friction import dahl_path
+from ...render import harmonic_map
+from ...sensing.contact import of_chain
 from .columns import columns_of
-from .sums import wrong_sums
+from .laws import Array, Stored, Table, lawful_frames, lawful_markers
+from .shot import SLIPPING
 
 #: Tolerance of the balance of forces, as a share of the largest grip or load.
 _BALANCE = 0.05
 #: Tolerance of friction cones, as a share of the largest force, and at least [N].
 _SHARE, _LEAST = 1e-4, 1e-5
+#: Node whose force, or share of µ·Fn, is so near to a threshold may lie on either side of it.
+_NEAR = 1e-4
+#: Tolerance of the balance of forces on a node: of the largest force on one, and rounding of
+#: places [m].
+_NODE, _ROUNDED = 0.01, 4e-9
 
 
-def wrong_chain(row: dict[str, Any], own: dict[str, NDArray[Any]]) -> Iterator[str]:
-    """Yield what is wrong with a frame of the node model."""
-    normal, friction, mu = (
-        own[f"node_{name}"].astype(float) for name in ("normal_n", "friction_n", "mu")
-    )
-    slack = max(_SHARE * float(abs(normal).max(initial=0.0)), _LEAST)
-    if (normal < 0.0).any():
-        yield "a node's normal force is negative"
-    if (abs(friction) > mu * normal + slack).any():
-        yield "friction on a node is more than µ times its normal force"
-    touching = own["node_contact"].astype(bool)
-    sums = normal[touching].sum(), abs(friction[touching].sum())
-    yield from wrong_sums(row, touching, *sums, slack * max(len(normal), 1) ** 0.5)
+class _Chain:
+    """Places and forces of a sequence's nodes, in SI units.
 
+    Parameters
+    ----------
+    stored: its scene
+    seen: displacement of the nodes relative to the rigid part, shape (T, N, 2)
+    rigid, moved: of the rigid part along z and of the object along x, shape (T,)
+    normal, friction: on each node, shape (T, N)
 
-def unbalanced_chain(
-    scene: Scene, frames: dict[str, list[Any]], columns: dict[str, NDArray[Any]]
-) -> Iterator[str]:
-    """Yield frames in which forces on the fingertip or the object do not balance.
-
-    Grip, load, contact and dampers to ground act on them; there is no inertia. The force of a
-    damper follows from the motion between two frames, so that impulses over each interval are
-    compared. The object's shape turns contact forces into x and z; of a surface that stays the
-    object feels friction alone.
+    Attributes
+    ----------
+    ground: places of the nodes in the ground frame, shape (T, N, 2)
+    normals, tangents: of the object at each node, shape (T, N, 2)
+    depth: normal force that the gap of each node makes, shape (T, N)
+    held: friction that each node holds in the last step before a frame, shape (T, N)
     """
-    if scene.frames < 3:
-        return
-    tip = scene.build_fingertip()
-    ch, rest = chain(tip), tip.rest_positions()
-    at, on = np.empty((2, scene.frames, 2))
-    column = {name: columns[name].astype(float) for name in columns_of("chain").nodes}
-    rigid, moved = 1e-3 * np.array(frames["rigid_part_mm"]), 1e-3 * np.array(frames["object_mm"])
-    for k, time in enumerate(frames["time_s"]):
-        obj = scene.build_object(time)
-        seen = 1e-3 * np.column_stack([column["node_x_mm"][k], column["node_z_mm"][k]])
-        ground = seen + np.array([0.0, rigid[k]])
-        ct = contact(tip, obj)
-        _, normal = contact_frames(ct, ground, moved[k])
-        tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
-        pressed = column["node_normal_n"][k] @ normal
-        rubbed = column["node_friction_n"][k] @ tangent
-        on[k, 0] = frames["load_n"][k] - ct.travel * pressed[0] - rubbed[0]
-        on[k, 1] = frames["grip_n"][k] + pressed[1] + rubbed[1]
-        # The outer nodes are held by the rigid part.
-        inner = ch.damping[1:-1] @ (ground - rest)[1:-1, 1]
-        at[k] = obj.drag * moved[k], inner + ch.damping_rigid * rigid[k]
-    off = abs(np.diff(at, axis=0) / scene.period - (on[1:] + on[:-1]) / 2)
-    # The mean of both ends is off by a twelfth of the second difference.
-    bend = np.pad(abs(np.diff(on, 2, axis=0)), ((1, 1), (0, 0)), mode="edge")
-    off -= np.maximum(bend[1:], bend[:-1]) / 12.0
-    off -= _BALANCE * max(*frames["grip_n"], *np.abs(frames["load_n"]))
-    # The first interval is left out: the fingertip touches down somewhere within it.
-    for k, axis in np.argwhere(off[1:] > 0.0):
-        yield f"frame {k + 2}: forces along {'xz'[axis]} do not balance since the frame before"
+
+    def __init__(
+        self, stored: Stored, seen: Array, rigid: Array, moved: Array, normal: Array,
+        friction: Array,
+    ) -> None:  # fmt: skip
+        self.tip: Fingertip = stored.scene.build_fingertip()
+        self.chain = chain(self.tip)
+        self.seen, self.rigid, self.moved = seen, rigid, moved
+        self.normal, self.friction = normal, friction
+        self.ground = self.tip.rest_positions() + seen
+        self.ground[..., 1] += rigid[:, None]
+        self.objects = [of_chain(sample.contact)[0] for sample in stored.again]
+        self.contacts = [contact(self.tip, obj) for obj in self.objects]
+        self.depth, self.held = np.empty(normal.shape), np.empty(normal.shape)
+        self.normals = np.empty(seen.shape)
+        for k, ct in enumerate(self.contacts):
+            gap, self.normals[k] = contact_frames(ct, self.ground[k], moved[k])
+            self.depth[k] = ct.stiffness * self.chain.share * np.maximum(0.0, -gap)
+            self.held[k] = frictions_at(ct, self.ground[k, :, 0] - moved[k]) * normal[k]
+        self.tangents = np.stack([-self.normals[..., 1], self.normals[..., 0]], axis=-1)
+
+    @classmethod
+    def told(cls, stored: Stored) -> Self:
+        """As a dataset has it."""
+        column = {name: stored.markers[name].astype(float) for name in columns_of("chain").nodes}
+        places = 1e-3 * np.stack([column["node_x_mm"], column["node_z_mm"]], axis=-1)
+        return cls(
+            stored,
+            places - stored.scene.build_fingertip().rest_positions(),
+            1e-3 * stored.frames["rigid_part_mm"],
+            1e-3 * stored.frames["object_mm"],
+            column["node_normal_n"],
+            column["node_friction_n"],
+        )
+
+    @classmethod
+    def simulated(cls, stored: Stored) -> Self:
+        """As the scene simulated again has it.
+
+        What a law leaves open between two frames is as large here. So much is allowed.
+        """
+        states = [of_chain(sample.contact)[1].deformation for sample in stored.again]
+        fields = [sample.contact.field for sample in stored.again]
+        return cls(
+            stored,
+            np.array([state.seen for state in states]),
+            np.array([state.rigid_part for state in states]),
+            np.array([state.object_position for state in states]),
+            np.array([field.normal for field in fields]),
+            np.array([field.friction for field in fields]),
+        )
+
+
+def lawful_chain(stored: Stored) -> tuple[Table, Table]:
+    """Values of the columns of frames and markers that follow from others and from the scene."""
+    own, scene, on = _Chain.told(stored), stored.scene, stored.markers["node_contact"]
+    fields = [
+        ForceField(
+            position=own.ground[k],
+            normal=own.normal[k],
+            friction=own.friction[k],
+            contact=on[k],
+            totals_covariance=np.zeros((2, 2)),
+        )
+        for k in range(len(on))
+    ]
+    design = scene.build_sensor()
+    carry = harmonic_map(design.shape, design.places, own.tip.nodes).scalar
+    forces = np.where(on, [own.normal, own.friction], 0.0)
+    at_markers = np.stack([carry(frame.T).T for frame in forces.transpose(1, 0, 2)], axis=1)
+    threshold = own.tip.contact_threshold
+    either = abs(own.depth - threshold) < _NEAR * threshold
+    markers = lawful_markers(stored, own.tip.nodes, list(own.seen))
+    markers |= {
+        "normal_n": np.tile(at_markers[0], 2),
+        "friction_n": np.tile(at_markers[1], 2),
+        "node_contact": np.where(either, on, own.depth > threshold),
+        "node_normal_n": own.depth,
+        "node_x_mm": stored.markers["node_x_mm"],  # held by the balance of forces
+        "node_z_mm": stored.markers["node_z_mm"],
+        "node_friction_n": _friction(own, _Chain.simulated(stored)),
+        "node_mu": np.stack(
+            [
+                frictions_at(
+                    contact(own.tip, scene.build_object(time)), own.ground[k, :, 0] - own.moved[k]
+                )
+                for k, time in enumerate(stored.times)
+            ]
+        ),
+    }
+    frames = lawful_frames(stored, fields, _slips(own, stored))
+    if scene.object.friction_factors:
+        held, normal = (np.where(on, of, 0.0).sum(axis=1) for of in (own.held, own.normal))
+        frames["mu"] = held / normal
+    return frames, markers
+
+
+def _slips(own: _Chain, stored: Stored) -> NDArray[np.bool_]:
+    """Nodes that slip; those near the threshold as the frame's share says."""
+    on, held = stored.markers["node_contact"], SLIPPING * stored.markers["node_mu"] * own.normal
+    slips = on & (abs(own.friction) >= (1.0 + _NEAR) * held)
+    either = on & (abs(own.friction) >= (1.0 - _NEAR) * held) & ~slips
+    told = np.rint(stored.frames["slipped_share"] * on.sum(axis=1)) - slips.sum(axis=1)
+    for k, more in enumerate(map(np.flatnonzero, either)):
+        slips[k, more[: int(min(max(told[k], 0), len(more)))]] = True
+    return slips
+
+
+def _friction(own: _Chain, again: _Chain) -> Array:
+    """Friction by the Dahl law, from the frame before; or as told, where the law leaves it open."""
+    law = _dahl(own)
+    open_to = 2.0 * abs(_dahl(again) - again.friction)
+    # A node that came into contact since then began somewhere within the interval.
+    new = np.insert((own.normal[:-1] <= 0.0) | (own.normal[1:] <= 0.0), 0, False, axis=0)
+    return np.where(new, own.friction, np.clip(own.friction, law - open_to, law + open_to))
+
+
+def _dahl(own: _Chain) -> Array:
+    """Friction by the Dahl law, along the way of the object over each node since the frame before.
+
+    The way is taken as straight, and the normal force as growing evenly.
+    """
+    law = np.zeros(own.friction.shape)
+    for k in range(1, len(law)):
+        moved = own.ground[k - 1] - own.ground[k]
+        moved[:, 0] += own.moved[k] - own.moved[k - 1]
+        way, ct = (moved * own.tangents[k]).sum(axis=1), own.contacts[k]
+        bristle = ct.bristle * own.chain.share
+        for i in np.flatnonzero((own.normal[k - 1] > 0.0) & (own.normal[k] > 0.0)):
+            law[k, i], _ = dahl_path(
+                own.friction[k - 1, i], way[i], own.normal[k - 1, i], own.normal[k, i],
+                own.held[k, i] / own.normal[k, i], bristle[i], ct.exponent,
+            )  # fmt: skip
+    return law
+
+
+def wrong_chain(stored: Stored) -> Iterator[str]:
+    """Yield frames with forces beyond friction, or out of balance."""
+    own, again = _Chain.told(stored), _Chain.simulated(stored)
+    slack = np.maximum(_SHARE * abs(own.normal).max(axis=1, initial=0.0), _LEAST)[:, None]
+    for k, i in np.argwhere(~(own.normal >= 0.0))[:1]:
+        yield f"frame {k}: node_normal_n[{i}] is {own.normal[k, i]:.3g}, which is negative"
+    held = np.maximum(stored.markers["node_mu"] * own.normal, own.held)
+    for k, i in np.argwhere(~(abs(own.friction) <= held + slack))[:1]:
+        yield (
+            f"frame {k}: node_friction_n[{i}] is {own.friction[k, i]:.3g}, more than µ times its "
+            "normal force"
+        )
+    yield from _unbalanced_nodes(own, again)
+    drive = np.stack([stored.frames["load_n"], stored.frames["grip_n"]], axis=1)
+    period = stored.scene.period
+    yield from unbalanced_impulses(
+        drive, _impulses(own, drive, period), _impulses(again, stored.drive, period)
+    )
+
+
+def _unbalanced_nodes(own: _Chain, again: _Chain) -> Iterator[str]:
+    """Yield nodes on which springs and contact do not balance; there is no inertia.
+
+    The dampers' forces follow from speeds that a dataset does not have: those of the simulation
+    are allowed.
+    """
+    ch = own.chain
+    stiff = ch.tissue.copy()
+    stiff[:-1] += ch.membrane
+    stiff[1:] += ch.membrane
+    slack = _NODE * np.hypot(own.normal, own.friction).max(axis=1, keepdims=True)
+    off = _off(own, stiff)
+    for k, i in np.argwhere(~(off <= slack + _ROUNDED * stiff + 2.0 * _off(again, stiff)))[:1]:
+        yield (
+            f"frame {k}: node_x_mm[{i}], node_z_mm[{i}]: springs do not balance node_normal_n and "
+            f"node_friction_n there, by {off[k, i]:.2g} N"
+        )
+
+
+def _off(own: _Chain, stiff: Array) -> Array:
+    """Force on each node that neither springs nor contact hold [N], shape (T, N)."""
+    springs = np.stack([chain_forces(own.tip, seen) for seen in own.seen])
+    applied = own.normal[..., None] * own.normals + own.friction[..., None] * own.tangents
+    off = np.linalg.norm(applied - springs, axis=-1)
+    # The outer nodes are where they rest; forces on them go into the rigid part.
+    ends = [0, -1]
+    off[:, ends] = np.linalg.norm(own.seen[:, ends], axis=-1) * stiff[ends]
+    return off
+
+
+def _impulses(own: _Chain, drive: Array, period: float) -> Array:
+    """Missing impulses, see below, of a drive along x and z [N], shape (T, 2).
+
+    Grip, load, contact and dampers to ground act on fingertip and object; there is no inertia. The
+    object's shape turns contact forces into x and z; of a surface that stays the object feels
+    friction alone.
+    """
+    travel = np.array([ct.travel for ct in own.contacts])
+    pressed = (own.normal[..., None] * own.normals).sum(axis=1)
+    rubbed = (own.friction[..., None] * own.tangents).sum(axis=1)
+    x = drive[:, 0] - travel * pressed[:, 0] - rubbed[:, 0]
+    z = drive[:, 1] + pressed[:, 1] + rubbed[:, 1]
+    # The outer nodes are held by the rigid part.
+    inner = own.ground[:, 1:-1, 1] - own.tip.rest_positions()[1:-1, 1]
+    drag = np.array([obj.drag for obj in own.objects])
+    ground = inner @ own.chain.damping[1:-1] + own.chain.damping_rigid * own.rigid
+    return missing_impulses(
+        np.stack([x, z], axis=1), np.stack([drag * own.moved, ground], axis=1), period
+    )
+
+
+def missing_impulses(on: Array, at: Array, period: float) -> Array:
+    """Mean force over each interval that dampers do not take up [N], shape (T − 1, 2).
+
+    The force of a damper follows from the motion between two frames, so that impulses over each
+    interval are compared.
+
+    Parameters
+    ----------
+    on: forces along x and z but for dampers [N], shape (T, 2)
+    at: impulse of the dampers since the start [N·s], shape (T, 2)
+    period: time between frames [s]
+    """
+    return np.asarray(np.diff(at, axis=0) / period - (on[1:] + on[:-1]) / 2)
+
+
+def unbalanced_impulses(drive: Array, own: Array, again: Array) -> Iterator[str]:
+    """Yield frames with an interval before them in which forces do not balance.
+
+    Parameters
+    ----------
+    drive: load and grip of each frame [N], shape (T, 2)
+    own, again: missing impulses of what is stored, and of the scene simulated again
+    """
+    slack = _BALANCE * abs(drive).max()
+    for k, axis in np.argwhere(~(abs(own - again) <= slack))[:1]:
+        names = ("load_n, node_friction_n, object_mm", "grip_n, node_normal_n, rigid_part_mm")
+        yield (
+            f"frame {k + 1}: forces along {'xz'[axis]} do not balance since the frame before: "
+            f"{names[axis]}"
+        )

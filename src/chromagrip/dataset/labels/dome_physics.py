@@ -1,162 +1,291 @@
-"""Physics of the labels of a dome: forces, moments, friction cones, the object's place, slip."""
+"""Laws of the labels of a dome: elasticity, depth, friction cones, the way of nodes, balance."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...loop.dome_world import PRESS_DRAG
-from ...model import Solid
+from ...model import ForceField, SoftBody, Solid, margin_within
+from ...model.dome import lattice
 from ...model.shapes import distances
-from ...scene.scene import Scene
+from ...sensing.camera import carried
+from ...sensing.contact import of_dome
+from .chain_physics import missing_impulses, unbalanced_impulses
+from .frames import skin_field
+from .laws import Array, Stored, Table, lawful_frames, lawful_markers
 from .shot import SLIPPING
-from .sums import wrong_sums
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-#: Tolerance of forces, as a share of the sum of all, and at least [N].
+#: Tolerance of directions and of friction across them, as a share of the sum of all forces, and at
+#: least [N].
 _SHARE, _LEAST = 1e-4, 1e-5
 #: Tolerance of a node's share of the friction limit, where it is said to slip or not.
 _CONE = 2e-3
-#: Forces are as deep in the object as its stiffness says: tolerance [m], and share of the depth to
-#: which steps are solved.
-_DEPTH, _SOLVED = 0.2e-6, 1e-3
+#: Nodes with less than this share of all force may count as in contact or not.
+_TOUCHING = 1.01e-6
 #: Tolerance of the way of a node that sticks [m], and how much longer it is than `presliding` where
 #: friction turns as it grows.
 _STUCK, _TURNS = 1e-6, 2.0
 #: Nodes whose ways are looked at: growth of the normal force, and its share of the largest.
 _STEADY, _FIRM = 1.02, 0.1
-#: Tolerance of the balance of forces, as a share of the largest grip or load.
-_BALANCE = 0.05
+#: Friction turned by less than this since the frame before: cosine.
+_STRAIGHT = 0.9
+#: Relative residual to which forces on the silicone are found from its displacement.
+_SOLVED = 1e-7
 
 
-def _vectors(own: dict[str, NDArray[Any]], name: str) -> Array:
-    """Columns x, y and z of a name with a hole for the axis, (…, 3)."""
-    return np.stack([own[name.format(axis)].astype(float) for axis in "xyz"], axis=-1)
+class _Dome:
+    """Places and forces of a sequence's nodes, in SI units.
+
+    Parameters
+    ----------
+    stored: its scene
+    places: of the nodes, shape (T, N, 3)
+    middle, turns: place and rotation of the object, shapes (T, 3) and (T, 3, 3)
+    normal, areas, on, slips: of the nodes, shape (T, N)
+    direction, friction: of the nodes, shape (T, N, 3)
+
+    Attributes
+    ----------
+    seen: places in the object's own axes, shape (T, N, 3)
+    normals: of the object where a node is pressed, 0 elsewhere, shape (T, N, 3)
+    depth: normal force that the depth of each node makes, shape (T, N)
+    """
+
+    def __init__(
+        self, stored: Stored, places: Array, middle: Array, turns: Array, normal: Array,
+        areas: Array, on: Flags, slips: Flags, direction: Array, friction: Array,
+    ) -> None:  # fmt: skip
+        self.body: SoftBody = stored.scene.build_dome()
+        self.places, self.turns, self.areas = places, turns, areas
+        self.normal, self.direction, self.friction = normal, direction, friction
+        self.on, self.slips = on, slips
+        self.solids = [of_dome(sample.contact)[0] for sample in stored.again]
+        self.seen, self.normals = np.empty(places.shape), np.empty(places.shape)
+        self.depth = np.empty(normal.shape)
+        for k, solid in enumerate(self.solids):
+            self.seen[k] = (places[k] - middle[k]) @ turns[k]
+            gap, own = distances(solid.shape, self.seen[k])
+            self.normals[k] = np.where(normal[k, :, None] > 0.0, own @ turns[k].T, 0.0)
+            self.depth[k] = solid.stiffness * areas[k] * np.maximum(0.0, -gap)
+
+    @classmethod
+    def told(cls, stored: Stored) -> Self:
+        """As a dataset has it."""
+        markers = stored.markers
+        turns = stored.vectors("object_turn_{}_rad")
+        return cls(
+            stored,
+            1e-3 * stored.vectors("node_{}_mm"),
+            1e-3 * stored.vectors("object_{}_mm"),
+            np.array([Rotation.from_rotvec(turn).as_matrix() for turn in turns]),
+            markers["node_normal_n"].astype(float),
+            1e-6 * markers["node_area_mm2"].astype(float),
+            markers["node_contact"],
+            markers["node_slips"],
+            stored.vectors("node_direction_{}"),
+            stored.vectors("node_friction_{}_n"),
+        )
+
+    @classmethod
+    def simulated(cls, stored: Stored) -> Self:
+        """As the scene simulated again has it; far from the object nodes are at rest.
+
+        What a law leaves open is as large here. So much is allowed.
+        """
+        states = [of_dome(sample.contact)[1] for sample in stored.again]
+        fields = [sample.contact.field for sample in stored.again]
+        normal = np.array([field.normal for field in fields])
+        on = np.array([field.contact for field in fields])
+        sizes = np.array([field.friction_sizes for field in fields])
+        held = np.array([sample.contact.friction for sample in stored.again])[:, None] * normal
+        return cls(
+            stored,
+            np.array([field.position for field in fields]),
+            np.array([state.place for state in states]),
+            np.array([state.rotation for state in states]),
+            normal,
+            np.broadcast_to(lattice(stored.scene.build_dome()).areas, normal.shape),
+            on,
+            on & (sizes >= SLIPPING * held),
+            np.array([field.directions for field in fields]),
+            np.array([field.friction for field in fields]),
+        )
+
+    def field(self, k: int) -> ForceField:
+        """Contact forces of a frame."""
+        return ForceField(
+            position=self.places[k],
+            normal=self.normal[k],
+            friction=self.friction[k],
+            contact=self.on[k],
+            directions=self.direction[k],
+            totals_covariance=np.zeros((2, 2)),
+        )
 
 
-def _vector(row: dict[str, Any], name: str) -> Array:
-    return np.array([row[name.format(axis)] for axis in "xyz"], float)
+def lawful_dome(stored: Stored) -> tuple[Table, Table]:
+    """Values of the columns of frames and markers that follow from others and from the scene."""
+    own = _Dome.told(stored)
+    fields = [own.field(k) for k in range(len(own.on))]
+    frames = lawful_frames(stored, fields, own.slips)
+    forces = np.array([field.total_force for field in fields])
+    axes = np.eye(3)
+    torques = 1e3 * np.array([[field.torque(axis) for axis in axes] for field in fields])
+    for k, name in enumerate(("grip_n", "load_n")):
+        if np.isnan(frames[name]).all():  # the pose is prescribed, and forces hold it
+            frames[name] = np.hypot(forces[:, 0], forces[:, 1]) if k else -forces[:, 2]
+    states = [of_dome(sample.contact)[1] for sample in stored.again]
+    start, way = 1e3 * states[0].place, np.array([state.place for state in states])
+    turns = Rotation.from_matrix([state.rotation for state in states]).as_rotvec()
+    frames["limit_margin"] = np.array(
+        [margin_within(*pair) for pair in zip(fields, stored.frames["mu"], strict=True)]
+    )
+    frames |= {
+        "object_x_mm": start[0] + stored.frames["object_mm"],
+        "object_y_mm": 1e3 * way[:, 1],
+        "object_z_mm": start[2] - stored.frames["rigid_part_mm"],
+    }
+    for k, axis in enumerate("xyz"):
+        frames[f"force_{axis}_n"] = forces[:, k]
+        frames[f"torque_{axis}_nmm"] = torques[:, k]
+        frames[f"object_turn_{axis}_rad"] = turns[:, k]
+    return frames, _markers(own, stored)
 
 
-def wrong_dome(row: dict[str, Any], own: dict[str, NDArray[Any]]) -> Iterator[str]:
-    """Yield what is wrong with the forces of a frame."""
-    normal, touching = own["node_normal_n"].astype(float), own["node_contact"].astype(bool)
-    direction, friction = _vectors(own, "node_direction_{}"), _vectors(own, "node_friction_{}_n")
-    places = _vectors(own, "node_{}_mm")
-    slack = max(_SHARE * float(abs(normal).sum()), _LEAST)
-    sizes, held = np.linalg.norm(friction, axis=1), row["mu"] * normal
-    if (normal < 0.0).any():
-        yield "a node's normal force is negative"
-    if (sizes > (1.0 + _CONE) * held + slack / 100.0).any():
-        yield "friction on a node is more than µ times its normal force"
-    if (abs(np.linalg.norm(direction[touching], axis=1) - 1.0) > _SHARE).any():
-        yield "the direction of a node's normal force is not of length 1"
-    if (abs((direction * friction).sum(axis=1)) > slack / 10.0).any():
-        yield "friction on a node is not across its normal force"
-    yield from _wrong_slip(own["node_slips"].astype(bool), touching, sizes, held)
-    forces = normal[:, None] * direction + friction
-    torque = np.cross(places, forces).sum(axis=0)
-    yield from _wrong_vector(row, "force_{}_n", forces.sum(axis=0), slack)
-    # An arm is at most as long as the sphere's radius.
-    arm = float(np.linalg.norm(places, axis=1).max(initial=1.0))
-    yield from _wrong_vector(row, "torque_{}_nmm", torque, slack * arm)
-    net = friction[touching].sum(axis=0)
-    axis = normal[touching] @ direction[touching]
-    if (length := float(np.linalg.norm(axis))) > 0.0:
-        net = net - axis * (net @ axis) / length**2
-    sums = float(normal[touching].sum()), float(np.linalg.norm(net))
-    yield from wrong_sums(row, touching, *sums, slack)
+def _markers(own: _Dome, stored: Stored) -> Table:
+    pressed, again = own.normal > 0.0, _Dome.simulated(stored)
+    whole = np.maximum(own.normal.sum(axis=1, keepdims=True), 1e-9)
+    either = pressed & (own.normal < _TOUCHING * whole)
+    known = np.stack([carried(of_dome(sample.contact)[1]) for sample in stored.again])
+    forces = _carried(own, np.asarray(known.any(axis=-1)))
+    field, rest = skin_field(own.body), lattice(own.body).points
+    values = lawful_markers(stored, own.body, list(forces)) | {
+        "node_contact": np.where(either, own.on, pressed),
+        "node_slips": own.slips & own.on,
+        "node_normal_n": _open(own.normal, own.depth, again.depth - again.normal),
+        "node_area_mm2": np.broadcast_to(1e6 * lattice(own.body).areas, own.areas.shape),
+    }
+    places = 1e3 * np.array([rest + field(one) for one in forces])
+    direction = _open(own.direction, own.normals, again.normals - again.direction)
+    friction = own.friction
+    if not own.body.relaxation:  # what viscosity remembers is no force of this frame
+        apart = _across(known, again.direction) - again.friction
+        friction = _open(friction, _across(forces, own.direction), apart)
+    for k, axis in enumerate("xyz"):
+        values[f"node_{axis}_mm"] = places[..., k]
+        values[f"node_direction_{axis}"] = direction[..., k]
+        values[f"node_friction_{axis}_n"] = friction[..., k]
+    return values
 
 
-def _wrong_slip(slips: Flags, touching: Flags, sizes: Array, held: Array) -> Iterator[str]:
-    """Yield nodes whose friction is not that of a node that slips, or sticks."""
-    share = np.divide(sizes, held, out=np.zeros_like(sizes), where=held > 0.0)
-    if (slips & ~touching).any():
-        yield "a node slips out of contact"
-    if (share[slips] < SLIPPING - _CONE).any():
-        yield f"a node slips with {share[slips].min():.3f} of the friction that it holds"
-    stick = touching & ~slips
-    if (share[stick] > SLIPPING + _CONE).any():
-        yield f"a node sticks with {share[stick].max():.3f} of the friction that it holds"
+def _open(told: Array, law: Array, apart: Array) -> Array:
+    """Values of a law, or those told where it leaves them open: it is so far apart elsewhere."""
+    return np.clip(told, law - 2.0 * abs(apart), law + 2.0 * abs(apart))
 
 
-def _wrong_vector(row: dict[str, Any], name: str, sums: Array, slack: float) -> Iterator[str]:
-    for axis, said, total in zip("xyz", _vector(row, name), sums, strict=True):
-        if not abs(said - total) <= slack:
-            yield f"{name.format(axis)} is {said:.6g}, the nodes' sum {total:.6g}"
+def _across(forces: Array, direction: Array) -> Array:
+    """Part of the silicone's forces that friction is; stiffening is along the normal alone."""
+    return np.asarray(forces - direction * (forces * direction).sum(axis=-1, keepdims=True))
 
 
-def wrong_motion(
-    scene: Scene, frames: dict[str, list[Any]], columns: dict[str, NDArray[Any]], driven: bool
-) -> Iterator[str]:
-    """Yield frames whose forces do not fit the place of the object, or the motion to it.
+def _carried(own: _Dome, loaded: Flags) -> Array:
+    """Forces that displace the loaded nodes as they are displaced [N], shape (T, N, 3).
 
-    A node is in the object as deep as its normal force and the object's stiffness say. One that
-    sticks stays where it is on the object, but for the way in which Dahl friction grows; one that
-    slips is held back by its friction.
+    They are those of the linear silicone, which the skin elsewhere and all markers follow.
+
+    Parameters
+    ----------
+    loaded: nodes on which it has forces, shape (T, N)
+    """
+    rest, field = lattice(own.body).points, skin_field(own.body)
+    forces = np.zeros(own.places.shape)
+    for k, some in enumerate(map(np.flatnonzero, loaded)):
+        if not len(some):
+            continue
+        moved = (own.places[k] - rest)[some].ravel()
+        first = own.normal[k, some, None] * own.direction[k, some] + own.friction[k, some]
+        matrix = field.of_nodes(some)[:, :, some].reshape(len(moved), -1).T
+        found, _ = scipy.sparse.linalg.cg(
+            scipy.sparse.linalg.aslinearoperator(matrix),
+            moved,
+            first.ravel(),
+            rtol=_SOLVED,
+            maxiter=10 * len(moved),
+        )
+        forces[k, some] = found.reshape(-1, 3)
+    return forces
+
+
+def wrong_dome(stored: Stored, driven: bool) -> Iterator[str]:
+    """Yield frames with forces beyond friction, nodes that move against it, or out of balance.
 
     Parameters
     ----------
     driven: whether grip and load move the object; else its pose is prescribed
     """
-    places = 1e-3 * _vectors(columns, "node_{}_mm")
-    normal = columns["node_normal_n"].astype(float)
-    areas = 1e-6 * columns["node_area_mm2"].astype(float)
-    on = columns["node_contact"].astype(bool)
-    before: Array | None = None
-    for k, time in enumerate(frames["time_s"]):
-        solid = scene.build_solid(time)
-        row = {name: values[k] for name, values in frames.items()}
-        turn = Rotation.from_rotvec(_vector(row, "object_turn_{}_rad")).as_matrix()
-        seen = (places[k] - 1e-3 * _vector(row, "object_{}_mm")) @ turn
-        gap, _ = distances(solid.shape, seen)
-        deep = normal[k] / (solid.stiffness * areas[k])
-        off = np.where(on[k], gap + deep, np.minimum(gap + deep, 0.0))
-        if (abs(off) > _DEPTH + _SOLVED * deep).any():
-            worst = float(abs(off).max())
-            yield f"frame {k}: a node is {1e6 * worst:.2g} µm beside where its force says"
-        if before is not None:
-            moved = (seen - before) @ turn.T
-            # A node may have slipped between two frames while it was pressed less.
-            steady = on[k] & on[k - 1] & (normal[k] <= _STEADY * normal[k - 1])
-            steady &= normal[k] > _FIRM * normal[k].max()
-            yield from _wrong_way(solid, k, moved, normal[k] / areas[k], columns, steady)
-        before = seen
+    own, again, mu = _Dome.told(stored), _Dome.simulated(stored), stored.frames["mu"]
+    for k in range(len(own.on)):
+        for wrong in _wrong_forces(own, k, float(mu[k])):
+            yield f"frame {k}: {wrong}"
+        # A node may have slipped between two frames, and stick in both.
+        if k and not any(_wrong_way(again, k)):
+            for wrong in _wrong_way(own, k):
+                yield f"frame {k}: {wrong}"
     if driven:
-        yield from _unbalanced(scene, frames)
+        yield from _unbalanced(stored)
 
 
-def _wrong_way(
-    solid: Solid,
-    k: int,
-    moved: Array,
-    pressure: Array,
-    columns: dict[str, NDArray[Any]],
-    steady: Flags,
-) -> Iterator[str]:
+def _wrong_forces(own: _Dome, k: int, mu: float) -> Iterator[str]:
+    normal, direction, friction, on = own.normal[k], own.direction[k], own.friction[k], own.on[k]
+    slack = max(_SHARE * float(abs(normal).sum()), _LEAST)
+    sizes, held = np.linalg.norm(friction, axis=1), mu * normal
+    if not (normal >= 0.0).all():
+        yield "node_normal_n is negative on a node"
+    if not (sizes <= (1.0 + _CONE) * held + slack / 100.0).all():
+        yield "node_friction_x_n … on a node is more than µ times its normal force"
+    if not (abs(np.linalg.norm(direction[on], axis=1) - 1.0) <= _SHARE).all():
+        yield "node_direction_x … of a node's normal force is not of length 1"
+    if not (abs((direction * friction).sum(axis=1)) <= slack / 10.0).all():
+        yield "node_friction_x_n … on a node is not across its normal force"
+    share = np.divide(sizes, held, out=np.zeros_like(sizes), where=held > 0.0)
+    if (share[own.slips[k]] < SLIPPING - _CONE).any():
+        least = share[own.slips[k]].min()
+        yield f"node_slips of a node with {least:.3f} of the friction that it holds"
+    stick = on & ~own.slips[k]
+    if (share[stick] > SLIPPING + _CONE).any():
+        most = share[stick].max()
+        yield f"node_slips is not set of a node with {most:.3f} of the friction that it holds"
+
+
+def _wrong_way(own: _Dome, k: int) -> Iterator[str]:
     """Yield nodes whose way over the object since frame k − 1 is not that of friction.
 
-    Parameters
-    ----------
-    moved: way of the nodes in the object's frame [m], (N, 3)
-    steady: nodes in contact in both frames that are pressed no more than before, (N,)
+    A node that sticks stays where it is on the object, but for the way in which Dahl friction
+    grows; one that slips is held back by its friction.
     """
-    slips = columns["node_slips"].astype(bool)
-    own = {name: column[k] for name, column in columns.items() if name.startswith("node_")}
-    direction, friction = _vectors(own, "node_direction_{}"), _vectors(own, "node_friction_{}_n")
+    normal, slips, direction = own.normal, own.slips, own.direction[k]
+    moved = (own.seen[k] - own.seen[k - 1]) @ own.turns[k].T
+    # A node may have slipped between two frames while it was pressed less.
+    steady = own.on[k] & own.on[k - 1] & (normal[k] <= _STEADY * normal[k - 1])
+    steady &= normal[k] > _FIRM * normal[k].max()
     along = moved - direction * (moved * direction).sum(axis=1, keepdims=True)
     way = np.linalg.norm(along, axis=1)
     stick = steady & ~slips[k] & ~slips[k - 1]
-    longest = _TURNS * presliding(solid, pressure) + _STUCK
+    longest = _TURNS * presliding(own.solids[k], normal[k] / own.areas[k]) + _STUCK
     if (over := (way - longest)[stick]).size and over.max() > 0.0:
-        yield f"frame {k}: a node sticks, and moves {1e6 * way[stick][over.argmax()]:.3g} µm"
+        yield f"a node without node_slips moves {1e6 * way[stick][over.argmax()]:.3g} µm"
     slid = steady & slips[k] & slips[k - 1] & (way > longest)
-    if ((along * friction).sum(axis=1)[slid] > 0.0).any():
-        yield f"frame {k}: friction pulls a node the way it slips"
+    before, now = own.friction[k - 1], own.friction[k]
+    sizes = np.linalg.norm(before, axis=1) * np.linalg.norm(now, axis=1)
+    slid &= (before * now).sum(axis=1) > _STRAIGHT * sizes
+    if ((along * now).sum(axis=1)[slid] > 0.0).any():
+        yield "friction pulls a node the way it slips"
 
 
 def presliding(solid: Solid, pressure: Array) -> Array:
@@ -172,23 +301,20 @@ def presliding(solid: Solid, pressure: Array) -> Array:
     return np.asarray(limit * (2.0 ** (1.0 - n) - (1.0 - SLIPPING) ** (1.0 - n)) / (1.0 - n))
 
 
-def _unbalanced(scene: Scene, frames: dict[str, list[Any]]) -> Iterator[str]:
-    """Yield frames in which grip, load, contact and the dampers to ground do not balance.
-
-    Impulses over each interval are compared, as a damper's force follows from a motion.
-    """
-    if scene.frames < 3:
-        return
-    column = {name: np.array(frames[name], float) for name in frames if name != "slip_state"}
-    on = np.stack(
-        [column["load_n"] - column["force_x_n"], column["grip_n"] + column["force_z_n"]], axis=1
-    )
+def _unbalanced(stored: Stored) -> Iterator[str]:
+    """Yield frames in which grip, load, contact and dampers to ground do not balance."""
+    column, scene, again = stored.frames, stored.scene, stored.again
     drags = np.array([scene.object.drag_n_s_per_m, PRESS_DRAG])
-    at = 1e-3 * drags * np.stack([column["object_mm"], column["rigid_part_mm"]], axis=1)
-    off = abs(np.diff(at, axis=0) / scene.period - (on[1:] + on[:-1]) / 2)
-    # The mean of both ends is off by a twelfth of the second difference.
-    bend = np.pad(abs(np.diff(on, 2, axis=0)), ((1, 1), (0, 0)), mode="edge")
-    off -= np.maximum(bend[1:], bend[:-1]) / 12.0
-    off -= _BALANCE * max(*frames["grip_n"], *np.abs(frames["load_n"]))
-    for k, axis in np.argwhere(off[1:] > 0.0):
-        yield f"frame {k + 2}: forces along {'xz'[axis]} do not balance since the frame before"
+
+    def impulses(drive: Array, force: Array, way: Array) -> Array:
+        return missing_impulses(drive + force[:, [0, 2]] * [-1.0, 1.0], drags * way, scene.period)
+
+    drive = np.stack([column["load_n"], column["grip_n"]], axis=1)
+    told = 1e-3 * np.stack([column["object_mm"], column["rigid_part_mm"]], axis=1)
+    ways = [(sample.contact.place[0], sample.contact.indentation) for sample in again]
+    forces = [sample.contact.field.total_force for sample in again]
+    yield from unbalanced_impulses(
+        drive,
+        impulses(drive, stored.vectors("force_{}_n"), told),
+        impulses(stored.drive, np.array(forces), np.array(ways)),
+    )

@@ -98,7 +98,7 @@ def _of_dome(dome: SoftBody, sample: Sample) -> Own:
     contact, areas = sample.contact, lattice(dome).areas
     _, state, _ = of_dome(contact)
     # Near the object its nodes are where they were solved for.
-    places = lattice(dome).points + _skin_field(dome)(carried(state))
+    places = lattice(dome).points + skin_field(dome)(carried(state))
     places[state.near] = contact.field.position[state.near]
     field = replace(contact.field, position=places)
     assert field.directions is not None
@@ -146,7 +146,8 @@ def _images(
 
 
 @lru_cache(maxsize=1)
-def _skin_field(dome: SoftBody) -> SkinField:
+def skin_field(dome: SoftBody) -> SkinField:
+    """How forces on silicone displace its skin; kept for the next frame."""
     return SkinField(dome)
 
 

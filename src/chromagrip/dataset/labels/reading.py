@@ -22,6 +22,7 @@ from ...scene.scene import Scene
 from ...sensing.reader import Reader, known_sensor
 from ...tracking import CAMERA_RULE
 from .columns import INTERVALS, READ, READING
+from .laws import Table
 from .shot import Image, Shot
 
 if TYPE_CHECKING:
@@ -52,6 +53,17 @@ def with_readings(
         for shot in shots:
             reading = read(Frame(image=noisy(shot), time=float(shot.values["time_s"])))
             yield replace(shot, values=shot.values | reading)
+
+
+def read_again(scene: Scene, reconstructor: str, rest: Image, images: Iterable[Image]) -> Table:
+    """Columns of a reading of a sequence's pictures, with noise; arguments as above."""
+    with one_thread():
+        read = _reader(scene, reconstructor, rest)
+        rows = [
+            read(Frame(image=image, time=index * scene.period))
+            for index, image in enumerate(images)
+        ]
+    return {name: np.array([row[name] for row in rows]) for name in READING}
 
 
 def _reader(scene: Scene, reconstructor: str, rest: Image) -> Callable[[Frame], Values]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ...extras import need
 from ...output.parquet import FORCES
-from .columns import COMMON, READING, Columns
+from .columns import COMMON, READING, Column, Columns
 from .shot import Shot
 
 if TYPE_CHECKING:
@@ -78,8 +78,9 @@ def _lists(values: list[Any]) -> "pa.Array":
     return pa.FixedSizeListArray.from_arrays(pa.array(flat), stacked.shape[1])
 
 
-def _with_meaning(table: "pa.Table", meaning: dict[str, str]) -> "pa.Table":
-    return table.replace_schema_metadata({name: text.encode() for name, text in meaning.items()})
+def _with_meaning(table: "pa.Table", columns: dict[str, Column]) -> "pa.Table":
+    meaning = {name: of.meaning.encode() for name, of in columns.items()}
+    return table.replace_schema_metadata(meaning)
 
 
 def to_parquet(table: "pa.Table") -> bytes:
