@@ -4,6 +4,8 @@ import importlib.metadata
 import math
 import random
 import resource
+import socket
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -110,8 +112,6 @@ class Shown:
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
-    import socket
-
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -366,8 +366,6 @@ def test_pages_of_other_versions_are_closed(
 def test_what_is_no_request_leaves_no_line(
     shown: Shown, until: Until, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    import socket
-
     for sent in (b"", b"\x16\x03\x01", b"GET\r\n\r\n", b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 5000,
                  f"GET /{'x' * 5000}?token={TOKEN} HTTP/1.1\r\nHost: a\r\n\r\n".encode(),
                  f"GET /%00?token={TOKEN} HTTP/1.1\r\nHost: a\r\n\r\n".encode(),
@@ -380,6 +378,31 @@ def test_what_is_no_request_leaves_no_line(
                     pass
             except OSError:
                 pass
+    with joined(shown.port) as browser:
+        shown.goes_on(browser, until)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [b"\xff" * 100, b"\x81\x82abcd\xff\xff", b"\x82\x05hello", b"\x02\x81abcd1" * 50,
+     b"\x82\xff\x7f" + b"\xff" * 20, b"\x88\x80abcd\x88\x80abcd", b"\x89\xfe\x01\x00abcd", b""],
+)  # fmt: skip
+def test_frames_that_are_none_end_their_own_connection(
+    shown: Shown, until: Until, capfd: pytest.CaptureFixture[str], frames: bytes
+) -> None:
+    version = importlib.metadata.version("viser")
+    lines = (
+        f"GET /?token={TOKEN} HTTP/1.1", f"Host: 127.0.0.1:{shown.port}", "Upgrade: websocket",
+        "Connection: Upgrade", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version: 13", f"Sec-WebSocket-Protocol: viser-v{version}", "", "",
+    )  # fmt: skip
+    with socket.create_connection(("127.0.0.1", shown.port), timeout=10) as raw:
+        raw.sendall("\r\n".join(lines).encode())
+        assert raw.recv(12) == b"HTTP/1.1 101"
+        raw.sendall(frames)
+        raw.shutdown(socket.SHUT_WR)
+        time.sleep(0.05)
     with joined(shown.port) as browser:
         shown.goes_on(browser, until)
     assert capfd.readouterr().err == ""

@@ -7,7 +7,7 @@ import random
 import shutil
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,17 @@ from chromagrip import UserError
 from chromagrip.live.replay import _video, not_repeated
 from chromagrip.live.strips import rows_of
 from chromagrip.loop.shown.log import log_of
-from chromagrip.loop.shown.run_folder import MOST_ROWS, NEEDED, VIDEO, read_run
+from chromagrip.loop.shown.report import _facts, _words, run_on_page
+from chromagrip.loop.shown.run_folder import (
+    MOST_ROWS,
+    NEEDED,
+    VIDEO,
+    _One,
+    _read_summary,
+    _Two,
+    read_run,
+    read_trace,
+)
 from chromagrip.output.cells import read_cells
 from chromagrip.output.folder import part_of
 from chromagrip.output.frames import FrameFiles
@@ -249,6 +259,43 @@ def test_damages_are_refused_or_shown(
 ) -> None:
     assert check_damages(whole, 1, 80, tmp_path) > 40
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", ["chain", "pinch"])
+def test_every_key_is_needed_or_not(whole: Path, tmp_path: Path, name: str) -> None:
+    """Without it, or with another type, a summary is refused, or said in the report."""
+    run = read_run(whole / name)
+    refused = 0
+    path, kind = tmp_path / "summary.json", _Two if run.scene.fingers == 2 else _One
+    for key in run.summary:
+        rest = {other: value for other, value in run.summary.items() if other != key}
+        for summary in (rest, *(rest | {key: value} for value in (None, "x", [1.0]))):
+            path.write_text(json.dumps(summary), encoding="utf-8")
+            try:
+                read = _read_summary(path, kind)
+            except UserError:
+                refused += 1
+                continue
+            assert list(_words(run.scene, read, run.columns))
+            assert list(_facts(run.scene, read))
+    assert refused > 30
+
+
+@pytest.mark.parametrize("name", ["chain", "pinch"])
+def test_every_column_is_needed_or_not(whole: Path, tmp_path: Path, name: str) -> None:
+    """Without it a trace is refused, or shown and logged."""
+    run = read_run(whole / name)
+    table, path = pq.read_table(whole / name / "trace.parquet"), tmp_path / "trace.parquet"
+    for at, column in enumerate(table.column_names):
+        pq.write_table(table.remove_column(at), path)
+        try:
+            columns = read_trace(path, table.column_names, run.scene.fingers == 2)
+        except UserError as refusal:
+            sentence = str(refusal)
+            assert f"has no column {column}" in sentence
+        else:
+            run_on_page(replace(run, columns=columns), "run")
+            log_of(replace(run, columns=columns))
 
 
 @pytest.mark.slow

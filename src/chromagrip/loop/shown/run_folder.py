@@ -90,6 +90,7 @@ class _Two(_Known, kw_only=True):
     """Those of two fingers."""
 
     outcome: Literal["held", "turned", "crushed", "dropped"]
+    final_limit_margin_true: _Value
     lifted: bool
     slide_mm: _Number
     largest_turn_deg: _Number
