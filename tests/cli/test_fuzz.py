@@ -1,5 +1,6 @@
 """Command lines, tables and pictures at random: each is done, or refused in one line."""
 
+import inspect
 import random
 import shlex
 from collections.abc import Callable
@@ -12,9 +13,9 @@ import numpy as np
 import pytest
 
 from chromagrip.cli.app import COMMANDS
+from chromagrip.loop.run_files import scene_text
 from chromagrip.render import load_sensor, open_renderer, rest_membrane
 from chromagrip.scene.scene import load_scene
-from chromagrip.loop.run_files import scene_text
 
 Typed = Callable[..., CompletedProcess[str]]
 
@@ -26,17 +27,13 @@ ODD = (
     "~", "*", "\u202e", "first:0", "first:99999999999", "camera:999999", "pipe:", "pipe:/dev/null",
     "auto", "nested.toml", "large.toml", "broken.toml", "binary.toml", "bad.png", "text.png",
 )  # fmt: skip
-#: Commands that do nothing long when their words are odd; `dataset` has a fuzz of its own.
-NAMES = [name for name in COMMANDS if not name.startswith(("dataset", "doctor", "live", "train"))]
-#: Options of each with the values that end it early, should all others be right.
-FLAGS = (
-    "--scene", "--sensor", "--grip", "--load", "--press-mm", "--shear-mm", "--object", "--force",
-    "--twist-deg", "--tilt-deg", "--renderer", "--noise", "--seed", "--set", "--palette", "--crop",
-    "--mask", "--tracker", "--fps", "--frames", "--calibration", "--reconstructor", "--friction",
-    "--window", "--controller", "--path", "--latency", "--arg", "--columns", "--rows",
-    "--square-mm", "--dictionary", "--workers", "--seeds", "--max-megapixels", "--moment",
-    "--margin-error", "--radius-mm", "--stiffness-kpa", "--azimuth-deg", "--source", "--log",
+#: Commands that judge their folder before they compute; `dataset` has a fuzz of its own.
+NAMES = (
+    "grasp", "render", "sweep", "detect", "track", "estimate", "calibrate", "calibrate sensor",
+    "limit", "score", "report", "readout",
 )  # fmt: skip
+#: Values that end a run early, should all others be right.
+TAKEN = {"out": "bad.png", "controller": "nowhere:Class", "renderer": "nosuch"}
 
 
 def prepare(folder: Path) -> None:
@@ -63,13 +60,17 @@ def check(done: CompletedProcess[str]) -> None:
 
 
 def command_line(rng: random.Random) -> list[str]:
-    """Command with one to four odd words; it cannot be right as a whole."""
-    words = rng.choice(NAMES).split()
+    """Command with one to four odd words, mostly values of options that it has."""
+    name = rng.choice(NAMES)
+    options = inspect.signature(COMMANDS[name]).parameters
+    flags = [f"--{each.replace('_', '-')}" for each in options if each not in TAKEN]
+    flags = [{"--changes": "--set", "--json-only": "--json"}.get(flag, flag) for flag in flags]
+    words = name.split()
     for _ in range(rng.randint(1, 4)):
-        if rng.random() < 0.7:
-            words.append(rng.choice(FLAGS))
+        if rng.random() < 0.8:
+            words.append(rng.choice(flags))
         words.append(rng.choice(ODD))
-    return [*words, "--json", "--no-such-option"] if rng.random() < 0.1 else words
+    return words + [w for key in TAKEN if key in options for w in (f"--{key}", TAKEN[key])]
 
 
 def fuzz_lines(seeds: range, typed: Typed, folder: Path) -> None:
