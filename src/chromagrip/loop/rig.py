@@ -62,6 +62,8 @@ class RigState:
 class Rig:
     """A scene that is gripped frame by frame; the same seed and grips give the same bytes.
 
+    That holds for one family of processors and the same versions of the libraries.
+
     Each finger has a sensor and a reader of its own. A controller is given the observation
     of the finger whose margin is smaller.
 

@@ -60,6 +60,8 @@ def map_of(
 class SimulatedCamera:
     """Takes frames of states of the node model; the same seed gives the same bytes.
 
+    That holds for one family of processors and the same versions of the libraries.
+
     Parameters
     ----------
     sensor: design in the image

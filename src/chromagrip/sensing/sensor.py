@@ -66,6 +66,8 @@ class SensorState:
 class TactileSensor:
     """A fingertip with a camera inside; the same seed and updates give the same bytes.
 
+    That holds for one family of processors and the same versions of the libraries.
+
     Parameters
     ----------
     design: name or file of a design, or a design
