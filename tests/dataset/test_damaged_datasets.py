@@ -237,10 +237,10 @@ def through(typed: Typed, work: Path, seed: Path, damage: Damage, seal: bool, la
 
 
 def test_a_few_damages_are_each_a_sentence(typed: Typed, tmp_path: Path) -> None:
-    """Every 140th, with and without fitting checksums."""
-    for k, damage in enumerate(every(SEED)[3::140]):
+    """Every 233rd, with and without fitting checksums."""
+    for k, damage in enumerate(every(SEED)[3::233]):
         layout = ("coco", "tapvid", "webdataset")[k % 3]
-        through(typed, tmp_path / "work", SEED, damage, k % 2 == 0, layout)
+        through(typed, tmp_path / "work", SEED, damage, k % 3 > 0, layout)
 
 
 @pytest.fixture(scope="module", params=["dome", "chain"])
