@@ -57,12 +57,16 @@ def test_runs_are_logged_again(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["chain", "dome", "pinch"])
 def test_a_run_is_made_again_with_the_same_values(name: str) -> None:
-    """From the scene that was written then; 0.1 s."""
+    """From the scene that was written then; 0.1 s.
+
+    BLAS of another family of processors changes an estimate by up to 4e-7, see "The same bytes" in
+    docs/architecture.md.
+    """
     again = run(load_scene(str(BEFORE / name / "scene.toml")))
     table = pq.read_table(BEFORE / name / "trace.parquet")
     for column in table.column_names:
         np.testing.assert_allclose(
-            again.trace[column], table[column].to_numpy(), rtol=1e-9, atol=1e-9, err_msg=column
+            again.trace[column], table[column].to_numpy(), rtol=5e-6, atol=5e-6, err_msg=column
         )
 
 

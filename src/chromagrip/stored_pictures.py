@@ -149,7 +149,7 @@ def _pixels(image: Any, bits: int, grey: bool) -> Image | str | None:
         image = image.convert("RGBA")
     elif image.mode not in ("L", "RGB", "RGBA"):
         image = image.convert({"1": "L", "LA": "RGBA", "PA": "RGBA"}.get(image.mode, "RGB"))
-    return np.asarray(image, dtype=np.uint8)
+    return np.array(image, dtype=np.uint8)  # Pillow's own memory is read-only
 
 
 @cache
