@@ -85,6 +85,7 @@ def test_odd_command_lines(typed: Typed, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.fuzz
 @pytest.mark.parametrize("first", range(60, 660, 60))
 def test_more_odd_command_lines(first: int, typed: Typed, tmp_path: Path) -> None:
     fuzz_lines(range(first, first + 60), typed, tmp_path)
@@ -127,6 +128,7 @@ def test_odd_scenes(typed: Typed, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.fuzz
 @pytest.mark.parametrize("first", range(40, 340, 60))
 def test_more_odd_scenes(first: int, typed: Typed, tmp_path: Path) -> None:
     fuzz_scenes(range(first, first + 60), typed, tmp_path)
@@ -155,6 +157,7 @@ def test_odd_pictures(typed: Typed, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.fuzz
 @pytest.mark.parametrize("first", range(8, 128, 20))
 def test_more_odd_pictures(first: int, typed: Typed, tmp_path: Path) -> None:
     fuzz_pictures(range(first, first + 20), typed, tmp_path)

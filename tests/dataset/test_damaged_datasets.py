@@ -254,6 +254,7 @@ def seed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.mark.slow
+@pytest.mark.fuzz
 @pytest.mark.parametrize("part", range(8))
 def test_every_damage_is_a_sentence(typed: Typed, tmp_path: Path, seed: Path, part: int) -> None:
     layouts = ("coco", "tapvid", "webdataset", "lerobot")

@@ -299,6 +299,7 @@ def test_every_column_is_needed_or_not(whole: Path, tmp_path: Path, name: str) -
 
 
 @pytest.mark.slow
+@pytest.mark.fuzz
 @pytest.mark.parametrize("seed", [2, 3, 4])
 def test_many_damages_are_refused_or_shown(whole: Path, tmp_path: Path, seed: int) -> None:
     assert check_damages(whole, seed, 500, tmp_path) > 250

@@ -6,12 +6,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...model import Fingertip, ForceField
+from ...model import Fingertip, ForceField, chain_forces
 from ...model.chain import chain, contact
-from ...model.chain.stiffness import chain_forces
-from ...model.kernels import contact_frames
-from ...model.kernels.contact import frictions_at
-from ...model.kernels.friction import dahl_path
+from ...model.kernels import contact_frames, dahl_path, frictions_at
 from ...render import harmonic_map
 from ...sensing.contact import of_chain
 from .columns import columns_of

@@ -63,6 +63,7 @@ _DEPTH = (
 )
 _NORMAL = "the object's normal at node_x_mm, node_y_mm, node_z_mm"
 _ELASTIC = "the elasticity of the silicone under the nodes that the object presses"
+_SHEARED = f"{_ELASTIC} (where it is viscous: {_AGAIN})"
 _READ = "the picture, read again"
 _NO_CONTACT, _NO_MARKER = "without contact", "where the marker is missing"
 _NO_ESTIMATE = "where the reading has no estimate of it"
@@ -198,10 +199,10 @@ _DOME_NODES = {
     "node_direction_y": Column("the same (N)", "", _NORMAL, 1e-3),
     "node_direction_z": Column("the same (N)", "", _NORMAL, 1e-3),
     "node_friction_x_n": Column(
-        "friction on each node, across its direction (N)", "N", _ELASTIC, 1e-5, 2e-3
+        "friction on each node, across its direction (N)", "N", _SHEARED, 1e-5, 2e-3
     ),
-    "node_friction_y_n": Column("the same (N)", "N", _ELASTIC, 1e-5, 2e-3),
-    "node_friction_z_n": Column("the same (N)", "N", _ELASTIC, 1e-5, 2e-3),
+    "node_friction_y_n": Column("the same (N)", "N", _SHEARED, 1e-5, 2e-3),
+    "node_friction_z_n": Column("the same (N)", "N", _SHEARED, 1e-5, 2e-3),
     "node_area_mm2": Column(
         "area of the skin that each node stands for: traction is force over it (N)",
         "mm²", "the nodes of the silicone", 1e-6, 1e-6,

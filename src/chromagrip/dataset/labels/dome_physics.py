@@ -173,10 +173,11 @@ def _markers(own: _Dome, stored: Stored) -> Table:
     }
     places = 1e3 * np.array([rest + field(one) for one in forces])
     direction = _open(own.direction, own.normals, again.normals - again.direction)
-    friction = own.friction
-    if not own.body.relaxation:  # what viscosity remembers is no force of this frame
+    if own.body.relaxation:  # what viscosity remembers is no force of this frame
+        friction = again.friction
+    else:
         apart = _across(known, again.direction) - again.friction
-        friction = _open(friction, _across(forces, own.direction), apart)
+        friction = _open(own.friction, _across(forces, own.direction), apart)
     for k, axis in enumerate("xyz"):
         values[f"node_{axis}_mm"] = places[..., k]
         values[f"node_direction_{axis}"] = direction[..., k]
