@@ -48,7 +48,8 @@ class Board:
         if not 0.1 * self.square < self.marker < self.square < 10.0:
             raise UserError(
                 f"markers of {1e3 * self.marker:g} mm do not fit into squares of "
-                f"{1e3 * self.square:g} mm; allowed: 0 < marker < square, more than a tenth of it, below 10 m"
+                f"{1e3 * self.square:g} mm; allowed: 0 < marker < square, more "
+                "than a tenth of it, below 10 m"
             )
         if self.dictionary not in _DICTIONARIES:
             raise UserError(
