@@ -45,10 +45,11 @@ class Board:
                 f"a board of {self.columns}×{self.rows} squares is too small; "
                 f"allowed: at least 3 columns and 3 rows"
             )
-        if not 0.0 < self.marker < self.square < np.inf:
+        if not 0.1 * self.square < self.marker < self.square < 10.0:
             raise UserError(
                 f"markers of {1e3 * self.marker:g} mm do not fit into squares of "
-                f"{1e3 * self.square:g} mm; allowed: 0 < marker < square"
+                f"{1e3 * self.square:g} mm; allowed: 0 < marker < square, more "
+                "than a tenth of it, below 10 m"
             )
         if self.dictionary not in _DICTIONARIES:
             raise UserError(

@@ -115,7 +115,10 @@ def test_words_that_are_no_text_are_refused(typed: Typed) -> None:
 
 @pytest.mark.parametrize("words", ["render --grip 1000", "render --grip 2 --load 1e9",
     "render --sensor flat-2019 --press-mm 1e9", "render --sensor flat-2019 --shear-mm -1e9",
-    "limit --grip 1000", "render --renderer nosuch", "track a.png a.png"])  # fmt: skip
+    "limit --grip 1000", "render --object ball --shear-mm 1e9",
+    "render --object ball --twist-deg 1e308",
+    "render --object ball --press-mm 1e308", "render --set object.radius_mm=1e308",
+    "render --renderer nosuch", "track a.png a.png"])  # fmt: skip
 def test_what_is_refused_leaves_nothing(words: str, typed: Typed, tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(b"none")
     done = typed(*words.split(), "--out", "deep/out")

@@ -1,3 +1,5 @@
+import math
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -6,6 +8,7 @@ import pytest
 
 from chromagrip.errors import UserError
 from chromagrip.pictures.any_size import Fitter, _without_border, fitting
+from chromagrip.pictures.marker_list import list_markers
 from chromagrip.render import add_noise, load_sensor, open_renderer, rest_membrane
 
 SENSOR = load_sensor("thesis")
@@ -174,3 +177,26 @@ def test_half_a_dome_and_another_sensor_are_refused(rest: Image) -> None:
     assert words in refusal(rest[:, 80:320])
     assert "Is it another sensor" in refusal(rested("flat-2019"))
     assert "Is it another sensor" in refusal(rested("dome-2020"))
+
+
+def test_a_large_picture_is_read_at_the_scale_of_its_markers(tmp_path: Path) -> None:
+    """Places, sizes and distances are those of the picture as it is."""
+    design = load_sensor("flat-2019")
+    image = open_renderer("painter", design).render(rest_membrane(design))
+    path = tmp_path / "small.png"
+    cv2.imwrite(str(path), image[..., ::-1])
+    small = list_markers(path)
+    times = math.ceil(math.sqrt(4e6 / (image.shape[0] * image.shape[1])))
+    large = cv2.resize(image, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
+    path = tmp_path / "large.png"
+    cv2.imwrite(str(path), large[..., ::-1])
+    found = list_markers(path)
+    assert fitting(large, None).scale < 1.0
+    assert fitting(image, None).scale == 1.0
+    assert found.image.shape == large.shape
+    assert len(found.rows) == len(small.rows)
+    for one, other in zip(small.layers, found.layers, strict=True):
+        expected = times * (one.position + 0.5) - 0.5
+        apart = np.linalg.norm(expected[:, None] - other.position, axis=-1).min(axis=1)
+        assert apart.max() < 0.2 * times
+        assert abs(np.median(other.area) / np.median(one.area) / times**2 - 1.0) < 0.1

@@ -81,10 +81,11 @@ class ObjectSettings(Table, frozen=True):
     beside_mm: tuple[Offset, Offset] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not abs(self.radius_mm) >= 1.0:
-            raise UserError(f"radius_mm = {self.radius_mm} must be at least 1, hollow at most -1")
-        if 1e9 < abs(self.radius_mm) < math.inf:
-            raise UserError(f"radius_mm = {self.radius_mm:g} must be at most 1e9, or inf")
+        if not 1.0 <= abs(self.radius_mm) <= 1e9 and self.radius_mm != math.inf:
+            raise UserError(
+                f"radius_mm = {self.radius_mm} must be at least 1, hollow at most -1, and no more "
+                "than 1e9 unless it is inf"
+            )
         if self.profile_mm and self.radius_mm != math.inf:
             raise UserError("radius_mm must be inf beside profile_mm")
         _check_knots("friction_times_s", self.friction_times_s, "frictions", self.frictions)

@@ -23,6 +23,10 @@ LOADING, RESTING, CREEP = 1.0, 1.0, 5e-3
 DRAG = (5.0, 5.0, 5.0, 1e-4, 1e-4, 1e-4)
 
 
+#: Longest motion of an object along an axis [m], and about the dome's axis [rad].
+_FAR, _TURNS = 1.0, 20.0 * math.pi
+
+
 @dataclass(frozen=True, kw_only=True)
 class DomePose:
     """Where an object goes on a dome: it is tilted and turned, then pressed, sheared and twisted.
@@ -54,6 +58,7 @@ def settle_dome(scene: Scene, pose: DomePose) -> tuple[DomeState, ForceField]:
     ------
     UserError: for a press too deep, a contact that does not converge, a load that slides off
     """
+    _refuse_far(pose)
     dome, solid = scene.build_dome(), scene.build_solid()
     motion, dt = _motion(scene, pose)
     with located(_said(pose)):
@@ -67,6 +72,15 @@ def settle_dome(scene: Scene, pose: DomePose) -> tuple[DomeState, ForceField]:
         if pose.force is not None or pose.moment is not None:
             _check_rest(state, pose)
     return state, dome_forces(dome, state)
+
+
+def _refuse_far(pose: DomePose) -> None:
+    """Refuse a motion that would take for ever."""
+    if max(abs(pose.press), *map(abs, pose.shear)) > _FAR or abs(pose.twist) > _TURNS:
+        raise UserError(
+            f"press and shear must be at most {1e3 * _FAR:g} mm, the twist at most "
+            f"{math.degrees(_TURNS):g}°"
+        )
 
 
 def path_to(scene: Scene, pose: DomePose) -> Array:

@@ -161,7 +161,7 @@ def _displaced(scene: Scene, sensor: SensorDesign, pose: Pose) -> State:
         )
     x = np.linspace(-half, half, nodes)
     obj = scene.object
-    gap = 0.0 if np.isinf(obj.radius_mm) else 0.5e3 * x**2 / obj.radius_mm
+    gap = 0.5e3 * x**2 / obj.radius_mm
     depth = np.maximum(pose.depth - gap, 0.0)
     held = np.clip((half - abs(x)) / 1e-3, 0.0, 1.0)
     share = depth / pose.depth if pose.depth > 0.0 else np.ones(nodes)
