@@ -163,7 +163,7 @@ def _markers(own: _Dome, stored: Stored) -> Table:
     whole = np.maximum(own.normal.sum(axis=1, keepdims=True), 1e-9)
     either = pressed & (own.normal < _TOUCHING * whole)
     known = np.array([carried(of_dome(sample.contact)[1]) for sample in stored.again])
-    forces = _carried(own, known.any(axis=-1))
+    forces = _carried(own, np.asarray(known.any(axis=-1)))
     field, rest = skin_field(own.body), lattice(own.body).points
     values = lawful_markers(stored, own.body, list(forces)) | {
         "node_contact": np.where(either, own.on, pressed),
