@@ -136,9 +136,9 @@ def _spoilt(folder: Path, target: Path, **columns: Any) -> Path:
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({"reading_force_x_low_n": 9.0}, "reading_force_x_n is out of its interval"),
-        ({"reading_mu_high": 0.0}, "reading_mu is out of its interval"),
-        ({"reading_no_estimate": "dark"}, "has a value beside a reason for having none"),
+        ({"reading_force_x_low_n": 9.0}, "frame 4: reading_force_x_low_n is 9,"),
+        ({"reading_mu_high": 0.0}, "frame 4: reading_mu_high is 0,"),
+        ({"reading_no_estimate": "dark"}, "frame 4: reading_no_estimate is dark,"),
     ],
 )
 def test_a_reading_that_cannot_be_is_named(

@@ -60,7 +60,7 @@ def test_scenes_of_the_thesis_object() -> None:
         ("object.friction_factors", [0.5], "friction_places_mm has 0 entries and friction_factors"),
         ("object.creeps", -1.0, "object.creeps = -1.0: expected a number >= 0.0"),
         ("object.radius_mm", -0.5, "radius_mm = -0.5 must be at least 1, hollow at most -1"),
-        ("object.radius_mm", 1e308, "must be at most 1e9, or inf"),
+        ("object.radius_mm", 1e308, "no more than 1e9 unless it is inf"),
         ("object.radius_mm", -5.0, "is a hollow of 0.005 m radius, too narrow"),
         ("object.profile_mm", [[0.0, 0.0]], "profile must be at least 3 points"),
         ("object.surface", "rolls", "object.surface = 'rolls': allowed: travels, stays"),
