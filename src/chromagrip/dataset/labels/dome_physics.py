@@ -162,11 +162,7 @@ def _markers(own: _Dome, stored: Stored) -> Table:
     pressed, again = own.normal > 0.0, _Dome.simulated(stored)
     whole = np.maximum(own.normal.sum(axis=1, keepdims=True), 1e-9)
     either = pressed & (own.normal < _TOUCHING * whole)
-<<<<<<< HEAD
     known = np.stack([carried(of_dome(sample.contact)[1]) for sample in stored.again])
-=======
-    known = np.array([carried(of_dome(sample.contact)[1]) for sample in stored.again])
->>>>>>> h-columns
     forces = _carried(own, np.asarray(known.any(axis=-1)))
     field, rest = skin_field(own.body), lattice(own.body).points
     values = lawful_markers(stored, own.body, list(forces)) | {
