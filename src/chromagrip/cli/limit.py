@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import tyro
 
 from ..errors import UserError, located
@@ -129,7 +130,12 @@ def _compute(
 
             with located(f"sensor {name}"):
                 tell("limits")
-                entries[name] = limit.entry()
+                try:
+                    entries[name] = limit.entry()
+                except np.linalg.LinAlgError:
+                    raise UserError(
+                        "markers do not determine forces at this grip and load: give less of them"
+                    ) from None
                 if drawn or wanted is not None:
                     points = sweeps[name] = sweep(limit, progress=tell)
                 if wanted is not None:
