@@ -198,7 +198,7 @@ def test_an_interrupted_run_keeps_what_it_had(
     module.__dict__["Hasty"] = Hasty
     monkeypatch.setitem(sys.modules, "hasty", module)
     done = typed("grasp", "--controller", "hasty:Hasty", "--out", out)
-    assert while_it_ran == {".parts", "scene.toml"}  # nothing half-written looks whole
+    assert while_it_ran == {".lock", ".parts", "scene.toml"}  # nothing half-written looks whole
     assert done.returncode == 130
     assert done.stderr == "chromagrip: interrupted\n"
     summary = json.loads((out / "summary.json").read_text())

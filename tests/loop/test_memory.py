@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from chromagrip.dataset import load_recipe
-from chromagrip.dataset.folder import write_sequence
+from chromagrip.dataset.sequence import write_sequence
 from chromagrip.loop.grasp import gripped
 from chromagrip.loop.rig import Rig
 from chromagrip.output.processes import one_thread

@@ -182,7 +182,7 @@ def test_command_prints_writes_and_draws(
         ({"azimuth_deg": math.inf}, "--azimuth-deg must be finite"),
         ({"load": 2.0, "sensor": ("dome-2020",)}, "sensor dome-2020: a grip of 3 N must hold"),
         ({"body": "chain", "shears": 2}, "--shears needs --body dome"),
-        ({"body": "chain", "azimuth_deg": 10.0}, "--azimuth-deg is of a dome"),
+        ({"body": "chain", "azimuth_deg": 10.0}, "--azimuth-deg needs --body dome"),
     ],
 )
 def test_command_refuses_what_cannot_be(asked: dict[str, Any], words: str) -> None:
