@@ -32,7 +32,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from ..errors import UserError, located
-from ..output.folder import PART, disk_errors, synced, whole_file, write_whole
+from ..output.folder import PART, disk_errors, synced, write_whole
 from ..output.versions import versions
 from ..strange_files import inside, read_small, shortened
 from ..strict_toml import read_toml
@@ -192,9 +192,7 @@ def write_manifest(folder: Path, numbers: Iterable[int]) -> Manifest:
     for name in manifest["files"]:
         synced(folder / name)
     text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
-    with whole_file(folder / MANIFEST) as part:
-        part.write_bytes(text.encode())
-        synced(part)
+    write_whole(folder / MANIFEST, text.encode())
     synced(folder)
     return manifest
 
