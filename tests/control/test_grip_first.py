@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from chromagrip import load_scene
-from chromagrip.control import Controller, GripCommand, GripFirstSettings, GripObservation
+from chromagrip.control import (
+    Controller,
+    GripCommand,
+    GripFirstSettings,
+    GripObservation,
+    SafetyMarginSettings,
+)
+from chromagrip.control.controllers import SafetyMarginControl
 from chromagrip.control.grip_first import GripFirst
 from chromagrip.control.sliding import FollowingFriction
 from chromagrip.loop.record import Result
@@ -70,6 +77,19 @@ def test_where_sliding_is_seen_or_nothing_touches_there_is_no_doubt() -> None:
     assert (first.doubt, first.least, first.most) == (False, 0.0, math.inf)
     first.see(seen(1, -1.0, margin=math.nan, margin_interval=(math.nan, math.nan)), 1.0)
     assert (first.doubt, first.least) == (False, 0.0)
+
+
+def test_safety_margin_goes_on_from_the_grip_that_doubt_asked_for() -> None:
+    """When doubt ends with Γ at its target, the PI law keeps the grip: no step back."""
+    controller = SafetyMarginControl(SafetyMarginSettings(start_s=0.0))
+    target = controller.settings.desired_margin
+    force = 0.0
+    for k in range(30):  # Γ is at its target, and its interval leaves sliding open
+        force = controller.command(seen(k, -0.2, half=target + 0.2)).force
+    assert force > controller.settings.feedforward_n + 0.1
+    for k in range(30, 60):
+        after = controller.command(seen(k, target - 0.001, half=0.001)).force
+        assert after == pytest.approx(force, abs=1e-6)
 
 
 def test_a_margin_without_an_interval_counts_as_it_is() -> None:

@@ -30,6 +30,7 @@ from chromagrip.dataset.recipe import Recipe, drawn, load_recipe, recipe_names, 
 from chromagrip.dataset.sequence import sequence, shots
 from chromagrip.dataset.split import split
 from chromagrip.output.folder import filling
+from chromagrip.scene.scene import load_scene
 
 Digests = Callable[[Path], dict[str, str]]
 TINY = load_recipe("tiny")
@@ -593,3 +594,22 @@ def test_two_frames_are_a_dataset_too(tmp_path: Path) -> None:
     scene = {**TINY.scene, "duration_s": 0.02, "camera": {"rate_hz": 60.0}}
     make(replace(TINY, sequences=1, scene=scene), tmp_path / "short")
     assert check(tmp_path / "short") == 1
+
+
+def test_sequences_of_one_object_are_in_one_part(tmp_path: Path) -> None:
+    """An object that a network was trained with says nothing about how it reads others."""
+    recipe = replace(
+        TINY,
+        sequences=6,
+        draw={"object.friction": {"each": [0.3, 0.5, 0.7]}, "grip_n": {"uniform": [1.0, 2.0]}},
+    )
+    make(recipe, tmp_path / "data")
+    parts = split(tmp_path / "data", {"train": 0.67, "test": 0.33})
+    friction = {
+        name: {
+            load_scene(str(tmp_path / "data" / one / "scene.toml")).object.friction for one in own
+        }
+        for name, own in parts.items()
+    }
+    assert sorted(len(own) for own in parts.values()) == [2, 4]
+    assert not friction["train"] & friction["test"]

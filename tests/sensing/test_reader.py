@@ -142,5 +142,7 @@ def test_a_bias_moves_the_friction_and_its_margin_alike(
     for k, image in enumerate(images):
         one, other = plain.update(image, k * DT), biased.update(image, k * DT)
     assert other.friction == pytest.approx(one.friction + 0.2)
+    intervals = [reading.observation.friction_interval for reading in (one, other)]
+    assert np.subtract(*intervals[::-1]) == pytest.approx(0.2)
     used = 1.0 - one.margin
     assert other.margin == pytest.approx(1.0 - used * one.friction / other.friction)

@@ -1,6 +1,7 @@
 """What two fingers hold, and the path of the hand."""
 
 import math
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
@@ -8,7 +9,7 @@ from msgspec import Meta
 
 from ..errors import UserError
 from ..model import SoftBody, Solid
-from ..model.pinch import Filling, HandPath, Limits, Pinch, RigidBody, Shake
+from ..model.pinch import Filling, HandPath, Limits, Pinch, Shake, box_body
 from ..strict_toml import NotNegative, Positive, Table
 from .settings import ObjectSettings
 
@@ -143,20 +144,19 @@ class PinchSettings(Table, frozen=True):
                 f"pinch: two fingers hold an object with an end, not a {solid.shape.name}; set "
                 "object.shape or object.radius_mm"
             )
-        mass = 1e-3 * self.mass_g
-        x, y, z = (float(edge) ** 2 for edge in np.ptp(solid.shape.bounds, axis=0))
-        moments = (mass * (y + z) / 12.0, mass * (x + z) / 12.0, mass * (x + y) / 12.0)
+        x, y, z = np.ptp(solid.shape.bounds, axis=0).tolist()
+        cx, cy, cz = (1e-3 * way for way in self.centre_mm)
+        body = box_body(1e-3 * self.mass_g, (x, y, z), (cx, cy, cz))
         if self.inertia_g_mm2:
             a, b, c = (1e-9 * value for value in self.inertia_g_mm2)
-            moments = (a, b, c)
-        cx, cy, cz = (1e-3 * way for way in self.centre_mm)
+            body = replace(body, inertia=(a, b, c))
         tx, ty, tz = (math.radians(angle) for angle in held.turned_deg)
         bx, by = (1e-3 * way for way in held.beside_mm)
         return Pinch(
             first=first,
             second=second,
             solid=solid,
-            body=RigidBody(mass=mass, inertia=moments, centre=(cx, cy, cz)),
+            body=body,
             hand=self.build_hand(),
             filling=self.build_filling(),
             turned=(tx, ty, tz),
