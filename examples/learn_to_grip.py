@@ -43,7 +43,7 @@ class Policy(NamedTuple):
 
 def environment() -> gymnasium.Env:
     """Environment of a worker; a drop does not end a grasp, so that all last as long."""
-    name = "chromagrip.rig:chromagrip/Grasp-v0"
+    name = "chromagrip.gym:chromagrip/Grasp-v0"
     return gymnasium.make(name, observation="markers", most_n=MOST, dropped_mm=20.0)
 
 

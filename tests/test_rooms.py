@@ -43,15 +43,16 @@ MAY_IMPORT = {
     "pictures": "model render tracking control output scene sensing loop",
     "calibrate": "model render tracking control output scene sensing loop pictures",
     "dataset": "model render tracking control output scene sensing loop",
-    "rig": "model render tracking control output scene sensing loop",
-    "live": "model render tracking control output scene sensing loop pictures rig",
+    "gym": "model render tracking control output scene sensing loop",
+    "outside": "model render tracking control output scene sensing loop",
+    "live": "model render tracking control output scene sensing loop pictures outside",
     "measure": "model render tracking control output scene sensing loop pictures calibrate dataset "
-    "rig",
+    "outside",
     "cli": "model render tracking control output scene sensing loop pictures calibrate dataset "
-    "measure rig live",
+    "measure outside live",
 }
 #: Modules beside the rooms: the entry points.
-DOORS = {"__init__": "scene sensing loop rig", "__main__": "cli"}
+DOORS = {"__init__": "scene sensing loop", "__main__": "cli"}
 STAGES = ("model", "render", "tracking", "control")
 #: Largest number of modules in a folder, and of lines in a function.
 MOST_MODULES = 16

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from .errors import UserError
     from .loop.record import Result
     from .loop.rig import Rig
+    from .loop.run import open_rig as open
     from .loop.run import run
-    from .rig.opening import open_rig as open
     from .scene.scene import Scene, load_scene, scene_names
     from .sensing.bodies import Pose
     from .sensing.reader import Reader, Reading
@@ -33,7 +33,7 @@ _HOMES = {
     "TactileSensor": "sensing.sensor:TactileSensor",
     "UserError": "errors:UserError",
     "load_scene": "scene.scene:load_scene",
-    "open": "rig.opening:open_rig",
+    "open": "loop.run:open_rig",
     "run": "loop.run:run",
     "scene_names": "scene.scene:scene_names",
 }

@@ -18,7 +18,7 @@ from chromagrip.live.replay import Replay, not_repeated
 from chromagrip.live.run_page import RunPage
 from chromagrip.live.view import GraspView
 from chromagrip.loop.shown.run_folder import read_run
-from chromagrip.rig.outside import run_outside
+from chromagrip.outside.grasp import run_outside
 
 Typed = Callable[..., CompletedProcess[str]]
 Until = Callable[..., None]

@@ -15,8 +15,8 @@ from chromagrip import load_scene
 from chromagrip.live.record import FROM, Recorder
 from chromagrip.live.session import Session, Shown
 from chromagrip.live.wishes import scene_for, wishes_of
+from chromagrip.loop.shown.reports import write_reports
 from chromagrip.loop.shown.run_folder import read_run
-from chromagrip.rig.report import write_reports
 from chromagrip.scene.scene import Scene
 
 DOME = {"path": "truth", "camera.rate_hz": 50.0, "fingertip.step_ms": 10.0}

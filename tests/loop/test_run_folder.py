@@ -21,6 +21,7 @@ from chromagrip.live.replay import _video, not_repeated
 from chromagrip.live.strips import rows_of
 from chromagrip.loop.shown.log import log_of
 from chromagrip.loop.shown.report import _facts, _words, run_on_page
+from chromagrip.loop.shown.reports import write_logs_again, write_reports
 from chromagrip.loop.shown.run_folder import (
     MOST_ROWS,
     NEEDED,
@@ -36,7 +37,6 @@ from chromagrip.output.folder import part_of
 from chromagrip.output.frames import FrameFiles
 from chromagrip.output.video import VideoFile
 from chromagrip.render import Frame
-from chromagrip.rig.report import write_logs_again, write_reports
 
 WRITTEN = Path(__file__).parents[2] / "fixtures/written-before"
 RUNS = ("chain", "dome", "pinch", "live")

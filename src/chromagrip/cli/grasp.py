@@ -169,7 +169,7 @@ def grasp(
     }
     with counting(f"{resolved.controller}, {resolved.path}", "frames") as progress:
         if source is not None:
-            from ..rig.outside import run_outside
+            from ..outside.grasp import run_outside
 
             result = run_outside(resolved, source, out, progress=progress, **shared, **chosen)
         else:
@@ -250,7 +250,7 @@ def report(
 
     Example: chromagrip report runs/before runs/after --out compared.html
     """
-    from ..rig.report import write_logs_again, write_reports
+    from ..loop.shown.reports import write_logs_again, write_reports
 
     if out is None and len(folders) > 1:
         out = new_folder("report") / "report.html"

@@ -13,8 +13,8 @@ from ..errors import UserError, located
 from ..loop.sample import Sample
 from ..model.dome import lattice
 from ..output.processes import one_thread
+from ..outside.feed import Feed
 from ..pictures.opening import Opened, open_tracking
-from ..rig.feed import Feed
 from ..sensing.observers import ForceObserver
 from ..sensing.reader import DEFAULT_WINDOW, Reading
 from ..tracking import (

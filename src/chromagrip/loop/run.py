@@ -1,7 +1,7 @@
-"""Running a scene: in memory, or into a run folder."""
+"""Running a scene, in memory or into a run folder; and opening one to grip it frame by frame."""
 
-from collections.abc import Callable, Sequence
-from contextlib import closing, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from pathlib import Path
 
 from ..by_name import Choice
@@ -113,3 +113,39 @@ def check_asked(
     if not answer_within_s > 0.0:
         raise UserError(f"answer_within_s = {answer_within_s} must be above 0; inf is no limit")
     return answer_within_s
+
+
+@contextmanager
+def open_rig(
+    scene: Scene | str,
+    *,
+    tracker: Choice | None = None,
+    reconstructor: Choice | None = None,
+    renderer: Choice | None = None,
+) -> Iterator[Rig]:
+    """Open a scene to grip it frame by frame; a context, at whose end its cameras are closed.
+
+    Inside it, BLAS, OpenMP and OpenCV have one thread in this process, as in a run.
+
+    Parameters
+    ----------
+    scene: a Scene, or a name or file as in `load_scene`; its controller is not used
+    tracker, reconstructor, renderer: in place of the scene's: a class or other factory, or a name
+
+    Returns
+    -------
+    The rig.
+
+    Raises
+    ------
+    UserError
+        For a scene or a method that cannot be used.
+    """
+    if isinstance(scene, str):
+        scene = load_scene(scene)
+    scene, methods = choose(scene, tracker=tracker, reconstructor=reconstructor, renderer=renderer)
+    with ExitStack() as stack:
+        stack.enter_context(one_thread())
+        rig = Rig(scene, methods)
+        stack.callback(rig.close)
+        yield rig

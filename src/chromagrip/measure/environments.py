@@ -13,10 +13,10 @@ from ..loop.grasp import grasp
 from ..loop.methods import choose
 from ..output.pictures import Source
 from ..output.report import Row, at_least, at_most, reported
+from ..outside.feed import Feed
+from ..outside.grasp import grasp_outside
+from ..outside.gripper import HeldGripper, SimulatedGripper
 from ..render import Frame
-from ..rig.feed import Feed
-from ..rig.gripper import HeldGripper, SimulatedGripper
-from ..rig.outside import grasp_outside
 from ..scene.scene import Scene, load_scene
 from ..sensing.reader import known_sensor
 from ..sensing.sensor import open_camera

@@ -17,9 +17,9 @@ import pytest
 from chromagrip import Scene, UserError, load_scene, run
 from chromagrip.control import GripCommand, GripObservation
 from chromagrip.output.pictures import Source, open_source
+from chromagrip.outside.feed import Feed
+from chromagrip.outside.grasp import run_outside
 from chromagrip.render import Frame
-from chromagrip.rig.feed import Feed
-from chromagrip.rig.outside import run_outside
 
 Typed = Callable[..., CompletedProcess[str]]
 CHANGES = {"duration_s": 0.12, "camera.rest_frames": 2, "camera.latency_frames": 0}

@@ -15,11 +15,11 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from chromagrip import UserError, load_scene, run
 from chromagrip.loop.run_files import FILES
+from chromagrip.loop.shown.reports import write_logs_again
 from chromagrip.loop.shown.tactile_video import HEAD
 from chromagrip.output.pictures import open_source
 from chromagrip.output.png import encode_png
-from chromagrip.rig.outside import run_outside
-from chromagrip.rig.report import write_logs_again
+from chromagrip.outside.grasp import run_outside
 
 from .test_pinch import COARSE
 from .test_raw_frames import Ends

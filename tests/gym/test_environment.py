@@ -9,10 +9,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
-import chromagrip.rig
+import chromagrip.gym
 from chromagrip import UserError, load_scene
-from chromagrip.rig.environment import DROP_COST, GripEnv
-from chromagrip.rig.views import FORCES, MARGIN
+from chromagrip.gym.environment import DROP_COST, GripEnv
+from chromagrip.gym.views import FORCES, MARGIN
 
 NAME = "chromagrip/Grasp-v0"
 QUICK = {"camera.rest_frames": 2, "duration_s": 0.3}
@@ -128,7 +128,7 @@ def test_a_restored_environment_goes_on_with_the_same_bytes(observation: str) ->
 
 def test_worker_processes_give_the_same_bytes() -> None:
     makers = [
-        lambda: gymnasium.make(f"chromagrip.rig:{NAME}", observation="forces", changes=NOISY)
+        lambda: gymnasium.make(f"chromagrip.gym:{NAME}", observation="forces", changes=NOISY)
     ] * 2
     runs = []
     for vector in (SyncVectorEnv(makers), AsyncVectorEnv(makers, context="forkserver")):
@@ -144,7 +144,7 @@ def test_worker_processes_give_the_same_bytes() -> None:
 
 
 def test_a_state_goes_from_process_to_process() -> None:
-    name = f"chromagrip.rig:{NAME}"
+    name = f"chromagrip.gym:{NAME}"
     make = [lambda: gymnasium.make(name, observation="forces", changes=NOISY)]
     vector = AsyncVectorEnv(make, context="forkserver")
     vector.reset(seed=[9])

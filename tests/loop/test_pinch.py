@@ -19,7 +19,7 @@ from chromagrip.loop.columns import columns_of
 from chromagrip.loop.rig import Rig
 from chromagrip.loop.run import run
 from chromagrip.loop.run_files import FILES
-from chromagrip.rig.outside import run_outside
+from chromagrip.outside.grasp import run_outside
 from chromagrip.scene.scene import dump_scene
 from chromagrip.scene.settings import LoadSettings
 from chromagrip.sensing.margins import smaller

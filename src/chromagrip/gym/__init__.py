@@ -1,8 +1,8 @@
-"""Two fingers, and environments around the grip loop.
+"""Environments of Gymnasium around the grip loop, with one finger and with two.
 
 Importing this room registers its environments with Gymnasium, where that is installed:
 
-    import chromagrip.rig
+    import chromagrip.gym
     import gymnasium
 
     env = gymnasium.make("chromagrip/Pinch-v0", observation="forces")

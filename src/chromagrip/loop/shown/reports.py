@@ -4,13 +4,13 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import UserError
-from ..loop.shown.log import log_of
-from ..loop.shown.report import REPORT, run_on_page
-from ..loop.shown.run_folder import MOST_ROWS, read_run
-from ..output.folder import disk_errors
-from ..output.logs.write import LogFormat, require_logs, write_logs
-from ..output.run_page import write_run_page
+from ...errors import UserError
+from ...output.folder import disk_errors
+from ...output.logs.write import LogFormat, require_logs, write_logs
+from ...output.run_page import write_run_page
+from .log import log_of
+from .report import REPORT, run_on_page
+from .run_folder import MOST_ROWS, read_run
 
 #: Runs that can be told apart on a page.
 MOST_RUNS = 6

@@ -9,8 +9,8 @@ import pytest
 from chromagrip import UserError, load_scene
 from chromagrip.loop.run import run
 from chromagrip.loop.shown.report import run_on_page
+from chromagrip.loop.shown.reports import write_reports
 from chromagrip.loop.shown.run_folder import read_run
-from chromagrip.rig.report import write_reports
 
 QUICK = {"duration_s": 0.4, "path": "truth", "load.times_s": [0.02, 0.2]}
 

@@ -9,10 +9,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
 import chromagrip
-import chromagrip.rig
+import chromagrip.gym
 from chromagrip import Rig, UserError, load_scene
-from chromagrip.rig.environment import DROP_COST, GripEnv
-from chromagrip.rig.views import FORCES, MARGIN, space_of, view_of
+from chromagrip.gym.environment import DROP_COST, GripEnv
+from chromagrip.gym.views import FORCES, MARGIN, space_of, view_of
 
 NAME = "chromagrip/Pinch-v0"
 WEIGHT = 0.05 * 9.81
@@ -220,7 +220,7 @@ def test_a_restored_environment_goes_on_with_the_same_bytes(observation: str) ->
 def test_worker_processes_give_the_same_bytes() -> None:
     changes = COARSE | NOISY | {"duration_s": 0.2}
     makers = [
-        lambda: gymnasium.make(f"chromagrip.rig:{NAME}", observation="forces", changes=changes)
+        lambda: gymnasium.make(f"chromagrip.gym:{NAME}", observation="forces", changes=changes)
     ] * 2
     runs = []
     for vector in (SyncVectorEnv(makers), AsyncVectorEnv(makers, context="forkserver")):
