@@ -20,6 +20,7 @@ GROUND = (
     "compiled",
     "errors",
     "extras",
+    "folders",
     "kept_arrays",
     "kernel_key",
     "links",

@@ -1,13 +1,14 @@
 """State of the node model: the deformation, and all else that a step starts from."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from ...folders import write_arrays
 from ...strange_files import array_names, read_arrays
 from .fingertip import Fingertip
 
@@ -96,22 +97,18 @@ def rest_state(fingertip: Fingertip) -> State:
 
 def save_state(state: State, path: str | Path) -> None:
     """Write a state to an .npz file, from which a run goes on as if it had not stopped."""
-    path = Path(path)
-    unfinished = path.with_name(path.name + ".unfinished")
-    with unfinished.open("wb") as file:
-        np.savez(
-            file,
-            format=np.array("chromagrip state 1"),
-            time=state.time,
-            nodes=state.deformation.nodes,
-            rigid_part=state.deformation.rigid_part,
-            object_position=state.deformation.object_position,
-            friction=state.friction,
-            slip_rate=state.slip_rate,
-            rate=state.rate,
-            step=state.step,
-        )
-    os.replace(unfinished, path)
+    arrays: dict[str, Any] = {
+        "format": np.array("chromagrip state 1"),
+        "time": np.array(state.time),
+        "nodes": state.deformation.nodes,
+        "rigid_part": state.deformation.rigid_part,
+        "object_position": state.deformation.object_position,
+        "friction": state.friction,
+        "slip_rate": state.slip_rate,
+        "rate": state.rate,
+        "step": np.array(state.step),
+    }
+    write_arrays(Path(path), arrays)
 
 
 def load_state(path: str | Path) -> State:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from ...folders import write_arrays
 from ...strange_files import read_arrays
 from ..checks import finite
 from ..force_field import ForceField
@@ -197,12 +198,7 @@ def _times(motion: Motion, dt: float, start: float) -> Array:
 
 def save_dome_state(path: str | os.PathLike[str], state: DomeState) -> None:
     """Write a state to an .npz file, whole or not at all."""
-    target = Path(path)
-    part = target.with_name(f"{target.name}.part")
-    with open(part, "wb") as file:
-        arrays = {f.name: np.asarray(getattr(state, f.name)) for f in fields(state)}
-        np.savez(file, **arrays)  # type: ignore[arg-type]  # of arrays only
-    os.replace(part, target)
+    write_arrays(Path(path), {f.name: np.asarray(getattr(state, f.name)) for f in fields(state)})
 
 
 def load_dome_state(path: str | os.PathLike[str]) -> DomeState:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from ...folders import write_arrays
 from ...strange_files import array_names, read_arrays
 from ..dome.dome import SoftBody, lattice
 from ..dome.placing import rotation_of
@@ -101,11 +102,7 @@ def save_pinch_state(path: str | os.PathLike[str], state: PinchState) -> None:
             continue
         for inner in fields(value):
             arrays[f"{each.name}.{inner.name}"] = np.asarray(getattr(value, inner.name))
-    target = Path(path)
-    part = target.with_name(f"{target.name}.part")
-    with open(part, "wb") as file:
-        np.savez(file, **arrays)
-    os.replace(part, target)
+    write_arrays(Path(path), arrays)
 
 
 def load_pinch_state(path: str | os.PathLike[str]) -> PinchState:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from ...errors import UserError, located
+from ...folders import write_whole
 from .camera import Camera, FisheyeCamera, PinholeCamera
 
 #: Names of the distortion models in a file.
@@ -50,12 +51,8 @@ def save_camera(camera: Camera, path: str | Path, error: float | None = None) ->
     error: reprojection error of the calibration, RMS [px]
     """
     text = camera_text(camera, **({} if error is None else {"avg_reprojection_error": error}))
-    unfinished = Path(path).with_name(f"unfinished-{Path(path).name}")
-    try:
-        unfinished.write_text(text, encoding="utf-8")
-        unfinished.replace(path)
-    except OSError as reason:
-        raise UserError(f"calibration file {path} cannot be written: {reason.strerror}") from None
+    with located("calibration file"):
+        write_whole(Path(path), text.encode())
 
 
 def load_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera:

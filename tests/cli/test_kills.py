@@ -50,7 +50,7 @@ def train(out):
 
     def basis(*given):
         if not kept.exists():
-            training._write(kept, vars(made(*given)))
+            training.write_arrays(kept, vars(made(*given)))
         return training.Basis(**training._read(kept))
 
     training._basis = basis

@@ -10,10 +10,10 @@ from subprocess import CompletedProcess
 
 import pytest
 
+from chromagrip import folders as folder_module
 from chromagrip.cli import options
 from chromagrip.errors import UserError
-from chromagrip.output import folder as folder_module
-from chromagrip.output.folder import LOCK, filling, prepared
+from chromagrip.folders import LOCK, filling, prepared
 
 Typed = Callable[..., CompletedProcess[str]]
 Writer = Callable[[Path], "subprocess.Popen[str]"]
@@ -22,7 +22,7 @@ Writer = Callable[[Path], "subprocess.Popen[str]"]
 HOLD = """
 import sys, time
 from pathlib import Path
-from chromagrip.output.folder import prepared
+from chromagrip.folders import prepared
 
 with prepared(Path(sys.argv[1]), overwrite=True):
     print("held", flush=True)
@@ -109,8 +109,8 @@ def test_of_many_at_once_one_gets_in(tmp_path: Path) -> None:
 import sys
 from pathlib import Path
 from chromagrip.errors import UserError
-from chromagrip.output import folder as folder_module
-from chromagrip.output.folder import filling
+from chromagrip import folders as folder_module
+from chromagrip.folders import filling
 
 folder, got = Path(sys.argv[1]), 0
 while got < 50:

@@ -29,7 +29,7 @@ from chromagrip.dataset.make import Backend, make, merge
 from chromagrip.dataset.recipe import Recipe, drawn, load_recipe, recipe_names, scene_of
 from chromagrip.dataset.sequence import sequence, shots
 from chromagrip.dataset.split import split
-from chromagrip.output.folder import filling
+from chromagrip.folders import filling
 from chromagrip.scene.scene import load_scene
 
 Digests = Callable[[Path], dict[str, str]]

@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from chromagrip import UserError
+from chromagrip.folders import part_of
 from chromagrip.live.replay import _video, not_repeated
 from chromagrip.live.strips import rows_of
 from chromagrip.loop.shown.log import log_of
@@ -33,7 +34,6 @@ from chromagrip.loop.shown.run_folder import (
     read_trace,
 )
 from chromagrip.output.cells import read_cells
-from chromagrip.output.folder import part_of
 from chromagrip.output.frames import FrameFiles
 from chromagrip.output.video import VideoFile
 from chromagrip.render import Frame

@@ -1,7 +1,7 @@
 """From a sensor's calibration to its read-out: histories, shifts in pictures, codes, networks."""
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
+from ..folders import LOCK, filling, whole_file, write_arrays
 from ..model import Fingertip, rest_state
-from ..output.folder import LOCK, filling, whole_file
 from ..output.processes import map_processes
 from ..render import Defects, SensorDesign
 from ..sensing.sensor import TactileSensor
@@ -93,7 +93,7 @@ def train(
         _claim(folder, calibration, noise)
         tell("the noise of a frame")
         if not (folder / "basis.npz").exists():
-            _write(folder / "basis.npz", vars(_basis(calibration, noise)))
+            write_arrays(folder / "basis.npz", vars(_basis(calibration, noise)))
         basis = Basis(**_read(folder / "basis.npz"))
         parts = [
             _Part(numbers, folder / f"{numbers.start}-{numbers.stop}.npz")
@@ -217,13 +217,8 @@ def _simulate_part(tip: Fingertip, sensor: SensorDesign, basis: Basis, part: _Pa
         "totals": instants.totals,
     }
     lessons: dict[str, NDArray[Any]] = {k: v.astype(np.float32) for k, v in values.items()}
-    _write(part.file, {**lessons, "history": instants.history})
+    write_arrays(part.file, {**lessons, "history": instants.history})
     return len(part.numbers)
-
-
-def _write(path: Path, values: Mapping[str, NDArray[Any]]) -> None:
-    with whole_file(path) as part, part.open("wb") as file:
-        np.savez(file, **values)  # type: ignore[arg-type]
 
 
 def _read(path: Path) -> dict[str, Array]:

@@ -14,7 +14,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from ..errors import UserError, located
-from ..output.folder import write_whole
+from ..folders import write_whole
 from ..output.processes import one_thread
 from ..render import SensorDesign
 from ..stored_pictures import MEGAPIXELS

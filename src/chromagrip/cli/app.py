@@ -21,7 +21,7 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from ..errors import UserError
-from ..output.folder import make_scratch, remove_empty
+from ..folders import make_scratch, remove_empty
 from . import (
     calibrate,
     dataset,

@@ -72,11 +72,11 @@ def limit(
         if body == "chain" and value is not None:
             raise UserError(f"{name} needs --body dome")
 
+    from ..folders import prepared
     from ..measure.limits.body import Case  # Numba and matplotlib load only here
     from ..measure.limits.chain import ChainLimit
     from ..measure.limits.dome.report import DomeLimit
     from ..measure.limits.sweep import draw, write_table
-    from ..output.folder import prepared
 
     bodies: dict[Body, type[BodyLimit]] = {"chain": ChainLimit, "dome": DomeLimit}
     kind = bodies[body]

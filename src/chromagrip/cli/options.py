@@ -25,7 +25,7 @@ from rich.status import Status
 from rich.table import Table
 
 from ..errors import UserError
-from ..output.folder import make_folder
+from ..folders import make_folder
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 #: Processors of this machine.

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from ..errors import UserError
 from ..extras import need
+from ..folders import write_whole
 from ..output.figure import png
-from ..output.folder import write_whole
 from .folder import CARD, SHEET, TABLE, read_files, sequence_name
 from .labels import COMMON, STATES, Column, columns_of
 from .labels.reading import reading_lines

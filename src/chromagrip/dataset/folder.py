@@ -32,7 +32,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from ..errors import UserError, located
-from ..output.folder import PART, disk_errors, synced, write_whole
+from ..folders import PART, disk_errors, synced, write_whole
 from ..output.versions import versions
 from ..strange_files import inside, read_small, shortened
 from ..strict_toml import read_toml

@@ -17,7 +17,7 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import need, require
-from ..output.folder import disk_errors, prepared, synced, whole_folder
+from ..folders import disk_errors, prepared, synced, whole_folder
 from ..output.processes import Progress, exit_on_sigterm, map_processes
 from ..strange_files import refuse_links
 from .card import write_card

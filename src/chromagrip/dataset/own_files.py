@@ -9,7 +9,7 @@ from pathlib import Path
 import tomli_w
 
 from ..errors import UserError
-from ..output.folder import disk_errors, write_whole
+from ..folders import disk_errors, write_whole
 from ..render import FILES_NAMED
 from ..strict_toml import read_toml
 from .folder import OBJECTS, RECIPE, SENSORS

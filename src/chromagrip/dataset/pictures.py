@@ -25,7 +25,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..output.folder import disk_errors
+from ..folders import disk_errors
 from ..output.pictures import read_picture
 from ..output.png import encode_png
 from ..render import add_noise

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
+from ..folders import whole_folder
 from ..loop.grasp import grasp
 from ..loop.poses.moves import moves
 from ..loop.sample import Sample, Truth
 from ..model import SoftBody
-from ..output.folder import whole_folder
 from ..output.png import encode_png
 from ..output.processes import one_thread
 from ..render import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..extras import need
-from ..output.folder import write_whole
+from ..folders import write_whole
 from ..strange_files import read_small, shortened
 from .folder import TABLE, Place, read_manifest, sequence_name
 from .labels.tables import damaged, read_table

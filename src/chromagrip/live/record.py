@@ -12,11 +12,11 @@ import msgspec
 
 from ..errors import UserError
 from ..extras import require
+from ..folders import disk_errors
 from ..loop.record import Record
 from ..loop.rig import Rig
 from ..loop.run_files import PARTS, RunFiles
 from ..loop.sample import Sample
-from ..output.folder import disk_errors
 from ..scene.scene import Scene
 from ..scene.settings import LoadSettings
 from .wishes import Wishes

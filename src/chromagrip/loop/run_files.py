@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self
 
 from ..errors import UserError
 from ..extras import need, require
-from ..output.folder import filling, leave, prepared, sync
+from ..folders import filling, leave, prepared, sync
 from ..output.frames import FRAMES, FrameFiles, FrameFormat
 from ..output.logs.write import LOG_FILES, LogFormat, write_logs
 from ..output.versions import versions

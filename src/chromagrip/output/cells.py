@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import UserError
-from .folder import prepared, whole_file
+from ..folders import prepared, whole_file
 
 Cell = TypeVar("Cell")
 Key = TypeVar("Key", bound=Hashable)

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Literal, TextIO
 
 from ..extras import require
+from ..folders import disk_errors
 from ..render import Frame
-from .folder import disk_errors
 from .png import encode_png
 from .video import VideoFile
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..extras import need
+from ..folders import GrowingFile, disk_errors
 from ..tracking import Tracks
-from .folder import GrowingFile, disk_errors
 
 #: Arrow type of every column and what it holds; `list` is of float32, `dictionary` of strings.
 Columns = Mapping[str, tuple[str, str]]

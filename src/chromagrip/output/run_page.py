@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .folder import whole_file
+from ..folders import whole_file
 from .page import filled
 
 Array = NDArray[np.float64]

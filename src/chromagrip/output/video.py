@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..extras import need
-from .folder import GrowingFile, disk_errors
+from ..folders import GrowingFile, disk_errors
 
 if TYPE_CHECKING:
     import av

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..control import GripObservation
+from ..folders import whole_file
 from ..loop.shown.figure import ESTIMATED, LOAD, TRUE, finish
 from ..loop.shown.tactile_video import ARROW, MAGNIFY
 from ..model import REFERENCE_NODES, ForceField
-from ..output.folder import whole_file
 from ..output.parquet import Row
 from ..tracking import Tracks
 from .overlay import Canvas

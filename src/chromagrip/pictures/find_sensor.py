@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..output.folder import write_whole
+from ..folders import write_whole
 from ..output.pictures import Image, read_picture
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import AUTO_PALETTE, Palette, learn_palette, load_palette, sight

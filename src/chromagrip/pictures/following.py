@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..output.folder import prepared, write_whole
+from ..folders import prepared, write_whole
 from ..output.processes import one_thread
 from ..render import Frame
 from ..tracking import Palette, Tracks

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UserError
+from ...folders import prepared
 from ...model import DomeState, State, margin_within, rest_state
 from ...model.dome import displacements, lattice
-from ...output.folder import prepared
 from ...output.processes import one_thread
 from ...output.versions import versions
 from ...render import TruthMap, camera_text

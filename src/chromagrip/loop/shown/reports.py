@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...errors import UserError
-from ...output.folder import disk_errors
+from ...folders import disk_errors
 from ...output.logs.write import LogFormat, require_logs, write_logs
 from ...output.run_page import write_run_page
 from .log import log_of

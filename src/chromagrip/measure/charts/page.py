@@ -6,8 +6,8 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from ...folders import prepared
 from ...output.figure import png
-from ...output.folder import prepared
 from ...output.page import PageSection, machine_text, write_page
 from ...output.report import Report, Table
 from .chart import Chart, front, write_points

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 from ...errors import UserError
 from ...extras import need
+from ...folders import whole_file
 from ...loop.columns import columns_of
 from ...loop.run import run
 from ...loop.shown.run_folder import read_trace
 from ...loop.trace import Trace
 from ...model import ContactObject
 from ...output.cells import read_cells, resumed
-from ...output.folder import whole_file
 from ...output.processes import map_processes
 from ...scene.scene import load_scene
 

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ...errors import located
-from ...output.folder import prepared, whole_file, write_whole
+from ...folders import prepared, whole_file, write_whole
 from ...output.page import PageSection, inline_png, write_page
 from ...output.report import Table
 from .intervals import intervals

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from ...folders import write_whole
 from ...output.figure import finish, new_figure, png
-from ...output.folder import write_whole
 from ..scored.intervals import share_interval
 from .report import means, shown
 from .runs import Axis, Cell, Plan, words

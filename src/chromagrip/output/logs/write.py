@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from ...extras import require
-from ..folder import whole_file
+from ...folders import whole_file
 from .entries import Log
 from .mcap_file import write_mcap
 from .rerun_file import write_rerun

@@ -6,13 +6,16 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from ..errors import UserError
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import UserError
 
 #: Start of the name of a file or folder that is not complete.
 PART = ".part-"
@@ -174,6 +177,12 @@ def synced(path: Path) -> None:
     """`sync` with errors of the disk in one sentence, as in `disk_errors`."""
     with disk_errors(path):
         sync(path)
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays as a NumPy file (.npz), as a `whole_file`; errors as there."""
+    with whole_file(path) as part, part.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
 
 
 class GrowingFile:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from chromagrip.errors import UserError
-from chromagrip.output.folder import LOCK, part_of, prepared, whole_file, whole_folder, write_whole
+from chromagrip.folders import LOCK, part_of, prepared, whole_file, whole_folder, write_whole
 from chromagrip.output.parquet import FORCES, EstimateTable
 from chromagrip.output.video import VideoFile
 
