@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..extras import need
+from ..model.dome import lattice
 from ..render import View
-from ..scene.scene import load_scene
-from .folder import Place, open_recipe, read_files
+from ..scene.scene import Scene, load_scene
+from .folder import FILES, Place, open_recipe, read_files
 from .frozen import content_of, frozen_as
 from .labels import Columns, columns_of
 from .labels.chain_physics import lawful_chain, wrong_chain
@@ -23,7 +24,7 @@ from .pictures import Pictures, pictures_in
 from .read import check_shared, verified
 from .recipe import Values
 from .remote import fetched
-from .sequence import simulated
+from .sequence import simulated, was_drawn
 from .split import drawn_table
 
 
@@ -59,6 +60,10 @@ def check(
             raise UserError(f"{folder / name} was made with other versions than the rest")
         if one.number >= recipe.sequences:
             raise UserError(f"{folder / name} is not sequence {one.number} of its recipe")
+        if not was_drawn(recipe, one.number, one.values, folder / name):
+            raise UserError(
+                f"{folder / name / FILES} is damaged: values are not those that the recipe draws"
+            )
         for wrong in _wrong(folder / name, one.values, recipe.reading):
             raise UserError(f"{folder / name}, {wrong}")
         if frozen:
@@ -102,10 +107,14 @@ def _wrong(folder: Path, values: Values, reading: str) -> Iterator[str]:
     view = scene.build_sensor().view
     for index in range(scene.frames):
         yield from (f"frame {index}: {wrong}" for wrong in _wrong_picture(view, pictures, index))
+    lists = {name: stacked(markers[name]) for name in markers.column_names[1:]}
+    if wrong := _wrong_length(scene, columns, lists):
+        yield wrong
+        return
     stored = Stored(
         scene=scene,
         frames={name: table[name].to_numpy() for name in table.column_names},
-        markers={name: stacked(markers[name]) for name in markers.column_names[1:]},
+        markers=lists,
         again=simulated(scene, values),
     )
     if markers["frame"].to_pylist() != list(range(scene.frames)):
@@ -113,6 +122,17 @@ def _wrong(folder: Path, values: Values, reading: str) -> Iterator[str]:
     driven = values.get("motion") != "move"
     read = read_again(scene, reading, pictures.rest, pictures) if reading else {}
     yield from wrong_values(stored, columns, driven, read)
+
+
+def _wrong_length(scene: Scene, columns: Columns, lists: dict[str, NDArray[Any]]) -> str:
+    """First list that is not as long as there are nodes, or markers; "" where all are."""
+    chain, count = scene.body == "chain", len(scene.build_sensor().places)
+    nodes = scene.fingertip.nodes if chain else len(lattice(scene.build_dome()).points)
+    for name, values in lists.items():
+        whole = nodes if name in columns.nodes else count if name == "overlap" else 2 * count
+        if values.shape[1] != whole:
+            return f"markers.parquet: {name} has lists of {values.shape[1]}, expected {whole}"
+    return ""
 
 
 def wrong_values(
