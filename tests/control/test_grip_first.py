@@ -312,3 +312,14 @@ def test_react_to_slip_reacts_to_what_the_image_can_show() -> None:
         done, _, truth = imitated_run("react-to-slip", half, error, changes)
         assert truth.summary["lateral_displacement_mm"] > 1.2
         assert done.summary["lateral_displacement_mm"] < 1.0
+
+
+def test_a_ratio_that_falls_slowly_is_held() -> None:
+    """It is compared with the largest of half a second, not with the last few frames alone."""
+    friction = FollowingFriction()
+    for k in range(11):  # the ratio rises at a constant grip: it looks like sliding
+        friction.see(0.01 * k, 1.0, 0.3 + 0.02 * k, near=True)
+    assert friction.follows
+    for k in range(1, 31):  # down to 91 % in 0.3 s: by less than 8 % in any 0.15 s
+        friction.see(0.1 + 0.01 * k, 1.0, 0.5 - 0.0015 * k, near=True)
+    assert not friction.follows
