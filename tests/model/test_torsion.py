@@ -1,5 +1,7 @@
 """Torsion of a contact against sums over its nodes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,8 @@ from hypothesis import strategies as st
 
 from chromagrip.model import ForceField
 from chromagrip.model.limit_surface import torsion
-from chromagrip.model.pinch import box_body
+from chromagrip.model.pinch import Limits, box_body
+from chromagrip.model.pinch.outcome import PinchRecord
 from chromagrip.scene import load_scene
 
 
@@ -56,3 +59,14 @@ def test_the_object_of_a_scene_turns_as_its_parts_do() -> None:
     dome = scene.build_dome()
     pinch = scene.pinch.build(dome, dome, scene.build_solid(), scene.object)
     assert pinch.body.inertia == pytest.approx(0.05 * integrated(), rel=1e-3)
+
+
+def test_the_worst_of_a_pinch_is_its_outcome() -> None:
+    """Crushed is worse than turned, dropped worse than both; each stays once it has happened."""
+    limits = Limits(pressure=1e5)
+    turned = PinchRecord(largest_turn=1.0)
+    both = replace(turned, largest_pressure=2e5)
+    assert turned.outcome(limits) == "turned"
+    assert both.outcome(limits) == "crushed"
+    assert replace(both, dropped=True).outcome(limits) == "dropped"
+    assert PinchRecord(turn=1.0).outcome(limits) == "held"  # what counts is the largest so far
