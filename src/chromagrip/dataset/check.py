@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..extras import need
-from ..model.dome import lattice
 from ..render import View
-from ..scene.scene import Scene, load_scene
+from ..scene.scene import load_scene
 from .folder import FILES, Place, open_recipe, read_files
 from .frozen import content_of, frozen_as
 from .labels import Columns, columns_of
@@ -107,14 +106,10 @@ def _wrong(folder: Path, values: Values, reading: str) -> Iterator[str]:
     view = scene.build_sensor().view
     for index in range(scene.frames):
         yield from (f"frame {index}: {wrong}" for wrong in _wrong_picture(view, pictures, index))
-    lists = {name: stacked(markers[name]) for name in markers.column_names[1:]}
-    if wrong := _wrong_length(scene, columns, lists):
-        yield wrong
-        return
     stored = Stored(
         scene=scene,
         frames={name: table[name].to_numpy() for name in table.column_names},
-        markers=lists,
+        markers={name: stacked(markers[name]) for name in markers.column_names[1:]},
         again=simulated(scene, values),
     )
     if markers["frame"].to_pylist() != list(range(scene.frames)):
@@ -122,17 +117,6 @@ def _wrong(folder: Path, values: Values, reading: str) -> Iterator[str]:
     driven = values.get("motion") != "move"
     read = read_again(scene, reading, pictures.rest, pictures) if reading else {}
     yield from wrong_values(stored, columns, driven, read)
-
-
-def _wrong_length(scene: Scene, columns: Columns, lists: dict[str, NDArray[Any]]) -> str:
-    """First list that is not as long as there are nodes, or markers; "" where all are."""
-    chain, count = scene.body == "chain", len(scene.build_sensor().places)
-    nodes = scene.fingertip.nodes if chain else len(lattice(scene.build_dome()).points)
-    for name, values in lists.items():
-        whole = nodes if name in columns.nodes else count if name == "overlap" else 2 * count
-        if values.shape[1] != whole:
-            return f"markers.parquet: {name} has lists of {values.shape[1]}, expected {whole}"
-    return ""
 
 
 def wrong_values(
