@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -91,22 +90,16 @@ def score_tracks(
         gives up.
     """
     with prepared(out, overwrite):
-        try:
-            with TemporaryDirectory() as temporary:
-                outcomes = []
-                for path in tracks:
-                    own, refused = path, dict[str, str]()
-                    if is_tracker(str(path)):
-                        own, refused = track_sequences(
-                            str(path), truth, Path(temporary), tell, follow_links=follow_links
-                        )
-                    named = truths(own, truth, refused, follow_links=follow_links, most=most)
-                    outcomes.append(_outcome(own, refused, named, most, tell))
-        except BaseException:
-            if out is not None:
-                with suppress(OSError):  # it is not empty: an earlier result stays
-                    out.rmdir()
-            raise
+        with TemporaryDirectory() as temporary:
+            outcomes = []
+            for path in tracks:
+                own, refused = path, dict[str, str]()
+                if is_tracker(str(path)):
+                    own, refused = track_sequences(
+                        str(path), truth, Path(temporary), tell, follow_links=follow_links
+                    )
+                named = truths(own, truth, refused, follow_links=follow_links, most=most)
+                outcomes.append(_outcome(own, refused, named, most, tell))
         outcomes.sort(key=lambda outcome: -outcome.scores["jaccard"])
         if out is not None:
             _write(outcomes, truth, out)
