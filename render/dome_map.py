@@ -1,25 +1,20 @@
 """The membrane of a body of silicone: each marker moves as the silicone does at its depth."""
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..model import Dome, SoftBody
-from ..model.dome import MarkerField, SkinField, disc_places, lattice
+from ..model import SoftBody
+from ..model.dome import MarkerField, SkinField, lattice
 from .design.sensor import SensorDesign
 from .membrane import Membrane
 from .place_kernels import carry_in_silicone
 
 Array = NDArray[np.float64]
 
-#: Points of the equator of a dome, where nothing moves.
+#: Points of the circle where nothing moves: a dome's equator, or one around a pad.
 _EQUATOR = 72
-#: Of a pad it is a circle far from the corners, in halves of the side.
-_FAR = 2.0
 #: Largest distance of points that tell how a layer moves, in depths of the layer.
 _APART = 1.3
 
@@ -98,7 +93,7 @@ class DomeSheets:
         depths = layer_depths(sensor, dome)
         # Between points farther apart than it is deep a motion is not known.
         finer = max(dome.spacing / 2.0, _APART * min(depths))
-        inside, nodes = _inside(dome, min(dome.spacing, finer)), _points(dome)
+        inside, nodes = dome.places(min(dome.spacing, finer)), lattice(dome).places
         self._layers = MarkerField(dome, np.broadcast_to(inside, (2, *inside.shape)), depths)
         self._skin = SkinField(dome)
         places, mesh = _with_equator(inside, dome)
@@ -131,25 +126,10 @@ class DomeSheets:
         return np.asarray(self._share @ values)
 
 
-def _points(dome: SoftBody) -> Array:
-    """Places of the nodes, (N, 2)."""
-    nodes = lattice(dome)
-    return np.column_stack([nodes.angles[nodes.ring], nodes.azimuth])
-
-
-def _inside(dome: SoftBody, pitch: float) -> Array:
-    """Places of points that are a pitch apart, to the corners of a pad, (N, 2)."""
-    if isinstance(dome, Dome):
-        return _points(replace(dome, pitch=pitch))
-    places = disc_places(math.sqrt(2.0) * dome.radius + pitch, pitch)
-    return places[(abs(_chart(places)) < dome.radius + pitch).all(axis=1)]
-
-
 def _with_equator(places: Array, dome: SoftBody) -> "tuple[Array, scipy.spatial.Delaunay]":
     """Places and those of the equator, and triangles of them all."""
     turn = np.linspace(0.0, 2.0 * np.pi, _EQUATOR, endpoint=False)
-    end = np.pi / 2 if isinstance(dome, Dome) else _FAR * dome.radius
-    equator = np.column_stack([np.full_like(turn, end), turn])
+    equator = np.column_stack([np.full_like(turn, dome.end), turn])
     whole = np.concatenate([places, equator])
     return whole, scipy.spatial.Delaunay(_chart(whole))
 

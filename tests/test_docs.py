@@ -15,7 +15,8 @@ import chromagrip
 from chromagrip.dataset.labels import columns_of
 from chromagrip.loop.column import Mechanics
 from chromagrip.loop.columns import columns_of as trace_of
-from chromagrip.loop.poses.folder import ARRAYS, DOME_ARRAYS
+from chromagrip.loop.poses.dome_poses import DOME_ARRAYS
+from chromagrip.loop.poses.poses import ARRAYS
 from chromagrip.output.parquet import DISPLACEMENTS, FORCES, TRACKS
 
 ROOT = Path(__file__).parents[1]

@@ -256,7 +256,7 @@ def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
         assert brought <= wanted
 
 
-@pytest.mark.parametrize("path", [pytest.param("truth", marks=pytest.mark.slow), "camera"])
+@pytest.mark.parametrize("path", [pytest.param("truth", marks=[pytest.mark.slow, pytest.mark.environments]), "camera"])
 def test_a_grasp_in_memory_needs_no_extra(path: str, bare: Bare, tmp_path: Path) -> None:
     words = quick_grasp(path)
     done = bare.ended.get(words) or without_extras(tmp_path, words)[0]
@@ -303,6 +303,7 @@ def test_extras_that_are_there_are_imported(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.environments
 def test_a_wheel_alone_grasps_with_the_base_only(wheel: Path, tmp_path: Path) -> None:
     """In a new environment, with the versions of the lock; needs pip and its index."""
     pins = re.findall(r"^[\w.-]+==[^\s\\]+(?: ; [^\\]+)?", lock_text(), re.MULTILINE)

@@ -58,6 +58,11 @@ class State:
     rate: Array
     step: float
 
+    @property
+    def carried(self) -> Array:
+        """What carries the markers: displacements of the nodes from the rigid part [m], (N, 2)."""
+        return self.deformation.seen
+
 
 def state_of(
     time: float,

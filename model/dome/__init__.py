@@ -7,7 +7,7 @@ moves an object over it: any signed distance, with Dahl friction, sliding and to
 """
 
 from .compliance import compliance_table, make_table
-from .dome import Dome, Pad, SoftBody, disc_places, lattice
+from .dome import Dome, Pad, SoftBody, lattice
 from .inside import MarkerField, SkinField, inside_table
 from .motion import AXES, Motion, press_and_move
 from .placing import rise_beside, rotation_of, touching_place
@@ -45,7 +45,6 @@ __all__ = [
     "Stepper",
     "compliance_table",
     "contact_steps",
-    "disc_places",
     "displacements",
     "dome_forces",
     "follow_dome_slip",

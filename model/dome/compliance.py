@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,18 +50,19 @@ def compliance_table(body: SoftBody, progress: Callable[[int, int], None] = noth
     float32, shape (P, K, 9): pairs of rings, angles from 0 to π with one step before and two after,
     and components (r, φ, z) × (r, φ, z); in units of 1/(E·R), see `compliance_scale`.
     """
-    if isinstance(body, Pad):
-        table = _pad_table(body)
-    else:
-        angles = lattice(body).angles
-        key = content_key(_VERSION, np.array(_shape(body)), np.array(angles))
-        found = kept(_KIND, key)
-        if found is None:
-            found = {"table": make_table(body, progress)}
-            keep(_KIND, key, found)
-        table = np.asarray(found["table"], np.float32)
+    table = _TABLES[type(body)](body, progress)
     table.setflags(write=False)
     return table
+
+
+def _kept_table(dome: Dome, progress: Callable[[int, int], None]) -> Table:
+    """Table of a dome, which is kept in the user's cache folder."""
+    key = content_key(_VERSION, np.array(_shape(dome)), np.array(lattice(dome).angles))
+    found = kept(_KIND, key)
+    if found is None:
+        found = {"table": make_table(dome, progress)}
+        keep(_KIND, key, found)
+    return np.asarray(found["table"], np.float32)
 
 
 def _shape(dome: Dome) -> tuple[float, float, float]:
@@ -80,7 +82,7 @@ def skin_compliance(body: SoftBody) -> SkinCompliance:
     return SkinCompliance(table, len(nodes.angles), nodes.ring, nodes.azimuth, scale)
 
 
-def _pad_table(pad: Pad) -> Table:
+def _pad_table(pad: Pad, progress: Callable[[int, int], None]) -> Table:
     """Table of a pad: what a force does depends on the way from it alone."""
     rings = lattice(pad).angles / pad.radius
     width = WIDTH * pad.spacing / pad.radius
@@ -123,3 +125,10 @@ def make_table(dome: Dome, progress: Callable[[int, int], None] = nothing) -> Ta
             wave = even if (a == 1) == (b == 1) else odd if b == 1 else -odd
             table[:, :, a, b] = (wave @ energies[:, :, a, b]).T
     return table.reshape(len(low), steps + 4, 9)
+
+
+#: What makes the table of each kind of body.
+_TABLES: dict[type[SoftBody], Callable[[Any, Callable[[int, int], None]], Table]] = {
+    Dome: _kept_table,
+    Pad: _pad_table,
+}

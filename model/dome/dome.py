@@ -1,8 +1,9 @@
 """The fingertip as silicone on a rigid core: a dome or a flat pad, its material and its nodes."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,10 @@ Array = NDArray[np.float64]
 
 #: Pitch of the nodes as a share of the radius, of a dome and of a pad, where none is given.
 PITCH, PAD_PITCH = 1 / 20, 1 / 32
+#: Thickness over radius of the dome whose law of stiffening a pad has.
+_FLAT = 0.05
+#: Circle around a pad on which nothing moves, as a share of half its side.
+_FAR = 2.0
 #: Way of a free object in a step that is no leap, as a share of a dome's radius.
 _STRIDE = 0.2
 #: The golden angle [rad]; each ring of nodes is turned by it, so that no two rings line up.
@@ -43,6 +48,10 @@ class Dome:
     relaxation: float = 0.0
     stiffening: bool = True
 
+    #: Name of the kind of body, and whether its elasticity is known in closed form.
+    kind: ClassVar[Literal["dome"]] = "dome"
+    closed_form: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         finite("dome radius", self.radius, "m", above=0.0, below=1.0)
         finite("Young's modulus of the dome", self.young, "Pa", above=0.0)
@@ -68,6 +77,54 @@ class Dome:
         """Way of a free object in a step, beyond which it might leap through the silicone [m]."""
         return _STRIDE * self.radius
 
+    @property
+    def slenderness(self) -> float:
+        """Thickness over radius, for the law of stiffening."""
+        return self.thickness / self.radius
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return len(lattice(self).ring)
+
+    def with_thickness(self, thickness: float) -> Self:
+        """The same with another thickness of the silicone [m]."""
+        return replace(self, core=self.radius - thickness)
+
+    @property
+    def end(self) -> float:
+        """Place at which nothing moves any more: the equator [rad]."""
+        return math.pi / 2
+
+    def places(self, pitch: float) -> Array:
+        """Places of points of the skin a pitch [m] apart: angle and azimuth [rad], (N, 2)."""
+        return replace(self, pitch=pitch).lattice().places
+
+    def onto(self, points: Array) -> Array:
+        """Points (P, 3) on the skin, straight below or above those near it."""
+        return points * (self.radius / np.linalg.norm(points, axis=1, keepdims=True))
+
+    def lattice(self) -> "Lattice":
+        """Nodes of the skin, on the sphere."""
+        step = self.spacing / self.radius
+        angles = _middles(self.reach, step)
+        ring, azimuth = _around(np.sin(angles), step)
+        theta = angles[ring]
+        directions = np.stack(
+            [np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)],
+            axis=1,
+        )
+        zones = 2.0 * np.pi * (np.cos(angles - step / 2) - np.cos(angles + step / 2))
+        points = self.radius * directions
+        return Lattice(
+            angles=angles,
+            ring=ring,
+            azimuth=azimuth,
+            points=points,
+            outwards=points / self.radius,
+            areas=(self.radius**2 * zones / np.bincount(ring))[ring],
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Pad:
@@ -92,6 +149,9 @@ class Pad:
     relaxation: float = 0.0
     stiffening: bool = True
 
+    kind: ClassVar[Literal["pad"]] = "pad"
+    closed_form: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         finite("half of the pad's side", self.radius, "m", above=0.0, below=1.0)
         finite("Young's modulus of the pad", self.young, "Pa", above=0.0)
@@ -110,6 +170,56 @@ class Pad:
     def stride(self) -> float:
         """As of a `Dome` [m]."""
         return 0.8 * self.thickness
+
+    @property
+    def slenderness(self) -> float:
+        """As of a `Dome`; a pad follows the law of a thin one."""
+        return _FLAT
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return len(lattice(self).ring)
+
+    def with_thickness(self, thickness: float) -> Self:
+        """The same with another thickness of the silicone [m]."""
+        return replace(self, thickness=thickness)
+
+    @property
+    def end(self) -> float:
+        """Place at which nothing moves any more: a circle beyond the corners [m]."""
+        return _FAR * self.radius
+
+    def places(self, pitch: float) -> Array:
+        """Places of points a pitch [m] apart: way from the middle [m] and azimuth [rad], (N, 2).
+
+        They reach to the corners, where the skin has no nodes.
+        """
+        rings = _middles(math.sqrt(2.0) * self.radius + pitch, pitch)
+        ring, azimuth = _around(rings, pitch)
+        way = rings[ring]
+        plane = way[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+        inside = (abs(plane) < self.radius + pitch).all(axis=1)
+        return np.column_stack([way, azimuth])[inside]
+
+    def onto(self, points: Array) -> Array:
+        """Points (P, 3) on the skin, as of a `Dome`."""
+        off = np.linalg.norm(points[:, :2], axis=1, keepdims=True)
+        return points * (np.minimum(1.0, self.radius / np.maximum(off, 1e-12)) * [1.0, 1.0, 0.0])
+
+    def lattice(self) -> "Lattice":
+        """Nodes of the skin, on a disc."""
+        rings = _middles(self.radius, self.spacing)
+        ring, azimuth = _around(rings, self.spacing)
+        rho = rings[ring]
+        return Lattice(
+            angles=rings,
+            ring=ring,
+            azimuth=azimuth,
+            points=np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), 0.0 * rho], axis=1),
+            outwards=np.tile([0.0, 0.0, 1.0], (len(ring), 1)),
+            areas=(2.0 * np.pi * rings * self.spacing / np.bincount(ring))[ring],
+        )
 
 
 #: Silicone in three dimensions.
@@ -139,29 +249,19 @@ class Lattice:
     outwards: Array
     areas: Array
 
-
-def onto_skin(body: SoftBody, points: Array) -> Array:
-    """Points (P, 3) on the skin, straight below or above those near it."""
-    if isinstance(body, Dome):
-        return points * (body.radius / np.linalg.norm(points, axis=1, keepdims=True))
-    off = np.linalg.norm(points[:, :2], axis=1, keepdims=True)
-    return points * (np.minimum(1.0, body.radius / np.maximum(off, 1e-12)) * [1.0, 1.0, 0.0])
+    @property
+    def places(self) -> Array:
+        """Places of the nodes on the skin: that of their ring, and azimuth [rad], (N, 2)."""
+        return np.column_stack([self.angles[self.ring], self.azimuth])
 
 
 @lru_cache(maxsize=8)
 def lattice(body: SoftBody) -> Lattice:
     """Nodes of a body, about one pitch from each other."""
-    values = _sphere(body) if isinstance(body, Dome) else _disc(body)
+    values = body.lattice()
     for array in vars(values).values():
         array.setflags(write=False)
     return values
-
-
-def disc_places(radius: float, pitch: float) -> Array:
-    """Distance from the middle of a disc [m] and azimuth [rad] of points a pitch apart, (N, 2)."""
-    rings = _middles(radius, pitch)
-    ring, azimuth = _around(rings, pitch)
-    return np.column_stack([rings[ring], azimuth])
 
 
 def _middles(reach: float, step: float) -> Array:
@@ -176,37 +276,3 @@ def _around(lengths: Array, step: float) -> tuple[NDArray[np.int64], Array]:
         [(GOLDEN_ANGLE * k + 2.0 * np.pi * np.arange(n) / n) for k, n in enumerate(counts)]
     ) % (2.0 * np.pi)
     return np.repeat(np.arange(len(lengths)), counts), azimuth
-
-
-def _disc(pad: Pad) -> Lattice:
-    rings = _middles(pad.radius, pad.spacing)
-    ring, azimuth = _around(rings, pad.spacing)
-    rho = rings[ring]
-    return Lattice(
-        angles=rings,
-        ring=ring,
-        azimuth=azimuth,
-        points=np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), 0.0 * rho], axis=1),
-        outwards=np.tile([0.0, 0.0, 1.0], (len(ring), 1)),
-        areas=(2.0 * np.pi * rings * pad.spacing / np.bincount(ring))[ring],
-    )
-
-
-def _sphere(dome: Dome) -> Lattice:
-    step = dome.spacing / dome.radius
-    angles = _middles(dome.reach, step)
-    ring, azimuth = _around(np.sin(angles), step)
-    theta = angles[ring]
-    directions = np.stack(
-        [np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], axis=1
-    )
-    zones = 2.0 * np.pi * (np.cos(angles - step / 2) - np.cos(angles + step / 2))
-    points = dome.radius * directions
-    return Lattice(
-        angles=angles,
-        ring=ring,
-        azimuth=azimuth,
-        points=points,
-        outwards=points / dome.radius,
-        areas=(dome.radius**2 * zones / np.bincount(ring))[ring],
-    )

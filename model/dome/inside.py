@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import scipy
@@ -206,9 +207,7 @@ class MarkerField:
         nodes = lattice(body)
         self._shape = places.shape[:2]
         self._layers: list[_DomeLayer | _PadLayer] = [
-            _PadLayer(body, np.asarray(place, np.float64), float(depth))
-            if isinstance(body, Pad)
-            else _DomeLayer(body, np.asarray(place, np.float64), float(depth))
+            _LAYERS[type(body)](body, np.asarray(place, np.float64), float(depth))
             for place, depth in zip(places, depths, strict=True)
         ]
         values = 9 * self._shape[0] * self._shape[1]
@@ -308,6 +307,13 @@ class _PadLayer:
             slopes = layer_slopes(self._motion, way) @ self._axes[:, None]
             out[i, :, :, :3] = self._scale * layer_moved(self._motion, way).transpose(2, 0, 1)
             out[i, :, :, 3:] = self._scale * slopes.transpose(2, 0, 1, 3).reshape(3, len(way), 6)
+
+
+#: Layer of markers in each kind of body.
+_LAYERS: dict[type[SoftBody], Callable[[Any, Array, float], _DomeLayer | _PadLayer]] = {
+    Dome: _DomeLayer,
+    Pad: _PadLayer,
+}
 
 
 def _spline(stations: Array, places: Array) -> "tuple[Array, scipy.sparse.csr_matrix]":

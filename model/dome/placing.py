@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ..kernels.dome.newton_kernels import turned
 from ..shapes import distances
-from .dome import SoftBody, lattice, onto_skin
+from .dome import SoftBody, lattice
 from .solid import Solid
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ def touching_place(
         nearest, width = points[gap.argmin()], dome.spacing
         least = float(gap.min())
         for _ in range(_LOOKS):
-            around = onto_skin(dome, nearest + width * _AROUND)
+            around = dome.onto(nearest + width * _AROUND)
             gap, _ = distances(solid.shape, (around - place) @ rotation)
             if gap.min() < least:
                 nearest, least = around[gap.argmin()], float(gap.min())

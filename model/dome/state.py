@@ -47,6 +47,11 @@ class DomeState:
     normals: Array
     near: Index
 
+    @property
+    def carried(self) -> Array:
+        """What carries the markers: forces on the linear skin [N], (N, 3)."""
+        return self.memory if self.memory.any() else self.linear
+
 
 class StepCount(NamedTuple):
     """What a step took.

@@ -18,12 +18,9 @@ from numpy.typing import NDArray
 
 from ..kernels.dome.posed_kernels import stiffening_by
 from ..kernels.dome.touch_kernels import Stiffening
-from .dome import Pad, SoftBody
+from .dome import SoftBody
 
 Array = NDArray[np.float64]
-
-#: Thickness over radius of the dome whose law a pad has.
-_FLAT = 0.05
 
 
 def law_of(dome: SoftBody) -> Array:
@@ -38,8 +35,7 @@ def law_of(dome: SoftBody) -> Array:
     # A wide contact squeezes the silicone, which gives way by its bulk: more so, the less it is
     # compressible.
     bulk = 2.0 * (1.0 + dome.poisson) / (3.0 * (1.0 - 2.0 * dome.poisson))  # over the shear modulus
-    slender = _FLAT if isinstance(dome, Pad) else dome.thickness / dome.radius
-    slipping = [0.402 * math.sqrt(bulk), 3.103 * slender**-0.184, 0.511, 1.536]
+    slipping = [0.402 * math.sqrt(bulk), 3.103 * dome.slenderness**-0.184, 0.511, 1.536]
     return np.array([dome.thickness, *slipping, 0.807, 2.556, 2.347, 1.425])
 
 

@@ -38,29 +38,6 @@ STIFFNESS_DEVIATION = 0.08
 LAYERS = ("magenta", "yellow")
 
 
-class Dome(Table, frozen=True, tag_field="shape", tag="dome"):
-    """A dome of soft, clear silicone around a hollow with the camera in it.
-
-    `stiffness_deviation` is the standard deviation of a specimen's stiffness from the design's, as
-    a share, which no picture of the unloaded sensor tells. `rim_deg` is the angle from the apex at
-    which the housing begins, which hides the skin and the markers beyond.
-    """
-
-    radius_mm: Positive
-    hollow_mm: Positive
-    index: Annotated[float, Meta(ge=1.0, le=3.0)] = 1.41
-    stiffness_deviation: Share = STIFFNESS_DEVIATION
-    rim_deg: Annotated[float, Meta(ge=20.0, le=90.0)] = 90.0
-
-
-class Pad(Table, frozen=True, tag_field="shape", tag="pad"):
-    """A flat square pad of clear silicone, seen through its base."""
-
-    side_mm: Positive
-    thickness_mm: Positive
-    index: Annotated[float, Meta(ge=1.0, le=3.0)] = 1.41
-
-
 class Geodesic(Table, frozen=True, tag_field="kind", tag="geodesic"):
     """Evenly over the dome, plus a row on the chain's own meridian."""
 
@@ -106,6 +83,90 @@ class FromFile(Table, frozen=True, tag_field="kind", tag="file"):
     """Places from a CSV file: theta_deg, phi_deg on a dome; x_mm, y_mm on a pad."""
 
     path: str
+
+
+#: Layout of the markers.
+Layout = Geodesic | Spiral | Meridian | Grid | Ring | FromFile
+
+#: A camera's place, and where it must be.
+_ELSEWHERE = "camera.position_mm = {:g} must be {}: from elsewhere the camera cannot see the skin"
+
+
+class Dome(Table, frozen=True, tag_field="shape", tag="dome"):
+    """A dome of soft, clear silicone around a hollow with the camera in it.
+
+    `stiffness_deviation` is the standard deviation of a specimen's stiffness from the design's, as
+    a share, which no picture of the unloaded sensor tells. `rim_deg` is the angle from the apex at
+    which the housing begins, which hides the skin and the markers beyond.
+    """
+
+    radius_mm: Positive
+    hollow_mm: Positive
+    index: Annotated[float, Meta(ge=1.0, le=3.0)] = 1.41
+    stiffness_deviation: Share = STIFFNESS_DEVIATION
+    rim_deg: Annotated[float, Meta(ge=20.0, le=90.0)] = 90.0
+
+    @property
+    def room_mm(self) -> float:
+        """Thickness of the silicone [mm]."""
+        return self.radius_mm - self.hollow_mm
+
+    @property
+    def unit(self) -> float:
+        """Places on the skin for each mm along it, see `skin` [rad]."""
+        return 1.0 / self.radius_mm
+
+    @property
+    def port(self) -> float:
+        """Radius of the inner surface that the camera looks through [m]."""
+        return self.hollow_mm * 1e-3
+
+    def build(self) -> Skin:
+        """The skin at rest."""
+        return DomeSkin(radius=self.radius_mm * 1e-3, rim=float(np.deg2rad(self.rim_deg)))
+
+    def refuse(self, layout: Layout, camera_mm: float) -> None:
+        """Refuse a layout of markers, or a place of the camera, that does not fit."""
+        if not self.room_mm > 0.0:
+            raise UserError("skin.hollow_mm must be less than skin.radius_mm")
+        if not abs(camera_mm) < self.hollow_mm:
+            raise UserError(_ELSEWHERE.format(camera_mm, f"within ±{self.hollow_mm:g}, the hollow"))
+
+
+class Pad(Table, frozen=True, tag_field="shape", tag="pad"):
+    """A flat square pad of clear silicone, seen through its base."""
+
+    side_mm: Positive
+    thickness_mm: Positive
+    index: Annotated[float, Meta(ge=1.0, le=3.0)] = 1.41
+    stiffness_deviation = 0.0  # of a specimen; no estimator reads forces off a pad
+
+    @property
+    def room_mm(self) -> float:
+        """Thickness of the silicone [mm]."""
+        return self.thickness_mm
+
+    @property
+    def unit(self) -> float:
+        """Places on the skin for each mm along it, see `skin` [m]."""
+        return 1e-3
+
+    @property
+    def port(self) -> float:
+        """Place of the base that the camera looks through [m]."""
+        return -self.thickness_mm * 1e-3
+
+    def build(self) -> Skin:
+        """The skin at rest."""
+        return PadSkin(radius=self.side_mm * 0.5e-3)
+
+    def refuse(self, layout: Layout, camera_mm: float) -> None:
+        """Refuse a layout of markers, or a place of the camera, that does not fit."""
+        if isinstance(layout, Geodesic | Spiral | Meridian):
+            raise UserError("layout.kind geodesic, spiral and meridian need a dome")
+        if not camera_mm < -self.thickness_mm:
+            below = f"below -{self.thickness_mm:g}, the base of the pad"
+            raise UserError(_ELSEWHERE.format(camera_mm, below))
 
 
 class Markers(Table, frozen=True):
@@ -189,9 +250,6 @@ class Ground(Table, frozen=True):
     housing: Colour
 
 
-Layout = Geodesic | Spiral | Meridian | Grid | Ring | FromFile
-
-
 class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
     """A whole sensor. What an estimator may know of it is its calibration.
 
@@ -219,31 +277,13 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
         skin = self.skin
         if self.silicone is not None:
             self.silicone.body(self.shape.radius, self.shape.flat)  # refuses what makes none
-        room = skin.radius_mm - skin.hollow_mm if isinstance(skin, Dome) else skin.thickness_mm
-        if not room > 0.0:
-            raise UserError("skin.hollow_mm must be less than skin.radius_mm")
+        skin.refuse(self.layout, self.camera.position_mm)
         for name, layer in zip(LAYERS, self.layers, strict=True):
-            if layer.depth_mm >= room:
+            if layer.depth_mm >= skin.room_mm:
                 raise UserError(
-                    f"{name}.depth_mm = {layer.depth_mm} must be less than the silicone's {room:g}"
+                    f"{name}.depth_mm = {layer.depth_mm} must be less than the silicone's "
+                    f"{skin.room_mm:g}"
                 )
-        if isinstance(skin, Pad) and isinstance(self.layout, Geodesic | Spiral | Meridian):
-            raise UserError("layout.kind geodesic, spiral and meridian need a dome")
-        inside = (
-            abs(self.camera.position_mm) < skin.hollow_mm
-            if isinstance(skin, Dome)
-            else self.camera.position_mm < -skin.thickness_mm
-        )
-        if not inside:
-            where = (
-                f"within ±{skin.hollow_mm:g}, the hollow"
-                if isinstance(skin, Dome)
-                else f"below -{skin.thickness_mm:g}, the base of the pad"
-            )
-            raise UserError(
-                f"camera.position_mm = {self.camera.position_mm:g} must be {where}: "
-                f"from elsewhere the camera cannot see the skin"
-            )
         square = self.markers.form == "square"
         check_markers(self.shape, self.view, self.places, self.depths, self.half_sizes, square)
 
@@ -259,6 +299,23 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
         if self.silicone is None:
             raise UserError("the design says nothing of its silicone: it has no table [silicone]")
         return self.silicone.body(self.shape.radius, self.shape.flat)
+
+    def round_dome(self, reader: str) -> model.Dome:
+        """The silicone of a dome.
+
+        Parameters
+        ----------
+        reader: what needs it, for the refusal
+
+        Raises
+        ------
+        UserError
+            For a pad, and for a design that says nothing of its silicone.
+        """
+        body = self.dome
+        if not isinstance(body, model.Dome):
+            raise UserError(f"{reader} needs a dome of silicone, not a flat pad")
+        return body
 
     @property
     def layers(self) -> tuple[Layer, Layer]:
@@ -288,16 +345,12 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
     @property
     def stiffness_deviation(self) -> float:
         """Spread of the stiffness from specimen to specimen; 0 for a pad, which has no forces."""
-        return self.skin.stiffness_deviation if isinstance(self.skin, Dome) else 0.0
+        return self.skin.stiffness_deviation
 
     @cached_property
     def shape(self) -> Skin:
         """The skin at rest."""
-        if isinstance(self.skin, Dome):
-            return DomeSkin(
-                radius=self.skin.radius_mm * 1e-3, rim=float(np.deg2rad(self.skin.rim_deg))
-            )
-        return PadSkin(radius=self.skin.side_mm * 0.5e-3)
+        return self.skin.build()
 
     @cached_property
     def places(self) -> Array:
@@ -308,7 +361,7 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
 
     def _places(self) -> Array:
         plan, flat = self.layout, self.shape.flat
-        unit = 1e-3 if isinstance(self.skin, Pad) else 1.0 / self.skin.radius_mm
+        unit = self.skin.unit
         match plan:
             case Geodesic():
                 coverage = np.deg2rad(plan.coverage_deg)
@@ -333,14 +386,12 @@ class SensorDesign(Table, frozen=True, kw_only=True, dict=True):
     @cached_property
     def view(self) -> View:
         """Camera in the sensor frame."""
-        skin = self.skin
-        dome = isinstance(skin, Dome)
         return View(
             camera=self.camera.build(),
             position=self.camera.position_mm * 1e-3,
-            port=skin.hollow_mm * 1e-3 if isinstance(skin, Dome) else -skin.thickness_mm * 1e-3,
-            flat=not dome,
-            index=skin.index,
+            port=self.skin.port,
+            flat=self.shape.flat,
+            index=self.skin.index,
         )
 
     def places_at(self, pixels: Array, layer: int) -> Array:

@@ -1,6 +1,6 @@
 """Labels of an image: where every marker is, what each pixel shows, and how it has moved."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -115,7 +115,7 @@ class TruthMap:
         self._moved = (
             DomeSheets(sensor, body, under)
             if isinstance(body, SoftBody)
-            else chain_sheets(sensor, body, under)
+            else ChainSheets(sensor, body, under)
         )
 
     def __call__(self, membrane: Membrane, displacement: Array) -> GroundTruth:
@@ -178,8 +178,6 @@ class TruthMap:
         -------
         Shape (H, W, C).
         """
-        if not isinstance(self._moved, DomeSheets):
-            raise TypeError("only the skin of a dome has values in the image")
         return self._seen(self._rest[2] + self._moved(displacement, 2), self._moved.spread(values))
 
     def _seen(self, now: Array, values: Array) -> NDArray[np.float32]:
@@ -202,17 +200,27 @@ class TruthMap:
         return seen
 
 
-def chain_sheets(
-    sensor: SensorDesign, nodes: int | Array, under: list[Array]
-) -> Callable[[Array, int], Array]:
-    """Displacement of places (P, 2) on both layers and on the skin, by node displacements."""
-    maps = [harmonic_map(sensor.shape, places, nodes) for places in under]
-    follow = (*map(float, sensor.follow), 1.0)
+class ChainSheets:
+    """Both layers and the skin over a chain, as `DomeSheets` over silicone.
 
-    def moved(displacement: Array, sheet: int) -> Array:
-        return np.asarray(follow[sheet] * maps[sheet].displacement(displacement))
+    Parameters
+    ----------
+    sensor: design
+    nodes: of the chain, how many or where
+    under: places of each layer and of the skin, three arrays (P, 2)
+    """
 
-    return moved
+    def __init__(self, sensor: SensorDesign, nodes: int | Array, under: list[Array]) -> None:
+        self._maps = [harmonic_map(sensor.shape, places, nodes) for places in under]
+        self._follow = (*map(float, sensor.follow), 1.0)
+
+    def __call__(self, displacement: Array, sheet: int) -> Array:
+        """Displacement of the places of a sheet (P, 3) [m], by that of the nodes (N, 2) [m]."""
+        return np.asarray(self._follow[sheet] * self._maps[sheet].displacement(displacement))
+
+    def spread(self, values: Array) -> Array:
+        """Refuse values of nodes, which do not lie all over the skin."""
+        raise TypeError("only the skin of a dome has values in the image")
 
 
 def _sample(field: Array, places: NDArray[np.float32]) -> Array:

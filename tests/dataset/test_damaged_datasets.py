@@ -22,6 +22,8 @@ from chromagrip.dataset.recipe import load_recipe
 #: A dataset of one sequence of a dome.
 SEED = Path(__file__).parents[2] / "fixtures" / "written-before" / "dataset"
 NAME = "sequence-000000"
+#: Every so many-th damage is tried, by each part.
+STRIDE = 16
 Typed = Callable[..., CompletedProcess[str]]
 #: Changes a copy of the seed; the file that it damages, and how.
 Damage = tuple[str, str, Callable[[Path], object]]
@@ -255,10 +257,11 @@ def seed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 @pytest.mark.slow
 @pytest.mark.fuzz
-@pytest.mark.parametrize("part", range(8))
+@pytest.mark.parametrize("part", range(2))
 def test_every_damage_is_a_sentence(typed: Typed, tmp_path: Path, seed: Path, part: int) -> None:
+    """One in STRIDE; a stride of 2 is all of them, and takes two hours."""
     layouts = ("coco", "tapvid", "webdataset", "lerobot")
-    for k, damage in enumerate(every(seed)[part::8]):
+    for k, damage in enumerate(every(seed)[part::STRIDE]):
         for seal in (True, False):
             if seal or k % 4 == 0:  # without, most are the same refusal
                 through(typed, tmp_path / "work", seed, damage, seal, layouts[k % 4])

@@ -102,6 +102,7 @@ def test_an_interrupted_run_goes_on_from_what_is_there(bucket: str, tmp_path: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.environments
 def test_shards_of_two_addresses_are_merged(bucket: str, tmp_path: Path) -> None:
     make(TINY, tmp_path / "here")
     for k in (1, 2):

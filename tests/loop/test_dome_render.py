@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from chromagrip import UserError, load_scene
-from chromagrip.loop.poses.dome_poses import DomePose
-from chromagrip.loop.poses.folder import DOME_ARRAYS, render_poses
+from chromagrip.loop.poses.dome_poses import DOME_ARRAYS, DomePose
+from chromagrip.loop.poses.folder import render_poses
 from chromagrip.render import rest_membrane
 from chromagrip.scene.scene import Scene
 

@@ -12,8 +12,8 @@ import pytest
 from scipy.spatial import KDTree
 
 from chromagrip import UserError, load_scene
-from chromagrip.loop.poses.folder import ARRAYS, render_poses
-from chromagrip.loop.poses.poses import Pose, settle
+from chromagrip.loop.poses.folder import render_poses
+from chromagrip.loop.poses.poses import ARRAYS, Pose, settle
 from chromagrip.render import load_camera, load_sensor
 
 

@@ -12,7 +12,7 @@ from chromagrip.loop.run import run
 from chromagrip.loop.shown.run_folder import read_run
 
 Browsing = Callable[[int], Any]
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 
 @pytest.fixture(scope="module")

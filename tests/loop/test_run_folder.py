@@ -289,7 +289,7 @@ def test_every_column_is_needed_or_not(whole: Path, tmp_path: Path, name: str) -
     for at, column in enumerate(table.column_names):
         pq.write_table(table.remove_column(at), path)
         try:
-            columns = read_trace(path, table.column_names, run.scene.fingers == 2)
+            columns = read_trace(path, table.column_names)
         except UserError as refusal:
             sentence = str(refusal)
             assert f"has no column {column}" in sentence

@@ -334,5 +334,5 @@ def test_designs_are_read_as_their_layers_allow() -> None:
 
 
 def test_pads_have_no_such_limits() -> None:
-    with pytest.raises(UserError, match="a flat pad has no dome"):
+    with pytest.raises(UserError, match="limit --body dome needs a dome of silicone"):
         limit_of(load_sensor("flat-2019"))

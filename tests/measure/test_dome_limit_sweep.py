@@ -172,7 +172,10 @@ def test_command_prints_writes_and_draws(
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"sensor": ("flat-2019",)}, "sensor flat-2019: a flat pad has no dome"),
+        (
+            {"sensor": ("flat-2019",)},
+            "sensor flat-2019: limit --body dome needs a dome of silicone",
+        ),
         ({"sensor": ("nothing",)}, "no sensor design"),
         ({"noise": 0.0}, "--noise must be finite and above 0"),
         ({"shears": 0}, "--shears must be 1 to 20, got 0"),

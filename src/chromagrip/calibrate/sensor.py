@@ -17,6 +17,7 @@ from ..errors import UserError, located
 from ..folders import write_whole
 from ..output.processes import one_thread
 from ..render import SensorDesign
+from ..scene.scene import Body
 from ..stored_pictures import MEGAPIXELS
 from ..tracking import DEFAULT_TRACKER, GaussianProcess, NoEstimateError, SensorCalibration
 from ..tracking.forces import (
@@ -130,16 +131,15 @@ def calibrate_sensor(
             )
         )
     nominal = nominal_calibration(design)
-    silicone = by_force and body_read(nominal) == "dome"
+    check, fit = _BY_FORCE[body_read(nominal)]
     if by_force:
         _check_forces(presses, where)
-        if not silicone:
-            _check_plates(presses, where)
+        check(presses, where)
     pressed = track_presses(folder, presses, design, tracker, noise, tell, max_megapixels)
     if not by_force:
         return _fit_displacement(nominal, pressed, where)
     with one_thread():
-        return (fit_presses if silicone else _fit_forces)(nominal, pressed, tell)
+        return fit(nominal, pressed, tell)
 
 
 def _check_forces(presses: list[Press], where: Path) -> None:
@@ -342,3 +342,14 @@ def save_calibration(
         sensor = os.path.relpath(sensor, path.parent)
     table = calibration_table(calibration, sensor, report)
     write_whole(path, tomli_w.dumps(table).encode())
+
+
+def _any_press(presses: list[Press], where: Path) -> None:
+    """Take every press, with balls and torques."""
+
+
+#: For sensors read as each body: check of a list of forces, and fit to their pictures.
+_BY_FORCE: dict[
+    Body, tuple[Callable[..., None], Callable[..., tuple[SensorCalibration, FitReport]]]
+]
+_BY_FORCE = {"chain": (_check_plates, _fit_forces), "dome": (_any_press, fit_presses)}

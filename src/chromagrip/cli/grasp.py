@@ -11,7 +11,7 @@ from ..errors import UserError
 from ..output.frames import FrameFormat
 from ..output.logs.write import KINDS, LogFormat, require_logs
 from ..scene import load_scene
-from ..scene.fingers import fingers
+from ..scene.fingers import fingers, need_one_finger
 from ..scene.scene import DEFAULT_SCENE, Body, PathName, grasp_command, parse_change
 from .options import (
     Allow,
@@ -155,8 +155,8 @@ def grasp(
     if out is None and not json_only:
         out = new_folder(f"{Path(scene).stem}-{resolved.controller.replace(':', '-')}")
 
-    if source is not None and resolved.fingers == 2:
-        raise UserError("--source is for one finger; this scene is a pinch of two")
+    if source is not None:
+        need_one_finger(resolved, "--source is for")
 
     from ..loop.run import run  # OpenCV loads only when something is run
 

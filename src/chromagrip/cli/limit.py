@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from ..measure.limits.sweep import Point
 
 
+#: Options that some bodies alone have.
+_OPTIONS: dict[Body, tuple[str, ...]] = {"chain": (), "dome": ("--azimuth-deg", "--shears")}
+
+
 def limit(
     *,
     sensor: Annotated[
@@ -69,7 +73,7 @@ def limit(
     if frames < 1:
         raise UserError(f"--frames must be 1 or more, got {frames}")
     for name, value in (("--azimuth-deg", azimuth_deg), ("--shears", shears)):
-        if body == "chain" and value is not None:
+        if value is not None and name not in _OPTIONS[body]:
             raise UserError(f"{name} needs --body dome")
 
     from ..folders import prepared

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import tyro
 from rich.table import Table
@@ -14,7 +14,7 @@ from ..errors import located
 from .options import CORES, Json, counting, option, print_table, status, value_table
 
 if TYPE_CHECKING:  # OpenCV loads only when something is run
-    from ..model import SoftBody
+    from ..model import Dome, SoftBody
     from ..scene.scene import Scene
     from ..tracking import SensorCalibration
 
@@ -83,8 +83,14 @@ def make_dome_tables(scene: "Scene", pictures: bool) -> None:
     UserError
         For a layer of markers below the silicone.
     """
-    if scene.body != "dome":
-        return
+    {"chain": _no_tables, "dome": _dome_tables}[scene.body](scene, pictures)
+
+
+def _no_tables(scene: "Scene", pictures: bool) -> None:
+    """A chain needs no tables."""
+
+
+def _dome_tables(scene: "Scene", pictures: bool) -> None:
     from ..render import layer_depths
 
     shape = scene.build_solid().shape
@@ -96,15 +102,15 @@ def make_dome_tables(scene: "Scene", pictures: bool) -> None:
 
 def _solve(dome: "SoftBody", depths: Iterable[float]) -> None:
     """Solve what is not kept of a dome's elasticity, and of its motion at depths [m]."""
-    from ..model.dome import Pad, compliance_table, inside_table
+    from ..model.dome import compliance_table, inside_table
 
-    if isinstance(dome, Pad):
-        return  # in closed form
+    if dome.closed_form:
+        return
     with _table("elasticity of the dome") as progress:
         compliance_table(dome, progress)
     for depth in depths:
         with _table(f"motion of the markers {1e3 * depth:.2f} mm deep in the dome") as progress:
-            inside_table(dome, depth, progress)
+            inside_table(cast("Dome", dome), depth, progress)
 
 
 def _table(what: str) -> AbstractContextManager[Callable[..., None]]:

@@ -3,12 +3,13 @@
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import UserError
-from ..scene.scene import DEFAULT_SCENE, Scene, load_scene, parse_change
+from ..scene.scene import DEFAULT_SCENE, Body, Scene, load_scene, parse_change
 from .options import Allow, Changes, JsonOnly, Out, Overwrite, counting, new_folder, option
 from .readouts import make_dome_tables
 
@@ -40,8 +41,22 @@ def _sizes_said() -> str:
 
 if TYPE_CHECKING:
     from ..loop.poses.dome_poses import DomePose
-    from ..loop.poses.folder import Entry
-    from ..loop.poses.poses import Pose
+    from ..loop.poses.poses import AnyPose, Entry, Pose
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """Options that say where the object goes, as they were given."""
+
+    grip: tuple[float, ...]
+    load: tuple[float, ...]
+    press_mm: tuple[float, ...]
+    shear_mm: tuple[float, ...]
+    twist_deg: float | None
+    tilt_deg: tuple[float, ...]
+    azimuth_deg: float | None
+    force: tuple[float, ...]
+    moment: float | None
 
 
 def render(
@@ -115,41 +130,26 @@ def render(
     changed: dict[str, Any] = {k: v for k, v in shortcuts.items() if v is not None}
     changed |= _object(object)
     changed |= dict(parse_change(text) for text in changes)
-    if changed.get("body") == "dome":
+    if "body" in changed:
         changed.setdefault("path", "truth")  # whatever reads its pictures is not asked
     resolved = load_scene(scene, changed, allow=allow)
-    poses: Sequence[Pose | DomePose]
-    if resolved.body == "dome":
-        if grip or load:
-            raise UserError(
-                "--grip and --load are for the chain; a dome takes --press-mm or --force"
-            )
-        poses = _dome_poses(
-            press_mm, shear_mm, twist_deg, tilt_deg, azimuth_deg or 0.0, force, moment
-        )
-    else:
-        given = {
-            "--twist-deg": twist_deg is not None, "--tilt-deg": tilt_deg, "--force": force,
-            "--azimuth-deg": azimuth_deg is not None, "--moment": moment is not None,
-        }  # fmt: skip
-        for name, value in given.items():
-            if value:
-                raise UserError(f"{name} is for a dome of silicone: give --object too")
-        poses = _poses(resolved, grip, load, press_mm, shear_mm)
+    asked = Asked(
+        grip=grip, load=load, press_mm=press_mm, shear_mm=shear_mm, twist_deg=twist_deg,
+        tilt_deg=tilt_deg, azimuth_deg=azimuth_deg, force=force, moment=moment,
+    )  # fmt: skip
+    poses_of: dict[Body, Callable[[Scene, Asked], Sequence[AnyPose]]]
+    poses_of = {"chain": _chain_poses, "dome": _dome_poses}
+    poses = poses_of[resolved.body](resolved, asked)
     if out is None and not json_only:
         out = new_folder(f"render-{Path(resolved.sensor).stem}")
 
     from ..loop.poses.folder import render_poses  # OpenCV loads only when something is drawn
 
     make_dome_tables(resolved, pictures=True)
-    again = _again(
-        grip=grip, load=load, press_mm=press_mm, shear_mm=shear_mm, twist_deg=twist_deg,
-        tilt_deg=tilt_deg, azimuth_deg=azimuth_deg, force=force, moment=moment,
-    )  # fmt: skip
+    again = _again(asked)
     with counting("rendering", "poses") as progress:
         report = render_poses(resolved, poses, out, overwrite, progress, again)
-    if resolved.body == "dome":
-        _warn_of_depth(resolved, report["poses"])
+    _warn_of_depth(resolved, report["poses"])
     if json_only:
         print(json.dumps(report))
         return 0
@@ -169,10 +169,10 @@ def _plain(value: float) -> str:
     return f"{0.0 if abs(value) < LEAST else value:.3g}"
 
 
-def _again(**options: tuple[float, ...] | float | None) -> str:
+def _again(asked: Asked) -> str:
     """Command that takes the same poses of the scene that is written."""
     words = ["chromagrip", "render", "--scene", "scene.toml"]
-    for name, value in options.items():
+    for name, value in vars(asked).items():
         values = value if isinstance(value, tuple) else () if value is None else (value,)
         if values:
             words += [f"--{name.replace('_', '-')}", *(repr(number) for number in values)]
@@ -181,27 +181,26 @@ def _again(**options: tuple[float, ...] | float | None) -> str:
 
 def _warn_of_depth(scene: Scene, entries: "list[Entry]") -> None:
     """Say of poses that are deeper than the silicone's motion was compared with anything."""
-    dome = scene.build_dome()
-    shares = [1e-3 * float(entry["deepest_mm"]) / dome.thickness for entry in entries]  # type: ignore[arg-type]
-    if max(shares) > DEEPEST:
+    deepest = max(float(entry.get("deepest_mm", 0.0)) for entry in entries)  # type: ignore[arg-type]
+    share = 1e-3 * deepest / scene.build_dome().thickness if deepest > 0.0 else 0.0
+    if share > DEEPEST:
         print(
-            f"chromagrip: the skin is pressed by {max(shares):.0%} of the silicone's thickness; "
+            f"chromagrip: the skin is pressed by {share:.0%} of the silicone's thickness; "
             f"markers and forces were compared with finite elements up to {DEEPEST:.0%} only, see "
             "docs/dome.md",
             file=sys.stderr,
         )
 
 
-def _poses(
-    scene: Scene,
-    grip: tuple[float, ...],
-    load: tuple[float, ...],
-    press_mm: tuple[float, ...],
-    shear_mm: tuple[float, ...],
-) -> "list[Pose]":
+def _chain_poses(scene: Scene, asked: Asked) -> "list[Pose]":
     """Poses of the sweep: forces on a dome, or depths and shears; one by default."""
     from ..loop.poses.poses import Pose
 
+    for name in ("twist_deg", "tilt_deg", "azimuth_deg", "force", "moment"):
+        if getattr(asked, name) not in (None, ()):
+            flag = name.replace("_", "-")
+            raise UserError(f"--{flag} is for a dome of silicone: give --object too")
+    grip, load, press_mm, shear_mm = asked.grip, asked.load, asked.press_mm, asked.shear_mm
     numbers = (*grip, *load, *press_mm, *shear_mm)
     if not all(map(math.isfinite, numbers)) or min((*grip, *press_mm), default=0.0) < 0.0:
         raise UserError("--grip and --press-mm must be 0 or more, and all numbers finite")
@@ -233,18 +232,16 @@ def _object(name: str | None) -> dict[str, Any]:
     return changes | {"object.radius_mm": math.inf, "object.mesh": name}
 
 
-def _dome_poses(
-    press_mm: tuple[float, ...],
-    shear_mm: tuple[float, ...],
-    twist_deg: float | None,
-    tilt_deg: tuple[float, ...],
-    azimuth_deg: float,
-    force: tuple[float, ...],
-    moment: float | None,
-) -> "list[DomePose]":
+def _dome_poses(scene: Scene, asked: Asked) -> "list[DomePose]":
     """Poses of an object on a dome, one for each depth."""
     from ..loop.poses.dome_poses import DomePose
 
+    if asked.grip or asked.load:
+        raise UserError("--grip and --load are for the chain; a dome takes --press-mm or --force")
+    press_mm, shear_mm, tilt_deg, force = (
+        asked.press_mm, asked.shear_mm, asked.tilt_deg, asked.force,
+    )  # fmt: skip
+    twist_deg, azimuth_deg, moment = asked.twist_deg, asked.azimuth_deg or 0.0, asked.moment
     for name, values, counts in (
         ("--shear-mm", shear_mm, (0, 1, 2)), ("--tilt-deg", tilt_deg, (0, 2)),
         ("--force", force, (0, 3)),

@@ -22,8 +22,8 @@ def print_summary(result: "Result") -> None:
         return "–" if value is None else f"{value:z.{digits}f}"
 
     table.add_row("controller", f"{summary['controller']}, {summary['path']} path")
-    rows = _rows_of_two if summary["mechanics"] == "pinch" else _rows_of_one
-    for name, words in rows(summary, number):
+    rows = {"chain": _rows_of_one, "dome": _rows_of_one, "pinch": _rows_of_two}
+    for name, words in rows[summary["mechanics"]](summary, number):
         table.add_row(name, words)
     table.add_row("speed", f"{number('frames_per_second', 1)} frames/s")
     if result.folder is not None:
@@ -42,7 +42,8 @@ def _rows_of_one(summary: "Summary", number: Number) -> Iterator[tuple[str, str]
         f"{number('final_margin_true')} true, {number('final_margin_estimated')} {read}",
     )
     yield "smallest in the run", f"{number('smallest_margin_true')} true"
-    if summary["mechanics"] == "dome":
+    torsion = summary["final_turn_deg"] is not None  # which a chain has not
+    if torsion:
         yield (
             "the same with torsion",
             f"{number('final_limit_margin_true')} true, "
@@ -70,7 +71,7 @@ def _rows_of_one(summary: "Summary", number: Number) -> Iterator[tuple[str, str]
             f"{event['time_s']:.3f} s, {event['lateral_displacement_mm']:.3f} mm",
         )
     markers = load_sensor(summary["sensor"]).markers
-    if summary["mechanics"] == "chain" and (markers.swell_mm or markers.stretch):
+    if not torsion and (markers.swell_mm or markers.stretch):
         yield "mechanics", "those of the chain, not of this dome's silicone"
     yield "largest grip force", f"{number('max_grip_n')} N"
     yield "largest pressure", f"{number('max_pressure_n_per_m', 0)} N/m"

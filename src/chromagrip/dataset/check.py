@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..extras import need
 from ..render import View
-from ..scene.scene import load_scene
+from ..scene.scene import Body, load_scene
 from .folder import FILES, Place, open_recipe, read_files
 from .frozen import content_of, frozen_as
 from .labels import Columns, columns_of
@@ -137,10 +137,10 @@ def wrong_values(
     yield from absent
     if absent:  # no law can be followed from there
         return
-    chain = stored.scene.body == "chain"
+    lawful, wrong = _PHYSICS[stored.scene.body]
     with np.errstate(all="ignore"):
-        frames, markers = lawful_chain(stored) if chain else lawful_dome(stored)
-        beyond = wrong_chain(stored) if chain else wrong_dome(stored, driven=driven)
+        frames, markers = lawful(stored)
+        beyond = wrong(stored, driven)
         for name, wrongs in (
             ("markers", differences(columns.nodes, stored.markers, markers)),
             ("frames", differences(columns.frame, stored.frames, frames | read)),
@@ -148,7 +148,14 @@ def wrong_values(
             ("frames", impossible(stored.frames)),
             ("markers", beyond),
         ):
-            yield from (f"{name}.parquet, {wrong}" for wrong in wrongs)
+            yield from (f"{name}.parquet, {one}" for one in wrongs)
+
+
+#: Of each body: columns that follow from others, and what a body does not do.
+_PHYSICS: dict[Body, tuple[Callable[[Stored], Any], Callable[[Stored, bool], Iterator[str]]]] = {
+    "chain": (lawful_chain, lambda stored, driven: wrong_chain(stored)),
+    "dome": (lawful_dome, lambda stored, driven: wrong_dome(stored, driven=driven)),
+}
 
 
 def _wrong_picture(view: View, pictures: Pictures, index: int) -> Iterator[str]:

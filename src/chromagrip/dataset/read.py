@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..model.dome import lattice
 from ..scene.scene import Scene, load_scene
 from ..strange_files import shortened
 from .folder import (
@@ -208,8 +207,7 @@ def _tables(where: Path, scene: Scene, rows: int) -> tuple[Arrays, Arrays]:
     _check_frames(path, table, ("frame", *columns.markers, *columns.nodes))
     markers = {name: stacked(table[name]) for name in table.column_names[1:]}
     pairs = len(scene.build_sensor().places)
-    chain = scene.body == "chain"
-    nodes = scene.fingertip.nodes if chain else len(lattice(scene.build_dome()).points)
+    nodes = scene.build_body().nodes
     lengths = dict.fromkeys(columns.markers, 2 * pairs) | dict.fromkeys(columns.nodes, nodes)
     for name, length in (lengths | {"overlap": pairs}).items():
         if markers[name].shape[1] != length:

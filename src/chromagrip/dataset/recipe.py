@@ -223,10 +223,7 @@ def _case_of(recipe: Recipe, number: int) -> Recipe:
 
 def bodies_of(recipe: Recipe) -> list[Body]:
     """Bodies of a recipe's sequences, each once."""
-    bodies: list[Body] = [
-        "dome" if case.scene.get("body") == "dome" else "chain" for case in cases_of(recipe)
-    ]
-    return list(dict.fromkeys(bodies))
+    return list(dict.fromkeys(case.scene.get("body", "chain") for case in cases_of(recipe)))
 
 
 def drawn(recipe: Recipe, number: int, attempt: int = 0) -> Values:

@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -22,8 +22,8 @@ from ..model import SoftBody
 from ..output.png import encode_png
 from ..output.processes import one_thread
 from ..render import (
-    DomeMap,
     Flaws,
+    Membrane,
     Renderer,
     add_noise,
     camera_text,
@@ -31,8 +31,8 @@ from ..render import (
     open_renderer,
 )
 from ..scene.scene import Scene, dump_scene, relative, seen_from
-from ..sensing.camera import REST_NUMBER
-from ..sensing.sensor import TactileSensor
+from ..sensing.camera import REST_NUMBER, map_of
+from ..sensing.sensor import TactileSensor, body_of
 from .folder import CAMERA, FILES, FileList, file_digest, made_with, sequence_name
 from .labels import Shot, columns_of
 from .labels.frames import labelled
@@ -147,9 +147,10 @@ def _noisy(scene: Scene, clean: Image, index: int) -> Image:
 def _sensor(scene: Scene) -> TactileSensor:
     """Sensor of a scene; its renderer stays open, for the next scene of the same sensor."""
     # What a map knows of a node does not depend on the frames before, so that sequences share it.
-    dome = scene.build_dome() if scene.body == "dome" else None
-    places = Flaws(scene.build_sensor(), scene.defects, scene.seed).places
-    shared = _dome_map(scene.sensor, dome) if dome and places is None else None
+    design = scene.build_sensor()
+    carrier = body_of(design, scene.build_body()).carrier
+    places = Flaws(design, scene.defects, scene.seed).places
+    shared = _map(scene.sensor, carrier) if places is None else None
     renderer = _renderer(scene.renderer, scene.sensor)
     return TactileSensor.of_scene(scene, lambda _: renderer, membrane_map=shared)
 
@@ -160,9 +161,9 @@ def _renderer(name: str, sensor: str) -> Renderer:
 
 
 @lru_cache(maxsize=1)
-def _dome_map(sensor: str, dome: SoftBody) -> DomeMap:
+def _map(sensor: str, carrier: int | SoftBody) -> Callable[[NDArray[np.float64]], Membrane]:
     """Map of markers that are where they were designed to be."""
-    return DomeMap(load_sensor(sensor), dome)
+    return map_of(load_sensor(sensor), carrier, None)
 
 
 def write_sequence(recipe: Recipe, number: int, out: Path) -> int:

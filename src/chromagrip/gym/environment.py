@@ -32,7 +32,7 @@ from ..scene.fingers import build_pinch, fingers
 from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
 from ..sensing.reader import Reading
 from ..tracking import Tracks
-from .fate import Fate, fate_of
+from .fate import Fate, fate_of, limit_of
 from .views import Image, ViewName, look, space_of, view_of
 from .window import Window
 
@@ -40,8 +40,6 @@ from .window import Window
 DROP_COST = 50.0
 #: Slowest motion of the whole contact that counts as sliding [m/s].
 SLIDING = 0.1e-3
-#: Sliding that is a drop with one finger, where nothing else is said [mm].
-DROPPED_MM = 1.0
 #: Width and height of the picture of two fingers [px].
 SIZE = (640, 480)
 
@@ -251,13 +249,8 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         given = {"path": self._path} | self._changes | changes
         plain = {key: _plain(value) for key, value in given.items()}
         scene, methods = choose(load_scene(self._name, plain, allow=self._allow))
-        two = scene.fingers == 2
-        if two and self._limit is not None:
-            raise UserError(
-                f"dropped_mm = {self._limit} is for one finger; with two, change pinch.dropped_mm"
-            )
+        self._dropped = limit_of(scene, self._limit)
         rig = Rig(scene, methods)
-        self._dropped = 1e-3 * (scene.pinch.dropped_mm if two else self._limit or DROPPED_MM)
         self._opened, self._stage = changes, None
         return rig
 
@@ -304,9 +297,13 @@ class GripEnv(gymnasium.Env[Observation, Action]):
 
     def _picture(self) -> Image:
         """Picture that is shown to people: the camera's, or of two fingers from the side."""
+        return {1: self._camera_picture, 2: self._side_picture}[self._rig.scene.fingers]()
+
+    def _camera_picture(self) -> Image:
+        return self._rig.picture().image
+
+    def _side_picture(self) -> Image:
         rig = self._rig
-        if rig.scene.fingers == 1:
-            return rig.picture().image
         if self._stage is None:
             self._stage = set_stage(build_pinch(rig.scene), rig.scene.duration_s, SIZE, SIZE)
         return draw_side(self._stage, rig.truth)
@@ -319,9 +316,9 @@ class GripEnv(gymnasium.Env[Observation, Action]):
 
     def _threads(self) -> Any:
         """One thread for this process; none is needed for a chain on the truth path."""
-        pinch = self._rig.scene.fingers == 2
         pictures = self._path == "camera" or self._kind == "image" or self.render_mode is not None
-        return one_thread() if pictures or pinch else nullcontext()
+        two = self._rig.scene.fingers > 1  # whose steps solve with BLAS
+        return one_thread() if pictures or two else nullcontext()
 
 
 def _path_of(observation: ViewName, path: PathName | None) -> PathName:

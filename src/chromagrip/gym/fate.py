@@ -4,8 +4,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from ..errors import UserError
 from ..loop.rig import Rig
 from ..model.pinch import Outcome
+from ..scene.scene import Scene
+
+#: Sliding that is a drop with one finger, where nothing else is said [mm].
+DROPPED_MM = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +41,10 @@ def fate_of(rig: Rig, dropped: float, was_touched: bool) -> Fate:
     dropped: sliding from which on one finger has dropped it [m]; a pinch has limits of its own
     was_touched: whether it was touched in a frame before
     """
-    if rig.scene.fingers == 2:
-        return _fate_of_two(rig)
+    return {1: _fate_of_one, 2: _fate_of_two}[rig.scene.fingers](rig, dropped, was_touched)
+
+
+def _fate_of_one(rig: Rig, dropped: float, was_touched: bool) -> Fate:
     contact = rig.truth
     slid, touched = float(contact.slip.rigid_slip), bool(contact.field.contact.any())
     load, now = rig.scene.load, rig.time + 1e-9
@@ -55,7 +62,7 @@ def fate_of(rig: Rig, dropped: float, was_touched: bool) -> Fate:
     )
 
 
-def _fate_of_two(rig: Rig) -> Fate:
+def _fate_of_two(rig: Rig, dropped: float, was_touched: bool) -> Fate:
     fingers, record = rig.truth.fingers, rig.truth.record
     slid = max(float(each.slip.rigid_slip) for each in fingers)
     outcome = record.outcome(rig.scene.pinch.limits)
@@ -79,3 +86,30 @@ def _fate_of_two(rig: Rig) -> Fate:
 def _smaller(margin: float) -> float:
     """Order of margins, in which that of a finger without contact comes first."""
     return -math.inf if math.isnan(margin) else margin
+
+
+def limit_of(scene: Scene, dropped_mm: float | None) -> float:
+    """Sliding that is a drop [m].
+
+    Parameters
+    ----------
+    dropped_mm: what was asked for [mm]; None is the scene's, or DROPPED_MM with one finger
+
+    Raises
+    ------
+    UserError
+        For two fingers, whose scene has a limit.
+    """
+    return 1e-3 * {1: _limit_of_one, 2: _limit_of_two}[scene.fingers](scene, dropped_mm)
+
+
+def _limit_of_one(scene: Scene, dropped_mm: float | None) -> float:
+    return dropped_mm or DROPPED_MM
+
+
+def _limit_of_two(scene: Scene, dropped_mm: float | None) -> float:
+    if dropped_mm is not None:
+        raise UserError(
+            f"dropped_mm = {dropped_mm} is for one finger; with two, change pinch.dropped_mm"
+        )
+    return scene.pinch.dropped_mm

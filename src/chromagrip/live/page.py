@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import UserError
 from ..scene.controllers import CONTROLLERS
-from ..scene.scene import Scene
+from ..scene.scene import Body, Scene
 from .board import Board, line_of_estimate, line_of_speed, line_of_truth
 from .gate import LARGEST_FILE
 from .picture import picture_of
@@ -23,16 +23,20 @@ if TYPE_CHECKING:
 #: Kinds of files that may be dropped in as an object.
 MESHES = (".stl", ".obj", ".ply")
 _OF_THE_SCENE = "of the scene"
-#: Sliders: label, wish, lowest and highest value, step, hint; those of a dome only come second.
-_ALWAYS = (
+Slider = tuple[str, str, float, float, float, str]
+#: Sliders: label, wish, lowest and highest value, step, hint; of every body, and of each.
+_ALWAYS: tuple[Slider, ...] = (
     ("load [N]", "load", 0.0, 3.0, 0.01, "lateral force on the object"),
     ("µ of the object", "friction", 0.1, 1.5, 0.01, "friction coefficient"),
     ("stiffness [kPa]", "stiffness", 20.0, 1000.0, 10.0, "Young's modulus of the object"),
 )
-_OF_DOME = (
-    ("azimuth [°]", "azimuth", -180.0, 180.0, 1.0, "direction of the load about the axis"),
-    ("twist [N mm]", "twist", -10.0, 10.0, 0.1, "torque on the object about the axis"),
-)
+_OF_BODY: dict[Body, tuple[Slider, ...]] = {
+    "chain": (),
+    "dome": (
+        ("azimuth [°]", "azimuth", -180.0, 180.0, 1.0, "direction of the load about the axis"),
+        ("twist [N mm]", "twist", -10.0, 10.0, 0.1, "torque on the object about the axis"),
+    ),
+}
 _ANEW = (
     ("noise [levels]", "noise", 0.5, 10.0, 0.5, "of the camera; begins the grasp anew"),
     ("latency [frames]", "latency", 0, 10, 1, "from image to command; begins the grasp anew"),
@@ -128,8 +132,7 @@ class Page:
         self._grip: Any = gui.add_slider("grip [N]", 0.0, 10.0, 0.01, first.grip, disabled=True)
         self._automatic.on_update(lambda _: self._take_over())
         self._grip.on_update(lambda _: self._wish_grip())
-        dome = self._base.body == "dome"
-        for label, name, low, high, step, hint in _ALWAYS + (_OF_DOME if dome else ()):
+        for label, name, low, high, step, hint in _ALWAYS + _OF_BODY[self._base.body]:
             self._add_slider(label, name, low, high, step, hint, first)
         buttons = gui.add_button_group("grasp", ("pause", "step", "anew"))
         buttons.on_click(lambda event: self._press(event.target.value))
@@ -139,14 +142,15 @@ class Page:
         with gui.add_folder("begins the grasp anew", expand_by_default=False):
             self._add_choice("controller", "controller", tuple(CONTROLLERS.entries), first)
             self._add_choice("design", "sensor", _DESIGNS[self._base.body], first)
-            if dome:
-                self._objects = self._add_choice(
-                    "object", "object", (_OF_THE_SCENE, *OBJECTS), first
-                )
-                self._add_upload()
-                self._add_slider("tilt [°]", "tilt", -20.0, 20.0, 1.0, "turn about y", first)
+            {"chain": lambda first: None, "dome": self._add_object}[self._base.body](first)
             for label, name, low, high, step, hint in _ANEW:
                 self._add_slider(label, name, low, high, step, hint, first)
+
+    def _add_object(self, first: Wishes) -> None:
+        """Choice of the object, and its tilt."""
+        self._objects = self._add_choice("object", "object", (_OF_THE_SCENE, *OBJECTS), first)
+        self._add_upload()
+        self._add_slider("tilt [°]", "tilt", -20.0, 20.0, 1.0, "turn about y", first)
 
     def _add_slider(
         self, label: str, name: str, low: float, high: float, step: float, hint: str, first: Wishes

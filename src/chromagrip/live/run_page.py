@@ -6,8 +6,8 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
-from ..errors import UserError
 from ..loop.shown.run_folder import RunRead
+from ..scene.fingers import need_one_finger
 from .board import Board
 from .picture import blank_picture, unpacked
 from .replay import Replay, not_repeated
@@ -32,10 +32,7 @@ def serve_run(run: RunRead, address: Address) -> None:
     UserError
         When the address cannot be used, or the run cannot be shown.
     """
-    if run.summary["mechanics"] == "pinch":
-        raise UserError(
-            f"the live page shows one finger; {run.folder} is a pinch of two: see its report.html"
-        )
+    need_one_finger(run.scene, f"run {run.folder} has a report.html; the live page shows")
     with serving(address) as server:
         view = GraspView(server)
         if not not_repeated(run):

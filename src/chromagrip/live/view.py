@@ -1,5 +1,6 @@
 """The fingertip and the object in three dimensions."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 
 from ..loop.sample import Sample
 from ..loop.shown.dome_picture import SLIPPING
-from ..model import DomeState, ForceField, SoftBody
+from ..model import ForceField
 from ..model.dome import displacements, lattice
-from ..scene.scene import Scene
+from ..scene.scene import Body, Scene
+from ..sensing.contact import Contact, of_dome
 from .solid import Array, half_sphere, object_mesh, skin_faces
 
 if TYPE_CHECKING:
@@ -150,16 +152,13 @@ class GraspView:
     def __init__(self, server: "viser.ViserServer") -> None:
         self._view = FingertipView(server)
         self._scene: Scene | None = None
-        self._dome: SoftBody | None = None
-        self._points: Array = np.zeros((0, 3))
+        self._draw: Draw
 
     def begin(self, scene: Scene) -> None:
         """Draw skin and object of a scene, where they are not drawn yet."""
         if self._scene is None or _looks(scene) != _looks(self._scene):
-            self._dome = scene.build_dome() if scene.body == "dome" else None
-            radius = 0.0 if self._dome is not None else scene.build_fingertip().radius
-            self._points = half_sphere(radius) if self._dome is None else lattice(self._dome).points
-            self._view.begin(self._points, object_mesh(scene.object))
+            points, self._draw = _BODIES[scene.body](scene)
+            self._view.begin(points, object_mesh(scene.object))
         self._scene = scene
 
     def drawn(self, sample: Sample, estimated: bool) -> Drawn:
@@ -168,19 +167,42 @@ class GraspView:
         field, mu = sample.field, sample.friction
         if estimated and observation is not None and sample.tracks is not None:
             field, mu = observation.field, observation.friction
-        state = sample.contact.state
-        if not isinstance(state, DomeState) or self._dome is None:
-            apex = float(sample.field.position[:, 1].max())
-            return drawn_forces(field, mu, place=(sample.contact.place[0], 0.0, apex))
-        moved = self._points + displacements(self._dome, state)
-        turn = scipy.spatial.transform.Rotation.from_matrix(state.rotation)
-        w, x, y, z = turn.as_quat(scalar_first=True).tolist()
-        place = (float(state.place[0]), float(state.place[1]), float(state.place[2]))
-        return drawn_forces(field, mu, skin=_small(moved), place=place, turn=(w, x, y, z))
+        return self._draw(sample.contact, field, mu)
 
     def show(self, drawn: Drawn) -> None:
         """Draw a frame."""
         self._view.show(drawn)
+
+
+def _chain(scene: Scene) -> "tuple[Array, Draw]":
+    """Points of the skin of a scene's chain, and what draws its contacts."""
+
+    def draw(contact: Contact, field: ForceField, mu: float) -> Drawn:
+        apex = float(contact.field.position[:, 1].max())
+        return drawn_forces(field, mu, place=(contact.place[0], 0.0, apex))
+
+    return half_sphere(scene.build_fingertip().radius), draw
+
+
+def _dome(scene: Scene) -> "tuple[Array, Draw]":
+    """Points of the skin of a scene's silicone, and what draws its contacts."""
+    dome = scene.build_dome()
+    points = lattice(dome).points
+
+    def draw(contact: Contact, field: ForceField, mu: float) -> Drawn:
+        _, state, _ = of_dome(contact)
+        turn = scipy.spatial.transform.Rotation.from_matrix(state.rotation)
+        w, x, y, z = turn.as_quat(scalar_first=True).tolist()
+        place = (float(state.place[0]), float(state.place[1]), float(state.place[2]))
+        skin = _small(points + displacements(dome, state))
+        return drawn_forces(field, mu, skin=skin, place=place, turn=(w, x, y, z))
+
+    return points, draw
+
+
+#: Draws the contact of a body with forces and µ, true or estimated.
+Draw = Callable[[Contact, ForceField, float], Drawn]
+_BODIES: dict[Body, Callable[[Scene], tuple[Array, Draw]]] = {"chain": _chain, "dome": _dome}
 
 
 def drawn_forces(field: ForceField, mu: float, **more: Any) -> Drawn:

@@ -1,13 +1,15 @@
 """What the sliders of the page ask for, and the scene that follows from it."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 
 from ..errors import UserError
-from ..scene.scene import Scene
+from ..scene.fingers import need_one_finger
+from ..scene.scene import Body, Scene
 from ..scene.settings import LoadSettings
 from ..strict_toml import Kind, Values, convert
 
@@ -108,22 +110,12 @@ def scene_for(base: Scene, wishes: Wishes) -> Scene:
     UserError
         For values that make no scene.
     """
-    if base.fingers == 2:
-        raise UserError("the live page shows one finger; this scene is a pinch of two")
+    need_one_finger(base, "the live page shows")
     if not math.isfinite(wishes.azimuth):
         raise UserError(f"azimuth = {wishes.azimuth} must be a finite number")
-    dome = base.body == "dome"
-    azimuth = math.radians(wishes.azimuth) if dome else 0.0
-    load: dict[str, Any] = {
-        "times_s": (0.0,),
-        "forces_n": (wishes.load * math.cos(azimuth),),
-        "sideways_n": (wishes.load * math.sin(azimuth) + _NEXT_TO_NOTHING,) if dome else (),
-        "twists_nmm": (wishes.twist + _NEXT_TO_NOTHING,) if dome else (),
-    }
-    fixed: dict[str, Any] = {"friction_times_s": (), "frictions": (), "creeps": 0.0}
-    if dome:
-        turned = (base.object.turned_deg[0], wishes.tilt, base.object.turned_deg[2])
-        fixed |= {**_shape_of(wishes.object), "turned_deg": turned}
+    load, fixed = _OF_BODY[base.body](base, wishes)
+    load |= {"times_s": (0.0,)}
+    fixed |= {"friction_times_s": (), "frictions": (), "creeps": 0.0}
     fixed |= {"friction": wishes.friction, "stiffness_kpa": wishes.stiffness}
     camera = {"noise_levels": wishes.noise, "latency_frames": wishes.latency}
     return msgspec.structs.replace(
@@ -135,6 +127,30 @@ def scene_for(base: Scene, wishes: Wishes) -> Scene:
         object=_changed(base.object, fixed, "object"),
         camera=_changed(base.camera, camera, "camera"),
     )
+
+
+def _of_chain(base: Scene, wishes: Wishes) -> tuple[Values, Values]:
+    """Load and object of a chain: in its plane."""
+    return {"forces_n": (wishes.load,), "sideways_n": (), "twists_nmm": ()}, {}
+
+
+def _of_dome(base: Scene, wishes: Wishes) -> tuple[Values, Values]:
+    """Load and object of a dome: in any direction, twisted, and of any shape."""
+    azimuth = math.radians(wishes.azimuth)
+    load: Values = {
+        "forces_n": (wishes.load * math.cos(azimuth),),
+        "sideways_n": (wishes.load * math.sin(azimuth) + _NEXT_TO_NOTHING,),
+        "twists_nmm": (wishes.twist + _NEXT_TO_NOTHING,),
+    }
+    turned = (base.object.turned_deg[0], wishes.tilt, base.object.turned_deg[2])
+    return load, {**_shape_of(wishes.object), "turned_deg": turned}
+
+
+#: Changes of load and object that the sliders of a body ask for.
+_OF_BODY: dict[Body, Callable[[Scene, Wishes], tuple[Values, Values]]] = {
+    "chain": _of_chain,
+    "dome": _of_dome,
+}
 
 
 def _changed(table: Kind, values: Values, name: str) -> Kind:

@@ -3,12 +3,13 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..control import GripObservation
+from ..scene.scene import Mechanics
 from ..sensing.contact import Contact
 from ..sensing.reader import Reading
 from .pinch_world import Pinched
@@ -17,8 +18,7 @@ from .sample import Sample
 Array = NDArray[np.float64]
 Source = TypeVar("Source")
 
-#: What is gripped with: one fingertip of that body, or two.
-Mechanics = Literal["chain", "dome", "pinch"]
+#: Mechanics whose traces have a column.
 ALL: tuple[Mechanics, ...] = ("chain", "dome", "pinch")
 ONE: tuple[Mechanics, ...] = ("chain", "dome")
 SOFT: tuple[Mechanics, ...] = ("dome", "pinch")

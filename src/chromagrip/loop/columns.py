@@ -5,14 +5,14 @@ formats follow from it.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..model import margin_within, pressure
 from ..scene.fingers import build_pinch
-from ..scene.scene import Scene
+from ..scene.scene import Mechanics, Scene
 from ..tracking import Z90
 from .column import (
     ONE,
@@ -22,7 +22,6 @@ from .column import (
     Column,
     Held,
     Line,
-    Mechanics,
     deviation,
     estimate,
     held,
@@ -38,6 +37,12 @@ Array = NDArray[np.float64]
 
 #: Names of two fingers; `first_` or `second_` stands before the names of their columns.
 FINGERS = ("first", "second")
+#: Beginnings of the names of each finger's columns.
+PREFIXES: dict[Mechanics, tuple[str, ...]] = {
+    "chain": ("",),
+    "dome": ("",),
+    "pinch": tuple(f"{finger}_" for finger in FINGERS),
+}
 
 #: Columns of the frame as a whole.
 WHOLE = (
@@ -243,14 +248,9 @@ EACH = (
 )
 
 
-def mechanics(scene: Scene) -> Mechanics:
-    """What a scene is gripped with."""
-    return "pinch" if scene.fingers == 2 else scene.body
-
-
 def prefixes(scene: Scene) -> tuple[str, ...]:
     """Beginnings of the names of each finger's columns."""
-    return tuple(f"{finger}_" for finger in FINGERS) if scene.fingers == 2 else ("",)
+    return PREFIXES[scene.mechanics]
 
 
 def columns_of(body: Mechanics) -> dict[str, Column]:
@@ -261,8 +261,7 @@ def columns_of(body: Mechanics) -> dict[str, Column]:
 def _placed(body: Mechanics) -> Iterator[tuple[str, int, Column]]:
     """Full name, finger and column of each value of a line."""
     yield from ((column.name, 0, column) for column in WHOLE if body in column.bodies)
-    for k, finger in enumerate(FINGERS if body == "pinch" else ("",)):
-        before = f"{finger}_" if finger else ""
+    for k, before in enumerate(PREFIXES[body]):
         yield from ((before + c.name, k, c) for c in EACH if body in c.bodies)
 
 
@@ -284,8 +283,8 @@ class Rows:
     """
 
     def __init__(self, scene: Scene) -> None:
-        body = mechanics(scene)
-        placed = list(_placed("dome" if body == "chain" else body))
+        body = scene.mechanics
+        placed = list(_placed(_IN_MEMORY[body]))
         self.columns = {name: column.meaning for name, _, column in placed}
         # Pictures of a scene with a chain may be read by a method for domes.
         self._values = [
@@ -293,9 +292,7 @@ class Rows:
             for _, k, column in placed
         ]
         self.names = tuple(columns_of(body))
-        self._pinch = build_pinch(scene) if body == "pinch" else None
-        self._limits = scene.pinch.limits
-        self._start = math.nan
+        self._held = _HELD[body](scene)
 
     def line(self, sample: Sample) -> tuple[float, ...]:
         """Values of a frame, in the order of `columns`; the first frame is the start."""
@@ -303,9 +300,16 @@ class Rows:
         lines = [Line(sample=sample, finger=k, held=held) for k, _ in enumerate(sample.readings)]
         return tuple(value(lines[finger]) for finger, value in self._values)
 
-    def _held(self, sample: Sample) -> Held | None:
-        if self._pinch is None:
-            return None
+
+class _Object:
+    """What two fingers hold, frame after frame; its rise is counted from the first one."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._pinch, self._limits = build_pinch(scene), scene.pinch.limits
+        self._start = math.nan
+
+    def at(self, sample: Sample) -> Held:
+        """What is held at a frame."""
         now = sample.pinch
         height = -float(self._pinch.down @ now.state.moving.place)
         self._start = height if math.isnan(self._start) else self._start
@@ -315,6 +319,20 @@ class Rows:
             rise=height - self._start,
             outcome=OUTCOMES.index(now.record.outcome(self._limits)),
         )
+
+
+def _nothing(sample: Sample) -> None:
+    """Nothing is held between two fingers."""
+
+
+#: What makes the function that tells what is held between the fingers at a frame.
+_HELD: dict[Mechanics, Callable[[Scene], Callable[[Sample], Held | None]]] = {
+    "chain": lambda scene: _nothing,
+    "dome": lambda scene: _nothing,
+    "pinch": lambda scene: _Object(scene).at,
+}
+#: Mechanics whose columns a trace has in memory: pictures of a chain may be read as of a dome.
+_IN_MEMORY: dict[Mechanics, Mechanics] = {"chain": "dome", "dome": "dome", "pinch": "pinch"}
 
 
 def _unknown(line: Line) -> float:

@@ -57,10 +57,11 @@ class Fidelity:
     def changes(self) -> Values:
         """Dotted key of a scene → value."""
         changes: Values = {"fingertip.step_ms": self.step_ms}
-        if self.body == "dome":
-            changes |= {"body": "dome", "dome.pitch_mm": self.pitch_mm}
-        else:
-            changes["fingertip.nodes"] = self.nodes
+        bodies: dict[Body, Values] = {
+            "chain": {"fingertip.nodes": self.nodes},
+            "dome": {"body": "dome", "dome.pitch_mm": self.pitch_mm},
+        }
+        changes |= bodies[self.body]
         if self.tracker:
             changes |= {"tracker": self.tracker, "reconstructor": self.reconstructor}
         return changes
@@ -68,8 +69,10 @@ class Fidelity:
     @property
     def name(self) -> str:
         """Methods and steps as text."""
-        dome = f"a dome with nodes every {self.pitch_mm:g} mm"
-        body = dome if self.body == "dome" else f"{self.nodes} nodes"
+        body = {
+            "chain": f"{self.nodes} nodes",
+            "dome": f"a dome with nodes every {self.pitch_mm:g} mm",
+        }[self.body]
         steps = f"{body} in steps of {self.step_ms:g} ms"
         return f"{self.tracker}, {self.reconstructor}, {steps}" if self.tracker else steps
 
@@ -194,7 +197,7 @@ def choose(tolerance: float, scene: Scene, measured: Sequence[Measured]) -> Choi
         )
     cells_of: dict[Fidelity, list[Measured]] = {}
     for m in measured:
-        if m.scene_body != scene.body or (m.body == "chain" and not _plane(scene)):
+        if m.scene_body != scene.body or (m.body != scene.body and not _plane(scene)):
             continue
         if m.step_ms > 1e3 * scene.period * (1.0 + 1e-9):  # a frame is at least one step
             continue

@@ -68,8 +68,11 @@ def reconstructor_for(body: Body, name: str) -> str:
     """
     if name == DEFAULT_RECONSTRUCTOR:
         return AUTOMATIC[body]
-    if name in METHODS and (name in DOME_METHODS) != (body == "dome"):
-        allowed = [other for other in METHODS if (other in DOME_METHODS) == (body == "dome")]
+    allowed = {
+        "chain": [other for other in METHODS if other not in DOME_METHODS],
+        "dome": DOME_METHODS,
+    }[body]
+    if name in METHODS and name not in allowed:
         raise UserError(
             f'reconstructor {name} does not read body = "{body}"; allowed are auto, '
             f"{', '.join(allowed)}"

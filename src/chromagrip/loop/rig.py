@@ -9,6 +9,7 @@
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,7 @@ from ..errors import UserError
 from ..model import Fingertip
 from ..render import Frame
 from ..scene.fingers import fingers
-from ..scene.scene import Scene
+from ..scene.scene import Mechanics, Scene
 from ..sensing.camera import SimulatedCamera
 from ..sensing.margins import smaller
 from ..sensing.reader import Reader, Reading, TruthReader, scene_reader
@@ -380,12 +381,20 @@ class Rig:
 
 def _plant(scene: Scene, fingertip: Fingertip | None) -> Plant[Any]:
     """Body of a scene, with a fingertip in place of the scene's chain."""
-    if scene.fingers == 2:
-        return PinchPlant(scene)
-    if scene.body == "dome":
-        return DomePlant(scene)
+    return _PLANTS[scene.mechanics](scene, fingertip)
+
+
+def _chain_plant(scene: Scene, fingertip: Fingertip | None) -> ChainPlant:
+    """The scene's chain, or another one."""
     if scene.build_sensor().shape.flat:
         raise UserError(
             f"sensor {scene.sensor} is a flat pad; the node model that grasps is a dome"
         )
     return ChainPlant(scene, scene.build_fingertip() if fingertip is None else fingertip)
+
+
+_PLANTS: dict[Mechanics, Callable[[Scene, Fingertip | None], Plant[Any]]] = {
+    "chain": _chain_plant,
+    "dome": lambda scene, _: DomePlant(scene),
+    "pinch": lambda scene, _: PinchPlant(scene),
+}

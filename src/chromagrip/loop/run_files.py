@@ -17,7 +17,7 @@ from ..output.frames import FRAMES, FrameFiles, FrameFormat
 from ..output.logs.write import LOG_FILES, LogFormat, write_logs
 from ..output.versions import versions
 from ..scene.scene import Scene, dump_scene
-from .columns import FINGERS, Rows
+from .columns import Rows, prefixes
 from .rig import Rig
 from .sample import Sample
 from .trace import Summary, Trace, TraceLines
@@ -90,9 +90,8 @@ class RunFiles:
             if drawn:
                 self._video = _open_video(self._parts, scene)
             if frames is not None:
-                place = self._parts / FRAMES
-                places = [place / name for name in FINGERS] if scene.fingers == 2 else [place]
-                for place in places:
+                for name in prefixes(scene):
+                    place = self._parts / FRAMES / name.removesuffix("_")
                     place.parent.mkdir(exist_ok=True)
                     self._frames.append(FrameFiles(place, frames, scene.camera.rate_hz))
 
@@ -207,7 +206,8 @@ def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
     from .pinch.video import PinchVideo
     from .shown.tactile_video import TactileVideo
 
-    return (PinchVideo if scene.fingers == 2 else TactileVideo)(folder / "tactile.mp4", scene)
+    kinds: dict[int, type[TactileVideo | PinchVideo]] = {1: TactileVideo, 2: PinchVideo}
+    return kinds[scene.fingers](folder / "tactile.mp4", scene)
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary, drawn: bool) -> None:

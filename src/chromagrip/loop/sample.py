@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 from ..control import GripObservation
 from ..errors import UserError
@@ -66,9 +67,9 @@ class Sample:
         UserError
             For two fingers, and where the truth is unknown.
         """
-        if self.truth is None or not isinstance(self.truth.now, Contact):
+        if self.truth is None or len(self.truth.fingers) > 1:
             raise UserError("the true contact of one finger is not known of this frame")
-        return self.truth.now
+        return self.truth.fingers[0]
 
     @property
     def pinch(self) -> Pinched:
@@ -79,9 +80,9 @@ class Sample:
         UserError
             For one finger, and where the truth is unknown.
         """
-        if self.truth is None or not isinstance(self.truth.now, Pinched):
+        if self.truth is None or len(self.truth.fingers) == 1:
             raise UserError("the truth of two fingers is not known of this frame")
-        return self.truth.now
+        return cast("Pinched", self.truth.now)
 
     @property
     def applied(self) -> float:

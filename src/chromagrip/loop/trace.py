@@ -3,7 +3,7 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import GROSS_SLIP
-from ..scene.scene import Scene
+from ..scene.scene import Mechanics, Scene
 from ..tracking.forces import CameraPose
 from ..tracking.forces.chain import Used
 from .column import OUTCOMES
-from .columns import COLUMNS, mechanics, prefixes
+from .columns import COLUMNS, prefixes
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def may_slide(scene: Scene, of: Mapping[str, Array], before: str = "") -> NDArra
     before: what stands before the names of a finger's columns
     """
     smaller = f"{before}limit_margin_low"  # missing in older traces of pinches
-    held = scene.body == "dome" and scene.held_margin == "smaller" and smaller in of
+    held = scene.holds_torsion and smaller in of
     low = of[smaller if held else f"{before}margin_low"]
     margin = scene.sliding_margin
     return low <= (-np.inf if margin is None else margin)
@@ -124,7 +124,7 @@ def summarise(
         "renderer": scene.renderer,
         "sensor": scene.sensor,
         **(used or dict.fromkeys(Used.__annotations__)),
-        "mechanics": mechanics(scene),
+        "mechanics": scene.mechanics,
         "camera_pose": None if pose is None else pose.table(),
         "without_estimate": len(reasons),
         "without_estimate_because": counted_kinds(reasons),
@@ -137,7 +137,7 @@ def summarise(
         "max_grip_n": _largest(trace["grip_n"]),
         "final_grip_n": _last(trace["grip_n"]),
     }
-    values |= _of_two(scene, trace) if scene.pinch.mass_g else _of_one(scene, trace)
+    values |= _OWN_VALUES[scene.mechanics](scene, trace)
     # JSON has no NaN: an unknown value is null.
     return {
         k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()
@@ -191,6 +191,14 @@ def _of_two(scene: Scene, trace: Trace) -> Summary:
         "max_pressure_kpa": _largest(trace["pressure_kpa"]),
         "mean_grip_n": float(trace["applied_n"].mean()) if len(trace) else math.nan,
     }
+
+
+#: Values of the summary that belong to one finger, or to two.
+_OWN_VALUES: dict[Mechanics, Callable[[Scene, Trace], Summary]] = {
+    "chain": _of_one,
+    "dome": _of_one,
+    "pinch": _of_two,
+}
 
 
 def _margin_error(trace: Trace, befores: Sequence[str]) -> float:

@@ -20,6 +20,7 @@ from ..output.pictures import open_source
 from ..output.processes import one_thread
 from ..render import Frame
 from ..scene.controllers import CONTROLLERS
+from ..scene.fingers import need_one_finger
 from ..scene.scene import Scene
 from ..sensing.reader import Reader, scene_reader
 from ..tracking import SensorCalibration
@@ -94,8 +95,7 @@ def run_outside(
 
 def _checked(scene: Scene) -> tuple[Scene, Methods, SensorCalibration]:
     """Scene, methods and calibration of a loop on frames from outside."""
-    if scene.fingers == 2:
-        raise UserError("frames from outside are those of one finger; this scene is a pinch of two")
+    need_one_finger(scene, "frames from outside are those of")
     if scene.path != "camera":
         raise UserError('frames from outside are read by the camera path; set path = "camera"')
     scene, methods = choose(scene)

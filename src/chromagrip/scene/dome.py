@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from ..errors import UserError
-from ..model import Pad, SoftBody
+from ..model import SoftBody
 from ..strict_toml import NotNegative, Table
 
 
@@ -45,14 +45,11 @@ class DomeSettings(Table, frozen=True):
             "relaxation": 1e-3 * self.relaxation_ms,
         }
         thickness = 1e-3 * self.thickness_mm
-        if isinstance(dome, Pad):
-            changes["thickness"] = thickness
-        elif thickness >= dome.radius:
+        if thickness > dome.radius:
             raise UserError(
                 f"dome.thickness_mm = {self.thickness_mm:g} must be below the radius of "
                 f"{1e3 * dome.radius:g} mm"
             )
-        elif thickness:
-            changes["core"] = dome.radius - thickness
         given = {name: value for name, value in changes.items() if value}
-        return replace(dome, **given, stiffening=self.stiffening)
+        changed = replace(dome, **given, stiffening=self.stiffening)
+        return changed.with_thickness(thickness) if thickness else changed

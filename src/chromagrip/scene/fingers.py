@@ -2,6 +2,7 @@
 
 import msgspec
 
+from ..errors import UserError
 from ..model.pinch import Pinch
 from .pinch import PinchSettings
 from .scene import Scene
@@ -12,15 +13,19 @@ _SECOND_SEED = 7_919
 
 def fingers(scene: Scene) -> tuple[Scene, ...]:
     """Scene as each of one or two fingers has it: with its own sensor and seed."""
-    if scene.fingers == 1:
-        return (scene,)
     single = msgspec.structs.replace(scene, fingers=1, pinch=PinchSettings())
     second = msgspec.structs.replace(
         single,
         sensor=scene.pinch.second_sensor or scene.sensor,
         seed=(scene.seed + _SECOND_SEED) % 2**32,
     )
-    return single, second
+    return (single, second)[: scene.fingers]
+
+
+def need_one_finger(scene: Scene, what: str) -> None:
+    """Refuse a scene of two fingers for what knows one only, such as "the live page shows"."""
+    if scene.fingers > 1:
+        raise UserError(f"{what} one finger; this scene is a pinch of two")
 
 
 def build_pinch(scene: Scene) -> Pinch:

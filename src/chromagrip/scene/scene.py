@@ -24,7 +24,6 @@ from ..errors import UserError, located
 from ..model import (
     ContactObject,
     Fingertip,
-    Pad,
     SoftBody,
     Solid,
     check_fit,
@@ -56,6 +55,33 @@ PathName = Literal["camera", "truth"]
 HeldMargin = Literal["smaller", "friction"]
 #: What the fingertip is: the thesis's chain of nodes, a slice, or silicone in three dimensions.
 Body = Literal["chain", "dome"]
+#: What an object is gripped with: one finger with such a body, or two domes.
+Mechanics = Literal["chain", "dome", "pinch"]
+
+#: Keys that a scene cannot set: for each body those of the other, for a number of fingers those of
+#: the other number; with why.
+_CHAIN_ONLY = {"fingertip": ("model", "nodes"), "object": PROFILE_KEYS}
+_DOME_ONLY = {
+    "": ("held_margin",),
+    "dome": DomeSettings.__struct_fields__,
+    "object": SHAPE_KEYS,
+    "load": ("sideways_n", "twists_nmm"),
+}
+_UNKNOWN_KEYS: dict[Body | int, tuple[dict[str, tuple[str, ...]], str]] = {
+    "chain": (_DOME_ONLY, 'is for body = "dome"; this scene\'s body is chain'),
+    "dome": (_CHAIN_ONLY, 'is for body = "chain"; this scene\'s body is dome'),
+    1: ({"pinch": PinchSettings.__struct_fields__}, "is for two fingers; set fingers = 2"),
+    2: (
+        {"load": LoadSettings.__struct_fields__},
+        "is for one finger; with two the weight and the hand pull",
+    ),
+}
+#: Keys that a written scene leaves out.
+_NOT_WRITTEN: dict[Mechanics, tuple[str, ...]] = {
+    "chain": ("held_margin", "fingers", "pinch"),
+    "dome": ("fingers", "pinch"),
+    "pinch": (),
+}
 
 
 class Scene(Table, frozen=True):
@@ -120,57 +146,42 @@ class Scene(Table, frozen=True):
                 f"controller_arguments are for a module:Class; the settings of {self.controller} "
                 f"are in [{self._settings_name}]"
             )
-        self._check_body()
-        if self.body == "chain" and not self.build_sensor().shape.flat:
+        self._refuse_keys(*_UNKNOWN_KEYS[self.body])
+        self._refuse_keys(*_UNKNOWN_KEYS[self.fingers])
+        {"chain": self._check_chain, "dome": self._check_dome, "pinch": self._check_pinch}[
+            self.mechanics
+        ]()
+
+    def _refuse_keys(self, tables: Mapping[str, tuple[str, ...]], why: str) -> None:
+        """Refuse keys of tables that differ from the usual value."""
+        for table, keys in tables.items():
+            settings: Any = getattr(self, table) if table else self
+            usual = dict(zip(settings.__struct_fields__, _defaults(type(settings)), strict=True))
+            for key in keys:
+                if (value := getattr(settings, key)) != usual[key]:
+                    name = f"{table}.{key}" if table else key
+                    raise UserError(f"{name} = {value!r} {why}")
+
+    def _check_chain(self) -> None:
+        if not self.build_sensor().shape.flat:
             check_fit(self.build_fingertip(), self.build_object())
             self._check_grip()
 
-    def _check_body(self) -> None:
-        """Refuse keys that the scene's body does not know."""
-        chain = self.body == "chain"
-        other = "dome" if chain else "chain"
-        tables: dict[str, tuple[Table, tuple[str, ...]]] = {
-            "dome": (self.dome, self.dome.__struct_fields__ if chain else ()),
-            "fingertip": (self.fingertip, () if chain else ("model", "nodes")),
-            "object": (self.object, SHAPE_KEYS if chain else PROFILE_KEYS),
-            "load": (self.load, ("sideways_n", "twists_nmm") if chain else ()),
-        }
-        for table, (settings, keys) in tables.items():
-            for key in keys:
-                value, usual = getattr(settings, key), getattr(type(settings)(), key)
-                if value != usual:
-                    raise UserError(
-                        f'{table}.{key} = {value!r} is for body = "{other}"; this scene\'s body is '
-                        f"{self.body}"
-                    )
-        if chain and self.held_margin != "smaller":
+    def _check_dome(self) -> None:
+        self.build_dome()
+        if self.build_sensor().shape.flat and self.path == "camera":
             raise UserError(
-                f'held_margin = "{self.held_margin}" is for body = "dome"; a chain has no torsion'
+                f"no estimator reads the silicone of the flat pad {self.sensor} yet; set "
+                'path = "truth"'
             )
-        if not chain:
-            if isinstance(self.build_dome(), Pad) and self.path == "camera":
-                raise UserError(
-                    f"no estimator reads the silicone of the flat pad {self.sensor} yet; set "
-                    'path = "truth"'
-                )
-            self.build_solid()
-        self._check_pinch()
+        self.build_solid()
 
     def _check_pinch(self) -> None:
-        """Refuse keys that two fingers, or one, do not know."""
-        if self.fingers == 1:
-            usual = PinchSettings()
-            for key in self.pinch.__struct_fields__:
-                value = getattr(self.pinch, key)
-                if value != getattr(usual, key):
-                    raise UserError(f"pinch.{key} = {value!r} is for two fingers; set fingers = 2")
-            return
         if not self.pinch.mass_g:
             raise UserError("pinch.mass_g = 0 must be above 0: two fingers hold a weight")
         if self.body != "dome":
             raise UserError('two fingers need body = "dome"')
-        if self.load != LoadSettings():
-            raise UserError("load is for one finger; with two the weight and the hand pull")
+        self._check_dome()
         dome = self.build_dome()
         self.pinch.build(dome, dome, self.build_solid(), self.object)
 
@@ -211,6 +222,16 @@ class Scene(Table, frozen=True):
                     f"{self._settings_name}.{key} = {force:g} must be at most {limit:.3g}, the "
                     "grip that presses the whole fingertip flat"
                 )
+
+    @property
+    def mechanics(self) -> Mechanics:
+        """What the object is gripped with."""
+        return "pinch" if self.fingers == 2 else self.body
+
+    @property
+    def holds_torsion(self) -> bool:
+        """Whether the controller holds the margin with torsion where it is the smaller one."""
+        return self.held_margin == "smaller" and self.body != "chain"  # which has no torsion
 
     @property
     def last_change(self) -> float:
@@ -270,6 +291,11 @@ class Scene(Table, frozen=True):
             drag=settings.drag_n_s_per_m,
         )
 
+    def build_body(self) -> Fingertip | SoftBody:
+        """Body of the fingertip, whatever it is."""
+        builds = {"chain": self.build_fingertip, "dome": self.build_dome}
+        return builds[self.body]()
+
     def build_dome(self) -> SoftBody:
         """Body of the fingertip, where it is a dome.
 
@@ -311,6 +337,11 @@ class Scene(Table, frozen=True):
     def _settings_name(self) -> str:
         """Table of the controller's settings, when it is one of ours."""
         return self.controller.replace("-", "_")
+
+
+def _defaults(table: type[Table]) -> tuple[Any, ...]:
+    """Usual values of the keys of a table, in order."""
+    return tuple(field.default for field in msgspec.structs.fields(table))
 
 
 DEFAULT_SCENE = "camera-100hz"
@@ -391,10 +422,8 @@ def dump_scene(scene: Scene, folder: Path | None = None) -> str:
     values = msgspec.to_builtins(scene)
     if not scene.controller_arguments:
         del values["controller_arguments"]
-    if scene.body == "chain":  # which has one margin
-        del values["held_margin"]
-    if scene.fingers == 1:
-        del values["fingers"], values["pinch"]
+    for key in _NOT_WRITTEN[scene.mechanics]:
+        del values[key]
     if folder is not None:
         values["sensor"] = seen_from(folder, scene.sensor)
         if scene.object.mesh:

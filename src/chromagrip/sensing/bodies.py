@@ -20,7 +20,6 @@ from ..model import (
     Drive,
     Fingertip,
     Motion,
-    Pad,
     SoftBody,
     Solid,
     State,
@@ -248,7 +247,7 @@ class SiliconeBody:
     @property
     def name(self) -> BodyName:
         """Name in a scene or a design."""
-        return "pad" if isinstance(self.carrier, Pad) else "dome"
+        return self.carrier.kind
 
     def untouched(self) -> DomeState:
         """State without an object."""

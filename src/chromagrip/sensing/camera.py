@@ -28,19 +28,6 @@ Image = NDArray[np.uint8]
 REST_NUMBER = 2**32 - 1
 
 
-def carried(state: State | DomeState) -> Array:
-    """What the markers are carried by.
-
-    Returns
-    -------
-    Node displacements from the rigid part of a chain [m], (N, 2), or forces on the silicone of a
-    dome [N], (N, 3).
-    """
-    if isinstance(state, State):
-        return state.deformation.seen
-    return state.memory if state.memory.any() else state.linear
-
-
 def map_of(
     sensor: SensorDesign, body: int | SoftBody, places: Array | None
 ) -> Callable[[Array], Membrane]:
@@ -122,7 +109,7 @@ class SimulatedCamera:
 
     def clean(self, state: State | DomeState, index: int, before: Array | None = None) -> Image:
         """The same picture before `add_noise`, shape (H, W, 3); not to be changed."""
-        displacement = carried(state)
+        displacement = state.carried
         if before is None:
             before = displacement if self._before is None else self._before
         self._before = displacement.copy()
@@ -137,7 +124,7 @@ class SimulatedCamera:
 
     def expose_rest(self, state: State | DomeState, count: int) -> list[Frame]:
         """`count` frames of one state at rest, with noise that is in no frame of a run."""
-        image = self._render(carried(state))
+        image = self._render(state.carried)
         numbers = [REST_NUMBER - i for i in range(count)]
         cleans = [self._imaging.measured(image, number) for number in numbers]
         return [
@@ -147,7 +134,7 @@ class SimulatedCamera:
 
     def clean_rest(self, state: State | DomeState) -> Image:
         """The first picture of that state at rest before `add_noise`, shape (H, W, 3)."""
-        return self._imaging.measured(self._render(carried(state)), REST_NUMBER)
+        return self._imaging.measured(self._render(state.carried), REST_NUMBER)
 
     def close(self) -> None:
         """Release the renderer."""

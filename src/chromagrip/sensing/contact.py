@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,20 +64,14 @@ class Contact:
 
 def of_chain(contact: Contact) -> tuple[ContactObject, State, SlipRecord]:
     """Object, state and slip of a contact on a chain."""
-    obj, state, slip = contact.obj, contact.state, contact.slip
-    assert isinstance(obj, ContactObject)
-    assert isinstance(state, State)
-    assert isinstance(slip, SlipRecord)
-    return obj, state, slip
+    parts = contact.obj, contact.state, contact.slip
+    return cast("tuple[ContactObject, State, SlipRecord]", parts)
 
 
 def of_dome(contact: Contact) -> tuple[Solid, DomeState, DomeSlip]:
     """Object, state and slip of a contact on silicone."""
-    obj, state, slip = contact.obj, contact.state, contact.slip
-    assert isinstance(obj, Solid)
-    assert isinstance(state, DomeState)
-    assert isinstance(slip, DomeSlip)
-    return obj, state, slip
+    parts = contact.obj, contact.state, contact.slip
+    return cast("tuple[Solid, DomeState, DomeSlip]", parts)
 
 
 def chain_contact(

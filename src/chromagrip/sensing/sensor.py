@@ -32,7 +32,7 @@ from ..render import (
 )
 from ..scene.scene import Scene
 from .bodies import Ability, Body, BodyName, ChainBody, Pose, SiliconeBody
-from .camera import SimulatedCamera, carried
+from .camera import SimulatedCamera
 from .contact import Contact
 from .given import number, numbers
 
@@ -134,7 +134,7 @@ class TactileSensor:
         body: in place of the scene's
         """
         if body is None:
-            body = scene.build_dome() if scene.body == "dome" else scene.build_fingertip()
+            body = scene.build_body()
         sensor = cls(
             scene.build_sensor(),
             body=body,
@@ -182,7 +182,7 @@ class TactileSensor:
         """
         contact = self.body.touch(obj)
         self._obj = obj
-        self._take(contact, contact, 0, carried(contact.state))
+        self._take(contact, contact, 0, contact.state.carried)
 
     def reset(self) -> None:
         """Begin again with the attached object.
@@ -230,7 +230,7 @@ class TactileSensor:
             contact = self.body.move(state.contact, pose, dt)
         else:
             contact = self.body.load(state.contact, _wrench(force), dt)
-        self._take(contact, contact, state.index + 1, carried(state.exposed.state))
+        self._take(contact, contact, state.index + 1, state.exposed.state.carried)
         return self.data
 
     def show(self, contact: Contact, exposed: Contact, index: int) -> None:
@@ -243,7 +243,7 @@ class TactileSensor:
         index: number of the frame, which decides its noise; 0 begins anew
         """
         first = self._state is None or index == 0
-        before = carried(exposed.state if first else self._state.exposed.state)  # type: ignore[union-attr]
+        before = (exposed.state if first else self._state.exposed.state).carried  # type: ignore[union-attr]
         self._take(contact, exposed, index, before)
 
     @property
@@ -332,7 +332,7 @@ class SensorData:
     def markers(self) -> MarkerTruth:
         """Truth of the markers in the picture without noise."""
         sensor = self._sensor
-        return marker_truth(sensor.design, sensor.camera.membrane(carried(self.contact.state)))
+        return marker_truth(sensor.design, sensor.camera.membrane(self.contact.state.carried))
 
     @property
     def marker_px(self) -> Array:
@@ -403,13 +403,12 @@ def body_of(design: SensorDesign, body: BodyName | Fingertip | SoftBody | None) 
     UserError
         For a body that the design does not have.
     """
-    if isinstance(body, Fingertip):
+    if body == "chain":  # the one name that is not its silicone's
+        body = Fingertip.of_radius(design.shape.radius, nodes=REFERENCE_NODES, law="split")
+    if isinstance(body, Fingertip):  # a body that is given, not named
         return ChainBody(body, flat=design.shape.flat)
     if isinstance(body, SoftBody):
         return SiliconeBody(body)
-    if body == "chain":
-        tip = Fingertip.of_radius(design.shape.radius, nodes=REFERENCE_NODES, law="split")
-        return ChainBody(tip, flat=design.shape.flat)
     if body not in (None, "dome", "pad"):
         raise UserError(f"body = {body!r}: allowed are chain, dome, pad")
     silicone = SiliconeBody(design.dome)

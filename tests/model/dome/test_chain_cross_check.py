@@ -37,12 +37,14 @@ def test_springs_buckle_on_fine_chains_under_hard_objects_only() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.elements
 @pytest.mark.parametrize("grasp", GRASPS, ids=lambda grasp: grasp.name)
 def test_three_digits(grasp: Grasp) -> None:
     assert max(compare(grasp, 400)) < 1e-3
 
 
 @pytest.mark.slow
+@pytest.mark.elements
 def test_where_the_springs_buckle_it_says_so() -> None:
     tip = Fingertip(nodes=BUCKLED.nodes)
     with pytest.raises(ConvergenceError, match="does not come to rest"):

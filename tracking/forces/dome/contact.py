@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import UserError
-from ....model import Dome, ForceField, FrictionReading, margin_within, torsion
+from ....model import ForceField, FrictionReading, margin_within, torsion
 from ....model.dome import PosedContact, lattice
 from ....render import layer_depths
 from ...tracks import Tracks
@@ -98,9 +98,7 @@ class ContactReading:
     """
 
     def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None:
-        dome = calibration.sensor.dome
-        if not isinstance(dome, Dome):
-            raise UserError("reconstructor contact reads a dome of silicone, not a flat pad")
+        dome = calibration.sensor.round_dome("reconstructor contact")
         self.dome = dome
         self._shifts = MarkerShifts(calibration, rest, math.pi / 2, halves=True)
         sensor = self._shifts.sensor

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...model import Dome, ModelError
+from ...model import ModelError
 from ...model.dome import lattice
 from ...tracking import SensorCalibration, Tracks
 from ...tracking.forces import CameraPose, MarkerShifts
@@ -63,8 +63,7 @@ class Pressing:
     """
 
     def __init__(self, calibration: SensorCalibration, rest: Tracks, pose: CameraPose) -> None:
-        dome = calibration.sensor.dome
-        assert isinstance(dome, Dome)  # no design of a pad comes here
+        dome = calibration.sensor.round_dome("a fit of presses")
         self.dome = dome
         places = MarkerShifts(calibration, rest, np.inf, pose, halves=True).places
         self._response = DomeResponse(calibration.sensor, dome, places)

@@ -12,7 +12,6 @@ from ...loop.dome_world import PRESS_DRAG
 from ...model import ForceField, SoftBody, Solid, margin_within
 from ...model.dome import lattice
 from ...model.shapes import distances
-from ...sensing.camera import carried
 from ...sensing.contact import of_dome
 from .chain_physics import missing_impulses, unbalanced_impulses
 from .frames import skin_field
@@ -162,7 +161,7 @@ def _markers(own: _Dome, stored: Stored) -> Table:
     pressed, again = own.normal > 0.0, _Dome.simulated(stored)
     whole = np.maximum(own.normal.sum(axis=1, keepdims=True), 1e-9)
     either = pressed & (own.normal < _TOUCHING * whole)
-    known = np.stack([carried(of_dome(sample.contact)[1]) for sample in stored.again])
+    known = np.stack([of_dome(sample.contact)[1].carried for sample in stored.again])
     forces = _carried(own, np.asarray(known.any(axis=-1)))
     field, rest = skin_field(own.body), lattice(own.body).points
     values = lawful_markers(stored, own.body, list(forces)) | {

@@ -14,8 +14,7 @@ from ...model import Fingertip, SoftBody, margin_within, node_friction
 from ...model.dome import SkinField, lattice
 from ...output.processes import one_thread
 from ...render import TruthMap, harmonic_map, load_sensor, marker_truth
-from ...scene.scene import Scene
-from ...sensing.camera import carried
+from ...scene.scene import Body, Scene
 from ...sensing.contact import of_chain, of_dome
 from ...sensing.sensor import TactileSensor
 from .columns import columns_of
@@ -45,20 +44,14 @@ def labelled(
     clean: whether the pictures are without noise
     """
     design, camera = sensor.design, sensor.camera
-    body = scene.build_fingertip() if scene.body == "chain" else scene.build_dome()
-    own: Callable[[Sample], Own]
-    if isinstance(body, Fingertip):
-        carry = harmonic_map(design.shape, design.places, body.nodes).scalar
-        own = partial(_of_chain, scene, body, carry)
-    else:
-        own = partial(_of_dome, body)
+    own = _OWN[scene.body](scene)
     pixels = _truth_map(scene.sensor, sensor.body.carrier) if truth else None
     unloaded = None
     with one_thread():
         for sample in samples:
             contact = sample.contact
             sensor.show(contact, contact, sample.index)
-            drive = carried(contact.state)
+            drive = contact.state.carried
             if unloaded is None:
                 unloaded = marker_truth(design, camera.membrane(np.zeros_like(drive)))
             values, nodes, more = own(sample)
@@ -67,7 +60,7 @@ def labelled(
                 values=values,
                 markers=marker_labels(sensor.data.markers, unloaded) | more,
                 nodes=nodes,
-                truth=_images(pixels, truth, sensor, body) if pixels else {},
+                truth=_images(pixels, truth, sensor, scene) if pixels else {},
             )
 
 
@@ -98,7 +91,7 @@ def _of_dome(dome: SoftBody, sample: Sample) -> Own:
     contact, areas = sample.contact, lattice(dome).areas
     _, state, _ = of_dome(contact)
     # Near the object its nodes are where they were solved for.
-    places = lattice(dome).points + skin_field(dome)(carried(state))
+    places = lattice(dome).points + skin_field(dome)(state.carried)
     places[state.near] = contact.field.position[state.near]
     field = replace(contact.field, position=places)
     assert field.directions is not None
@@ -130,17 +123,31 @@ def _of_dome(dome: SoftBody, sample: Sample) -> Own:
     return values, dict(zip(columns.nodes, nodes, strict=True)), {}
 
 
+def _chain_labels(scene: Scene) -> Callable[[Sample], Own]:
+    """What labels a frame of a scene's chain."""
+    design, tip = scene.build_sensor(), scene.build_fingertip()
+    carry = harmonic_map(design.shape, design.places, tip.nodes).scalar
+    return partial(_of_chain, scene, tip, carry)
+
+
+#: What labels a frame, for each body.
+_OWN: dict[Body, Callable[[Scene], Callable[[Sample], Own]]] = {
+    "chain": _chain_labels,
+    "dome": lambda scene: partial(_of_dome, scene.build_dome()),
+}
+
+
 def _images(
-    pixels: TruthMap, names: tuple[str, ...], sensor: TactileSensor, body: Fingertip | SoftBody
+    pixels: TruthMap, names: tuple[str, ...], sensor: TactileSensor, scene: Scene
 ) -> Labels:
     """Labels of every pixel: `traction` [Pa], (H, W, 3), and `contact`, (H, W), are a dome's."""
-    drive = carried(sensor.data.contact.state)
+    drive = sensor.data.contact.state.carried
     plain = [name for name in names if name not in ("traction", "contact")]
     images: Labels = dict(pixels.images(plain, sensor.camera.membrane(drive), drive))
     if len(plain) < len(names):
         _, state, _ = of_dome(sensor.data.contact)
-        assert not isinstance(body, Fingertip)
-        traction = pixels.skin_image(drive, state.forces / lattice(body).areas[:, None])
+        areas = lattice(scene.build_dome()).areas
+        traction = pixels.skin_image(drive, state.forces / areas[:, None])
         images |= {"traction": traction, "contact": np.nan_to_num(abs(traction)).max(axis=-1) > 0.0}
     return {name: images[name] for name in names}
 

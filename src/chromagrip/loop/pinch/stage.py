@@ -1,12 +1,13 @@
 """A pinch in space: from one side, and along its axis."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...model import Dome, SoftBody
+from ...model import Dome, Pad, SoftBody
 from ...model.pinch import FACING, Pinch, bases, rotation_by
 from ...model.shapes import Shape, ball, box, cylinder, reach_down
 from ..pinch_world import Pinched
@@ -186,13 +187,20 @@ def _posed(
 _STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
+#: Shape of the silicone of each body, and its depth below the fingertip's origin [m].
+_SILICONE: dict[type[SoftBody], Callable[[SoftBody], tuple[Shape, float]]] = {
+    Dome: lambda dome: (ball(dome.radius), 0.0),
+    Pad: lambda pad: (
+        box((2 * pad.radius, pad.thickness, 2 * pad.radius)),
+        0.5 * pad.thickness,
+    ),
+}
+
+
 def _parts(dome: SoftBody, colour: Colour) -> tuple[tuple[Shape, float, Colour], ...]:
     """Shapes of silicone and housing, with their depth below the fingertip's origin [m]."""
     radius = dome.radius
-    if isinstance(dome, Dome):
-        silicone, below = ball(radius), 0.0
-    else:
-        silicone, below = box((2 * radius, dome.thickness, 2 * radius)), 0.5 * dome.thickness
+    silicone, below = _SILICONE[type(dome)](dome)
     length = _HOUSING * radius
     housing = cylinder(1.02 * radius, length, 0.02 * radius)
     return (silicone, below, colour), (housing, 2 * below + 0.5 * length, HOUSING)

@@ -1,17 +1,21 @@
 """An object pressed on a dome and moved, and the contact that it leaves."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from ...errors import UserError, located
-from ...model import DomeState, ForceField, Motion, dome_forces
-from ...model.dome import Stepper, resting, rise_beside
+from ...model import DomeState, ForceField, Motion, dome_forces, margin_within
+from ...model.dome import Stepper, displacements, lattice, resting, rise_beside
+from ...render import TruthMap
 from ...scene.scene import Scene
 from ...scene.shapes import build_pose
+from .poses import OF_EACH, Entry, Settled, Shot, rounded, sums_of
 
 Array = NDArray[np.float64]
 
@@ -21,10 +25,28 @@ STEP, TURN, FEWEST = 20e-6, math.radians(0.5), 12
 LOADING, RESTING, CREEP = 1.0, 1.0, 5e-3
 #: Dampers of an object under forces [N·s/m, N·m·s], which are gone when it is at rest.
 DRAG = (5.0, 5.0, 5.0, 1e-4, 1e-4, 1e-4)
-
-
 #: Longest motion of an object along an axis [m], and about the dome's axis [rad].
 _FAR, _TURNS = 1.0, 20.0 * math.pi
+#: Decimals of forces [N] and torques [N·mm]; further ones are the solver's.
+_FORCE_DIGITS, _TORQUE_DIGITS = 5, 4
+#: Share of the friction limit above which a node slips.
+SLIPPING = 0.999
+
+#: Arrays of a truth file of a dome of silicone, in order.
+DOME_ARRAYS = OF_EACH | {
+    "seen_m": "displacement (x, y, z) of each node of the skin, (N, 3)",
+    "force_position_m": "place (x, y, z) of each node of the pressed skin, (N, 3)",
+    "force_normal_n": "normal force of the object on each node, (N,)",
+    "force_friction_n": "friction on each node, (N, 3)",
+    "force_contact": "node is in contact, (N,)",
+    "force_direction": "unit normal of the object at each node in contact, 0 elsewhere, (N, 3)",
+    "force_area_m2": "area of the skin that each node stands for, (N,)",
+    "force_slips": "node is in contact and slips, (N,)",
+    "object_place_m": "place of the object's own origin, (3,)",
+    "object_rotation": "of the object's own axes to the sensor's, (3, 3)",
+    "traction_pa": "force of the object per area of skin that each pixel shows, (H, W, 3)",
+    "contact_mask": "pixel shows skin in contact, (H, W)",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +71,86 @@ class DomePose:
     azimuth: float = 0.0
     force: tuple[float, float, float] | None = None
     moment: float | None = None
+
+    arrays: ClassVar[dict[str, str]] = DOME_ARRAYS
+
+    def settled(self, scene: Scene) -> Settled:
+        """Contact of the dome or the pad in the pose."""
+        state, contact = settle_dome(scene, self)
+        return Settled(pose=self, state=state, field=contact, friction=scene.object.friction)
+
+    def words(self, settled: Settled) -> str:
+        """What was done to the object."""
+        if self.force is not None:
+            parts = ["held with {:z.2g}, {:z.2g} and {:z.2g} N".format(*self.force)]
+        else:
+            parts = [f"pressed {1e3 * self.press:.3g} mm"]
+            if any(self.shear):
+                way = " and ".join(f"{1e3 * s:.3g}" for s in self.shear)
+                parts.append(f"sheared {way} mm")
+        if self.twist:
+            parts.append(f"twisted {np.degrees(self.twist):.3g}°")
+        return ", ".join(parts)
+
+    def object_name(self, scene: Scene) -> str:
+        """Name of the shape."""
+        return scene.build_solid().shape.name
+
+    def entry(self, settled: Settled) -> Entry:
+        """How the object was put on the dome."""
+        entry: Entry = {
+            "tilt_deg": np.degrees(self.tilt).tolist(),
+            "azimuth_deg": math.degrees(self.azimuth),
+        }
+        if self.force is None:
+            entry |= {"press_mm": 1e3 * self.press, "shear_mm": [1e3 * s for s in self.shear]}
+        else:
+            entry["load_n"] = list(self.force)
+        if self.moment is None:
+            entry["twist_deg"] = math.degrees(self.twist)
+        else:
+            entry["moment_nmm"] = 1e3 * self.moment
+        return entry
+
+    def sums(self, scene: Scene, shot: Shot) -> Entry:
+        """Sums of the forces with torques, and the deepest point."""
+        field, friction = _forces(shot), shot.settled.friction
+        limit = margin_within(field, friction)
+        torque = [1e3 * field.torque(axis) for axis in np.eye(3)]
+        outwards = lattice(scene.build_dome()).outwards
+        deepest = -1e3 * float(np.einsum("ij,ij->i", shot.seen, outwards).min())
+        return sums_of(field, friction, _FORCE_DIGITS) | {
+            "limit_margin": rounded(limit, _FORCE_DIGITS) if np.isfinite(limit) else None,
+            "force_n": [rounded(force, _FORCE_DIGITS) for force in field.total_force.tolist()],
+            "torque_nmm": [rounded(part, _TORQUE_DIGITS) for part in torque],
+            "deepest_mm": rounded(deepest, 4),
+        }
+
+    def seen(
+        self, scene: Scene, settled: Settled, truth: TruthMap, drive: Array
+    ) -> tuple[Array, NDArray[np.float32] | None]:
+        """Displacements of the nodes, and the traction where the image shows it."""
+        dome, state = scene.build_dome(), cast("DomeState", settled.state)
+        traction = truth.skin_image(drive, state.forces / lattice(dome).areas[:, None])
+        return displacements(dome, state), traction
+
+    def further(self, scene: Scene, shot: Shot) -> Sequence[Any]:
+        """Displacements, forces, and where the object is."""
+        field, state = _forces(shot), cast("DomeState", shot.settled.state)
+        assert shot.traction is not None
+        slips = field.friction_sizes > SLIPPING * shot.settled.friction * field.normal
+        pixels = np.nan_to_num(abs(shot.traction)).max(axis=-1)
+        return [
+            shot.seen, field.position, field.normal, field.friction, field.contact,
+            field.directions, lattice(scene.build_dome()).areas, slips & field.contact, state.place,
+            state.rotation, shot.traction, pixels > 0.0,
+        ]  # fmt: skip
+
+
+def _forces(shot: Shot) -> ForceField:
+    """Contact forces, which every pose of a dome has."""
+    assert shot.settled.field is not None
+    return shot.settled.field
 
 
 def settle_dome(scene: Scene, pose: DomePose) -> tuple[DomeState, ForceField]:

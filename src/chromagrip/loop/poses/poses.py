@@ -1,6 +1,8 @@
-"""Pictures of single poses with their ground truth, outside any run."""
+"""Pictures of single poses with their ground truth, outside any run; poses of the node model."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,30 +20,77 @@ from ...model import (
     whole_friction,
 )
 from ...model.chain import state_of
-from ...render import Frame, GroundTruth, SensorDesign
+from ...render import Frame, GroundTruth, SensorDesign, TruthMap
 from ...scene.scene import Scene
-from .dome_poses import DomePose, settle_dome
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Pose:
-    """Forces on a dome, or displacements of a pad.
+#: Arrays of every truth file, in order, with their meaning; layer 0 is magenta, 1 yellow.
+OF_EACH = {
+    "pixels_px": "projected centre (x, y) of each marker, (2, M, 2)",
+    "image_centres_px": "centroid (x, y) of each marker's outline in the image, (2, M, 2)",
+    "areas_px2": "area of each outline, (2, M)",
+    "visible": "marker is there, faces the camera and lies in the image, (2, M)",
+    "overlap": "share of each magenta marker's image that yellow covers, (M,)",
+    "centres_m": "marker centres (x, y, z) in the sensor frame, (2, M, 3)",
+    "normals": "of the markers, outwards, (2, M, 3)",
+    "masks": "share of each pixel that a layer covers, 255 is all, (2, H, W)",
+    "flow_px": "motion (x, y) of what a resting pixel shows of a layer, NaN off it, (2, H, W, 2)",
+    "depth_m": "distance from the camera to the skin along each pixel's ray, NaN off it, (H, W)",
+}
+#: Arrays of a truth file of a chain or of displacements, in order.
+ARRAYS = OF_EACH | {
+    "seen_m": "node displacements (x, z) relative to the camera, (N, 2)",
+    "force_position_m": "place (x, z) of each node's contact force, (N, 2); forces of a dome only",
+    "force_normal_n": "normal force on each node, (N,)",
+    "force_friction_n": "friction on each node, along the object's tangent, (N,)",
+    "force_contact": "node is in contact, (N,)",
+}
 
-    A dome is in balance under the forces. The node model does not describe a pad, which is
-    displaced instead.
+
+#: One picture of `poses.json`: names of its files, and forces or displacements.
+Entry = dict[str, str | float | list[float] | None]
+
+
+class AnyPose(Protocol):
+    """A pose of a body, which knows what is to be said of its picture.
 
     Attributes
     ----------
-    grip, load: forces along z and x [N], of a dome
-    depth, shear: displacements of the middle of a pad along −z and x [m]
+    arrays: names of the arrays of its truth file, in order, with their meaning
     """
 
-    grip: float = 0.0
-    load: float = 0.0
-    depth: float = 0.0
-    shear: float = 0.0
+    arrays: ClassVar[dict[str, str]]
+
+    def settled(self, scene: Scene) -> "Settled":
+        """Contact of a scene's fingertip and object in the pose.
+
+        Raises
+        ------
+        UserError
+            For what cannot be held.
+        """
+
+    def words(self, settled: "Settled") -> str:
+        """What was done to the fingertip."""
+
+    def object_name(self, scene: Scene) -> str:
+        """Name of the object; empty where it has none."""
+
+    def entry(self, settled: "Settled") -> Entry:
+        """How the object was put on the fingertip."""
+
+    def sums(self, scene: Scene, shot: "Shot") -> Entry:
+        """Forces of the contact."""
+
+    def seen(
+        self, scene: Scene, settled: "Settled", truth: TruthMap, drive: Array
+    ) -> tuple[Array, NDArray[np.float32] | None]:
+        """Displacements and traction of a `Shot`."""
+
+    def further(self, scene: Scene, shot: "Shot") -> Sequence[Any]:
+        """Arrays after those of every truth file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +105,7 @@ class Settled:
     friction: µ of the contact as a whole, see `whole_friction`
     """
 
-    pose: Pose | DomePose
+    pose: "AnyPose"
     state: State | DomeState
     field: ForceField | None
     friction: float
@@ -84,21 +133,83 @@ class Shot:
     traction: NDArray[np.float32] | None = None
 
 
-def settle_any(scene: Scene, pose: Pose | DomePose) -> Settled:
-    """Contact of a pose of a scene's fingertip, whatever its body, and object.
+@dataclass(frozen=True, kw_only=True)
+class Pose:
+    """Forces on a dome, or displacements of a pad.
 
-    Raises
-    ------
-    UserError: for what cannot be held
+    A dome is in balance under the forces. The node model does not describe a pad, which is
+    displaced instead.
+
+    Attributes
+    ----------
+    grip, load: forces along z and x [N], of a dome
+    depth, shear: displacements of the middle of a pad along −z and x [m]
     """
-    if isinstance(pose, DomePose):
-        state, contact = settle_dome(scene, pose)
-        return Settled(pose=pose, state=state, field=contact, friction=scene.object.friction)
-    rest, field = settle(scene, pose)
-    friction = np.nan
-    if field is not None:
-        friction = whole_friction(scene.build_fingertip(), scene.build_object(), rest, field)
-    return Settled(pose=pose, state=rest, field=field, friction=float(friction))
+
+    grip: float = 0.0
+    load: float = 0.0
+    depth: float = 0.0
+    shear: float = 0.0
+
+    arrays: ClassVar[dict[str, str]] = ARRAYS
+
+    def settled(self, scene: Scene) -> Settled:
+        """Contact of the chain in the pose, or the displaced pad."""
+        state, field = settle(scene, self)
+        friction = np.nan
+        if field is not None:
+            friction = whole_friction(scene.build_fingertip(), scene.build_object(), state, field)
+        return Settled(pose=self, state=state, field=field, friction=float(friction))
+
+    def words(self, settled: Settled) -> str:
+        """What was done to the fingertip."""
+        if settled.field is None:
+            return f"pressed {self.depth * 1e3:g} mm, sheared {self.shear * 1e3:g} mm"
+        return f"grip {self.grip:g} N, load {self.load:g} N"
+
+    def object_name(self, scene: Scene) -> str:
+        """The node model's objects have no names."""
+        return ""
+
+    def entry(self, settled: Settled) -> Entry:
+        """Forces, or displacements of a pad."""
+        if settled.field is None:
+            return {"press_mm": self.depth * 1e3, "shear_mm": self.shear * 1e3}
+        return {"grip_n": self.grip, "load_n": self.load}
+
+    def sums(self, scene: Scene, shot: Shot) -> Entry:
+        """Sums of the forces; none of a pad."""
+        field = shot.settled.field
+        return {} if field is None else sums_of(field, shot.settled.friction)
+
+    def seen(
+        self, scene: Scene, settled: Settled, truth: TruthMap, drive: Array
+    ) -> tuple[Array, None]:
+        """The displacements that drive the picture."""
+        return drive, None
+
+    def further(self, scene: Scene, shot: Shot) -> Sequence[Any]:
+        """Displacements, and forces where they are known."""
+        field = shot.settled.field
+        if field is None:
+            return [shot.seen]
+        return [shot.seen, field.position, field.normal, field.friction, field.contact]
+
+
+def sums_of(field: ForceField, friction: float, digits: int | None = None) -> Entry:
+    """Sums of contact forces, µ and Γ, to so many decimals."""
+    margin = field.safety_margin(friction)
+    return {
+        "normal_n": rounded(field.total_normal, digits),
+        "friction_n": rounded(field.total_friction, digits),
+        "mu": friction if np.isfinite(friction) else None,
+        "margin": rounded(margin, digits) if np.isfinite(margin) else None,
+    }
+
+
+def rounded(value: float, digits: int | None) -> float:
+    """Value to so many decimals, and no negative zero."""
+    return value if digits is None else round(value, digits) + 0.0
 
 
 def settle(scene: Scene, pose: Pose) -> tuple[State, ForceField | None]:

@@ -10,7 +10,6 @@ from matplotlib.patches import Rectangle
 
 from ...model import margin_within
 from ...scene.scene import Scene
-from .dome_poses import DomePose
 from .poses import Shot
 
 #: Colours of the two layers' markers and of forces.
@@ -35,10 +34,9 @@ def draw_preview(scene: Scene, shot: Shot, path: Path) -> None:
     matplotlib.use("Agg", force=False)
     figure = Figure(figsize=(12.6, 8.2), dpi=100, layout="constrained")
     axes = figure.subplots(2, 3)
-    names = [Path(scene.sensor).stem]
-    if isinstance(shot.settled.pose, DomePose):
-        names.append(scene.build_solid().shape.name)
-    figure.suptitle(f"{', '.join(names)}: {_done(shot)}", fontsize=15)
+    pose = shot.settled.pose
+    names = ", ".join(filter(None, (Path(scene.sensor).stem, pose.object_name(scene))))
+    figure.suptitle(f"{names}: {pose.words(shot.settled)}", fontsize=15)
     window = _window(shot)
     _whole(axes[0, 0], shot, window)
     _forces(axes[0, 1], scene, shot, window)
@@ -67,24 +65,6 @@ def _window(shot: Shot) -> Window:
     if side > 0.8 * height:
         x, y, side = (width - 1) / 2, (height - 1) / 2, height
     return x - side / 2, x + side / 2, y - side / 2, y + side / 2
-
-
-def _done(shot: Shot) -> str:
-    """What was done to the fingertip, in words."""
-    pose, field = shot.settled.pose, shot.settled.field
-    if not isinstance(pose, DomePose):
-        if field is None:
-            return f"pressed {pose.depth * 1e3:g} mm, sheared {pose.shear * 1e3:g} mm"
-        return f"grip {pose.grip:g} N, load {pose.load:g} N"
-    if pose.force is not None:
-        parts = ["held with {:z.2g}, {:z.2g} and {:z.2g} N".format(*pose.force)]
-    else:
-        parts = [f"pressed {1e3 * pose.press:.3g} mm"]
-        if any(pose.shear):
-            parts.append("sheared " + " and ".join(f"{1e3 * s:.3g}" for s in pose.shear) + " mm")
-    if pose.twist:
-        parts.append(f"twisted {np.degrees(pose.twist):.3g}°")
-    return ", ".join(parts)
 
 
 def _facts(scene: Scene, shot: Shot) -> list[tuple[str, str]]:

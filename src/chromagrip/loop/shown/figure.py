@@ -74,7 +74,7 @@ def _draw_curve(axes: Axes, time: Array, curve: Curve) -> None:
 def _title(scene: Scene, trace: Trace) -> str:
     plural = "" if scene.camera.latency_frames == 1 else "s"
     ended = "" if len(trace) == scene.frames else f", ended at {trace['time_s'][-1]:.2f} s"
-    outcome = f": {OUTCOMES[int(trace['outcome'][-1])]}" if scene.fingers == 2 else ""
+    outcome = f": {OUTCOMES[int(trace['outcome'][-1])]}" if "outcome" in trace.columns else ""
     return (
         f"{scene.controller}, {scene.path} path at {scene.camera.rate_hz:g} Hz "
         f"with a latency of {scene.camera.latency_frames} frame{plural}{outcome}{ended}"

@@ -20,7 +20,7 @@ from ...output.logs.entries import (
     Wrench,
 )
 from ..column import OUTCOMES, Column
-from ..columns import FINGERS, columns_of, interval_of, mechanics, prefixes
+from ..columns import FINGERS, columns_of, interval_of, prefixes
 from .log_pictures import Part, raw_pictures, video_pictures
 from .run_folder import RunRead
 from .tactile_video import HEAD
@@ -31,13 +31,13 @@ Columns = Mapping[str, Array]
 def log_of(run: RunRead) -> Log:
     """Log of a run; topics of a finger of two begin with `/first` or `/second`."""
     of, scene = run.columns, run.scene
-    signals = list(_signals(of, columns_of(mechanics(scene))))
+    signals = list(_signals(of, columns_of(scene.mechanics)))
     wrenches, conditions = list[Wrench](), list[Condition]()
     for before in prefixes(scene):
         signals += _target(run, before)
         wrenches += _wrenches(of, before)
         conditions += _conditions(run, before)
-    if scene.fingers == 2:
+    if "outcome" in of:
         conditions.append(_outcome(of))
     return Log(
         name=os.path.basename(os.path.realpath(run.folder)),
@@ -46,7 +46,7 @@ def log_of(run: RunRead) -> Log:
         signals=signals,
         wrenches=wrenches,
         conditions=conditions,
-        pictures=list(_pictures_of_two(run) if scene.fingers == 2 else _pictures(run)),
+        pictures=list({1: _pictures, 2: _pictures_of_two}[scene.fingers](run)),
     )
 
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ...model import GROSS_SLIP
 from ...output.run_page import Curve, Panel, Role
-from ...scene.scene import Scene
-from ..column import ALL, ONE, Mechanics
-from ..columns import columns_of, interval_of, mechanics, prefixes
+from ...scene.scene import Mechanics, Scene
+from ..column import ALL, ONE
+from ..columns import columns_of, interval_of, prefixes
 from ..trace import may_slide, word_for_read
 
 Array = NDArray[np.float64]
@@ -133,7 +133,7 @@ def panels_of(scene: Scene, of: Columns) -> Iterator[Panel]:
     scene: that was run
     of: columns of its trace; a trace of an earlier version lacks some
     """
-    body, befores = mechanics(scene), prefixes(scene)
+    body, befores = scene.mechanics, prefixes(scene)
     for plan in _PLANS:
         if body not in plan.bodies:
             continue

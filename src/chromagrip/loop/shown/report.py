@@ -6,7 +6,7 @@ import numpy as np
 
 from ...model import GROSS_SLIP
 from ...output.run_page import RunOnPage, write_run_page
-from ...scene.scene import Scene
+from ...scene.scene import PathName, Scene
 from ..columns import prefixes
 from ..trace import Summary, may_slide, word_for_read
 from .panels import Columns, panels_of
@@ -17,12 +17,23 @@ from .tactile_video import SLOWDOWN
 REPORT = "report.html"
 #: Error of Γ at the end from which on the page says more about it.
 _NOTABLE = 0.03
+#: By the number of fingers: end of the title, and what the video shows on each path.
+_TITLES = {1: "", 2: " with two fingers"}
+_PINCHED = "The cameras' pictures with the tractions, and the object between the fingers."
+_CAPTIONS: dict[int, dict[PathName, str]] = {
+    1: {
+        "camera": (
+            "Left: the camera's picture. Right: the contact as it was estimated, and as it is."
+        ),
+        "truth": "Left: the camera's picture. Right: the true contact.",
+    },
+    2: {"camera": _PINCHED, "truth": _PINCHED},
+}
 
 
 def write_report(run: RunRead) -> None:
     """Write the report of a run into its folder."""
-    two = " with two fingers" if run.scene.fingers == 2 else ""
-    title = f"{run.scene.controller}{two}, {run.scene.path} path"
+    title = f"{run.scene.controller}{_TITLES[run.scene.fingers]}, {run.scene.path} path"
     write_run_page(run.folder / REPORT, [run_on_page(run, title)], title)
 
 
@@ -42,21 +53,14 @@ def run_on_page(run: RunRead, name: str) -> RunOnPage:
 
 def _caption(scene: Scene) -> str:
     """What the video shows."""
-    if scene.fingers == 2:
-        return "The cameras' pictures with the tractions, and the object between the fingers."
-    right = (
-        "the contact as it was estimated, and as it is"
-        if scene.path == "camera"
-        else "the true contact"
-    )
-    return f"Left: the camera's picture. Right: {right}."
+    return _CAPTIONS[scene.fingers][scene.path]
 
 
 def _words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
     """What happened, in sentences."""
     if not summary["complete"]:
         yield f"The run ended early, at {summary['duration_s']:.2f} s of {scene.duration_s:g} s."
-    yield from _two_words(scene, summary) if scene.fingers == 2 else _one_words(scene, summary, of)
+    yield from {1: _one_words, 2: _two_words}[scene.fingers](scene, summary, of)
     possible = np.any([may_slide(scene, of, before) for before in prefixes(scene)], axis=0)
     if scene.sliding_margin is not None and possible.any():
         yield (
@@ -99,7 +103,7 @@ def _one_words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
         )
 
 
-def _two_words(scene: Scene, summary: Summary) -> Iterator[str]:
+def _two_words(scene: Scene, summary: Summary, of: Columns) -> Iterator[str]:
     """Outcome and margin of two fingers."""
     pinch = scene.pinch
     bounds = f"{pinch.turned_deg:g}° count as turned and {pinch.dropped_mm:g} mm as dropped"
@@ -164,7 +168,7 @@ _FACTS = (
 
 def _facts(scene: Scene, summary: Summary) -> Iterator[tuple[str, str]]:
     """Names and values for a table; unknown values are left out."""
-    read, smaller = word_for_read(scene.path), "smaller " if scene.fingers == 2 else ""
+    read, smaller = word_for_read(scene.path), {1: "", 2: "smaller "}[scene.fingers]
     for name, key, form, unit in _FACTS:
         value = summary.get(key)
         if value is not None:

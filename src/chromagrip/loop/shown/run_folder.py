@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from ...errors import UserError
 from ...extras import missing, need
 from ...output.pictures import open_source
-from ...scene.scene import PathName, Scene, load_scene
+from ...scene.scene import Mechanics, PathName, Scene, load_scene
 from ...strange_files import inside, shortened
-from ..column import Mechanics
-from ..columns import columns_of, mechanics
+from ..columns import columns_of
 from ..trace import Summary
 
 Array = NDArray[np.float64]
@@ -32,8 +31,8 @@ MOST_ROWS = 2_000_000
 LARGEST_TEXT, LARGEST_FILE = 2**24, 2**28
 #: Largest size of a value, and of a time [s].
 _LARGEST, _LATEST = 1e12, 1e6
-#: Ends of the names of columns that the first traces of two fingers lack.
-_LATER = ("_deviation_n", "_deviation_nmm", "limit_margin_low", "limit_margin_high")
+#: Endings of the names of columns that the first traces lack, by the number of fingers.
+_LATER = {1: (), 2: ("_deviation_n", "_deviation_nmm", "limit_margin_low", "limit_margin_high")}
 _MEND = "take a whole copy of the folder, or run its scene again"
 
 _Number = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
@@ -95,6 +94,10 @@ class _Two(_Known, kw_only=True):
     slide_mm: _Number
     largest_turn_deg: _Number
     max_pressure_kpa: _Number
+
+
+#: Summary of runs with one finger, or with two.
+_SUMMARIES: dict[int, type[_Known]] = {1: _One, 2: _Two}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,9 +165,10 @@ def read_run(
             raise UserError(f"{folder} is not a finished run: it has no {name}")
     check_size(files["scene.toml"], LARGEST_TEXT)
     scene = load_scene(str(files["scene.toml"]), allow=allow)
-    summary = _read_summary(files["summary.json"], _Two if scene.fingers == 2 else _One)
-    wanted = list(columns_of(mechanics(scene)))
-    columns = read_trace(files["trace.parquet"], wanted, scene.fingers == 2, max_rows)
+    summary = _read_summary(files["summary.json"], _SUMMARIES[scene.fingers])
+    wanted = list(columns_of(scene.mechanics))
+    later = _LATER[scene.fingers]
+    columns = read_trace(files["trace.parquet"], wanted, later, max_rows)
     rows = len(columns["time_s"])
     if rows != summary["frames"]:
         raise UserError(
@@ -178,7 +182,7 @@ def read_run(
 
 
 def read_trace(
-    path: Path, names: list[str], later: bool = False, max_rows: int = MOST_ROWS
+    path: Path, names: list[str], later: tuple[str, ...] = (), max_rows: int = MOST_ROWS
 ) -> dict[str, Array]:
     """Columns of a trace; others that it has are left out.
 
@@ -186,7 +190,7 @@ def read_trace(
     ----------
     path: of a Parquet table
     names: of the columns
-    later: whether those may be missing that the first traces of two fingers lack
+    later: endings of the names of those that may be missing
     max_rows: largest number of rows, which is known before they are read
 
     Raises
@@ -197,8 +201,8 @@ def read_trace(
     pa, pq = need("pyarrow", "data"), need("pyarrow.parquet", "data")
     try:
         with pq.ParquetFile(path) as file:
-            there = {name for name in names if not later or name in file.schema_arrow.names}
-            there |= {name for name in names if not name.endswith(_LATER)}
+            there = {name for name in names if not name.endswith(later)}
+            there |= {name for name in names if name in file.schema_arrow.names}
             _check_table(path, file, there, max_rows)
             table = file.read(columns=[name for name in names if name in there])
         columns = {name: table[name].cast("float64").to_numpy() for name in table.column_names}

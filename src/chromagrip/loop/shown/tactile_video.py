@@ -4,7 +4,7 @@ Of a chain it shows the contact from the side of the camera, magnified; of a dom
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...model import REFERENCE_NODES, ForceField, margin_within
 from ...output.video import VideoFile
 from ...render import Frame
-from ...scene.scene import Scene
+from ...scene.scene import Body, Scene
 from ...tracking import Tracks
 from ..sample import Sample
 from .dome_picture import OUTLINE, TractionPicture, write
@@ -70,12 +70,7 @@ class TactileVideo(VideoFile):
         self._scale = ZOOM * ARROW
         self._slot = -1
         self._said = 0  # contacts for which it is still said that the arrows were halved
-        self._tractions: dict[str, TractionPicture] = {}
-        if scene.body == "dome":  # the estimator's dome is the sensor's, the true one the scene's
-            side = self._view.height
-            if self._seen:
-                self._tractions["estimated"] = TractionPicture(scene.build_sensor().dome, side)
-            self._tractions["true"] = TractionPicture(scene.build_dome(), side)
+        self._tractions = _TRACTIONS[scene.body](scene)
 
     def slot(self, time: float) -> int:
         """Number of the video's picture at a time [s]."""
@@ -177,6 +172,22 @@ class TactileVideo(VideoFile):
             pictures.append(canvas)
         self._tractions[contacts[-1][0]].legend(pictures[-1], (8, len(image) - 92))
         return np.hstack(pictures)
+
+
+def _tractions_of(scene: Scene) -> dict[str, TractionPicture]:
+    """Pictures of tractions; the estimator's dome is the sensor's, the true one the scene's."""
+    side = scene.build_sensor().view.height
+    pictures = {"true": TractionPicture(scene.build_dome(), side)}
+    if scene.path == "camera":
+        pictures["estimated"] = TractionPicture(scene.build_sensor().dome, side)
+    return pictures
+
+
+#: Pictures of tractions that a body has.
+_TRACTIONS: dict[Body, Callable[[Scene], dict[str, TractionPicture]]] = {
+    "chain": lambda scene: {},
+    "dome": _tractions_of,
+}
 
 
 def rounded_down(value: float) -> float:

@@ -32,7 +32,6 @@ from ..worlds.grasps import CURVATURES, STIFFNESSES
 from .elements import pressed_scene
 from .grips import FRICTIONS, ends_of, random_margins, staged
 from .scenes import SEED, Watched, side, truth
-from .specimens import dome_of
 
 Array = NDArray[np.float64]
 
@@ -60,7 +59,7 @@ def across_scene(world: str, index: int) -> Watched:
     count = round(grasped.ends[-1] / PERIOD)
     ends = [round(end / PERIOD) for end in grasped.ends]
     taken = sorted({*range(0, count + 1, _EVERY), *ends})
-    dome = dome_of(load_sensor(DESIGN))
+    dome = load_sensor(DESIGN).round_dome("this bench")
     states: Sequence[State | DomeState]
     body: Fingertip | Dome
     with one_thread():

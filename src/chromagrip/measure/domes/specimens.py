@@ -95,7 +95,7 @@ class Specimen:
 def matched(name: str) -> Specimen:
     """A specimen as its design says, with the design's own defects."""
     sensor = load_sensor(name)
-    return Specimen(sensor=sensor, dome=dome_of(sensor))
+    return Specimen(sensor=sensor, dome=sensor.round_dome("this bench"))
 
 
 def mismatched(name: str, index: int) -> Specimen:
@@ -108,7 +108,7 @@ def mismatched(name: str, index: int) -> Specimen:
     """
     nominal = load_sensor(name)
     off = {key: sign * OFF[key] for key, sign in zip(OFF, signs(index), strict=True)}
-    dome, camera, silicone = dome_of(nominal), nominal.camera, nominal.silicone
+    dome, camera, silicone = nominal.round_dome("this bench"), nominal.camera, nominal.silicone
     assert silicone is not None
     thickness = 1e3 * dome.thickness * (1.0 + off["thickness"])
     inner = thickness
@@ -135,7 +135,7 @@ def mismatched(name: str, index: int) -> Specimen:
     )
     return Specimen(
         sensor=sensor,
-        dome=dome_of(sensor),
+        dome=sensor.round_dome("this bench"),
         renderer="pyrender",
         roll=math.radians(off["roll_deg"]),
     )
@@ -154,13 +154,6 @@ def calibration_file(name: str, index: int) -> Path:
     name, index: as of `mismatched`
     """
     return _CALIBRATED / f"{name}-{index}.toml"
-
-
-def dome_of(sensor: SensorDesign) -> Dome:
-    """Silicone of a design that is a dome."""
-    body = sensor.dome
-    assert isinstance(body, Dome)
-    return body
 
 
 def signs(index: int) -> list[int]:

@@ -41,10 +41,14 @@ class Case:
     def title(self) -> str:
         """The case in one line."""
         form = "flat" if math.isinf(self.radius_mm) else f"of radius {self.radius_mm:g} mm"
-        grip, way, pictures = "Grip", "", ""
-        if self.body == "dome":
-            grip, way = "Dome: grip", f" at {self.azimuth_deg:g}°"
-            pictures = f"pictures of the press: 1, of the shear: {self.shears}; "
+        grip, way, pictures = {
+            "chain": ("Grip", "", ""),
+            "dome": (
+                "Dome: grip",
+                f" at {self.azimuth_deg:g}°",
+                f"pictures of the press: 1, of the shear: {self.shears}; ",
+            ),
+        }[self.body]
         return (
             f"{grip} {self.grip_n:g} N, load {self.load_n:g} N{way}, µ {self.friction:g}, "
             f"object {form}, {self.stiffness_kpa:g} kPa; {pictures}noise {self.noise_levels:g} "
@@ -54,7 +58,7 @@ class Case:
     def entries(self) -> dict[str, Any]:
         """Entries of a JSON file; the radius of a flat object is None."""
         found = asdict(self) | ({"radius_mm": None} if math.isinf(self.radius_mm) else {})
-        unused = () if self.body == "dome" else ("body", "azimuth_deg", "shears")
+        unused = {"chain": ("body", "azimuth_deg", "shears"), "dome": ()}[self.body]
         return {name: value for name, value in found.items() if name not in unused}
 
 

@@ -24,7 +24,7 @@ from ..domes.grips import MARGINS, UNLIKE, Grip, unlike_shape
 from ..domes.readings import Reading, read
 from ..domes.scenes import SEED, Watched, watch
 from ..domes.sets import BEST, COMPARED
-from ..domes.specimens import Specimen, dome_of, matched
+from ..domes.specimens import Specimen, matched
 from ..worlds.force_scores import QUANTITIES
 from .panels import Outcome, Outcomes, score_of, text_of, worst
 
@@ -199,7 +199,7 @@ def _watched(design: str, case: Case) -> Watched:
     assert silicone is not None
     stiffer = msgspec.structs.replace(silicone, young_kpa=silicone.young_kpa * case.young)
     sensor = msgspec.structs.replace(sensor, silicone=stiffer)
-    specimen = Specimen(sensor=sensor, dome=dome_of(sensor), noise=case.noise)
+    specimen = Specimen(sensor=sensor, dome=sensor.round_dome("this bench"), noise=case.noise)
     usual, _ = READERS[design]
     grip = _grip(case, specimen.dome.radius, usual)
     return watch(sensor_as_designed(design), specimen, grip, SEED, case.shape)

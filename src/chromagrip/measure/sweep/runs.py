@@ -152,7 +152,7 @@ def cell(task: Task) -> Cell:
     failed = ""
     try:
         result = run(task.scene, answer_within_s=task.answer_within_s)
-        found = pinch_scores(result) if task.scene.fingers == 2 else scores(result)
+        found = {1: scores, 2: pinch_scores}[task.scene.fingers](result)
     except UserError as error:
         failed = str(error)
     return Cell(

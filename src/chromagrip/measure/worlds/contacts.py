@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from ...dataset.recipe import drawn, load_recipe, pose_of, scene_of
 from ...loop.poses.dome_poses import settle_dome
 from ...model import SoftBody
-from ...sensing.camera import carried
 
 Array = NDArray[np.float64]
 
@@ -28,4 +27,4 @@ def contact_poses(sensor: str, count: int) -> Iterator[tuple[str, SoftBody, Arra
         values = drawn(recipe, number)
         scene = scene_of(recipe, number, {**values, "sensor": sensor})
         state, _ = settle_dome(scene, pose_of(values, scene))
-        yield f"{RECIPES[k % len(RECIPES)]} {number}", scene.build_dome(), carried(state)
+        yield f"{RECIPES[k % len(RECIPES)]} {number}", scene.build_dome(), state.carried

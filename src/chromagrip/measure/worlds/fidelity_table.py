@@ -58,17 +58,22 @@ FINE_DOME = Fidelity(tracker="", reconstructor="", step_ms=1.0, nodes=0, body="d
 _HELD = 0.5
 
 
+#: Of each body: fidelities, what they are compared with, and noises of the situations.
+_MEASURED: dict[Body, tuple[tuple[Fidelity, ...], Fidelity, set[float]]] = {
+    "chain": ((*CAMERA, *TRUTH), FINE, {noise for *_, noise in SITUATIONS}),
+    "dome": ((*DOMES, *TRUTH), FINE_DOME, {SITUATIONS[0][-1]}),
+}
+
+
 def measure(body: Body, progress: Callable[[str], None]) -> list[Measured]:
     """Every fidelity of scenes with a body in every situation, one after the other.
 
     Domes, and the chains that stand in for them, are measured without a camera.
     """
-    fidelities, best = ((*CAMERA, *TRUTH), FINE)
-    if body == "dome":
-        fidelities, best = ((*DOMES, *TRUTH), FINE_DOME)
+    fidelities, best, noises = _MEASURED[body]
     table = []
     for friction, kpa, radius, noise in SITUATIONS:
-        if body == "dome" and noise != SITUATIONS[0][-1]:
+        if noise not in noises:
             continue
         obj = {
             "object.friction": friction,

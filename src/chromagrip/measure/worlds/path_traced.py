@@ -16,11 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...model import SoftBody
 from ...output.report import Row, at_most, reported
 from ...render import (
-    DomeMap,
     Membrane,
-    MembraneMap,
     SensorDesign,
     TruthMap,
     decode_srgb,
@@ -31,6 +30,7 @@ from ...render import (
     rest_membrane,
 )
 from ...render.drawing import Painter
+from ...sensing.camera import map_of
 from ...tracking import Palette, dye_densities, resting_ground, unmixing_matrix
 from .judge import colour_difference
 
@@ -85,7 +85,7 @@ def against_path_traced(quick: bool, progress: Callable[[str], None]) -> list[Ro
             if entry["grip"] != 0.0 and entry.get("body", "chain") == body
         }
         centres, plain, colours = _compare(name, rest, posed, quick, progress)
-        label = Path(name).stem if body == "chain" else body
+        label = {"chain": Path(name).stem}.get(body, body)
         case = ("painter_against_path_tracer", label)
         rms = np.sqrt(np.nanmean(centres**2, axis=(0, 2, 3)))
         rows += [
@@ -139,12 +139,14 @@ def _posed(
     sensor: SensorDesign, pictures: dict[str, Entry], keys: list[str]
 ) -> Iterator[tuple[str, Membrane, NDArray[np.float32]]]:
     """Membrane and masks of pictures by their names."""
-    dome = pictures[keys[0]].get("body") == "dome"
-    with np.load(FOLDER / ("dome.npz" if dome else "seen.npz")) as kept:
+    body = pictures[keys[0]].get("body", "chain")
+    with np.load(FOLDER / {"chain": "seen.npz", "dome": "dome.npz"}[body]) as kept:
         drives = {key: kept[key].astype(float) for key in keys}
     nodes = len(drives[keys[0]])
-    membrane_map = DomeMap(sensor, sensor.dome) if dome else MembraneMap(sensor, nodes)
-    truth_map = TruthMap(sensor, sensor.dome if dome else nodes)
+    carriers: dict[str, Callable[[], int | SoftBody]]
+    carriers = {"chain": lambda: nodes, "dome": lambda: sensor.dome}
+    carrier = carriers[body]()
+    membrane_map, truth_map = map_of(sensor, carrier, None), TruthMap(sensor, carrier)
     for key, drive in drives.items():
         membrane = membrane_map(drive)
         yield key, membrane, truth_map.images(["masks"], membrane, drive)["masks"]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .....errors import UserError
-from .....model import Dome, ForceField, FrictionReading
+from .....model import ForceField, FrictionReading
 from .....model.dome import lattice
 from .....render import layer_depths
 from ....tracks import Tracks
@@ -73,9 +73,7 @@ class TractionReading:
     """
 
     def __init__(self, calibration: SensorCalibration, rest: Tracks) -> None:
-        dome = calibration.sensor.dome
-        if not isinstance(dome, Dome):
-            raise UserError("reconstructor traction reads a dome of silicone, not a flat pad")
+        dome = calibration.sensor.round_dome("reconstructor traction")
         if max(layer_depths(calibration.sensor, dome)) > (1.0 - ON_CORE) * dome.thickness:
             raise UserError(
                 "a layer of markers lies on the rigid core, and one moving layer does not tell "

@@ -12,7 +12,6 @@ import numpy as np
 from msgspec.structs import replace as changed
 from numpy.typing import NDArray
 
-from .....model import Dome
 from ....tracks import Tracks
 from ...calibration import SensorCalibration, silicone_of, with_silicone
 from ...pose import CameraPose
@@ -89,8 +88,7 @@ class UnsureSilicone:
                 step = -step
             known = with_silicone(calibration, changed(values, **{name: now + step}))
             shifts = MarkerShifts(known, rest, reach, pose)
-            dome = known.sensor.dome
-            assert isinstance(dome, Dome)
+            dome = known.sensor.round_dome("reconstructor traction")
             self._others[k] = _Other(
                 step=step,
                 response=DomeResponse(shifts.sensor, dome, shifts.places),

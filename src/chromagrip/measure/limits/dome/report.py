@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import Any, Self
 
 from ....errors import UserError, located
-from ....model import Dome
 from ....render import SensorDesign, load_sensor, sensor_names
 from ....tracking.forces.dome import PLACE_ERROR, SIZE_ERROR
 from ..body import BodyLimit, Case
@@ -54,11 +53,9 @@ class DomeLimit(BodyLimit):
     grip: Grip
 
     def __post_init__(self) -> None:
-        if self.design.shape.flat:
-            raise UserError("a flat pad has no dome")
         if self.design.markers.form != "disc":
             raise UserError("the bound of markers is that of discs")
-        assert isinstance(self.design.dome, Dome)
+        self.design.round_dome("limit --body dome")
 
     @staticmethod
     def default_designs() -> tuple[str, ...]:
@@ -101,9 +98,7 @@ class DomeLimit(BodyLimit):
     @property
     def held(self) -> Held:
         """The contact, which is the same for all markers and cameras of a dome."""
-        dome = self.design.dome
-        assert isinstance(dome, Dome)
-        return hold(dome, self.grip)
+        return hold(self.design.round_dome("limit --body dome"), self.grip)
 
     def noises(self, levels: float) -> dict[str, Noise]:
         """Both models of noise: the tracker's bound, and that with the misfit of `contact`."""

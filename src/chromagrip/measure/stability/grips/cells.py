@@ -1,11 +1,14 @@
 """One grip with a dome or with two fingers as a cell of a map: its setting and its outcome."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ....errors import UserError
+from ....loop.record import Result
 from ....loop.run import run
 from ....loop.trace import Trace
 from ....model import GROSS_SLIP
@@ -13,6 +16,7 @@ from ....scene.scene import Scene, load_scene
 from ..cells import SWING, swing
 from ..panels import Outcome, Outcomes
 
+Array = NDArray[np.float64]
 #: World of a map: one dome and a load, or two of them and an object with a weight.
 World = Literal["dome", "pinch"]
 #: Outcomes, best first. Where several hold, the last counts.
@@ -54,7 +58,7 @@ class Setting:
     margin_noise: white noise on Γ, standard deviation
     """
 
-    world: str
+    world: World
     controller: str = "margin-inversion"
     rate_hz: float = 60.0
     latency_frames: int = 1
@@ -66,7 +70,6 @@ class Setting:
 
     def scene(self) -> Scene:
         """The same as a scene."""
-        world: World = "dome" if self.world == "dome" else "pinch"
         changes: dict[str, object] = {
             "description": "a point of `chromagrip stability loop`",
             "path": "truth",
@@ -79,13 +82,15 @@ class Setting:
             "truth.margin_noise": self.margin_noise,
             **{f"safety_margin.{name}": value for name, value in GAINS.items()},
         }
-        if world == "dome":
-            first = FIRST_SHARE * self.load_n
-            changes["load.forces_n"] = [0.0, first, first, self.load_n]
-        else:
-            changes["pinch.mass_g"] = self.mass_g
-            changes["pinch.centre_mm"] = [0.0, self.offset_mm, 0.0]
-        return load_scene(SCENES[world], changes)
+        first = FIRST_SHARE * self.load_n
+        own: dict[World, dict[str, object]] = {
+            "dome": {"load.forces_n": [0.0, first, first, self.load_n]},
+            "pinch": {
+                "pinch.mass_g": self.mass_g,
+                "pinch.centre_mm": [0.0, self.offset_mm, 0.0],
+            },
+        }
+        return load_scene(SCENES[self.world], changes | own[self.world])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,12 +128,7 @@ def cell(setting: Setting) -> Cell:
     except UserError as stopped:
         return Cell(**vars(setting), outcome="no answer", note=str(stopped))
     trace = result.trace
-    if setting.world == "dome":
-        slide, turn = trace["lateral_displacement_mm"], np.zeros(1)
-        lost = "slips" if slide.max() > 1e3 * GROSS_SLIP else ""
-    else:
-        slide, turn = trace["slide_mm"], trace["turn_deg"]
-        lost = str(result.summary["outcome"])
+    slide, turn, lost = _MOTIONS[setting.world](result)
     swings, grip = at_the_end(trace)
     return Cell(
         **vars(setting),
@@ -138,6 +138,24 @@ def cell(setting: Setting) -> Cell:
         swing=swings,
         grip_n=grip,
     )
+
+
+def _motion_on_dome(result: Result) -> tuple[Array, Array, str]:
+    """Slide [mm] and turn [°] of the object, and how it was lost."""
+    slide = result.trace["lateral_displacement_mm"]
+    return slide, np.zeros(1), "slips" if slide.max() > 1e3 * GROSS_SLIP else ""
+
+
+def _motion_in_pinch(result: Result) -> tuple[Array, Array, str]:
+    """The same between two fingers."""
+    trace = result.trace
+    return trace["slide_mm"], trace["turn_deg"], str(result.summary["outcome"])
+
+
+_MOTIONS: dict[World, Callable[[Result], tuple[Array, Array, str]]] = {
+    "dome": _motion_on_dome,
+    "pinch": _motion_in_pinch,
+}
 
 
 def outcome(lost: str, swings: float) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import panels
 from ..panels import Line, place
-from .cells import Setting
+from .cells import Setting, World
 from .predicted import (
     farthest,
     grip_range,
@@ -58,13 +58,19 @@ Panel = panels.Panel[Setting]
 Map = panels.Map[Setting]
 
 
-def maps(world: str, quick: bool) -> dict[str, Map]:
+def maps(world: World, quick: bool) -> dict[str, Map]:
     """Every map of a world by name; a quick one has a few cells of each."""
-    if world == "dome":
-        # Margin Inversion has no memory that could swing.
-        bases = [Setting(world="dome", controller="safety-margin", load_n=load) for load in _LOADS]
-        titles = [f"safety-margin, {base.load_n:g} N" for base in bases]
-        return {"rate-latency": _rates(quick, "one dome and a load", titles, bases)}
+    return {"dome": _dome_maps, "pinch": _pinch_maps}[world](quick)
+
+
+def _dome_maps(quick: bool) -> dict[str, Map]:
+    # Margin Inversion has no memory that could swing.
+    bases = [Setting(world="dome", controller="safety-margin", load_n=load) for load in _LOADS]
+    titles = [f"safety-margin, {base.load_n:g} N" for base in bases]
+    return {"rate-latency": _rates(quick, "one dome and a load", titles, bases)}
+
+
+def _pinch_maps(quick: bool) -> dict[str, Map]:
     bases = [
         Setting(world="pinch", controller=name, mass_g=mass)
         for mass in _LIFTED
@@ -149,11 +155,9 @@ def _rate_lines(panel: Panel) -> list[Line]:
 
     Margin Inversion has no memory that could swing.
     """
-    bounds = {}
+    bounds = {"dome": {}, "pinch": {REACTION: slowest_reaction}}[panel.base.world]
     if panel.base.controller == "safety-margin":
         bounds[LOOP] = slowest_rate
-    if panel.base.world == "pinch":
-        bounds[REACTION] = slowest_reaction
     # Rates fall along the axis, periods grow.
     periods = [1.0 / rate for rate in panel.x]
     lines = []

@@ -13,7 +13,7 @@ from ....model import Motion, dome_forces, simulate_contact, torsion
 from ....model.shapes import plane
 from ....scene.scene import Scene
 from ..linear import LinearLoop, Plant, critical_period
-from .cells import FIRST_SHARE, Setting
+from .cells import FIRST_SHARE, Setting, World
 
 #: Gravity [m/s²].
 G = 9.81
@@ -36,7 +36,7 @@ class Press(NamedTuple):
 
 
 @cache
-def pressed(world: str, force: float) -> Press:
+def pressed(world: World, force: float) -> Press:
     """Press of a world's dome under a force [N]."""
     scene = Setting(world=world).scene()
     dome, solid = scene.build_dome(), replace(scene.build_solid(), shape=plane())
@@ -56,9 +56,10 @@ def pressed(world: str, force: float) -> Press:
 
 def pull(setting: Setting) -> float:
     """Lightest load that one finger holds at rest, where the plant's gain is largest [N]."""
-    if setting.world == "dome":
-        return FIRST_SHARE * setting.load_n
-    return 0.5e-3 * setting.mass_g * G
+    return {
+        "dome": FIRST_SHARE * setting.load_n,
+        "pinch": 0.5e-3 * setting.mass_g * G,
+    }[setting.world]
 
 
 def linear(setting: Setting) -> LinearLoop:
