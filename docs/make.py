@@ -27,7 +27,7 @@ from website.notebook import executed, with_outputs
 
 from chromagrip.calibrate.first_use import EPOCHS, HISTORIES, NOISE
 from chromagrip.calibrate.readout import VARIATIONS
-from chromagrip.calibrate.spanned import range_lines, spanned_ranges
+from chromagrip.calibrate.training_ranges import range_lines, training_ranges
 from chromagrip.loop.column import Column, Mechanics
 from chromagrip.loop.columns import columns_of
 from chromagrip.measure.bench.model_bodies import engine_rows
@@ -221,7 +221,7 @@ def of_world(part: str, world: str) -> None:
 
 def ranges() -> None:
     """The ranges of a training."""
-    lines = range_lines(spanned_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS))
+    lines = range_lines(training_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS))
     told = Table(("range", "unit", "from", "to", ""), tuple(lines))
     write("training-ranges", "What a read-out is trained on", "chromagrip train", markdown(told))
 

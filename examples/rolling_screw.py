@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from chromagrip import model, render
-from chromagrip.loop.shown.dome_picture import TractionPicture
+from chromagrip.loop.results.dome_picture import TractionPicture
 from chromagrip.model import shapes
 from chromagrip.output.video import VideoFile
 

@@ -256,7 +256,9 @@ def test_every_extra_is_in_the_table_and_the_other_way_round() -> None:
         assert brought <= wanted
 
 
-@pytest.mark.parametrize("path", [pytest.param("truth", marks=[pytest.mark.slow, pytest.mark.environments]), "camera"])
+@pytest.mark.parametrize(
+    "path", [pytest.param("truth", marks=[pytest.mark.slow, pytest.mark.environments]), "camera"]
+)
 def test_a_grasp_in_memory_needs_no_extra(path: str, bare: Bare, tmp_path: Path) -> None:
     words = quick_grasp(path)
     done = bare.ended.get(words) or without_extras(tmp_path, words)[0]

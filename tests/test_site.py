@@ -18,7 +18,10 @@ ROOT = Path(__file__).parents[1]
 TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
 STAGES = ("", "model", "render", "tracking", "control")
 
-pytestmark = [pytest.mark.slow, pytest.mark.environments]  # notebooks take minutes, the site fetches its packages
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.environments,
+]  # notebooks take minutes, the site fetches its packages
 
 
 @pytest.fixture(scope="module")

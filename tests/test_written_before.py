@@ -17,9 +17,9 @@ import pytest
 from chromagrip import Reader, Rig, load_scene, run
 from chromagrip.dataset import check_dataset, load_sequences
 from chromagrip.live.replay import not_repeated
+from chromagrip.loop.results.reports import write_logs_again, write_reports
+from chromagrip.loop.results.run_folder import read_run
 from chromagrip.loop.run_files import FILES
-from chromagrip.loop.shown.reports import write_logs_again, write_reports
-from chromagrip.loop.shown.run_folder import read_run
 from chromagrip.tracking import load_calibration, sensor_as_designed
 from chromagrip.tracking.forces.calibration import values_of
 from chromagrip.tracking.forces.chain.readout import load_readout

@@ -23,7 +23,7 @@ from chromagrip.calibrate.first_use import (
 )
 from chromagrip.calibrate.ranges import RANGES
 from chromagrip.calibrate.readout import VARIATIONS
-from chromagrip.calibrate.spanned import range_lines, spanned_ranges
+from chromagrip.calibrate.training_ranges import range_lines, training_ranges
 from chromagrip.errors import UserError
 from chromagrip.render import load_sensor
 from chromagrip.tracking import check_reconstructor, load_calibration, sensor_as_designed
@@ -256,7 +256,7 @@ def test_train_without_a_file_keeps_the_read_out_by_design(
 
 
 def test_the_table_of_ranges_has_every_field_of_the_training() -> None:
-    ranges = spanned_ranges(VARIATIONS, 2.0, HISTORIES, 1)
+    ranges = training_ranges(VARIATIONS, 2.0, HISTORIES, 1)
     assert json.loads(json.dumps(ranges))["training"]["histories"] == HISTORIES
     rows = {row["name"]: row for rows in ranges.values() if isinstance(rows, list) for row in rows}
     settings = {*vars(RANGES), *vars(VARIATIONS)}
@@ -279,7 +279,7 @@ def test_the_table_of_ranges_has_every_field_of_the_training() -> None:
 def test_the_pages_have_the_ranges_and_sizes_of_the_training() -> None:
     """Made by `docs/make.py ranges`."""
     page = (DOCS / "training-ranges.md").read_text(encoding="utf-8")
-    for cells in range_lines(spanned_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS)):
+    for cells in range_lines(training_ranges(VARIATIONS, NOISE, HISTORIES, EPOCHS)):
         assert f"| {' | '.join(cells)} |" in page
     text = (DOCS / "forces.md").read_text(encoding="utf-8")
     assert f"on {HISTORIES} random grips with {EPOCHS} passes" in text
@@ -288,7 +288,7 @@ def test_the_pages_have_the_ranges_and_sizes_of_the_training() -> None:
 def test_the_command_readout_tells_what_was_trained(
     typed: Typed, no_kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ranges = spanned_ranges(VARIATIONS, 2.0, 123, 4)
+    ranges = training_ranges(VARIATIONS, 2.0, 123, 4)
     stand_in = SimpleNamespace(ranges=ranges)
     monkeypatch.setattr(chain, "load_readout", lambda path: stand_in)
     told = json.loads(typed("readout", "thesis", "--json").stdout)

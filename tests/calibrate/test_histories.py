@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from chromagrip.calibrate.drives import DRIVES, ONSET, random_drive
 from chromagrip.calibrate.histories import (
     RULE,
     Plan,
@@ -16,6 +15,7 @@ from chromagrip.calibrate.histories import (
     random_plan,
     snapshots,
 )
+from chromagrip.calibrate.random_grips import DRIVES, ONSET, random_drive
 from chromagrip.calibrate.ranges import (
     RANGES,
     SHAPES,

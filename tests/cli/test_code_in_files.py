@@ -14,7 +14,7 @@ from chromagrip.dataset.folder import open_recipe
 from chromagrip.errors import UserError
 from chromagrip.live.replay import not_repeated
 from chromagrip.loop import run
-from chromagrip.loop.shown.run_folder import read_run
+from chromagrip.loop.results.run_folder import read_run
 from chromagrip.scene import load_scene
 from chromagrip.scene.scene import dump_scene
 

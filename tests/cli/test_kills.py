@@ -16,7 +16,7 @@ import pytest
 from chromagrip.dataset.check import check
 from chromagrip.dataset.folder import MANIFEST
 from chromagrip.errors import UserError
-from chromagrip.loop.shown.run_folder import read_run
+from chromagrip.loop.results.run_folder import read_run
 
 pytestmark = [
     pytest.mark.slow,

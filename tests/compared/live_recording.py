@@ -26,15 +26,21 @@ def record(scene: str, folder: Path) -> str:
     recorder = Recorder(folder, told.append)
     frames = 0
 
+    def ask(**values: float) -> None:
+        if hasattr(session, "wish"):  # as it was called at 9f69240 and before
+            session.wish(replace(session.wishes, **values))
+        else:
+            session.ask(replace(session.sliders, **values))
+
     def show(_: Shown) -> None:  # in the thread of the grasp, between two frames
         nonlocal frames
         frames += 1
         if frames == MOVE:
-            session.wish(replace(session.wishes, load=0.5, friction=0.7))
+            ask(load=0.5, friction=0.7)
         recorder.wanted = BEGIN <= frames < END
 
     session = Session(load_scene(scene, CHANGES.get(scene, {})), show, told.append, recorder)
-    session.wish(replace(session.wishes, load=0.2))
+    ask(load=0.2)
     with session:
         until = time.monotonic() + PATIENCE_S
         while frames <= END and time.monotonic() < until:

@@ -12,7 +12,7 @@ from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 import chromagrip.gym
 from chromagrip import UserError, load_scene
 from chromagrip.gym.environment import DROP_COST, GripEnv
-from chromagrip.gym.views import FORCES, MARGIN
+from chromagrip.gym.observations import FORCES, MARGIN
 
 NAME = "chromagrip/Grasp-v0"
 QUICK = {"camera.rest_frames": 2, "duration_s": 0.3}

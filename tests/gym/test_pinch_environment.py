@@ -12,7 +12,7 @@ import chromagrip
 import chromagrip.gym
 from chromagrip import Rig, UserError, load_scene
 from chromagrip.gym.environment import DROP_COST, GripEnv
-from chromagrip.gym.views import FORCES, MARGIN, space_of, view_of
+from chromagrip.gym.observations import FORCES, MARGIN, observation_of, space_of
 
 NAME = "chromagrip/Pinch-v0"
 WEIGHT = 0.05 * 9.81
@@ -153,7 +153,7 @@ def test_the_markers_of_both_skins_move_where_they_are_pressed() -> None:
 
 def test_two_fingers_whose_arrays_differ_are_refused() -> None:
     scene = load_scene("pinch-lift")
-    one, other = view_of("margin", scene, None), view_of("forces", scene, None)
+    one, other = observation_of("margin", scene, None), observation_of("forces", scene, None)
     with pytest.raises(UserError, match="cannot be stacked"):
         space_of([one, other])
 

@@ -17,7 +17,7 @@ from chromagrip.live import replay as module
 from chromagrip.live.replay import Replay, not_repeated
 from chromagrip.live.run_page import RunPage
 from chromagrip.live.view import GraspView
-from chromagrip.loop.shown.run_folder import read_run
+from chromagrip.loop.results.run_folder import read_run
 from chromagrip.outside.grasp import run_outside
 
 Typed = Callable[..., CompletedProcess[str]]

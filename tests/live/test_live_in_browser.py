@@ -160,7 +160,7 @@ def test_the_keyboard_alone_suffices(port: int, browsing: Browsing) -> None:
         for _ in range(30):
             made.switch_to.active_element.send_keys(Keys.TAB)
             reached.add(made.execute_script(FOCUSED))
-        wanted = {"load [N]", "twist [N mm]", "controller grips", "pause", "step", "anew", "record"}
+        wanted = {"load [N]", "twist [N mm]", "controller grips", "pause", "step", "restart", "record"}
         assert wanted <= reached, reached
         before = time_shown(made)
         press(made, "step")
@@ -205,7 +205,7 @@ def test_a_file_and_a_recording_through_the_page(
         body = made.find_element("tag name", "body")
         press(made, "record")
         until(lambda: "recording into" in body.text)
-        folded = made.find_element("xpath", '//*[contains(text(), "begins the grasp anew")]')
+        folded = made.find_element("xpath", '//*[contains(text(), "starts the grasp again")]')
         made.execute_script("arguments[0].click()", folded)
         taken = made.find_element("css selector", 'input[type="file"]')
         taken.send_keys(str(tmp_path / "flat.stl"))

@@ -27,7 +27,7 @@ from chromagrip.live.serve import Address, serving
 from chromagrip.live.session import Session
 from chromagrip.live.view import GraspView
 from chromagrip.live.watch import Looking, WatchPage
-from chromagrip.loop.shown.run_folder import read_run
+from chromagrip.loop.results.run_folder import read_run
 
 TOKEN = "abcdefgh-ijklmnop_1234"
 DOME = {"path": "truth", "camera.rate_hz": 10.0, "fingertip.step_ms": 10.0}
@@ -104,7 +104,7 @@ class Shown:
         """A good value of the same browser arrives, and frames follow."""
         wanted = round(random.Random(self.count).uniform(0.2, 1.4), 2)
         browser.send(update(self.named["µ of the object"], wanted))
-        until(lambda: self.session.wishes.friction == wanted, 20.0)
+        until(lambda: self.session.sliders.friction == wanted, 20.0)
         before = self.count
         until(lambda: self.count != before, 20.0)
         self.session.check()
@@ -128,7 +128,7 @@ def test_every_control_refuses_what_it_does_not_allow(
     shown: Shown, until: Until, capfd: pytest.CaptureFixture[str]
 ) -> None:
     until(lambda: shown.count > 1)
-    before, wishes = shown.values(), shown.session.wishes
+    before, sliders = shown.values(), shown.session.sliders
     assert len(before) > 12
     with joined(shown.port) as browser:
         for uuid, control in shown.controls.items():
@@ -147,8 +147,8 @@ def test_every_control_refuses_what_it_does_not_allow(
     for uuid, control in shown.controls.items():
         if control.label not in ("grip [N]", "µ of the object"):  # moved by the controller, by us
             assert now[uuid] == before[uuid], control.label
-    after = shown.session.wishes
-    assert (after.controller, after.noise) == (wishes.controller, wishes.noise)
+    after = shown.session.sliders
+    assert (after.controller, after.noise) == (sliders.controller, sliders.noise)
     assert capfd.readouterr().err == ""
 
 
@@ -212,7 +212,7 @@ def test_allowed_values_pass(shown: Shown, until: Until) -> None:
             ("controller grips", True, "automatic"),
         ):
             browser.send(update(shown.named[label], value))
-            until(lambda name=name, value=value: getattr(shown.session.wishes, name) == value, 20)
+            until(lambda name=name, value=value: getattr(shown.session.sliders, name) == value, 20)
         shown.goes_on(browser, until)
 
 
@@ -344,9 +344,9 @@ def test_a_file_of_many_parts_arrives(shown: Shown, until: Until) -> None:
         browser.send(start(shown, "ball", len(content), len(cuts)))
         for k in reversed(range(len(cuts))):
             browser.send(part(shown, "ball", k, cuts[k]))
-        until(lambda: shown.session.wishes.object.endswith(".stl"), 30.0)
+        until(lambda: shown.session.sliders.object.endswith(".stl"), 30.0)
         browser.send(update(shown.named["object"], "box"))
-        until(lambda: shown.session.wishes.object == "box", 20.0)
+        until(lambda: shown.session.sliders.object == "box", 20.0)
 
 
 def test_pages_of_other_versions_are_closed(

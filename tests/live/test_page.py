@@ -71,20 +71,20 @@ def test_a_twist_swirls_the_arrows(shown: Shown, until: Until) -> None:
     until(lambda: "true: Γ" in shown.status and shown.swirl() > 1.0)
     shown.slider("twist [N mm]").value = -4.0
     until(lambda: shown.swirl() < -1.0)
-    assert shown.session.wishes.twist == -4.0
+    assert shown.session.sliders.twist == -4.0
 
 
 def test_an_object_is_dropped_in(shown: Shown, until: Until) -> None:
     until(lambda: "true: Γ" in shown.status)
     content = trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(file_type="stl")
     shown.page.drop("screw.stl", content)
-    until(lambda: shown.session.wishes.object.endswith(".stl"))
+    until(lambda: shown.session.sliders.object.endswith(".stl"))
     until(lambda: len(shown.page.view._view._object.vertices) == 642)
     assert shown.slider("object").value == "screw.stl"
     shown.slider("object").value = "box"
-    until(lambda: shown.session.wishes.object == "box")
+    until(lambda: shown.session.sliders.object == "box")
     shown.page.drop("screw.stl", content)  # the same name again
-    until(lambda: shown.session.wishes.object.endswith("2.stl"))
+    until(lambda: shown.session.sliders.object.endswith("2.stl"))
 
 
 @pytest.mark.parametrize(
@@ -102,12 +102,12 @@ def test_a_file_that_is_no_object_is_refused(
     shown: Shown, until: Until, name: str, content: bytes, sentence: str
 ) -> None:
     until(lambda: "true: Γ" in shown.status)
-    before = shown.session.wishes
+    before = shown.session.sliders
     shown.page.drop(name, content)
     until(lambda: "**Refused:**" in shown.status)
     assert sentence in shown.status
     assert str(shown.page._folder.name) not in shown.status
-    assert shown.session.wishes == before
+    assert shown.session.sliders == before
     count = shown.count
     until(lambda: shown.count > count + 5)  # the grasp goes on
     assert "**Refused:**" in shown.status
@@ -152,8 +152,8 @@ def test_a_mesh_lies_where_the_model_has_it(tmp_path: Path) -> None:
 
 def test_wishes_of_an_object_leave_nothing_of_the_one_before() -> None:
     base = load_scene("dome-1", DOME | {"object.radius_mm": 9.0})
-    from chromagrip.live.wishes import scene_for, wishes_of
+    from chromagrip.live.sliders import scene_for, slider_values
 
-    boxed = scene_for(base, replace(wishes_of(base), object="box"))
-    again = scene_for(boxed, replace(wishes_of(base), object="torus"))
+    boxed = scene_for(base, replace(slider_values(base), object="box"))
+    again = scene_for(boxed, replace(slider_values(base), object="torus"))
     assert (again.object.shape, again.object.rounding_mm) == ("torus", 0.0)

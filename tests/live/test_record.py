@@ -14,9 +14,9 @@ import trimesh
 from chromagrip import load_scene
 from chromagrip.live.record import FROM, Recorder
 from chromagrip.live.session import Session, Shown
-from chromagrip.live.wishes import scene_for, wishes_of
-from chromagrip.loop.shown.reports import write_reports
-from chromagrip.loop.shown.run_folder import read_run
+from chromagrip.live.sliders import scene_for, slider_values
+from chromagrip.loop.results.reports import write_reports
+from chromagrip.loop.results.run_folder import read_run
 from chromagrip.scene.scene import Scene
 
 DOME = {"path": "truth", "camera.rate_hz": 50.0, "fingertip.step_ms": 10.0}
@@ -36,12 +36,12 @@ class Grasp:
 def test_a_recording_is_a_run_with_its_sliders_as_steps(tmp_path: Path, until: Until) -> None:
     grasp = Grasp(load_scene("dome-1", DOME), tmp_path / "kept")
     with grasp.session as session:
-        session.wish(replace(session.wishes, automatic=False, grip=3.0, load=0.2, twist=0.0))
+        session.ask(replace(session.sliders, automatic=False, grip=3.0, load=0.2, twist=0.0))
         until(lambda: len(grasp.shown) > 30)
         grasp.recorder.wanted = True
         first = len(grasp.shown)
         until(lambda: len(grasp.shown) > first + 20)
-        session.wish(replace(session.wishes, load=0.5, twist=2.0, friction=0.7))
+        session.ask(replace(session.sliders, load=0.5, twist=2.0, friction=0.7))
         changed = len(grasp.shown)
         until(lambda: len(grasp.shown) > changed + 20)
         grasp.recorder.wanted = False
@@ -108,7 +108,7 @@ def test_another_grasp_ends_the_recording(tmp_path: Path, until: Until) -> None:
     grasp.recorder.wanted = True
     with grasp.session as session:
         until(lambda: len(grasp.shown) > 40)
-        session.wish(replace(session.wishes, latency=3))
+        session.ask(replace(session.sliders, latency=3))
         before = len(grasp.shown)
         until(lambda: len(grasp.shown) > before + 60)
     latencies = [read_run(tmp_path / name).scene.camera.latency_frames for name in ("001", "002")]
@@ -119,7 +119,7 @@ def test_a_mesh_is_kept_beside_its_recording(tmp_path: Path, until: Until) -> No
     mesh = tmp_path / "dropped.stl"
     trimesh.creation.icosphere(subdivisions=3, radius=9.0).export(mesh)
     base = load_scene("dome-1", DOME)
-    scene = scene_for(base, replace(wishes_of(base), object=str(mesh)))
+    scene = scene_for(base, replace(slider_values(base), object=str(mesh)))
     grasp = Grasp(scene, tmp_path / "kept")
     grasp.recorder.wanted = True
     with grasp.session:

@@ -17,7 +17,7 @@ from chromagrip.live import session as module
 from chromagrip.live.record import Recorder
 from chromagrip.live.serve import check_port
 from chromagrip.live.session import Session, Shown
-from chromagrip.live.wishes import OBJECTS, Wishes, scene_for, wishes_of
+from chromagrip.live.sliders import OBJECTS, SliderValues, scene_for, slider_values
 from chromagrip.loop.rig import Rig
 from chromagrip.scene.scene import Scene
 
@@ -56,9 +56,9 @@ def test_more_grip_presses_more(name: str) -> None:
     changes = DOME if name == "dome-1" else {"path": "truth"}
     with live(load_scene(name, changes)) as (session, watched):
         until(watched, 2)
-        session.wish(replace(session.wishes, automatic=False, grip=1.0, load=0.0))
+        session.ask(replace(session.sliders, automatic=False, grip=1.0, load=0.0))
         weak = until(watched, 60).sample.field.total_normal
-        session.wish(replace(session.wishes, grip=3.0))
+        session.ask(replace(session.sliders, grip=3.0))
         strong = until(watched, 60).sample.field.total_normal
     assert weak == pytest.approx(1.0, rel=0.05)
     assert strong == pytest.approx(3.0, rel=0.05)
@@ -67,10 +67,10 @@ def test_more_grip_presses_more(name: str) -> None:
 def test_load_twist_and_azimuth_of_a_dome() -> None:
     with live(load_scene("dome-1", DOME)) as (session, watched):
         until(watched, 2)
-        pulled = replace(session.wishes, automatic=False, grip=4.0, load=0.5, azimuth=90.0)
-        session.wish(replace(pulled, twist=0.0))
+        pulled = replace(session.sliders, automatic=False, grip=4.0, load=0.5, azimuth=90.0)
+        session.ask(replace(pulled, twist=0.0))
         sideways = until(watched, 80).sample
-        session.wish(replace(pulled, twist=3.0))
+        session.ask(replace(pulled, twist=3.0))
         twisted = until(watched, 80).sample
     pull = sideways.field.friction.sum(axis=0)
     assert abs(pull[1]) == pytest.approx(0.5, rel=0.1)
@@ -81,19 +81,19 @@ def test_load_twist_and_azimuth_of_a_dome() -> None:
 def test_slippery_objects_have_less_margin() -> None:
     with live(load_scene("camera-100hz", {"path": "truth"})) as (session, watched):
         until(watched, 2)
-        held = replace(session.wishes, automatic=False, grip=2.0, load=0.4, friction=0.9)
-        session.wish(held)
+        held = replace(session.sliders, automatic=False, grip=2.0, load=0.4, friction=0.9)
+        session.ask(held)
         rough = until(watched, 60).sample
-        session.wish(replace(held, friction=0.4))
+        session.ask(replace(held, friction=0.4))
         smooth = until(watched, 60).sample
     assert rough.friction == pytest.approx(0.9)
     assert rough.field.safety_margin(0.9) > smooth.field.safety_margin(0.4) + 0.2
 
 
-def test_what_begins_anew_begins_at_time_0() -> None:
+def test_what_restarts_begins_at_time_0() -> None:
     with live(load_scene("camera-100hz", {"path": "truth"})) as (session, watched):
         until(watched, 10)
-        session.wish(replace(session.wishes, latency=3))
+        session.ask(replace(session.sliders, latency=3))
         until(watched, 3)
         assert watched.shown[-1].scene.camera.latency_frames == 3
         assert watched.shown[-1].sample.time < watched.shown[9].sample.time + 1.0
@@ -104,13 +104,13 @@ def test_what_begins_anew_begins_at_time_0() -> None:
 def test_a_wish_that_makes_no_scene_is_told_and_the_next_one_goes_on() -> None:
     with live(load_scene("camera-100hz", {"path": "truth"})) as (session, watched):
         until(watched, 2)
-        session.wish(replace(session.wishes, controller="nobody"))
+        session.ask(replace(session.sliders, controller="nobody"))
         for _ in range(200):
             if watched.told and watched.told[-1]:
                 break
             time.sleep(0.02)
         assert "nobody" in watched.told[-1]
-        session.wish(replace(session.wishes, controller="conservative"))
+        session.ask(replace(session.sliders, controller="conservative"))
         until(watched, 3)
     assert watched.told[-1] == ""
 
@@ -126,25 +126,25 @@ def test_wishes_are_checked_like_a_file(name: str, value: float) -> None:
         if turned or (value == -1.0 and key in ("load", "twist", "tilt")):
             continue
         with pytest.raises(UserError):
-            scene_for(base, replace(wishes_of(base), **{key: value}))
+            scene_for(base, replace(slider_values(base), **{key: value}))
 
 
 def test_what_breaks_a_grasp_is_told_and_the_next_one_goes_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def broken(base: Scene, wishes: Wishes) -> Scene:
-        return scene_for(base, wishes) if wishes.latency != 3 else base.nothing  # type: ignore[attr-defined]
+    def broken(base: Scene, sliders: SliderValues) -> Scene:
+        return scene_for(base, sliders) if sliders.latency != 3 else base.nothing  # type: ignore[attr-defined]
 
     monkeypatch.setattr(module, "scene_for", broken)
     with live(load_scene("camera-100hz", {"path": "truth"})) as (session, watched):
         until(watched, 2)
-        session.wish(replace(session.wishes, latency=3))
+        session.ask(replace(session.sliders, latency=3))
         for _ in range(200):
             if watched.told and watched.told[-1]:
                 break
             time.sleep(0.02)
         assert "the grasp broke off (AttributeError: " in watched.told[-1]
-        session.wish(replace(session.wishes, latency=2))
+        session.ask(replace(session.sliders, latency=2))
         until(watched, 3)
         session.check()
     assert watched.told[-1] == ""
@@ -167,7 +167,7 @@ def test_a_pause_stands_and_a_step_is_one_frame() -> None:
 @pytest.mark.parametrize("name", list(OBJECTS))
 def test_every_object_of_the_page_makes_a_scene(name: str) -> None:
     base = load_scene("dome-1", {"path": "truth"})
-    scene = scene_for(base, replace(wishes_of(base), object=name))
+    scene = scene_for(base, replace(slider_values(base), object=name))
     scene.build_solid()
 
 
@@ -182,7 +182,7 @@ def test_a_port_in_use_is_a_sentence() -> None:
 def test_a_pinch_is_refused() -> None:
     pinch = load_scene("pinch-lift")
     with pytest.raises(UserError, match="one finger"):
-        scene_for(pinch, wishes_of(load_scene("dome-1")))
+        scene_for(pinch, slider_values(load_scene("dome-1")))
 
 
 @pytest.mark.parametrize("name", ["camera-100hz", "dome-1"])

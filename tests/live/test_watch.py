@@ -57,7 +57,7 @@ def watching(asked: Looking) -> Iterator[tuple[Watcher, Watched]]:
 def test_a_folder_is_estimated_as_by_the_command(taken: Path, tmp_path: Path, until: Until) -> None:
     with watching(looking(taken)) as (_, watched):
         until(lambda: watched.told)
-    assert watched.told == [f"**{taken} has ended;** anew shows it again"]
+    assert watched.told == [f"**{taken} has ended;** restart shows it again"]
     assert [one.reading.frame.time for one in watched.shown] == pytest.approx(np.arange(17) / 50.0)
     outcome = estimate_source(
         "first:1", str(taken), calibration="thesis", reconstructor="contact", tracker="fit",
@@ -79,7 +79,7 @@ def test_a_video_is_shown_again(taken: Path, tmp_path: Path, until: Until) -> No
     with watching(looking(tmp_path / "taken.mkv")) as (watcher, watched):
         until(lambda: len(watched.told) == 1)
         count = len(watched.shown)
-        watcher.begin_anew()
+        watcher.restart()
         until(lambda: len(watched.told) == 2)
     assert count == 17
     assert len(watched.shown) == 34

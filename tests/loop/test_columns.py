@@ -12,9 +12,9 @@ import pytest
 from chromagrip import Rig, Scene, load_scene, run
 from chromagrip.loop import Sample
 from chromagrip.loop.columns import Rows, columns_of, interval_of
-from chromagrip.loop.shown.log import log_of
-from chromagrip.loop.shown.report import run_on_page
-from chromagrip.loop.shown.run_folder import RunRead, read_run
+from chromagrip.loop.results.log import log_of
+from chromagrip.loop.results.report import run_on_page
+from chromagrip.loop.results.run_folder import RunRead, read_run
 from chromagrip.loop.trace import make_trace, summarise
 from chromagrip.tracking import Z90
 

@@ -14,9 +14,9 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from chromagrip import UserError, load_scene, run
+from chromagrip.loop.results.reports import write_logs_again
+from chromagrip.loop.results.tactile_video import HEAD
 from chromagrip.loop.run_files import FILES
-from chromagrip.loop.shown.reports import write_logs_again
-from chromagrip.loop.shown.tactile_video import HEAD
 from chromagrip.output.pictures import open_source
 from chromagrip.output.png import encode_png
 from chromagrip.outside.grasp import run_outside
@@ -340,7 +340,7 @@ def test_a_log_that_is_interrupted_has_no_name(
     def interrupted(*_: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("chromagrip.loop.shown.log_pictures._jpeg", interrupted)
+    monkeypatch.setattr("chromagrip.loop.results.log_pictures._jpeg", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_logs_again([tmp_path], ["mcap"])
     assert {path.name for path in tmp_path.iterdir()} == set(FILES)

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from chromagrip import UserError, load_scene
+from chromagrip.loop.results.report import run_on_page
+from chromagrip.loop.results.reports import write_reports
+from chromagrip.loop.results.run_folder import read_run
 from chromagrip.loop.run import run
-from chromagrip.loop.shown.report import run_on_page
-from chromagrip.loop.shown.reports import write_reports
-from chromagrip.loop.shown.run_folder import read_run
 
 QUICK = {"duration_s": 0.4, "path": "truth", "load.times_s": [0.02, 0.2]}
 

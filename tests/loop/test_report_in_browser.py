@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from chromagrip import load_scene
+from chromagrip.loop.results.run_folder import read_run
 from chromagrip.loop.run import run
-from chromagrip.loop.shown.run_folder import read_run
 
 Browsing = Callable[[int], Any]
 pytestmark = [pytest.mark.slow, pytest.mark.browser]

@@ -20,10 +20,10 @@ from chromagrip import UserError
 from chromagrip.folders import part_of
 from chromagrip.live.replay import _video, not_repeated
 from chromagrip.live.strips import rows_of
-from chromagrip.loop.shown.log import log_of
-from chromagrip.loop.shown.report import _facts, _words, run_on_page
-from chromagrip.loop.shown.reports import write_logs_again, write_reports
-from chromagrip.loop.shown.run_folder import (
+from chromagrip.loop.results.log import log_of
+from chromagrip.loop.results.report import _facts, _words, run_on_page
+from chromagrip.loop.results.reports import write_logs_again, write_reports
+from chromagrip.loop.results.run_folder import (
     MOST_ROWS,
     NEEDED,
     VIDEO,

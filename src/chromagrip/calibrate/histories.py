@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..model import ContactObject, Drive, Fingertip, History, ModelError, rest_state
 from ..model.chain import IMPLICIT, chain, contact, march
 from ..model.kernels import contact_frames
-from .drives import DRIVES, ONSET, random_drive
+from .random_grips import DRIVES, ONSET, random_drive
 from .ranges import SHAPES, Contact, random_contact, random_specimen
 
 Array = NDArray[np.float64]

@@ -30,7 +30,7 @@ from ..tracking.forces.chain import (
 from .histories import Snapshots, snapshots
 from .learner import Learner
 from .networks import Basis, Errors, Lessons, fit_readout, make_basis
-from .spanned import spanned_ranges
+from .training_ranges import training_ranges
 from .variations import VariationRanges, random_variations, varied_shifts
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def train(
                 tell(f"histories, {done} of {histories}")
         tables = [_read(part.file) for part in parts]
         lessons = Lessons(**{key: np.concatenate([t[key] for t in tables]) for key in tables[0]})
-        ranges = spanned_ranges(VARIATIONS, noise, histories, epochs)
+        ranges = training_ranges(VARIATIONS, noise, histories, epochs)
         readout, errors = fit_readout(calibration, basis, lessons, ranges, epochs, tell)
         with whole_file(out) as file:
             save_readout(readout, file)

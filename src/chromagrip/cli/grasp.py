@@ -250,7 +250,7 @@ def report(
 
     Example: chromagrip report runs/before runs/after --out compared.html
     """
-    from ..loop.shown.reports import write_logs_again, write_reports
+    from ..loop.results.reports import write_logs_again, write_reports
 
     if out is None and len(folders) > 1:
         out = new_folder("report") / "report.html"
@@ -309,7 +309,7 @@ def live(
     Example: chromagrip live dome-1 --set object.friction=0.4
     """
     from ..live.serve import Address, serve_grasp, token_for
-    from ..live.wishes import scene_for, wishes_of
+    from ..live.sliders import scene_for, slider_values
 
     if run is not None and source is not None:
         raise UserError("--run and --source are two pages; give one of them")
@@ -334,7 +334,7 @@ def live(
     place = Address(host=host, port=port, token=token_for(token), seconds=seconds, ready=ready)
     if run is not None:
         from ..live.run_page import serve_run
-        from ..loop.shown.run_folder import read_run
+        from ..loop.results.run_folder import read_run
 
         serve_run(read_run(run, follow_links, max_rows, allow=allow), place)
     elif source is not None:
@@ -357,7 +357,7 @@ def live(
             {"path": "camera"} | dict(map(parse_change, changes)),
             allow=allow,
         )
-        scene_for(resolved, wishes_of(resolved))  # what cannot be shown is refused at once
+        scene_for(resolved, slider_values(resolved))  # what cannot be shown is refused at once
         prepare_scene(resolved, pictures=True)
         serve_grasp(resolved, place, record)
     return 0

@@ -132,7 +132,7 @@ def readout(
 
     Example: chromagrip readout thesis
     """
-    from ..calibrate.spanned import range_lines
+    from ..calibrate.training_ranges import range_lines
     from ..tracking import load_calibration
     from ..tracking.forces import required_readout
     from ..tracking.forces.chain import load_readout, readout_digest, readout_origin

@@ -1,6 +1,6 @@
 """The environment for Gymnasium: hold an object gently, with one grip force.
 
-Observation: `margin`, `forces`, `markers` or `image`, see `views`.
+Observation: `margin`, `forces`, `markers` or `image`, see `observations`.
 Action: in [−1, 1], shape (1,): the grip force from 0 to `most_n`, or its rate.
 Reward: in each frame 1 − applied force/`most_n` where the object is held, which is touched and
 slides by less than 0.1 mm/s, less 50·(sliding in this frame)/`dropped_mm`.
@@ -32,8 +32,8 @@ from ..scene.fingers import build_pinch, fingers
 from ..scene.scene import DEFAULT_SCENE, PathName, load_scene
 from ..sensing.reader import Reading
 from ..tracking import Tracks
-from .fate import Fate, fate_of, limit_of
-from .views import Image, ViewName, look, space_of, view_of
+from .observations import Image, ObservationName, observation_of, observed, space_of
+from .status import GripStatus, limit_of, status_of
 from .window import Window
 
 #: Reward that is lost on the way to a drop.
@@ -102,7 +102,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
     def __init__(
         self,
         scene: str = DEFAULT_SCENE,
-        observation: ViewName = "margin",
+        observation: ObservationName = "margin",
         action: Literal["force", "rate"] = "force",
         path: PathName | None = None,
         changes: Mapping[str, Any] | None = None,
@@ -139,8 +139,8 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             with self._threads():
                 self._rig.reset()
             rests = [reading.rest for reading in self._rig.readings]
-        self._views = [view_of(observation, *of) for of in zip(each, rests, strict=True)]
-        self.observation_space = space_of(self._views)
+        self._kinds = [observation_of(observation, *of) for of in zip(each, rests, strict=True)]
+        self.observation_space = space_of(self._kinds)
         self.action_space = Box(-1.0, 1.0, (1,), np.float32)
         self._over = True
 
@@ -166,7 +166,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             self._seen = self._shown()
             self._arrive()
             self._show()
-        return look(self._views, self._seen, self._grip), self._info(self._fate())
+        return observed(self._kinds, self._seen, self._grip), self._info(self._status())
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, Info]:
         """Grip until the next frame; what is returned is in the module's table.
@@ -179,7 +179,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         if self._over:
             raise UserError("step() is not possible before reset() or after the end; call reset()")
         self._grip = self._force(action)
-        before = self._fate().slid
+        before = self._status().slid
         gave_up = ""
         with self._threads():
             try:
@@ -189,22 +189,28 @@ class GripEnv(gymnasium.Env[Observation, Action]):
             else:
                 self._arrive()
             self._show()
-        fate = self._fate()
-        slid = fate.slid - before
-        self._touched |= fate.touched
-        held_now = fate.touched and slid < SLIDING * self._rig.scene.period
+        status = self._status()
+        slid = status.slid - before
+        self._touched |= status.touched
+        held_now = status.touched and slid < SLIDING * self._rig.scene.period
         reward = held_now * (1.0 - self._rig.applied / self._most)
         reward -= DROP_COST * slid / self._dropped
-        if fate.unpaid or gave_up:
+        if status.unpaid or gave_up:
             reward = -DROP_COST
         # On a chain a load on an object that nothing touches has no answer.
-        dropped = fate.outcome == "dropped" or (bool(gave_up) and not fate.touched)
-        terminated, truncated = fate.outcome != "held" or bool(gave_up), self._rig.done
+        dropped = status.outcome == "dropped" or (bool(gave_up) and not status.touched)
+        terminated, truncated = status.outcome != "held" or bool(gave_up), self._rig.done
         self._over = terminated or truncated
-        info = self._info(fate, dropped)
+        info = self._info(status, dropped)
         if gave_up:
             info["gave_up"] = gave_up
-        return look(self._views, self._seen, self._grip), float(reward), terminated, truncated, info
+        return (
+            observed(self._kinds, self._seen, self._grip),
+            float(reward),
+            terminated,
+            truncated,
+            info,
+        )
 
     def render(self) -> Any:
         """Picture, uint8, shape (H, W, 3), of the mode `rgb_array`; else None."""
@@ -242,7 +248,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         self._grip, self._seen, self._touched = state.grip, state.seen, state.touched
         self._waiting = dict(state.waiting)
         self.np_random.bit_generator.state = state.random
-        self._over = self._rig.done or self._fate().outcome != "held"
+        self._over = self._rig.done or self._status().outcome != "held"
 
     def _open(self, changes: dict[str, Any]) -> Rig:
         """Rig of the scene with changes."""
@@ -281,17 +287,17 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         pictures = zip(readings, self._rig.pictures(), strict=True)
         return tuple(replace(reading, frame=frame) for reading, frame in pictures)
 
-    def _fate(self) -> Fate:
+    def _status(self) -> GripStatus:
         """What has become of the object so far."""
-        return fate_of(self._rig, self._dropped, self._touched)
+        return status_of(self._rig, self._dropped, self._touched)
 
-    def _info(self, fate: Fate, dropped: bool = False) -> Info:
+    def _info(self, status: GripStatus, dropped: bool = False) -> Info:
         """The truth of this frame; not for a policy."""
         return {
             "time_s": self._rig.time,
             "grip_n": self._grip,
             "applied_n": self._rig.applied,
-            **fate.truth,
+            **status.truth,
             "dropped": dropped,
         }
 
@@ -321,7 +327,7 @@ class GripEnv(gymnasium.Env[Observation, Action]):
         return one_thread() if pictures or two else nullcontext()
 
 
-def _path_of(observation: ViewName, path: PathName | None) -> PathName:
+def _path_of(observation: ObservationName, path: PathName | None) -> PathName:
     """Path of the scene that an observation needs."""
     if observation == "markers":
         if path == "truth":

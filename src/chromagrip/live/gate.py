@@ -114,7 +114,7 @@ class Inbox:
     def taken(self, raw: str | bytes, before: str) -> list[bytes]:
         """Messages for viser that follow from one of a browser; none where it is refused.
 
-        They are encoded anew: viser reads no byte of a browser.
+        They are encoded again: viser reads no byte of a browser.
 
         Parameters
         ----------

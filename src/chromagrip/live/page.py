@@ -13,9 +13,9 @@ from .board import Board, line_of_estimate, line_of_speed, line_of_truth
 from .gate import LARGEST_FILE
 from .picture import picture_of
 from .session import Session, Shown
+from .sliders import OBJECTS, SliderValues, scene_for, slider_values
 from .strips import row_of
 from .view import GraspView
-from .wishes import OBJECTS, Wishes, scene_for, wishes_of
 
 if TYPE_CHECKING:
     import viser
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 MESHES = (".stl", ".obj", ".ply")
 _OF_THE_SCENE = "of the scene"
 Slider = tuple[str, str, float, float, float, str]
-#: Sliders: label, wish, lowest and highest value, step, hint; of every body, and of each.
+#: Sliders: label, name, lowest and highest value, step, hint; of every body, and of each.
 _ALWAYS: tuple[Slider, ...] = (
     ("load [N]", "load", 0.0, 3.0, 0.01, "lateral force on the object"),
     ("µ of the object", "friction", 0.1, 1.5, 0.01, "friction coefficient"),
@@ -38,8 +38,8 @@ _OF_BODY: dict[Body, tuple[Slider, ...]] = {
     ),
 }
 _ANEW = (
-    ("noise [levels]", "noise", 0.5, 10.0, 0.5, "of the camera; begins the grasp anew"),
-    ("latency [frames]", "latency", 0, 10, 1, "from image to command; begins the grasp anew"),
+    ("noise [levels]", "noise", 0.5, 10.0, 0.5, "of the camera; starts the grasp again"),
+    ("latency [frames]", "latency", 0, 10, 1, "from image to command; starts the grasp again"),
 )
 #: Designs of the two bodies that pictures of them can be read with.
 _DESIGNS = {"dome": ("thesis", "dome-2020", "dome-2022"), "chain": ("thesis",)}
@@ -64,7 +64,7 @@ class Page:
         self._meshes: dict[str, str] = {}
         self.view = GraspView(server)
         self.board = Board(server, "camera, with the motion of the markers × 4")
-        self._add_controls(wishes_of(base))
+        self._add_controls(slider_values(base))
         self.board.finish()
 
     def __enter__(self) -> "Page":
@@ -96,7 +96,7 @@ class Page:
             self._grip.value = round(self._applied, 2)
 
     def tell(self, sentence: str) -> None:
-        """Say why a wish is refused; "" where none is."""
+        """Say why a value is refused; "" where none is."""
         self._told = f"**Refused:** {sentence}" if sentence else ""
         self.board.say(self._said())
 
@@ -121,47 +121,56 @@ class Page:
             line_of_estimate(sample.observation),
         ]
         if sample.time > 0.0 and not sample.field.contact.any():
-            lines.append("**nothing touches the object:** press anew to begin again")
+            lines.append("**nothing touches the object:** press restart")
         return lines
 
-    def _add_controls(self, first: Wishes) -> None:
+    def _add_controls(self, first: SliderValues) -> None:
         """Sliders and buttons."""
         gui = self._server.gui
         self._forces = gui.add_dropdown("forces shown", ("estimated", "true"))
         self._automatic = gui.add_checkbox("controller grips", first.automatic)
         self._grip: Any = gui.add_slider("grip [N]", 0.0, 10.0, 0.01, first.grip, disabled=True)
         self._automatic.on_update(lambda _: self._take_over())
-        self._grip.on_update(lambda _: self._wish_grip())
+        self._grip.on_update(lambda _: self._ask_grip())
         for label, name, low, high, step, hint in _ALWAYS + _OF_BODY[self._base.body]:
             self._add_slider(label, name, low, high, step, hint, first)
-        buttons = gui.add_button_group("grasp", ("pause", "step", "anew"))
+        buttons = gui.add_button_group("grasp", ("pause", "step", "restart"))
         buttons.on_click(lambda event: self._press(event.target.value))
         hint = "keeps the grasp from now on in a run folder, until it is pressed again"
         self._record = gui.add_button("record", hint=hint)
         self._record.on_click(lambda _: self._press("record"))
-        with gui.add_folder("begins the grasp anew", expand_by_default=False):
+        with gui.add_folder("starts the grasp again", expand_by_default=False):
             self._add_choice("controller", "controller", tuple(CONTROLLERS.entries), first)
             self._add_choice("design", "sensor", _DESIGNS[self._base.body], first)
             {"chain": lambda first: None, "dome": self._add_object}[self._base.body](first)
             for label, name, low, high, step, hint in _ANEW:
                 self._add_slider(label, name, low, high, step, hint, first)
 
-    def _add_object(self, first: Wishes) -> None:
+    def _add_object(self, first: SliderValues) -> None:
         """Choice of the object, and its tilt."""
         self._objects = self._add_choice("object", "object", (_OF_THE_SCENE, *OBJECTS), first)
         self._add_upload()
         self._add_slider("tilt [°]", "tilt", -20.0, 20.0, 1.0, "turn about y", first)
 
     def _add_slider(
-        self, label: str, name: str, low: float, high: float, step: float, hint: str, first: Wishes
+        self,
+        label: str,
+        name: str,
+        low: float,
+        high: float,
+        step: float,
+        hint: str,
+        first: SliderValues,
     ) -> None:
-        """Slider of a wish, from a value within its ends."""
+        """Slider of a slider value, from a value within its ends."""
         value = min(max(getattr(first, name), low), high)
         slider = self._server.gui.add_slider(label, low, high, step, value, hint=hint)
-        slider.on_update(lambda _: self._wish(**{name: slider.value}))
+        slider.on_update(lambda _: self._ask(**{name: slider.value}))
 
-    def _add_choice(self, label: str, name: str, options: tuple[str, ...], first: Wishes) -> Any:
-        """Choice of a wish."""
+    def _add_choice(
+        self, label: str, name: str, options: tuple[str, ...], first: SliderValues
+    ) -> Any:
+        """Choice of a slider value."""
         value = getattr(first, name) or options[0]
         if value not in options:
             options = (value, *options)
@@ -169,7 +178,7 @@ class Page:
 
         def chosen(_: Any) -> None:
             value = "" if choice.value == _OF_THE_SCENE else choice.value
-            self._wish(**{name: self._meshes.get(value, value)})
+            self._ask(**{name: self._meshes.get(value, value)})
 
         choice.on_update(chosen)
         return choice
@@ -203,8 +212,8 @@ class Page:
                 raise UserError(f"{name} is empty or too large; at most {most} MB are taken")
             path.write_bytes(content)
             session = self._session
-            wishes = wishes_of(self._base) if session is None else session.wishes
-            scene_for(self._base, replace(wishes, object=str(path)))
+            sliders = slider_values(self._base) if session is None else session.sliders
+            scene_for(self._base, replace(sliders, object=str(path)))
         except UserError as error:
             path.unlink(missing_ok=True)
             self.tell(str(error).replace(str(path), name))
@@ -213,7 +222,7 @@ class Page:
         self._meshes[name] = str(path)
         self._objects.options = tuple(dict.fromkeys((*self._objects.options, name)))
         if self._objects.value == name:  # the same file again, which may be another one now
-            self._wish(object=str(path))
+            self._ask(object=str(path))
         self._objects.value = name
 
     def _take_over(self) -> None:
@@ -222,15 +231,15 @@ class Page:
         self._grip.disabled = automatic
         if not automatic:
             self._grip.value = round(self._applied, 2)
-        self._wish(automatic=automatic, grip=float(self._grip.value))
+        self._ask(automatic=automatic, grip=float(self._grip.value))
 
-    def _wish_grip(self) -> None:
+    def _ask_grip(self) -> None:
         if not self._automatic.value:
-            self._wish(grip=float(self._grip.value))
+            self._ask(grip=float(self._grip.value))
 
-    def _wish(self, **changes: Any) -> None:
+    def _ask(self, **changes: Any) -> None:
         if self._session is not None:
-            self._session.wish(replace(self._session.wishes, **changes))
+            self._session.ask(replace(self._session.sliders, **changes))
 
     def _press(self, button: str) -> None:
         session = self._session
@@ -239,7 +248,7 @@ class Page:
         actions: dict[str, Callable[[], None]] = {
             "pause": lambda: setattr(session, "paused", not session.paused),
             "step": session.step_once,
-            "anew": session.begin_anew,
+            "restart": session.restart,
             "record": self._toggle_record,
         }
         if button == "step":

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..loop.shown.tactile_video import MAGNIFY
+from ..loop.results.tactile_video import MAGNIFY
 from ..tracking import Tracks
 
 Image = NDArray[np.uint8]

@@ -19,7 +19,7 @@ from ..loop.run_files import PARTS, RunFiles
 from ..loop.sample import Sample
 from ..scene.scene import Scene
 from ..scene.settings import LoadSettings
-from .wishes import Wishes
+from .sliders import SliderValues
 
 #: Table of the sliders' values in the folder of a recording.
 SLIDERS = "sliders.csv"
@@ -49,14 +49,14 @@ class Recorder:
     wanted: bool = False
     _now: "_Recording | None" = None
 
-    def take(self, sample: Sample, rig: Rig, wishes: Wishes) -> None:
+    def take(self, sample: Sample, rig: Rig, sliders: SliderValues) -> None:
         """Keep a frame."""
         try:
             if self._now is None:
                 require("data", "video", purpose="a recording")
                 self._now = _Recording(_unused(self.parent), sample, rig)
                 self.tell(f"**recording** into {self._now.folder}")
-            self._now.add(sample, rig, wishes)
+            self._now.add(sample, rig, sliders)
         except UserError as error:
             self._drop(f"**not recorded:** {error}")
 
@@ -99,19 +99,19 @@ class _Recording:
         self.folder = folder
         self._begin = sample.time
         self._scenes: list[tuple[float, Scene]] = []
-        self._wishes: list[tuple[float, Wishes]] = []
+        self._sliders: list[tuple[float, SliderValues]] = []
         self._files = RunFiles(folder, False, rig.scene)
         self._record = Record(rig.scene, rig.methods, rig.known[0], self._files)
         self._mesh = _kept_mesh(rig.scene.object.mesh, folder)
 
-    def add(self, sample: Sample, rig: Rig, wishes: Wishes) -> None:
+    def add(self, sample: Sample, rig: Rig, sliders: SliderValues) -> None:
         """Append a frame, with the scene and the sliders that it had."""
         scene = rig.scene
         now = sample.time - self._begin
         if not self._scenes or self._scenes[-1][1] is not scene:
             self._scenes.append((now, scene))
-        if not self._wishes or self._wishes[-1][1] != wishes:
-            self._wishes.append((now, wishes))
+        if not self._sliders or self._sliders[-1][1] != sliders:
+            self._sliders.append((now, sliders))
         self._record.add(replace(sample, time=now), rig)
 
     def finish(self) -> str:
@@ -123,7 +123,7 @@ class _Recording:
             return f"**not recorded:** a recording of {length:.2f} s is too short"
         scene = as_run(self._scenes, length, self._mesh)
         with self._files, disk_errors(self.folder):
-            _write_sliders(self.folder / PARTS / SLIDERS, self._wishes)
+            _write_sliders(self.folder / PARTS / SLIDERS, self._sliders)
             self._record.finish(scene, _SAID.format(self._begin), **{FROM: self._begin})
         return f"recorded {length:.2f} s in {self.folder}"
 
@@ -178,13 +178,13 @@ def _kept_mesh(mesh: str, folder: Path) -> str:
     return str(kept)
 
 
-def _write_sliders(path: Path, wishes: list[tuple[float, Wishes]]) -> None:
+def _write_sliders(path: Path, sliders: list[tuple[float, SliderValues]]) -> None:
     """Table of the sliders' values, a line where one of them changed."""
     with path.open("w", encoding="utf-8", newline="") as file:
-        names = list(asdict(wishes[0][1]))
+        names = list(asdict(sliders[0][1]))
         table = csv.writer(file)
         table.writerow(["time_s", *names])
-        for at, values in wishes:
+        for at, values in sliders:
             table.writerow([f"{at:.9g}", *asdict(values).values()])
 
 

@@ -16,10 +16,10 @@ from ..by_name import not_allowed
 from ..errors import UserError
 from ..loop.columns import values_of
 from ..loop.grasp import gripped
+from ..loop.results.run_folder import RunRead
+from ..loop.results.tactile_video import SLOWDOWN
 from ..loop.rig import Rig
 from ..loop.sample import Sample
-from ..loop.shown.run_folder import RunRead
-from ..loop.shown.tactile_video import SLOWDOWN
 from ..output.pictures import open_source
 from ..output.processes import one_thread
 from .picture import packed, picture_of, resized

@@ -6,7 +6,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
-from ..loop.shown.run_folder import RunRead
+from ..loop.results.run_folder import RunRead
 from ..scene.fingers import need_one_finger
 from .board import Board
 from .picture import blank_picture, unpacked
@@ -72,7 +72,7 @@ class RunPage:
             "forces shown", ("estimated", "true") if seen else ("true",)
         )
         self._forces.on_update(lambda _: self._changed.set())
-        buttons = gui.add_button_group("run", ("play", "pause", "step", "anew"))
+        buttons = gui.add_button_group("run", ("play", "pause", "step", "restart"))
         buttons.on_click(lambda event: self.press(event.target.value))
         self.board.finish()
         self._shown: list[Row] = []
@@ -84,12 +84,12 @@ class RunPage:
 
     def press(self, button: str) -> None:
         """Do what a button says."""
-        if button == "anew":
+        if button == "restart":
             self._now = 0.0
         if button == "step":
             count = self._count(self._now)
             self._now = self._rows[count]["time_s"] if count < len(self._rows) else 0.0
-        self._playing = button in ("play", "anew")
+        self._playing = button in ("play", "restart")
         if button == "play" and self._now >= self._end:
             self._now = 0.0
         self._changed.set()

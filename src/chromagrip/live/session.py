@@ -1,4 +1,4 @@
-"""A grasp that goes on while its wishes change."""
+"""A grasp that goes on while its sliders change."""
 
 import time
 from collections import deque
@@ -15,7 +15,7 @@ from ..loop.sample import Sample
 from ..output.processes import one_thread
 from ..scene.scene import Scene
 from .record import Recorder
-from .wishes import Wishes, scene_for, wishes_of
+from .sliders import SliderValues, scene_for, slider_values
 from .worker import Background
 
 #: Time over which the speed is averaged [s].
@@ -31,7 +31,7 @@ class Shown:
     Attributes
     ----------
     sample: truth beside estimate
-    scene: of the grasp, which a change of a wish replaces
+    scene: of the grasp, which a change of a slider value replaces
     updates: frames computed per second
     speed: of the grasp over real time
     """
@@ -60,28 +60,28 @@ class Session(Background):
     tell: Callable[[str], None]
     recorder: Recorder
     paused: bool = False
-    _wishes: Wishes = field(init=False)
-    _anew: bool = False
+    _sliders: SliderValues = field(init=False)
+    _restart: bool = False
     _steps: int = 0
     _lock: Lock = field(default_factory=Lock)
 
     def __post_init__(self) -> None:
-        self._wishes = wishes_of(self.base)
+        self._sliders = slider_values(self.base)
 
     @property
-    def wishes(self) -> Wishes:
+    def sliders(self) -> SliderValues:
         """What is wished for now."""
-        return self._wishes
+        return self._sliders
 
-    def wish(self, wishes: Wishes) -> None:
-        """Go on, or begin anew, with other values."""
+    def ask(self, sliders: SliderValues) -> None:
+        """Go on, or start again, with other values."""
         with self._lock:
-            self._wishes = wishes
+            self._sliders = sliders
 
-    def begin_anew(self) -> None:
-        """Begin another grasp with the same wishes."""
+    def restart(self) -> None:
+        """Begin another grasp with the same sliders."""
         with self._lock:
-            self._anew = True
+            self._restart = True
 
     def step_once(self) -> None:
         """Compute one frame of a grasp that is paused."""
@@ -89,30 +89,30 @@ class Session(Background):
             self._steps += 1
 
     def _run(self) -> None:
-        refused: Wishes | None = None
+        refused: SliderValues | None = None
         with one_thread():
             while not self._stop.is_set():
-                wishes = self._wishes
-                if wishes == refused:
+                sliders = self._sliders
+                if sliders == refused:
                     self._stop.wait(_NAP)
                     continue
                 try:
-                    self._grasp(wishes)
+                    self._grasp(sliders)
                 except UserError as error:
                     self.tell(str(error))
-                    refused = wishes
+                    refused = sliders
                 except Exception as error:  # values that are allowed may be too much together
                     self.tell(f"the grasp broke off ({type(error).__name__}: {error})")
-                    refused = wishes
+                    refused = sliders
                 else:
                     refused = None
 
-    def _grasp(self, wishes: Wishes) -> None:
+    def _grasp(self, sliders: SliderValues) -> None:
         """One grasp, until another has to begin."""
-        scene = scene_for(self.base, wishes)
+        scene = scene_for(self.base, sliders)
         methods = Methods.of_scene(scene)
         with self._lock:
-            self._anew = False
+            self._restart = False
         with closing(Rig(scene, methods)) as rig, self.recorder.ending():
             controller = HoldingController(methods.build_controller(scene), scene.controller)
             first = rig.reset()
@@ -120,8 +120,8 @@ class Session(Background):
             self.tell("")
             ends: deque[float] = deque([time.perf_counter()])
             while not (self._stop.is_set() or rig.done):
-                now, anew = self._wishes, self._anew
-                if anew or now.begins_anew != wishes.begins_anew:
+                now, again = self._sliders, self._restart
+                if again or now.restarts != sliders.restarts:
                     return
                 if self._waits():
                     if not self.recorder.wanted:
@@ -129,11 +129,11 @@ class Session(Background):
                     self._stop.wait(_NAP)
                     ends.clear()
                     continue
-                if now != wishes:
+                if now != sliders:
                     rig.change(scene_for(self.base, now))
-                    if now.automatic and not wishes.automatic and rig.reading.observation:
+                    if now.automatic and not sliders.automatic and rig.reading.observation:
                         controller.start(rig.reading.observation)
-                    wishes = now
+                    sliders = now
                 grip = controller.command(rig.arrived) if now.automatic else now.grip
                 sample = rig.sample(grip)
                 if self.recorder.wanted:

@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..loop.results.dome_picture import SLIPPING
 from ..loop.sample import Sample
-from ..loop.shown.dome_picture import SLIPPING
 from ..model import ForceField
 from ..model.dome import displacements, lattice
 from ..scene.scene import Body, Scene

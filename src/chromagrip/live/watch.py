@@ -128,13 +128,13 @@ class Watcher(Background):
     tell: Callable[[str], None]
     paused: bool = False
     _steps: int = 0
-    _anew: Event = field(default_factory=Event)
+    _restart: Event = field(default_factory=Event)
 
     patience = _LAST
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Open the source again, with other frames at rest."""
-        self._anew.set()
+        self._restart.set()
 
     def step_once(self) -> None:
         """Look at one frame while it stands."""
@@ -144,22 +144,22 @@ class Watcher(Background):
         given: Opened | None = self.first
         with one_thread():
             while not self._stop.is_set():
-                self._anew.clear()
+                self._restart.clear()
                 try:
                     self._look(given or self.looking.open())
-                    self.tell(f"**{self.looking.source} has ended;** anew shows it again")
+                    self.tell(f"**{self.looking.source} has ended;** restart shows it again")
                 except UserError as error:
-                    self.tell(f"**{error};** anew tries it again")
+                    self.tell(f"**{error};** restart tries it again")
                 given = None
-                while not (self._stop.wait(_NAP) or self._anew.is_set()):
+                while not (self._stop.wait(_NAP) or self._restart.is_set()):
                     pass
 
     def _look(self, opened: Opened) -> None:
-        """Frames of the source until it ends, or is to begin anew."""
+        """Frames of the source until it ends, or is to start again."""
         source = replace(opened.source, frames=lambda: opened.frames)
         ends: deque[tuple[float, float]] = deque(maxlen=30)
         with closing(Feed(source, _FRAME_WITHIN)) as feed:
-            while not (self._stop.is_set() or self._anew.is_set()):
+            while not (self._stop.is_set() or self._restart.is_set()):
                 if self.paused and not self._steps:
                     self._stop.wait(_NAP)
                     ends.clear()
@@ -228,7 +228,7 @@ class WatchPage:
         self._view.begin(_skin(looking), None)
         label = "the source, with the motion of the markers × 4"
         self.board = Board(server, label, truth=False)
-        buttons = server.gui.add_button_group("source", ("pause", "step", "anew"))
+        buttons = server.gui.add_button_group("source", ("pause", "step", "restart"))
         buttons.on_click(lambda event: self.press(event.target.value))
         self.board.finish()
 
@@ -247,7 +247,7 @@ class WatchPage:
             watcher.paused = True
             watcher.step_once()
         else:
-            watcher.begin_anew()
+            watcher.restart()
 
     def show(self, looked: Looked) -> None:
         """Show a frame, where it is time for a picture."""

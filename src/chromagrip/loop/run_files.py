@@ -24,7 +24,7 @@ from .trace import Summary, Trace, TraceLines
 
 if TYPE_CHECKING:
     from .pinch.video import PinchVideo
-    from .shown.tactile_video import TactileVideo
+    from .results.tactile_video import TactileVideo
 
 #: Files of a run folder.
 FILES = (
@@ -204,16 +204,16 @@ def _refuse_killed(folder: Path) -> None:
 
 def _open_video(folder: Path, scene: Scene) -> "TactileVideo | PinchVideo":
     from .pinch.video import PinchVideo
-    from .shown.tactile_video import TactileVideo
+    from .results.tactile_video import TactileVideo
 
     kinds: dict[int, type[TactileVideo | PinchVideo]] = {1: TactileVideo, 2: PinchVideo}
     return kinds[scene.fingers](folder / "tactile.mp4", scene)
 
 
 def _write_results(folder: Path, scene: Scene, trace: Trace, summary: Summary, drawn: bool) -> None:
-    from .shown.figure import draw_figure
-    from .shown.report import write_report
-    from .shown.run_folder import RunRead
+    from .results.figure import draw_figure
+    from .results.report import write_report
+    from .results.run_folder import RunRead
 
     _write_trace(scene, trace, folder / "trace.parquet")
     if drawn:
@@ -229,8 +229,8 @@ def _write_run_logs(
 ) -> None:
     """Write the logs of a run into its folder, which has all other files."""
     if formats:
-        from .shown.log import log_of
-        from .shown.run_folder import RunRead
+        from .results.log import log_of
+        from .results.run_folder import RunRead
 
         read = RunRead(folder=folder, scene=scene, summary=summary, columns=trace.columns)
         write_logs(log_of(read), folder, formats)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..control import GripObservation
 from ..folders import whole_file
-from ..loop.shown.figure import ESTIMATED, LOAD, TRUE, finish
-from ..loop.shown.tactile_video import ARROW, MAGNIFY
+from ..loop.results.figure import ESTIMATED, LOAD, TRUE, finish
+from ..loop.results.tactile_video import ARROW, MAGNIFY
 from ..model import REFERENCE_NODES, ForceField
 from ..output.parquet import Row
 from ..tracking import Tracks

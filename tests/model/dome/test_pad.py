@@ -205,7 +205,9 @@ def test_a_ball_on_a_thick_pad() -> None:
         ("nu 0.48 ball 10 stick", "linear"),
         ("nu 0.48 ball 10 stick", "hyperelastic"),
         ("nu 0.45 ball 10 slip", "hyperelastic"),
-        pytest.param("nu 0.48 ball 40 stick", "hyperelastic", marks=[pytest.mark.slow, pytest.mark.elements]),
+        pytest.param(
+            "nu 0.48 ball 40 stick", "hyperelastic", marks=[pytest.mark.slow, pytest.mark.elements]
+        ),
     ],
 )
 def test_presses_and_markers_are_those_of_finite_elements(case: str, law: str) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..columns import values_of
+from ..results.figure import ESTIMATED, LOAD, TRUE
 from ..sample import Sample
-from ..shown.figure import ESTIMATED, LOAD, TRUE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,9 +14,9 @@ from ...render import Frame
 from ...scene.fingers import build_pinch, fingers
 from ...scene.scene import Scene
 from ..column import OUTCOMES
+from ..results.dome_picture import STICKS, TractionPicture, write
+from ..results.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
 from ..sample import Sample
-from ..shown.dome_picture import STICKS, TractionPicture, write
-from ..shown.tactile_video import FPS, QUALITY, SEEKABLE, SLOWDOWN
 from ..trace import word_for_read
 from .course_plot import CoursePlot, Courses
 from .stage import FINGER_COLOURS, INK, draw_along, draw_side, set_stage

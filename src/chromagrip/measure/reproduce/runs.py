@@ -11,8 +11,8 @@ from ...errors import UserError
 from ...extras import need
 from ...folders import whole_file
 from ...loop.columns import columns_of
+from ...loop.results.run_folder import read_trace
 from ...loop.run import run
-from ...loop.shown.run_folder import read_trace
 from ...loop.trace import Trace
 from ...model import ContactObject
 from ...output.cells import read_cells, resumed

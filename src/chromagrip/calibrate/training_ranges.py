@@ -88,7 +88,7 @@ class RangeRow(TypedDict):
     note: str
 
 
-def spanned_ranges(
+def training_ranges(
     variations: VariationRanges, noise: float, histories: int, epochs: int
 ) -> dict[str, object]:
     """Ranges of a training, for the read-out's file.

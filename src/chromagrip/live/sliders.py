@@ -39,7 +39,7 @@ OBJECTS: dict[str, dict[str, object]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wishes:
+class SliderValues:
     """Values of the sliders.
 
     Attributes
@@ -74,18 +74,18 @@ class Wishes:
     latency: int
 
     @property
-    def begins_anew(self) -> tuple[str | float, ...]:
+    def restarts(self) -> tuple[str | float, ...]:
         """What cannot change during a grasp: where it changes, another one begins."""
         return (
             self.controller, self.sensor, self.object, self.tilt, self.noise, self.latency
         )  # fmt: skip
 
 
-def wishes_of(scene: Scene) -> Wishes:
+def slider_values(scene: Scene) -> SliderValues:
     """Values at which the sliders begin: those of the scene, with its last load."""
     load, end = scene.load, scene.duration_s
     x, y = load.force(end), load.sideways(end)
-    return Wishes(
+    return SliderValues(
         automatic=True,
         grip=1.0,
         load=math.hypot(x, y),
@@ -102,7 +102,7 @@ def wishes_of(scene: Scene) -> Wishes:
     )
 
 
-def scene_for(base: Scene, wishes: Wishes) -> Scene:
+def scene_for(base: Scene, sliders: SliderValues) -> Scene:
     """Scene of a grasp with these values; what no slider is for is that of `base`.
 
     Raises
@@ -111,43 +111,43 @@ def scene_for(base: Scene, wishes: Wishes) -> Scene:
         For values that make no scene.
     """
     need_one_finger(base, "the live page shows")
-    if not math.isfinite(wishes.azimuth):
-        raise UserError(f"azimuth = {wishes.azimuth} must be a finite number")
-    load, fixed = _OF_BODY[base.body](base, wishes)
+    if not math.isfinite(sliders.azimuth):
+        raise UserError(f"azimuth = {sliders.azimuth} must be a finite number")
+    load, fixed = _OF_BODY[base.body](base, sliders)
     load |= {"times_s": (0.0,)}
     fixed |= {"friction_times_s": (), "frictions": (), "creeps": 0.0}
-    fixed |= {"friction": wishes.friction, "stiffness_kpa": wishes.stiffness}
-    camera = {"noise_levels": wishes.noise, "latency_frames": wishes.latency}
+    fixed |= {"friction": sliders.friction, "stiffness_kpa": sliders.stiffness}
+    camera = {"noise_levels": sliders.noise, "latency_frames": sliders.latency}
     return msgspec.structs.replace(
         base,
         duration_s=LONGEST,
-        controller=wishes.controller,
-        sensor=wishes.sensor,
+        controller=sliders.controller,
+        sensor=sliders.sensor,
         load=convert(load, LoadSettings, "load"),
         object=_changed(base.object, fixed, "object"),
         camera=_changed(base.camera, camera, "camera"),
     )
 
 
-def _of_chain(base: Scene, wishes: Wishes) -> tuple[Values, Values]:
+def _of_chain(base: Scene, sliders: SliderValues) -> tuple[Values, Values]:
     """Load and object of a chain: in its plane."""
-    return {"forces_n": (wishes.load,), "sideways_n": (), "twists_nmm": ()}, {}
+    return {"forces_n": (sliders.load,), "sideways_n": (), "twists_nmm": ()}, {}
 
 
-def _of_dome(base: Scene, wishes: Wishes) -> tuple[Values, Values]:
+def _of_dome(base: Scene, sliders: SliderValues) -> tuple[Values, Values]:
     """Load and object of a dome: in any direction, twisted, and of any shape."""
-    azimuth = math.radians(wishes.azimuth)
+    azimuth = math.radians(sliders.azimuth)
     load: Values = {
-        "forces_n": (wishes.load * math.cos(azimuth),),
-        "sideways_n": (wishes.load * math.sin(azimuth) + _NEXT_TO_NOTHING,),
-        "twists_nmm": (wishes.twist + _NEXT_TO_NOTHING,),
+        "forces_n": (sliders.load * math.cos(azimuth),),
+        "sideways_n": (sliders.load * math.sin(azimuth) + _NEXT_TO_NOTHING,),
+        "twists_nmm": (sliders.twist + _NEXT_TO_NOTHING,),
     }
-    turned = (base.object.turned_deg[0], wishes.tilt, base.object.turned_deg[2])
-    return load, {**_shape_of(wishes.object), "turned_deg": turned}
+    turned = (base.object.turned_deg[0], sliders.tilt, base.object.turned_deg[2])
+    return load, {**_shape_of(sliders.object), "turned_deg": turned}
 
 
 #: Changes of load and object that the sliders of a body ask for.
-_OF_BODY: dict[Body, Callable[[Scene, Wishes], tuple[Values, Values]]] = {
+_OF_BODY: dict[Body, Callable[[Scene, SliderValues], tuple[Values, Values]]] = {
     "chain": _of_chain,
     "dome": _of_dome,
 }

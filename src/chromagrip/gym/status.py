@@ -14,7 +14,7 @@ DROPPED_MM = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fate:
+class GripStatus:
     """What has become of an object so far.
 
     Attributes
@@ -33,7 +33,7 @@ class Fate:
     truth: dict[str, Any]
 
 
-def fate_of(rig: Rig, dropped: float, was_touched: bool) -> Fate:
+def status_of(rig: Rig, dropped: float, was_touched: bool) -> GripStatus:
     """What has become of the object up to a rig's frame.
 
     Parameters
@@ -41,16 +41,16 @@ def fate_of(rig: Rig, dropped: float, was_touched: bool) -> Fate:
     dropped: sliding from which on one finger has dropped it [m]; a pinch has limits of its own
     was_touched: whether it was touched in a frame before
     """
-    return {1: _fate_of_one, 2: _fate_of_two}[rig.scene.fingers](rig, dropped, was_touched)
+    return {1: _status_of_one, 2: _status_of_two}[rig.scene.fingers](rig, dropped, was_touched)
 
 
-def _fate_of_one(rig: Rig, dropped: float, was_touched: bool) -> Fate:
+def _status_of_one(rig: Rig, dropped: float, was_touched: bool) -> GripStatus:
     contact = rig.truth
     slid, touched = float(contact.slip.rigid_slip), bool(contact.field.contact.any())
     load, now = rig.scene.load, rig.time + 1e-9
     pulled = load.force(now) != 0.0 or load.sideways(now) != 0.0
     let_go = was_touched and pulled and not touched
-    return Fate(
+    return GripStatus(
         slid=slid,
         touched=touched,
         outcome="dropped" if let_go or slid >= dropped else "held",
@@ -62,12 +62,12 @@ def _fate_of_one(rig: Rig, dropped: float, was_touched: bool) -> Fate:
     )
 
 
-def _fate_of_two(rig: Rig, dropped: float, was_touched: bool) -> Fate:
+def _status_of_two(rig: Rig, dropped: float, was_touched: bool) -> GripStatus:
     fingers, record = rig.truth.fingers, rig.truth.record
     slid = max(float(each.slip.rigid_slip) for each in fingers)
     outcome = record.outcome(rig.scene.pinch.limits)
     margins = [float(each.field.safety_margin(each.friction)) for each in fingers]
-    return Fate(
+    return GripStatus(
         slid=slid,
         touched=all(bool(each.field.contact.any()) for each in fingers),
         outcome=outcome,

@@ -21,7 +21,7 @@ from ..sensing.reader import Reading
 from ..tracking import Tracks
 
 #: Observations that can be chosen.
-ViewName = Literal["image", "markers", "forces", "margin"]
+ObservationName = Literal["image", "markers", "forces", "margin"]
 
 Values = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -55,20 +55,20 @@ _MOST = (100.0, 100.0, 3.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class View:
+class ObservationKind:
     """A choice of observation.
 
     Attributes
     ----------
     space: of its arrays
-    look: makes a new array of a reading and of the grip that is commanded [N]
+    observed: makes a new array of a reading and of the grip that is commanded [N]
     """
 
     space: Box
-    look: Callable[[Reading, float], NDArray[np.generic]]
+    observed: Callable[[Reading, float], NDArray[np.generic]]
 
 
-def view_of(name: ViewName, scene: Scene, rest: Tracks | None) -> View:
+def observation_of(name: ObservationName, scene: Scene, rest: Tracks | None) -> ObservationKind:
     """The observation of that name.
 
     Parameters
@@ -80,15 +80,15 @@ def view_of(name: ViewName, scene: Scene, rest: Tracks | None) -> View:
     if name == "image":
         view = scene.build_sensor().view
         space = Box(0, 255, (view.height, view.width, 3), np.uint8)
-        return View(space=space, look=_image)
+        return ObservationKind(space=space, observed=_image)
     if name == "markers":
         assert rest is not None
         most = np.tile(np.array(_MOST, np.float32), rest.visible.size)
-        return View(space=Box(-most, most, dtype=np.float32), look=_markers)
+        return ObservationKind(space=Box(-most, most, dtype=np.float32), observed=_markers)
     columns, values = (MARGIN, _margin) if name == "margin" else (FORCES, _forces)
     low, high = np.array(list(columns.values()), np.float32).T
 
-    def look(seen: Reading, grip: float) -> Values:
+    def observed(seen: Reading, grip: float) -> Values:
         assert seen.held is not None
         known = np.nan_to_num(
             np.array(values(seen.held, grip)), nan=0.0, posinf=math.inf, neginf=-math.inf
@@ -96,10 +96,10 @@ def view_of(name: ViewName, scene: Scene, rest: Tracks | None) -> View:
         clipped: Values = np.clip(known, low, high).astype(np.float32)
         return clipped
 
-    return View(space=Box(low, high, dtype=np.float32), look=look)
+    return ObservationKind(space=Box(low, high, dtype=np.float32), observed=observed)
 
 
-def space_of(views: Sequence[View]) -> Box:
+def space_of(kinds: Sequence[ObservationKind]) -> Box:
     """Space of what one finger shows, or of what two show, with an axis of two before it.
 
     Raises
@@ -107,7 +107,7 @@ def space_of(views: Sequence[View]) -> Box:
     UserError
         For two fingers whose arrays differ in shape.
     """
-    spaces = [view.space for view in views]
+    spaces = [view.space for view in kinds]
     if len(spaces) == 1:
         return spaces[0]
     first, second = (space.shape for space in spaces)
@@ -120,9 +120,11 @@ def space_of(views: Sequence[View]) -> Box:
     return Box(low, high, dtype=low.dtype.type)
 
 
-def look(views: Sequence[View], seen: Sequence[Reading], grip: float) -> NDArray[np.generic]:
+def observed(
+    kinds: Sequence[ObservationKind], seen: Sequence[Reading], grip: float
+) -> NDArray[np.generic]:
     """New array of what one finger shows, or two; see `space_of`."""
-    arrays = [view.look(each, grip) for view, each in zip(views, seen, strict=True)]
+    arrays = [view.observed(each, grip) for view, each in zip(kinds, seen, strict=True)]
     return arrays[0] if len(arrays) == 1 else np.stack(arrays)
 
 

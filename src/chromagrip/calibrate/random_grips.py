@@ -47,7 +47,7 @@ _DESIRED = (0.1, 0.6)
 
 
 @dataclass(frozen=True)
-class Task:
+class GripTask:
     """Where a drive may go.
 
     Attributes
@@ -83,7 +83,7 @@ def random_drive(rng: np.random.Generator, contact: Contact, times: Array) -> tu
     """
     cone = np.arctan(contact.obj.friction)
     low, high = (np.tan(contact.tilt + side * cone) for side in (-1.0, 1.0))
-    task = Task(
+    task = GripTask(
         times=times,
         middle=(high + low) / 2 if rng.random() < _BALANCED else 0.0,
         half=(high - low) / 2,
@@ -102,13 +102,13 @@ def random_drive(rng: np.random.Generator, contact: Contact, times: Array) -> tu
     return Drive(times=task.times, normal=grip, lateral=load), kind
 
 
-def _limit(task: Task, grip: Array, share: Array | float) -> Array:
+def _limit(task: GripTask, grip: Array, share: Array | float) -> Array:
     """Load [N] that is a share, from −1 to 1, of the friction limit."""
     load: Array = grip * (task.middle + share * task.half)
     return load
 
 
-def _grips(rng: np.random.Generator, task: Task, count: int) -> Array:
+def _grips(rng: np.random.Generator, task: GripTask, count: int) -> Array:
     """Grips [N]; those that the object does not carry are replaced by some that it does."""
     low, high = RANGES.grip_n
     kind = rng.random()
@@ -121,7 +121,7 @@ def _grips(rng: np.random.Generator, task: Task, count: int) -> Array:
     return np.where(level > task.largest, task.largest * rng.uniform(0.1, 1.0, count), level)
 
 
-def _knots(rng: np.random.Generator, task: Task) -> Array:
+def _knots(rng: np.random.Generator, task: GripTask) -> Array:
     inner = np.sort(rng.uniform(ONSET, task.duration, rng.integers(2, 7)))
     return np.concatenate([[0.0, ONSET], inner, [task.duration]])
 
@@ -133,7 +133,7 @@ def _rests(rng: np.random.Generator, level: Array, share: float, first: int = 2)
             level[k] = level[k - 1]
 
 
-def _wander(rng: np.random.Generator, task: Task) -> Array:
+def _wander(rng: np.random.Generator, task: GripTask) -> Array:
     """Grip whose logarithm is straight between some times, and rests at times."""
     knots = _knots(rng, task)
     level = _grips(rng, task, len(knots))
@@ -142,7 +142,7 @@ def _wander(rng: np.random.Generator, task: Task) -> Array:
     return wandering
 
 
-def _tremble(rng: np.random.Generator, task: Task, sizes: Range) -> Array:
+def _tremble(rng: np.random.Generator, task: GripTask, sizes: Range) -> Array:
     """Factors of a grip that trembles, each held for some steps."""
     count = len(task.times)
     held = max(round(evenly(rng, _HELD) / task.times[1]), 1)
@@ -155,7 +155,7 @@ def _side(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-def _share_held(rng: np.random.Generator, task: Task) -> Array:
+def _share_held(rng: np.random.Generator, task: GripTask) -> Array:
     """Ratio of the load to the friction limit: ramps, rests, jumps, and it turns round."""
     knots = _knots(rng, task)
     count = len(knots)
@@ -174,7 +174,7 @@ def _share_held(rng: np.random.Generator, task: Task) -> Array:
     return held
 
 
-def _shared(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
+def _shared(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """The load is a share of the friction limit; in some it is above it for a moment."""
     grip, share = _wander(rng, task), _share_held(rng, task)
     if rng.random() < _SLIDING:
@@ -184,7 +184,7 @@ def _shared(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     return grip, _limit(task, grip, share)
 
 
-def _own_load(rng: np.random.Generator, task: Task, most: float) -> Array:
+def _own_load(rng: np.random.Generator, task: GripTask, most: float) -> Array:
     """Load [N] up to a largest one that steps, ramps, swings and rests by itself."""
     side, times = _side(rng), task.times
     if rng.random() < 0.2:
@@ -205,14 +205,14 @@ def _own_load(rng: np.random.Generator, task: Task, most: float) -> Array:
     return side * load
 
 
-def _independent(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
+def _independent(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """Draw grip and load independently; the grip is raised where it could not hold the load."""
     grip = _wander(rng, task)
     load = _own_load(rng, task, task.half * by_factor(rng, (0.2, 2.0)) * float(grip.max()))
     return np.maximum(grip, abs(load) / (_MOST_HELD * task.half)), load + task.middle * grip
 
 
-def _stepping(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
+def _stepping(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """The grip steps up once or twice under a load near the friction limit, and rests."""
     reacts = rng.random() < 0.3
     grip = min(_REACTS[0], 0.3 * task.largest) if reacts else float(_grips(rng, task, 1)[0])
@@ -241,7 +241,7 @@ def _stepping(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     return np.interp(task.times, times, grips), np.interp(task.times, times, loads)
 
 
-def _following(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
+def _following(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """The grip follows the load to a safety margin, late and with noise, as controllers do."""
     dt = float(task.times[1])
     ratio = task.half * evenly(rng, _TAKEN) * (1.0 - evenly(rng, _DESIRED))
@@ -262,7 +262,7 @@ def _following(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     return grip, load + task.middle * grip
 
 
-def _releasing(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
+def _releasing(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """The grip falls slowly under a standing load, until the object slides."""
     high = float(_grips(rng, task, 1)[0])
     share = rng.uniform(0.15, 0.85)
@@ -277,7 +277,7 @@ def _releasing(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     return grip, rise * load + task.middle * grip
 
 
-def _sliding(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
+def _sliding(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """The load is above the friction limit for long: dragged slowly, or too heavy."""
     grip = (
         _wander(rng, task)
@@ -298,7 +298,7 @@ def _sliding(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
     return grip, load
 
 
-def _trembling(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
+def _trembling(rng: np.random.Generator, task: GripTask) -> tuple[Array, Array]:
     """The grip trembles all the time, as where a controller takes noise for a change."""
     grip, load = _following(rng, task) if rng.random() < 0.5 else _independent(rng, task)
     if rng.random() < 0.3:
@@ -307,7 +307,7 @@ def _trembling(rng: np.random.Generator, task: Task) -> tuple[Array, Array]:
 
 
 #: Kinds of drive, each with its share.
-DRIVES: dict[str, tuple[float, Callable[[np.random.Generator, Task], tuple[Array, Array]]]] = {
+DRIVES: dict[str, tuple[float, Callable[[np.random.Generator, GripTask], tuple[Array, Array]]]] = {
     "shared": (0.28, _shared),
     "independent": (0.12, _independent),
     "step": (0.17, _stepping),
