@@ -160,7 +160,15 @@ def test_the_keyboard_alone_suffices(port: int, browsing: Browsing) -> None:
         for _ in range(30):
             made.switch_to.active_element.send_keys(Keys.TAB)
             reached.add(made.execute_script(FOCUSED))
-        wanted = {"load [N]", "twist [N mm]", "controller grips", "pause", "step", "restart", "record"}
+        wanted = {
+            "load [N]",
+            "twist [N mm]",
+            "controller grips",
+            "pause",
+            "step",
+            "restart",
+            "record",
+        }
         assert wanted <= reached, reached
         before = time_shown(made)
         press(made, "step")
