@@ -1,16 +1,13 @@
 """Verification of a dataset: its files, its numbers, and their physics."""
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..extras import need
-from ..render import View
-from ..scene.scene import Body, load_scene
+from ..scene.scene import Body
 from .folder import FILES, Place, open_recipe, read_files
 from .frozen import content_of, frozen_as
 from .labels import Columns, columns_of
@@ -18,10 +15,7 @@ from .labels.chain_physics import lawful_chain, wrong_chain
 from .labels.dome_physics import lawful_dome, wrong_dome
 from .labels.laws import Stored, differences, impossible, missing
 from .labels.reading import read_again
-from .labels.tables import stacked
-from .pictures import Pictures, pictures_in
-from .read import check_shared, verified
-from .recipe import Values
+from .read import Loaded, check_shared, verified
 from .remote import fetched
 from .sequence import simulated, was_drawn
 from .split import drawn_table
@@ -63,7 +57,7 @@ def check(
             raise UserError(
                 f"{folder / name / FILES} is damaged: values are not those that the recipe draws"
             )
-        for wrong in _wrong(folder / name, one.values, recipe.reading):
+        for wrong in _wrong(one, recipe.reading):
             raise UserError(f"{folder / name}, {wrong}")
         if frozen:
             like = frozen.likeness(name, content_of(folder / name))
@@ -76,46 +70,34 @@ def check(
     return len(names)
 
 
-def _wrong(folder: Path, values: Values, reading: str) -> Iterator[str]:
+def _wrong(one: Loaded, reading: str) -> Iterator[str]:
     """Yield what is wrong with the values of a sequence: file, frame, column, and its law.
 
     Parameters
     ----------
-    folder: of the sequence
-    values: that were drawn
-    reading: reconstructor whose estimates stand beside the labels; empty for none
+    one: sequence, whose files are whole
+    reading: reconstructor whose estimates stand next to the labels; empty for none
     """
-    try:
-        scene = load_scene(str(folder / "scene.toml"))
-    except UserError as error:
-        yield str(error)
+    scene, columns = one.scene, columns_of(one.scene.body, bool(reading))
+    if list(one.frames) != list(columns.frame):
+        yield f"frames.parquet: columns {list(one.frames)}, expected {list(columns.frame)}"
         return
-    pq = need("pyarrow.parquet", "data")
-    table, markers = (pq.read_table(folder / f"{of}.parquet") for of in ("frames", "markers"))
-    columns = columns_of(scene.body, bool(reading))
-    if table.column_names != list(columns.frame):
-        yield f"frames.parquet: columns {table.column_names}, expected {list(columns.frame)}"
+    if len(one.pictures) != scene.frames:
+        yield f"{len(one.pictures)} pictures; the scene has {scene.frames} frames"
         return
-    pictures = pictures_in(folder)
-    if not (table.num_rows == markers.num_rows == len(pictures) == scene.frames):
-        yield (
-            f"{len(pictures)} pictures, {table.num_rows} rows of frames and "
-            f"{markers.num_rows} of markers; the scene has {scene.frames}"
-        )
-        return
-    view = scene.build_sensor().view
     for index in range(scene.frames):
-        yield from (f"frame {index}: {wrong}" for wrong in _wrong_picture(view, pictures, index))
+        try:
+            _ = one.pictures[index]
+        except UserError as error:
+            yield f"frame {index}: the picture cannot be read: {error}"
     stored = Stored(
         scene=scene,
-        frames={name: table[name].to_numpy() for name in table.column_names},
-        markers={name: stacked(markers[name]) for name in markers.column_names[1:]},
-        again=simulated(scene, values),
+        frames=one.frames,
+        markers=one.markers,
+        again=simulated(scene, one.values),
     )
-    if markers["frame"].to_pylist() != list(range(scene.frames)):
-        yield "markers.parquet, frame: numbers are not those of the frames"
-    driven = values.get("motion") != "move"
-    read = read_again(scene, reading, pictures.rest, pictures) if reading else {}
+    driven = one.values.get("motion") != "move"
+    read = read_again(scene, reading, one.pictures.rest, one.pictures) if reading else {}
     yield from wrong_values(stored, columns, driven, read)
 
 
@@ -156,13 +138,3 @@ _PHYSICS: dict[Body, tuple[Callable[[Stored], Any], Callable[[Stored, bool], Ite
     "chain": (lawful_chain, lambda stored, driven: wrong_chain(stored)),
     "dome": (lawful_dome, lambda stored, driven: wrong_dome(stored, driven=driven)),
 }
-
-
-def _wrong_picture(view: View, pictures: Pictures, index: int) -> Iterator[str]:
-    try:
-        image = pictures[index]
-    except UserError as error:
-        yield f"the picture cannot be read: {error}"
-        return
-    if image.shape != (view.height, view.width, 3):
-        yield f"the picture has the shape {image.shape}"
