@@ -22,7 +22,7 @@ from .calibration import (
     with_values,
 )
 from .displacement import DisplacementGains, fit_gains, skin_displacement
-from .dome import untouched_field
+from .dome import ContactSettings, untouched_field
 from .friction import (
     CAMERA_RULE,
     FRICTION,
@@ -69,6 +69,7 @@ __all__ = [
     "Z90",
     "Alignment",
     "CameraPose",
+    "ContactSettings",
     "DisplacementGains",
     "FitReport",
     "FrictionEstimate",

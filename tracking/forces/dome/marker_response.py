@@ -10,9 +10,6 @@ from ....render import DomeMap, Membrane, SensorDesign, areas, centroids, outlin
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-#: Motion and slope over which the image of a marker is differentiated [m, –].
-_MOTION, _SLOPE = 1e-6, 1e-3
-
 
 class DomeResponse:
     """Predicted (x, y, log size) of both layers of every marker pair of one sensor.
@@ -82,7 +79,7 @@ class DomeResponse:
         out = np.empty((2, count, 3, 9))
         for k in range(9):
             moved, slope = np.zeros((2, count, 3)), np.zeros((2, count, 3, 2))
-            step = _MOTION if k < 3 else _SLOPE
+            step = 1e-6 if k < 3 else 1e-3
             (moved if k < 3 else slope).reshape(2, count, -1)[..., k if k < 3 else k - 3] = step
             change = (self._measured(self._map.of_field(moved, slope)) - self._rest) / step
             out[..., k] = change.reshape(count, 2, 3).swapaxes(0, 1)
