@@ -20,6 +20,7 @@ from .contact_state import (
 from .contact_way import Changes, ContactWay
 from .marker_response import DomeResponse
 from .settings import INDEPENDENT, PLACE_ERROR, SIZE_ERROR, ContactSettings
+from .traction.settings import TractionSettings
 from .untouched import untouched_field
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "ContactSettings",
     "ContactWay",
     "DomeResponse",
+    "TractionSettings",
     "limited_object",
     "limited_pose",
     "moves_of",
