@@ -51,6 +51,7 @@ from .reconstructors import (
     needs_readout,
 )
 from .rest_fit import rest_pose
+from .rest_settings import PlacementSettings, PoseSettings
 from .shifts import MEASURED, MarkerShifts, floor_variances
 from .silicone_values import SILICONE_ERROR, SiliconeValues, silicone_names, yellow_moves
 
@@ -77,6 +78,8 @@ __all__ = [
     "MarkerShifts",
     "NoEstimateError",
     "Placement",
+    "PlacementSettings",
+    "PoseSettings",
     "PoseTable",
     "Reconstructor",
     "SensorCalibration",
