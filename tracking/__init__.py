@@ -29,6 +29,7 @@ from .forces import (
     DisplacementGains,
     FrictionEstimate,
     FrictionRule,
+    FrictionSettings,
     NoEstimateError,
     Reconstructor,
     SensorCalibration,
@@ -42,10 +43,17 @@ from .forces import (
     sensor_as_designed,
     shipped_readout,
 )
-from .forces.chain import MIN_MARKERS, ForcePrior, GaussianProcess
-from .learned_palette import learn_palette
+from .forces.chain import (
+    MIN_MARKERS,
+    ForcePrior,
+    GaussianProcess,
+    GaussianProcessSettings,
+    LearnedSettings,
+    StiffnessSettings,
+)
+from .learned_palette import PaletteSettings, learn_palette
 from .palette import AUTO_PALETTE, DEFAULT_PALETTE, Palette, load_palette, palette_names
-from .sighting import Sighting, sight
+from .sighting import Sighting, SightSettings, sight
 from .trackers import DEFAULT_TRACKER, TRACKERS, Tracker, load_tracker, tracker_names
 from .tracks import Tracks
 from .unmixing import dye_densities, unmixing_matrix
@@ -70,15 +78,21 @@ __all__ = [
     "ForcePrior",
     "FrictionEstimate",
     "FrictionRule",
+    "FrictionSettings",
     "GaussianProcess",
+    "GaussianProcessSettings",
+    "LearnedSettings",
     "MarkerTracker",
     "Markers",
     "NoEstimateError",
     "Palette",
+    "PaletteSettings",
     "Reconstructor",
     "RestFrame",
     "SensorCalibration",
+    "SightSettings",
     "Sighting",
+    "StiffnessSettings",
     "Tracker",
     "Tracks",
     "TractionSettings",

@@ -30,6 +30,7 @@ from .friction import (
     Z90,
     FrictionEstimate,
     FrictionRule,
+    FrictionSettings,
     core_quantile,
     max_ratio,
 )
@@ -75,6 +76,7 @@ __all__ = [
     "FitReport",
     "FrictionEstimate",
     "FrictionRule",
+    "FrictionSettings",
     "MarkerShifts",
     "NoEstimateError",
     "Placement",

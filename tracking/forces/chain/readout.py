@@ -32,8 +32,6 @@ BEND = 0.4
 LARGEST_CODE = 6.0
 #: Largest change of a marker's log size that is read.
 SIZE_CHANGE = 0.1
-#: Arrays of more numbers than this are written in half precision.
-_MANY = 5000
 #: Fields of a read-out that are texts.
 _TEXTS = ("design", "ranges")
 #: Fields of a read-out that are networks.
@@ -212,7 +210,8 @@ def save_readout(readout: ReadOut, path: Path) -> None:
         for k, (weights, bias) in enumerate(values.pop(name)):
             values[f"{name}_{k}_weights"], values[f"{name}_{k}_bias"] = weights, bias
     short = {
-        name: np.asarray(value, dtype=np.float16 if np.size(value) > _MANY else np.float32)
+        # Large arrays are written in half precision.
+        name: np.asarray(value, dtype=np.float16 if np.size(value) > 5000 else np.float32)
         for name, value in values.items()
     }
     with path.open("wb") as file:
