@@ -17,10 +17,6 @@ Array = NDArray[np.float64]
 #: Least saturation of a marker's pixels. Lin 2019 has 50 %, which the real dome's magenta, alone on
 #: white, does not quite reach.
 _SATURATED = 0.35
-#: Least area of a component over that of a marker: smaller ones are noise.
-_SMALLEST = 0.2
-#: A component further away than this is another marker [pitches].
-_REACH = 0.5
 
 
 class ChromaTouch(Follower):
@@ -73,9 +69,9 @@ class ChromaTouch(Follower):
             _, labels, stats, centroids = cv2.connectedComponentsWithStats(
                 mask.astype(np.uint8), connectivity=4
             )
-            plausible = stats[:, cv2.CC_STAT_AREA] > _SMALLEST * self._area[k]
+            plausible = stats[:, cv2.CC_STAT_AREA] > 0.2 * self._area[k]  # the others are noise
             plausible[0] = False  # the background
-            number = nearest(centroids[plausible], expected[k], _REACH * self._pitch, mutual=False)
+            number = nearest(centroids[plausible], expected[k], self._reach, mutual=False)
             found = number >= 0
             position[k, found] = centroids[plausible][number[found]]
             if k == 0 and self._coloured:

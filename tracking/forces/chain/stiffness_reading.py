@@ -18,9 +18,6 @@ from .settings import StiffnessSettings
 
 Array = NDArray[np.float64]
 
-#: Largest angle from the apex at which forces are read [rad].
-_REACH = np.deg2rad(ForcePrior.reach_deg)
-
 
 class StiffnessReading:
     """Reads forces as K(u)·u of the smooth displacement u that fits the markers.
@@ -48,7 +45,7 @@ class StiffnessReading:
         self._basis = np.zeros((tip.nodes, 2, 2 * knots))
         self._basis[:, 0, :knots] = self._basis[:, 1, knots:] = bumps
         self._at_rest, self._jacobian = self._response(np.zeros((tip.nodes, 2)), self._basis)
-        self._near = np.abs(angles) < _REACH
+        self._near = np.abs(angles) < np.deg2rad(ForcePrior.reach_deg)
 
     def reset(self) -> None:
         """Nothing to forget: every frame is read by itself."""
