@@ -344,7 +344,7 @@ def _hue(colour: Array) -> Array:
 
 
 def _loaded(rest: RestFrame) -> str:
-    """Where layers are locally out of register, which a load does; empty where they are not.
+    """Places where layers are locally out of register, as under a load; empty if there are none.
 
     A misplaced layer is out of register smoothly over the whole image; a load is so only where it
     acts.

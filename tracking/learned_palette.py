@@ -175,7 +175,7 @@ def _rays(lost: Array, share: Array, first: float, last: float, near: float) -> 
 
 
 def _score(palette: Palette, linear: Single, ground: Single, field: Mask) -> float:
-    """How many markers a palette finds; those of the layer with fewer count more."""
+    """Number of markers that a palette finds; those of the layer with fewer count more."""
     densities = dye_densities(linear, ground, unmixing_matrix(palette.transmittance))
     counts = sorted(len(find_spots(density, field, parted=True).area) for density in densities)
     # Of two that find as many the paler one is right: two dyes together take away more than each.

@@ -10,7 +10,7 @@ from ...errors import UserError
 from ...render import encode_srgb
 from ..detection import RestFrame
 from ..palette import Palette
-from .follower import Follower, Image, Measured, nearest
+from .follower import Follower, FollowerSettings, Image, Measured, nearest
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,10 @@ class ChromaTouch(Follower):
         When there are two dyes whose hues do not tell them apart.
     """
 
-    def __init__(self, palette: Palette, noise: float) -> None:
-        super().__init__(palette, noise)
+    def __init__(
+        self, palette: Palette, noise: float, settings: FollowerSettings = FollowerSettings()
+    ) -> None:
+        super().__init__(palette, noise, settings)
         count = len(palette.transmittance)
         # Each dye alone, and both of them over each other, on white.
         members = np.vstack([np.eye(count), np.ones((count - 1, count))])

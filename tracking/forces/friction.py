@@ -119,11 +119,11 @@ def _ratios(field: ForceField, nodes: NDArray[np.intp]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionRule:
-    """How µ is read off one field, and which readings count.
+    """Rule for µ: its estimate from one field, and the readings that count.
 
     Attributes
     ----------
-    read: of one field, see FRICTION
+    read: estimate of one field, see FRICTION
     may_fall: fields that may lower µ. A grip raised under a standing load lets the skin stick
         again, and the ratios sink below µ without µ having changed.
     every: every field counts, not only those that show µ
@@ -151,7 +151,7 @@ def _may_fall(field: ForceField, settings: FrictionSettings = FrictionSettings()
 
 #: As the thesis does it: maximum ratio, every frame counts (Eq. 8).
 THESIS_RULE = FrictionRule(read=FRICTION["max-ratio"], may_fall=_always, every=True)
-#: For forces with noise: the reconstructor's own reading, or else the ratios' upper quartile; held
+#: For forces with noise: the reconstructor's own reading, or else the ratios' upper quartile; kept
 #: while µ cannot be seen.
 CAMERA_RULE = FrictionRule(read=_read, may_fall=_may_fall)
 
@@ -168,13 +168,13 @@ class _Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class _Memory:
-    """Readings that are averaged, µ that is held, and whether µ was observable since the reset.
+    """Readings that are averaged, µ that is kept, and whether µ was observable since the reset.
 
     `logarithmic`: whether the last reading is one of ln µ.
     """
 
     readings: tuple[_Reading, ...] = ()
-    held: float = -math.inf
+    kept: float = -math.inf
     observable: bool = False
     logarithmic: bool = False
 
@@ -234,17 +234,17 @@ class FrictionEstimate:
             return math.nan, (math.nan, math.nan)
         weighted = all(reading.deviation > 0.0 for reading in readings)
         average = _average(readings, weighted)
-        mean, held = average.mean, memory.held
+        mean, kept = average.mean, memory.kept
         trusted = [reading for reading in readings if reading.may_fall]
         if len(trusted) > self._settings.majority * len(readings):
             fallen = len(trusted) < len(readings)
-            mean = held = _average(trusted, weighted).mean if fallen else average.mean
+            mean = kept = _average(trusted, weighted).mean if fallen else average.mean
         else:
-            if full:  # the first few frames are too noisy to be held on to
+            if full:  # the first few frames are too noisy to rely on
                 stated = 0.0 if math.isnan(average.stated) else average.stated
-                held = max(held, mean - stated)
-            mean = max(held, mean)
-        self._memory = replace(memory, readings=readings, held=held)
+                kept = max(kept, mean - stated)
+            mean = max(kept, mean)
+        self._memory = replace(memory, readings=readings, kept=kept)
         # The error of a reading stays the same from frame to frame: it does not average out.
         known = [x for x in (average.scatter, average.stated) if not math.isnan(x)]
         spread = Z90 * max(known, default=math.nan)

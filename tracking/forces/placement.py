@@ -1,4 +1,4 @@
-"""Where the design's image lies in a picture that was scaled, cropped or padded."""
+"""Place of the design's image in a picture that was scaled, cropped or padded."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class Placement:
     """The design's image in a picture, whose pixels' centres have whole coordinates.
 
     A roll is left to the pose of the camera. It turns the design about its optical axis, whose
-    pixel is told here.
+    pixel follows from this.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ def placement(
     size: tuple[int, int],
     settings: PlacementSettings = PlacementSettings(),
 ) -> Placement:
-    """Where the design's image lies in a picture of the unloaded sensor.
+    """Find the design's image in a picture of the unloaded sensor.
 
     Parameters
     ----------

@@ -133,14 +133,14 @@ def turn_matrix(roll: float, tilt: tuple[float, float]) -> Array:
 
 
 def seen_by(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
-    """Where a camera in that pose sees what the design's `camera` sees at pixels (…, 2)."""
+    """Pixels of a camera in that pose for pixels (…, 2) of the design's `camera`."""
     centre = np.array([camera.lens.centre_x, camera.lens.centre_y])
     turned = camera.project(camera.rays(pixels) @ pose.turn.T)
     return centre + np.asarray(pose.shift) + pose.scale * (turned - centre)
 
 
 def seen_by_design(pose: CameraPose, camera: Camera, pixels: Array) -> Array:
-    """Where the design's `camera` sees what one in that pose sees at pixels (…, 2)."""
+    """Pixels of the design's `camera` for pixels (…, 2) of one in that pose."""
     centre = np.array([camera.lens.centre_x, camera.lens.centre_y])
     rays = camera.rays(centre + (pixels - centre - np.asarray(pose.shift)) / pose.scale)
     return camera.project(rays @ pose.turn)
@@ -229,7 +229,7 @@ def _basis(points: Array, degree: int) -> Array:
 
 
 def aligned(align: Alignment, tracks: Tracks) -> Tracks:
-    """What the design's own camera would have shown a tracker: positions, sizes, covariances."""
+    """Tracks as of the design's own camera: positions, sizes, covariances."""
     seen = align(tracks.position)
     covariance = carried(blocks(align, tracks.position), tracks.covariance)
     changed = {

@@ -99,7 +99,7 @@ def _estimated(sensor: SensorDesign, rest: Tracks, settings: PoseSettings) -> Ca
 
 @dataclass(frozen=True, kw_only=True)
 class _Fit:
-    """What fits best from a start.
+    """Best fit from a start.
 
     Attributes
     ----------

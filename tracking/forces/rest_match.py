@@ -1,4 +1,4 @@
-"""The markers of a rest frame beside those of the design: which is which under a pose."""
+"""Markers of a rest frame and of the design: which is which under a pose."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True)
 class Shift:
-    """Where the inner layer lies beside its place: a small turn, or on a pad a shift and a turn.
+    """Misalignment of the inner layer: a small turn, or on a pad a shift and a turn.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class RestMarkers:
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How well a pose explains a rest frame.
+    """Agreement of a pose with a rest frame.
 
     Attributes
     ----------
@@ -204,7 +204,7 @@ def _lattice(pixels: Array, settings: MatchSettings) -> bool:
 
 
 def agreement(markers: RestMarkers, pose: CameraPose, shift: Shift, spin: float = 0.0) -> Agreement:
-    """How well a pose explains the rest frame, with the layout turned by `spin` [rad]."""
+    """Agreement of a pose with the rest frame, with the layout turned by `spin` [rad]."""
     limit = markers.same * markers.pitch * pose.scale
     near = seen = met = expected = 0
     squares: list[Array] = []

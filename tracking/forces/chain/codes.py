@@ -63,7 +63,7 @@ class Posterior:
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """What the next frame uses again, because it seldom changes and takes long to compute."""
+    """Values for the next frame: they seldom change and take long to compute."""
 
     noise: NoiseLevel
     vague: VagueSizes | None = None

@@ -55,7 +55,7 @@ class Posterior:
 
 @dataclass(frozen=True, kw_only=True)
 class Linearisation:
-    """Where a pass begins: about a displacement, with a prior of some size on a zone.
+    """Start of a pass: a displacement, and the size of the prior on a zone.
 
     Attributes
     ----------
@@ -194,8 +194,8 @@ class GaussianProcess:
     ) -> tuple[Linearisation, Posterior, Array]:
         """Zone and amplitude by the evidence here, the posterior, and the step to its mean [m]."""
         visible, whiten = observation.visible, observation.whiten / heat
-        held = chain_forces(self._fingertip, here.displacement)
-        loads = np.concatenate([held[:, :, None], self._hats], axis=2)
+        carried = chain_forces(self._fingertip, here.displacement)
+        loads = np.concatenate([carried[:, :, None], self._hats], axis=2)
         moves = chain_compliance(self._fingertip, here.displacement, loads, self._settings.blunt)
         predicted, derivative = self._response(here.displacement, moves)
         predicted = predicted + self._response.perspective(here.displacement)

@@ -63,7 +63,7 @@ class Average:
 
 @dataclass(frozen=True, kw_only=True)
 class Memory:
-    """What is remembered from frame to frame: what `fit_codes` keeps, and the average of codes."""
+    """State from frame to frame: values that `fit_codes` keeps, and the average of codes."""
 
     kept: Kept | None = None
     average: Average | None = None
@@ -71,7 +71,7 @@ class Memory:
 
 @dataclass(frozen=True, kw_only=True)
 class Totals:
-    """What a read-out says of a frame's sums.
+    """Estimate of a frame's sums by a read-out.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Weights of the marker pairs at a frame's noise level: what their shifts say of the codes."""
+"""Weights of the marker pairs at a frame's noise level: information of their shifts on codes."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ _SIZE_FLOOR = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """What P pairs say of U unknowns, in units of their noise.
+    """Information of P pairs on U unknowns, in units of their noise.
 
     Attributes
     ----------

@@ -130,12 +130,12 @@ class ReadOut:
 
     @cached_property
     def rates(self) -> Array:
-        """How fast even codes change, relative to each other, shape (K,)."""
+        """Rates of change of the even codes, relative to each other, shape (K,)."""
         return self.strength[: self.codes] + 1.0
 
 
 def bent_scale(scale: Numbers) -> Numbers:
-    """What the second form of each code is divided by."""
+    """Divisor of the second form of each code."""
     return np.maximum(np.arcsinh(scale / 2.0), 1.0)
 
 

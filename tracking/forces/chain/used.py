@@ -1,4 +1,4 @@
-"""What a summary says of the reconstructor, the read-out and the calibration behind its forces."""
+"""Reconstructor, read-out and calibration behind the forces of a summary."""
 
 import hashlib
 from pathlib import Path

@@ -102,7 +102,7 @@ class ContactReading:
         self._error = np.diag(np.tile([place, place, size], 2) ** 2)
         # A layer on the core stays where it is, whatever the forces are.
         moving = np.array(layer_depths(sensor, dome)) < (1.0 - ON_CORE) * dome.thickness
-        self._tells = np.repeat(moving, 3)
+        self._moving = np.repeat(moving, 3)
         crooked = 1e-3 * sensor.defects.crookedness_mm / (2.0 * float(sensor.half_sizes.max()))
         self._typical = settings.median_misfit + settings.median_misfit_slope * crooked
         self._both = settings.both_misfits + settings.both_misfits_slope * crooked
@@ -189,15 +189,15 @@ class ContactReading:
         keys = thinned(self.dome, (*last.keys, Key(shifts=shifts, pose=now.pose)), settings.keys)
         start = last.object_, keys
         try:
-            held, tells = self._fit.hold(last, keys, now)
+            kept, telling = self._fit.hold(last, keys, now)
         except UserError:
             return self._taken(self._better(None, start, settings.refit_rounds), start)
-        solution, doubtful, refits = held, held.misfit > memory.doubtful, memory.refits
-        if not doubtful and tells:
+        solution, doubtful, refits = kept, kept.misfit > memory.doubtful, memory.refits
+        if not doubtful and telling:
             refits = refits.next_chance()
-        if doubtful or (tells and refits.due):
-            solution = self._refitted(held)
-            refits = refits.tried(better=solution is not held)
+        if doubtful or (telling and refits.due):
+            solution = self._refitted(kept)
+            refits = refits.tried(better=solution is not kept)
         rivals, rival = memory.rivals.next(self.dome, solution)
         if rival is not None:
             before, solution = solution, self._rival(solution, rival)
@@ -281,16 +281,16 @@ class ContactReading:
         # Focus and light change all sizes alike, and most markers are far from the contact.
         for size in _SIZES:
             values[:, size] -= np.median(values[certain, size])
-        tells = np.flatnonzero(self._tells)
+        moving = np.flatnonzero(self._moving)
         noise = self._shifts.noise(tracks)[certain] + self._error
         # Blurred, crooked markers and the linear silicone are off by a share of the motion.
         places = values[certain].reshape(-1, 2, 3)[:, :, :2]
         moved = np.linalg.norm(places, axis=-1).repeat(3, axis=1)
         moved[:, _SIZES] = 0.0
         noise[:, range(6), range(6)] += (settings.share_error * moved) ** 2
-        noise = noise[:, tells[:, None], tells]
-        whiten = np.zeros((len(noise), len(tells), len(self._tells)))
-        whiten[:, :, tells] = np.linalg.inv(np.linalg.cholesky(noise))
+        noise = noise[:, moving[:, None], moving]
+        whiten = np.zeros((len(noise), len(moving), len(self._moving)))
+        whiten[:, :, moving] = np.linalg.inv(np.linalg.cholesky(noise))
         return Shifts(values=values[certain], whiten=whiten, used=certain, settings=settings.shifts)
 
     def _field(self, solution: Solution, contact: PosedContact, whole: Array) -> ForceField:

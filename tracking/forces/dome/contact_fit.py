@@ -114,7 +114,7 @@ class ContactFit:
         return self._solution(object_, poses, explained, contacts[-1], changes, slopes)
 
     def hold(self, last: Solution, keys: tuple[Key, ...], now: Followed) -> tuple[Solution, bool]:
-        """A solution with one more key frame and the same object, and whether that tells more.
+        """Solution with one more key frame and the same object, and whether to refit the object.
 
         Poses, shifts and slopes of the other key frames stay as they are, also those after one that
         is left out: what has been followed knows the way better than key frames do.
@@ -137,14 +137,15 @@ class ContactFit:
         slopes = self._slopes(changes)
         new = _explained(keys[-1].shifts, now.seen, slopes)
         explained = [before.get(id(key.shifts), new) for key in keys]
-        held = self._solution(object_, poses, explained, now.contact, changes, slopes)
+        solution = self._solution(object_, poses, explained, now.contact, changes, slopes)
         information, gradient = self._cost.normal(explained, object_, poses)
         step = np.asarray(np.linalg.solve(information, gradient), np.float64)
         gain = float(gradient @ step)
         step = self.units * step[_LAST]
-        tells = tells_more(held, self.units, gain, step, self._settings)
-        # What the object is held against is unsure, too.
-        return replace(held, covariance=held.covariance + np.outer(step, step)), tells
+        tells = tells_more(solution, self.units, gain, step, self._settings)
+        # The object that is kept is uncertain by that step, too.
+        covariance = solution.covariance + np.outer(step, step)
+        return replace(solution, covariance=covariance), tells
 
     def along_chord(self, held: Solution, doubtful: bool) -> Solution | None:
         """As `fit_keys` near a solution, with its derivatives.
@@ -291,7 +292,7 @@ class ContactFit:
         return self._response(contact.nodes, contact.linear)
 
     def _slopes(self, changes: Changes) -> Array:
-        """What each unknown changes of them over its unit, (C, P, 6)."""
+        """Changes of these shifts by each unknown over its unit, (C, P, 6)."""
         return self._response.along(changes.contact.nodes, changes.linear)
 
     def _predicted(
@@ -321,7 +322,7 @@ class ContactFit:
         contacts: list[PosedContact],
         seen: list[Array],
     ) -> tuple[list[Explained], Array, Changes]:
-        """What contacts show of key frames, slopes (12, P, 6) in the last and its changes."""
+        """Key frames as contacts explain them, slopes (12, P, 6) in the last and its changes."""
         contact, before = self._way.untouched(object_), np.zeros(MOVING)
         changes: Changes | None = None
         explained = []

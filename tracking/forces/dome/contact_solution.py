@@ -1,4 +1,4 @@
-"""What fits of contacts find: solutions of key frames, and contacts that are followed."""
+"""Results of fits of contacts: solutions of key frames, and contacts that are followed."""
 
 import math
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class Followed:
 def tells_more(
     held: Solution, units: Array, gain: float, step: Array, settings: ContactFitSettings
 ) -> bool:
-    """Whether a step of the last pose and the object changes what is told in the last frame.
+    """Whether a step of the last pose and the object changes the estimate in the last frame.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ BRISTLE = 7
 
 @dataclass(frozen=True, kw_only=True)
 class Prior:
-    """What is known of a contact before a picture is seen, as independent normal distributions.
+    """Prior of a contact before any picture, as independent normal distributions.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ def moves_of(
 ) -> Array:
     """Deviation of the way to each pose (…, 4) from the one before, shape (…, 4).
 
-    A light contact is hardly shifted: its markers tell so little that it would be anywhere.
+    A light contact is hardly shifted: its markers do not determine its place.
     """
     thickness = dome.thickness
     out = np.empty(poses.shape)

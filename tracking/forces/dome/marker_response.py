@@ -1,4 +1,4 @@
-"""What the markers of a dome show of forces on its nodes, and the derivative of it."""
+"""Shifts of the markers of a dome by forces on its nodes, and their derivative."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,11 +56,11 @@ class DomeResponse:
         -------
         Shape (C, P, 6).
         """
-        held = np.flatnonzero(linear.any(axis=(0, 2)))
-        if not len(held):
+        loaded = np.flatnonzero(linear.any(axis=(0, 2)))
+        if not len(loaded):
             return np.zeros((len(linear), *self._rest.shape))
-        columns = self.of_nodes(nodes[held]).reshape(3 * len(held), -1)
-        changes = linear[:, held].reshape(len(linear), -1).astype(np.float32)
+        columns = self.of_nodes(nodes[loaded]).reshape(3 * len(loaded), -1)
+        changes = linear[:, loaded].reshape(len(linear), -1).astype(np.float32)
         return (changes @ columns).astype(np.float64).reshape(len(linear), *self._rest.shape)
 
     def of_nodes(self, nodes: Index) -> NDArray[np.float32]:

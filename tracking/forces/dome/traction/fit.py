@@ -39,7 +39,7 @@ class Frame:
 
     @property
     def count(self) -> int:
-        """How many independent values there are."""
+        """Number of independent values."""
         return max(6 * int((self.weights > 0.0).sum()), 1)
 
 
@@ -54,9 +54,9 @@ class Tractions:
     common: changes of all log sizes of each layer, shape (2,)
     factor: lower Cholesky factor of the information on `common` and `linear`, (2 + 3n, 2 + 3n)
     weights: of each pair in the information, shape (P,)
-    misfit: mean square of what is left of the shifts, in deviations
-    level: variance of the noise that was taken, over the tracker's
-    worst: largest median energy of what is left of the shifts of pairs beside each other
+    misfit: mean squared residual of the shifts, in deviations
+    level: assumed variance of the noise over the tracker's
+    worst: largest median energy of the residuals of neighbouring pairs
     """
 
     nodes: Index
@@ -321,7 +321,7 @@ class TractionFit:
         return found
 
     def _residual(self, frame: Frame, nodes: Index, linear: Array, common: Array) -> Array:
-        """What forces leave of the shifts, in deviations, shape (6·P,)."""
+        """Residual of the shifts in deviations, shape (6·P,)."""
         left = frame.values - self._response(nodes, linear)
         left[:, [2, 5]] -= common
         return self._whitened(left)

@@ -1,4 +1,4 @@
-"""What unit forces on nodes do to the whitened shifts of all markers, and the products of it.
+"""Whitened shifts of all markers by unit forces on nodes, and their products.
 
 The products are made once for each node that comes near a contact. A frame then has only to gather
 those of its zone.

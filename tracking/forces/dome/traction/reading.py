@@ -164,7 +164,7 @@ class TractionReading:
         totals = covariance[:2, :2] + np.diag(unsure**2)
         margin_deviation = _margin_deviation(slip, whole, load, totals, settings.margin_error)
         if self._silicone is not None:
-            # What is alike in both sums and in µ leaves Γ as it is: it is told apart.
+            # Errors that both sums and µ share leave Γ as it is: they are kept apart.
             more = self._calibrated(found, parted, before, slip, observable)
             covariance, totals = covariance + more[:6, :6], totals + more[:2, :2]
             margin_deviation = math.hypot(margin_deviation, math.sqrt(max(more[6, 6], 0.0)))
@@ -232,7 +232,7 @@ def _across(parted: Parted) -> Array:
 
 
 def _sums(parted: Parted, points: Array, friction: float) -> Sums:
-    """What is read off forces on nodes at rest at points (n, 3), with a µ."""
+    """Sums of forces on nodes at rest at points (n, 3), with a µ."""
     forces = parted.normal[:, None] * parted.directions + parted.friction
     x, y, _ = (points + parted.displacement).T
     net, whole = _across(parted), float(parted.normal.sum())

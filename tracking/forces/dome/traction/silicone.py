@@ -1,8 +1,8 @@
-"""What a calibration leaves unsure of tractions: the silicone's values are known to a covariance.
+"""Uncertainty of tractions by a calibration, which knows the silicone to a covariance.
 
 Young's modulus scales all forces. The other values change what forces show, and how they are
-parted. If one of them is a little other than told, the most probable forces are those that make up
-for the change of the shifts that it brings (to first order, within the same zone).
+parted. With a small error of one of them, the most probable forces are those that make up for the
+change of the shifts that it causes (to first order, within the same zone).
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Sums:
-    """What is read off forces, and how a contact lies.
+    """Sums of forces, and the place of a contact.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Sums:
 
 @dataclass(frozen=True, kw_only=True)
 class _Other:
-    """Silicone of which one value is other than told, by `step`."""
+    """Silicone with one value changed by `step`."""
 
     step: float
     response: DomeResponse
@@ -116,7 +116,7 @@ class UnsureSilicone:
         Parameters
         ----------
         fit: that found the forces
-        response: of the silicone as told
+        response: of the silicone as calibrated
         found, sums: forces, and what is read off them
         read: reads forces (n, 3) on the same nodes as they lie on a skin
         """

@@ -182,7 +182,7 @@ def _patches(among: Index) -> list[Index]:
 
 
 def _at_rim(among: Index) -> NDArray[np.bool_]:
-    """Which of the nodes have one beside them that does not touch, see `Skin._among`."""
+    """Nodes with a neighbour that does not touch, see `Skin._among`."""
     return np.asarray((among == len(among) + 1).any(axis=1))
 
 
